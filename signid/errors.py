@@ -1,0 +1,25 @@
+"""One tree of errors. Each says in one sentence what was given, what was expected and how to mend it."""
+
+
+class SignidError(Exception):
+    """Root of everything that signid raises on purpose."""
+
+
+class InputError(SignidError, ValueError):
+    """Something given cannot be used; the command line prints the sentence and exits with 2."""
+
+
+class RobotError(InputError):
+    """A robot description, a joint name or an actuators file cannot be used."""
+
+
+class RecordingError(InputError):
+    """A recording, one of its columns or its samples cannot be used."""
+
+
+class OptionError(InputError):
+    """An option or a plug-in name does not exist, or two options contradict each other."""
+
+
+class OutputError(SignidError, OSError):
+    """A result cannot be written where it was asked for; nothing was left half-written."""

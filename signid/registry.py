@@ -1,0 +1,44 @@
+"""One registry for every kind of plug-in."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from importlib import import_module
+from importlib.metadata import entry_points
+from typing import Generic, TypeVar, cast
+
+from .errors import OptionError
+
+Plugin = TypeVar("Plugin")
+
+
+class Registry(Generic[Plugin]):
+    """Names of modules in the tree, or entry points `signid.<kind>` of other packages; imported when asked for.
+
+    A plug-in module ends in `PLUGIN = ...`; its name in the registry is the module's, without a trailing underscore.
+    """
+
+    def __init__(self, kind: str, package: str, names: str) -> None:
+        self.kind, self.package = kind, package
+        self.modules = {name.rstrip("_"): name for name in names.split()}
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names that the tree itself carries, in the order of registration."""
+        return tuple(self.modules)
+
+    def __getitem__(self, name: str) -> Plugin:
+        """The plug-in of that name.
+
+        Raises:
+            OptionError: when neither the tree nor an installed package has it.
+        """
+        if name in self.modules:
+            return cast(Plugin, import_module(f"{self.package}.{self.modules[name]}").PLUGIN)
+        for point in entry_points(group=f"signid.{self.kind}"):
+            if point.name == name:
+                return cast(Plugin, point.load())
+        raise OptionError(f"there is no {self.kind.rstrip('s')} named {name!r}; choose from {', '.join(self.names)}")
+
+    def __iter__(self) -> Iterator[Plugin]:
+        return (self[name] for name in self.modules)

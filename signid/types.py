@@ -1,0 +1,293 @@
+"""The types that travel along the pipeline: frozen, their arrays read-only, their labels beside them.
+
+Shapes: N samples, n joints that move by themselves, nb bodies, p standard parameters, b base parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    import pinocchio as pin
+
+Array = NDArray[np.float64]
+INERTIAL = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")  # Pinocchio's order
+INERTIAL_UNITS = ("kg", *("kg.m",) * 3, *("kg.m2",) * 6)
+
+
+class Frozen:
+    """Base of the frozen types: every array given is copied and set read-only."""
+
+    def __post_init__(self) -> None:
+        for item in fields(self):  # type: ignore[arg-type]
+            value = getattr(self, item.name)
+            if isinstance(value, np.ndarray):
+                copy = value.copy()
+                copy.setflags(write=False)
+                object.__setattr__(self, item.name, copy)
+
+
+@dataclass(frozen=True, eq=False)
+class Actuators(Frozen):
+    """What is stated about the drives of the n joints (design 3.2); NaN where nothing is stated.
+
+    armature (n,) [kg.m2 or kg]; viscous_friction (n,) [N.m.s/rad]; coulomb_friction (n,) [N.m];
+    torque_offset (n,) [N.m]; torque_constant (n,) [N.m/A at the joint].
+    """
+
+    armature: Array
+    viscous_friction: Array
+    coulomb_friction: Array
+    torque_offset: Array
+    torque_constant: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Robot(Frozen):
+    """A robot as its description states it, over the joints that move by themselves.
+
+    Mimic joints and joints held fixed are one affine map: model velocity = drive @ joint velocity,
+    model position = drive @ joint position + rest (angles; `configuration` makes cos and sin of continuous joints).
+    """
+
+    name: str
+    model: pin.Model  # all bodies; never written to
+    joints: tuple[str, ...]  # n names, in the order of the file
+    numbers: tuple[int, ...]  # 1-based index of each among the moving joints of the whole file
+    links: tuple[str, ...]  # nb names: the link that each joint of the model carries
+    drive: Array  # (nv, n) [1]
+    rest: Array  # (nv,) [rad or m]
+    prismatic: NDArray[np.bool_]  # (n,)
+    lower: Array  # (n,) [rad or m], -inf where none
+    upper: Array  # (n,) [rad or m], inf where none
+    velocity_limit: Array  # (n,) [rad/s or m/s], inf where none
+    effort_limit: Array  # (n,) [N.m or N], inf where none
+    actuators: Actuators
+    document: str  # URDF or MJCF text, xacro expanded
+    kind: str  # "urdf" or "mjcf"
+    path: str
+    sha256: str
+    notes: tuple[str, ...] = ()  # what the description lacks, a sentence each
+
+    def index(self, joint: str) -> int:
+        """Column of the joint of that name; raises ValueError when there is none."""
+        return self.joints.index(joint)
+
+
+class Samples(NamedTuple):
+    """Consecutive rows of a recording; NaN where a value is missing, None where no joint has the column."""
+
+    t: Array  # (N,) [s]
+    q: Array  # (N, n) [rad or m]
+    tau: Array  # (N, n) [N.m or N]; NaN columns where a joint has no torque
+    dq: Array | None  # (N, n) [rad/s or m/s]
+    ddq: Array | None  # (N, n) [rad/s2 or m/s2]
+    q_des: Array | None  # (N, n) [rad or m]
+
+
+class Table(Protocol):
+    """Columns that can be read piece by piece, so that memory does not grow with their length."""
+
+    @property
+    def columns(self) -> tuple[str, ...]: ...
+
+    @property
+    def rows(self) -> int: ...
+
+    def read(self, names: Sequence[str], start: int, stop: int) -> Array:
+        """Rows start..stop of the columns named, (stop - start, len(names)), NaN where empty."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Recording(Frozen):
+    """Positions and torques of n joints over time; read piece by piece from its table."""
+
+    joints: tuple[str, ...]  # n names, those with a position column, in the robot's order
+    table: Table
+    columns: Mapping[str, tuple[str, ...]]  # "t" (1), "q", "tau", "dq", "ddq", "q_des" (n each, "" where absent)
+    torque_per_unit: Array  # (n,) [N.m/A where a current is recorded, else 1]
+    signed: NDArray[np.bool_]  # (n,) False where only the absolute value is known
+    path: str = ""
+    sha256: str = ""
+    notes: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return self.table.rows
+
+    def read(self, start: int = 0, stop: int | None = None) -> Samples:
+        """Rows start..stop, as they stand in the file, torques in N.m or N."""
+        stop = len(self) if stop is None else min(stop, len(self))
+        names = [c for group in self.columns.values() for c in group if c]
+        values = dict(zip(names, self.table.read(names, start, stop).T, strict=True))
+
+        def signal(key: str) -> Array | None:
+            group = self.columns.get(key, ())
+            if not any(group):
+                return None
+            absent = np.full(stop - start, np.nan)
+            return np.column_stack([values.get(c, absent) for c in group])
+
+        q, tau = signal("q"), signal("tau")
+        assert q is not None, "a recording has positions by construction"
+        tau = np.full_like(q, np.nan) if tau is None else tau * self.torque_per_unit
+        return Samples(values[self.columns["t"][0]], q, tau, signal("dq"), signal("ddq"), signal("q_des"))
+
+
+@dataclass(frozen=True)
+class Coefficient:
+    """A number the torque is linear in: a column of the regressor."""
+
+    unit: str
+    positive: bool = False
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A number the torque is not linear in: tried on a grid, then polished.
+
+    `grid` counts in rms `speed`, `travel`, rms `torque`, `duration` of the joint, or in the unit itself.
+    """
+
+    unit: str
+    grid: tuple[float, ...]
+    of: str | None = None
+
+
+@dataclass(slots=True)
+class View:
+    """The m joints a law acts on, at one moment or along a motion: arrays (..., m).
+
+    Leading axes are samples (identification) or trial values (simulation); a law does not care.
+    """
+
+    t: Any  # (..., 1) [s]
+    dt: float  # [s]
+    q: Any  # [rad or m]
+    v: Any  # [rad/s or m/s]
+    a: Any  # [rad/s2 or m/s2]
+    load: Any  # rigid-body torque [N.m or N]
+    direction: Any  # of motion, in [-1, 1]; unknown at rest
+    inertia: Any  # diagonal of the mass matrix [kg.m2 or kg]
+    torque: Any = None  # motor torque that the model predicts [N.m or N]
+    recorded: Any = None  # as measured [N.m or N]
+    joints: tuple[int, ...] = ()
+    whole: Any = None  # the Motion or the Moment this is a view of: jacobian, regressor, shift
+
+    def __getitem__(self, i: Any) -> View:
+        """One sample of every signal."""
+        signals = (self.q, self.v, self.a, self.load, self.direction, self.inertia)
+        return View(self.t[i], self.dt, *(x[i] for x in signals), joints=self.joints, whole=self.whole)
+
+
+@dataclass(frozen=True)
+class Label:
+    """What one standard parameter is: an inertial parameter of a body, or a coefficient of a law."""
+
+    name: str  # "Izz_2", "armature_1"
+    unit: str
+    body: int | None = None  # 0-based body of the model, for inertial parameters
+    law: int | None = None  # index of the law it belongs to
+    positive: bool = False  # physics allows no negative value
+
+
+@dataclass(frozen=True, eq=False)
+class BaseMap(Frozen):
+    """Which combinations of the standard parameters torque can show: base = combination @ standard."""
+
+    labels: tuple[Label, ...]  # p
+    independent: NDArray[np.intp]  # (b,) the standard parameter that leads each combination
+    combination: Array  # (b, p)
+    expressions: tuple[str, ...]  # b formulas, "Izz_2 + 0.09 m_3"
+    units: tuple[str, ...]  # b
+    sees: NDArray[np.bool_]  # (n, b) whether the torque of a joint depends on a base parameter at all
+    singular_values: Array  # (p,) of the scaled regressor on random states, descending
+    condition: float  # of the kept columns, scaled
+
+    @property
+    def rank(self) -> int:
+        return len(self.independent)
+
+    @property
+    def invisible(self) -> tuple[Label, ...]:
+        """Standard parameters that no motion can tell, not even in a combination."""
+        seen = np.abs(self.combination).max(0, initial=0.0) > 0
+        return tuple(label for label, s in zip(self.labels, seen, strict=True) if not s)
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate(Frozen):
+    """Base parameters as the recordings tell them, with what is known about their errors."""
+
+    value: Array  # (b,)
+    covariance: Array  # (b, b); infinite variance where the recordings tell nothing
+    information: Array  # (b, b) whitened Gram matrix: inverse covariance where regular
+    noise: Array  # (n,) [N.m or N] standard deviation of the residual at the reduced rate
+    orders: tuple[int, ...]  # (n,) order of the autoregressive noise model
+    method: str = "weighted least squares"
+    notes: tuple[str, ...] = ()
+
+    @property
+    def std(self) -> Array:
+        """(b,) standard deviations."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+@dataclass(frozen=True, eq=False)
+class Parameters(Frozen):
+    """Standard parameters: ten inertial parameters per body, then the coefficients of the laws."""
+
+    labels: tuple[Label, ...]  # p
+    values: Array  # (p,)
+
+    def bodies(self) -> Array:
+        """(nb, 10) inertial parameters in Pinocchio's order [kg, kg.m, kg.m2]."""
+        return self.values[[i for i, label in enumerate(self.labels) if label.body is not None]].reshape(-1, 10)
+
+    def is_feasible(self, margin: float = 1e-12) -> bool:
+        """Whether a real robot could have them: every pseudo-inertia positive definite, friction and armature >= 0.
+
+        Proved by Cholesky factors of pseudo-inertia - margin * trace, not by any solver's word.
+
+        Source: Wensing, Kim, Slotine, IEEE RA-L 3(1), 2018.
+        """
+        positive = [value for label, value in zip(self.labels, self.values, strict=True) if label.positive]
+        return min(positive, default=0.0) >= 0 and all(_is_positive(x, margin) for x in self.bodies())
+
+
+def pseudo_inertia(inertial: Array) -> Array:
+    """The 4x4 pseudo-inertia [[S, h], [h', m]], S = tr(I)/2 - I, of ten inertial parameters.
+
+    Args:
+        inertial: (10,) in Pinocchio's order [kg, kg.m, kg.m2].
+
+    Source: Wensing, Kim, Slotine, IEEE RA-L 3(1), 2018, equation 8.
+    """
+    m, x, y, z, xx, xy, yy, xz, yz, zz = inertial
+    rotational = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    second = np.trace(rotational) / 2 * np.eye(3) - rotational
+    first = np.array([[x, y, z]])
+    return np.block([[second, first.T], [first, np.array([[m]])]])
+
+
+def _is_positive(inertial: Array, margin: float) -> bool:
+    matrix = pseudo_inertia(inertial)
+    try:
+        np.linalg.cholesky(matrix - margin * np.trace(matrix) * np.eye(4))
+    except np.linalg.LinAlgError:
+        return False
+    return True
+
+
+@dataclass(frozen=True)
+class Law:
+    """An effect at its joints, with numbers: in a model all of them, as a hypothesis only its shape."""
+
+    effect: Any  # effects.base.Effect
+    joints: tuple[int, ...]
+    parameters: Mapping[str, float] = field(default_factory=dict)
