@@ -139,12 +139,21 @@ class Recording(Frozen):
         return Samples(values[self.columns["t"][0]], q, tau, signal("dq"), signal("ddq"), signal("q_des"))
 
 
+def prismatic_unit(unit: str) -> str:
+    """The unit that stands at a prismatic joint where `unit` stands at a revolute one."""
+    return unit.replace("kg.m2", "kg").replace("N.m", "N").replace("rad", "m")
+
+
 @dataclass(frozen=True)
 class Coefficient:
     """A number the torque is linear in: a column of the regressor."""
 
     unit: str
     positive: bool = False
+
+    def unit_at(self, prismatic: bool) -> str:
+        """The unit at a joint: N for N.m, m for rad, kg for kg.m2 where it is prismatic."""
+        return prismatic_unit(self.unit) if prismatic else self.unit
 
 
 @dataclass(frozen=True)
@@ -159,30 +168,35 @@ class Shape:
     of: str | None = None
 
 
-@dataclass(slots=True)
-class View:
+class View(Protocol):
     """The m joints a law acts on, at one moment or along a motion: arrays (..., m).
 
     Leading axes are samples (identification) or trial values (simulation); a law does not care.
     """
 
-    t: Any  # (..., 1) [s]
+    joints: tuple[int, ...]
     dt: float  # [s]
-    q: Any  # [rad or m]
-    v: Any  # [rad/s or m/s]
-    a: Any  # [rad/s2 or m/s2]
-    load: Any  # rigid-body torque [N.m or N]
-    direction: Any  # of motion, in [-1, 1]; unknown at rest
-    inertia: Any  # diagonal of the mass matrix [kg.m2 or kg]
-    torque: Any = None  # motor torque that the model predicts [N.m or N]
-    recorded: Any = None  # as measured [N.m or N]
-    joints: tuple[int, ...] = ()
-    whole: Any = None  # the Motion or the Moment this is a view of: jacobian, regressor, shift
+    whole: Any  # the Motion or the moment of simulation this is a view of: jacobian, regressor
 
-    def __getitem__(self, i: Any) -> View:
-        """One sample of every signal."""
-        signals = (self.q, self.v, self.a, self.load, self.direction, self.inertia)
-        return View(self.t[i], self.dt, *(x[i] for x in signals), joints=self.joints, whole=self.whole)
+    @property
+    def t(self) -> Array: ...  # (..., 1) [s]
+    @property
+    def q(self) -> Array: ...  # (..., m) [rad or m]
+    @property
+    def v(self) -> Array: ...  # (..., m) [rad/s or m/s]
+    @property
+    def a(self) -> Array: ...  # (..., m) [rad/s2 or m/s2]
+    @property
+    def load(self) -> Array: ...  # (..., m) rigid-body torque [N.m or N]
+    @property
+    def direction(self) -> Array: ...  # (..., m) of motion, in [-1, 1]; unknown at rest [1]
+    @property
+    def inertia(self) -> Array: ...  # (..., m) diagonal of the mass matrix [kg.m2 or kg]
+    @property
+    def torque(self) -> Array: ...  # (..., m) motor torque that the model predicts [N.m or N]
+    @property
+    def recorded(self) -> Array: ...  # (..., m) motor torque as measured [N.m or N]
+    def __getitem__(self, i: Any) -> View: ...  # some of the leading axis
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,85 @@
+"""How fast the motion may be differentiated: cut-offs from the encoder's own noise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import ceil
+
+import numpy as np
+from scipy.signal import welch
+
+from .types import Array, Frozen, Samples
+
+NOISE_SHARE = 1e-3  # of the acceleration's power below the cut-off
+WIDEST = 6  # samples per period of the cut-off, at least
+
+
+@dataclass(frozen=True, eq=False)
+class Band(Frozen):
+    """The frequencies that identification uses.
+
+    Positions are low-passed at `position_cutoff`; regressor columns and torque at `cutoff`, then every `factor`-th
+    row is kept, which is twice the cut-off: no hole below the new Nyquist frequency.
+    """
+
+    rate: float  # [Hz] of the recordings on their uniform grid
+    factor: int
+    filtered: bool  # False: columns and torque as they are, every row
+    per_joint: Array  # (n,) [Hz] highest cut-off that each joint's encoder noise allows
+    torque_floor: Array  # (n,) [N.m or N] white noise of the torque that passes the filter
+
+    @property
+    def cutoff(self) -> float:
+        """Half-amplitude frequency of columns and torque [Hz]."""
+        return self.rate / (2 * self.factor) if self.filtered else self.rate / 2
+
+    @property
+    def position_cutoff(self) -> float:
+        """Half-amplitude frequency of positions [Hz]."""
+        return 3 * self.cutoff
+
+
+def choose_band(pieces: Sequence[Samples], rate: float, cutoff: float | None = None) -> Band:
+    """The band for recordings of one rate: the widest that encoder noise allows on the worst joint.
+
+    A cut-off f is allowed while the noise power of the acceleration below f is at most 1e-3 of its signal power.
+
+    Args:
+        pieces: stretches of uniform samples, q (N, n) [rad or m], tau (N, n) [N.m or N].
+        rate: sampling rate [Hz].
+        cutoff: asked for by the user [Hz]; infinite: no filter at all; None: from the noise.
+    """
+    allowed = np.min([_allowed(piece.q, rate) for piece in pieces], axis=0)
+    level = np.nanmedian([_white_level(piece.tau, rate) for piece in pieces], axis=0)
+    if cutoff is not None and np.isinf(cutoff):
+        return Band(rate, 1, False, allowed, np.sqrt(level * rate / 2))
+    wanted = min(float(np.min(allowed)), rate / WIDEST) if cutoff is None else cutoff
+    factor = max(1, ceil(rate / (2 * wanted) - 1e-9))
+    return Band(rate, factor, True, allowed, np.sqrt(level * rate / (2 * factor)))
+
+
+def _spectrum(x: Array, rate: float) -> tuple[Array, Array]:
+    length = min(len(x) // 3, int(8 * rate))
+    frequency, power = welch(x, rate, nperseg=max(length, 16), detrend="constant", axis=0)
+    return frequency, power
+
+
+def _allowed(q: Array, rate: float) -> Array:
+    """(n,) [Hz]: largest f at which the differentiated encoder noise stays below its share."""
+    f, power = _spectrum(np.diff(q, 2, axis=0) * rate**2, rate)
+    gain = (2 * rate * np.sin(np.pi * f / rate))[:, None] ** 4
+    high = f > 0.3 * rate
+    level = np.median(power[high] / gain[high], axis=0)
+    noise = np.cumsum(level * gain, axis=0)
+    signal = np.maximum(np.cumsum(power, axis=0) - noise, 1e-30)
+    fits = noise <= NOISE_SHARE * signal
+    last = len(f) - 1 - np.argmax(fits[::-1], axis=0)
+    moves = np.ptp(q, axis=0) > 0
+    return np.where(moves, np.where(fits.any(0), f[last], f[1]), np.inf)
+
+
+def _white_level(tau: Array, rate: float) -> Array:
+    """(n,) [N2.m2/Hz] one-sided power of the torque in its highest frequencies; 0 where it is not recorded."""
+    f, power = _spectrum(np.nan_to_num(tau), rate)
+    return np.asarray(np.median(power[f > 0.3 * rate], axis=0))

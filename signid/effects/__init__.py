@@ -1,0 +1,10 @@
+"""Physical laws. To add one: write a file here, add its name below."""
+
+from ..registry import Registry
+from .base import Effect
+
+EFFECTS: Registry[Effect] = Registry(
+    "effects",
+    __name__,
+    """viscous_friction coulomb_friction torque_offset armature""",
+)

@@ -1,0 +1,27 @@
+"""Armature: the rotor's inertia, seen at the joint through the gear."""
+
+from typing import Any
+
+from ..types import Array, Coefficient, View
+from .base import BodyLaw
+
+
+class Armature(BodyLaw):
+    """Gear ratio squared times the rotor's own inertia; often more than the link's."""
+
+    name, equation = "armature", "inertia * a"
+    source = "Featherstone, Rigid Body Dynamics Algorithms, 2008, section 9.6"
+    parameters = {"inertia": Coefficient("kg.m2", positive=True)}
+    example = {"inertia": 0.3}
+    twins = ("link_inertia",)
+
+    def columns(self, x: View) -> list[Array]:
+        """Acceleration, (..., m) [rad/s2 or m/s2]."""
+        return [x.a]
+
+    def reshape(self, model: Any, joint: int, inertia: float = 0.0) -> None:
+        """Add to the armature that Pinocchio's algorithms honour."""
+        model.armature[joint] += inertia
+
+
+PLUGIN = Armature()

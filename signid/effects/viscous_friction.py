@@ -1,0 +1,21 @@
+"""Viscous friction: oil and bearings resist in proportion to speed."""
+
+from ..types import Array, Coefficient, View
+from .base import TorqueLaw
+
+
+class ViscousFriction(TorqueLaw):
+    """Proportional to velocity; typically 1 to 20 % of the rated torque at full speed."""
+
+    name, equation = "viscous_friction", "coefficient * v"
+    source = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994, section 2"
+    parameters = {"coefficient": Coefficient("N.m.s/rad", positive=True)}
+    example = {"coefficient": 2.0}
+    dissipative = True
+
+    def columns(self, x: View) -> list[Array]:
+        """Velocity, (..., m) [rad/s or m/s]."""
+        return [x.v]
+
+
+PLUGIN = ViscousFriction()

@@ -1,0 +1,166 @@
+"""Recording -> Motion: how the robot moved, on a uniform grid, with velocities and accelerations."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from .cutoff import Band
+from .errors import OptionError
+from .filters import HALF, differentiate, lowpass, smooth
+from .robot import configuration
+from .types import Array, Frozen, Robot, Samples, View
+
+
+@dataclass(frozen=True, eq=False)
+class Motion(Frozen):
+    """All that a law may see: N uniform samples of n joints.
+
+    t (N,) [s]; q (N, n) [rad or m]; v (N, n) [rad/s or m/s]; a (N, n) [rad/s2 or m/s2];
+    recorded (N, n) measured torque [N.m or N], NaN where absent; predicted (N, n) [N.m or N] by the model at hand.
+    """
+
+    robot: Robot
+    t: Array  # (N,) [s]
+    q: Array  # (N, n) [rad or m]
+    v: Array  # (N, n) [rad/s or m/s]
+    a: Array  # (N, n) [rad/s2 or m/s2]
+    recorded: Array | None = None  # (N, n) [N.m or N]
+    predicted: Array | None = None  # (N, n) [N.m or N]
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    @property
+    def dt(self) -> float:
+        """Sampling period [s]."""
+        return float(self.t[1] - self.t[0]) if len(self.t) > 1 else 0.0
+
+    @cached_property
+    def configuration(self) -> Array:
+        """(N, nq) as Pinocchio wants it [rad or m]."""
+        return configuration(self.robot, self.q)
+
+    @cached_property
+    def rates(self) -> tuple[Array, Array]:
+        """Model velocity and acceleration, (N, nv) each [rad/s, rad/s2]."""
+        drive = self.robot.drive.T
+        return self.v @ drive, self.a @ drive
+
+    @cached_property
+    def direction(self) -> Array:
+        """(N, n) sign of the velocity [1]."""
+        return np.sign(self.v)
+
+    @cached_property
+    def load(self) -> Array:
+        """(N, n) rigid-body torque of the description's inertials [N.m or N]."""
+        model, data = self.robot.model, self.robot.model.createData()
+        rows = [pin.rnea(model, data, *state).copy() for state in zip(self.configuration, *self.rates, strict=True)]
+        return np.array(rows).reshape(len(self), model.nv) @ self.robot.drive
+
+    @cached_property
+    def inertia(self) -> Array:
+        """(N, n) diagonal of the joint-space mass matrix [kg.m2 or kg]."""
+        model, data, drive = self.robot.model, self.robot.model.createData(), self.robot.drive
+        out = np.empty_like(self.q)
+        for i, q in enumerate(self.configuration):
+            upper = np.triu(pin.crba(model, data, q))
+            out[i] = np.diag(drive.T @ (upper + np.triu(upper, 1).T) @ drive)
+        return out
+
+    def at(self, joints: Sequence[int]) -> View:
+        """What a law at these joints sees."""
+        return MotionView(self, tuple(joints))
+
+
+class MotionView:
+    """Some joints of a motion; what is costly is computed when a law asks for it."""
+
+    def __init__(self, whole: Motion, joints: tuple[int, ...], samples: Any = slice(None)) -> None:
+        self.whole, self.joints, self.samples, self.dt = whole, joints, samples, whole.dt
+
+    def _cut(self, signal: Array) -> Array:
+        return signal[:, list(self.joints)][self.samples]
+
+    @property
+    def t(self) -> Array:  # (..., 1) [s]
+        return self.whole.t[:, None][self.samples]
+
+    @property
+    def q(self) -> Array:
+        return self._cut(self.whole.q)
+
+    @property
+    def v(self) -> Array:
+        return self._cut(self.whole.v)
+
+    @property
+    def a(self) -> Array:
+        return self._cut(self.whole.a)
+
+    @property
+    def direction(self) -> Array:
+        return self._cut(self.whole.direction)
+
+    @property
+    def load(self) -> Array:
+        return self._cut(self.whole.load)
+
+    @property
+    def inertia(self) -> Array:
+        return self._cut(self.whole.inertia)
+
+    @property
+    def torque(self) -> Array:
+        return self.load if self.whole.predicted is None else self._cut(self.whole.predicted)
+
+    @property
+    def recorded(self) -> Array:
+        if self.whole.recorded is None:
+            raise OptionError("this law needs the measured torque; the motion carries none")
+        return self._cut(self.whole.recorded)
+
+    def __getitem__(self, i: Any) -> View:
+        return MotionView(self.whole, self.joints, i)
+
+
+def margin(band: Band, recorded_derivatives: bool = False) -> int:
+    """Samples that `build_motion` consumes on either side."""
+    return 0 if recorded_derivatives else len(_position_taps(band)) // 2 + HALF
+
+
+def build_motion(robot: Robot, samples: Samples, band: Band, recorded_derivatives: bool = False) -> Motion:
+    """The motion inside a stretch of samples: `margin` samples shorter on either side.
+
+    Positions pass a symmetric FIR low-pass and nine-point differences; torque is left as recorded, since regressor
+    columns and torque are filtered alike further on.
+
+    Args:
+        robot: gives the joints.
+        samples: uniform; q (N, n) [rad or m], tau (N, n) [N.m or N].
+        band: gives the position cut-off.
+        recorded_derivatives: take dq and ddq as recorded instead of differentiating q.
+
+    Raises:
+        OptionError: recorded derivatives are asked for where the recording has none.
+    """
+    if recorded_derivatives:
+        if samples.dq is None or samples.ddq is None:
+            raise OptionError("recorded derivatives were asked for; the recording lacks dq_J or ddq_J columns")
+        return Motion(robot, samples.t, samples.q, samples.dq, samples.ddq, samples.tau)
+    taps = _position_taps(band)
+    smoothed = smooth(samples.q, taps)
+    v, a = differentiate(smoothed, 1 / band.rate)
+    cut = len(taps) // 2 + HALF
+    inner = slice(cut, len(samples.t) - cut)
+    return Motion(robot, samples.t[inner], smoothed[HALF : len(smoothed) - HALF], v, a, samples.tau[inner])
+
+
+def _position_taps(band: Band) -> Array:
+    return lowpass(band.rate, band.position_cutoff) if band.filtered else np.ones(1)
