@@ -1,0 +1,24 @@
+"""One thread, the same examples every time, and the way to the real recordings."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before anything imports numpy
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import pytest  # noqa: E402
+from hypothesis import settings  # noqa: E402
+
+settings.register_profile("signid", derandomize=True, deadline=None, max_examples=30, database=None)
+settings.load_profile("signid")
+
+
+@pytest.fixture(scope="session")
+def data() -> Path:
+    """The folder of real recordings."""
+    folder = os.environ.get("SIGNID_DATA")
+    if not folder:
+        pytest.skip("SIGNID_DATA is unset: real recordings are not part of the repository")
+    return Path(folder)
