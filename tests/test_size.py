@@ -1,0 +1,114 @@
+"""Files and functions stay small, and hold nothing that belongs elsewhere."""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+OWN = [path for folder in ("signid", "robots", "tests", "benchmarks") for path in sorted((ROOT / folder).rglob("*.py"))]
+LIBRARY = [path for path in OWN if path.is_relative_to(ROOT / "signid")]
+VAGUE = {"utils", "util", "helpers", "helper", "manager", "core", "tools", "common", "misc"}
+MACHINE = re.compile(r"(?<![\w.~$}])/(?:work|tmp|root|home|Users|farm|opt|mnt)/")
+HOSTS = re.compile(r"pypi\.org|pythonhosted\.org|registry\.npmjs|deb\.debian|crates\.io|proxy\.golang", re.IGNORECASE)
+
+
+def name(path: Path) -> str:
+    return path.relative_to(ROOT).as_posix()
+
+
+def tell(found: list[str]) -> None:
+    assert not found, "\n" + "\n".join(found)
+
+
+def nodes(paths: list[Path]) -> Iterator[tuple[Path, ast.AST]]:
+    return ((path, node) for path in paths for node in ast.walk(ast.parse(path.read_text())))
+
+
+def body_lines(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
+    """From the first statement after the docstring to the last line."""
+    body = function.body[ast.get_docstring(function) is not None :]
+    return (body[-1].end_lineno or 0) - body[0].lineno + 1 if body else 0
+
+
+def limit(path: Path) -> int:
+    """Lines that a file may have: a law or an example 40, any other 250."""
+    example = path.name == "identify.py" and path.is_relative_to(ROOT / "robots")
+    law = path.parent == ROOT / "signid" / "effects" and "PLUGIN =" in path.read_text()
+    return 40 if law or example else 250
+
+
+def misuse(node: ast.AST) -> str:
+    """Why a node has no place in the library, "" when it has."""
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in ("print", "eval", "exec"):
+        return f"{node.func.id}() in the library"
+    if isinstance(node, ast.Import | ast.ImportFrom):
+        modules = [alias.name for alias in node.names] + [getattr(node, "module", None) or ""]
+        if {module.split(".")[0] for module in modules} & {"pickle", "cloudpickle", "dill", "joblib", "shelve"}:
+            return "a pickle is a program: results are JSON"
+    if isinstance(node, ast.keyword) and node.arg == "allow_pickle" and ast.unparse(node.value) != "False":
+        return "a pickle is a program: allow_pickle stays False"
+    return ""
+
+
+def tracked() -> list[Path]:
+    """Every file under version control, or of the source archive where there is none."""
+    try:
+        run = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        pytest.skip("not a git checkout: which files belong to the repository is unknown")
+    return [path for item in run.stdout.split("\0") if item and (path := ROOT / item).is_file()]
+
+
+def foreign(text: str) -> Iterator[str]:
+    """Each machine path or registry host of a text, with its line number."""
+    for i, line in enumerate(text.splitlines(), 1):
+        for found in (*MACHINE.findall(line), *HOSTS.findall(line)):
+            yield f"{i}: {found}"
+
+
+def test_files_are_small() -> None:
+    sizes = {path: len(path.read_text().splitlines()) for path in OWN}
+    tell([f"{name(path)}: {n} lines of {limit(path)}" for path, n in sizes.items() if n > limit(path)])
+
+
+def test_functions_are_small() -> None:
+    functions = ((p, f) for p, f in nodes(OWN) if isinstance(f, ast.FunctionDef | ast.AsyncFunctionDef))
+    tell([f"{name(p)}:{f.lineno}: {f.name} {n} lines of 40" for p, f in functions if (n := body_lines(f)) > 40])
+
+
+def test_modules_have_names_that_say_something() -> None:
+    parts = {path: {part.strip("_") for part in path.relative_to(ROOT).with_suffix("").parts} for path in OWN}
+    tell([name(path) for path, words in parts.items() if words & VAGUE])
+
+
+def test_the_library_neither_prints_nor_evaluates_nor_pickles() -> None:
+    tell([f"{name(p)}:{getattr(node, 'lineno', 0)}: {why}" for p, node in nodes(LIBRARY) if (why := misuse(node))])
+
+
+def test_nothing_tracked_names_a_machine_or_a_registry() -> None:
+    found = []
+    for path in tracked():
+        try:
+            text = path.read_text(encoding="utf-8")
+        except UnicodeDecodeError:
+            continue  # not text
+        found += [f"{name(path)}:{line}" for line in foreign(text)]
+    tell(found)
+
+
+def test_planted_faults_are_caught() -> None:
+    faults = ("print(1)", "eval('1')", "import pickle", "from joblib import load", "np.load(f, allow_pickle=True)")
+    for source in faults:
+        assert any(map(misuse, ast.walk(ast.parse(source)))), source
+    assert not any(map(misuse, ast.walk(ast.parse("console.print(np.load(f, allow_pickle=False))"))))
+    for word in ("work", "tmp", "home"):
+        assert list(foreign(f"see /{word}/data"))
+    assert list(foreign("https://" + "pypi" + ".org/simple"))
+    assert not list(foreign("https://example.com/work/data and ../shared/home/x"))
+    assert body_lines(ast.parse('def f():\n    """Doc."""\n    a = 1\n\n    return a').body[0]) == 3  # type: ignore[arg-type]
