@@ -70,7 +70,7 @@ class Motion(Frozen):
         model, data, drive = self.robot.model, self.robot.model.createData(), self.robot.drive
         out = np.empty_like(self.q)
         for i, q in enumerate(self.configuration):
-            upper = np.triu(pin.crba(model, data, q))
+            upper = np.triu(np.reshape(pin.crba(model, data, q), (model.nv, model.nv)))
             out[i] = np.diag(drive.T @ (upper + np.triu(upper, 1).T) @ drive)
         return out
 

@@ -44,8 +44,9 @@ def labels(robot: Robot, laws: Sequence[Law] = ()) -> tuple[Label, ...]:
         coefficients = law.effect.linear()
         for key, coefficient in coefficients.items():
             name = law.effect.name if len(coefficients) == 1 else f"{law.effect.name}.{key}"
-            unit = coefficient.unit_at(bool(robot.prismatic[law.joints[0]]))
-            found.append(Label(f"{name}_{where}", unit, law=k, positive=coefficient.positive))
+            joint = law.joints[0]
+            unit = coefficient.unit_at(bool(robot.prismatic[joint]))
+            found.append(Label(f"{name}_{where}", unit, law=k, joint=joint, positive=coefficient.positive))
     return tuple(found)
 
 

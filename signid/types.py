@@ -207,6 +207,7 @@ class Label:
     unit: str
     body: int | None = None  # 0-based body of the model, for inertial parameters
     law: int | None = None  # index of the law it belongs to
+    joint: int | None = None  # column of the joint that the law acts on
     positive: bool = False  # physics allows no negative value
 
 

@@ -1,0 +1,32 @@
+"""signid: what a real robot's dynamics are, from its recordings. Public names only, imported when first used."""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .check import check as check
+    from .identify import identify as identify
+    from .inspect import inspect as inspect
+    from .model import load_model as load_model
+    from .prepare import Options as Options
+    from .recording import read_recording as read_recording
+    from .robot import load_robot as load_robot
+    from .robot import urdf_from_dh as urdf_from_dh
+
+__version__ = "0.1.0"
+HOMES = dict(check="check", identify="identify", inspect="inspect", load_model="model", Options="prepare",
+             read_recording="recording", load_robot="robot", urdf_from_dh="robot")  # fmt: skip
+
+
+class _Package(ModuleType):
+    """Public names are properties, so that `signid.identify` is the verb although a module has its name."""
+
+
+for _name, _home in HOMES.items():
+    setattr(_Package, _name, property(lambda _, n=_name, h=_home: getattr(import_module(f"{__name__}.{h}"), n),
+                                      lambda _, value: None))  # fmt: skip
+sys.modules[__name__].__class__ = _Package

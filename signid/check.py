@@ -1,0 +1,106 @@
+"""Recordings -> check: what they can and cannot tell, and what would help, before a model is fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .cutoff import Band
+from .estimate import estimate
+from .excitation import Excitation, judge_excitation, prior_sizes
+from .factors import Factors
+from .prepare import Options, Progress, Session, prepare
+from .sampling import Sampling
+from .types import Array, BaseMap, Frozen, Recording, Robot
+
+WELL, BARELY = 0.3, 1.0  # expected standard deviation over how far the parameter may be off beforehand
+FEW_ROWS = 20  # rows per parameter, fewer leave the noise model poor
+LOW_CUTOFF = 2.0  # [Hz] below which dynamics hardly show
+
+
+@dataclass(frozen=True, eq=False)
+class Check(Frozen):
+    """Verdicts `told`, `weak` or `not told` per base parameter, with advice in sentences."""
+
+    robot: Robot
+    base: BaseMap
+    band: Band
+    recordings: tuple[Recording, ...]
+    samplings: tuple[Sampling, ...]
+    used: Array  # (n,) [1] share of a joint's rows that are free of velocity reversals
+    std: Array  # (b,) [units of base] standard deviation to expect
+    verdicts: tuple[str, ...]  # (b,)
+    excitation: Excitation
+    advice: tuple[str, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def flags(self) -> tuple[str, ...]:
+        """What makes the recordings insufficient; empty when they are good."""
+        return self.excitation.sentences
+
+
+def check(
+    robot: Robot,
+    recordings: Sequence[Recording],
+    *,
+    options: Options | None = None,
+    progress: Progress | None = None,
+) -> Check:
+    """The verdict on recordings, all of them taken together.
+
+    Raises:
+        InputError: a recording or an option cannot be used; the sentence says which and why.
+    """
+    session = prepare(robot, recordings, recordings, options)
+    factors = session.reduce(session.train, progress=progress)
+    found = estimate(factors, session.task.base, whiten=True if options is None else options.whiten)
+    excitation = judge_excitation(session.task, factors, found, 0 if options is None else options.seed)
+    used = np.array([f.counts[0] / f.rows if f.rows else 0.0 for f in factors.joints])
+    prior = _prior(session, factors)
+    weak = {name for group in excitation.weak for name in group}
+    verdicts = tuple(
+        "not told" if s >= BARELY * p or e in weak else "weak" if s >= WELL * p else "told"
+        for s, p, e in zip(found.std, prior, session.task.base.expressions, strict=True)
+    )
+    return Check(
+        session.robot,
+        session.task.base,
+        session.task.band,
+        tuple(r for r, _ in session.train),
+        tuple(s for _, s in session.train),
+        used,
+        found.std,
+        verdicts,
+        excitation,
+        _advice(session, factors, used),
+        session.notes,
+    )
+
+
+def _prior(session: Session, factors: Factors) -> Array:
+    torque = np.array([np.sqrt(f.whole[-1, -1] / max(f.rows, 1)) for f in factors.joints])
+    speed = np.sqrt(np.diag(factors.velocity) / max(factors.rows, 1))
+    return prior_sizes(session.robot, session.task.base, torque, speed)
+
+
+def _advice(session: Session, factors: Factors, used: Array) -> tuple[str, ...]:
+    band, robot, said = session.task.band, session.robot, []
+    if band.cutoff < LOW_CUTOFF:
+        worst = robot.joints[int(np.argmin(band.per_joint))]
+        said.append(
+            f"encoder noise of joint {worst} allows only {band.cutoff:.2g} Hz: move faster, or record finer positions"
+        )
+    for joint, share in zip(robot.joints, used, strict=True):
+        if 0 < share < 0.3:
+            said.append(f"joint {joint} keeps {share:.0%} of its rows, the others are near a reversal: move it faster")
+    for joint, f in zip(robot.joints, factors.joints, strict=True):
+        if f.rows == 0:
+            said.append(f"joint {joint} has no torque column: only what other joints feel of it can be told")
+    if factors.rows < FEW_ROWS * session.task.base.rank / max(len(robot.joints), 1):
+        said.append(
+            f"{factors.rows} filtered rows for {session.task.base.rank} parameters are few: record for longer"
+        )
+    return tuple(said)

@@ -1,0 +1,160 @@
+"""Factors -> verdict: whether the motion could tell the parameters, judged against random motion of the same size."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import eigh
+
+from .factors import Factors
+from .motion import Motion
+from .regressor import base_rows
+from .rows import Task
+from .types import INERTIAL, Array, BaseMap, Estimate, Frozen, Robot
+
+ENOUGH = 0.02  # of the information that random motion of the same size gives, in the weakest direction
+IN_STEP = 0.98  # correlation of two joints' velocities
+AT_REST = 0.01  # of the fastest joint's rms velocity
+STATES = 2000  # of the random motion
+MASS_SHARE, LENGTH = 0.3, 0.1  # how far inertials may usually be off: 30 % of the mass [1], 10 cm [m]
+
+
+@dataclass(frozen=True, eq=False)
+class Excitation(Frozen):
+    """How much of the information a motion of this size could have given was given.
+
+    `shares` are ascending, one per direction in base-parameter space; `weak` names, per insufficient direction, the
+    base parameters in it.
+    """
+
+    shares: Array  # (b,) [1]
+    weak: tuple[tuple[str, ...], ...]
+    resting: tuple[str, ...]  # joints that did not move
+    in_step: tuple[tuple[str, ...], ...]  # groups of joints that moved alike
+    small: tuple[str, ...]  # base parameters too small to matter for the torque here
+
+    @property
+    def sufficient(self) -> bool:
+        """Whether every direction got its share."""
+        return bool(self.shares[0] >= ENOUGH) if len(self.shares) else False
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """What the recordings cannot tell, why, and what would help; empty where they can."""
+        if self.sufficient:
+            return ()
+        said = []
+        if self.resting:
+            said.append(f"{_joints(self.resting)} did not move: move {_them(self.resting)}, or hold with --lock")
+        said += [f"{_joints(group)} moved in step: move them out of step" for group in self.in_step]
+        names = list(dict.fromkeys(name for group in self.weak for name in group))
+        shown = ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
+        said.append(
+            f"the motion gives {max(self.shares[0], 0):.2%} of the information that random motion of the same size "
+            f"would (at least {ENOUGH:.0%} is needed); it cannot tell {shown}"
+        )
+        return tuple(said)
+
+
+def judge_excitation(task: Task, factors: Factors, estimated: Estimate, seed: int = 0) -> Excitation:
+    """The verdict on recordings, from generalised eigenvalues of their Gram matrix and a random motion's.
+
+    Args:
+        task: robot, laws and base map.
+        factors: of the recordings.
+        estimated: gives each joint's noise and each parameter's standard deviation.
+        seed: of the random motion.
+
+    Source: the criterion is that of optimal excitation (Swevers et al., IEEE T-RA 13(5), 1997) made relative, so that
+    it does not depend on units or on the size of the motion.
+    """
+    robot, base = task.robot, task.base
+    weight = 1 / np.maximum(estimated.noise, 1e-12 * estimated.noise.max(initial=1e-300)) ** 2
+    ours = np.zeros((base.rank, base.rank))
+    for joint, columns, w in zip(factors.joints, factors.columns, weight, strict=True):
+        ours[np.ix_(columns, columns)] += w * joint.whole[:-1, :-1]
+    speed = np.sqrt(np.diag(factors.velocity) / factors.rows)
+    acceleration = np.sqrt(factors.acceleration / factors.rows)
+    best = _random_information(task, factors, speed, acceleration, weight, seed)
+    size = np.sqrt(np.maximum(np.diag(best), 1e-300))
+    scaled = best / np.outer(size, size) + 1e-12 * np.eye(base.rank)
+    shares, directions = eigh(ours / np.outer(size, size), scaled)
+    prior = prior_sizes(robot, base, np.array([np.sqrt(f.whole[-1, -1] / max(f.rows, 1)) for f in factors.joints]), speed)
+    weak = [_largest(directions[:, k] / size / prior, base) for k in np.flatnonzero(shares < ENOUGH)]
+    uncertain = estimated.std > prior
+    return Excitation(
+        shares,
+        tuple(weak),
+        tuple(robot.joints[j] for j in np.flatnonzero(speed <= AT_REST * speed.max(initial=1e-300))),
+        _groups(robot, factors, speed),
+        tuple(e for e, u in zip(base.expressions, uncertain, strict=True) if u),
+    )
+
+
+def prior_sizes(robot: Robot, base: BaseMap, torque: Array, speed: Array) -> Array:
+    """How far each base parameter may be off before anything is measured, (b,) [units of base].
+
+    Args:
+        robot: its masses; where it states none, 0.1 kg.
+        base: the base map.
+        torque: (n,) rms torque [N.m or N].
+        speed: (n,) rms velocity [rad/s or m/s].
+    """
+    sizes = []
+    for k, label in enumerate(base.labels):
+        if label.joint is None:
+            body = robot.model.inertias[k // 10 + 1]
+            order = {"m": 0, "mx": 1, "my": 1, "mz": 1}.get(INERTIAL[k % 10], 2)
+            sizes.append(MASS_SHARE * max(body.mass, 0.1) * LENGTH**order)
+        elif "kg" in label.unit:
+            sizes.append(MASS_SHARE)
+        else:
+            per = max(speed[label.joint], 0.05) if ".s/" in label.unit else 1.0
+            sizes.append(MASS_SHARE * torque[label.joint] / per)
+    return np.maximum(np.sqrt((base.combination**2) @ np.array(sizes) ** 2), 1e-300)
+
+
+def _random_information(
+    task: Task, factors: Factors, speed: Array, acceleration: Array, weight: Array, seed: int
+) -> Array:
+    """Gram matrix (b, b) of as many rows of independent random states of the same size."""
+    rng, n = np.random.default_rng(seed), len(speed)
+    floor = 0.05 * speed.max(initial=1e-300)  # a joint at rest is judged against one that moves a little
+    width = np.maximum((factors.upper - factors.lower) / 2, 1e-3)
+    q = (factors.upper + factors.lower) / 2 + width * rng.uniform(-1, 1, (STATES, n))
+    v = rng.standard_normal((STATES, n)) * np.maximum(speed, floor)
+    a = rng.standard_normal((STATES, n)) * np.maximum(acceleration, 0.05 * acceleration.max(initial=1e-300))
+    motion = Motion(task.robot, np.arange(STATES) * 1.0, q, v, a)
+    columns = base_rows(motion, task.laws, [task.base.independent[task.seen(j)] for j in range(n)])
+    out = np.zeros((task.base.rank, task.base.rank))
+    for j, x in enumerate(columns):
+        seen = task.seen(j)
+        out[np.ix_(seen, seen)] += weight[j] * factors.joints[j].rows / STATES * x.T @ x
+    return out
+
+
+def _largest(direction: Array, base: BaseMap, count: int = 3) -> tuple[str, ...]:
+    order = np.argsort(-np.abs(direction))[:count]
+    return tuple(base.expressions[i] for i in order if abs(direction[i]) > 0.1 * abs(direction[order[0]]))
+
+
+def _groups(robot: Robot, factors: Factors, speed: Array) -> tuple[tuple[str, ...], ...]:
+    """Joints whose velocities are proportional, in groups."""
+    size = np.maximum(speed, 1e-300)
+    alike = np.abs(factors.velocity / factors.rows / np.outer(size, size)) > IN_STEP
+    groups: list[tuple[str, ...]] = []
+    for j in range(len(speed)):
+        group = tuple(robot.joints[k] for k in np.flatnonzero(alike[j]) if speed[k] > AT_REST * speed.max())
+        if len(group) > 1 and group not in groups:
+            groups.append(group)
+    return tuple(groups)
+
+
+def _joints(names: Sequence[str]) -> str:
+    return f"joint {names[0]}" if len(names) == 1 else f"joints {', '.join(names[:-1])} and {names[-1]}"
+
+
+def _them(names: Sequence[str]) -> str:
+    return "it" if len(names) == 1 else "them"

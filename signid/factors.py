@@ -1,0 +1,132 @@
+"""Rows -> factors: all that estimation needs of a recording, of a size that does not grow with its length."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import reduce as fold
+
+import numpy as np
+
+from .rows import Rows, Task
+from .types import Array, Frozen
+
+LAGS = 6  # highest order of the autoregressive noise model
+Weigh = Callable[[int, Rows], Array]  # joint, rows -> weight of each row (M,)
+
+
+@dataclass(frozen=True, eq=False)
+class JointFactors(Frozen):
+    """What one joint's rows z = [instruments x y] leave: m columns x, torque y, masked rows are zero.
+
+    grams[d] = sum over k of z[k] z[k-d]'; `whole` is the sum over every row, masked or not, of [x y].
+    """
+
+    grams: Array  # (d, c, c) [products of the units of z], c = m + 1, or 2 m + 1 with instruments
+    counts: Array  # (d,) [1] pairs of valid rows at each lag
+    whole: Array  # (m + 1, m + 1) [products of the units of x, y]
+    total: float  # sum of y over every row
+    rows: int
+
+    def __add__(self, other: JointFactors) -> JointFactors:
+        return JointFactors(
+            self.grams + other.grams,
+            self.counts + other.counts,
+            self.whole + other.whole,
+            self.total + other.total,
+            self.rows + other.rows,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Factors(Frozen):
+    """Factors of every joint, and how large the motion was. They add over recordings, chunks and machines."""
+
+    joints: tuple[JointFactors, ...]
+    columns: tuple[Array, ...]  # per joint (m,) [1] base parameters that it sees
+    instruments: bool
+    lower: Array  # (n,) [rad or m]
+    upper: Array  # (n,) [rad or m]
+    velocity: Array  # (n, n) [rad2/s2] sum of v v'
+    acceleration: Array  # (n,) [rad2/s4] sum of a squared
+    rows: int
+
+    def __add__(self, other: Factors) -> Factors:
+        return Factors(
+            tuple(a + b for a, b in zip(self.joints, other.joints, strict=True)),
+            self.columns,
+            self.instruments,
+            np.minimum(self.lower, other.lower),
+            np.maximum(self.upper, other.upper),
+            self.velocity + other.velocity,
+            self.acceleration + other.acceleration,
+            self.rows + other.rows,
+        )
+
+
+def reduce_rows(task: Task, rows: Iterable[Rows], lags: int = LAGS, weigh: Weigh | None = None) -> Factors:
+    """Factors of all rows, in one pass.
+
+    Args:
+        task: what the rows were made for.
+        rows: consecutive windows of one recording or of many.
+        lags: highest lag kept.
+        weigh: robust weight of each row, in [0, 1]; all rows count alike without it.
+    """
+    size = [2 * len(task.seen(j)) + 1 if task.instruments else len(task.seen(j)) + 1 for j in range(len(task.reverses))]
+    tails = [np.zeros((0, c + 1)) for c in size]
+    total = _nothing(task, lags, size)
+    for window in rows:
+        if window.first:
+            tails = [np.zeros((0, c + 1)) for c in size]
+        parts = []
+        for j in range(len(size)):
+            part, tails[j] = _reduce_joint(window, j, tails[j], lags, weigh)
+            parts.append(part)
+        total = total + Factors(
+            tuple(parts),
+            total.columns,
+            task.instruments,
+            window.q.min(0),
+            window.q.max(0),
+            window.v.T @ window.v,
+            (window.a**2).sum(0),
+            len(window.t),
+        )
+    return total
+
+
+def add(factors: Iterable[Factors]) -> Factors:
+    """The factors of several recordings as those of one."""
+    return fold(Factors.__add__, factors)
+
+
+def _reduce_joint(window: Rows, j: int, tail: Array, lags: int, weigh: Weigh | None) -> tuple[JointFactors, Array]:
+    """The joint's factors, and the last rows for the lags of the next window."""
+    known = bool(window.recorded[j])
+    plain = np.column_stack([window.columns[j], window.torque[:, j]])
+    keep = window.steady[:, j] & known
+    weight = keep.astype(float) if weigh is None else keep * np.sqrt(weigh(j, window))
+    parts = [plain] if window.instruments is None else [window.instruments[j], plain]
+    z = np.concatenate([tail, np.column_stack([*(part * weight[:, None] for part in parts), keep])])
+    old, c = len(tail), z.shape[1] - 1
+    grams, counts = np.zeros((lags + 1, c, c)), np.zeros(lags + 1)
+    for d in range(lags + 1):
+        start = max(old, d)
+        now, before = z[start:], z[start - d : len(z) - d]
+        grams[d] = now[:, :-1].T @ before[:, :-1]
+        counts[d] = now[:, -1] @ before[:, -1]
+    whole = plain.T @ plain if known else np.zeros((plain.shape[1],) * 2)
+    tail = z[len(z) - lags :] if lags else z[:0]
+    return JointFactors(grams, counts, whole, float(plain[:, -1].sum()) if known else 0.0, len(plain) if known else 0), tail
+
+
+def _nothing(task: Task, lags: int, size: list[int]) -> Factors:
+    n = len(size)
+    empty = tuple(
+        JointFactors(np.zeros((lags + 1, c, c)), np.zeros(lags + 1), np.zeros((len(task.seen(j)) + 1,) * 2), 0.0, 0)
+        for j, c in enumerate(size)
+    )
+    seen = tuple(task.seen(j) for j in range(n))
+    zeros = np.zeros(n)
+    return Factors(empty, seen, task.instruments, zeros + np.inf, zeros - np.inf, np.zeros((n, n)), zeros, 0)

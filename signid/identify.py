@@ -1,0 +1,209 @@
+"""Session -> identification: base parameters, a physically consistent set, the fit on what was held out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .consistent import fit_consistent, standard_from_base
+from .errors import OptionError
+from .estimate import estimate
+from .excitation import Excitation, judge_excitation
+from .factors import Factors, Weigh
+from .model import Model, stated_inertials
+from .prepare import Options, Part, Progress, Session, prepare
+from .retrieve import retrieve
+from .rows import Rows
+from .types import Array, BaseMap, Estimate, Frozen, Law, Parameters, Recording, Robot
+
+METHODS = ("convex", "wls", "pbrp")
+HUBER = 1.345  # residual, in standard deviations, beyond which a row counts less
+ROBUST_ROUNDS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Fit(Frozen):
+    """How well torque is predicted, per joint; held-out rows took no part in the estimation."""
+
+    joints: tuple[str, ...]
+    unit: tuple[str, ...]
+    train_rms: Array  # (n,) [N.m or N] of the residual
+    held_out_rms: Array  # (n,) [N.m or N]
+    noise_floor: Array  # (n,) [N.m or N] white torque noise inside the band
+    held_out_r2: Array  # (n,) [1]
+
+
+@dataclass(frozen=True, eq=False)
+class Identification(Frozen):
+    """A robot's dynamics as its recordings tell them. `flags` say what is not to be trusted; empty when all is well."""
+
+    robot: Robot
+    base: BaseMap
+    estimate: Estimate  # by least squares, before any physical constraint
+    base_value: Array  # (b,) [units of base] of the standard parameters below
+    parameters: Parameters
+    model: Model
+    fit: Fit
+    excitation: Excitation
+    method: str
+    moved: float  # standard deviations by which physical consistency moved the estimate at most
+    inputs: tuple[tuple[str, str], ...]  # path and sha256
+    flags: tuple[str, ...]
+    notes: tuple[str, ...]
+    cutoff: float  # [Hz]
+    position_cutoff: float  # [Hz]
+    seed: int
+
+    @property
+    def physically_consistent(self) -> bool:
+        """Whether a real robot could have the standard parameters; proved, not believed."""
+        return self.parameters.is_feasible()
+
+
+def identify(
+    robot: Robot,
+    recordings: Sequence[Recording],
+    *,
+    held_out: Sequence[Recording] = (),
+    method: str = "convex",
+    options: Options | None = None,
+    progress: Progress | None = None,
+) -> Identification:
+    """A dynamics model from a description and recordings.
+
+    Args:
+        robot: as `load_robot` gives it.
+        recordings: to learn from, as `read_recording` gives them.
+        held_out: to judge by; without any, the last of several recordings or the last 30 % of the only one.
+        method: `convex`: physically consistent fit; `wls`: the least-squares base parameters as they are, with the
+            nearest standard parameters; `pbrp`: penalty-based parameter retrieval.
+        options: effects, cut-off and the like.
+        progress: told what is being done and how far it is.
+
+    Raises:
+        InputError: a recording or an option cannot be used; the sentence says which and why.
+    """
+    options = options or Options()
+    if method not in METHODS:
+        raise OptionError(f"method {method!r} is none of {', '.join(METHODS)}")
+    unsigned = {j for r in (*recordings, *held_out) for j, s in zip(r.joints, r.signed, strict=True) if not s}
+    if unsigned:
+        raise OptionError(f"the torque of {', '.join(sorted(unsigned))} has no sign; identification needs signed torque")
+    session = prepare(robot, recordings, held_out, options)
+    train, test = _factors(session, options, progress)
+    prior = prior_parameters(session)
+    found = estimate(train, session.task.base, session.task.base.combination @ prior.values, options.whiten)
+    excitation = judge_excitation(session.task, train, found, options.seed)
+    parameters, moved, notes = _standard(session.task.base, found, prior, method, options.seed)
+    base_value = session.task.base.combination @ parameters.values
+    return Identification(
+        robot=session.robot,
+        base=session.task.base,
+        estimate=found,
+        base_value=base_value,
+        parameters=parameters,
+        model=Model(session.robot, parameters.bodies(), _laws(session.task.laws, parameters)),
+        fit=judge_fit(session, train, test, base_value),
+        excitation=excitation,
+        method=method,
+        moved=moved,
+        inputs=tuple(dict.fromkeys((r.path, r.sha256) for r in (*recordings, *held_out))),
+        flags=excitation.sentences,
+        notes=(*session.notes, *found.notes, *notes),
+        cutoff=session.task.band.cutoff,
+        position_cutoff=session.task.band.position_cutoff,
+        seed=options.seed,
+    )
+
+
+def prior_parameters(session: Session) -> Parameters:
+    """What the description and the actuators file state, as standard parameters."""
+    stated = stated_inertials(session.robot).ravel()
+    drives, effects = session.robot.actuators, []
+    for label in session.task.base.labels[len(stated) :]:
+        assert label.law is not None and label.joint is not None, "labels after the bodies are those of laws"
+        field = getattr(drives, session.task.laws[label.law].effect.name, None)
+        effects.append(0.0 if field is None else float(np.nan_to_num(field[label.joint])))
+    return Parameters(session.task.base.labels, np.append(stated, effects))
+
+
+def judge_fit(session: Session, train: Factors, test: Factors, base_value: Array) -> Fit:
+    """Residual rms in training and held out, from factors alone.
+
+    Args:
+        session: gives joints and noise floor.
+        train: factors of the training recordings.
+        test: factors of the held-out recordings.
+        base_value: (b,) [units of base].
+    """
+    robot = session.robot
+    return Fit(
+        robot.joints,
+        tuple("N" if p else "N.m" for p in robot.prismatic),
+        _rms(train, base_value)[0],
+        *_rms(test, base_value)[:1],
+        session.task.band.torque_floor,
+        _rms(test, base_value)[1],
+    )
+
+
+def _rms(factors: Factors, value: Array) -> tuple[Array, Array]:
+    """Residual rms [N.m or N] and R2 [1] per joint, NaN where no torque is recorded."""
+    rms, r2 = np.full((2, len(factors.joints)), np.nan)
+    for j, (joint, columns) in enumerate(zip(factors.joints, factors.columns, strict=True)):
+        if joint.rows == 0:
+            continue
+        c = np.append(-value[columns], 1.0)
+        rest = max(float(c @ joint.whole @ c), 0.0)
+        spread = joint.whole[-1, -1] - joint.total**2 / joint.rows
+        rms[j] = np.sqrt(rest / joint.rows)
+        r2[j] = 1 - rest / spread if spread > 0 else np.nan
+    return rms, r2
+
+
+def _factors(session: Session, options: Options, progress: Progress | None) -> tuple[Factors, Factors]:
+    train = session.reduce(session.train, progress=progress)
+    if options.robust:
+        for _ in range(ROBUST_ROUNDS):
+            found = estimate(train, session.task.base, whiten=False)
+            train = session.reduce(session.train, weigh=_huber(found, train), progress=progress)
+    return train, session.reduce(session.held_out, progress=progress)
+
+
+def _huber(found: Estimate, factors: Factors) -> Weigh:
+    def weigh(joint: int, rows: Rows) -> Array:
+        residual = rows.torque[:, joint] - rows.columns[joint] @ found.value[factors.columns[joint]]
+        size = np.abs(residual) / max(found.noise[joint], 1e-300)
+        return np.minimum(1.0, HUBER / np.maximum(size, 1e-12))
+
+    return weigh
+
+
+def _standard(
+    base: BaseMap, found: Estimate, prior: Parameters, method: str, seed: int
+) -> tuple[Parameters, float, tuple[str, ...]]:
+    """Standard parameters, by how many standard deviations they move the estimate, and what there is to say."""
+    if method == "wls":
+        return standard_from_base(base, found.value, prior), 0.0, ()
+    if method == "pbrp":
+        got = retrieve(base, found, prior, seed=seed)
+        moves = (base.combination @ got.parameters.values - found.value) / found.std
+        return got.parameters, float(np.max(np.abs(moves))), got.notes
+    fitted = fit_consistent(base, found, prior)
+    return fitted.parameters, fitted.moved, fitted.notes
+
+
+def _laws(laws: Sequence[Law], parameters: Parameters) -> tuple[Law, ...]:
+    values: dict[int, list[float]] = {}
+    for label, value in zip(parameters.labels, parameters.values, strict=True):
+        if label.law is not None:
+            values.setdefault(label.law, []).append(float(value))
+    return tuple(
+        Law(law.effect, law.joints, law.effect.physical(values[k], law.effect.shape(law.parameters)))
+        for k, law in enumerate(laws)
+    )
+
+
+__all__ = ["Fit", "Identification", "Part", "identify", "judge_fit", "prior_parameters"]

@@ -1,0 +1,42 @@
+"""Robot -> inspection: joints, links, base parameters, and what no motion can tell."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from .basis import build_base
+from .effects import EFFECTS
+from .prepare import EFFECT_NAMES
+from .types import BaseMap, Frozen, Law, Robot
+
+
+@dataclass(frozen=True, eq=False)
+class Inspection(Frozen):
+    """What can be said of a robot before it has moved."""
+
+    robot: Robot
+    base: BaseMap
+
+    @property
+    def invisible(self) -> tuple[str, ...]:
+        """Standard parameters that no motion can tell, not even in a combination."""
+        return tuple(label.name for label in self.base.invisible)
+
+    @property
+    def combined(self) -> tuple[str, ...]:
+        """Standard parameters that show only together with others."""
+        count = (self.base.combination != 0).sum(1)
+        alone = {int(k) for k, n in zip(self.base.independent, count, strict=True) if n == 1}
+        seen = (self.base.combination != 0).any(0)
+        return tuple(label.name for k, label in enumerate(self.base.labels) if seen[k] and k not in alone)
+
+
+def inspect(robot: Robot, effects: Sequence[str] = EFFECT_NAMES, seed: int = 0) -> Inspection:
+    """Base parameters of a robot with the effects named at every joint.
+
+    Raises:
+        OptionError: an effect is unknown.
+    """
+    laws = [Law(EFFECTS[name], (j,)) for name in effects for j in range(len(robot.joints))]
+    return Inspection(robot, build_base(robot, laws, seed))

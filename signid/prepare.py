@@ -1,0 +1,194 @@
+"""Robot and recordings -> session: checked, split, with one band and one base map for all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .basis import build_base
+from .cutoff import Band, choose_band
+from .effects import EFFECTS
+from .errors import OptionError, RecordingError
+from .factors import Factors, Weigh, add, reduce_rows
+from .filters import Decimator, lowpass
+from .motion import build_motion
+from .recording import same_joints
+from .robot import hold
+from .rows import Rows, Task, read_rows
+from .sampling import Sampling, samples, split, survey
+from .types import Array, Frozen, Law, Recording, Robot, Samples
+
+EFFECT_NAMES = ("viscous_friction", "coulomb_friction", "torque_offset", "armature")
+TRAINING_SHARE = 0.7  # of a single recording
+STILL, STILL_SHARE = 0.05, 0.1  # rad/s; share of the rms velocity: slower, the direction of motion is uncertain
+PIECE = 2**17  # samples of a recording that the cut-off is chosen from
+AGREE = 2e-3  # recorded derivatives are taken where they differ by less from those of the positions
+SAME_RATE = 0.01  # by which sampling rates of recordings may differ
+
+Progress = Callable[[str, float], None]  # what is being done, share of it that is done
+Part = tuple[Recording, Sampling]
+
+
+@dataclass(frozen=True, eq=False)
+class Options(Frozen):
+    """How recordings are turned into rows. Every default is what the data themselves suggest."""
+
+    effects: tuple[str, ...] = EFFECT_NAMES
+    cutoff: float | None = None  # [Hz]; None: from the encoder noise; inf: no filter
+    derivatives: str = "auto"  # "auto", "computed" from q, "recorded" dq and ddq
+    instruments: bool = True  # use q_des where every joint has it
+    whiten: bool = True  # autoregressive noise; False: white noise per joint
+    robust: bool = False  # Huber weights against outliers
+    seed: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Session(Frozen):
+    """One robot's recordings, ready to be reduced."""
+
+    task: Task
+    train: tuple[Part, ...]
+    held_out: tuple[Part, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def robot(self) -> Robot:
+        """With the joints held that the recordings do not move."""
+        return self.task.robot
+
+    def reduce(self, parts: Sequence[Part], weigh: Weigh | None = None, progress: Progress | None = None) -> Factors:
+        """Factors of some of its recordings, in one pass."""
+        return add(reduce_rows(self.task, _told(self.task, part, progress), weigh=weigh) for part in parts)
+
+
+def prepare(
+    robot: Robot, recordings: Sequence[Recording], held_out: Sequence[Recording] = (), options: Options | None = None
+) -> Session:
+    """A session: joints, laws, base map, band and the split into training and held-out recordings.
+
+    Without held-out recordings the last of several is held out, or the last 30 % of the only one.
+
+    Raises:
+        RecordingError: a recording cannot be used, or recordings do not fit together.
+        OptionError: an effect or an option is unknown.
+    """
+    options = options or Options()
+    if not recordings:
+        raise OptionError("no recording was given; at least one is needed")
+    everything = [*recordings, *held_out]
+    same_joints(everything)
+    moving = _restrict(robot, everything[0])
+    surveys = [survey(recording, moving) for recording in everything]
+    parts = list(zip(everything, surveys, strict=True))
+    train, test = _split(parts, len(recordings))
+    band = _band(parts[: len(recordings)], options)
+    laws = tuple(Law(EFFECTS[name], (j,)) for name in options.effects for j in range(len(moving.joints)))
+    _only_linear(laws)
+    recorded = _use_recorded(moving, parts, band, options)
+    task = Task(
+        moving,
+        laws,
+        build_base(moving, laws, options.seed),
+        band,
+        _still(moving, surveys),
+        recorded,
+        options.instruments and all(_wholly(r, "q_des") for r in everything),
+    )
+    notes = [f"{recording.path or 'recording'}: {note}" for recording, s in parts for note in (*recording.notes, *s.notes)]
+    if recorded:
+        notes.append("velocities and accelerations are taken as recorded: they agree with the positions")
+    return Session(task, tuple(train), tuple(test), (*robot.notes, *dict.fromkeys(notes)))
+
+
+def _restrict(robot: Robot, recording: Recording) -> Robot:
+    still = [joint for joint in robot.joints if joint not in recording.joints]
+    if not still:
+        return robot
+    resting = {joint: float(np.clip(0.0, robot.lower[robot.index(joint)], robot.upper[robot.index(joint)])) for joint in still}
+    return hold(robot, resting)
+
+
+def _split(parts: Sequence[Part], training: int) -> tuple[list[Part], list[Part]]:
+    train, test = list(parts[:training]), list(parts[training:])
+    if not test and len(train) > 1:
+        return train[:-1], train[-1:]
+    if not test:
+        recording, sampling = train[0]
+        first, last = split(sampling, TRAINING_SHARE)
+        return [(recording, first)], [(recording, last)]
+    return train, test
+
+
+def _band(parts: Sequence[Part], options: Options) -> Band:
+    rates = np.array([1 / sampling.period for _, sampling in parts])
+    if np.ptp(rates) > SAME_RATE * rates.min():
+        listed = ", ".join(f"{rate:.6g} Hz" for rate in rates)
+        raise RecordingError(f"the recordings are sampled at different rates ({listed}); resample them to one rate")
+    if options.cutoff is not None and not options.cutoff > 0:
+        raise OptionError(f"the cut-off is {options.cutoff:g} Hz; a positive frequency is needed")
+    return choose_band([_piece(*part) for part in parts], float(rates[0]), options.cutoff)
+
+
+def _piece(recording: Recording, sampling: Sampling) -> Samples:
+    """The longest stretch of a recording, or its beginning where it is very long."""
+    span = max(sampling.spans, key=sampling.length)
+    return samples(recording, sampling, span, 0, min(sampling.length(span), PIECE))
+
+
+def _still(robot: Robot, surveys: Sequence[Sampling]) -> Array:
+    """(n,) [rad/s or m/s]: slower, a joint's direction of motion is uncertain."""
+    speed = np.sqrt(np.mean([s.speed**2 for s in surveys], axis=0))
+    return np.where(robot.prismatic, STILL_SHARE * speed, np.minimum(STILL, STILL_SHARE * speed))
+
+
+def _only_linear(laws: Sequence[Law]) -> None:
+    for law in laws:
+        shaped = [key for key in law.effect.parameters if key not in law.effect.linear()]
+        if shaped:
+            raise OptionError(
+                f"effect {law.effect.name!r} has the shape parameters {', '.join(shaped)}, which least squares cannot "
+                f"fit; choose effects that are linear in all parameters"
+            )
+
+
+def _wholly(recording: Recording, key: str) -> bool:
+    return all(recording.columns.get(key, ("",)))
+
+
+def _use_recorded(robot: Robot, parts: Sequence[Part], band: Band, options: Options) -> bool:
+    """Whether dq and ddq are taken as recorded: asked for, or they are plainly the derivatives of q."""
+    if options.derivatives not in ("auto", "computed", "recorded"):
+        raise OptionError(f"derivatives {options.derivatives!r} is none of auto, computed, recorded")
+    has = all(_wholly(recording, key) for recording, _ in parts for key in ("dq", "ddq"))
+    if options.derivatives == "recorded" and not has:
+        raise OptionError("derivatives 'recorded' was asked for; not every joint has dq_J and ddq_J columns")
+    if options.derivatives != "auto" or not has:
+        return options.derivatives == "recorded"
+    return all(_agree(robot, _piece(*part), band) for part in parts)
+
+
+def _agree(robot: Robot, piece: Samples, band: Band) -> bool:
+    """Whether recorded derivatives and those of the positions are the same inside the band."""
+    own, told = build_motion(robot, piece, band), build_motion(robot, piece, band, recorded_derivatives=True)
+    edge = (len(told) - len(own)) // 2
+    thin = Decimator(lowpass(band.rate, band.cutoff) if band.filtered else np.ones(1), band.factor)
+    for mine, theirs in ((own.v, told.v), (own.a, told.a)):
+        ours, given = thin(mine), thin(theirs[edge : len(theirs) - edge])
+        if not np.all(np.isfinite(given)) or np.linalg.norm(ours - given) > AGREE * np.linalg.norm(ours):
+            return False
+    return True
+
+
+def _told(task: Task, part: Part, progress: Progress | None) -> Iterator[Rows]:
+    recording, sampling = part
+    total = max(1, sum(sampling.length(span) for span in sampling.spans) // task.band.factor)
+    done = 0
+    for rows in read_rows(task, recording, sampling):
+        yield rows
+        done += len(rows.t)
+        if progress is not None:
+            progress(f"reading {recording.path or 'recording'}", min(1.0, done / total))
+
+

@@ -1,0 +1,119 @@
+"""Recording -> base rows: regressor columns and torque, filtered alike, thinned, in windows of bounded memory."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.ndimage import minimum_filter1d
+
+from .cutoff import Band
+from .filters import Decimator, lowpass
+from .motion import Motion, build_motion, margin
+from .regressor import base_rows
+from .sampling import Sampling, samples
+from .types import Array, BaseMap, Frozen, Law, Recording, Robot, Samples
+
+WINDOW = 8192  # samples of the uniform grid at a time, at least
+REACH = 0.3  # of a cut-off period, on either side of a row, must be free of reversals
+
+
+@dataclass(frozen=True, eq=False)
+class Task(Frozen):
+    """What the samples are turned into: the same for every recording of one identification."""
+
+    robot: Robot
+    laws: tuple[Law, ...]
+    base: BaseMap
+    band: Band
+    still: Array  # (n,) [rad/s or m/s] slower, the direction of motion is uncertain
+    recorded_derivatives: bool = False
+    instruments: bool = False
+
+    @property
+    def reverses(self) -> tuple[bool, ...]:
+        """(n,) whether a law of the joint jumps with the direction of motion."""
+        at = {j for law in self.laws if law.effect.reverses for j in law.joints}
+        return tuple(j in at for j in range(len(self.robot.joints)))
+
+    def seen(self, joint: int) -> Array:
+        """The base parameters (m,) [1] that the torque of a joint depends on."""
+        return np.flatnonzero(self.base.sees[joint])
+
+
+class Rows(NamedTuple):
+    """M consecutive filtered rows of one span."""
+
+    first: bool  # whether a span begins here
+    t: Array  # (M,) [s]
+    v: Array  # (M, n) [rad/s or m/s]
+    a: Array  # (M, n) [rad/s2 or m/s2]
+    q: Array  # (M, n) [rad or m]
+    columns: list[Array]  # per joint (M, m)
+    torque: Array  # (M, n) [N.m or N], 0 where absent
+    recorded: Array  # (n,) whether the joint's torque is recorded at all
+    steady: Array  # (M, n) bool: no reversal of the joint nearby
+    instruments: list[Array] | None = None  # per joint (M, m), the same columns along the desired motion
+
+
+def read_rows(task: Task, recording: Recording, sampling: Sampling) -> Iterator[Rows]:
+    """All rows of a recording, window by window; the same rows whatever the window.
+
+    Columns of the regressor are built at the full rate, pass the same symmetric FIR low-pass as the torque, and are
+    kept at twice its cut-off.
+
+    Source: parallel filtering: Gautier, IEEE ICRA 1997; Khalil, Dombre, Modeling, Identification and Control of
+    Robots, 2002, section 12.6.
+    """
+    taps = lowpass(task.band.rate, task.band.cutoff) if task.band.filtered else np.ones(1)
+    thin = Decimator(taps, task.band.factor)
+    edge = margin(task.band, task.recorded_derivatives)
+    reach = 2 * (edge + thin.half)  # samples beyond the outputs of a window
+    size = max(WINDOW, 8 * reach) // (thin.block * thin.factor) + 1
+    for span in sampling.spans:
+        total = (sampling.length(span) - reach - 1) // thin.factor + 1
+        for k in range(0, total, size * thin.block):
+            stop = min(total, k + size * thin.block)
+            window = samples(recording, sampling, span, k * thin.factor, (stop - 1) * thin.factor + reach + 1)
+            yield _window_rows(task, window, thin, k == 0)
+
+
+def _window_rows(task: Task, window: Samples, thin: Decimator, first: bool) -> Rows:
+    motion = build_motion(task.robot, window, task.band, task.recorded_derivatives)
+    assert motion.recorded is not None, "windows carry torque"
+    wanted = [task.base.independent[task.seen(j)] for j in range(len(task.robot.joints))]
+    columns = base_rows(motion, task.laws, wanted)
+    known = ~np.isnan(motion.recorded).all(0)
+    torque = np.where(known, motion.recorded, 0.0)
+    split = np.cumsum([c.shape[1] for c in columns])
+    thinned = np.split(thin(np.concatenate([*columns, torque], axis=1)), split, axis=1)
+    inner = slice(thin.half, len(motion) - thin.half, thin.factor)
+    return Rows(
+        first,
+        motion.t[inner],
+        motion.v[inner],
+        motion.a[inner],
+        motion.q[inner],
+        thinned[:-1],
+        thinned[-1],
+        known,
+        _steady(task, motion)[inner],
+        _instruments(task, window, wanted, thin) if task.instruments else None,
+    )
+
+
+def _steady(task: Task, motion: Motion) -> Array:
+    reach = int(np.ceil(REACH * task.band.rate / task.band.cutoff)) if task.band.filtered else 0
+    slowest = minimum_filter1d(np.abs(motion.v), 2 * reach + 1, axis=0, mode="nearest")
+    return (slowest >= task.still) | ~np.array(task.reverses)
+
+
+def _instruments(task: Task, window: Samples, wanted: Sequence[Array], thin: Decimator) -> list[Array]:
+    assert window.q_des is not None, "instruments are asked for only where every joint has q_des"
+    desired = window._replace(q=window.q_des)
+    motion = build_motion(task.robot, desired, task.band)
+    columns = base_rows(motion, task.laws, wanted)
+    split = np.cumsum([c.shape[1] for c in columns])[:-1]
+    return np.split(thin(np.concatenate(columns, axis=1)), split, axis=1)
