@@ -11,7 +11,7 @@ LEVELS = (
     "types errors registry",
     "robot formats effects optimisers",
     "recording sampling cutoff filters motion regressor basis residual rows",
-    "factors estimate excitation consistent retrieve model signs simulate excite",
+    "factors prepare estimate excitation consistent retrieve model signs simulate excite",
     "identify check inspect diagnose",
     "report replay export fleet",
     "cli",
