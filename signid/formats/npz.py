@@ -1,0 +1,50 @@
+"""NumPy archives: arrays t, q_1 ..., or matrices q and tau of one row a sample."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+from zlib import error as ZlibError
+
+import numpy as np
+
+from ..errors import RecordingError
+from ..types import Table
+from .base import Format, memory_table
+
+
+class Npz(Format):
+    """Every array of the archive is a column or a matrix of columns."""
+
+    name, suffixes = "npz", (".npz",)
+    description = "NumPy archive of arrays named as the columns"
+
+    def open(self, path: Path) -> Table:
+        """The arrays of the archive.
+
+        Raises:
+            RecordingError: when the file is no NumPy archive, or is cut short.
+        """
+        try:
+            arrays = dict(_arrays(np.load(path, allow_pickle=False)))
+        except (OSError, ValueError, BadZipFile, EOFError, ZlibError) as error:
+            sentence = f"{path} is not a NumPy archive, or is damaged; save its arrays again with numpy.savez"
+            raise RecordingError(sentence) from error
+        return memory_table(arrays, str(path))
+
+
+def _arrays(archive: Any) -> Iterator[tuple[str, Any]]:
+    """Every array; one of Python objects is not loaded, and an empty text stands for it."""
+    if isinstance(archive, np.ndarray):
+        raise ValueError("a single array has no names")
+    with archive:
+        for name in archive:
+            try:
+                yield name, archive[name]
+            except ValueError:
+                yield name, ""
+
+
+PLUGIN = Npz()
