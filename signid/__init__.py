@@ -18,15 +18,18 @@ if TYPE_CHECKING:
     from .robot import urdf_from_dh as urdf_from_dh
 
 __version__ = "0.1.0"
-HOMES = dict(check="check", identify="identify", inspect="inspect", load_model="model", Options="prepare",
-             read_recording="recording", load_robot="robot", urdf_from_dh="robot")  # fmt: skip
+HOMES = {"check": "check", "identify": "identify", "inspect": "inspect", "load_model": "model", "Options": "prepare"}
+HOMES |= {"read_recording": "recording", "load_robot": "robot", "urdf_from_dh": "robot"}
 
 
 class _Package(ModuleType):
     """Public names are properties, so that `signid.identify` is the verb although a module has its name."""
 
 
+def _public(name: str, home: str) -> property:
+    return property(lambda _: getattr(import_module(f"{__name__}.{home}"), name), lambda _, module: None)
+
+
 for _name, _home in HOMES.items():
-    setattr(_Package, _name, property(lambda _, n=_name, h=_home: getattr(import_module(f"{__name__}.{h}"), n),
-                                      lambda _, value: None))  # fmt: skip
+    setattr(_Package, _name, _public(_name, _home))
 sys.modules[__name__].__class__ = _Package

@@ -13,7 +13,7 @@ from .regressor import labels, regressor
 from .types import Array, BaseMap, Label, Law, Robot
 
 RANK_TOLERANCE = 1e-5  # of the largest singular value, columns scaled
-KEEP_TOLERANCE = 1e-7  # part of a column that must be orthogonal to those kept
+KEEP_TOLERANCE = 1e-5  # part of a column that must be orthogonal to those kept
 ZERO = 1e-9  # smallest coefficient that is printed
 SNAP = 1e-5  # rotation entries this near to 0 or 1 were typed with few digits
 DIGITS = 6
@@ -59,9 +59,8 @@ def build_base(robot: Robot, laws: Sequence[Law] = (), seed: int = 0) -> BaseMap
 def _random_motion(robot: Robot, parameters: int, seed: int) -> Motion:
     rng, n = np.random.default_rng(seed), len(robot.joints)
     count = max(20, 3 * parameters // n + 5)
-    q = rng.uniform(-np.pi, np.pi, (count, n))
-    v, a = rng.standard_normal((2, count, n))
-    return Motion(robot, np.arange(count) * 1.0, q, v, a)
+    q, v, a = rng.uniform(-np.pi, np.pi, (count, n)), *rng.standard_normal((2, count, n))
+    return Motion(robot, np.arange(count, dtype=np.float64), np.asarray(q), v, a)
 
 
 def _choose(compact: Array, order: Sequence[int], rank: int) -> list[int]:
@@ -75,7 +74,7 @@ def _choose(compact: Array, order: Sequence[int], rank: int) -> list[int]:
         left = column - basis @ (basis.T @ column)
         left = left - basis @ (basis.T @ left)
         size = np.linalg.norm(left)
-        if size > KEEP_TOLERANCE * max(np.linalg.norm(column), 1e-5):
+        if size > KEEP_TOLERANCE * max(float(np.linalg.norm(column)), 1e-5):
             kept.append(k)
             basis = np.column_stack([basis, left / size])
     return sorted(kept)
@@ -114,7 +113,7 @@ def _axis(robot: Robot, body: int) -> int:
 
 def _formula(row: Array, lead: int, names: Sequence[Label]) -> str:
     text = names[lead].name
-    for k in np.flatnonzero(row):
+    for k in map(int, np.flatnonzero(row)):
         if k == lead:
             continue
         size = abs(row[k])

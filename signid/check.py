@@ -100,7 +100,5 @@ def _advice(session: Session, factors: Factors, used: Array) -> tuple[str, ...]:
         if f.rows == 0:
             said.append(f"joint {joint} has no torque column: only what other joints feel of it can be told")
     if factors.rows < FEW_ROWS * session.task.base.rank / max(len(robot.joints), 1):
-        said.append(
-            f"{factors.rows} filtered rows for {session.task.base.rank} parameters are few: record for longer"
-        )
+        said.append(f"{factors.rows} filtered rows for {session.task.base.rank} parameters are few: record for longer")
     return tuple(said)

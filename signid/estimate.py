@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import solve_toeplitz
 
 from .factors import Factors, JointFactors
-from .types import Array, BaseMap, Estimate
+from .types import Array, BaseMap, Estimate, Indices
 
 ROUNDS = 6  # of noise model and solution in turn
 SINGULAR = 1e-10  # of the largest eigenvalue of the scaled Gram matrix
@@ -74,10 +74,10 @@ def whitened(joint: JointFactors, noise_filter: Array) -> Array:
     for d in range(1, order + 1):
         weight = noise_filter[d:] @ noise_filter[: order + 1 - d]
         out = out + weight * (joint.grams[d] + joint.grams[d].T)
-    return out
+    return np.asarray(out)
 
 
-def _each(factors: Factors) -> Sequence[tuple[JointFactors, Array]]:
+def _each(factors: Factors) -> Sequence[tuple[JointFactors, Indices]]:
     return list(zip(factors.joints, factors.columns, strict=True))
 
 
@@ -111,7 +111,7 @@ def _solve(factors: Factors, noise: Sequence[_Noise], prior: Array) -> _Solution
     return _Solution(prior + inverse @ (right - information @ prior), information, covariance, inverse)
 
 
-def _autocovariance(joint: JointFactors, columns: Array, solution: _Solution, lag: int) -> float:
+def _autocovariance(joint: JointFactors, columns: Indices, solution: _Solution, lag: int) -> float:
     """Of the residual at a lag, corrected for what the fitted parameters took away."""
     gram = joint.grams[lag][-len(columns) - 1 :, -len(columns) - 1 :]
     c = np.append(-solution.value[columns], 1.0)
@@ -120,7 +120,7 @@ def _autocovariance(joint: JointFactors, columns: Array, solution: _Solution, la
     return max(found, FLOOR * gram[-1, -1] / max(joint.counts[0], 1), 1e-300) if lag == 0 else found
 
 
-def _model_noise(joint: JointFactors, columns: Array, solution: _Solution, whiten: bool) -> _Noise:
+def _model_noise(joint: JointFactors, columns: Indices, solution: _Solution, whiten: bool) -> _Noise:
     highest = len(joint.grams) - 1 if whiten else 0
     r = np.array([_autocovariance(joint, columns, solution, lag) for lag in range(highest + 1)])
     count = max(joint.counts[0], 1)
@@ -137,7 +137,7 @@ def _model_noise(joint: JointFactors, columns: Array, solution: _Solution, white
     return chosen
 
 
-def _rescale(noise: _Noise, joint: JointFactors, columns: Array, solution: _Solution) -> _Noise:
+def _rescale(noise: _Noise, joint: JointFactors, columns: Indices, solution: _Solution) -> _Noise:
     """Sigma over the degrees of freedom that the joint has left."""
     gram = whitened(joint, noise.filter / noise.sigma)[-len(columns) - 1 :, -len(columns) - 1 :]
     c = np.append(-solution.value[columns], 1.0)

@@ -81,7 +81,9 @@ def judge_excitation(task: Task, factors: Factors, estimated: Estimate, seed: in
     size = np.sqrt(np.maximum(np.diag(best), 1e-300))
     scaled = best / np.outer(size, size) + 1e-12 * np.eye(base.rank)
     shares, directions = eigh(ours / np.outer(size, size), scaled)
-    prior = prior_sizes(robot, base, np.array([np.sqrt(f.whole[-1, -1] / max(f.rows, 1)) for f in factors.joints]), speed)
+    prior = prior_sizes(
+        robot, base, np.array([np.sqrt(f.whole[-1, -1] / max(f.rows, 1)) for f in factors.joints]), speed
+    )
     weak = [_largest(directions[:, k] / size / prior, base) for k in np.flatnonzero(shares < ENOUGH)]
     uncertain = estimated.std > prior
     return Excitation(
@@ -113,7 +115,7 @@ def prior_sizes(robot: Robot, base: BaseMap, torque: Array, speed: Array) -> Arr
         else:
             per = max(speed[label.joint], 0.05) if ".s/" in label.unit else 1.0
             sizes.append(MASS_SHARE * torque[label.joint] / per)
-    return np.maximum(np.sqrt((base.combination**2) @ np.array(sizes) ** 2), 1e-300)
+    return np.asarray(np.maximum(np.sqrt((base.combination**2) @ np.array(sizes) ** 2), 1e-300))
 
 
 def _random_information(
@@ -126,7 +128,7 @@ def _random_information(
     q = (factors.upper + factors.lower) / 2 + width * rng.uniform(-1, 1, (STATES, n))
     v = rng.standard_normal((STATES, n)) * np.maximum(speed, floor)
     a = rng.standard_normal((STATES, n)) * np.maximum(acceleration, 0.05 * acceleration.max(initial=1e-300))
-    motion = Motion(task.robot, np.arange(STATES) * 1.0, q, v, a)
+    motion = Motion(task.robot, np.arange(STATES, dtype=np.float64), np.asarray(q), v, a)
     columns = base_rows(motion, task.laws, [task.base.independent[task.seen(j)] for j in range(n)])
     out = np.zeros((task.base.rank, task.base.rank))
     for j, x in enumerate(columns):

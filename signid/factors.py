@@ -9,7 +9,7 @@ from functools import reduce as fold
 import numpy as np
 
 from .rows import Rows, Task
-from .types import Array, Frozen
+from .types import Array, Frozen, Indices
 
 LAGS = 6  # highest order of the autoregressive noise model
 Weigh = Callable[[int, Rows], Array]  # joint, rows -> weight of each row (M,)
@@ -43,7 +43,7 @@ class Factors(Frozen):
     """Factors of every joint, and how large the motion was. They add over recordings, chunks and machines."""
 
     joints: tuple[JointFactors, ...]
-    columns: tuple[Array, ...]  # per joint (m,) [1] base parameters that it sees
+    columns: tuple[Indices, ...]  # per joint (m,) base parameters that it sees
     instruments: bool
     lower: Array  # (n,) [rad or m]
     upper: Array  # (n,) [rad or m]
@@ -118,7 +118,9 @@ def _reduce_joint(window: Rows, j: int, tail: Array, lags: int, weigh: Weigh | N
         counts[d] = now[:, -1] @ before[:, -1]
     whole = plain.T @ plain if known else np.zeros((plain.shape[1],) * 2)
     tail = z[len(z) - lags :] if lags else z[:0]
-    return JointFactors(grams, counts, whole, float(plain[:, -1].sum()) if known else 0.0, len(plain) if known else 0), tail
+    return JointFactors(
+        grams, counts, whole, float(plain[:, -1].sum()) if known else 0.0, len(plain) if known else 0
+    ), tail
 
 
 def _nothing(task: Task, lags: int, size: list[int]) -> Factors:

@@ -83,14 +83,17 @@ def identify(
         progress: told what is being done and how far it is.
 
     Raises:
-        InputError: a recording or an option cannot be used; the sentence says which and why.
+        OptionError: the method is unknown, or a recording's torque has no sign.
+        RecordingError: a recording cannot be used; the sentence says which and why.
     """
     options = options or Options()
     if method not in METHODS:
         raise OptionError(f"method {method!r} is none of {', '.join(METHODS)}")
     unsigned = {j for r in (*recordings, *held_out) for j, s in zip(r.joints, r.signed, strict=True) if not s}
     if unsigned:
-        raise OptionError(f"the torque of {', '.join(sorted(unsigned))} has no sign; identification needs signed torque")
+        raise OptionError(
+            f"the torque of {', '.join(sorted(unsigned))} has no sign; identification needs signed torque"
+        )
     session = prepare(robot, recordings, held_out, options)
     train, test = _factors(session, options, progress)
     prior = prior_parameters(session)
@@ -176,7 +179,7 @@ def _huber(found: Estimate, factors: Factors) -> Weigh:
     def weigh(joint: int, rows: Rows) -> Array:
         residual = rows.torque[:, joint] - rows.columns[joint] @ found.value[factors.columns[joint]]
         size = np.abs(residual) / max(found.noise[joint], 1e-300)
-        return np.minimum(1.0, HUBER / np.maximum(size, 1e-12))
+        return np.asarray(np.minimum(1.0, HUBER / np.maximum(size, 1e-12)))
 
     return weigh
 

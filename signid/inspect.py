@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from .basis import build_base
-from .effects import EFFECTS
-from .prepare import EFFECT_NAMES
+from .effects import EFFECT_NAMES, EFFECTS
 from .types import BaseMap, Frozen, Law, Robot
 
 

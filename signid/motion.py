@@ -86,11 +86,11 @@ class MotionView:
         self.whole, self.joints, self.samples, self.dt = whole, joints, samples, whole.dt
 
     def _cut(self, signal: Array) -> Array:
-        return signal[:, list(self.joints)][self.samples]
+        return np.asarray(signal[:, list(self.joints)][self.samples])
 
     @property
     def t(self) -> Array:  # (..., 1) [s]
-        return self.whole.t[:, None][self.samples]
+        return np.asarray(self.whole.t[:, None][self.samples])
 
     @property
     def q(self) -> Array:
@@ -122,6 +122,11 @@ class MotionView:
 
     @property
     def recorded(self) -> Array:
+        """Torque as measured, (..., m) [N.m or N].
+
+        Raises:
+            OptionError: the motion carries none.
+        """
         if self.whole.recorded is None:
             raise OptionError("this law needs the measured torque; the motion carries none")
         return self._cut(self.whole.recorded)

@@ -9,7 +9,7 @@ import numpy as np
 
 from .basis import build_base
 from .cutoff import Band, choose_band
-from .effects import EFFECTS
+from .effects import EFFECT_NAMES, EFFECTS
 from .errors import OptionError, RecordingError
 from .factors import Factors, Weigh, add, reduce_rows
 from .filters import Decimator, lowpass
@@ -20,7 +20,6 @@ from .rows import Rows, Task, read_rows
 from .sampling import Sampling, samples, split, survey
 from .types import Array, Frozen, Law, Recording, Robot, Samples
 
-EFFECT_NAMES = ("viscous_friction", "coulomb_friction", "torque_offset", "armature")
 TRAINING_SHARE = 0.7  # of a single recording
 STILL, STILL_SHARE = 0.05, 0.1  # rad/s; share of the rms velocity: slower, the direction of motion is uncertain
 PIECE = 2**17  # samples of a recording that the cut-off is chosen from
@@ -96,7 +95,9 @@ def prepare(
         recorded,
         options.instruments and all(_wholly(r, "q_des") for r in everything),
     )
-    notes = [f"{recording.path or 'recording'}: {note}" for recording, s in parts for note in (*recording.notes, *s.notes)]
+    notes = [
+        f"{recording.path or 'recording'}: {note}" for recording, s in parts for note in (*recording.notes, *s.notes)
+    ]
     if recorded:
         notes.append("velocities and accelerations are taken as recorded: they agree with the positions")
     return Session(task, tuple(train), tuple(test), (*robot.notes, *dict.fromkeys(notes)))
@@ -106,7 +107,9 @@ def _restrict(robot: Robot, recording: Recording) -> Robot:
     still = [joint for joint in robot.joints if joint not in recording.joints]
     if not still:
         return robot
-    resting = {joint: float(np.clip(0.0, robot.lower[robot.index(joint)], robot.upper[robot.index(joint)])) for joint in still}
+    resting = {
+        joint: float(np.clip(0.0, robot.lower[robot.index(joint)], robot.upper[robot.index(joint)])) for joint in still
+    }
     return hold(robot, resting)
 
 
@@ -140,7 +143,7 @@ def _piece(recording: Recording, sampling: Sampling) -> Samples:
 def _still(robot: Robot, surveys: Sequence[Sampling]) -> Array:
     """(n,) [rad/s or m/s]: slower, a joint's direction of motion is uncertain."""
     speed = np.sqrt(np.mean([s.speed**2 for s in surveys], axis=0))
-    return np.where(robot.prismatic, STILL_SHARE * speed, np.minimum(STILL, STILL_SHARE * speed))
+    return np.asarray(np.where(robot.prismatic, STILL_SHARE * speed, np.minimum(STILL, STILL_SHARE * speed)))
 
 
 def _only_linear(laws: Sequence[Law]) -> None:
@@ -190,5 +193,3 @@ def _told(task: Task, part: Part, progress: Progress | None) -> Iterator[Rows]:
         done += len(rows.t)
         if progress is not None:
             progress(f"reading {recording.path or 'recording'}", min(1.0, done / total))
-
-

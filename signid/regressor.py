@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from .effects.law import coefficient_count, law_columns
 from .motion import Motion
-from .types import INERTIAL, INERTIAL_UNITS, Array, Label, Law, Robot
+from .types import INERTIAL, INERTIAL_UNITS, Array, Indices, Label, Law, Robot
 
 BLOCK = 1000  # samples whose regressor stays in the cache
 
@@ -26,9 +26,9 @@ def regressor(motion: Motion, laws: Sequence[Law] = ()) -> Array:
     wide = np.zeros((len(motion), len(robot.joints), sum(coefficient_count(law) for law in laws)))
     at = 0
     for law in laws:
-        rows, columns = law_columns(law, motion)
-        wide[:, list(rows), at : at + columns.shape[2]] = columns
-        at += columns.shape[2]
+        rows, torque = law_columns(law, motion)
+        wide[:, list(rows), at : at + torque.shape[2]] = torque
+        at += torque.shape[2]
     return np.concatenate([rigid, wide], axis=2)
 
 
@@ -50,13 +50,13 @@ def labels(robot: Robot, laws: Sequence[Law] = ()) -> tuple[Label, ...]:
     return tuple(found)
 
 
-def base_rows(motion: Motion, laws: Sequence[Law], wanted: Sequence[Array]) -> list[Array]:
+def base_rows(motion: Motion, laws: Sequence[Law], wanted: Sequence[Indices]) -> list[Array]:
     """Per joint j, the columns `wanted[j]` of the regressor's rows of that joint: (N, m_j) each.
 
     Args:
         motion: N samples.
         laws: as given to `labels`.
-        wanted: per joint, indices (m_j,) [1] of standard parameters, ascending.
+        wanted: per joint, indices (m_j,) of standard parameters, ascending.
     """
     robot, rigid = motion.robot, 10 * len(motion.robot.links)
     out = [np.empty((len(motion), len(columns))) for columns in wanted]
@@ -73,11 +73,12 @@ def base_rows(motion: Motion, laws: Sequence[Law], wanted: Sequence[Array]) -> l
     at = rigid
     for law in laws:
         count = coefficient_count(law)
-        ours = [(j, i) for j in range(len(wanted)) for i in range(split[j], len(wanted[j])) if 0 <= wanted[j][i] - at < count]
+        taken = [(j, i) for j in range(len(wanted)) for i in range(split[j], len(wanted[j]))]
+        ours = [(j, i) for j, i in taken if 0 <= wanted[j][i] - at < count]
         if ours:
-            rows, columns = law_columns(law, motion)
+            rows, torque = law_columns(law, motion)
             for j, i in ours:
-                out[j][:, i] = columns[:, rows.index(j), wanted[j][i] - at] if j in rows else 0.0
+                out[j][:, i] = torque[:, rows.index(j), wanted[j][i] - at] if j in rows else 0.0
         at += count
     return out
 

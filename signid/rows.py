@@ -14,7 +14,7 @@ from .filters import Decimator, lowpass
 from .motion import Motion, build_motion, margin
 from .regressor import base_rows
 from .sampling import Sampling, samples
-from .types import Array, BaseMap, Frozen, Law, Recording, Robot, Samples
+from .types import Array, BaseMap, Frozen, Indices, Law, Mask, Recording, Robot, Samples
 
 WINDOW = 8192  # samples of the uniform grid at a time, at least
 REACH = 0.3  # of a cut-off period, on either side of a row, must be free of reversals
@@ -38,8 +38,8 @@ class Task(Frozen):
         at = {j for law in self.laws if law.effect.reverses for j in law.joints}
         return tuple(j in at for j in range(len(self.robot.joints)))
 
-    def seen(self, joint: int) -> Array:
-        """The base parameters (m,) [1] that the torque of a joint depends on."""
+    def seen(self, joint: int) -> Indices:
+        """The base parameters (m,) that the torque of a joint depends on."""
         return np.flatnonzero(self.base.sees[joint])
 
 
@@ -51,11 +51,11 @@ class Rows(NamedTuple):
     v: Array  # (M, n) [rad/s or m/s]
     a: Array  # (M, n) [rad/s2 or m/s2]
     q: Array  # (M, n) [rad or m]
-    columns: list[Array]  # per joint (M, m)
+    columns: list[Array]  # per joint (M, m) [torque per unit of the base parameter]
     torque: Array  # (M, n) [N.m or N], 0 where absent
-    recorded: Array  # (n,) whether the joint's torque is recorded at all
-    steady: Array  # (M, n) bool: no reversal of the joint nearby
-    instruments: list[Array] | None = None  # per joint (M, m), the same columns along the desired motion
+    recorded: Mask  # (n,) whether the joint's torque is recorded at all
+    steady: Mask  # (M, n) no reversal of the joint nearby
+    instruments: list[Array] | None = None  # per joint (M, m) [as columns], the same columns along the desired motion
 
 
 def read_rows(task: Task, recording: Recording, sampling: Sampling) -> Iterator[Rows]:
@@ -85,7 +85,7 @@ def _window_rows(task: Task, window: Samples, thin: Decimator, first: bool) -> R
     assert motion.recorded is not None, "windows carry torque"
     wanted = [task.base.independent[task.seen(j)] for j in range(len(task.robot.joints))]
     columns = base_rows(motion, task.laws, wanted)
-    known = ~np.isnan(motion.recorded).all(0)
+    known = np.asarray(~np.isnan(motion.recorded).all(0))
     torque = np.where(known, motion.recorded, 0.0)
     split = np.cumsum([c.shape[1] for c in columns])
     thinned = np.split(thin(np.concatenate([*columns, torque], axis=1)), split, axis=1)
@@ -104,13 +104,13 @@ def _window_rows(task: Task, window: Samples, thin: Decimator, first: bool) -> R
     )
 
 
-def _steady(task: Task, motion: Motion) -> Array:
+def _steady(task: Task, motion: Motion) -> Mask:
     reach = int(np.ceil(REACH * task.band.rate / task.band.cutoff)) if task.band.filtered else 0
     slowest = minimum_filter1d(np.abs(motion.v), 2 * reach + 1, axis=0, mode="nearest")
-    return (slowest >= task.still) | ~np.array(task.reverses)
+    return np.asarray((slowest >= task.still) | ~np.array(task.reverses))
 
 
-def _instruments(task: Task, window: Samples, wanted: Sequence[Array], thin: Decimator) -> list[Array]:
+def _instruments(task: Task, window: Samples, wanted: Sequence[Indices], thin: Decimator) -> list[Array]:
     assert window.q_des is not None, "instruments are asked for only where every joint has q_des"
     desired = window._replace(q=window.q_des)
     motion = build_motion(task.robot, desired, task.band)

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     import pinocchio as pin
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+Mask = NDArray[np.bool_]
 INERTIAL = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")  # Pinocchio's order
 INERTIAL_UNITS = ("kg", *("kg.m",) * 3, *("kg.m2",) * 6)
 
@@ -62,7 +64,7 @@ class Robot(Frozen):
     links: tuple[str, ...]  # nb names: the link that each joint of the model carries
     drive: Array  # (nv, n) [1]
     rest: Array  # (nv,) [rad or m]
-    prismatic: NDArray[np.bool_]  # (n,)
+    prismatic: Mask  # (n,)
     lower: Array  # (n,) [rad or m], -inf where none
     upper: Array  # (n,) [rad or m], inf where none
     velocity_limit: Array  # (n,) [rad/s or m/s], inf where none
@@ -112,7 +114,7 @@ class Recording(Frozen):
     table: Table
     columns: Mapping[str, tuple[str, ...]]  # "t" (1), "q", "tau", "dq", "ddq", "q_des" (n each, "" where absent)
     torque_per_unit: Array  # (n,) [N.m/A where a current is recorded, else 1]
-    signed: NDArray[np.bool_]  # (n,) False where only the absolute value is known
+    signed: Mask  # (n,) False where only the absolute value is known
     path: str = ""
     sha256: str = ""
     notes: tuple[str, ...] = ()
@@ -216,11 +218,11 @@ class BaseMap(Frozen):
     """Which combinations of the standard parameters torque can show: base = combination @ standard."""
 
     labels: tuple[Label, ...]  # p
-    independent: NDArray[np.intp]  # (b,) the standard parameter that leads each combination
+    independent: Indices  # (b,) the standard parameter that leads each combination
     combination: Array  # (b, p)
     expressions: tuple[str, ...]  # b formulas, "Izz_2 + 0.09 m_3"
     units: tuple[str, ...]  # b
-    sees: NDArray[np.bool_]  # (n, b) whether the torque of a joint depends on a base parameter at all
+    sees: Mask  # (n, b) whether the torque of a joint depends on a base parameter at all
     singular_values: Array  # (p,) of the scaled regressor on random states, descending
     condition: float  # of the kept columns, scaled
 

@@ -3,6 +3,7 @@
 from ..registry import Registry
 from .base import Effect
 
+EFFECT_NAMES = ("viscous_friction", "coulomb_friction", "torque_offset", "armature")  # identified by default
 EFFECTS: Registry[Effect] = Registry(
     "effects",
     __name__,

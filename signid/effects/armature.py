@@ -19,7 +19,7 @@ class Armature(BodyLaw):
         """Acceleration, (..., m) [rad/s2 or m/s2]."""
         return [x.a]
 
-    def reshape(self, model: Any, joint: int, inertia: float = 0.0) -> None:
+    def reshape(self, model: Any, joint: int, inertia: float) -> None:
         """Add to the armature that Pinocchio's algorithms honour."""
         model.armature[joint] += inertia
 

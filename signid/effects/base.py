@@ -5,9 +5,9 @@ command -> TorqueLaw, BodyLaw (physics) -> record
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import product
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -29,9 +29,8 @@ class Effect:
     reverses: ClassVar[bool] = False  # jumps where the direction of motion changes
     twins: ClassVar[tuple[str, ...]] = ()  # effects that some motion, or no motion, tells apart
 
-    def columns(self, x: View, **shape: float) -> list[Array]:
-        """The law: one array (..., m) per coefficient [torque per unit of it]; scope link: (N, n)."""
-        raise NotImplementedError
+    columns: Callable[..., list[Array]]
+    """The law, columns(x: View, **shape): one array (..., m) a coefficient [torque per unit]; scope link: (N, n)."""
 
     def linear(self) -> dict[str, Coefficient]:
         """The parameters that are coefficients, by key."""
@@ -47,11 +46,12 @@ class Effect:
 
     def shape(self, parameters: Numbers) -> dict[str, float]:
         """The shape among some parameters."""
-        return {key: parameters[key] for key, p in self.parameters.items() if isinstance(p, Shape) and key in parameters}
+        shaped = [key for key, p in self.parameters.items() if isinstance(p, Shape)]
+        return {key: parameters[key] for key in shaped if key in parameters}
 
     def shapes(self, x: View) -> Iterator[dict[str, float]]:
         """Shape values worth trying on this motion."""
-        scale = {
+        scale: dict[str | None, Callable[[], float]] = {
             None: lambda: 1.0,
             "speed": lambda: float(np.std(x.v)),
             "travel": lambda: float(np.ptp(x.q)),
@@ -64,28 +64,19 @@ class Effect:
 
 
 class TorqueLaw(Effect):
-    """A torque on joints. With memory: `begin` and `advance`, and `columns` is given the memory as well."""
+    """A torque on joints. With memory: `begin` and `advance`, and `columns(x, z, **shape)` is given the memory."""
 
     memory: ClassVar[bool] = False
+    advance: Callable[..., Array]
+    """advance(z, x, **shape): memory (..., m) after x.dt at velocity x.v, stable for every x.dt."""
 
     def begin(self, x: View, **shape: float) -> Array:
         """Memory at the first sample, shaped as x.q."""
         return np.zeros_like(x.q)
 
-    def advance(self, z: Array, x: View, **shape: float) -> Array:
-        """Memory after x.dt at velocity x.v, stable for every x.dt.
-
-        Args:
-            z: (..., m) [unit of the law's own state].
-            x: the joints at one sample.
-            shape: the law's shape.
-        """
-        raise NotImplementedError
-
 
 class BodyLaw(Effect):
     """A change of the rigid bodies. The simulator reshapes its own copy of the pin.Model once."""
 
-    def reshape(self, model: Any, joint: int, **parameters: float) -> None:
-        """Change the model at a velocity index of it."""
-        raise NotImplementedError
+    reshape: Callable[..., None]
+    """reshape(model, joint, **parameters): change the pin.Model at a velocity index of it."""
