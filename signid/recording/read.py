@@ -1,0 +1,138 @@
+"""A source and a robot -> Recording."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from ..errors import RecordingError
+from ..types import Array, Recording, Robot, Table
+from .columns import TORQUES, Assignment, ColumnMap, assign_columns
+from .source import Opened, Source, open_source
+
+CHUNK = 65_536  # rows
+
+
+def read_recording(
+    source: Source, robot: Robot, *, columns: ColumnMap | None = None, unsigned: bool = False
+) -> Recording:
+    """A recording of the robot: `t`, and for each joint J, by name or number, `q_J` and one of `tau_J`, `current_J`.
+
+    `abs_tau_J` and `abs_current_J` hold torques and currents whose sign is lost. `dq_J`, `ddq_J` and `q_des_J` are
+    taken where they are. Samples of a Parquet file are read when they are asked for.
+
+    Args:
+        source: a file, or arrays by column name: (N,), or (N, n) for joints 1 to n [s, rad or m, N.m or N, A].
+        robot: the robot that was recorded.
+        columns: which column of the source stands for which name, {"q_elbow": "elbow_pos"}, or a TOML file of it.
+        unsigned: forget the sign of every torque.
+
+    Raises:
+        RecordingError: the file, its columns or the column map cannot be used; the sentence says why.
+    """
+    opened = open_source(source)
+    found = assign_columns(opened.table.columns, columns, robot, opened.name)
+    joints = _joints(found, robot, opened.name)
+    torques = [found.torque(j) for j in joints]
+    absolute = [bool(kind) and (unsigned or kind.startswith("abs_")) for kind in torques]
+    chosen = {
+        "t": (found.column("t", 0),),
+        "tau": tuple(found.column(kind, j) for kind, j in zip(torques, joints, strict=True)),
+        **{key: tuple(found.column(key, j) for j in joints) for key in ("q", "dq", "ddq", "q_des")},
+    }
+    _check_samples(opened, chosen, torques)
+    hidden = frozenset(c for c, kind in zip(chosen["tau"], torques, strict=True) if unsigned and kind)
+    return Recording(
+        tuple(robot.joints[j] for j in joints),
+        _Absolute(opened.table, hidden) if hidden else opened.table,
+        chosen,
+        _torque_per_unit(robot, joints, torques, absolute, opened.name),
+        ~np.array(absolute),
+        opened.path,
+        opened.sha256,
+        (*_notes(found, robot, joints), *found.notes),
+    )
+
+
+def same_joints(recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """The joints that every one of some recordings has.
+
+    Raises:
+        RecordingError: when two recordings move different joints.
+    """
+    first = recordings[0]
+    for other in recordings[1:]:
+        for here, there in ((first, other), (other, first)):
+            if extra := [joint for joint in here.joints if joint not in there.joints]:
+                told = f"{here.path or 'one recording'} moves {', '.join(extra)}, {there.path or 'another'} does not"
+                raise RecordingError(f"{told}; use only recordings of the same joints together")
+    return first.joints
+
+
+class _Absolute:
+    """A table that shows some columns without their sign."""
+
+    def __init__(self, table: Table, hidden: frozenset[str]) -> None:
+        self._table, self._hidden = table, hidden
+        self.columns, self.rows = table.columns, table.rows
+
+    def read(self, names: Sequence[str], start: int, stop: int) -> Array:
+        values = self._table.read(names, start, stop)
+        return np.where([name in self._hidden for name in names], np.abs(values), values)
+
+
+def _joints(found: Assignment, robot: Robot, source: str) -> list[int]:
+    """The joints of the robot that the source has positions of."""
+    if not found.column("t", 0):
+        raise RecordingError(f"{source} has no column 't' of time in seconds; add it, or name it in a column map")
+    joints = [j for j in range(len(robot.joints)) if found.column("q", j)]
+    if not joints:
+        example = f"q_{robot.joints[0]} or q_{robot.numbers[0]}"
+        raise RecordingError(f"{source} has no position column such as {example}; add it, or name it in a column map")
+    if not any(found.torque(j) for j in joints):
+        example = " or ".join(f"{kind}_{robot.numbers[joints[0]]}" for kind in TORQUES)
+        raise RecordingError(f"{source} has no torque of a joint whose position it has; add columns such as {example}")
+    return joints
+
+
+def _check_samples(opened: Opened, chosen: Mapping[str, tuple[str, ...]], torques: Sequence[str]) -> None:
+    table = opened.table
+    table.read([column for group in chosen.values() for column in group if column], 0, 0)  # are all of them numbers
+    if not table.rows:
+        raise RecordingError(f"{opened.name} has a header but no samples; record the robot in motion")
+    names = [column for column, kind in zip(chosen["tau"], torques, strict=True) if kind.startswith("abs_")]
+    for start in range(0, table.rows if names else 0, CHUNK):
+        rows, columns = np.nonzero(table.read(names, start, start + CHUNK) < 0)
+        if len(rows):
+            name, row = names[columns[0]], start + rows[0] + 1
+            advice = "an absolute value cannot be; name the column tau_ or current_ if it has a sign"
+            raise RecordingError(f"{opened.name}: {name} is negative in row {row}; {advice}")
+
+
+def _torque_per_unit(
+    robot: Robot, joints: Sequence[int], torques: Sequence[str], absolute: Sequence[bool], source: str
+) -> Array:
+    """(n,) torque constants where a current is recorded, else 1."""
+    values = np.ones(len(joints))
+    for i, (j, kind) in enumerate(zip(joints, torques, strict=True)):
+        if not kind.endswith("current"):
+            continue
+        values[i] = robot.actuators.torque_constant[j]
+        if not np.isfinite(values[i]) or values[i] == 0:
+            fault = f"{source} records the current of {robot.joints[j]}, whose torque constant is not known"
+            raise RecordingError(f"{fault}; state torque_constant [N.m/A at the joint] of it in an actuators file")
+    return np.where(absolute, np.abs(values), values)
+
+
+def _notes(found: Assignment, robot: Robot, joints: Sequence[int]) -> Iterator[str]:
+    still = [j for j in range(len(robot.joints)) if j not in joints]
+    if still:
+        one = len(still) == 1
+        names = ", ".join(robot.joints[j] for j in still)
+        told = f"joint{'' if one else 's'} {names} {'has' if one else 'have'} no position column and "
+        yield told + f"{'is' if one else 'are'} held fixed"
+    for kind, other in ((a, b) for i, a in enumerate(TORQUES) for b in TORQUES[i + 1 :]):
+        both = [robot.joints[j] for j in joints if found.torque(j) == kind and found.column(other, j)]
+        if both:
+            yield f"{kind} is used and {other} is not, where both are recorded: {', '.join(both)}"
