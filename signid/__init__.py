@@ -7,6 +7,8 @@ from importlib import import_module
 from types import ModuleType
 from typing import TYPE_CHECKING
 
+from .version import __version__ as __version__
+
 if TYPE_CHECKING:
     from .check import check as check
     from .identify import identify as identify
@@ -17,9 +19,8 @@ if TYPE_CHECKING:
     from .robot import load_robot as load_robot
     from .robot import urdf_from_dh as urdf_from_dh
 
-__version__ = "0.1.0"
-HOMES = {"check": "check", "identify": "identify", "inspect": "inspect", "load_model": "model", "Options": "prepare"}
-HOMES |= {"read_recording": "recording", "load_robot": "robot", "urdf_from_dh": "robot"}
+HOMES = {"check": "check", "identify": "identify", "inspect": "inspect", "load_model": "model", "Options": "prepare",
+         "read_recording": "recording", "load_robot": "robot", "urdf_from_dh": "robot"}  # fmt: skip
 
 
 class _Package(ModuleType):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 PACKAGE = Path(__file__).parents[1] / "signid"
 LEVELS = (
-    "types errors registry",
+    "version types errors registry",
     "robot formats effects optimisers",
     "recording sampling cutoff filters motion regressor basis residual rows",
     "factors prepare estimate excitation consistent retrieve model signs simulate excite",

@@ -72,7 +72,7 @@ def test_every_requirement_has_a_lower_bound() -> None:
 def test_version_and_licence_agree() -> None:
     citation = (ROOT / "CITATION.cff").read_text()
     assert f"\nversion: {PROJECT['version']}\n" in citation
-    assert f'\n__version__ = "{PROJECT["version"]}"\n' in (ROOT / "signid" / "__init__.py").read_text()
+    assert f'\n__version__ = "{PROJECT["version"]}"\n' in (ROOT / "signid" / "version.py").read_text()
     assert f"\nlicense: {PROJECT['license']}\n" in citation
     assert (ROOT / "LICENSE").read_text().startswith("BSD 3-Clause License")
     assert (ROOT / "CHANGELOG.md").read_text().startswith("# Changelog\n")
