@@ -1,0 +1,72 @@
+"""The actuators file: what is known about the drives (TOML)."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+from ..errors import RobotError
+from ..types import Actuators, Array, Robot
+from .joints import find
+
+_KEYS = tuple(item.name for item in fields(Actuators))
+_HUGE = 1e100
+_NEVER_NEGATIVE = ("armature", "viscous_friction", "coulomb_friction")
+
+
+def read_actuators(path: Path, robot: Robot) -> Actuators:
+    """What the file states about the joints of a robot; where it is silent, what the robot already has.
+
+    Raises:
+        RobotError: when the file cannot be read, or a joint, a key or a value in it makes no sense.
+    """
+    values = {key: getattr(robot.actuators, key).copy() for key in _KEYS}
+    try:
+        _fill(values, _read(path), robot)
+    except RobotError as error:
+        raise RobotError(f"{path.name}: {error}") from None
+    return Actuators(**values)
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        content = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+    except OSError as error:
+        raise RobotError(f"the file cannot be read ({error.strerror}); check the path of the actuators file") from None
+    except UnicodeDecodeError:
+        raise RobotError("the file is not UTF-8 text; save the actuators file as UTF-8") from None
+    except tomllib.TOMLDecodeError as error:
+        raise RobotError(f"the file is not valid TOML: {error}") from None
+    if unknown := sorted(content.keys() - {"joint"}):
+        raise RobotError(f"there is no entry {unknown[0]!r} in an actuators file; write tables [joint.NAME]")
+    tables = content.get("joint", {})
+    if not isinstance(tables, dict):
+        raise RobotError("'joint' is not a table; write tables [joint.NAME]")
+    return tables
+
+
+def _fill(values: dict[str, Array], tables: dict[str, Any], robot: Robot) -> None:
+    seen: set[int] = set()
+    for name, table in tables.items():
+        joint = find(name, robot.joints, robot.numbers, robot.name)
+        if joint in seen:
+            raise RobotError(f"joint {robot.joints[joint]} has two tables, by name and by number; keep one")
+        seen.add(joint)
+        if not isinstance(table, dict):
+            raise RobotError(f"'joint.{name}' is not a table; write [joint.{name}] and below it key = number")
+        for key, value in table.items():
+            if key not in _KEYS:
+                raise RobotError(f"joint {name} has the unknown key {key!r}; choose from {', '.join(_KEYS)}")
+            values[key][joint] = _number(name, key, value)
+
+
+def _number(joint: str, key: str, value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < _HUGE:
+        raise RobotError(f"joint {joint} has {key} = {value!r}; expected a finite number")
+    if value < 0 and key in _NEVER_NEGATIVE:
+        raise RobotError(f"joint {joint} has {key} = {value!r}; it cannot be negative")
+    if value == 0 and key == "torque_constant":
+        raise RobotError(f"joint {joint} has torque_constant = 0; a current would then tell nothing about the torque")
+    return float(value)

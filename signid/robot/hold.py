@@ -1,0 +1,62 @@
+"""A robot with some of its joints held fixed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields, replace
+from math import isfinite, nan
+from typing import Any
+
+import numpy as np
+
+from ..errors import RobotError
+from ..types import Actuators, Robot
+from .joints import find, shorten
+
+
+def hold(robot: Robot, positions: Mapping[str, float]) -> Robot:
+    """The same robot with the joints named (or numbered) held at those positions [rad or m]; mimics follow.
+
+    Raises:
+        RobotError: when a joint does not exist, is named twice, has no finite position, or none is left to move.
+    """
+    if not positions:
+        return robot
+    held: dict[int, float] = {}
+    for joint, value in positions.items():
+        i = find(joint, robot.joints, robot.numbers, robot.name)
+        if i in held:
+            raise RobotError(f"joint {robot.joints[i]} of {robot.name} is to be held twice; give one position for it")
+        held[i] = _position(robot.joints[i], value)
+    keep = [i for i in range(len(robot.joints)) if i not in held]
+    if not keep:
+        raise RobotError(f"every joint of {robot.name} would be held fixed; leave at least one to move")
+    return replace(
+        robot,
+        joints=tuple(robot.joints[i] for i in keep),
+        numbers=tuple(robot.numbers[i] for i in keep),
+        drive=robot.drive[:, keep],
+        rest=robot.rest + sum((robot.drive[:, i] * value for i, value in held.items()), np.zeros(len(robot.rest))),
+        prismatic=robot.prismatic[keep],
+        lower=robot.lower[keep],
+        upper=robot.upper[keep],
+        velocity_limit=robot.velocity_limit[keep],
+        effort_limit=robot.effort_limit[keep],
+        actuators=Actuators(*(getattr(robot.actuators, item.name)[keep] for item in fields(Actuators))),
+        notes=(*robot.notes, _note(robot, held)),
+    )
+
+
+def _position(joint: str, value: Any) -> float:
+    try:
+        number = nan if isinstance(value, bool | str) else float(value)
+    except (TypeError, ValueError, OverflowError):
+        number = nan
+    if not isfinite(number):
+        raise RobotError(f"joint {joint} cannot be held at {value!r}; give a finite number in rad or m")
+    return number
+
+
+def _note(robot: Robot, held: Mapping[int, float]) -> str:
+    each = [f"{robot.joints[i]} at {held[i]:.6g} {'m' if robot.prismatic[i] else 'rad'}" for i in sorted(held)]
+    return f"held fixed: {shorten(each)}"

@@ -1,0 +1,30 @@
+"""Which moving joint a name or a number stands for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from difflib import get_close_matches
+
+from ..errors import RobotError
+
+
+def find(given: str | int, names: Sequence[str], numbers: Sequence[int], robot: str) -> int:
+    """Position in `names` of the joint given by its name or, where no joint has that name, by its number.
+
+    Raises:
+        RobotError: when no moving joint has that name or number.
+    """
+    text = str(given)
+    if text in names:
+        return names.index(text)
+    if text.isascii() and text.isdigit() and int(text) in numbers:
+        return numbers.index(int(text))
+    close = get_close_matches(text, names, n=3, cutoff=0.6)
+    advice = f"did you mean {' or '.join(close)}?" if close else f"choose from {shorten(names)}"
+    raise RobotError(f"{robot} has no joint {text!r} that moves by itself; {advice}")
+
+
+def shorten(names: Sequence[str], most: int = 8) -> str:
+    """The names in a row, or the first of them and how many more there are."""
+    more = len(names) - most
+    return ", ".join(names) if more <= 1 else f"{', '.join(names[:most])} and {more} more"

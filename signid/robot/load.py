@@ -1,0 +1,188 @@
+"""From a path or a name to a Robot."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from hashlib import sha256
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import RobotError
+from ..types import Actuators, Array, Robot
+from .actuators import read_actuators
+from .document import Document, parse, read_document
+from .draft import Axis, Draft
+from .hold import hold
+from .joints import find, shorten
+from .locate import locate
+
+
+def load_robot(
+    source: str | Path,
+    *,
+    lock: Mapping[str, float] | None = None,
+    joints: Sequence[str] | None = None,
+    actuators: str | Path | None = None,
+    package_dirs: Sequence[str | Path] = (),
+) -> Robot:
+    """The robot of a URDF, xacro or MJCF file, its base held fixed; meshes are never needed.
+
+    Joints may be given by name or by their 1-based number among the moving joints in the order of the file.
+
+    Args:
+        source: path of the description, or the name of a robot (see `names`).
+        lock: positions [rad or m] of joints to be held fixed.
+        joints: the joints that move; all others are held at zero, or as near to it as their limits allow.
+        actuators: TOML file of what is known about the drives; the `actuators.toml` beside the description if None.
+        package_dirs: folders in which xacro looks for packages.
+
+    Raises:
+        RobotError: when the description, a joint name or the actuators file cannot be used.
+    """
+    path = locate(source)
+    try:
+        document = read_document(path, package_dirs)
+        robot = _assemble(_draft(document), document)
+    except RobotError as error:
+        raise RobotError(f"{path.name}: {error}") from None
+    beside = path.with_name("actuators.toml")
+    stated = Path(actuators) if actuators is not None else beside if beside.is_file() else None
+    if stated is not None:
+        robot = replace(robot, actuators=read_actuators(stated, robot))
+    return hold(robot, _held(robot, joints, lock or {}))
+
+
+def robot_from_text(text: str, kind: str, name: str, *, lock: Mapping[str, float] | None = None) -> Robot:
+    """The robot whose description was kept as text, with the joints held that were held then.
+
+    Args:
+        text: the `document` of a robot.
+        kind: "urdf" or "mjcf".
+        name: names the robot if the text does not.
+        lock: positions [rad or m] of joints to be held fixed; those of mimic joints follow and are not read.
+
+    Raises:
+        RobotError: when the text or a joint name cannot be used.
+    """
+    document = Document("", name, text, parse(text), sha256(text.encode()).hexdigest())
+    draft = _draft(document)
+    if draft.kind != kind:
+        raise RobotError(f"the description of {name} is said to be {kind!r}, but is {draft.kind!r}; correct its kind")
+    follow = {axis.name for axis in draft.axes if axis.mimic}
+    held = {joint: value for joint, value in (lock or {}).items() if joint not in follow}
+    return hold(_assemble(draft, document), held)
+
+
+def held_positions(robot: Robot) -> dict[str, float]:
+    """Positions [rad or m] of the joints that are held fixed although they could move by themselves."""
+    whole = robot_from_text(robot.document, robot.kind, robot.name)
+    shift = robot.rest - whole.rest
+    held = {}
+    for j, joint in enumerate(whole.joints):
+        own = int(np.argmin(np.abs(whole.drive[:, j] - 1)))  # every joint drives its own row by one
+        if joint not in robot.joints:
+            held[joint] = float(shift[own] / whole.drive[own, j])
+    return held
+
+
+def _draft(document: Document) -> Draft:
+    if document.root.tag == "mujoco":
+        from .mjcf import read_mjcf
+
+        return read_mjcf(document)
+    from .urdf import read_urdf
+
+    return read_urdf(document)
+
+
+def _assemble(draft: Draft, document: Document) -> Robot:
+    """The robot with all its joints: mimics become rows of the drive."""
+    free = [axis for axis in draft.axes if axis.mimic is None]
+    if not free:
+        raise RobotError("the file has no joint that moves by itself, so there is nothing to identify")
+    column = {axis.name: i for i, axis in enumerate(free)}
+    drive, rest = np.zeros((draft.model.nv, len(free))), np.zeros(draft.model.nv)
+    for axis in draft.axes:
+        leader, scale, offset = _resolve(axis, draft)
+        rest[axis.row] = offset
+        if leader is not None:
+            drive[axis.row, column[leader]] = scale
+    return Robot(
+        name=draft.name,
+        model=draft.model,
+        joints=tuple(column),
+        numbers=tuple(range(1, len(free) + 1)),
+        links=draft.links,
+        drive=drive,
+        rest=rest,
+        prismatic=np.array([axis.prismatic for axis in free]),
+        lower=np.array([axis.lower for axis in free]),
+        upper=np.array([axis.upper for axis in free]),
+        velocity_limit=np.array([axis.velocity for axis in free]),
+        effort_limit=np.array([axis.effort for axis in free]),
+        actuators=_stated(draft, drive),
+        document=draft.document,
+        kind=draft.kind,
+        path=document.path,
+        sha256=document.sha256,
+        notes=draft.notes,
+    )
+
+
+def _resolve(axis: Axis, draft: Draft) -> tuple[str | None, float, float]:
+    """Joint that leads the axis (None: it stands still), multiplier and offset, through mimics of mimics."""
+    known = {other.name: other for other in draft.axes}
+    seen, leader, scale, offset = {axis.name}, axis, 1.0, 0.0
+    while leader.mimic is not None:
+        followed = leader.mimic
+        offset, scale = offset + scale * followed.offset, scale * followed.multiplier
+        if followed.joint in draft.still:
+            return None, 0.0, offset
+        if followed.joint not in known:
+            raise RobotError(f"joint {leader.name!r} mimics a joint {followed.joint!r} that the file does not have")
+        if followed.joint in seen:
+            raise RobotError(f"joint {axis.name!r} mimics itself in a circle; let one of the joints move by itself")
+        seen.add(followed.joint)
+        leader = known[followed.joint]
+    return leader.name, scale, offset
+
+
+def _stated(draft: Draft, drive: Array) -> Actuators:
+    """Friction and armature that the description states, those of mimic joints felt at the joint they follow."""
+
+    def felt(values: dict[int, float], weight: Array) -> Array:
+        total = np.full(drive.shape[1], np.nan)
+        for row, value in values.items():
+            columns = np.flatnonzero(drive[row])
+            total[columns] = np.nan_to_num(total[columns]) + weight[row, columns] * value
+        return total
+
+    def given(key: str) -> dict[int, float]:
+        return {axis.row: value for axis in draft.axes if not np.isnan(value := getattr(axis, key))}
+
+    nothing = np.full(drive.shape[1], np.nan)
+    return Actuators(
+        armature=felt(given("armature"), drive**2),
+        viscous_friction=felt(given("viscous"), drive**2),
+        coulomb_friction=felt(given("coulomb"), np.abs(drive)),
+        torque_offset=nothing,
+        torque_constant=nothing,
+    )
+
+
+def _held(robot: Robot, joints: Sequence[str] | None, lock: Mapping[str, float]) -> dict[str, float]:
+    """Positions at which joints are held: those locked, and those that are not among `joints`."""
+    locked = {robot.joints[find(joint, robot.joints, robot.numbers, robot.name)]: joint for joint in lock}
+    held = {name: lock[joint] for name, joint in locked.items()}
+    if len(held) < len(lock):
+        raise RobotError(f"a joint of {robot.name} is locked twice, by name and by number; give one position for it")
+    if joints is None:
+        return held
+    wanted = [joints] if isinstance(joints, str) else joints
+    moving = {robot.joints[find(joint, robot.joints, robot.numbers, robot.name)] for joint in wanted}
+    if both := sorted(moving & held.keys()):
+        raise RobotError(f"{shorten(both)} would both move and be locked; name a joint only once")
+    rest = np.clip(0.0, robot.lower, robot.upper)
+    return {name: float(rest[i]) for i, name in enumerate(robot.joints) if name not in moving} | held

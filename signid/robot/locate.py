@@ -1,0 +1,122 @@
+"""Where a robot description is: a path, a robot that signid carries, or one of example-robot-data."""
+
+from __future__ import annotations
+
+from difflib import get_close_matches
+from functools import lru_cache
+from importlib.util import find_spec
+from pathlib import Path
+
+from ..errors import RobotError
+from .joints import shorten
+
+_FAMILIAR = {  # the names under which example-robot-data's own loaders know some of its files
+    "alexander": "alexander_v1.lowerBodyOnly",
+    "anymal": "anymal_b_simple/anymal",
+    "anymal_b": "anymal_b_simple/anymal",
+    "anymal_c": "anymal_c_simple/anymal",
+    "anymal_kinova": "anymal-kinova",
+    "asr_twodof": "TwoDofs",
+    "b1_z1": "b1-z1",
+    "borinot": "borinot_flying_arm_2",
+    "g1": "g1_29dof_rev_1_0",
+    "hector": "quadrotor_base",
+    "hextilt": "hextilt_flying_arm_5",
+    "hyq": "hyq_no_sensors",
+    "solo8": "solo",
+    "talos": "talos_reduced",
+    "talos_arm": "talos_left_arm",
+    "talos_box": "talos_reduced_box",
+    "talos_full": "talos_full_v2",
+    "talos_full_box": "talos_full_v2_box",
+    "ur10": "ur10_robot",
+    "ur10_limited": "ur10_joint_limited_robot",
+    "ur3": "ur3_robot",
+    "ur3_limited": "ur3_joint_limited_robot",
+    "ur5": "ur5_robot",
+    "ur5_limited": "ur5_joint_limited_robot",
+}
+
+
+def locate(source: str | Path) -> Path:
+    """The description file that a path or a name stands for.
+
+    A path that exists comes first (a folder stands for the robot.urdf in it), then the robots that signid carries,
+    then those of example-robot-data; upper and lower case do not matter in names.
+
+    Raises:
+        RobotError: when there is no such file and no such robot.
+    """
+    path, given = Path(source).expanduser(), str(source)
+    if not given.strip():
+        raise RobotError("no robot was named; give the path of a URDF, xacro or MJCF file, or a name such as 'panda'")
+    if path.is_file():
+        return path
+    if path.is_dir() and (path / "robot.urdf").is_file():
+        return path / "robot.urdf"
+    known = _known()
+    if given in known:
+        return known[given]
+    by_case = {name.casefold(): name for name in sorted(known, reverse=True)}
+    if given.casefold() in by_case:
+        return known[by_case[given.casefold()]]
+    raise RobotError(_unknown(path, given, by_case))
+
+
+def names() -> tuple[str, ...]:
+    """Names of the robots that can be loaded without a path, sorted."""
+    return tuple(sorted((name for name, path in _known().items() if path.suffix == ".urdf"), key=str.casefold))
+
+
+def _unknown(path: Path, given: str, by_case: dict[str, str]) -> str:
+    if path.is_dir():
+        return f"{given} is a folder without a robot.urdf; give the URDF, xacro or MJCF file itself"
+    if path.suffix in (".urdf", ".xacro", ".xml", ".mjcf", ".sdf") or len(path.parts) > 1:
+        return f"there is no file {given}; check the path of the robot description"
+    close = [by_case[name] for name in get_close_matches(given.casefold(), by_case, n=3, cutoff=0.5)]
+    advice = f"did you mean {' or '.join(close)}?" if close else f"some known names are {shorten(names(), 12)}"
+    return f"there is no file and no robot named {given!r}; {advice}"
+
+
+@lru_cache(maxsize=1)
+def _known() -> dict[str, Path]:
+    return _examples() | _own()
+
+
+def _own() -> dict[str, Path]:
+    package = Path(__file__).parents[1]
+    for folder in (package / "robots", package.parent / "robots"):  # in the wheel; in a checkout
+        found = {path.parent.name: path for path in sorted(folder.glob("*/robot.urdf"))}
+        if found:
+            return found
+    return {}
+
+
+def _examples() -> dict[str, Path]:
+    """Every URDF of example-robot-data by its stem, or "folder/stem" where another file has the name."""
+    folder = _examples_folder()
+    if folder is None:
+        return {}
+    by_stem: dict[str, list[Path]] = {}
+    for path in sorted(folder.rglob("*.urdf")):
+        by_stem.setdefault(path.stem, []).append(path)
+    full = {_qualified(path, folder): path for paths in by_stem.values() for path in paths}
+    unique = {stem: paths[0] for stem, paths in by_stem.items() if len(paths) == 1}
+    familiar = {name: (unique | full)[stem] for name, stem in _FAMILIAR.items() if stem in unique or stem in full}
+    found = {path.stem: path for path in sorted(folder.rglob("*.sdf"))} | unique | familiar
+    hidden = {name: path for name, path in full.items() if path not in found.values()}
+    return found | hidden
+
+
+def _qualified(path: Path, folder: Path) -> str:
+    return f"{path.relative_to(folder).parts[0].removesuffix('_description')}/{path.stem}"
+
+
+def _examples_folder() -> Path | None:
+    """The data lies at the same place below the prefix of Pinocchio, in wheels and in conda alike."""
+    spec = find_spec("pinocchio")
+    if spec is None or spec.origin is None:
+        return None
+    prefix = Path(spec.origin).parents[4]  # lib/python3.x/site-packages/pinocchio/__init__.py
+    folder = prefix / "share" / "example-robot-data" / "robots"
+    return folder if folder.is_dir() else None
