@@ -1,0 +1,79 @@
+"""NLopt: global and local search, with and without gradients."""
+
+from __future__ import annotations
+
+import nlopt
+import numpy as np
+
+from ..types import Array
+from .base import BudgetSpentError, Optimiser, Optimum, Problem, Status, Watch
+
+_FAMILIES = ("GN_", "GD_", "LN_", "LD_", "G_", "AUGLAG")
+_LIMITS = (nlopt.MAXEVAL_REACHED, nlopt.MAXTIME_REACHED, nlopt.FORCED_STOP)
+
+
+class NLopt(Optimiser):
+    """Every algorithm of the installed NLopt by its own name: GN_CRS2_LM, LD_SLSQP, LN_SBPLX, ...
+
+    Source: S. G. Johnson, The NLopt nonlinear-optimization package.
+    """
+
+    algorithms = (
+        "LN_SBPLX",
+        *(name for name in sorted(dir(nlopt)) if name.startswith(_FAMILIES) and name != "LN_SBPLX"),
+    )
+    needs_gradient = frozenset(name for name in algorithms if name.startswith(("GD_", "LD_")))
+
+    def minimise(
+        self,
+        problem: Problem,
+        *,
+        algorithm: str | None = None,
+        budget_evaluations: int,
+        budget_seconds: float | None = None,
+        seed: int = 0,
+    ) -> Optimum:
+        name = self.chosen(problem, algorithm)
+        watch = Watch(problem, budget_evaluations, budget_seconds)
+
+        def cost(x: Array, gradient: Array) -> float:
+            if gradient.size:
+                gradient[:] = watch.gradient(x)
+            return watch(x)
+
+        nlopt.srand(seed % 2**32)
+        run = _configured(name, problem)
+        run.set_min_objective(cost)
+        run.set_maxeval(budget_evaluations)
+        status: Status = "converged"
+        try:
+            run.optimize(problem.start)
+            status = "budget" if run.last_optimize_result() in _LIMITS else "converged"
+        except nlopt.RoundoffLimited:  # no better number exists nearby
+            pass
+        except BudgetSpentError:
+            status = "budget"
+        except Exception:  # NLopt's own are no family; the watch raises those of the objective again
+            status = "failed"
+        return watch.optimum(status, name)
+
+
+def _configured(name: str, problem: Problem) -> nlopt.opt:
+    run = nlopt.opt(getattr(nlopt, name), len(problem.start))
+    run.set_lower_bounds(problem.lower)
+    run.set_upper_bounds(problem.upper)
+    run.set_xtol_rel(1e-10)
+    run.set_ftol_rel(1e-13)
+    if "AUGLAG" in name or "MLSL" in name:
+        follows = name.startswith(("LD_", "GD_"))
+        local = nlopt.opt(nlopt.LD_LBFGS if follows else nlopt.LN_SBPLX, len(problem.start))
+        local.set_xtol_rel(1e-10)
+        local.set_ftol_rel(1e-13)
+        run.set_local_optimizer(local)
+    width = problem.upper - problem.lower
+    if np.isfinite(width).all() and (width > 0).all():
+        run.set_initial_step(width / 10)
+    return run
+
+
+PLUGIN = NLopt()
