@@ -11,6 +11,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from .errors import RobotError
+from .robot.document import without_declaration
 from .types import Array, Robot
 
 _TAG = re.compile(r"""<[^"'>]*(?:"[^"]*"[^"'>]*|'[^']*'[^"'>]*)*>""")
@@ -85,7 +86,7 @@ def _friction(robot: Robot, viscous: Array, coulomb: Array) -> dict[str, tuple[f
 
 def _elements(text: str) -> list[_Element]:
     """Links and joints of the robot with what stands right below them, by the characters that they take."""
-    data = text.encode()
+    data = without_declaration(text).encode()
     character = np.cumsum(np.frombuffer(data, np.uint8) & 0xC0 != 0x80) - 1  # of each byte
     stack: list[_Element] = []
     found: list[_Element] = []

@@ -24,10 +24,8 @@ def feasible(robot: Robot, seed: int) -> np.ndarray:
     rng = np.random.default_rng(seed)
     rows = []
     for _ in robot.links:
-        body = sum(
-            (pin.Inertia(m, c, np.zeros((3, 3))) for m, c in zip(rng.uniform(0.1, 2, 5), rng.normal(0, 0.2, (5, 3)))),
-            pin.Inertia.Zero(),
-        )
+        points = zip(rng.uniform(0.1, 2, 5), rng.normal(0, 0.2, (5, 3)), strict=True)
+        body = sum((pin.Inertia(m, c, np.zeros((3, 3))) for m, c in points), pin.Inertia.Zero())
         rows.append(body.toDynamicParameters())
     return np.array(rows)
 
@@ -81,7 +79,7 @@ def test_every_other_line_is_untouched(name: str) -> None:
     assert [line for line in text.splitlines() if not TOUCHED.search(line)] == kept
 
 
-ODD = """<?xml version='1.0' encoding="us-ascii"?>
+ODD = """<?xml version='0.0' encoding="us-ascii"?>
 <!-- größe: <inertial> in a comment stays -->
 <robot name='odd'   version="1.0">
 \t<material name="a>b"><color rgba="1 0 0 1"/></material>
@@ -109,9 +107,9 @@ def test_odd_but_valid_xml(newline: str) -> None:
     bodies = feasible(robot, 3)
     text = urdf_with(robot, bodies, np.array([0.25]), np.array([np.nan]))
     assert '<dynamics  friction=\'0.5\' other="7" damping="0.25" />' in text
-    assert f'<link   name=\'arm\'>{newline}\t  <inertial>{newline}\t    <origin xyz="' in text
+    assert f"<link   name='arm'>{newline}\t  <inertial>{newline}\t    <origin xyz=\"" in text
     assert "<!-- one --><!-- its inertial is part of that of arm --><visual>" in text
-    assert "<gazebo reference=\"arm\"><link name=\"arm\"><inertial>kept</inertial></link></gazebo>" in text
+    assert '<gazebo reference="arm"><link name="arm"><inertial>kept</inertial></link></gazebo>' in text
     assert '<joint name="shoulder"><dynamics damping="9"/></joint>' in text
     assert ("\r\n" in text) == (newline == "\r\n") and text.count("\n") == text.count(newline)
     back = robot_from_text(text, "urdf", "odd")
@@ -141,7 +139,8 @@ def test_a_held_robot_keeps_all_its_bodies() -> None:
 def test_friction_of_a_mimic_joint_is_counted_once() -> None:
     source = (
         '<robot name="m"><link name="a"/><link name="b"/><link name="c"/>'
-        '<joint name="lead" type="revolute"><parent link="a"/><child link="b"/><dynamics damping="1" friction="2"/></joint>'
+        '<joint name="lead" type="revolute"><parent link="a"/><child link="b"/><dynamics damping="1" friction="2"/>'
+        "</joint>"
         '<joint name="follow" type="revolute"><parent link="b"/><child link="c"/><dynamics damping="3" friction="5"/>'
         '<mimic joint="lead" multiplier="-2"/></joint></robot>'
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from hashlib import sha256
@@ -13,6 +14,7 @@ from typing import Any
 from ..errors import RobotError
 
 _XACRO = "xacro"  # part of the namespace of xacro tags
+_DECLARATION = re.compile(r"\s*<\?xml\s[^>]*\?>")
 _ADVICE = {
     "sdf": "the file is SDF; signid reads URDF, xacro and MJCF, so convert it first",
     "mujocoinclude": "the file is a part of an MJCF file; give the file that includes it",
@@ -65,15 +67,22 @@ def parse(text: str) -> Any:
 
     if not text.strip():
         raise RobotError("the file is empty; give a URDF, xacro or MJCF file")
+    strict, data = _parser(), without_declaration(text).encode()
     try:
-        root = etree.fromstring(text.encode(), _parser())
+        root = etree.fromstring(data, strict)
     except etree.XMLSyntaxError as error:
-        if any(entry.domain_name != "NAMESPACE" for entry in error.error_log):
-            raise RobotError(f"the file is not valid XML: {str(error).splitlines()[0]}") from None
-        root = etree.fromstring(text.encode(), _parser(recover=True))  # tags with a prefix that nobody declared
+        if any(entry.domain_name != "NAMESPACE" for entry in strict.error_log):
+            raise RobotError(f"the file is not valid XML: {str(error.msg).splitlines()[0]}") from None
+        root = etree.fromstring(data, _parser(recover=True))  # tags with a prefix that nobody declared
     if root.getroottree().docinfo.doctype:
         raise RobotError("the file declares a document type, which could pull in others; remove the <!DOCTYPE ...>")
     return root
+
+
+def without_declaration(text: str) -> str:
+    """The text with blanks for its <?xml ...?>: many files state a version or an encoding that is not theirs."""
+    declared = _DECLARATION.match(text)
+    return re.sub(r"\S", " ", declared.group()) + text[declared.end() :] if declared else text
 
 
 def children(element: Any, tag: str) -> list[Any]:

@@ -229,7 +229,8 @@ def _float(text: str, key: str, where: str, finite: bool = True) -> float:
     try:
         value = float(text.replace("_", "?"))
     except ValueError:
-        raise RobotError(f"{where} has {key}={text!r}; expected a number") from None
+        hint = "; if this is xacro, let the name of the file end in .xacro" if "$" in text else ""
+        raise RobotError(f"{where} has {key}={text!r}; expected a number{hint}") from None
     if value != value or (finite and not isfinite(value)):
         raise RobotError(f"{where} has {key}={text!r}; expected a finite number")
     return value
