@@ -5,14 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import ceil
+from typing import NamedTuple
 
 import numpy as np
 from scipy.signal import welch
 
-from .types import Array, Frozen, Samples
+from .types import Array, Frozen, Mask, Samples
 
 NOISE_SHARE = 1e-3  # of the acceleration's power below the cut-off
 WIDEST = 6  # samples per period of the cut-off, at least
+CONTENT = 0.95  # of the acceleration's power is below a frequency ...
+BEYOND = 3.0  # ... of which the cut-off need not be more than so many times
+ENOUGH = 5.0  # [Hz] to which the cut-off may always go if noise allows
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,6 +31,7 @@ class Band(Frozen):
     factor: int
     filtered: bool  # False: columns and torque as they are, every row
     per_joint: Array  # (n,) [Hz] highest cut-off that each joint's encoder noise allows
+    velocity_noise: Array  # (n,) [rad/s or m/s] of the differentiated positions
     torque_floor: Array  # (n,) [N.m or N] white noise of the torque that passes the filter
 
     @property
@@ -41,22 +46,27 @@ class Band(Frozen):
 
 
 def choose_band(pieces: Sequence[Samples], rate: float, cutoff: float | None = None) -> Band:
-    """The band for recordings of one rate: the widest that encoder noise allows on the worst joint.
+    """The band for recordings of one rate: as wide as the motion needs, if encoder noise allows it on every joint.
 
-    A cut-off f is allowed while the noise power of the acceleration below f is at most 1e-3 of its signal power.
+    A cut-off f is allowed while the noise power of the acceleration below f is at most 1e-3 of its signal power. It
+    need not exceed three times the frequency below which 95 % of the acceleration's power lies.
 
     Args:
         pieces: stretches of uniform samples, q (N, n) [rad or m], tau (N, n) [N.m or N].
         rate: sampling rate [Hz].
         cutoff: asked for by the user [Hz]; infinite: no filter at all; None: from the noise.
     """
-    allowed = np.min([_allowed(piece.q, rate) for piece in pieces], axis=0)
+    spectra = [_acceleration(piece.q, rate) for piece in pieces]
+    allowed = np.min([s.allowed for s in spectra], axis=0)
+    widest = min(float(np.min(allowed)), rate / WIDEST)
+    needed = max(ENOUGH, BEYOND * max(s.content(widest) for s in spectra))
+    noise = np.max([s.level for s in spectra], axis=0)
     level = np.nanmedian([_white_level(piece.tau, rate) for piece in pieces], axis=0)
     if cutoff is not None and np.isinf(cutoff):
-        return Band(rate, 1, False, allowed, np.sqrt(level * rate / 2))
-    wanted = min(float(np.min(allowed)), rate / WIDEST) if cutoff is None else cutoff
-    factor = max(1, ceil(rate / (2 * wanted) - 1e-9))
-    return Band(rate, factor, True, allowed, np.sqrt(level * rate / (2 * factor)))
+        return Band(rate, 1, False, allowed, _speed_noise(noise, rate / 2), np.sqrt(level * rate / 2))
+    factor = max(1, ceil(rate / (2 * (min(widest, needed) if cutoff is None else cutoff)) - 1e-9))
+    speed = _speed_noise(noise, min(3 * rate / (2 * factor), rate / 2))
+    return Band(rate, factor, True, allowed, speed, np.sqrt(level * rate / (2 * factor)))
 
 
 def _spectrum(x: Array, rate: float) -> tuple[Array, Array]:
@@ -65,8 +75,23 @@ def _spectrum(x: Array, rate: float) -> tuple[Array, Array]:
     return frequency, power
 
 
-def _allowed(q: Array, rate: float) -> Array:
-    """(n,) [Hz]: largest f at which the differentiated encoder noise stays below its share."""
+class _Acceleration(NamedTuple):
+    """Spectrum of the twice differentiated positions of n joints."""
+
+    frequency: Array  # (f,) [Hz]
+    power: Array  # (f, n) [rad2/s4/Hz]
+    level: Array  # (n,) [rad2/Hz] one-sided, of the encoder noise
+    allowed: Array  # (n,) [Hz] at which the differentiated noise reaches its share; inf where a joint rests
+    moves: Mask  # (n,)
+
+    def content(self, widest: float) -> float:
+        """Frequency below which nearly all power up to `widest` lies, on the fastest joint [Hz]."""
+        inside = np.cumsum(self.power * (self.frequency <= widest)[:, None], axis=0)[:, self.moves]
+        reached = inside > CONTENT * inside[-1]
+        return float(np.max(self.frequency[np.argmax(reached, axis=0)], initial=0.0))
+
+
+def _acceleration(q: Array, rate: float) -> _Acceleration:
     f, power = _spectrum(np.diff(q, 2, axis=0) * rate**2, rate)
     gain = (2 * rate * np.sin(np.pi * f / rate))[:, None] ** 4
     high = f > 0.3 * rate
@@ -76,7 +101,13 @@ def _allowed(q: Array, rate: float) -> Array:
     fits = noise <= NOISE_SHARE * signal
     last = len(f) - 1 - np.argmax(fits[::-1], axis=0)
     moves = np.ptp(q, axis=0) > 0
-    return np.where(moves, np.where(fits.any(0), f[last], f[1]), np.inf)
+    allowed = np.where(moves, np.where(fits.any(0), f[last], f[1]), np.inf)
+    return _Acceleration(f, power, level, allowed, moves)
+
+
+def _speed_noise(level: Array, fastest: float) -> Array:
+    """(n,) standard deviation of the velocity from white position noise differentiated up to a frequency."""
+    return np.asarray(np.sqrt(level * (2 * np.pi) ** 2 * fastest**3 / 3))
 
 
 def _white_level(tau: Array, rate: float) -> Array:

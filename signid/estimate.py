@@ -1,12 +1,13 @@
-"""Factors -> base parameters: weighted, whitened least squares with intervals that hold."""
+"""Factors -> base parameters: weighted least squares with intervals that hold."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_toeplitz
+from scipy.signal import lfilter
 
 from .factors import Factors, JointFactors
 from .types import Array, BaseMap, Estimate, Indices
@@ -14,6 +15,8 @@ from .types import Array, BaseMap, Estimate, Indices
 ROUNDS = 6  # of noise model and solution in turn
 SINGULAR = 1e-10  # of the largest eigenvalue of the scaled Gram matrix
 FLOOR = 1e-14  # of the torque's power: rounding
+STABLE = 0.98  # largest reflection coefficient
+IMPULSE = 400  # rows after which an autoregressive noise has forgotten
 WEAK_INSTRUMENT = 3.0  # times the standard deviation of least squares, in the median
 
 
@@ -32,18 +35,19 @@ class _Solution(NamedTuple):
 
 
 def estimate(factors: Factors, base: BaseMap, prior: Array | None = None, whiten: bool = True) -> Estimate:
-    """Base parameters with their covariance.
+    """Base parameters by weighted least squares, with a covariance that knows how the noise is coloured.
 
-    In turn: weighted least squares; per joint an autoregressive model of the residual, its order by BIC, its
-    autocovariances corrected for the fitted parameters (trace correction). The covariance is the inverse whitened
-    Gram matrix, with per-joint variances over their leverage-corrected degrees of freedom. With instruments (the
-    same columns along the desired motion) the estimate is the instrumental-variable one.
+    A generalised least-squares fit and an autoregressive model of each joint's residual (order by BIC,
+    autocovariances corrected for the fitted parameters) are found in turn. The parameters themselves come from
+    weighted least squares, which is as accurate and does not trust frequencies where the model is wrong; their
+    covariance uses the noise model's autocovariances, over leverage-corrected degrees of freedom. With instruments
+    (the same columns along the desired motion) the estimate is the instrumental-variable one.
 
     Args:
         factors: of the recordings to learn from.
         base: what the columns are.
         prior: (b,) [units of base] values kept where the recordings tell nothing; default 0.
-        whiten: False: white noise per joint.
+        whiten: False: the noise is taken to be white.
 
     Source: Gautier, ICRA 1997 (weighted least squares); Patterson, Thompson, Biometrika 58, 1971 (correction for
     fitted parameters); Janot, Vandanjon, Gautier, IEEE T-CST 22(1), 2014 (instruments).
@@ -55,11 +59,44 @@ def estimate(factors: Factors, base: BaseMap, prior: Array | None = None, whiten
         noise = [_model_noise(g, c, solution, whiten) for g, c in _each(factors)]
         solution = _solve(factors, noise, start)
     noise = [_rescale(n, g, c, solution) for n, (g, c) in zip(noise, _each(factors), strict=True)]
-    solution = _solve(factors, noise, start)
-    residual = np.array([np.sqrt(_autocovariance(g, c, solution, 0)) for g, c in _each(factors)])
-    orders = tuple(len(n.filter) - 1 for n in noise)
-    found = Estimate(solution.value, solution.covariance, solution.information, residual, orders)
-    return _with_instruments(factors, noise, found) if factors.instruments else found
+    colours = [_autocovariances(n, len(g.grams)) for n, g in zip(noise, factors.joints, strict=True)]
+    white = [_Noise(np.ones(1), float(np.sqrt(r[0]))) for r in colours]
+    solution = _solve(factors, white, start)
+    found = Estimate(
+        solution.value,
+        _coloured_covariance(factors, colours, solution),
+        solution.information,
+        np.array([w.sigma for w in white]),
+        tuple(len(n.filter) - 1 for n in noise),
+    )
+    return _with_instruments(factors, colours, found) if factors.instruments else found
+
+
+def _autocovariances(noise: _Noise, lags: int) -> Array:
+    """(lags,) [N2.m2] of an autoregressive noise, from its impulse response."""
+    impulse = np.zeros(IMPULSE)
+    impulse[0] = 1
+    response = noise.sigma * np.asarray(lfilter([1.0], noise.filter, impulse))
+    return np.array([response[: IMPULSE - d] @ response[d:] for d in range(lags)])
+
+
+def _coloured_covariance(factors: Factors, colours: Sequence[Array], solution: _Solution) -> Array:
+    """(b, b) of weighted least squares under coloured noise; infinite where the recordings tell nothing."""
+    spread = np.zeros_like(solution.finite)
+    for (joint, columns), r in zip(_each(factors), colours, strict=True):
+        spread[np.ix_(columns, columns)] += _spread(joint, r)[-len(columns) - 1 : -1, -len(columns) - 1 : -1]
+    covariance = solution.finite @ spread @ solution.finite
+    unknown = ~np.isfinite(np.diag(solution.covariance))
+    covariance[unknown, unknown] = np.inf
+    return np.asarray(covariance)
+
+
+def _spread(joint: JointFactors, r: Array) -> Array:
+    """Covariance (c, c) of the weighted sums of rows times noise of autocovariance r."""
+    out = joint.grams[0] / r[0]
+    for d in range(1, len(r)):
+        out = out + r[d] / r[0] ** 2 * (joint.grams[d] + joint.grams[d].T)
+    return np.asarray(out)
 
 
 def whitened(joint: JointFactors, noise_filter: Array) -> Array:
@@ -124,13 +161,14 @@ def _model_noise(joint: JointFactors, columns: Indices, solution: _Solution, whi
     highest = len(joint.grams) - 1 if whiten else 0
     r = np.array([_autocovariance(joint, columns, solution, lag) for lag in range(highest + 1)])
     count = max(joint.counts[0], 1)
-    best, chosen = np.inf, _Noise(np.ones(1), float(np.sqrt(r[0])))
-    for order in range(highest + 1):
-        row = r[:order] + 1e-9 * r[0] * (np.arange(order) == 0)
-        phi = solve_toeplitz(row, r[1 : order + 1]) if order else np.zeros(0)
-        variance = r[0] - phi @ r[1 : order + 1]
-        if variance <= 0 or not np.isfinite(variance):
-            continue
+    phi, variance = np.zeros(0), float(r[0])
+    best, chosen = count * np.log(variance) + np.log(count), _Noise(np.ones(1), float(np.sqrt(variance)))
+    for order in range(1, highest + 1):  # Levinson's recursion: stable as long as every reflection is below 1
+        reflection = (r[order] - phi @ r[order - 1 : 0 : -1]) / variance
+        if abs(reflection) >= STABLE:
+            break
+        phi = np.append(phi - reflection * phi[::-1], reflection)
+        variance *= 1 - reflection**2
         criterion = count * np.log(variance) + (order + 1) * np.log(count)
         if criterion < best:
             best, chosen = criterion, _Noise(np.append(1.0, -phi), float(np.sqrt(variance)))
@@ -149,14 +187,14 @@ def _rescale(noise: _Noise, joint: JointFactors, columns: Indices, solution: _So
     return _Noise(noise.filter, noise.sigma * float(np.sqrt(max(factor, 1e-300))))
 
 
-def _with_instruments(factors: Factors, noise: Sequence[_Noise], plain: Estimate) -> Estimate:
+def _with_instruments(factors: Factors, colours: Sequence[Array], plain: Estimate) -> Estimate:
     """The instrumental-variable estimate, unless the instruments hardly correlate with the columns."""
     b = len(plain.value)
     zx, zz, zy = np.zeros((b, b)), np.zeros((b, b)), np.zeros(b)
-    for (joint, columns), model in zip(_each(factors), noise, strict=True):
-        gram, m = whitened(joint, model.filter / model.sigma), len(columns)
+    for (joint, columns), r in zip(_each(factors), colours, strict=True):
+        gram, m = joint.grams[0] / r[0], len(columns)
         zx[np.ix_(columns, columns)] += gram[:m, m : 2 * m]
-        zz[np.ix_(columns, columns)] += gram[:m, :m]
+        zz[np.ix_(columns, columns)] += _spread(joint, r)[:m, :m]
         zy[columns] += gram[:m, -1]
     size = np.sqrt(np.maximum(np.diag(plain.information), 1e-300))
     if not np.all(np.isfinite(plain.covariance)) or np.linalg.cond(zx / np.outer(size, size)) > 1 / SINGULAR:
@@ -166,8 +204,7 @@ def _with_instruments(factors: Factors, noise: Sequence[_Noise], plain: Estimate
     wider = float(np.median(np.sqrt(np.diag(covariance)) / plain.std))
     if wider > WEAK_INSTRUMENT:
         note = f"the desired motion is a weak instrument (intervals {wider:.0f} times wider); least squares is kept"
-        return Estimate(plain.value, plain.covariance, plain.information, plain.noise, plain.orders, notes=(note,))
+        return replace(plain, notes=(note,))
     shift = float(np.max(np.abs(value - plain.value) / plain.std))
     note = f"desired positions served as instruments; they moved the estimate by up to {shift:.1f} standard deviations"
-    information = np.linalg.inv((covariance + covariance.T) / 2)
-    return Estimate(value, covariance, information, plain.noise, plain.orders, "instrumental variables", (note,))
+    return replace(plain, value=value, covariance=covariance, method="instrumental variables", notes=(note,))

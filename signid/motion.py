@@ -32,6 +32,7 @@ class Motion(Frozen):
     a: Array  # (N, n) [rad/s2 or m/s2]
     recorded: Array | None = None  # (N, n) [N.m or N]
     predicted: Array | None = None  # (N, n) [N.m or N]
+    slow: Array | None = None  # (n,) [rad/s or m/s] slower, the direction of motion is not certain
 
     def __len__(self) -> int:
         return len(self.t)
@@ -54,8 +55,8 @@ class Motion(Frozen):
 
     @cached_property
     def direction(self) -> Array:
-        """(N, n) sign of the velocity [1]."""
-        return np.sign(self.v)
+        """(N, n) of motion [1]: the sign of the velocity, in proportion to it where it is slow."""
+        return np.sign(self.v) if self.slow is None else np.clip(self.v / self.slow, -1, 1)
 
     @cached_property
     def load(self) -> Array:
@@ -140,7 +141,9 @@ def margin(band: Band, recorded_derivatives: bool = False) -> int:
     return 0 if recorded_derivatives else len(_position_taps(band)) // 2 + HALF
 
 
-def build_motion(robot: Robot, samples: Samples, band: Band, recorded_derivatives: bool = False) -> Motion:
+def build_motion(
+    robot: Robot, samples: Samples, band: Band, recorded_derivatives: bool = False, slow: Array | None = None
+) -> Motion:
     """The motion inside a stretch of samples: `margin` samples shorter on either side.
 
     Positions pass a symmetric FIR low-pass and nine-point differences; torque is left as recorded, since regressor
@@ -151,6 +154,7 @@ def build_motion(robot: Robot, samples: Samples, band: Band, recorded_derivative
         samples: uniform; q (N, n) [rad or m], tau (N, n) [N.m or N].
         band: gives the position cut-off.
         recorded_derivatives: take dq and ddq as recorded instead of differentiating q.
+        slow: (n,) [rad/s or m/s] slower, the direction of motion is not certain.
 
     Raises:
         OptionError: recorded derivatives are asked for where the recording has none.
@@ -158,13 +162,14 @@ def build_motion(robot: Robot, samples: Samples, band: Band, recorded_derivative
     if recorded_derivatives:
         if samples.dq is None or samples.ddq is None:
             raise OptionError("recorded derivatives were asked for; the recording lacks dq_J or ddq_J columns")
-        return Motion(robot, samples.t, samples.q, samples.dq, samples.ddq, samples.tau)
+        return Motion(robot, samples.t, samples.q, samples.dq, samples.ddq, samples.tau, slow=slow)
     taps = _position_taps(band)
     smoothed = smooth(samples.q, taps)
     v, a = differentiate(smoothed, 1 / band.rate)
     cut = len(taps) // 2 + HALF
     inner = slice(cut, len(samples.t) - cut)
-    return Motion(robot, samples.t[inner], smoothed[HALF : len(smoothed) - HALF], v, a, samples.tau[inner])
+    q = smoothed[HALF : len(smoothed) - HALF]
+    return Motion(robot, samples.t[inner], q, v, a, samples.tau[inner], slow=slow)
 
 
 def _position_taps(band: Band) -> Array:

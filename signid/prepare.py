@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from .sampling import Sampling, samples, split, survey
 from .types import Array, Frozen, Law, Recording, Robot, Samples
 
 TRAINING_SHARE = 0.7  # of a single recording
-STILL, STILL_SHARE = 0.05, 0.1  # rad/s; share of the rms velocity: slower, the direction of motion is uncertain
+REVERSAL, REVERSAL_SHARE = 0.01, 0.02  # [rad/s] and share of the rms velocity: width of a geared joint's reversal
 PIECE = 2**17  # samples of a recording that the cut-off is chosen from
 AGREE = 2e-3  # recorded derivatives are taken where they differ by less from those of the positions
 SAME_RATE = 0.01  # by which sampling rates of recordings may differ
@@ -91,7 +91,7 @@ def prepare(
         laws,
         build_base(moving, laws, options.seed),
         band,
-        _still(moving, surveys),
+        _slow(moving, surveys, band),
         recorded,
         options.instruments and all(_wholly(r, "q_des") for r in everything),
     )
@@ -140,10 +140,11 @@ def _piece(recording: Recording, sampling: Sampling) -> Samples:
     return samples(recording, sampling, span, 0, min(sampling.length(span), PIECE))
 
 
-def _still(robot: Robot, surveys: Sequence[Sampling]) -> Array:
-    """(n,) [rad/s or m/s]: slower, a joint's direction of motion is uncertain."""
+def _slow(robot: Robot, surveys: Sequence[Sampling], band: Band) -> Array:
+    """(n,) [rad/s or m/s] width of a reversal: of the gear for revolute joints, of the encoder noise for all."""
     speed = np.sqrt(np.mean([s.speed**2 for s in surveys], axis=0))
-    return np.asarray(np.where(robot.prismatic, STILL_SHARE * speed, np.minimum(STILL, STILL_SHARE * speed)))
+    gear = np.where(robot.prismatic, 0.0, np.minimum(REVERSAL, REVERSAL_SHARE * speed))
+    return np.maximum(np.maximum(gear, band.velocity_noise), 1e-12)
 
 
 def _only_linear(laws: Sequence[Law]) -> None:

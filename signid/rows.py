@@ -17,6 +17,7 @@ from .sampling import Sampling, samples
 from .types import Array, BaseMap, Frozen, Indices, Law, Mask, Recording, Robot, Samples
 
 WINDOW = 8192  # samples of the uniform grid at a time, at least
+STILL = 5.0  # widths of a reversal: a row is left out where the joint is slower nearby
 REACH = 0.3  # of a cut-off period, on either side of a row, must be free of reversals
 
 
@@ -28,7 +29,7 @@ class Task(Frozen):
     laws: tuple[Law, ...]
     base: BaseMap
     band: Band
-    still: Array  # (n,) [rad/s or m/s] slower, the direction of motion is uncertain
+    slow: Array  # (n,) [rad/s or m/s] width of a reversal: slower, the direction of motion is not certain
     recorded_derivatives: bool = False
     instruments: bool = False
 
@@ -81,7 +82,7 @@ def read_rows(task: Task, recording: Recording, sampling: Sampling) -> Iterator[
 
 
 def _window_rows(task: Task, window: Samples, thin: Decimator, first: bool) -> Rows:
-    motion = build_motion(task.robot, window, task.band, task.recorded_derivatives)
+    motion = build_motion(task.robot, window, task.band, task.recorded_derivatives, task.slow)
     assert motion.recorded is not None, "windows carry torque"
     wanted = [task.base.independent[task.seen(j)] for j in range(len(task.robot.joints))]
     columns = base_rows(motion, task.laws, wanted)
@@ -107,13 +108,13 @@ def _window_rows(task: Task, window: Samples, thin: Decimator, first: bool) -> R
 def _steady(task: Task, motion: Motion) -> Mask:
     reach = int(np.ceil(REACH * task.band.rate / task.band.cutoff)) if task.band.filtered else 0
     slowest = minimum_filter1d(np.abs(motion.v), 2 * reach + 1, axis=0, mode="nearest")
-    return np.asarray((slowest >= task.still) | ~np.array(task.reverses))
+    return np.asarray((slowest >= STILL * task.slow) | ~np.array(task.reverses))
 
 
 def _instruments(task: Task, window: Samples, wanted: Sequence[Indices], thin: Decimator) -> list[Array]:
     assert window.q_des is not None, "instruments are asked for only where every joint has q_des"
     desired = window._replace(q=window.q_des)
-    motion = build_motion(task.robot, desired, task.band)
+    motion = build_motion(task.robot, desired, task.band, slow=task.slow)
     columns = base_rows(motion, task.laws, wanted)
     split = np.cumsum([c.shape[1] for c in columns])[:-1]
     return np.split(thin(np.concatenate(columns, axis=1)), split, axis=1)

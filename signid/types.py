@@ -243,7 +243,7 @@ class Estimate(Frozen):
 
     value: Array  # (b,)
     covariance: Array  # (b, b); infinite variance where the recordings tell nothing
-    information: Array  # (b, b) whitened Gram matrix: inverse covariance where regular
+    information: Array  # (b, b) [1/units of base] Gram matrix weighted by the noise: what a deviation costs in torque
     noise: Array  # (n,) [N.m or N] standard deviation of the residual at the reduced rate
     orders: tuple[int, ...]  # (n,) order of the autoregressive noise model
     method: str = "weighted least squares"
