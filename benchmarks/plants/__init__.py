@@ -1,0 +1,1 @@
+"""Robots in simulators that share no code with signid, to judge it by."""
