@@ -45,8 +45,8 @@ def urdf_with(
 
     Args:
         robot: loaded from a URDF or xacro file.
-        bodies: (nb, 10) inertial parameters about the joint frame of each link of `robot.links`, in Pinocchio's order
-            [kg, kg.m, kg.m2]; a row with NaN leaves the links of that body as they are.
+        bodies: (nb, 10) [kg, kg.m, kg.m2] inertial parameters about the joint frame of each link of `robot.links`, in
+            Pinocchio's order; a row with NaN leaves the links of that body as they are.
         viscous_friction: (n,) [N.m.s/rad or N.s/m] damping of the joints; NaN leaves a joint as it is.
         coulomb_friction: (n,) [N.m or N] friction of the joints; NaN leaves a joint as it is.
 

@@ -50,10 +50,13 @@ def locate(source: str | Path) -> Path:
     path, given = Path(source).expanduser(), str(source)
     if not given.strip():
         raise RobotError("no robot was named; give the path of a URDF, xacro or MJCF file, or a name such as 'panda'")
-    if path.is_file():
-        return path
-    if path.is_dir() and (path / "robot.urdf").is_file():
-        return path / "robot.urdf"
+    try:
+        if path.is_file():
+            return path
+        if path.is_dir() and (path / "robot.urdf").is_file():
+            return path / "robot.urdf"
+    except OSError as error:
+        raise RobotError(f"{given[:80]} cannot be reached ({error.strerror}); check the path") from None
     known = _known()
     if given in known:
         return known[given]
