@@ -14,6 +14,7 @@ from ..types import Array, Table
 from .base import Format, refusal
 
 SLAB = 262_144  # rows that are decoded at once
+BROKEN = (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError)
 KEPT = 2  # slabs in memory, so that reads that overlap across a boundary decode nothing twice
 
 
@@ -64,7 +65,7 @@ class ParquetTable:
         """One column at a time: decoding many at once needs several times the memory where row groups are large."""
         try:
             frame = self._scan.select(pl.col(name).cast(pl.Float64)).slice(k * SLAB, SLAB).collect()
-        except (pl.exceptions.PolarsError, OSError) as error:
+        except BROKEN as error:
             raise RecordingError(f"{self._path} is damaged after row {k * SLAB}; copy or write it again") from error
         return frame[name].to_numpy()
 
@@ -83,7 +84,7 @@ class Parquet(Format):
         """
         try:
             return ParquetTable(path)
-        except (pl.exceptions.PolarsError, OSError) as error:
+        except BROKEN as error:
             raise RecordingError(f"{path} is not a Parquet file, or is cut short; copy or write it again") from error
 
 

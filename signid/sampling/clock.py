@@ -25,7 +25,12 @@ class Clock(NamedTuple):
 
     period: float  # median
     mean: float  # gaps left out
-    rounding: float  # smallest step of the stamps, 0 where it is too coarse to be only rounding
+    step: float  # of the stamps as they are written: 1e-3 where none has more than three digits
+
+    @property
+    def rounding(self) -> float:
+        """By how much two stamps may be off because of their digits [s]; 0 where these are too coarse to tell."""
+        return self.step if self.step <= COARSEST * self.period else 0.0
 
     @property
     def gap(self) -> float:
@@ -42,9 +47,12 @@ def read_clock(recording: Recording, name: str) -> Clock:
     """The clock of a recording, from at most a million of its samples, evenly spread.
 
     Raises:
-        RecordingError: time is empty, infinite, constant or only goes back, or it is not in seconds.
+        RecordingError: there is one sample, or time is empty, infinite, constant, goes back all along, or is not in
+            seconds.
     """
     column, rows = recording.columns["t"][0], len(recording)
+    if rows < 2:
+        raise RecordingError(f"{name} is too short: it holds a single sample; record at least some seconds of motion")
     pieces = min(LOOKS, -(-rows // CHUNK))
     starts = [round(i * (rows - min(rows, CHUNK)) / max(1, pieces - 1)) for i in range(pieces)]
     looks = [recording.table.read((column,), start, start + CHUNK)[:, 0] for start in starts]
@@ -64,8 +72,7 @@ def read_clock(recording: Recording, name: str) -> Clock:
         advice = f"it looks like {likely_unit(period)}; convert it to seconds"
         raise RecordingError(f"{name}: column {column!r} steps by {period:g}, which cannot be seconds: {advice}")
     mean = float(forward[(forward <= max(GAP * period, GAP_SECONDS)) & (forward > CLOSE * period)].mean())
-    rounding = _rounding(last) if len(last) else 0.0
-    return Clock(period, mean, rounding if rounding <= COARSEST * period else 0.0)
+    return Clock(period, mean, _step(last) if len(last) else 0.0)
 
 
 def likely_unit(step: float) -> str:
@@ -73,7 +80,7 @@ def likely_unit(step: float) -> str:
     return min(UNITS, key=lambda unit: abs(log(step * UNITS[unit] / USUAL)))
 
 
-def _rounding(stamps: Array) -> float:
+def _step(stamps: Array) -> float:
     """Smallest step of the stamps (N,) [s]: a power of ten where all are written with so many digits."""
     limit = 4 * float(np.spacing(np.abs(stamps).max()))
     for digits in range(10):

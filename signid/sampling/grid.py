@@ -44,7 +44,8 @@ def _rows(recording: Recording, sampling: Sampling, stretch: Stretch, low: int, 
         found = Samples._make(x if x is None else np.delete(x, inside, axis=0) for x in found)
     if len(sampling.turn_rows):
         rows = np.delete(np.arange(begin, end), inside)
-        found = _unwrap(found, _turns(sampling, rows) - _turns(sampling, np.array([stretch.start])))
+        turns = _turns(sampling, rows) - _turns(sampling, np.array([stretch.start]))
+        found = _unwrap(found, turns, np.asarray(sampling.turns.any(axis=0)))
     return found
 
 
@@ -55,13 +56,13 @@ def _turns(sampling: Sampling, rows: NDArray[np.intp]) -> Array:
     return np.concatenate([np.zeros((1, n)), sampling.turns])[count]
 
 
-def _unwrap(found: Samples, turns: Array) -> Samples:
-    """Positions with their whole turns, and desired positions the nearest to them, of joints that wrap around."""
+def _unwrap(found: Samples, turns: Array, wraps: NDArray[np.bool_]) -> Samples:
+    """Positions with their whole turns; desired positions, where a joint wraps at all, as near to them as they go."""
     q = found.q + 2 * np.pi * turns
     if found.q_des is None:
         return found._replace(q=q)
     nearest = found.q_des + 2 * np.pi * np.round((q - found.q_des) / (2 * np.pi))
-    return found._replace(q=q, q_des=np.where(turns.any(0), nearest, found.q_des))
+    return found._replace(q=q, q_des=np.where(wraps, nearest, found.q_des))
 
 
 def _interpolate(rows: Samples, t: Array, unsigned: NDArray[np.bool_]) -> Samples:

@@ -16,6 +16,7 @@ from .verdict import Facts, notes, refuse
 
 SIGNALS = ("t", "q", "tau", "dq", "ddq", "q_des")
 NEEDED = ("t", "q", "tau")
+ROUND = 6.2  # rad: a joint with less room than a turn cannot wrap around
 
 
 @dataclass
@@ -39,6 +40,8 @@ class _Columns:
             if values is None or not names:
                 continue
             values = values.reshape(len(rows), -1)[:, [bool(name) for name in group]]
+            if np.isfinite(values).all():
+                continue
             if np.isinf(values).any():
                 row, column = np.argwhere(np.isinf(values))[0]
                 fault = f"column {names[column]!r} is infinite in row {start + row + 1}"
@@ -81,7 +84,9 @@ def survey(recording: Recording, robot: Robot) -> Sampling:
     name = recording.path or "the recording"
     place = [robot.index(joint) for joint in recording.joints]
     clock = read_clock(recording, name)
-    columns, tally = _Columns(recording, name), Tally(clock, ~robot.prismatic[place])
+    room = robot.upper[place] - robot.lower[place]
+    wraps = ~robot.prismatic[place] & ((room >= ROUND) | (room <= 0))
+    columns, tally = _Columns(recording, name), Tally(clock, wraps)
     for start in range(0, len(recording), CHUNK):
         chunk = recording.read(start, start + CHUNK)
         repeated = columns.repeated_rows(chunk.t, start, clock.close)

@@ -43,6 +43,11 @@ class Facts(NamedTuple):
         return np.asarray(self.tally.total.upper - self.tally.total.lower > STILL)
 
     @property
+    def revolute(self) -> tuple[bool, ...]:
+        """(n,) of each joint."""
+        return tuple(not self.robot.prismatic[self.robot.index(joint)] for joint in self.recording.joints)
+
+    @property
     def limits(self) -> tuple[Array, Array]:
         """(n,) each [rad or m]; infinite where the description states none or one that leaves no room."""
         place = [self.robot.index(joint) for joint in self.recording.joints]
@@ -70,12 +75,15 @@ def _faults(facts: Facts) -> Iterator[str]:
         yield f"{share}; write the time with more digits, or once for each sample"
     used = facts.tally.total.samples
     if used < FEWEST:
-        least = f"at least {FEWEST} are needed, in stretches of half a second or more without gaps or missing values"
+        least = f"at least {FEWEST} are needed, in stretches of half a second or more without a gap or a missing value"
         worst = max(facts.missing, key=lambda column: facts.missing[column], default="")
         lack = f", {facts.missing[worst]} lack {worst}" if facts.missing.get(worst) else ""
-        yield f"only {used} of {rows} samples can be used{lack}; {least}"
+        yield f"too short: only {used} of {rows} samples can be used{lack}; {least}"
+    if not facts.moves.any():
+        constant = ", ".join(facts.recording.columns["q"])
+        yield f"no joint moves: position is constant in {constant}; record the robot in motion"
     yield from _degrees(facts)
-    if clock.period >= MILLISECONDS and clock.rounding >= 1 and facts.speed.max() < CRAWL:
+    if clock.period >= MILLISECONDS and clock.step >= 1 and facts.speed.max() < CRAWL:
         unit = likely_unit(clock.period)
         yield f"time steps by {clock.period:g}, which is too slow for seconds; it looks like {unit}: convert it"
     yield from _dead_torques(facts)
@@ -84,12 +92,14 @@ def _faults(facts: Facts) -> Iterator[str]:
 def _degrees(facts: Facts) -> Iterator[str]:
     total, (lower, upper) = facts.tally.total, facts.limits
     names = facts.recording.columns["q"]
-    for j in np.flatnonzero(facts.tally.revolute):
+    for j in np.flatnonzero(facts.revolute):
         low, high = total.lower[j], total.upper[j]
         reach, advice = f"column {names[j]!r} goes from {low:.4g} to {high:.4g}", "convert it to radians"
         if np.isfinite(lower[j]) and np.isfinite(upper[j]):
             fits = low * DEGREE > lower[j] - 0.1 and high * DEGREE < upper[j] + 0.1
-            if fits and max(high - upper[j], lower[j] - low) > max(FAR, RANGES * (upper[j] - lower[j])):
+            beyond = max(high - upper[j], lower[j] - low)
+            too_fast = facts.speed[j] > facts.robot.velocity_limit[facts.robot.index(facts.recording.joints[j])]
+            if fits and beyond > FAR and (too_fast or beyond > RANGES * (upper[j] - lower[j])):
                 yield f"{reach}, limits are {lower[j]:.4g} to {upper[j]:.4g} rad: it is in degrees; {advice}"
         elif high - low > SPIN and facts.speed[j] > RACE:
             yield f"{reach} at {facts.speed[j]:.4g} each second: it seems to be in degrees; {advice}"
@@ -132,7 +142,7 @@ def _joint_notes(facts: Facts) -> Iterator[str]:
     total = facts.tally.total
     wraps = {int(j) for turns in facts.tally.turns for j in np.flatnonzero(turns)}
     for j, joint in enumerate(recording.joints):
-        column, unit = recording.columns["q"][j], "rad" if facts.tally.revolute[j] else "m"
+        column, unit = recording.columns["q"][j], "rad" if facts.revolute[j] else "m"
         beyond = max(total.upper[j] - upper[j], lower[j] - total.lower[j])
         if not facts.moves[j]:
             yield f"column {column} is constant: {joint} did not move"
