@@ -10,8 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.signal import welch
 
+from .filters import lowpass
 from .types import Array, Frozen, Mask, Samples
 
+HALF_POWER = 1.06  # half-amplitude frequency of the low-pass over its half-power frequency
 NOISE_SHARE = 1e-3  # of the acceleration's power below the cut-off
 WIDEST = 6  # samples per period of the cut-off, at least
 CONTENT = 0.95  # of the acceleration's power is below a frequency ...
@@ -36,8 +38,16 @@ class Band(Frozen):
 
     @property
     def cutoff(self) -> float:
-        """Half-amplitude frequency of columns and torque [Hz]."""
+        """Half-power frequency of columns and torque [Hz]."""
         return self.rate / (2 * self.factor) if self.filtered else self.rate / 2
+
+    @property
+    def taps(self) -> Array:
+        """Of the low-pass before thinning, (k,) [1]: at half power, not half amplitude, at the new Nyquist frequency.
+
+        So the spectrum that folds over fills what the filter takes away, and white noise stays white.
+        """
+        return lowpass(self.rate, HALF_POWER * self.cutoff) if self.filtered else np.ones(1)
 
     @property
     def position_cutoff(self) -> float:

@@ -15,6 +15,7 @@ from .types import Array, BaseMap, Estimate, Indices
 ROUNDS = 6  # of noise model and solution in turn
 SINGULAR = 1e-10  # of the largest eigenvalue of the scaled Gram matrix
 FLOOR = 1e-14  # of the torque's power: rounding
+PENALTY = 2.0  # per order: Akaike's
 STABLE = 0.98  # largest reflection coefficient
 IMPULSE = 400  # rows after which an autoregressive noise has forgotten
 WEAK_INSTRUMENT = 3.0  # times the standard deviation of least squares, in the median
@@ -162,14 +163,14 @@ def _model_noise(joint: JointFactors, columns: Indices, solution: _Solution, whi
     r = np.array([_autocovariance(joint, columns, solution, lag) for lag in range(highest + 1)])
     count = max(joint.counts[0], 1)
     phi, variance = np.zeros(0), float(r[0])
-    best, chosen = count * np.log(variance) + np.log(count), _Noise(np.ones(1), float(np.sqrt(variance)))
+    best, chosen = count * np.log(variance) + PENALTY, _Noise(np.ones(1), float(np.sqrt(variance)))
     for order in range(1, highest + 1):  # Levinson's recursion: stable as long as every reflection is below 1
         reflection = (r[order] - phi @ r[order - 1 : 0 : -1]) / variance
         if abs(reflection) >= STABLE:
             break
         phi = np.append(phi - reflection * phi[::-1], reflection)
         variance *= 1 - reflection**2
-        criterion = count * np.log(variance) + (order + 1) * np.log(count)
+        criterion = count * np.log(variance) + (order + 1) * PENALTY
         if criterion < best:
             best, chosen = criterion, _Noise(np.append(1.0, -phi), float(np.sqrt(variance)))
     return chosen

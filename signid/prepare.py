@@ -12,7 +12,7 @@ from .cutoff import Band, choose_band
 from .effects import EFFECT_NAMES, EFFECTS
 from .errors import OptionError, RecordingError
 from .factors import Factors, Weigh, add, reduce_rows
-from .filters import Decimator, lowpass
+from .filters import Decimator
 from .motion import build_motion
 from .recording import same_joints
 from .robot import hold
@@ -177,7 +177,7 @@ def _agree(robot: Robot, piece: Samples, band: Band) -> bool:
     """Whether recorded derivatives and those of the positions are the same inside the band."""
     own, told = build_motion(robot, piece, band), build_motion(robot, piece, band, recorded_derivatives=True)
     edge = (len(told) - len(own)) // 2
-    thin = Decimator(lowpass(band.rate, band.cutoff) if band.filtered else np.ones(1), band.factor)
+    thin = Decimator(band.taps, band.factor)
     for mine, theirs in ((own.v, told.v), (own.a, told.a)):
         ours, given = thin(mine), thin(theirs[edge : len(theirs) - edge])
         if not np.all(np.isfinite(given)) or np.linalg.norm(ours - given) > AGREE * np.linalg.norm(ours):

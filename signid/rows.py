@@ -10,7 +10,7 @@ import numpy as np
 from scipy.ndimage import minimum_filter1d
 
 from .cutoff import Band
-from .filters import Decimator, lowpass
+from .filters import Decimator
 from .motion import Motion, build_motion, margin
 from .regressor import base_rows
 from .sampling import Sampling, samples
@@ -68,8 +68,7 @@ def read_rows(task: Task, recording: Recording, sampling: Sampling) -> Iterator[
     Source: parallel filtering: Gautier, IEEE ICRA 1997; Khalil, Dombre, Modeling, Identification and Control of
     Robots, 2002, section 12.6.
     """
-    taps = lowpass(task.band.rate, task.band.cutoff) if task.band.filtered else np.ones(1)
-    thin = Decimator(taps, task.band.factor)
+    thin = Decimator(task.band.taps, task.band.factor)
     edge = margin(task.band, task.recorded_derivatives)
     reach = 2 * (edge + thin.half)  # samples beyond the outputs of a window
     size = max(WINDOW, 8 * reach) // (thin.block * thin.factor) + 1

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 
+from signid.cutoff import Band
 from signid.filters import HALF, Decimator, differentiate, lowpass, smooth
 
 RATE = 500.0
@@ -33,6 +34,12 @@ def test_derivatives_of_a_sine() -> None:
     inner = t[HALF:-HALF, None]
     assert_allclose(v, w * np.cos(w * inner), rtol=0, atol=1e-6 * w)
     assert_allclose(a, -(w**2) * np.sin(w * inner), rtol=0, atol=1e-5 * w**2)
+
+
+def test_white_noise_stays_white_when_thinned() -> None:
+    taps = Band(RATE, 10, True, np.ones(1), np.ones(1), np.ones(1)).taps
+    folded = [taps[10 * d :] @ taps[: len(taps) - 10 * d] for d in range(5)]
+    assert_allclose(folded[1:], 0, atol=2e-3 * folded[0])
 
 
 def test_decimated_rows_are_the_filtered_ones() -> None:

@@ -10,7 +10,7 @@ PACKAGE = Path(__file__).parents[1] / "signid"
 LEVELS = (
     "version types errors registry",
     "robot formats effects optimisers",
-    "recording sampling cutoff filters motion regressor basis residual rows",
+    "recording sampling filters cutoff motion regressor basis residual rows",
     "factors prepare estimate excitation consistent retrieve model signs simulate excite",
     "identify check inspect diagnose",
     "report replay export fleet",
