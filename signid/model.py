@@ -15,7 +15,7 @@ from .effects import EFFECTS
 from .effects.law import law_columns
 from .errors import RobotError
 from .motion import Motion
-from .robot import load_robot, robot_from_text
+from .robot import held_positions, load_robot, robot_from_text
 from .types import Array, Frozen, Law, Robot
 
 SCHEMA = "signid.model/1"
@@ -49,12 +49,11 @@ class Model(Frozen):
     def document(self) -> dict[str, Any]:
         """The model as JSON: it carries the robot's description and loads back by itself."""
         robot = self.robot
-        held = {name: value for name, value in _held(robot).items()}
         return {
             "schema": SCHEMA,
             "robot": {"name": robot.name, "kind": robot.kind, "description": robot.document},
             "joints": list(robot.joints),
-            "held": held,
+            "held": held_positions(robot),
             "standard_parameters": standard_parameters(robot, self.inertials),
             "effects": [
                 {
@@ -105,16 +104,6 @@ def standard_parameters(robot: Robot, inertials: Array) -> dict[str, dict[str, A
         link: {"mass": float(x[0]), "first_moment": x[1:4].tolist(), "inertia": x[4:].tolist()}
         for link, x in zip(robot.links, inertials, strict=True)
     }
-
-
-def _held(robot: Robot) -> dict[str, float]:
-    """Joints of the model that are held, with their values [rad or m]."""
-    model, held = robot.model, {}
-    for i in range(1, model.njoints):
-        joint = model.joints[i]
-        if joint.nv == 1 and not np.any(robot.drive[joint.idx_v]):
-            held[model.names[i]] = float(robot.rest[joint.idx_v])
-    return held
 
 
 def _read(path: Path) -> Model:

@@ -1,37 +1,30 @@
 """The types that travel along the pipeline: frozen, their arrays read-only, their labels beside them.
 
-Shapes: N samples, n joints that move by themselves, nb bodies, p standard parameters, b base parameters.
+Shapes: N samples, n joints that move by themselves, nb bodies. Parameters have a file of their own.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+
+from .arrays import Array as Array
+from .arrays import Frozen as Frozen
+from .arrays import Indices as Indices
+from .arrays import Mask as Mask
+from .parameters import INERTIAL as INERTIAL
+from .parameters import INERTIAL_UNITS as INERTIAL_UNITS
+from .parameters import BaseMap as BaseMap
+from .parameters import Estimate as Estimate
+from .parameters import Label as Label
+from .parameters import Parameters as Parameters
+from .parameters import pseudo_inertia as pseudo_inertia
 
 if TYPE_CHECKING:
     import pinocchio as pin
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
-Mask = NDArray[np.bool_]
-INERTIAL = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")  # Pinocchio's order
-INERTIAL_UNITS = ("kg", *("kg.m",) * 3, *("kg.m2",) * 6)
-
-
-class Frozen:
-    """Base of the frozen types: every array given is copied and set read-only."""
-
-    def __post_init__(self) -> None:
-        for item in fields(self):  # type: ignore[arg-type]
-            value = getattr(self, item.name)
-            if isinstance(value, np.ndarray):
-                copy = value.copy()
-                copy.setflags(write=False)
-                object.__setattr__(self, item.name, copy)
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,106 +192,6 @@ class View(Protocol):
     @property
     def recorded(self) -> Array: ...  # (..., m) motor torque as measured [N.m or N]
     def __getitem__(self, i: Any) -> View: ...  # some of the leading axis
-
-
-@dataclass(frozen=True)
-class Label:
-    """What one standard parameter is: an inertial parameter of a body, or a coefficient of a law."""
-
-    name: str  # "Izz_2", "armature_1"
-    unit: str
-    body: int | None = None  # 0-based body of the model, for inertial parameters
-    law: int | None = None  # index of the law it belongs to
-    joint: int | None = None  # column of the joint that the law acts on
-    positive: bool = False  # physics allows no negative value
-
-
-@dataclass(frozen=True, eq=False)
-class BaseMap(Frozen):
-    """Which combinations of the standard parameters torque can show: base = combination @ standard."""
-
-    labels: tuple[Label, ...]  # p
-    independent: Indices  # (b,) the standard parameter that leads each combination
-    combination: Array  # (b, p)
-    expressions: tuple[str, ...]  # b formulas, "Izz_2 + 0.09 m_3"
-    units: tuple[str, ...]  # b
-    sees: Mask  # (n, b) whether the torque of a joint depends on a base parameter at all
-    singular_values: Array  # (p,) of the scaled regressor on random states, descending
-    condition: float  # of the kept columns, scaled
-
-    @property
-    def rank(self) -> int:
-        return len(self.independent)
-
-    @property
-    def invisible(self) -> tuple[Label, ...]:
-        """Standard parameters that no motion can tell, not even in a combination."""
-        seen = np.abs(self.combination).max(0, initial=0.0) > 0
-        return tuple(label for label, s in zip(self.labels, seen, strict=True) if not s)
-
-
-@dataclass(frozen=True, eq=False)
-class Estimate(Frozen):
-    """Base parameters as the recordings tell them, with what is known about their errors."""
-
-    value: Array  # (b,)
-    covariance: Array  # (b, b); infinite variance where the recordings tell nothing
-    information: Array  # (b, b) [1/units of base] Gram matrix weighted by the noise: what a deviation costs in torque
-    noise: Array  # (n,) [N.m or N] standard deviation of the residual at the reduced rate
-    orders: tuple[int, ...]  # (n,) order of the autoregressive noise model
-    method: str = "weighted least squares"
-    notes: tuple[str, ...] = ()
-
-    @property
-    def std(self) -> Array:
-        """(b,) standard deviations."""
-        return np.sqrt(np.diag(self.covariance))
-
-
-@dataclass(frozen=True, eq=False)
-class Parameters(Frozen):
-    """Standard parameters: ten inertial parameters per body, then the coefficients of the laws."""
-
-    labels: tuple[Label, ...]  # p
-    values: Array  # (p,)
-
-    def bodies(self) -> Array:
-        """(nb, 10) inertial parameters in Pinocchio's order [kg, kg.m, kg.m2]."""
-        return self.values[[i for i, label in enumerate(self.labels) if label.body is not None]].reshape(-1, 10)
-
-    def is_feasible(self, margin: float = 1e-12) -> bool:
-        """Whether a real robot could have them: every pseudo-inertia positive definite, friction and armature >= 0.
-
-        Proved by Cholesky factors of pseudo-inertia - margin * trace, not by any solver's word.
-
-        Source: Wensing, Kim, Slotine, IEEE RA-L 3(1), 2018.
-        """
-        positive = [value for label, value in zip(self.labels, self.values, strict=True) if label.positive]
-        return min(positive, default=0.0) >= 0 and all(_is_positive(x, margin) for x in self.bodies())
-
-
-def pseudo_inertia(inertial: Array) -> Array:
-    """The 4x4 pseudo-inertia [[S, h], [h', m]], S = tr(I)/2 - I, of ten inertial parameters.
-
-    Args:
-        inertial: (10,) in Pinocchio's order [kg, kg.m, kg.m2].
-
-    Source: Wensing, Kim, Slotine, IEEE RA-L 3(1), 2018, equation 8.
-    """
-    m, x, y, z, xx, xy, yy, xz, yz, zz = inertial
-    rotational = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    second = np.trace(rotational) / 2 * np.eye(3) - rotational
-    first = np.array([[x, y, z]])
-    return np.block([[second, first.T], [first, np.array([[m]])]])
-
-
-def _is_positive(inertial: Array, margin: float) -> bool:
-    matrix = pseudo_inertia(inertial)
-    try:
-        np.linalg.cholesky(matrix - margin * np.trace(matrix) * np.eye(4))
-    except np.linalg.LinAlgError:
-        return False
-    return True
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 PACKAGE = Path(__file__).parents[1] / "signid"
 LEVELS = (
-    "version types errors registry",
+    "version errors registry arrays parameters types",
     "robot formats effects optimisers",
     "recording sampling filters cutoff motion regressor basis residual rows",
     "factors prepare estimate excitation consistent retrieve model signs simulate excite",
