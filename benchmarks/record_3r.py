@@ -49,7 +49,7 @@ def read_body(path: Path) -> Body:
 def tell(body: Body) -> Iterator[str]:
     """The lines of truth.toml: how it was recorded, then what is true of each joint and link, in SI units."""
     yield "# What is true of the arm in recording.parquet and held_out.parquet; robot.urdf says otherwise on purpose."
-    yield "# Link 3 is 10 % heavier than robot.urdf states (mass and inertia, same centre); drives are not in it at all."
+    yield "# Link 3 is 10 % heavier than robot.urdf states (mass and inertia, same centre); it states no drives."
     yield "[made]"
     yield 'by = "python -m benchmarks.record_3r"'
     yield f'simulator = "MuJoCo {mujoco.__version__}, implicitfast, steps of {STEP:g} s"'
