@@ -10,7 +10,8 @@ from ..types import Array, BaseMap, Estimate, Frozen, Parameters
 from .cone import Cone, polish, pose, solve
 from .prior import believable
 
-_FADED = 1e-6  # share of the prior's weight under which a feasible estimate is reproduced as it stands
+_NEAR = 1e-3  # standard deviations from the estimate that count as the estimate itself
+_CLOSER = 0.7  # share of its distance that must be left at most when the prior is a tenth
 _SPARE = 1e-9  # share of its trace that a pseudo-inertia has to spare, to outlive being written with nine digits
 
 
@@ -22,7 +23,7 @@ class ConsistentFit(Frozen):
     base_value: Array  # (b,) [unit of each] combination @ parameters
     chi2: float  # squared distance from the estimate, in its own information
     moves: Array  # (b,) [standard deviations of the estimate], 0 where that is infinite
-    feasible_without_moving: bool  # a real robot could have the estimate as it stands, and it was kept
+    feasible_without_moving: bool  # a real robot like the prior could have the estimate as it stands: it was kept
     notes: tuple[str, ...] = ()
 
     @property
@@ -71,11 +72,17 @@ def fit_consistent(
 
 
 def _kept(cone: Cone, u: Array) -> Parameters | None:
-    """Feasible parameters that reproduce the estimate, if Newton's method comes to them once the prior has faded."""
-    u = polish(replace(cone, weight=_FADED * cone.weight), u, steps=25)
-    parameters = cone.standard(u)
-    near = cone.distance(u) < 1e-2 + 1e-10 * float(np.linalg.norm(cone.target))
-    return parameters if near and parameters.is_feasible(_SPARE) else None
+    """Feasible parameters that reproduce the estimate, if the minimiser comes to them as the prior fades."""
+    near = _NEAR + 1e-10 * float(np.linalg.norm(cone.target))
+    for decade in range(1, 8):
+        if cone.distance(u) < near:
+            parameters = cone.standard(u)
+            return parameters if parameters.is_feasible(_SPARE) else None
+        closer = polish(replace(cone, weight=10.0**-decade * cone.weight), u, steps=25)
+        if cone.distance(closer) > _CLOSER * cone.distance(u):
+            return None
+        u = closer
+    return None
 
 
 def _proved(parameters: Parameters, prior: Parameters) -> tuple[Parameters, float]:

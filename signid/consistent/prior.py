@@ -62,9 +62,9 @@ def coefficient_sizes(base: BaseMap, value: Array, prior: Array, std: Array | No
         base: which combinations of the standard parameters the torque shows.
         value: (b,) base parameters [unit of each].
         prior: (p,) standard parameters [unit of each].
-        std: (b,) standard deviations of the base parameters [unit of each]; those infinite do not count.
+        std: (b,) standard deviations of the base parameters [unit of each]; those of infinite ones do not count.
     """
-    known = np.abs(value) + (0.0 if std is None else np.where(np.isfinite(std), std, 0.0))
+    known = np.abs(value) if std is None else np.where(np.isfinite(std), np.abs(value) + std, 0.0)
     share = np.abs(base.combination)
     alone = (known[:, None] / np.where(share > 0, share, np.inf)).max(0, initial=0.0)
     size = np.maximum(alone, np.abs(prior))

@@ -80,7 +80,7 @@ class Optimiser(ABC):
         Args:
             problem: what to minimise.
             algorithm: one of `algorithms`.
-            budget_evaluations: of the objective, at most; an algorithm may finish the step that it is in.
+            budget_evaluations: of the objective, at most; the start is always evaluated.
             budget_seconds: the same in time [s].
             seed: of random numbers.
 
@@ -112,21 +112,24 @@ class BudgetSpentError(Exception):
 
 
 class Watch:
-    """Calls the objective, counts, keeps the best point, ends the run when the budget is spent."""
+    """Calls the objective, first at the start; counts, keeps the best point, ends the run when the budget is spent."""
 
     def __init__(self, problem: Problem, evaluations: int, seconds: float | None) -> None:
         self.problem, self.evaluations = problem, evaluations
-        self.end = time.monotonic() + (np.inf if seconds is None else seconds)
+        self.end = np.inf
         self.x, self.value, self.count = problem.start, np.inf, 0
         self.fault: Exception | None = None  # of the objective itself, not of the library
+        self(problem.start)  # not every algorithm looks there, and the answer is to be no worse
+        if seconds is not None:
+            self.end = time.monotonic() + seconds
 
     def __call__(self, x: Array) -> float:
         """Cost at x: (d,) [any], infinite where it is not a number."""
-        if self.count >= self.evaluations or time.monotonic() > self.end:
+        if self.count >= max(self.evaluations, 1) or time.monotonic() >= self.end:
             raise BudgetSpentError
         self.count += 1
         value = float(self._watched(self.problem.objective, x))
-        if value < self.value:
+        if value < self.value and np.all((x >= self.problem.lower) & (x <= self.problem.upper)):  # some look outside
             self.x, self.value = np.array(x), value
         return np.inf if np.isnan(value) else value
 

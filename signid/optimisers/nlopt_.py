@@ -6,7 +6,7 @@ import nlopt
 import numpy as np
 
 from ..types import Array
-from .base import BudgetSpentError, Optimiser, Optimum, Problem, Status, Watch
+from .base import Optimiser, Optimum, Problem, Status, Watch
 
 _FAMILIES = ("GN_", "GD_", "LN_", "LD_", "G_", "AUGLAG")
 _LIMITS = (nlopt.MAXEVAL_REACHED, nlopt.MAXTIME_REACHED, nlopt.FORCED_STOP)
@@ -36,13 +36,19 @@ class NLopt(Optimiser):
         name = self.chosen(problem, algorithm)
         watch = Watch(problem, budget_evaluations, budget_seconds)
 
+        run = _configured(name, problem)
+
         def cost(x: Array, gradient: Array) -> float:
-            if gradient.size:
-                gradient[:] = watch.gradient(x)
-            return watch(x)
+            try:
+                if gradient.size:
+                    gradient[:] = watch.gradient(x)
+                return watch(x)
+            except Exception:  # not to be thrown through NLopt, which goes on calling
+                run.force_stop()
+                gradient[:] = 0.0
+                return watch.value
 
         nlopt.srand(seed % 2**32)
-        run = _configured(name, problem)
         run.set_min_objective(cost)
         run.set_maxeval(budget_evaluations)
         status: Status = "converged"
@@ -51,9 +57,9 @@ class NLopt(Optimiser):
             status = "budget" if run.last_optimize_result() in _LIMITS else "converged"
         except nlopt.RoundoffLimited:  # no better number exists nearby
             pass
-        except BudgetSpentError:
+        except nlopt.ForcedStop:
             status = "budget"
-        except Exception:  # NLopt's own are no family; the watch raises those of the objective again
+        except Exception:  # those of NLopt are no family
             status = "failed"
         return watch.optimum(status, name)
 
