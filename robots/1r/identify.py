@@ -1,0 +1,30 @@
+"""The pendulum 1r from a noise-free recording: its two base parameters, to five digits.
+
+Needs the recording that SIGNID_DATA leads to; its torque is m g d sin q + (I + m d^2) a.
+"""
+
+import os
+from pathlib import Path
+
+import signid
+from signid.identify import Identification
+
+TRUTH = {"mz_1": -2.5, "Iyy_1": 1.67085}  # -m d [kg.m], I + m d^2 [kg.m2]
+
+
+def main() -> Identification:
+    """Identify, and compare with what is true."""
+    robot = signid.load_robot("1r")
+    file = Path(os.environ["SIGNID_DATA"]) / "seed_penne" / "1dof_experiment1.csv.gz"
+    options = signid.Options(effects=())  # no friction was simulated
+    result = signid.identify(robot, [signid.read_recording(file, robot)], options=options)
+    for expression, value in zip(result.base.expressions, result.base_value, strict=True):
+        true = TRUTH.get(expression, 0.0)
+        print(f"{expression:6} {value:9.5f}   true {true:9.5f}")
+        if abs(value - true) > 2e-5:
+            raise SystemExit(f"{expression} is not what it should be")
+    return result
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,117 @@
+"""Arguments of the command line, and what they are to the library."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from hashlib import sha256
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ..errors import OptionError
+
+if TYPE_CHECKING:
+    from ..prepare import Options
+    from ..types import Recording, Robot
+
+USUAL = (
+    "viscous_friction",
+    "coulomb_friction",
+    "torque_offset",
+    "armature",
+)  # prepare has them; it takes long to import
+
+RobotName = Annotated[str, typer.Argument(metavar="ROBOT", help="A URDF, xacro or MJCF file, or a name such as panda.")]
+Files = Annotated[list[str], typer.Argument(metavar="RECORDING", help="CSV, CSV.gz, Parquet or NPZ files.")]
+Joints = Annotated[str | None, typer.Option(metavar="A,B", help="Joints that move; all others are held.")]
+Lock = Annotated[list[str] | None, typer.Option(metavar="J=VALUE", help="Hold a joint [rad or m]. Repeatable.")]
+Actuators = Annotated[str | None, typer.Option(metavar="FILE", help="TOML: what is known about the drives.")]
+PackageDir = Annotated[list[str] | None, typer.Option(metavar="DIR", help="Packages for xacro. Repeatable.")]
+Columns = Annotated[str | None, typer.Option(metavar="FILE", help='TOML: q_elbow = "elbow_pos".')]
+Effects = Annotated[
+    str | None, typer.Option(metavar="A,B", help=f"Laws at every joint, or none. Default: {', '.join(USUAL)}.")
+]
+Cutoff = Annotated[float | None, typer.Option(metavar="HZ", help="Default: from encoder noise; inf: no filter.")]
+Derivatives = Annotated[str, typer.Option(metavar="WHICH", help="auto, computed (from q) or recorded (dq_J, ddq_J).")]
+Unsigned = Annotated[bool, typer.Option("--unsigned", help="Forget the signs of torques.")]
+NoInstruments = Annotated[bool, typer.Option("--no-instruments", help="Leave q_des_J columns aside.")]
+White = Annotated[bool, typer.Option("--white", help="Take the noise of torques to be white.")]
+Seed = Annotated[int, typer.Option(metavar="N", min=0, help="Seed of everything random.")]
+Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON and nothing else.")]
+
+
+def given_robot(
+    name: str, joints: str | None, lock: list[str] | None, actuators: str | None, packages: list[str] | None
+) -> Robot:
+    """The robot with the joints held that are to be held.
+
+    Raises:
+        OptionError: a folder of packages does not exist, or a list of joints or a position makes no sense.
+    """
+    from ..robot import load_robot
+
+    for folder in packages or ():
+        if not Path(folder).is_dir():
+            raise OptionError(f"--package-dir {folder} is no folder; name the folder that holds the packages")
+    moving = None if joints is None else _names("--joints", joints)
+    return load_robot(name, lock=_locks(lock or ()), joints=moving, actuators=actuators, package_dirs=packages or ())
+
+
+def _locks(texts: Sequence[str]) -> dict[str, float]:
+    held: dict[str, float] = {}
+    for text in texts:
+        joint, _, value = (part.strip() for part in text.rpartition("="))
+        if joint in held:
+            raise OptionError(f"--lock names joint {joint} twice; give one position for it")
+        try:
+            held[joint] = float(value if joint else "")
+        except ValueError:
+            raise OptionError(f"--lock {text!r} is not a joint and its position; write J=VALUE, in rad or m") from None
+    return held
+
+
+def given_recording(path: str, robot: Robot, columns: str | None, unsigned: bool = False) -> Recording:
+    """The recording in a file."""
+    from ..recording import read_recording
+
+    return read_recording(path, robot, columns=columns, unsigned=unsigned)
+
+
+def given_options(
+    effects: str | None,
+    cutoff: float | None,
+    derivatives: str,
+    plain: bool,
+    white: bool,
+    seed: int,
+    robust: bool = False,
+) -> Options:
+    """How recordings are turned into rows."""
+    from ..prepare import Options
+
+    return Options(given_effects(effects), cutoff, derivatives, not plain, not white, robust, seed)
+
+
+def given_effects(text: str | None) -> tuple[str, ...]:
+    """Names of effects."""
+    if text is None:
+        return USUAL
+    return () if text == "none" else _names("--effects", text)
+
+
+def _names(option: str, text: str) -> tuple[str, ...]:
+    names = tuple(dict.fromkeys(name.strip() for name in text.split(",")))
+    if not all(names):
+        raise OptionError(f"{option} {text!r} has an empty name; separate names by single commas")
+    return names
+
+
+def given_inputs(name: str, robot: Robot, *files: str | None) -> list[tuple[str, str]]:
+    """Path as given and sha256 of the description and of what was read beside it."""
+    beside = Path(robot.path).with_name("actuators.toml")
+    given = Path(name) if Path(name).is_dir() else Path(name).parent if Path(name).is_file() else Path(name)
+    named = [(file, Path(file)) for file in files if file is not None]
+    if files and files[0] is None and beside.is_file():
+        named.append((str(given / beside.name), beside))
+    return [(name, robot.sha256), *((shown, sha256(path.read_bytes()).hexdigest()) for shown, path in named)]

@@ -1,0 +1,187 @@
+"""The commands."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from ..errors import OptionError
+from ..version import __version__
+from .arguments import (
+    Actuators,
+    Columns,
+    Cutoff,
+    Derivatives,
+    Effects,
+    Files,
+    Joints,
+    Json,
+    Lock,
+    NoInstruments,
+    PackageDir,
+    RobotName,
+    Seed,
+    Unsigned,
+    White,
+    given_effects,
+    given_inputs,
+    given_options,
+    given_recording,
+    given_robot,
+)
+from .show import DONE, bars, tell_flags
+
+app = typer.Typer(
+    name="signid",
+    help="From a robot description and recordings to a dynamics model that is right, and says how sure it is.",
+    epilog="Exit codes: 0 done; 2 bad input or usage; 3 done, but the result says what in it is not to be trusted.",
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    add_completion=False,
+)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"signid {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _signid(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    pass
+
+
+@app.command(epilog="Example: signid inspect panda --joints panda_joint6,panda_joint7")
+def inspect(
+    robot: RobotName,
+    joints: Joints = None,
+    lock: Lock = None,
+    actuators: Actuators = None,
+    package_dir: PackageDir = None,
+    effects: Effects = None,
+    seed: Seed = 0,
+    json: Json = False,
+) -> int:
+    """Joints, links, base parameters as formulas, and what no motion can tell."""
+    from ..inspect import inspect as look
+    from ..report import Screen, inspection_document, inspection_tables, to_json
+
+    described = given_robot(robot, joints, lock, actuators, package_dir)
+    found = look(described, given_effects(effects), seed)
+    if json:
+        Screen().write(to_json(inspection_document(found, given_inputs(robot, described, actuators), seed)))
+    else:
+        Screen().print(*inspection_tables(found), sep="\n")
+    return DONE
+
+
+@app.command(epilog="Example: signid check panda session_1.csv session_2.csv")
+def check(
+    robot: RobotName,
+    recordings: Files,
+    joints: Joints = None,
+    lock: Lock = None,
+    actuators: Actuators = None,
+    package_dir: PackageDir = None,
+    columns: Columns = None,
+    effects: Effects = None,
+    cutoff: Cutoff = None,
+    derivatives: Derivatives = "auto",
+    no_instruments: NoInstruments = False,
+    white: White = False,
+    seed: Seed = 0,
+    json: Json = False,
+) -> int:
+    """What recordings can and cannot tell, and what would help, before anything is fitted."""
+    from ..check import check as judge
+    from ..report import Screen, check_document, check_tables, to_json
+
+    described = given_robot(robot, joints, lock, actuators, package_dir)
+    given = [given_recording(path, described, columns) for path in recordings]
+    options = given_options(effects, cutoff, derivatives, no_instruments, white, seed)
+    with bars(json) as progress:
+        found = judge(described, given, options=options, progress=progress)
+    if json:
+        Screen().write(to_json(check_document(found, given_inputs(robot, described, actuators, columns), seed)))
+    else:
+        Screen().print(*check_tables(found), sep="\n")
+    return tell_flags(found.flags)
+
+
+@app.command(epilog="Example: signid identify 3r recording.parquet --held-out another.csv -o result")
+def identify(
+    robot: RobotName,
+    recordings: Files,
+    output: Annotated[
+        str | None, typer.Option("--output", "-o", metavar="DIR", help="Where results are written.")
+    ] = None,
+    held_out: Annotated[
+        list[str] | None, typer.Option(metavar="RECORDING", help="To judge by, not to learn from. Repeatable.")
+    ] = None,
+    joints: Joints = None,
+    lock: Lock = None,
+    actuators: Actuators = None,
+    package_dir: PackageDir = None,
+    columns: Columns = None,
+    effects: Effects = None,
+    method: Annotated[str, typer.Option(metavar="HOW", help="convex (physically consistent), wls or pbrp.")] = "convex",
+    cutoff: Cutoff = None,
+    derivatives: Derivatives = "auto",
+    robust: Annotated[bool, typer.Option("--robust", help="Let outliers count less.")] = False,
+    no_instruments: NoInstruments = False,
+    white: White = False,
+    unsigned: Unsigned = False,
+    seed: Seed = 0,
+    json: Json = False,
+) -> int:
+    """A dynamics model: identification.json, model.json and robot.urdf in DIR.
+
+    Without --held-out the last of several recordings, or the last 30 % of the only one, is held out.
+    """
+    from ..identify import identify as learn
+    from ..report import (
+        Screen,
+        identification_document,
+        identification_tables,
+        probe_folder,
+        to_json,
+        write_files,
+    )
+    from .files import with_urdf
+
+    _need_somewhere(output, json)
+    if output is not None:
+        probe_folder(output)
+    described = given_robot(robot, joints, lock, actuators, package_dir)
+    given, judges = (
+        [given_recording(p, described, columns, unsigned) for p in paths] for paths in (recordings, held_out or [])
+    )
+    options = given_options(effects, cutoff, derivatives, no_instruments, white, seed, robust)
+    with bars(json) as progress:
+        result = learn(described, given, held_out=judges, method=method, options=options, progress=progress)
+    files: dict[str, str] = {}
+    if output is not None:
+        result, files = with_urdf(result)
+    document = to_json(identification_document(result, given_inputs(robot, described, actuators, columns)))
+    files = {"identification.json": document, "model.json": to_json(result.model.document()), **files}
+    written = [] if output is None else write_files(output, files)
+    screen = Screen()
+    if json:
+        screen.write(document)
+    else:
+        screen.print(*identification_tables(result), sep="\n")
+    code = tell_flags(result.flags)
+    if written and not json:
+        screen.write("\n".join(["", "written:", *(f"  {path}" for path in written), ""]))
+    return code
+
+
+def _need_somewhere(output: str | None, json: bool) -> None:
+    if output == "" or (output is None and not json):
+        raise OptionError("no folder for the results was named; add -o DIR, or --json to print them instead")

@@ -1,0 +1,22 @@
+"""What is found, in words and numbers: tables for the eye, JSON for programs, files that are never half-written."""
+
+from .documents import check_document, identification_document, inspection_document, to_json
+from .numbers import figure, with_interval
+from .screen import Screen
+from .tables import check_tables, identification_tables, inspection_tables
+from .write import probe_folder, write_files
+
+__all__ = [
+    "Screen",
+    "check_document",
+    "check_tables",
+    "figure",
+    "identification_document",
+    "identification_tables",
+    "inspection_document",
+    "inspection_tables",
+    "probe_folder",
+    "to_json",
+    "with_interval",
+    "write_files",
+]

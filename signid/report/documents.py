@@ -1,0 +1,184 @@
+"""What is found as JSON: the objects that files hold and `--json` prints."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from math import isfinite
+from typing import Any
+
+import numpy as np
+
+from ..check import Check
+from ..excitation import Excitation
+from ..identify import Fit, Identification
+from ..inspect import Inspection
+from ..model import standard_parameters
+from ..sampling import Sampling
+from ..types import BaseMap
+from ..version import __version__
+from .joints import describe_joints
+from .quantities import law_numbers
+
+Input = tuple[str, str]  # path as given, sha256
+Document = dict[str, Any]
+
+
+def identification_document(result: Identification, inputs: Sequence[Input] = ()) -> Document:
+    """identification.json (design 3.4).
+
+    Args:
+        result: the identification.
+        inputs: path and sha256 of what was read besides the recordings; the robot's description if none is given.
+    """
+    robot, values = result.robot, zip(result.base_value, result.estimate.std, result.estimate.value, strict=True)
+    return {
+        "schema": "signid.identification/1",
+        "robot": robot.name,
+        "joints": list(robot.joints),
+        "base_parameters": [
+            {**combination, "value": float(value), "std": float(std), "estimate": float(estimate)}
+            for combination, (value, std, estimate) in zip(_base(result.base), values, strict=True)
+        ],
+        "standard_parameters": standard_parameters(robot, result.parameters.bodies()),
+        "physically_consistent": result.physically_consistent,
+        "moved": float(result.moved),
+        "effects": _effects(result),
+        "signs": None,
+        "fit": _fit(result.fit),
+        "excitation": _excitation(result.excitation),
+        "method": result.method,
+        "estimator": result.estimate.method,
+        "cutoff": {"torque": result.cutoff, "position": result.position_cutoff, "unit": "Hz"},
+        "flags": list(result.flags),
+        "notes": list(result.notes),
+        **_provenance(result.inputs, inputs or [(robot.path, robot.sha256)], result.seed),
+    }
+
+
+def check_document(found: Check, inputs: Sequence[Input] = (), seed: int = 0) -> Document:
+    """What `signid check --json` prints.
+
+    Args:
+        found: the check.
+        inputs: path and sha256 of what was read besides the recordings; the robot's description if none is given.
+        seed: of the random motion that the recordings are judged against.
+    """
+    robot, band = found.robot, found.band
+    shares = zip(robot.joints, band.per_joint, found.used, band.torque_floor, strict=True)
+    verdicts = zip(_base(found.base), found.std, found.verdicts, strict=True)
+    return {
+        "schema": "signid.check/1",
+        "robot": robot.name,
+        "joints": [
+            {"name": joint, "cutoff": float(highest), "used": float(used), "noise_floor": float(floor)}
+            for joint, highest, used, floor in shares
+        ],
+        "recordings": [
+            {"path": recording.path, **_sampling(sampling)}
+            for recording, sampling in zip(found.recordings, found.samplings, strict=True)
+        ],
+        "cutoff": {"torque": band.cutoff, "position": band.position_cutoff, "unit": "Hz"},
+        "base_parameters": [{**base, "std": float(std), "verdict": verdict} for base, std, verdict in verdicts],
+        "excitation": _excitation(found.excitation),
+        "advice": list(found.advice),
+        "flags": list(found.flags),
+        "notes": list(found.notes),
+        **_provenance(((r.path, r.sha256) for r in found.recordings), inputs or [(robot.path, robot.sha256)], seed),
+    }
+
+
+def inspection_document(found: Inspection, inputs: Sequence[Input] = (), seed: int = 0) -> Document:
+    """What `signid inspect --json` prints.
+
+    Args:
+        found: the inspection.
+        inputs: path and sha256 of what was read; the robot's description if none is given.
+        seed: of the random states that the base parameters were found on.
+    """
+    robot = found.robot
+    return {
+        "schema": "signid.inspection/1",
+        "robot": robot.name,
+        "joints": [entry._asdict() for entry in describe_joints(robot)],
+        "links": list(robot.links),
+        "base_parameters": _base(found.base),
+        "invisible": list(found.invisible),
+        "combined": list(found.combined),
+        "notes": list(robot.notes),
+        **_provenance((), inputs or [(robot.path, robot.sha256)], seed),
+    }
+
+
+def to_json(document: Document) -> str:
+    """Strict JSON text: what is infinite or not a number becomes null."""
+    return json.dumps(_strict(document), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+
+
+def _strict(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _strict(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_strict(item) for item in value]
+    if isinstance(value, np.ndarray | np.generic):
+        return _strict(value.tolist())
+    return None if isinstance(value, float) and not isfinite(value) else value
+
+
+def _base(base: BaseMap) -> list[Document]:
+    units = (unit.replace("m2", "m^2") for unit in base.units)
+    return [{"expression": e, "unit": unit} for e, unit in zip(base.expressions, units, strict=True)]
+
+
+def _effects(result: Identification) -> list[Document]:
+    return [
+        {
+            "effect": law.effect.name,
+            "joint": result.robot.joints[law.joints[0]] if len(law.joints) == 1 else None,
+            "parameters": {n.key: {"value": n.value, "std": n.std, "unit": n.unit} for n in numbers},
+        }
+        for law, numbers in zip(result.model.laws, law_numbers(result), strict=True)
+    ]
+
+
+def _fit(fit: Fit) -> Document:
+    return {
+        "joints": list(fit.joints),
+        "unit": list(fit.unit),
+        "train_rms": fit.train_rms.tolist(),
+        "held_out_rms": fit.held_out_rms.tolist(),
+        "noise_floor": fit.noise_floor.tolist(),
+        "held_out_r2": fit.held_out_r2.tolist(),
+    }
+
+
+def _sampling(found: Sampling) -> Document:
+    return {
+        "rate": 1 / found.period,
+        "duration": found.duration,
+        "samples": found.rows,
+        "spans": [list(span) for span in found.spans],
+        "duplicates": found.duplicates,
+        "uniform": found.uniform,
+        "spacing": list(found.jitter),
+    }
+
+
+def _excitation(found: Excitation) -> Document:
+    return {
+        "sufficient": found.sufficient,
+        "weakest_share": float(found.shares[0]) if len(found.shares) else None,
+        "cannot_tell": [list(names) for names in found.weak],
+        "resting": list(found.resting),
+        "in_step": [list(joints) for joints in found.in_step],
+        "too_small": list(found.small),
+    }
+
+
+def _provenance(recordings: Iterable[Input], others: Iterable[Input], seed: int) -> Document:
+    inputs = dict.fromkeys((*recordings, *others))
+    return {
+        "inputs": [{"path": path, "sha256": digest} for path, digest in inputs],
+        "seed": seed,
+        "version": __version__,
+    }

@@ -1,0 +1,93 @@
+"""Results appear only when complete: written beside their place under another name, then renamed."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+
+from ..errors import OutputError
+
+
+def probe_folder(folder: str | Path) -> None:
+    """Find out whether results can be written into a folder, without leaving anything there.
+
+    Raises:
+        OutputError: when it is a file, lies below one, or must not be written to.
+    """
+    place = Path(folder)
+    try:
+        while not place.exists() and not place.is_symlink() and place != place.parent:
+            place = place.parent
+        if not place.is_dir():
+            raise _refusal(folder, place, NotADirectoryError())
+        with tempfile.TemporaryFile(dir=place):
+            pass
+    except OutputError:
+        raise
+    except OSError as error:
+        raise _refusal(folder, place, error) from None
+
+
+def write_files(folder: str | Path, contents: Mapping[str, str | bytes]) -> list[Path]:
+    """Write files into a folder, which is made where it is missing; either all of them or none.
+
+    Args:
+        folder: where the results go.
+        contents: name of each file and what it holds; text is written as UTF-8.
+
+    Raises:
+        OutputError: when one of them cannot be written; nothing half-written stays behind.
+    """
+    place = Path(folder)
+    new = _missing(place)
+    waiting: list[tuple[Path, Path]] = []
+    try:
+        place.mkdir(parents=True, exist_ok=True)
+        for name, content in contents.items():
+            target = place / name
+            if target.is_dir():
+                raise _refusal(folder, place, IsADirectoryError(0, f"{target.name} in it is a folder"))
+            waiting.append((_aside(place, content), target))
+        for temporary, target in waiting:
+            os.replace(temporary, target)
+    except BaseException as error:
+        for temporary, _ in waiting:
+            temporary.unlink(missing_ok=True)
+        for made in new:
+            with suppress(OSError):
+                made.rmdir()
+        if isinstance(error, OSError) and not isinstance(error, OutputError):
+            raise _refusal(folder, place, error) from None
+        raise
+    return [target for _, target in waiting]
+
+
+def _missing(place: Path) -> list[Path]:
+    """The folders that will have to be made, the innermost first."""
+    return [folder for folder in (place, *place.parents) if not folder.exists()]
+
+
+def _aside(place: Path, content: str | bytes) -> Path:
+    """A temporary file of that content, with the rights of an ordinary new file."""
+    handle, name = tempfile.mkstemp(dir=place, prefix=".signid-")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(content.encode() if isinstance(content, str) else content)
+        mask = os.umask(0)
+        os.umask(mask)
+        Path(name).chmod(0o666 & ~mask)
+    except BaseException:
+        Path(name).unlink(missing_ok=True)
+        raise
+    return Path(name)
+
+
+def _refusal(folder: str | Path, place: Path, error: OSError) -> OutputError:
+    if isinstance(error, NotADirectoryError | FileExistsError):
+        where = place if place.is_file() else next((p for p in place.parents if p.is_file()), place)
+        return OutputError(f"cannot write results to {folder}: {where} is a file; name a folder with -o")
+    why = error.strerror or type(error).__name__
+    return OutputError(f"cannot write results to {folder}: {why}; name another folder with -o, or make room in it")

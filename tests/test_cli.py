@@ -1,0 +1,244 @@
+"""The command line: what it prints, writes and returns."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from swing import changed, csv, pristine, swing
+
+import signid
+from signid.cli import run
+from signid.prepare import EFFECT_NAMES
+
+ROOT = Path(__file__).parents[1]
+COMMANDS = ("inspect", "check", "identify")
+OUTPUTS = ["identification.json", "model.json", "robot.urdf"]
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """Every test in a folder of its own, with a recording of the pendulum."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("SIGNID_DEBUG", raising=False)
+    (tmp_path / "swing.csv").write_text(csv(swing()))
+    yield tmp_path
+
+
+def strict(text: str) -> Any:
+    """JSON as every reader understands it."""
+
+    def refuse(word: str) -> None:
+        raise AssertionError(f"{word} is no JSON")
+
+    return json.loads(text, parse_constant=refuse)
+
+
+def process(*arguments: str, **more: Any) -> subprocess.CompletedProcess[str]:
+    there = {**os.environ, "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-m", "signid", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, env=there, check=False, **more)
+
+
+def test_version(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["--version"]) == 0
+    assert capsys.readouterr().out == f"signid {signid.__version__}\n"
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_has_an_example(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run([command, "--help"]) == 0
+    out, err = capsys.readouterr()
+    assert f"Example: signid {command} " in out and "--json" in out and "--seed" in out and not err
+
+
+def test_help_lists_what_there_is_and_the_default_effects(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run([]) == 0
+    out = capsys.readouterr().out
+    assert re.findall(r"^  (\w+)  ", out.partition("Commands:")[2], re.MULTILINE) == list(COMMANDS)
+    assert run(["check", "--help"]) == 0
+    assert ", ".join(EFFECT_NAMES) in " ".join(capsys.readouterr().out.split())
+
+
+def test_help_needs_no_library() -> None:
+    heavy = "{'numpy', 'pinocchio', 'polars', 'cvxpy'}"
+    code = f"import sys; from signid.cli import run; run(['--help']); print(sorted({heavy} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=True)
+    assert done.stdout.endswith("\n[]\n")
+
+
+def test_identify_writes_and_ends_with_the_paths(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert run(["identify", "1r", "swing.csv", "-o", "new/result"]) == 0
+    out, err = capfd.readouterr()
+    assert err == "" and "\x1b" not in out
+    assert out.splitlines()[-3:] == [f"  new/result/{name}" for name in OUTPUTS]
+    assert sorted(path.name for path in (folder / "new/result").iterdir()) == OUTPUTS
+    assert "A real robot could have these inertials" in out and "Excitation sufficient" in out
+    assert max(map(len, out.splitlines())) <= 100
+
+
+def test_identify_finds_the_pendulum(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert run(["identify", "1r", "swing.csv", "-o", "result"]) == 0
+    found = strict((folder / "result/identification.json").read_text())
+    base = {entry["expression"]: entry for entry in found["base_parameters"]}
+    truth = {"mz_1": -2.5, "Iyy_1 + armature_1": 1.67085, "viscous_friction_1": 0.8, "coulomb_friction_1": 1.5}
+    for expression, value in truth.items():
+        assert abs(base[expression]["value"] - value) < 4 * base[expression]["std"], expression
+    assert base["Iyy_1 + armature_1"]["unit"] == "kg.m^2"
+    model = signid.load_model(folder / "result/model.json")
+    assert model.laws[0].parameters["coefficient"] == pytest.approx(base["viscous_friction_1"]["value"])
+    robot = signid.load_robot(folder / "result/robot.urdf")
+    assert robot.model.inertias[1].mass * robot.model.inertias[1].lever[2] == pytest.approx(base["mz_1"]["value"])
+    assert robot.actuators.viscous_friction[0] == pytest.approx(base["viscous_friction_1"]["value"])
+
+
+def test_json_is_the_file_and_nothing_else(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert run(["identify", "1r", "swing.csv", "-o", "result", "--json"]) == 0
+    out, err = capfd.readouterr()
+    assert out == (folder / "result/identification.json").read_text() and err == ""
+    assert strict(out)["schema"] == "signid.identification/1"
+
+
+def test_json_alone_writes_nothing(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    for command in (["inspect", "1r"], ["check", "1r", "swing.csv"], ["identify", "1r", "swing.csv"]):
+        assert run([*command, "--json"]) == 0
+        found = strict(capfd.readouterr().out)
+        assert found["robot"] == "1r" and found["seed"] == 0 and found["version"] == signid.__version__
+        assert found["inputs"][-1]["path"] == "1r"
+    assert [path.name for path in folder.iterdir()] == ["swing.csv"]
+
+
+def test_same_inputs_and_seed_give_the_same_bytes(folder: Path) -> None:
+    for name in ("one", "two"):
+        assert run(["identify", "1r", "swing.csv", "--seed", "3", "-o", name]) == 0
+    for name in OUTPUTS:
+        assert (folder / "one" / name).read_bytes() == (folder / "two" / name).read_bytes()
+
+
+def test_a_flagged_result_is_complete_and_exits_3(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    robot = "3r"
+    t, q, tau = (pristine()[name] for name in ("t", "q_1", "tau_1"))
+    columns = {"t": t} | {f"q_{j}": j * q for j in (1, 2, 3)} | {f"tau_{j}": tau / j for j in (1, 2, 3)}
+    (folder / "step.csv").write_text(csv(columns))
+    assert run(["identify", robot, "step.csv", "-o", "result"]) == 3
+    out, err = capfd.readouterr()
+    assert "moved in step" in err and all(line.startswith("signid: ") for line in err.splitlines())
+    assert "Excitation insufficient" in out and "written" in out
+    assert sorted(path.name for path in (folder / "result").iterdir()) == OUTPUTS
+    assert strict((folder / "result/identification.json").read_text())["flags"]
+    assert run(["check", robot, "step.csv"]) == 3
+    assert "not told" in capfd.readouterr().out
+
+
+def test_mjcf_gets_no_urdf_and_says_so(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    (folder / "arm.xml").write_text(
+        '<mujoco model="arm"><worldbody><body name="rod"><joint name="joint_1" axis="0 1 0"/>'
+        '<inertial pos="0 0 -0.5" mass="5" diaginertia="0.42 0.42 0.01"/></body></worldbody></mujoco>'
+    )
+    assert run(["identify", "arm.xml", "swing.csv", "-o", "result"]) == 0
+    assert "robot.urdf is not written: the robot comes from MJCF" in capfd.readouterr().out
+    assert sorted(path.name for path in (folder / "result").iterdir()) == OUTPUTS[:2]
+
+
+def test_every_option_is_heard(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    (folder / "a.toml").write_text("[joint.1]\ntorque_constant = 2.0\n")
+    (folder / "m.toml").write_text('q_1 = "angle"\ncurrent_1 = "amps"\n')
+    angle, tau = pristine()["q_1"], pristine()["tau_1"]
+    (folder / "amps.csv").write_text(csv(swing(q_1=None, tau_1=None, angle=angle, amps=tau / 2)))
+    given = "--actuators a.toml --columns m.toml --effects viscous_friction,coulomb_friction,torque_offset --cutoff 10"
+    more = "--method wls --robust --white --no-instruments --derivatives computed --held-out amps.csv --seed 5 --json"
+    assert run(["identify", "1r", "amps.csv", *given.split(), *more.split()]) == 0
+    found = strict(capfd.readouterr().out)
+    assert (found["method"], found["seed"], len(found["effects"])) == ("wls", 5, 3)
+    assert found["cutoff"]["torque"] == pytest.approx(10)
+    assert [entry["path"] for entry in found["inputs"]] == ["amps.csv", "1r", "a.toml", "m.toml"]
+    base = {entry["expression"]: entry["value"] for entry in found["base_parameters"]}
+    assert base["Iyy_1"] == pytest.approx(1.67085, rel=0.01)
+
+
+def test_part_of_a_robot(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    for given in (["--joints", "1"], ["--lock", "2=0.5", "--lock", "joint_3=-0.5"]):
+        assert run(["inspect", "3r", "--effects", "none", "--json", *given]) == 0
+        found = strict(capfd.readouterr().out)
+        assert [joint["name"] for joint in found["joints"]] == ["joint_1"]
+        assert len(found["base_parameters"]) == 1
+
+
+def test_interrupt_is_quiet(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
+    def stop(*_: Any, **__: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("signid.robot.load_robot", stop)
+    assert run(["inspect", "1r"]) == 130
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "says"),
+    [
+        (MemoryError(), 2, "memory"),
+        (OSError(5, "Input/output error", "far.csv"), 2, "far.csv: Input/output error"),
+        (ZeroDivisionError("division by zero"), 1, "ZeroDivisionError: division by zero"),
+    ],
+)
+def test_what_nobody_foresaw(
+    error: Exception, code: int, says: str, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def fail(*_: Any, **__: Any) -> None:
+        raise error
+
+    monkeypatch.setattr("signid.robot.load_robot", fail)
+    assert run(["inspect", "1r"]) == code
+    err = capfd.readouterr().err
+    assert says in err and len(err.splitlines()) == 1
+    monkeypatch.setenv("SIGNID_DEBUG", "1")
+    assert run(["inspect", "1r"]) == code
+    assert "Traceback" in capfd.readouterr().err
+
+
+def test_a_reader_that_leaves_is_no_error() -> None:
+    there = {**os.environ, "PYTHONPATH": str(ROOT)}
+    for more in ("", " --json"):
+        line = f"set -o pipefail; {sys.executable} -m signid inspect panda{more} | head -n 1"
+        done = subprocess.run(["bash", "-c", line], capture_output=True, text=True, env=there, check=False)
+        assert (done.returncode, done.stderr, len(done.stdout.splitlines())) == (0, "", 1)
+
+
+def test_a_result_is_not_half_written(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def full(*_: Any, **__: Any) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("signid.report.write.os.replace", full)
+    assert run(["identify", "1r", "swing.csv", "-o", "new/result"]) == 2
+    err = capfd.readouterr().err
+    assert "No space left on device" in err and len(err.splitlines()) == 1
+    assert [path.name for path in folder.iterdir()] == ["swing.csv"]
+
+
+def test_a_folder_that_may_not_be_written_is_known_at_once(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def forbid(*_: Any, **__: Any) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("signid.report.write.tempfile.TemporaryFile", forbid)
+    monkeypatch.setattr("signid.robot.load_robot", lambda *_, **__: pytest.fail("it began to compute"))
+    assert run(["identify", "1r", "swing.csv", "-o", "result"]) == 2
+    assert "Permission denied" in capfd.readouterr().err
+
+
+def test_libraries_keep_quiet(folder: Path) -> None:
+    (folder / "spoilt.csv").write_text(changed("tau_1", lambda x: np.where(np.arange(len(x)) == 500, np.nan, x)))
+    done = process("identify", "1r", "spoilt.csv", "-o", "result", cwd=folder)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "missing" in done.stdout
