@@ -121,6 +121,9 @@ def _speed_noise(level: Array, fastest: float) -> Array:
 
 
 def _white_level(tau: Array, rate: float) -> Array:
-    """(n,) [N2.m2/Hz] one-sided power of the torque in its highest frequencies; 0 where it is not recorded."""
-    f, power = _spectrum(np.nan_to_num(tau), rate)
-    return np.asarray(np.median(power[f > 0.3 * rate], axis=0))
+    """(n,) [N2.m2/Hz] one-sided power of white torque noise; 0 where it is not recorded.
+
+    From third differences, which smooth torque hardly has, and their median size, which jumps do not change.
+    """
+    size = np.median(np.abs(np.diff(np.nan_to_num(tau), 3, axis=0)), axis=0) / 0.6745
+    return np.asarray(size**2 / 20 / (rate / 2))

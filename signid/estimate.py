@@ -96,7 +96,7 @@ def _spread(joint: JointFactors, r: Array) -> Array:
     """Covariance (c, c) of the weighted sums of rows times noise of autocovariance r."""
     out = joint.grams[0] / r[0]
     for d in range(1, len(r)):
-        out = out + r[d] / r[0] ** 2 * (joint.grams[d] + joint.grams[d].T)
+        out = out + r[d] / r[0] / r[0] * (joint.grams[d] + joint.grams[d].T)
     return np.asarray(out)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..errors import RecordingError
 from ..types import Array, Recording, Robot, Table
@@ -23,7 +24,7 @@ def read_recording(
     taken where they are. Samples of a Parquet file are read when they are asked for.
 
     Args:
-        source: a file, or arrays by column name: (N,), or (N, n) for joints 1 to n [s, rad or m, N.m or N, A].
+        source: a file, or arrays by column name: (N,), or (N, n) for all joints [s, rad or m, N.m or N, A].
         robot: the robot that was recorded.
         columns: which column of the source stands for which name, {"q_elbow": "elbow_pos"}, or a TOML file of it.
         unsigned: forget the sign of every torque.
@@ -31,7 +32,7 @@ def read_recording(
     Raises:
         RecordingError: the file, its columns or the column map cannot be used; the sentence says why.
     """
-    opened = open_source(source)
+    opened = open_source(_by_joint(source, robot))
     found = assign_columns(opened.table.columns, columns, robot, opened.name)
     joints = _joints(found, robot, opened.name)
     torques = [found.torque(j) for j in joints]
@@ -68,6 +69,18 @@ def same_joints(recordings: Sequence[Recording]) -> tuple[str, ...]:
                 told = f"{here.path or 'one recording'} moves {', '.join(extra)}, {there.path or 'another'} does not"
                 raise RecordingError(f"{told}; use only recordings of the same joints together")
     return first.joints
+
+
+def _by_joint(source: Source, robot: Robot) -> Source:
+    """Arrays with a column for each joint of the robot, under the joints' own names; anything else as it is."""
+    if not isinstance(source, Mapping):
+        return source
+    columns: dict[str, ArrayLike] = {}
+    for key, value in source.items():
+        wide = np.ndim(value) == 2 and np.shape(value)[1] == len(robot.joints)
+        parts = dict(zip(robot.joints, np.transpose(value), strict=True)) if wide else {}
+        columns |= {f"{key}_{joint}": part for joint, part in parts.items()} if wide else {key: value}
+    return columns
 
 
 class _Absolute:

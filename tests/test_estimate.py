@@ -1,0 +1,146 @@
+"""Base parameters from factors: exact where there is no noise, honest where there is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from motions import FRICTION, Trial, trial, truth
+from numpy.testing import assert_allclose
+
+from signid.estimate import estimate
+from signid.excitation import judge_excitation
+from signid.prepare import Options, Session, prepare
+from signid.robot import load_robot
+from signid.types import Estimate, Robot
+
+EXACT = Options(cutoff=np.inf, derivatives="recorded")
+
+
+@pytest.fixture(scope="module")
+def arm() -> Robot:
+    return load_robot("3r")
+
+
+def solve(made: Trial, options: Options, **changes: np.ndarray) -> tuple[Session, Estimate]:
+    recording = made.recording(**changes)
+    session = prepare(made.robot, [recording], [recording], options)
+    return session, estimate(session.reduce(session.train), session.task.base, whiten=options.whiten)
+
+
+def error(session: Session, found: Estimate) -> float:
+    right = session.task.base.combination @ truth(session.robot)
+    return float(np.linalg.norm(found.value - right) / np.linalg.norm(right))
+
+
+@pytest.mark.parametrize("name", ["1r", "3r", "ur5", "panda", "emps"])
+def test_exact_without_noise(name: str) -> None:
+    made = trial(load_robot(name))
+    session, found = solve(made, EXACT, dq=made.v, ddq=made.a)
+    assert session.task.recorded_derivatives
+    assert error(session, found) < 1e-9
+
+
+def test_positions_alone_are_nearly_as_good(arm: Robot) -> None:
+    made = trial(arm)
+    session, found = solve(made, Options())
+    assert not session.task.recorded_derivatives
+    assert error(session, found) < 1e-2  # friction jumps in a hundredth of a second at each reversal
+    smooth = Options(effects=("viscous_friction", "torque_offset", "armature"))
+    session, found = solve(made, smooth, tau=made.torque - FRICTION["coulomb_friction"] * np.sign(made.v))
+    standard = np.delete(truth(arm), slice(33, 36))
+    right = session.task.base.combination @ standard
+    assert_allclose(found.value, right, atol=1e-4 * np.abs(right).max())
+
+
+def test_recorded_derivatives_are_used_only_when_they_are_right(arm: Robot) -> None:
+    made = trial(arm)
+    assert solve(made, Options(), dq=made.v, ddq=made.a)[0].task.recorded_derivatives
+    assert not solve(made, Options(), dq=np.roll(made.v, 5, axis=0), ddq=made.a)[0].task.recorded_derivatives
+
+
+def test_intervals_grow_with_the_noise(arm: Robot) -> None:
+    made, rng = trial(arm), np.random.default_rng(0)
+    noise = rng.standard_normal(made.torque.shape)
+    small = solve(made, Options(), tau=made.torque + 0.05 * noise)[1]
+    large = solve(made, Options(), tau=made.torque + 0.5 * noise)[1]
+    assert_allclose(large.std / small.std, 10, rtol=0.1)
+    assert_allclose(large.noise / small.noise, 10, rtol=0.1)
+
+
+def test_coloured_noise_widens_the_intervals(arm: Robot) -> None:
+    made, rng = trial(arm, seconds=60), np.random.default_rng(1)
+    white = rng.standard_normal(made.torque.shape)
+    coloured = np.zeros_like(white)
+    for i in range(1, len(white)):
+        coloured[i] = 0.99 * coloured[i - 1] + white[i]
+    coloured *= white.std() / coloured.std()
+    session, found = solve(made, Options(), tau=made.torque + 0.3 * coloured)
+    plain = solve(made, Options(whiten=False), tau=made.torque + 0.3 * coloured)[1]
+    assert max(found.orders) >= 1
+    assert np.median(found.std / plain.std) > 1.3
+    right = session.task.base.combination @ truth(arm)
+    assert np.sqrt(np.mean(((found.value - right) / found.std) ** 2)) < 1.5
+
+
+def test_what_is_not_told_is_said(arm: Robot) -> None:
+    session, found = solve(trial(arm, rest=(2,)), Options())
+    assert np.isinf(found.std).any()
+    factors = session.reduce(session.train)
+    verdict = judge_excitation(session.task, factors, found)
+    assert verdict.resting == ("joint_3",)
+    assert not verdict.sufficient
+    assert any("joint joint_3 did not move" in sentence for sentence in verdict.sentences)
+
+
+def test_joints_in_step_are_named(arm: Robot) -> None:
+    made = trial(arm)
+    q = made.q.copy()
+    q[:, 2] = 0.7 * q[:, 1]
+    recording = made.recording(q=q)
+    session = prepare(arm, [recording], [recording])
+    factors = session.reduce(session.train)
+    verdict = judge_excitation(session.task, factors, estimate(factors, session.task.base))
+    assert verdict.in_step == (("joint_2", "joint_3"),)
+
+
+def test_good_motion_is_not_flagged(arm: Robot) -> None:
+    session, found = solve(trial(arm), Options())
+    verdict = judge_excitation(session.task, session.reduce(session.train), found)
+    assert verdict.sufficient
+    assert verdict.sentences == ()
+
+
+def test_instruments_repair_a_coarse_encoder(arm: Robot) -> None:
+    made, rng = trial(arm, seconds=40), np.random.default_rng(3)
+    step = 2 * np.pi / 2**12
+    coarse = np.round((made.q + step * rng.uniform(-0.5, 0.5, made.q.shape)) / step) * step
+    tau = made.torque + 0.05 * rng.standard_normal(made.torque.shape)
+    wide = Options(cutoff=10.0)
+    session, plain = solve(made, wide, q=coarse, tau=tau)
+    assert plain.method == "weighted least squares"
+    told, repaired = solve(made, wide, q=coarse, tau=tau, q_des=made.q)
+    assert repaired.method == "instrumental variables"
+    assert error(told, repaired) < 0.5 * error(session, plain)
+
+
+def test_instruments_that_tell_nothing_are_left(arm: Robot) -> None:
+    made = trial(arm)
+    other = trial(arm, seed=9)
+    found = solve(made, Options(), q_des=other.q)[1]
+    assert found.method == "weighted least squares"
+
+
+def test_robust_weights_survive_outliers(arm: Robot) -> None:
+    import signid
+
+    made, rng = trial(arm), np.random.default_rng(4)
+    tau = made.torque + 0.1 * rng.standard_normal(made.torque.shape)
+    for start in rng.integers(0, len(tau) - 40, 6):
+        tau[start : start + 40, rng.integers(3)] += 30
+    recording, clean = made.recording(tau=tau), trial(arm, seed=5).recording()
+    errors = []
+    for robust in (False, True):
+        found = signid.identify(arm, [recording], held_out=[clean], method="wls", options=Options(robust=robust))
+        right = found.base.combination @ truth(arm)
+        errors.append(np.linalg.norm((found.estimate.value - right) / np.linalg.norm(right)))
+    assert errors[1] < 0.4 * errors[0]

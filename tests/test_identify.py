@@ -1,0 +1,147 @@
+"""From recordings to a model: held out, consistent, saved and loaded again."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from motions import FRICTION, trial, truth
+from numpy.testing import assert_allclose
+
+import signid
+from signid.errors import OptionError, RecordingError, RobotError
+from signid.identify import Identification
+from signid.model import load_model
+from signid.motion import Motion
+from signid.types import Robot
+
+
+@pytest.fixture(scope="module")
+def arm() -> Robot:
+    return signid.load_robot("3r")
+
+
+@pytest.fixture(scope="module")
+def found(arm: Robot) -> Identification:
+    made, rng = trial(arm), np.random.default_rng(0)
+    return signid.identify(arm, [made.recording(tau=made.torque + 0.05 * rng.standard_normal(made.torque.shape))])
+
+
+def test_the_standard_parameters_reproduce_the_base_parameters(found: Identification) -> None:
+    assert_allclose(found.base.combination @ found.parameters.values, found.base_value, rtol=1e-12)
+    assert found.physically_consistent
+    assert found.parameters.is_feasible()
+
+
+def test_the_estimate_is_the_truth_within_its_intervals(found: Identification, arm: Robot) -> None:
+    right = found.base.combination @ truth(arm)
+    assert np.mean(np.abs(found.base_value - right) < 3 * found.estimate.std + 0.01) == 1
+
+
+def test_the_fit_is_judged_by_what_was_held_out(found: Identification) -> None:
+    assert (found.fit.held_out_r2 > 0.999).all()
+    assert_allclose(found.fit.held_out_rms, found.fit.train_rms, rtol=0.5)
+    assert (found.fit.noise_floor < found.fit.held_out_rms).all()
+    assert found.flags == ()
+
+
+def test_the_last_of_several_recordings_is_held_out(arm: Robot) -> None:
+    recordings = [trial(arm, seed=s, seconds=12).recording() for s in (1, 2)]
+    automatic = signid.identify(arm, recordings)
+    by_hand = signid.identify(arm, recordings[:1], held_out=recordings[1:])
+    assert_allclose(automatic.base_value, by_hand.base_value)
+    assert_allclose(automatic.fit.held_out_rms, by_hand.fit.held_out_rms)
+
+
+def test_the_same_inputs_give_the_same_numbers(arm: Robot) -> None:
+    recording = trial(arm, seconds=12).recording()
+    first, second = (signid.identify(arm, [recording]) for _ in range(2))
+    assert np.array_equal(first.base_value, second.base_value)
+    assert np.array_equal(first.estimate.covariance, second.estimate.covariance)
+
+
+def test_least_squares_keeps_its_own_base_parameters(arm: Robot) -> None:
+    found = signid.identify(arm, [trial(arm).recording()], method="wls")
+    assert_allclose(found.base_value, found.estimate.value, rtol=1e-9, atol=1e-9)
+    assert found.moved == 0
+
+
+def test_a_model_predicts_the_torque_and_loads_back(found: Identification, arm: Robot, tmp_path: Path) -> None:
+    made = trial(arm, seed=7)
+    motion = Motion(arm, made.t, made.q, made.v, made.a)
+    predicted = found.model.inverse(motion)
+    assert np.sqrt(np.mean((predicted - made.torque) ** 2)) < 0.05
+    path = tmp_path / "model.json"
+    path.write_text(json.dumps(found.model.document()))
+    again = load_model(path)
+    assert_allclose(again.inverse(Motion(again.robot, made.t, made.q, made.v, made.a)), predicted, atol=1e-12)
+
+
+def test_a_held_joint_stays_held_in_the_saved_model(arm: Robot, tmp_path: Path) -> None:
+    held = signid.load_robot("3r", lock={"joint_2": 0.4})
+    found = signid.identify(held, [trial(held).recording()])
+    path = tmp_path / "model.json"
+    path.write_text(json.dumps(found.model.document()))
+    again = load_model(path)
+    assert again.robot.joints == ("joint_1", "joint_3")
+    motion = trial(held, seed=3)
+    here, there = (m.inverse(Motion(m.robot, motion.t, motion.q, motion.v, motion.a)) for m in (found.model, again))
+    assert_allclose(there, here, atol=1e-12)
+
+
+def test_a_robot_is_a_simulation_too() -> None:
+    model = load_model("3r")
+    made = trial(model.robot)
+    motion = Motion(model.robot, made.t, made.q, made.v, made.a)
+    assert_allclose(model.inverse(motion), motion.load + sum(law_torque(model, motion)), atol=1e-9)
+
+
+def law_torque(model: object, motion: Motion) -> list[np.ndarray]:
+    from signid.effects.law import law_columns
+
+    total = [np.zeros_like(motion.q)]
+    for law in model.laws:  # type: ignore[attr-defined]
+        rows, columns = law_columns(law, motion)
+        part = np.zeros_like(motion.q)
+        part[:, list(rows)] = columns @ np.array(law.effect.coefficients(law.parameters))
+        total.append(part)
+    return total
+
+
+def test_what_is_no_model_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "model.json"
+    for text in ("{", "[]", '{"schema": "else"}', '{"schema": "signid.model/1"}'):
+        path.write_text(text)
+        with pytest.raises(RobotError) as caught:
+            load_model(path)
+        assert "\n" not in str(caught.value)
+
+
+def test_effects_are_chosen(arm: Robot) -> None:
+    found = signid.identify(arm, [trial(arm).recording()], options=signid.Options(effects=("viscous_friction",)))
+    assert {law.effect.name for law in found.model.laws} == {"viscous_friction"}
+    assert found.model.laws[0].parameters["coefficient"] > FRICTION["viscous_friction"]
+
+
+def test_unsigned_torque_and_unknown_options_are_refused(arm: Robot) -> None:
+    made = trial(arm, seconds=5)
+    unsigned = signid.read_recording({"t": made.t, "q": made.q, "tau": made.torque}, arm, unsigned=True)
+    with pytest.raises(OptionError, match="has no sign"):
+        signid.identify(arm, [unsigned])
+    with pytest.raises(OptionError, match="method 'magic' is none of"):
+        signid.identify(arm, [made.recording()], method="magic")
+    with pytest.raises(OptionError, match="no effect named 'stiction'"):
+        signid.identify(arm, [made.recording()], options=signid.Options(effects=("stiction",)))
+    with pytest.raises(RecordingError, match="different rates"):
+        signid.identify(arm, [made.recording(), trial(arm, rate=100.0, seconds=5).recording()])
+
+
+def test_check_tells_before_anything_is_fitted(arm: Robot) -> None:
+    good = signid.check(arm, [trial(arm).recording()])
+    poor = signid.check(arm, [trial(arm, rest=(2,)).recording()])
+    assert good.flags == ()
+    assert poor.flags
+    assert poor.verdicts.count("not told") > good.verdicts.count("not told")
+    assert (good.used > 0.5).all()
