@@ -9,12 +9,13 @@ import numpy as np
 from ..consistent.cone import information_root
 from ..errors import OptionError
 from ..optimisers import OPTIMISERS, Problem
-from ..types import Array, BaseMap, Estimate, Frozen, Parameters
+from ..types import Array, BaseMap, Estimate, Frozen, Label, Parameters
 from .bounds import Bounds, bounds_around
 from .penalty import Physics, physics_of
 
 _SHARPEST = 1e4  # standard deviations per width of the box that the search is asked to resolve
 _SETTLED = 1e-2  # gain still in sight over the whole box, in squared standard deviations, at which a run has converged
+_MORE = 6  # rounds of a tenfold penalty, as long as the result is still impossible
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,8 @@ def retrieve(
 
     Each run starts anywhere in the box. Its first round asks only for the base parameters, by a global and then a local
     algorithm; each later round starts from the last and adds a heavier penalty, `schedule` times its number, on what
-    violates physics. Good up to some 30 parameters; above that it stays within its budget and says how it ended.
+    violates physics. Should the last still be impossible, up to six rounds of a tenfold penalty follow. Good up to some
+    30 parameters; above that it stays within its budget and says how it ended.
 
     Args:
         base: which combinations of the standard parameters the torque shows.
@@ -123,23 +125,29 @@ def retrieve(
     rng, search = np.random.default_rng(seed), OPTIMISERS["nlopt"].minimise
     results: list[tuple[Run, Array]] = []
     for k in range(runs):
-        z, spent = rng.uniform(size=len(box.lower)), 0
-        steps = [(0.0, global_algorithm, budget_global)]
-        steps += [(schedule * i, local_algorithm, budget_local) for i in range(rounds)]
-        for weight, algorithm, budget in steps:
-            found = search(game.problem(z, weight), algorithm=algorithm, budget_evaluations=budget, seed=seed + k)
-            z, spent = found.x, spent + found.evaluations
-        results.append((game.judged(z, schedule * (rounds - 1), spent, base, estimate), z))
+        start = game.problem(rng.uniform(size=len(box.lower)), 0.0)
+        found = search(start, algorithm=global_algorithm, budget_evaluations=budget_global, seed=seed + k)
+        spent, weight = found.evaluations, 0.0
+        for i in range(rounds + _MORE):
+            if i >= rounds and game.is_feasible(found.x):
+                break
+            weight = schedule * i if i < rounds else 10 * max(weight, schedule)
+            problem = game.problem(found.x, weight)
+            found = search(problem, algorithm=local_algorithm, budget_evaluations=budget_local, seed=seed + k)
+            spent += found.evaluations
+        results.append((game.judged(found.x, weight, spent), found.x))
     best = min(range(runs), key=lambda k: (not results[k][0].feasible, results[k][0].cost))
     (run, z), table = results[best], tuple(result[0] for result in results)
-    parameters = Parameters(base.labels, game.standard(z))
-    return Retrieval(parameters, run, table, global_algorithm, local_algorithm, seed, _notes(run, z, parameters))
+    notes = _notes(run, z, base.labels)
+    return Retrieval(game.parameters(z), run, table, global_algorithm, local_algorithm, seed, notes)
 
 
 @dataclass(frozen=True, eq=False)
 class _Game(Frozen):
     """Cost over the unit cube that the box is mapped to."""
 
+    base: BaseMap
+    estimate: Estimate
     matrix: Array  # (r, p)
     target: Array  # (r,)
     box: Bounds
@@ -147,6 +155,12 @@ class _Game(Frozen):
 
     def standard(self, z: Array) -> Array:
         return self.box.lower + (self.box.upper - self.box.lower) * z
+
+    def parameters(self, z: Array) -> Parameters:
+        return Parameters(self.base.labels, self.standard(z))
+
+    def is_feasible(self, z: Array) -> bool:
+        return self.parameters(z).is_feasible()
 
     def problem(self, z: Array, weight: float) -> Problem:
         """From z on, with a penalty of that weight."""
@@ -162,21 +176,16 @@ class _Game(Frozen):
 
         return Problem(cost, np.zeros(len(z)), np.ones(len(z)), z, gradient)
 
-    def judged(self, z: Array, weight: float, spent: int, base: BaseMap, estimate: Estimate) -> Run:
+    def judged(self, z: Array, weight: float, spent: int) -> Run:
         """What came out, by tests of our own."""
         x, last = self.standard(z), self.problem(z, weight)
-        away = base.combination @ x - estimate.value
-        assert last.gradient is not None
-        downhill = np.clip(z - last.gradient(z), 0.0, 1.0) - z
+        assert last.gradient is not None, "given above"
+        away = self.base.combination @ x - self.estimate.value
+        chi2 = max(float(away @ self.estimate.information @ away), 0.0)
         cost = last.objective(z)
-        return Run(
-            cost,
-            max(float(away @ estimate.information @ away), 0.0),
-            self.physics.violation(x)[0],
-            Parameters(base.labels, x).is_feasible(),
-            bool(np.abs(downhill).max(initial=0.0) <= _SETTLED + 1e-6 * cost),
-            spent,
-        )
+        in_sight = float(np.abs(np.clip(z - last.gradient(z), 0.0, 1.0) - z).max(initial=0.0))
+        converged = in_sight <= _SETTLED + 1e-6 * cost
+        return Run(cost, chi2, self.physics.violation(x)[0], self.is_feasible(z), converged, spent)
 
 
 def _game(base: BaseMap, estimate: Estimate, box: Bounds, physics: Physics) -> _Game:
@@ -185,16 +194,17 @@ def _game(base: BaseMap, estimate: Estimate, box: Bounds, physics: Physics) -> _
     left, sharpness, right = np.linalg.svd(matrix, full_matrices=False)
     eased = np.minimum(1.0, _SHARPEST / np.maximum(sharpness, 1e-300))
     target = left.T @ (root @ (estimate.value - base.combination @ box.lower))
-    return _Game((eased * sharpness)[:, None] * right, eased * target, box, physics)
+    return _Game(base, estimate, (eased * sharpness)[:, None] * right, eased * target, box, physics)
 
 
-def _notes(run: Run, z: Array, parameters: Parameters) -> tuple[str, ...]:
-    edge = [label.name for label, at in zip(parameters.labels, z, strict=True) if at in (0.0, 1.0)]
+def _notes(run: Run, z: Array, labels: tuple[Label, ...]) -> tuple[str, ...]:
+    edge = [label.name for label, at in zip(labels, z, strict=True) if at in (0.0, 1.0)]
     notes = []
     if not run.converged:
         notes.append(f"the search did not converge within {run.evaluations} evaluations; give it more, or fit by cone")
     if not run.feasible:
-        notes.append("no real robot could have these parameters: the penalty was too light to make them possible")
+        notes.append("no real robot could have these parameters: the search found none in the box that one could")
     if edge:
-        notes.append(f"on an edge of the box, which may be too narrow: {', '.join(edge[:5])}{' ...' * (len(edge) > 5)}")
+        more = " ..." if len(edge) > 5 else ""
+        notes.append(f"on an edge of the box, which may be too narrow: {', '.join(edge[:5])}{more}")
     return tuple(notes)
