@@ -173,7 +173,7 @@ def commands() -> list[Case]:
             "out is a file",
             {"good.csv": good, "out": "mine"},
         ),
-        Case("strange command", "identfy 1r good.csv -o out", "identfy"),
+        Case("strange command", "recognise 1r good.csv -o out", "recognise"),
         Case("no recording", "identify 1r -o out", "RECORDING"),
         Case("no robot", "inspect", "ROBOT"),
         Case("an empty name for the result", "identify 1r good.csv -o ''", "-o", {"good.csv": good}),

@@ -32,7 +32,7 @@ Columns = Annotated[str | None, typer.Option(metavar="FILE", help='TOML: q_elbow
 Effects = Annotated[
     str | None, typer.Option(metavar="A,B", help=f"Laws at every joint, or none. Default: {', '.join(USUAL)}.")
 ]
-Cutoff = Annotated[float | None, typer.Option(metavar="HZ", help="Default: from encoder noise; inf: no filter.")]
+Cutoff = Annotated[float | None, typer.Option(metavar="HZ", help="Default: from motion and noise; inf: no filter.")]
 Derivatives = Annotated[str, typer.Option(metavar="WHICH", help="auto, computed (from q) or recorded (dq_J, ddq_J).")]
 Unsigned = Annotated[bool, typer.Option("--unsigned", help="Forget the signs of torques.")]
 NoInstruments = Annotated[bool, typer.Option("--no-instruments", help="Leave q_des_J columns aside.")]

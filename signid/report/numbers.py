@@ -44,11 +44,11 @@ def with_interval(value: float, std: float) -> tuple[str, str]:
         last += 1
     if largest < -4 or largest >= 7:
         places, unit = max(0, largest - last), 10.0**largest
-        return tuple(f"{x / unit:.{places}f}e{largest:+03d}" for x in (value, half))  # type: ignore[return-value]
+        return tuple(f"{x / unit:z.{places}f}e{largest:+03d}" for x in (value, half))  # type: ignore[return-value]
     if last > 0:
         value, half = (round(x / 10.0**last) * 10.0**last for x in (value, half))
     places = max(0, -last)
-    return f"{value:.{places}f}", f"{half:.{places}f}"
+    return f"{value:z.{places}f}", f"{half:.{places}f}"
 
 
 def share(value: float) -> str:

@@ -1,0 +1,53 @@
+"""What the README shows is so; numbers in its extract may differ, words may not."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from signid.cli import run
+
+ROOT = Path(__file__).parents[1]
+
+
+def readme(start: str, language: str = "") -> list[str]:
+    """Lines of the first block of the README whose first line begins so."""
+    blocks = re.findall(rf"^```{language}\n(.*?)^```$", (ROOT / "README.md").read_text(), re.MULTILINE | re.DOTALL)
+    return next(block for block in blocks if block.startswith(start)).splitlines()
+
+
+def test_the_extract_in_the_readme_is_what_is_printed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def form(text: str) -> str:
+        return " ".join(re.sub(r"(?<![\w.])-?\d[\d.]*", "#", text).split())
+
+    command, *extract = readme("$ signid ")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "robots").symlink_to(ROOT / "robots")
+    assert run(command.split()[2:]) == 0
+    printed, at = form(capfd.readouterr().out), 0
+    for line in extract:
+        if line != "...":
+            at = printed.find(form(line), at)
+            assert at >= 0, line
+
+
+def test_the_python_in_the_readme_runs() -> None:
+    code = "\n".join(readme("import signid", "python"))
+    there = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, env=there, check=False
+    )
+    assert (done.returncode, done.stderr, len(done.stdout.splitlines())) == (0, "", 25)
+
+
+def test_the_readme_lists_the_commands(capfd: pytest.CaptureFixture[str]) -> None:
+    listed = re.findall(r"^\| `signid (\w+) ", (ROOT / "README.md").read_text(), re.MULTILINE)
+    assert run(["--help"]) == 0
+    assert listed == re.findall(r"^  (\w+)  ", capfd.readouterr().out.partition("Commands:")[2], re.MULTILINE)
