@@ -66,23 +66,17 @@ def choose_band(pieces: Sequence[Samples], rate: float, cutoff: float | None = N
         rate: sampling rate [Hz].
         cutoff: asked for by the user [Hz]; infinite: no filter at all; None: from the noise.
     """
-    spectra = [_acceleration(piece.q, rate) for piece in pieces]
-    allowed = np.min([s.allowed for s in spectra], axis=0)
+    longest = max(len(piece.t) for piece in pieces)
+    spectrum = _acceleration([piece.q for piece in pieces if 2 * len(piece.t) >= longest], rate)
+    allowed, noise = spectrum.allowed, spectrum.level
     widest = min(float(np.min(allowed)), rate / WIDEST)
-    needed = max(ENOUGH, BEYOND * max(s.content(widest) for s in spectra))
-    noise = np.max([s.level for s in spectra], axis=0)
+    needed = max(ENOUGH, BEYOND * spectrum.content(widest))
     level = np.nanmedian([_white_level(piece.tau, rate) for piece in pieces], axis=0)
     if cutoff is not None and np.isinf(cutoff):
         return Band(rate, 1, False, allowed, _speed_noise(noise, rate / 2), np.sqrt(level * rate / 2))
     factor = max(1, ceil(rate / (2 * (min(widest, needed) if cutoff is None else cutoff)) - 1e-9))
     speed = _speed_noise(noise, min(3 * rate / (2 * factor), rate / 2))
     return Band(rate, factor, True, allowed, speed, np.sqrt(level * rate / (2 * factor)))
-
-
-def _spectrum(x: Array, rate: float) -> tuple[Array, Array]:
-    length = min(len(x) // 3, int(8 * rate))
-    frequency, power = welch(x, rate, nperseg=max(length, 16), detrend="constant", axis=0)
-    return frequency, power
 
 
 class _Acceleration(NamedTuple):
@@ -101,17 +95,21 @@ class _Acceleration(NamedTuple):
         return float(np.max(self.frequency[np.argmax(reached, axis=0)], initial=0.0))
 
 
-def _acceleration(q: Array, rate: float) -> _Acceleration:
-    f, power = _spectrum(np.diff(q, 2, axis=0) * rate**2, rate)
+def _acceleration(pieces: Sequence[Array], rate: float) -> _Acceleration:
+    """The mean spectrum of pieces (N, n) [rad or m], each counted by its length."""
+    shortest, sizes = min(map(len, pieces)), np.array([len(q) for q in pieces])
+    length = max(min(shortest // 3, int(8 * rate)), 16)
+    spectra = [welch(np.diff(q, 2, axis=0) * rate**2, rate, nperseg=length, detrend="constant", axis=0) for q in pieces]
+    f, power = spectra[0][0], np.tensordot(sizes / sizes.sum(), np.array([p for _, p in spectra]), axes=1)
     gain = (2 * rate * np.sin(np.pi * f / rate))[:, None] ** 4
     high = f > 0.3 * rate
     level = np.median(power[high] / gain[high], axis=0)
     noise = np.cumsum(level * gain, axis=0)
     signal = np.maximum(np.cumsum(power, axis=0) - noise, 1e-30)
     fits = noise <= NOISE_SHARE * signal
-    last = len(f) - 1 - np.argmax(fits[::-1], axis=0)
-    moves = np.ptp(q, axis=0) > 0
-    allowed = np.where(moves, np.where(fits.any(0), f[last], f[1]), np.inf)
+    last = np.maximum(len(f) - 1 - np.argmax(fits[::-1], axis=0), 1)
+    moves = np.max([np.ptp(q, axis=0) for q in pieces], axis=0) > 0
+    allowed = np.where(moves, f[last], np.inf)
     return _Acceleration(f, power, level, allowed, moves)
 
 

@@ -10,39 +10,40 @@ import numpy as np
 from scipy.signal import lfilter
 
 from .factors import Factors, JointFactors
-from .types import Array, BaseMap, Estimate, Indices
+from .types import Array, BaseMap, Estimate, Indices, Mask
 
-ROUNDS = 6  # of noise model and solution in turn
+ROUNDS = 8  # of noise model and solution in turn
 SINGULAR = 1e-10  # of the largest eigenvalue of the scaled Gram matrix
 FLOOR = 1e-14  # of the torque's power: rounding
-PENALTY = 2.0  # per order: Akaike's
+PENALTY = 2.0  # per order of the noise model: Akaike's
+LEAST = 0.05  # of the variance under white noise
 STABLE = 0.98  # largest reflection coefficient
 IMPULSE = 400  # rows after which an autoregressive noise has forgotten
 WEAK_INSTRUMENT = 3.0  # times the standard deviation of least squares, in the median
 
 
-class _Noise(NamedTuple):
-    """An autoregressive noise model of one joint: (1, -phi) / sigma."""
-
-    filter: Array  # (order + 1,)
-    sigma: float
-
-
 class _Solution(NamedTuple):
-    value: Array  # (b,)
-    information: Array  # (b, b)
-    covariance: Array  # (b, b), infinite where nothing is told
-    finite: Array  # (b, b) the same without the infinities
+    value: Array  # (b,) [units of base]
+    information: Array  # (b, b) [1 / units of base]
+    inverse: Array  # (b, b) [units of base] of the information, 0 where nothing is told
+    unknown: Mask  # (b,) where nothing is told
+
+
+class _Noise(NamedTuple):
+    """Autoregressive noise of one joint."""
+
+    order: int
+    colour: Array  # (d,) autocovariances [N2.m2]
 
 
 def estimate(factors: Factors, base: BaseMap, prior: Array | None = None, whiten: bool = True) -> Estimate:
     """Base parameters by weighted least squares, with a covariance that knows how the noise is coloured.
 
-    A generalised least-squares fit and an autoregressive model of each joint's residual (order by BIC,
-    autocovariances corrected for the fitted parameters) are found in turn. The parameters themselves come from
-    weighted least squares, which is as accurate and does not trust frequencies where the model is wrong; their
-    covariance uses the noise model's autocovariances, over leverage-corrected degrees of freedom. With instruments
-    (the same columns along the desired motion) the estimate is the instrumental-variable one.
+    In turn: weighted least squares; the autocovariances of each joint's residual, corrected for what the fitted
+    parameters took away; an autoregressive model of them, its order by Akaike's criterion. The covariance is that of
+    weighted least squares under this noise. (Generalised least squares is no more accurate, and trusts frequencies
+    where the model is wrong.) With instruments, the same columns along the desired motion, the estimate is the
+    instrumental-variable one.
 
     Args:
         factors: of the recordings to learn from.
@@ -54,88 +55,48 @@ def estimate(factors: Factors, base: BaseMap, prior: Array | None = None, whiten
     fitted parameters); Janot, Vandanjon, Gautier, IEEE T-CST 22(1), 2014 (instruments).
     """
     start = np.zeros(base.rank) if prior is None else prior
-    noise = [_Noise(np.ones(1), s) for s in _first_scales(factors)]
-    solution = _solve(factors, noise, start)
+    noise = _first_noise(factors)
     for _ in range(ROUNDS):
-        noise = [_model_noise(g, c, solution, whiten) for g, c in _each(factors)]
         solution = _solve(factors, noise, start)
-    noise = [_rescale(n, g, c, solution) for n, (g, c) in zip(noise, _each(factors), strict=True)]
-    colours = [_autocovariances(n, len(g.grams)) for n, g in zip(noise, factors.joints, strict=True)]
-    white = [_Noise(np.ones(1), float(np.sqrt(r[0]))) for r in colours]
-    solution = _solve(factors, white, start)
-    found = Estimate(
-        solution.value,
-        _coloured_covariance(factors, colours, solution),
-        solution.information,
-        np.array([w.sigma for w in white]),
-        tuple(len(n.filter) - 1 for n in noise),
-    )
-    return _with_instruments(factors, colours, found) if factors.instruments else found
-
-
-def _autocovariances(noise: _Noise, lags: int) -> Array:
-    """(lags,) [N2.m2] of an autoregressive noise, from its impulse response."""
-    impulse = np.zeros(IMPULSE)
-    impulse[0] = 1
-    response = noise.sigma * np.asarray(lfilter([1.0], noise.filter, impulse))
-    return np.array([response[: IMPULSE - d] @ response[d:] for d in range(lags)])
-
-
-def _coloured_covariance(factors: Factors, colours: Sequence[Array], solution: _Solution) -> Array:
-    """(b, b) of weighted least squares under coloured noise; infinite where the recordings tell nothing."""
-    spread = np.zeros_like(solution.finite)
-    for (joint, columns), r in zip(_each(factors), colours, strict=True):
-        spread[np.ix_(columns, columns)] += _spread(joint, r)[-len(columns) - 1 : -1, -len(columns) - 1 : -1]
-    covariance = solution.finite @ spread @ solution.finite
-    unknown = ~np.isfinite(np.diag(solution.covariance))
-    covariance[unknown, unknown] = np.inf
-    return np.asarray(covariance)
-
-
-def _spread(joint: JointFactors, r: Array) -> Array:
-    """Covariance (c, c) of the weighted sums of rows times noise of autocovariance r."""
-    out = joint.grams[0] / r[0]
-    for d in range(1, len(r)):
-        out = out + r[d] / r[0] / r[0] * (joint.grams[d] + joint.grams[d].T)
-    return np.asarray(out)
-
-
-def whitened(joint: JointFactors, noise_filter: Array) -> Array:
-    """Gram matrix (c, c) of the rows after the noise filter, from the lagged ones.
-
-    Args:
-        joint: lagged Gram matrices.
-        noise_filter: (order + 1,) [1 / unit of torque] autoregressive polynomial over sigma.
-    """
-    order = len(noise_filter) - 1
-    out = noise_filter @ noise_filter * joint.grams[0]
-    for d in range(1, order + 1):
-        weight = noise_filter[d:] @ noise_filter[: order + 1 - d]
-        out = out + weight * (joint.grams[d] + joint.grams[d].T)
-    return np.asarray(out)
+        covariance = _covariance(factors, noise, solution)
+        noise = [
+            _model_noise(joint, columns, old.colour, solution, covariance, whiten)
+            for (joint, columns), old in zip(_each(factors), noise, strict=True)
+        ]
+    solution = _solve(factors, noise, start)
+    covariance = _positive(_covariance(factors, noise, solution), solution.inverse)
+    covariance[solution.unknown, solution.unknown] = np.inf
+    scales = np.array([np.sqrt(n.colour[0]) for n in noise])
+    found = Estimate(solution.value, covariance, solution.information, scales, tuple(n.order for n in noise))
+    return _with_instruments(factors, noise, found) if factors.instruments else found
 
 
 def _each(factors: Factors) -> Sequence[tuple[JointFactors, Indices]]:
     return list(zip(factors.joints, factors.columns, strict=True))
 
 
-def _first_scales(factors: Factors) -> list[float]:
-    """Standard deviation of each joint's own least-squares residual."""
-    scales = []
+def _own(gram: Array, columns: Indices) -> Array:
+    """The part of a Gram matrix that belongs to [x y], without instruments."""
+    return gram[-len(columns) - 1 :, -len(columns) - 1 :]
+
+
+def _first_noise(factors: Factors) -> list[_Noise]:
+    """White noise of the size of each joint's own least-squares residual."""
+    found = []
     for joint, columns in _each(factors):
-        gram = joint.grams[0][-len(columns) - 1 :, -len(columns) - 1 :]
-        power = gram[-1, -1]
+        gram = _own(joint.grams[0], columns)
         size = np.sqrt(np.maximum(np.diag(gram)[:-1], 1e-300))
         inverse = np.linalg.pinv(gram[:-1, :-1] / np.outer(size, size), rcond=SINGULAR, hermitian=True)
-        rest = power - (gram[:-1, -1] / size) @ inverse @ (gram[:-1, -1] / size)
-        scales.append(float(np.sqrt(max(rest, FLOOR * power, 1e-300) / max(joint.counts[0], 1))))
-    return scales
+        rest = gram[-1, -1] - (gram[:-1, -1] / size) @ inverse @ (gram[:-1, -1] / size)
+        variance = max(float(rest), FLOOR * gram[-1, -1], 1e-300) / max(joint.counts[0], 1)
+        found.append(_Noise(0, variance * (np.arange(len(joint.grams)) == 0)))
+    return found
 
 
 def _solve(factors: Factors, noise: Sequence[_Noise], prior: Array) -> _Solution:
     information, right = np.zeros((len(prior), len(prior))), np.zeros(len(prior))
     for (joint, columns), model in zip(_each(factors), noise, strict=True):
-        gram = whitened(joint, model.filter / model.sigma)[-len(columns) - 1 :, -len(columns) - 1 :]
+        gram = _own(joint.grams[0], columns) / model.colour[0]
         information[np.ix_(columns, columns)] += gram[:-1, :-1]
         right[columns] += gram[:-1, -1]
     size = np.sqrt(np.maximum(np.diag(information), 0))
@@ -144,58 +105,85 @@ def _solve(factors: Factors, noise: Sequence[_Noise], prior: Array) -> _Solution
     told = values > SINGULAR * max(values[-1], 1e-300)
     inverse = (vectors[:, told] / values[told]) @ vectors[:, told].T * np.outer(scale, scale)
     unknown = (np.sum(vectors[:, ~told] ** 2, axis=1) > 1e-8) | (size == 0)
-    covariance = inverse.copy()
-    covariance[unknown, unknown] = np.inf
-    return _Solution(prior + inverse @ (right - information @ prior), information, covariance, inverse)
+    return _Solution(prior + inverse @ (right - information @ prior), information, inverse, unknown)
 
 
-def _autocovariance(joint: JointFactors, columns: Indices, solution: _Solution, lag: int) -> float:
-    """Of the residual at a lag, corrected for what the fitted parameters took away."""
-    gram = joint.grams[lag][-len(columns) - 1 :, -len(columns) - 1 :]
-    c = np.append(-solution.value[columns], 1.0)
-    fitted = np.sum(solution.finite[np.ix_(columns, columns)] * gram[:-1, :-1])
-    found = float((c @ gram @ c + fitted) / max(joint.counts[lag], 1))
-    return max(found, FLOOR * gram[-1, -1] / max(joint.counts[0], 1), 1e-300) if lag == 0 else found
+def _covariance(factors: Factors, noise: Sequence[_Noise], solution: _Solution) -> Array:
+    """(b, b) of weighted least squares under coloured noise."""
+    spread = np.zeros_like(solution.inverse)
+    for (joint, columns), model in zip(_each(factors), noise, strict=True):
+        spread[np.ix_(columns, columns)] += _own(_spread(joint, model.colour), columns)[:-1, :-1]
+    return solution.inverse @ spread @ solution.inverse
 
 
-def _model_noise(joint: JointFactors, columns: Indices, solution: _Solution, whiten: bool) -> _Noise:
-    highest = len(joint.grams) - 1 if whiten else 0
-    r = np.array([_autocovariance(joint, columns, solution, lag) for lag in range(highest + 1)])
-    count = max(joint.counts[0], 1)
-    phi, variance = np.zeros(0), float(r[0])
-    best, chosen = count * np.log(variance) + PENALTY, _Noise(np.ones(1), float(np.sqrt(variance)))
-    for order in range(1, highest + 1):  # Levinson's recursion: stable as long as every reflection is below 1
+def _positive(covariance: Array, white: Array) -> Array:
+    """The covariance, positive even where a few lags cannot hold slow noise; at least a share of the white one."""
+    size = np.sqrt(np.maximum(np.diag(white), 1e-300))
+    values, vectors = np.linalg.eigh((covariance + covariance.T) / 2 / np.outer(size, size))
+    least = LEAST * np.einsum("ik,ij,jk->k", vectors, white / np.outer(size, size), vectors)
+    return np.asarray((vectors * np.maximum(values, least)) @ vectors.T * np.outer(size, size))
+
+
+def _spread(joint: JointFactors, r: Array) -> Array:
+    """Covariance (c, c) of the weighted sums of rows times noise of autocovariance r."""
+    out = joint.grams[0] / r[0]
+    for d in np.flatnonzero(r[1:]) + 1:
+        out = out + r[d] / r[0] / r[0] * (joint.grams[d] + joint.grams[d].T)
+    return np.asarray(out)
+
+
+def _model_noise(
+    joint: JointFactors, columns: Indices, old: Array, solution: _Solution, covariance: Array, whiten: bool
+) -> _Noise:
+    """Levinson's recursion on the residual's autocovariances: stable, as every reflection stays below 1."""
+    r = _autocovariances(joint, columns, old, solution, covariance)
+    count, phi, variance = max(joint.counts[0], 1), np.zeros(0), float(r[0])
+    best, chosen = np.inf, (phi, variance)
+    for order in range(1, len(r) if whiten else 1):
         reflection = (r[order] - phi @ r[order - 1 : 0 : -1]) / variance
         if abs(reflection) >= STABLE:
             break
         phi = np.append(phi - reflection * phi[::-1], reflection)
         variance *= 1 - reflection**2
-        criterion = count * np.log(variance) + (order + 1) * PENALTY
+        criterion = count * np.log(variance) + order * PENALTY
         if criterion < best:
-            best, chosen = criterion, _Noise(np.append(1.0, -phi), float(np.sqrt(variance)))
-    return chosen
+            best, chosen = criterion, (phi, variance)
+    impulse = (np.arange(IMPULSE) == 0) * np.sqrt(chosen[1])
+    response = np.asarray(lfilter([1.0], np.append(1.0, -chosen[0]), impulse))
+    colour = np.array([response[: IMPULSE - d] @ response[d:] for d in range(len(r))])
+    return _Noise(len(chosen[0]), colour * (r[0] / colour[0]))
 
 
-def _rescale(noise: _Noise, joint: JointFactors, columns: Indices, solution: _Solution) -> _Noise:
-    """Sigma over the degrees of freedom that the joint has left."""
-    gram = whitened(joint, noise.filter / noise.sigma)[-len(columns) - 1 :, -len(columns) - 1 :]
-    c = np.append(-solution.value[columns], 1.0)
-    used = np.sum(solution.finite[np.ix_(columns, columns)] * gram[:-1, :-1])
-    freedom = joint.counts[0] - used
-    if freedom < 1:
-        return noise
-    factor = max(float(c @ gram @ c), FLOOR * gram[-1, -1]) / freedom
-    return _Noise(noise.filter, noise.sigma * float(np.sqrt(max(factor, 1e-300))))
+def _autocovariances(
+    joint: JointFactors, columns: Indices, old: Array, solution: _Solution, covariance: Array
+) -> Array:
+    """(d,) [N2.m2] of the noise: of the residual, plus what the fit took away.
+
+    For noise of covariance O and the projection P of weighted least squares, the residual has
+    (1 - P) O (1 - P)' = O - P O - O P' + P O P'; each term's sum along a diagonal is a trace with a lagged Gram matrix.
+    """
+    grams = [_own(gram, columns) for gram in joint.grams]
+    c, part = np.append(-solution.value[columns], 1.0), np.ix_(columns, columns)
+    lags = len(grams)
+    forward = np.array([np.sum(solution.inverse[part] * gram[:-1, :-1]) for gram in grams]) / old[0]
+    both = np.concatenate([forward[:0:-1], forward])  # trace at lags -(lags - 1) .. lags - 1
+    colour = np.concatenate([old[:0:-1], old])
+    taken = 2 * np.convolve(colour, both)[2 * (lags - 1) :][:lags]
+    given = np.array([np.sum(covariance[part] * gram[:-1, :-1]) for gram in grams])
+    found = np.array([c @ gram @ c for gram in grams]) + taken - given
+    r = found / np.maximum(joint.counts, 1)
+    r[0] = max(r[0], FLOOR * grams[0][-1, -1] / max(joint.counts[0], 1), 1e-300)
+    return np.asarray(r)
 
 
-def _with_instruments(factors: Factors, colours: Sequence[Array], plain: Estimate) -> Estimate:
+def _with_instruments(factors: Factors, noise: Sequence[_Noise], plain: Estimate) -> Estimate:
     """The instrumental-variable estimate, unless the instruments hardly correlate with the columns."""
     b = len(plain.value)
     zx, zz, zy = np.zeros((b, b)), np.zeros((b, b)), np.zeros(b)
-    for (joint, columns), r in zip(_each(factors), colours, strict=True):
-        gram, m = joint.grams[0] / r[0], len(columns)
+    for (joint, columns), model in zip(_each(factors), noise, strict=True):
+        gram, m = joint.grams[0] / model.colour[0], len(columns)
         zx[np.ix_(columns, columns)] += gram[:m, m : 2 * m]
-        zz[np.ix_(columns, columns)] += _spread(joint, r)[:m, :m]
+        zz[np.ix_(columns, columns)] += _spread(joint, model.colour)[:m, :m]
         zy[columns] += gram[:m, -1]
     size = np.sqrt(np.maximum(np.diag(plain.information), 1e-300))
     if not np.all(np.isfinite(plain.covariance)) or np.linalg.cond(zx / np.outer(size, size)) > 1 / SINGULAR:

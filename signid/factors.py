@@ -113,7 +113,7 @@ def _reduce_joint(window: Rows, j: int, tail: Array, lags: int, weigh: Weigh | N
     grams, counts = np.zeros((lags + 1, c, c)), np.zeros(lags + 1)
     for d in range(lags + 1):
         start = max(old, d)
-        now, before = z[start:], z[start - d : len(z) - d]
+        now, before = z[start:], z[start - d : max(len(z), start) - d]
         grams[d] = now[:, :-1].T @ before[:, :-1]
         counts[d] = now[:, -1] @ before[:, -1]
     whole = plain.T @ plain if known else np.zeros((plain.shape[1],) * 2)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -99,7 +100,8 @@ def identify(
     prior = prior_parameters(session)
     found = estimate(train, session.task.base, session.task.base.combination @ prior.values, options.whiten)
     excitation = judge_excitation(session.task, train, found, options.seed)
-    parameters, moved, notes = _standard(session.task.base, found, prior, method, options.seed)
+    chosen = _choose_standard(session.task.base, found, prior, method, options.seed)
+    parameters = chosen.parameters
     base_value = session.task.base.combination @ parameters.values
     return Identification(
         robot=session.robot,
@@ -111,10 +113,10 @@ def identify(
         fit=judge_fit(session, train, test, base_value),
         excitation=excitation,
         method=method,
-        moved=moved,
+        moved=chosen.moved,
         inputs=tuple(dict.fromkeys((r.path, r.sha256) for r in (*recordings, *held_out))),
-        flags=excitation.sentences,
-        notes=(*session.notes, *found.notes, *notes),
+        flags=(*excitation.sentences, *chosen.flags),
+        notes=(*session.notes, *found.notes, *chosen.notes),
         cutoff=session.task.band.cutoff,
         position_cutoff=session.task.band.position_cutoff,
         seed=options.seed,
@@ -184,18 +186,24 @@ def _huber(found: Estimate, factors: Factors) -> Weigh:
     return weigh
 
 
-def _standard(
-    base: BaseMap, found: Estimate, prior: Parameters, method: str, seed: int
-) -> tuple[Parameters, float, tuple[str, ...]]:
-    """Standard parameters, by how many standard deviations they move the estimate, and what there is to say."""
+class _Chosen(NamedTuple):
+    parameters: Parameters
+    moved: float  # standard deviations by which they move the estimate at most
+    notes: tuple[str, ...] = ()
+    flags: tuple[str, ...] = ()
+
+
+def _choose_standard(base: BaseMap, found: Estimate, prior: Parameters, method: str, seed: int) -> _Chosen:
     if method == "wls":
-        return standard_from_base(base, found.value, prior), 0.0, ()
-    if method == "pbrp":
-        got = retrieve(base, found, prior, seed=seed)
-        moves = (base.combination @ got.parameters.values - found.value) / found.std
-        return got.parameters, float(np.max(np.abs(moves))), got.notes
-    fitted = fit_consistent(base, found, prior)
-    return fitted.parameters, fitted.moved, fitted.notes
+        return _Chosen(standard_from_base(base, found.value, prior), 0.0)
+    if method == "convex":
+        fitted = fit_consistent(base, found, prior)
+        return _Chosen(fitted.parameters, fitted.moved, fitted.notes)
+    got = retrieve(base, found, prior, seed=seed)
+    moves = np.abs(base.combination @ got.parameters.values - found.value) / found.std
+    flags = [] if got.feasible else ["retrieval found no parameters that a real robot could have; use --method convex"]
+    flags += [] if got.converged else ["retrieval spent its budget before it converged; use --method convex"]
+    return _Chosen(got.parameters, float(np.max(moves)), got.notes, tuple(flags))
 
 
 def _laws(laws: Sequence[Law], parameters: Parameters) -> tuple[Law, ...]:

@@ -173,4 +173,4 @@ def build_motion(
 
 
 def _position_taps(band: Band) -> Array:
-    return lowpass(band.rate, band.position_cutoff, 80.0) if band.filtered else np.ones(1)
+    return lowpass(band.rate, band.position_cutoff) if band.filtered else np.ones(1)

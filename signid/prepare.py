@@ -58,8 +58,19 @@ class Session(Frozen):
         return self.task.robot
 
     def reduce(self, parts: Sequence[Part], weigh: Weigh | None = None, progress: Progress | None = None) -> Factors:
-        """Factors of some of its recordings, in one pass."""
-        return add(reduce_rows(self.task, _told(self.task, part, progress), weigh=weigh) for part in parts)
+        """Factors of some of its recordings, in one pass.
+
+        Raises:
+            RecordingError: every stretch of the recordings is shorter than the filter.
+        """
+        factors = add(reduce_rows(self.task, _told(self.task, part, progress), weigh=weigh) for part in parts)
+        if factors.rows == 0:
+            band = self.task.band
+            raise RecordingError(
+                f"no stretch of the recordings is as long as the filter for {band.cutoff:.3g} Hz "
+                f"({len(band.taps) / band.rate:.2g} s); record for longer, or raise the cut-off"
+            )
+        return factors
 
 
 def prepare(

@@ -49,9 +49,9 @@ class Rows(NamedTuple):
 
     first: bool  # whether a span begins here
     t: Array  # (M,) [s]
+    q: Array  # (M, n) [rad or m]
     v: Array  # (M, n) [rad/s or m/s]
     a: Array  # (M, n) [rad/s2 or m/s2]
-    q: Array  # (M, n) [rad or m]
     columns: list[Array]  # per joint (M, m) [torque per unit of the base parameter]
     torque: Array  # (M, n) [N.m or N], 0 where absent
     recorded: Mask  # (n,) whether the joint's torque is recorded at all
@@ -88,16 +88,17 @@ def _window_rows(task: Task, window: Samples, thin: Decimator, first: bool) -> R
     known = np.asarray(~np.isnan(motion.recorded).all(0))
     torque = np.where(known, motion.recorded, 0.0)
     split = np.cumsum([c.shape[1] for c in columns])
-    thinned = np.split(thin(np.concatenate([*columns, torque], axis=1)), split, axis=1)
+    *thinned, rest = np.split(thin(np.concatenate([*columns, torque, motion.v, motion.a], axis=1)), split, axis=1)
+    filtered = np.split(rest, 3, axis=1)
     inner = slice(thin.half, len(motion) - thin.half, thin.factor)
     return Rows(
         first,
         motion.t[inner],
-        motion.v[inner],
-        motion.a[inner],
         motion.q[inner],
-        thinned[:-1],
-        thinned[-1],
+        filtered[1],
+        filtered[2],
+        thinned,
+        filtered[0],
         known,
         _steady(task, motion)[inner],
         _instruments(task, window, wanted, thin) if task.instruments else None,

@@ -49,7 +49,7 @@ def test_positions_alone_are_nearly_as_good(arm: Robot) -> None:
     session, found = solve(made, smooth, tau=made.torque - FRICTION["coulomb_friction"] * np.sign(made.v))
     standard = np.delete(truth(arm), slice(33, 36))
     right = session.task.base.combination @ standard
-    assert_allclose(found.value, right, atol=1e-4 * np.abs(right).max())
+    assert_allclose(found.value, right, atol=1e-3 * np.abs(right).max())  # ripple of a 60 dB filter
 
 
 def test_recorded_derivatives_are_used_only_when_they_are_right(arm: Robot) -> None:
