@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 
 from rich.console import RenderableType
 from rich.table import Table
@@ -31,7 +32,7 @@ def inspection_tables(found: Inspection) -> list[RenderableType]:
     formulas = _table("base parameter", "unit")
     for expression, unit in zip(base.expressions, base.units, strict=True):
         formulas.add_row(expression, unit)
-    hidden = _table("link", "what no motion can tell")
+    hidden = _table("link", "standard parameters")
     for body, names in _by_body(base.invisible):
         hidden.add_row("(drives)" if body is None else f"{body + 1}  {robot.links[body]}", ", ".join(names))
     counted = f"{base.rank} base parameters: what torque can tell of {len(base.labels)} standard parameters"
@@ -51,9 +52,9 @@ def inspection_tables(found: Inspection) -> list[RenderableType]:
 
 def check_tables(found: Check) -> list[RenderableType]:
     """Sampling, cut-offs, and which base parameters the recordings can tell."""
-    sampling = _table("recording", "rate [Hz]>", "duration [s]>", "samples>", "gaps>", "time between samples [ms]>")
-    for recording, s in zip(found.recordings, found.samplings, strict=True):
-        sampling.add_row(recording.path or "(arrays)", *_sampling(s))
+    sampling = _table("recording", "rate [Hz]>", "duration [s]>", "samples>", "gaps>", "step [ms]>")
+    for name, s in zip(_short([r.path for r in found.recordings]), found.samplings, strict=True):
+        sampling.add_row(name, *_sampling(s))
     joints = _table("joint", "highest cut-off [Hz]>", "rows used>", "torque noise>", "unit")
     columns = (found.robot.joints, found.band.per_joint, found.used, found.band.torque_floor, found.robot.prismatic)
     for joint, cutoff, used, floor, prismatic in zip(*columns, strict=True):
@@ -98,6 +99,12 @@ def identification_tables(result: Identification) -> list[RenderableType]:
         _sentence(f"{_cutoffs(result.cutoff, result.position_cutoff)}; {result.estimate.method}."),
         *_notes(result.notes),
     ]
+
+
+def _short(paths: Sequence[str]) -> Sequence[str]:
+    """Names of files, or their paths where two files have one name."""
+    names = [Path(path).name or "(arrays)" for path in paths]
+    return names if len(set(names)) == len(names) else paths
 
 
 def _sampling(found: Sampling) -> tuple[str, ...]:
@@ -151,7 +158,8 @@ def _excited(found: Excitation) -> str:
     verdict = "sufficient" if found.sufficient else "insufficient"
     said = f"Excitation {verdict}: {told} ({share(ENOUGH)} is needed)."
     if found.small:
-        said += f" {_count(len(found.small), 'base parameter')} too small to matter for the torque here."
+        be = "is" if len(found.small) == 1 else "are"
+        said += f" {_count(len(found.small), 'base parameter')} {be} too small to matter for the torque here."
     return said
 
 
