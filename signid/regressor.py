@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -11,7 +12,7 @@ from .effects.law import coefficient_count, law_columns
 from .motion import Motion
 from .types import INERTIAL, INERTIAL_UNITS, Array, Indices, Label, Law, Robot
 
-BLOCK = 1000  # samples whose regressor stays in the cache
+BLOCK = 128  # samples whose regressor stays in the cache
 
 
 def regressor(motion: Motion, laws: Sequence[Law] = ()) -> Array:
@@ -21,7 +22,7 @@ def regressor(motion: Motion, laws: Sequence[Law] = ()) -> Array:
     """
     robot = motion.robot
     rigid = np.empty((len(motion), len(robot.joints), 10 * len(robot.links)))
-    for start, block in _rigid_blocks(motion):
+    for start, block in _rigid_blocks(robot.model, motion.configuration, *motion.rates):
         rigid[start : start + len(block)] = np.einsum("irk,rj->ijk", block, robot.drive)
     wide = np.zeros((len(motion), len(robot.joints), sum(coefficient_count(law) for law in laws)))
     at = 0
@@ -58,18 +59,10 @@ def base_rows(motion: Motion, laws: Sequence[Law], wanted: Sequence[Indices]) ->
         laws: as given to `labels`.
         wanted: per joint, indices (m_j,) of standard parameters, ascending.
     """
-    robot, rigid = motion.robot, 10 * len(motion.robot.links)
+    rigid = 10 * len(motion.robot.links)
     out = [np.empty((len(motion), len(columns))) for columns in wanted]
     split = [int(np.searchsorted(columns, rigid)) for columns in wanted]
-    driven = [np.flatnonzero(robot.drive[:, j]) for j in range(len(robot.joints))]
-    for start, block in _rigid_blocks(motion):
-        for j, columns in enumerate(wanted):
-            first, *rest = driven[j]
-            part = block[:, first].take(columns[: split[j]], axis=1)
-            part = part * robot.drive[first, j] if robot.drive[first, j] != 1 else part
-            for r in rest:
-                part = part + robot.drive[r, j] * block[:, r].take(columns[: split[j]], axis=1)
-            out[j][start : start + len(block), : split[j]] = part
+    _fill_rigid(motion, [columns[:k] for columns, k in zip(wanted, split, strict=True)], out)
     at = rigid
     for law in laws:
         count = coefficient_count(law)
@@ -83,13 +76,54 @@ def base_rows(motion: Motion, laws: Sequence[Law], wanted: Sequence[Indices]) ->
     return out
 
 
-def _rigid_blocks(motion: Motion) -> Iterator[tuple[int, Array]]:
+class _Bodies(NamedTuple):
+    """The bodies that move, and where their rows and columns stand in the whole model's regressor."""
+
+    model: Any
+    states: tuple[Array, Array, Array]  # (N, nq) [rad, m or 1], (N, nv) [rad/s or m/s], (N, nv) [rad/s2 or m/s2]
+    rows: Indices  # (nv,)
+    columns: Indices  # (10 nb,)
+
+
+def _fill_rigid(motion: Motion, wanted: Sequence[Indices], out: Sequence[Array]) -> None:
+    """The first columns of `out`, per joint (N, m_j): those of the bodies' inertial parameters."""
+    part, drive = _bodies(motion, wanted), motion.robot.drive
+    pairs = [(int(row), j) for j in range(len(wanted)) for row in np.flatnonzero(drive[:, j])]
+    inside = [np.searchsorted(part.columns, columns) for columns in wanted]
+    width, row_of = len(part.columns), {int(row): k for k, row in enumerate(part.rows)}
+    places = np.concatenate([row_of[row] * width + inside[j] for row, j in pairs])
+    ends = np.cumsum([len(wanted[j]) for _, j in pairs])[:-1]
+    for start, block in _rigid_blocks(part.model, *part.states):
+        stop, begun = start + len(block), set[int]()
+        taken = np.split(block.reshape(len(block), -1).take(places, axis=1), ends, axis=1)
+        for (row, j), columns in zip(pairs, taken, strict=True):
+            mine = out[j][start:stop, : len(wanted[j])]
+            share = columns if drive[row, j] == 1 else columns * drive[row, j]
+            mine[...] = mine + share if j in begun else share
+            begun.add(j)
+
+
+def _bodies(motion: Motion, wanted: Sequence[Indices]) -> _Bodies:
+    """The model without the joints that are held fixed, unless a column of a body that one carries is wanted."""
+    model, q, (v, a) = motion.robot.model, motion.configuration, motion.rates
+    spans = [(joint.idx_q, joint.nq, joint.idx_v, joint.nv) for joint in list(model.joints)[1:]]
+    moves = np.array([bool(motion.robot.drive[v0 : v0 + nv].any()) for _, _, v0, nv in spans])
+    if not len(motion) or not moves[np.concatenate(wanted) // 10].all():
+        moves[:] = True
+    kept = [span for span, moving in zip(spans, moves, strict=True) if moving]
+    slim = model if moves.all() else pin.buildReducedModel(model, [int(k) + 1 for k in np.flatnonzero(~moves)], q[0])
+    places = np.concatenate([np.arange(q0, q0 + nq) for q0, nq, _, _ in kept])
+    rows = np.concatenate([np.arange(v0, v0 + nv) for _, _, v0, nv in kept])
+    return _Bodies(slim, (q[:, places], v[:, rows], a[:, rows]), rows, np.flatnonzero(np.repeat(moves, 10)))
+
+
+def _rigid_blocks(model: Any, q: Array, v: Array, a: Array) -> Iterator[tuple[int, Array]]:
     """Pinocchio's regressor in the model's own rows, a block (k, nv, 10 nb) at a time; the buffer is used again."""
-    model, data, compute = motion.robot.model, motion.robot.model.createData(), pin.computeJointTorqueRegressor
-    states = list(zip(motion.configuration, *motion.rates, strict=True))
-    buffer = np.empty((min(BLOCK, len(states)), model.nv, 10 * len(motion.robot.links)))
-    for start in range(0, len(states), BLOCK):
-        piece = states[start : start + BLOCK]
-        for i, (q, v, a) in enumerate(piece):
-            buffer[i] = compute(model, data, q, v, a)
-        yield start, buffer[: len(piece)]
+    data, compute = model.createData(), pin.computeJointTorqueRegressor
+    buffer = np.empty((min(BLOCK, len(q)), model.nv, 10 * (model.njoints - 1)))
+    for start in range(0, len(q), BLOCK):
+        states = zip(q[start : start + BLOCK], v[start : start + BLOCK], a[start : start + BLOCK], strict=True)
+        count = 0
+        for count, state in enumerate(states, 1):
+            buffer[count - 1] = compute(model, data, *state)
+        yield start, buffer[:count]
