@@ -103,24 +103,29 @@ def add(factors: Iterable[Factors]) -> Factors:
 
 def _reduce_joint(window: Rows, j: int, tail: Array, lags: int, weigh: Weigh | None) -> tuple[JointFactors, Array]:
     """The joint's factors, and the last rows for the lags of the next window."""
-    known = bool(window.recorded[j])
-    plain = np.column_stack([window.columns[j], window.torque[:, j]])
+    known, old, m = bool(window.recorded[j]), len(tail), window.columns[j].shape[1]
     keep = window.steady[:, j] & known
     weight = keep.astype(float) if weigh is None else keep * np.sqrt(weigh(j, window))
-    parts = [plain] if window.instruments is None else [window.instruments[j], plain]
-    z = np.concatenate([tail, np.column_stack([*(part * weight[:, None] for part in parts), keep])])
-    old, c = len(tail), z.shape[1] - 1
+    parts = [window.columns[j], window.torque[:, j, None]]
+    parts = parts if window.instruments is None else [window.instruments[j], *parts]
+    z = np.empty((old + len(keep), tail.shape[1]))
+    c = z.shape[1] - 1
+    z[:old], z[old:, c] = tail, keep
+    np.concatenate(parts, axis=1, out=z[old:, :c])
+    plain = z[old:, c - m - 1 : c]
+    total, unmasked = float(plain[:, m].sum()) if known else 0.0, bool(np.all(weight == 1))
+    whole = np.zeros((m + 1, m + 1))
+    if not unmasked:
+        whole = plain.T @ plain if known else whole
+        z[old:, :c] *= weight[:, None]
     grams, counts = np.zeros((lags + 1, c, c)), np.zeros(lags + 1)
     for d in range(lags + 1):
         start = max(old, d)
         now, before = z[start:], z[start - d : max(len(z), start) - d]
-        grams[d] = now[:, :-1].T @ before[:, :-1]
-        counts[d] = now[:, -1] @ before[:, -1]
-    whole = plain.T @ plain if known else np.zeros((plain.shape[1],) * 2)
-    tail = z[len(z) - lags :] if lags else z[:0]
-    return JointFactors(
-        grams, counts, whole, float(plain[:, -1].sum()) if known else 0.0, len(plain) if known else 0
-    ), tail
+        grams[d] = now[:, :c].T @ before[:, :c]
+        counts[d] = now[:, c] @ before[:, c]
+    whole = grams[0, c - m - 1 :, c - m - 1 :] if unmasked else whole
+    return JointFactors(grams, counts, whole, total, len(keep) if known else 0), z[max(0, len(z) - lags) :]
 
 
 def _nothing(task: Task, lags: int, size: list[int]) -> Factors:

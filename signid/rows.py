@@ -18,7 +18,7 @@ from .types import Array, BaseMap, Frozen, Indices, Law, Mask, Recording, Robot,
 
 WINDOW = 8192  # samples of the uniform grid at a time, at least
 STILL = 5.0  # widths of a reversal: a row is left out where the joint is slower nearby
-REACH = 0.3  # of a cut-off period, on either side of a row, must be free of reversals
+REACH = 0.75  # of a cut-off period, on either side of a row, must be free of reversals
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,18 +87,16 @@ def _window_rows(task: Task, window: Samples, thin: Decimator, first: bool) -> R
     columns = base_rows(motion, task.laws, wanted)
     known = np.asarray(~np.isnan(motion.recorded).all(0))
     torque = np.where(known, motion.recorded, 0.0)
-    split = np.cumsum([c.shape[1] for c in columns])
-    *thinned, rest = np.split(thin(np.concatenate([*columns, torque, motion.v, motion.a], axis=1)), split, axis=1)
-    filtered = np.split(rest, 3, axis=1)
+    *columns, torque, v, a = _thinned([*columns, torque, motion.v, motion.a], thin)
     inner = slice(thin.half, len(motion) - thin.half, thin.factor)
     return Rows(
         first,
         motion.t[inner],
         motion.q[inner],
-        filtered[1],
-        filtered[2],
-        thinned,
-        filtered[0],
+        v,
+        a,
+        columns,
+        torque,
         known,
         _steady(task, motion)[inner],
         _instruments(task, window, wanted, thin) if task.instruments else None,
@@ -106,7 +104,7 @@ def _window_rows(task: Task, window: Samples, thin: Decimator, first: bool) -> R
 
 
 def _steady(task: Task, motion: Motion) -> Mask:
-    reach = int(np.ceil(REACH * task.band.rate / task.band.cutoff)) if task.band.filtered else 0
+    reach = min(int(np.ceil(REACH * task.band.rate / task.band.cutoff)), len(task.band.taps) // 2)
     slowest = minimum_filter1d(np.abs(motion.v), 2 * reach + 1, axis=0, mode="nearest")
     return np.asarray((slowest >= STILL * task.slow) | ~np.array(task.reverses))
 
@@ -115,6 +113,12 @@ def _instruments(task: Task, window: Samples, wanted: Sequence[Indices], thin: D
     assert window.q_des is not None, "instruments are asked for only where every joint has q_des"
     desired = window._replace(q=window.q_des)
     motion = build_motion(task.robot, desired, task.band, slow=task.slow)
-    columns = base_rows(motion, task.laws, wanted)
-    split = np.cumsum([c.shape[1] for c in columns])[:-1]
-    return np.split(thin(np.concatenate(columns, axis=1)), split, axis=1)
+    return _thinned(base_rows(motion, task.laws, wanted), thin)
+
+
+def _thinned(signals: list[Array], thin: Decimator) -> list[Array]:
+    """All of them filtered at once, (N, m_j) -> (M, m_j)."""
+    if len(thin.taps) == 1:
+        return [thin(signal) for signal in signals]
+    ends = np.cumsum([signal.shape[1] for signal in signals])[:-1]
+    return np.split(thin(np.concatenate(signals, axis=1)), ends, axis=1)
