@@ -22,9 +22,10 @@ from rich.console import Console
 from rich.table import Table
 
 from signid.estimate import estimate
-from signid.prepare import Session, prepare
+from signid.prepare import prepare
 from signid.recording import read_recording
 from signid.robot import load_robot
+from signid.session import Session
 from signid.types import Estimate, Robot
 
 from .plants.mujoco_ import Body, Drives, Track, draw_motion, log, simulate

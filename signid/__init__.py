@@ -14,12 +14,12 @@ if TYPE_CHECKING:
     from .identify import identify as identify
     from .inspect import inspect as inspect
     from .model import load_model as load_model
-    from .prepare import Options as Options
     from .recording import read_recording as read_recording
     from .robot import load_robot as load_robot
     from .robot import urdf_from_dh as urdf_from_dh
+    from .session import Options as Options
 
-HOMES = {"check": "check", "identify": "identify", "inspect": "inspect", "load_model": "model", "Options": "prepare",
+HOMES = {"check": "check", "identify": "identify", "inspect": "inspect", "load_model": "model", "Options": "session",
          "read_recording": "recording", "load_robot": "robot", "urdf_from_dh": "robot"}  # fmt: skip
 
 

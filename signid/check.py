@@ -11,8 +11,9 @@ from .cutoff import Band
 from .estimate import estimate
 from .excitation import Excitation, judge_excitation, prior_sizes
 from .factors import Factors
-from .prepare import Options, Progress, Session, prepare
+from .prepare import prepare
 from .sampling import Sampling
+from .session import Options, Progress, Session
 from .types import Array, BaseMap, Frozen, Recording, Robot
 
 WELL, BARELY = 0.3, 1.0  # expected standard deviation over how far the parameter may be off beforehand

@@ -14,9 +14,10 @@ from .estimate import estimate
 from .excitation import Excitation, judge_excitation
 from .factors import Factors, Weigh
 from .model import Model, stated_inertials
-from .prepare import Options, Part, Progress, Session, prepare
+from .prepare import prepare
 from .retrieve import retrieve
 from .rows import Rows
+from .session import Options, Progress, Session
 from .types import Array, BaseMap, Estimate, Frozen, Law, Parameters, Recording, Robot
 
 METHODS = ("convex", "wls", "pbrp")
@@ -95,6 +96,7 @@ def identify(
         raise OptionError(
             f"the torque of {', '.join(sorted(unsigned))} has no sign; identification needs signed torque"
         )
+    _only_once(recordings, held_out)
     session = prepare(robot, recordings, held_out, options)
     train, test = _factors(session, options, progress)
     prior = prior_parameters(session)
@@ -173,8 +175,8 @@ def _factors(session: Session, options: Options, progress: Progress | None) -> t
     if options.robust:
         for _ in range(ROBUST_ROUNDS):
             found = estimate(train, session.task.base, whiten=False)
-            train = session.reduce(session.train, weigh=_huber(found, train), progress=progress)
-    return train, session.reduce(session.held_out, progress=progress)
+            train = session.reduce(session.train, weigh=_huber(found, train), progress=progress, purpose="weighing")
+    return train, session.reduce(session.held_out, progress=progress, purpose="judging by")
 
 
 def _huber(found: Estimate, factors: Factors) -> Weigh:
@@ -184,6 +186,17 @@ def _huber(found: Estimate, factors: Factors) -> Weigh:
         return np.asarray(np.minimum(1.0, HUBER / np.maximum(size, 1e-12)))
 
     return weigh
+
+
+def _only_once(recordings: Sequence[Recording], held_out: Sequence[Recording]) -> None:
+    seen: dict[str, str] = {}
+    for recording in (*recordings, *held_out):
+        if recording.sha256 in seen:
+            again = (
+                f"{recording.path or 'one recording'} holds the same samples as {seen[recording.sha256] or 'another'}"
+            )
+            raise OptionError(f"{again}; give each recording once, to learn from or to judge by")
+        seen[recording.sha256] = recording.path
 
 
 class _Chosen(NamedTuple):
@@ -215,6 +228,3 @@ def _laws(laws: Sequence[Law], parameters: Parameters) -> tuple[Law, ...]:
         Law(law.effect, law.joints, law.effect.physical(values[k], law.effect.shape(law.parameters)))
         for k, law in enumerate(laws)
     )
-
-
-__all__ = ["Fit", "Identification", "Part", "identify", "judge_fit", "prior_parameters"]

@@ -142,7 +142,12 @@ def margin(band: Band, recorded_derivatives: bool = False) -> int:
 
 
 def build_motion(
-    robot: Robot, samples: Samples, band: Band, recorded_derivatives: bool = False, slow: Array | None = None
+    robot: Robot,
+    samples: Samples,
+    band: Band,
+    period: float,
+    recorded_derivatives: bool = False,
+    slow: Array | None = None,
 ) -> Motion:
     """The motion inside a stretch of samples: `margin` samples shorter on either side.
 
@@ -153,6 +158,7 @@ def build_motion(
         robot: gives the joints.
         samples: uniform; q (N, n) [rad or m], tau (N, n) [N.m or N].
         band: gives the position cut-off.
+        period: of the samples [s].
         recorded_derivatives: take dq and ddq as recorded instead of differentiating q.
         slow: (n,) [rad/s or m/s] slower, the direction of motion is not certain.
 
@@ -165,7 +171,7 @@ def build_motion(
         return Motion(robot, samples.t, samples.q, samples.dq, samples.ddq, samples.tau, slow=slow)
     taps = _position_taps(band)
     smoothed = smooth(samples.q, taps)
-    v, a = differentiate(smoothed, 1 / band.rate)
+    v, a = differentiate(smoothed, period)
     cut = len(taps) // 2 + HALF
     inner = slice(cut, len(samples.t) - cut)
     q = smoothed[HALF : len(smoothed) - HALF]

@@ -2,75 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 
 from .basis import build_base
 from .cutoff import Band, choose_band
-from .effects import EFFECT_NAMES, EFFECTS
+from .effects import EFFECTS
 from .errors import OptionError, RecordingError
-from .factors import Factors, Weigh, add, reduce_rows
 from .filters import Decimator
 from .motion import build_motion
 from .recording import same_joints
 from .robot import hold
-from .rows import Rows, Task, read_rows
+from .rows import Task
 from .sampling import Sampling, samples, split, survey
-from .types import Array, Frozen, Law, Recording, Robot, Samples
+from .session import Options, Part, Session
+from .types import Array, Law, Recording, Robot, Samples
 
 TRAINING_SHARE = 0.7  # of a single recording
 REVERSAL, REVERSAL_SHARE = 0.01, 0.02  # [rad/s] and share of the rms velocity: width of a geared joint's reversal
 PIECE = 2**17  # samples of a recording that the cut-off is chosen from
 AGREE = 2e-3  # recorded derivatives are taken where they differ by less from those of the positions
+TAPS = 9.0  # periods of the cut-off that both filters together are long
+HUGE = 1e9  # rad, m, N.m or N: no robot's
 SAME_RATE = 0.01  # by which sampling rates of recordings may differ
-
-Progress = Callable[[str, float], None]  # what is being done, share of it that is done
-Part = tuple[Recording, Sampling]
-
-
-@dataclass(frozen=True, eq=False)
-class Options(Frozen):
-    """How recordings are turned into rows. Every default is what the data themselves suggest."""
-
-    effects: tuple[str, ...] = EFFECT_NAMES
-    cutoff: float | None = None  # [Hz]; None: from the encoder noise; inf: no filter
-    derivatives: str = "auto"  # "auto", "computed" from q, "recorded" dq and ddq
-    instruments: bool = True  # use q_des where every joint has it
-    whiten: bool = True  # autoregressive noise; False: white noise per joint
-    robust: bool = False  # Huber weights against outliers
-    seed: int = 0
-
-
-@dataclass(frozen=True, eq=False)
-class Session(Frozen):
-    """One robot's recordings, ready to be reduced."""
-
-    task: Task
-    train: tuple[Part, ...]
-    held_out: tuple[Part, ...]
-    notes: tuple[str, ...]
-
-    @property
-    def robot(self) -> Robot:
-        """With the joints held that the recordings do not move."""
-        return self.task.robot
-
-    def reduce(self, parts: Sequence[Part], weigh: Weigh | None = None, progress: Progress | None = None) -> Factors:
-        """Factors of some of its recordings, in one pass.
-
-        Raises:
-            RecordingError: every stretch of the recordings is shorter than the filter.
-        """
-        factors = add(reduce_rows(self.task, _told(self.task, part, progress), weigh=weigh) for part in parts)
-        if factors.rows == 0:
-            band = self.task.band
-            raise RecordingError(
-                f"no stretch of the recordings is as long as the filter for {band.cutoff:.3g} Hz "
-                f"({len(band.taps) / band.rate:.2g} s); record for longer, or raise the cut-off"
-            )
-        return factors
 
 
 def prepare(
@@ -92,11 +47,15 @@ def prepare(
     moving = _restrict(robot, everything[0])
     surveys = [survey(recording, moving) for recording in everything]
     parts = list(zip(everything, surveys, strict=True))
+    for part in parts:
+        _refuse_huge(*part)
     train, test = _split(parts, len(recordings))
     band = _band(parts[: len(recordings)], options)
     laws = tuple(Law(EFFECTS[name], (j,)) for name in options.effects for j in range(len(moving.joints)))
     _only_linear(laws)
     recorded = _use_recorded(moving, parts, band, options)
+    desired = options.instruments and not recorded and all(_wholly(r, "q_des") for r in everything)
+    complete = desired and all(_complete(part, "q_des") for part in parts)
     task = Task(
         moving,
         laws,
@@ -104,13 +63,15 @@ def prepare(
         band,
         _slow(moving, surveys, band),
         recorded,
-        options.instruments and all(_wholly(r, "q_des") for r in everything),
+        complete,
     )
     notes = [
         f"{recording.path or 'recording'}: {note}" for recording, s in parts for note in (*recording.notes, *s.notes)
     ]
     if recorded:
         notes.append("velocities and accelerations are taken as recorded: they agree with the positions")
+    if desired and not complete:
+        notes.append("desired positions have gaps where the measured ones have none: they do not serve as instruments")
     return Session(task, tuple(train), tuple(test), (*robot.notes, *dict.fromkeys(notes)))
 
 
@@ -122,6 +83,17 @@ def _restrict(robot: Robot, recording: Recording) -> Robot:
         joint: float(np.clip(0.0, robot.lower[robot.index(joint)], robot.upper[robot.index(joint)])) for joint in still
     }
     return hold(robot, resting)
+
+
+def _refuse_huge(recording: Recording, sampling: Sampling) -> None:
+    largest = np.maximum(np.abs(sampling.lower), np.abs(sampling.upper))
+    for joint, q, tau in zip(recording.joints, largest, np.nan_to_num(sampling.torque_rms, nan=0.0), strict=True):
+        for what, size in (("positions", q), ("torques", tau)):
+            if not size < HUGE:
+                raise RecordingError(
+                    f"{recording.path or 'the recording'}: {what} of joint {joint} reach {size:.3g}, "
+                    f"which no robot does; check the column and its unit"
+                )
 
 
 def _split(parts: Sequence[Part], training: int) -> tuple[list[Part], list[Part]]:
@@ -142,6 +114,12 @@ def _band(parts: Sequence[Part], options: Options) -> Band:
         raise RecordingError(f"the recordings are sampled at different rates ({listed}); resample them to one rate")
     if options.cutoff is not None and not options.cutoff > 0:
         raise OptionError(f"the cut-off is {options.cutoff:g} Hz; a positive frequency is needed")
+    longest = max(sampling.length(span) * sampling.period for _, sampling in parts for span in sampling.spans)
+    if options.cutoff is not None and TAPS / options.cutoff > longest:
+        raise OptionError(
+            f"a cut-off of {options.cutoff:g} Hz needs {TAPS / options.cutoff:.3g} s without a gap, but the longest "
+            f"stretch lasts {longest:.3g} s; raise the cut-off"
+        )
     return choose_band([_piece(*part) for part in parts], float(rates[0]), options.cutoff)
 
 
@@ -176,32 +154,36 @@ def _use_recorded(robot: Robot, parts: Sequence[Part], band: Band, options: Opti
     """Whether dq and ddq are taken as recorded: asked for, or they are plainly the derivatives of q."""
     if options.derivatives not in ("auto", "computed", "recorded"):
         raise OptionError(f"derivatives {options.derivatives!r} is none of auto, computed, recorded")
-    has = all(_wholly(recording, key) for recording, _ in parts for key in ("dq", "ddq"))
+    keys = ("dq", "ddq")
+    has = all(_wholly(part[0], key) and _complete(part, key) for part in parts for key in keys)
     if options.derivatives == "recorded" and not has:
-        raise OptionError("derivatives 'recorded' was asked for; not every joint has dq_J and ddq_J columns")
+        raise OptionError(
+            "derivatives 'recorded' was asked for; not every joint has dq_J and ddq_J columns without gaps"
+        )
     if options.derivatives != "auto" or not has:
         return options.derivatives == "recorded"
-    return all(_agree(robot, _piece(*part), band) for part in parts)
+    return all(_agree(robot, part, band) for part in parts)
 
 
-def _agree(robot: Robot, piece: Samples, band: Band) -> bool:
+def _complete(part: Part, key: str) -> bool:
+    """Whether a signal is there wherever the recording is used."""
+    recording, sampling = part
+    for span in sampling.spans:
+        for start in range(0, sampling.length(span), PIECE):
+            piece = samples(recording, sampling, span, start, min(start + PIECE, sampling.length(span)))
+            if not np.all(np.isfinite(getattr(piece, key))):
+                return False
+    return True
+
+
+def _agree(robot: Robot, part: Part, band: Band) -> bool:
     """Whether recorded derivatives and those of the positions are the same inside the band."""
-    own, told = build_motion(robot, piece, band), build_motion(robot, piece, band, recorded_derivatives=True)
+    piece, period = _piece(*part), part[1].period
+    own, told = (build_motion(robot, piece, band, period, recorded_derivatives=yes) for yes in (False, True))
     edge = (len(told) - len(own)) // 2
     thin = Decimator(band.taps, band.factor)
     for mine, theirs in ((own.v, told.v), (own.a, told.a)):
         ours, given = thin(mine), thin(theirs[edge : len(theirs) - edge])
-        if not np.all(np.isfinite(given)) or np.linalg.norm(ours - given) > AGREE * np.linalg.norm(ours):
+        if not len(ours) or np.linalg.norm(ours - given) > AGREE * np.linalg.norm(ours):
             return False
     return True
-
-
-def _told(task: Task, part: Part, progress: Progress | None) -> Iterator[Rows]:
-    recording, sampling = part
-    total = max(1, sum(sampling.length(span) for span in sampling.spans) // task.band.factor)
-    done = 0
-    for rows in read_rows(task, recording, sampling):
-        yield rows
-        done += len(rows.t)
-        if progress is not None:
-            progress(f"reading {recording.path or 'recording'}", min(1.0, done / total))

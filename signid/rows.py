@@ -77,11 +77,11 @@ def read_rows(task: Task, recording: Recording, sampling: Sampling) -> Iterator[
         for k in range(0, total, size * thin.block):
             stop = min(total, k + size * thin.block)
             window = samples(recording, sampling, span, k * thin.factor, (stop - 1) * thin.factor + reach + 1)
-            yield _window_rows(task, window, thin, k == 0)
+            yield _window_rows(task, window, sampling.period, thin, k == 0)
 
 
-def _window_rows(task: Task, window: Samples, thin: Decimator, first: bool) -> Rows:
-    motion = build_motion(task.robot, window, task.band, task.recorded_derivatives, task.slow)
+def _window_rows(task: Task, window: Samples, period: float, thin: Decimator, first: bool) -> Rows:
+    motion = build_motion(task.robot, window, task.band, period, task.recorded_derivatives, task.slow)
     assert motion.recorded is not None, "windows carry torque"
     wanted = [task.base.independent[task.seen(j)] for j in range(len(task.robot.joints))]
     columns = base_rows(motion, task.laws, wanted)
@@ -99,7 +99,7 @@ def _window_rows(task: Task, window: Samples, thin: Decimator, first: bool) -> R
         torque,
         known,
         _steady(task, motion)[inner],
-        _instruments(task, window, wanted, thin) if task.instruments else None,
+        _instruments(task, window, period, wanted, thin) if task.instruments else None,
     )
 
 
@@ -109,10 +109,10 @@ def _steady(task: Task, motion: Motion) -> Mask:
     return np.asarray((slowest >= STILL * task.slow) | ~np.array(task.reverses))
 
 
-def _instruments(task: Task, window: Samples, wanted: Sequence[Indices], thin: Decimator) -> list[Array]:
+def _instruments(task: Task, window: Samples, period: float, wanted: Sequence[Indices], thin: Decimator) -> list[Array]:
     assert window.q_des is not None, "instruments are asked for only where every joint has q_des"
     desired = window._replace(q=window.q_des)
-    motion = build_motion(task.robot, desired, task.band, slow=task.slow)
+    motion = build_motion(task.robot, desired, task.band, period, slow=task.slow)
     return _thinned(base_rows(motion, task.laws, wanted), thin)
 
 

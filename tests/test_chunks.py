@@ -16,12 +16,13 @@ from signid.estimate import estimate
 from signid.factors import LAGS, Factors, reduce_rows
 from signid.formats import parquet
 from signid.motion import Motion
-from signid.prepare import Options, Part, Session, prepare
+from signid.prepare import prepare
 from signid.recording import read_recording
 from signid.regressor import base_rows, regressor
 from signid.robot import hold, load_robot
 from signid.rows import Rows, read_rows
 from signid.sampling import survey
+from signid.session import Options, Part, Session
 from signid.types import Array, Robot
 
 RATE, SECONDS = 200.0, 60.0

@@ -17,7 +17,7 @@ from swing import changed, csv, pristine, swing
 
 import signid
 from signid.cli import run
-from signid.prepare import EFFECT_NAMES
+from signid.effects import EFFECT_NAMES
 
 ROOT = Path(__file__).parents[1]
 COMMANDS = ("inspect", "check", "identify")
@@ -152,14 +152,15 @@ def test_every_option_is_heard(folder: Path, capfd: pytest.CaptureFixture[str]) 
     (folder / "a.toml").write_text("[joint.1]\ntorque_constant = 2.0\n")
     (folder / "m.toml").write_text('q_1 = "angle"\ncurrent_1 = "amps"\n')
     angle, tau = pristine()["q_1"], pristine()["tau_1"]
-    (folder / "amps.csv").write_text(csv(swing(q_1=None, tau_1=None, angle=angle, amps=tau / 2)))
+    for name, half in (("amps", tau / 2), ("judge", tau / 2 + 0.01)):
+        (folder / f"{name}.csv").write_text(csv(swing(q_1=None, tau_1=None, angle=angle, amps=half)))
     given = "--actuators a.toml --columns m.toml --effects viscous_friction,coulomb_friction,torque_offset --cutoff 10"
-    more = "--method wls --robust --white --no-instruments --derivatives computed --held-out amps.csv --seed 5 --json"
+    more = "--method wls --robust --white --no-instruments --derivatives computed --held-out judge.csv --seed 5 --json"
     assert run(["identify", "1r", "amps.csv", *given.split(), *more.split()]) == 0
     found = strict(capfd.readouterr().out)
     assert (found["method"], found["seed"], len(found["effects"])) == ("wls", 5, 3)
     assert found["cutoff"]["torque"] == pytest.approx(10)
-    assert [entry["path"] for entry in found["inputs"]] == ["amps.csv", "1r", "a.toml", "m.toml"]
+    assert [entry["path"] for entry in found["inputs"]] == ["amps.csv", "judge.csv", "1r", "a.toml", "m.toml"]
     base = {entry["expression"]: entry["value"] for entry in found["base_parameters"]}
     assert base["Iyy_1"] == pytest.approx(1.67085, rel=0.01)
 

@@ -150,9 +150,9 @@ def test_massless_flat_and_impossible_bodies_of_the_prior_are_replaced_and_said(
     fit = fit_consistent(case.base, case.estimate, prior)
     assert fit.parameters.is_feasible()
     assert [note.split(";")[0] for note in fit.notes[:3]] == [
-        "body 1 of the prior has no mass",
-        "body 2 of the prior is thinner than 3 mm or could not exist",
-        "body 3 of the prior is thinner than 3 mm or could not exist",
+        "body 1 of the description has no mass",
+        "body 2 of the description is thinner than 3 mm or could not exist",
+        "body 3 of the description is thinner than 3 mm or could not exist",
     ]
     made, _ = believable(case.base, prior)
     assert made.is_feasible() and made.values[10] == 1 and made.values[0] == 0.05

@@ -9,8 +9,9 @@ from numpy.testing import assert_allclose
 
 from signid.estimate import estimate
 from signid.excitation import judge_excitation
-from signid.prepare import Options, Session, prepare
+from signid.prepare import prepare
 from signid.robot import load_robot
+from signid.session import Options, Session
 from signid.types import Estimate, Robot
 
 EXACT = Options(cutoff=np.inf, derivatives="recorded")

@@ -12,7 +12,7 @@ import typer
 from ..errors import OptionError
 
 if TYPE_CHECKING:
-    from ..prepare import Options
+    from ..session import Options
     from ..types import Recording, Robot
 
 USUAL = (
@@ -88,7 +88,7 @@ def given_options(
     robust: bool = False,
 ) -> Options:
     """How recordings are turned into rows."""
-    from ..prepare import Options
+    from ..session import Options
 
     return Options(given_effects(effects), cutoff, derivatives, not plain, not white, robust, seed)
 

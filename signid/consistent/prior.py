@@ -46,7 +46,7 @@ def believable(base: BaseMap, prior: Parameters) -> tuple[Parameters, tuple[str,
     made = np.array([_solid(body) for body in given]).reshape(-1, 10)
     fault = ("is thinner than 3 mm or could not exist", "has no mass")
     notes = tuple(
-        f"body {i + 1} of the prior {fault[int(old[0] < LEAST_MASS)]}; "
+        f"body {i + 1} of the description {fault[int(old[0] < LEAST_MASS)]}; "
         f"one of {new[0]:.3g} kg and {RADIUS * 100:.0f} cm radius of gyration stands in for it"
         for i, (old, new) in enumerate(zip(given, made, strict=True))
         if not np.array_equal(old, new)

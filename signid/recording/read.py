@@ -72,13 +72,13 @@ def same_joints(recordings: Sequence[Recording]) -> tuple[str, ...]:
 
 
 def _by_joint(source: Source, robot: Robot) -> Source:
-    """Arrays with a column for each joint of the robot, under the joints' own names; anything else as it is."""
+    """Arrays with a column for each joint of the robot, under the joints' numbers; anything else as it is."""
     if not isinstance(source, Mapping):
         return source
     columns: dict[str, ArrayLike] = {}
     for key, value in source.items():
         wide = np.ndim(value) == 2 and np.shape(value)[1] == len(robot.joints)
-        parts = dict(zip(robot.joints, np.transpose(value), strict=True)) if wide else {}
+        parts = dict(zip(robot.numbers, np.transpose(value), strict=True)) if wide else {}
         columns |= {f"{key}_{joint}": part for joint, part in parts.items()} if wide else {key: value}
     return columns
 

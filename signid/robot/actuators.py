@@ -26,7 +26,7 @@ def read_actuators(path: Path, robot: Robot) -> Actuators:
     try:
         _fill(values, _read(path), robot)
     except RobotError as error:
-        raise RobotError(f"{path.name}: {error}") from None
+        raise RobotError(f"{path.name or path}: {error}") from None
     return Actuators(**values)
 
 
