@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tracemalloc
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any
 
@@ -217,10 +217,8 @@ def test_factors_give_what_least_squares_on_the_rows_gives(case: str, arm: Robot
     assert np.abs(found.value - direct).max() <= 1e-9 * np.abs(direct).max()
 
 
-@pytest.mark.parametrize(
-    ("name", "joints"), [("panda", (0, 1, 2, 3, 4, 5, 6)), ("talos_arm", (1, 3, 4)), ("kinova", (0, 3))]
-)
-def test_joints_that_are_held_change_no_row(name: str, joints: tuple[int, ...]) -> None:
+@pytest.mark.parametrize(("name", "joints"), [("panda", range(7)), ("talos_arm", (1, 3, 4)), ("kinova", (0, 3))])
+def test_joints_that_are_held_change_no_row(name: str, joints: Collection[int]) -> None:
     robot = load_robot(name)
     still = {joint: 0.02 + 0.01 * k for k, joint in enumerate(robot.joints) if k not in joints}
     robot = hold(robot, still)
