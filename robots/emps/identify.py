@@ -1,0 +1,34 @@
+"""The EMPS prismatic drive (Janot, Gautier, Brunot, 2019): mass and friction against the published values.
+
+Needs the recordings that SIGNID_DATA leads to.
+"""
+
+import os
+from pathlib import Path
+
+import signid
+from signid.identify import Identification
+
+PUBLISHED = {  # by least squares on the inverse dynamics, from the benchmark's own description
+    "m_1 + armature_1": 95.1089,  # kg
+    "viscous_friction_1": 203.5034,  # N.s/m
+    "coulomb_friction_1": 20.3935,  # N
+    "torque_offset_1": -3.1648,  # N
+}
+
+
+def main() -> Identification:
+    """Identify, compare with what was published, and judge by the run with added pulses."""
+    folder = Path(os.environ["SIGNID_DATA"]) / "emps_janot"
+    robot = signid.load_robot("emps")
+    train, judge = (signid.read_recording(folder / f"emps_{name}.csv.gz", robot) for name in ("train", "pulses"))
+    result = signid.identify(robot, [train], held_out=[judge])
+    for expression, value in zip(result.base.expressions, result.base_value, strict=True):
+        print(f"{expression:20} {value:9.4f}  published {PUBLISHED[expression]:9.4f}")
+        if abs(value / PUBLISHED[expression] - 1) > 0.01:
+            raise SystemExit(f"{expression} is more than 1 % from the published value")
+    return result
+
+
+if __name__ == "__main__":
+    main()

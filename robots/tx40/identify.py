@@ -1,0 +1,29 @@
+"""A Staubli TX40 from motor torques. Its wrist motors are coupled, which four plain laws cannot say: see joint 5.
+
+Needs the recording that SIGNID_DATA leads to.
+"""
+
+import os
+from pathlib import Path
+
+import signid
+from signid.identify import Identification
+
+HELD_OUT_R2 = (0.98, 0.95, 0.97, 0.96)  # joints 1 to 4
+
+
+def main() -> Identification:
+    """Identify, and judge by the last 30 %."""
+    folder = Path(os.environ["SIGNID_DATA"]) / "staubli_tx40"
+    robot = signid.load_robot(folder / "tx40.urdf")
+    recording = signid.read_recording(folder / "exciting_traj.csv.gz", robot)
+    result = signid.identify(robot, [recording])
+    for joint, r2 in zip(robot.joints, result.fit.held_out_r2, strict=True):
+        print(f"{joint:8} held-out R2 {r2:7.4f}")
+    if any(r2 < least for r2, least in zip(result.fit.held_out_r2, HELD_OUT_R2, strict=False)):
+        raise SystemExit("a joint that is not coupled is predicted worse than it was")
+    return result
+
+
+if __name__ == "__main__":
+    main()

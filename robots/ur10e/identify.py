@@ -1,0 +1,31 @@
+"""A UR10e from motor currents (Mamedov et al., Frontiers in Robotics and AI, 2020), judged by another day's motion.
+
+Needs the recordings that SIGNID_DATA leads to. actuators.toml holds the torque constants.
+"""
+
+import os
+from pathlib import Path
+
+import signid
+from signid.identify import Identification
+
+ACTUATORS = Path(__file__).with_name("actuators.toml")
+HELD_OUT_R2 = (0.991, 0.995, 0.997, 0.983, 0.972, 0.987)
+
+
+def main() -> Identification:
+    """Identify from 30 s of motion, and judge by 50 s of another."""
+    folder = Path(os.environ["SIGNID_DATA"]) / "ur10e_mamedov"
+    robot = signid.load_robot(folder / "ur10e.urdf", actuators=ACTUATORS)
+    names = ("20_02_10_30sec_12harm", "20_02_12_50sec_12harm")
+    train, judge = (signid.read_recording(folder / f"identification_data__{name}.csv.gz", robot) for name in names)
+    result = signid.identify(robot, [train], held_out=[judge])
+    for joint, r2, least in zip(robot.joints, result.fit.held_out_r2, HELD_OUT_R2, strict=True):
+        print(f"{joint:20} held-out R2 {r2:.4f}")
+        if r2 < least:
+            raise SystemExit(f"{joint} is predicted worse than the recordings allow")
+    return result
+
+
+if __name__ == "__main__":
+    main()
