@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,11 +26,12 @@ class Excitation(Frozen):
     """How much of the information a motion of this size could have given was given.
 
     `shares` are ascending, one per direction in base-parameter space; `weak` names, per insufficient direction, the
-    base parameters in it.
+    base parameters in it; `untold` says in words what they are.
     """
 
     shares: Array  # (b,) [1]
     weak: tuple[tuple[str, ...], ...]
+    untold: tuple[str, ...]  # "the rotational inertia of links a and b"
     resting: tuple[str, ...]  # joints that did not move
     in_step: tuple[tuple[str, ...], ...]  # groups of joints that moved alike
     small: tuple[str, ...]  # base parameters too small to matter for the torque here
@@ -49,11 +50,9 @@ class Excitation(Frozen):
         if self.resting:
             said.append(f"{_joints(self.resting)} did not move: move {_them(self.resting)}, or hold with --lock")
         said += [f"{_joints(group)} moved in step: move them out of step" for group in self.in_step]
-        names = list(dict.fromkeys(name for group in self.weak for name in group))
-        shown = ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
         said.append(
             f"the motion gives {max(self.shares[0], 0):.2%} of the information that random motion of the same size "
-            f"would (at least {ENOUGH:.0%} is needed); it cannot tell {shown}"
+            f"would (at least {ENOUGH:.0%} is needed); it cannot tell {_listed(self.untold)}"
         )
         return tuple(said)
 
@@ -84,11 +83,12 @@ def judge_excitation(task: Task, factors: Factors, estimated: Estimate, seed: in
     prior = prior_sizes(
         robot, base, np.array([np.sqrt(f.whole[-1, -1] / max(f.rows, 1)) for f in factors.joints]), speed
     )
-    weak = [_largest(directions[:, k] / size / prior, base) for k in np.flatnonzero(shares < ENOUGH)]
+    weak = [_largest(directions[:, k] / size / prior) for k in np.flatnonzero(shares < ENOUGH)]
     uncertain = estimated.std > prior
     return Excitation(
         shares,
-        tuple(weak),
+        tuple(tuple(base.expressions[i] for i in group) for group in weak),
+        _in_words(robot, base, dict.fromkeys(i for group in weak for i in group)),
         tuple(robot.joints[j] for j in np.flatnonzero(speed <= AT_REST * speed.max(initial=1e-300))),
         _groups(robot, factors, speed),
         tuple(e for e, u in zip(base.expressions, uncertain, strict=True) if u),
@@ -137,9 +137,24 @@ def _random_information(
     return out
 
 
-def _largest(direction: Array, base: BaseMap, count: int = 3) -> tuple[str, ...]:
+def _largest(direction: Array, count: int = 3) -> tuple[int, ...]:
     order = np.argsort(-np.abs(direction))[:count]
-    return tuple(base.expressions[i] for i in order if abs(direction[i]) > 0.1 * abs(direction[order[0]]))
+    return tuple(int(i) for i in order if abs(direction[i]) > 0.1 * abs(direction[order[0]]))
+
+
+def _in_words(robot: Robot, base: BaseMap, which: Iterable[int]) -> tuple[str, ...]:
+    """What some base parameters are by the parameter that leads each, alike ones together."""
+    owners: dict[str, list[str]] = {}
+    for label in (base.labels[base.independent[i]] for i in which):
+        if label.body is not None:
+            kind = {"m": "mass"}.get(label.name.split("_")[0], "rotational inertia")
+            kind = "centre of mass" if label.name[:2] in ("mx", "my", "mz") else kind
+            owner = robot.links[label.body]
+        else:
+            kind, owner = label.name.rsplit("_", 1)[0].replace("_", " "), robot.joints[label.joint or 0]
+        owners.setdefault(f"the {kind} of {'link' if label.body is not None else 'joint'}", []).append(owner)
+    unique = {kind: sorted(set(found), key=found.index) for kind, found in owners.items()}
+    return tuple(f"{kind}{'s' if len(found) > 1 else ''} {_listed(found)}" for kind, found in unique.items())
 
 
 def _groups(robot: Robot, factors: Factors, speed: Array) -> tuple[tuple[str, ...], ...]:
@@ -155,7 +170,11 @@ def _groups(robot: Robot, factors: Factors, speed: Array) -> tuple[tuple[str, ..
 
 
 def _joints(names: Sequence[str]) -> str:
-    return f"joint {names[0]}" if len(names) == 1 else f"joints {', '.join(names[:-1])} and {names[-1]}"
+    return f"joint{'s' if len(names) > 1 else ''} {_listed(names)}"
+
+
+def _listed(names: Sequence[str]) -> str:
+    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
 def _them(names: Sequence[str]) -> str:
