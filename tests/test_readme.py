@@ -28,6 +28,7 @@ def test_the_extract_in_the_readme_is_what_is_printed(
         return " ".join(re.sub(r"(?<![\w.])-?\d[\d.]*", "#", text).split())
 
     command, *extract = readme("$ signid ")
+    monkeypatch.setenv("COLUMNS", "100")
     monkeypatch.chdir(tmp_path)
     (tmp_path / "robots").symlink_to(ROOT / "robots")
     assert run(command.split()[2:]) == 0
