@@ -19,7 +19,9 @@ SNAP = 1e-5  # rotation entries this near to 0 or 1 were typed with few digits
 DIGITS = 6
 
 
-def build_base(robot: Robot, laws: Sequence[Law] = (), seed: int = 0) -> BaseMap:
+def build_base(
+    robot: Robot, laws: Sequence[Law] = (), seed: int = 0, measured: Sequence[bool] | None = None
+) -> BaseMap:
     """The base map of a robot with laws, from random states (a periodic motion can hide parameters).
 
     Columns are taken in order of preference (bodies from the base on, in each the inertia about its own joint axis
@@ -29,12 +31,14 @@ def build_base(robot: Robot, laws: Sequence[Law] = (), seed: int = 0) -> BaseMap
         robot: joints that move, held ones at their values.
         laws: linear laws whose coefficients count as parameters.
         seed: of the random states.
+        measured: (n,) whether the torque of a joint is known; of every joint by default.
 
     Source: Gautier, Khalil, IEEE T-RA 6(3), 1990; numerically as Gautier, J. Robotic Systems 8(4), 1991.
     """
     snapped, names = _snap(robot), labels(robot, laws)
     states = _random_motion(snapped, len(names), seed)
-    rows = regressor(states, laws)  # (N, n, p)
+    known = np.ones(len(robot.joints), dtype=bool) if measured is None else np.array(measured, dtype=bool)
+    rows = regressor(states, laws) * known[:, None]  # (N, n, p)
     stacked = rows.reshape(-1, len(names))
     norm = np.linalg.norm(stacked, axis=0) / np.sqrt(len(stacked))
     scale = np.where(norm > 1e-12 * norm.max(initial=1.0), norm, np.inf)

@@ -51,7 +51,8 @@ def prepare(
         _refuse_huge(*part)
     train, test = _split(parts, len(recordings))
     band = _band(parts[: len(recordings)], options)
-    laws = tuple(Law(EFFECTS[name], (j,)) for name in options.effects for j in range(len(moving.joints)))
+    measured = [all(r.columns["tau"][j] for r in everything) for j in range(len(moving.joints))]
+    laws = tuple(Law(EFFECTS[name], (j,)) for name in options.effects for j in np.flatnonzero(measured).tolist())
     _only_linear(laws)
     recorded = _use_recorded(moving, parts, band, options)
     desired = options.instruments and not recorded and all(_wholly(r, "q_des") for r in everything)
@@ -59,7 +60,7 @@ def prepare(
     task = Task(
         moving,
         laws,
-        build_base(moving, laws, options.seed),
+        build_base(moving, laws, options.seed, measured),
         band,
         _slow(moving, surveys, band),
         recorded,

@@ -93,6 +93,18 @@ def test_what_is_not_told_is_said(arm: Robot) -> None:
     assert any("joint joint_3 did not move" in sentence for sentence in verdict.sentences)
 
 
+def test_a_joint_without_torque_is_told_by_the_others(arm: Robot) -> None:
+    import signid
+
+    made = trial(arm)
+    columns = {f"q_{j + 1}": made.q[:, j] for j in range(3)} | {f"tau_{j + 1}": made.torque[:, j] for j in range(2)}
+    found = signid.identify(arm, [signid.read_recording({"t": made.t, **columns}, arm)], method="wls")
+    assert found.flags == ()
+    assert {found.robot.joints[law.joints[0]] for law in found.model.laws} == {"joint_1", "joint_2"}
+    assert np.isnan(found.fit.held_out_r2[2])
+    assert (found.fit.held_out_r2[:2] > 0.999).all()
+
+
 def test_joints_in_step_are_named(arm: Robot) -> None:
     made = trial(arm)
     q = made.q.copy()
