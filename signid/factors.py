@@ -105,27 +105,27 @@ def _reduce_joint(window: Rows, j: int, tail: Array, lags: int, weigh: Weigh | N
     """The joint's factors, and the last rows for the lags of the next window."""
     known, old, m = bool(window.recorded[j]), len(tail), window.columns[j].shape[1]
     keep = window.steady[:, j] & known
-    weight = keep.astype(float) if weigh is None else keep * np.sqrt(weigh(j, window))
     parts = [window.columns[j], window.torque[:, j, None]]
     parts = parts if window.instruments is None else [window.instruments[j], *parts]
     z = np.empty((old + len(keep), tail.shape[1]))
     c = z.shape[1] - 1
     z[:old], z[old:, c] = tail, keep
-    np.concatenate(parts, axis=1, out=z[old:, :c])
-    plain = z[old:, c - m - 1 : c]
-    total, unmasked = float(plain[:, m].sum()) if known else 0.0, bool(np.all(weight == 1))
-    whole = np.zeros((m + 1, m + 1))
-    if not unmasked:
-        whole = plain.T @ plain if known else whole
-        z[old:, :c] *= weight[:, None]
+    rows = np.concatenate(parts, axis=1, out=z[old:, :c])
+    plain = rows[:, c - m - 1 :]
+    total, masked = float(plain[:, m].sum()), plain[~keep]
+    whole = None if weigh is None else plain.T @ plain
+    rows[~keep] = 0
+    if weigh is not None:
+        rows *= np.sqrt(weigh(j, window))[:, None]
     grams, counts = np.zeros((lags + 1, c, c)), np.zeros(lags + 1)
     for d in range(lags + 1):
         start = max(old, d)
         now, before = z[start:], z[start - d : max(len(z), start) - d]
         grams[d] = now[:, :c].T @ before[:, :c]
         counts[d] = now[:, c] @ before[:, c]
-    whole = grams[0, c - m - 1 :, c - m - 1 :] if unmasked else whole
-    return JointFactors(grams, counts, whole, total, len(keep) if known else 0), z[max(0, len(z) - lags) :]
+    whole = grams[0, c - m - 1 :, c - m - 1 :] + masked.T @ masked if whole is None else whole
+    share = float(known)  # nothing where torque is not recorded
+    return JointFactors(grams, counts, share * whole, share * total, known * len(keep)), z[max(0, len(z) - lags) :]
 
 
 def _nothing(task: Task, lags: int, size: list[int]) -> Factors:
