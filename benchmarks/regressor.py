@@ -163,7 +163,7 @@ def judge(rows: Sequence[Row]) -> Iterator[tuple[str, bool]]:
         for job in (SAME, DEFAULT):
             ratio = best[job] / best[PLAIN]
             yield f"{robot}: {job}: {ratio:.2f} times the floor (at most {LIMIT:g})", ratio <= LIMIT
-        for job in (SAME, READY, DEFAULT) if FIGAROH in best else ():
+        for job in (SAME, READY) if FIGAROH in best else ():
             ratio = best[FIGAROH] / best[job]
             yield f"{robot}: {job}: {ratio:.1f} times as fast as figaroh (at least {FASTER:g})", ratio >= FASTER
         worst = max(x for job in (PLAIN, SAME) for x in (ours[job].parameters, ours[job].torque) if x is not None)
