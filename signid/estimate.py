@@ -12,7 +12,8 @@ from scipy.signal import lfilter
 from .factors import Factors, JointFactors
 from .types import Array, BaseMap, Estimate, Indices, Mask
 
-ROUNDS = 8  # of noise model and solution in turn
+ROUNDS = 8  # of noise model and solution in turn, at most
+SETTLED = 1e-6  # change of the autocovariances
 SINGULAR = 1e-10  # of the largest eigenvalue of the scaled Gram matrix
 FLOOR = 1e-14  # of the torque's power: rounding
 PENALTY = 2.0  # per order of the noise model: Akaike's
@@ -59,16 +60,25 @@ def estimate(factors: Factors, base: BaseMap, prior: Array | None = None, whiten
     for _ in range(ROUNDS):
         solution = _solve(factors, noise, start)
         covariance = _covariance(factors, noise, solution)
-        noise = [
-            _model_noise(joint, columns, old.colour, solution, covariance, whiten)
-            for (joint, columns), old in zip(_each(factors), noise, strict=True)
-        ]
+        before, noise = (
+            noise,
+            [
+                _model_noise(joint, columns, old.colour, solution, covariance, whiten)
+                for (joint, columns), old in zip(_each(factors), noise, strict=True)
+            ],
+        )
+        if all(_alike(new.colour, old.colour) for new, old in zip(noise, before, strict=True)):
+            break
     solution = _solve(factors, noise, start)
     covariance = _positive(_covariance(factors, noise, solution), solution.inverse)
     covariance[solution.unknown, solution.unknown] = np.inf
     scales = np.array([np.sqrt(n.colour[0]) for n in noise])
     found = Estimate(solution.value, covariance, solution.information, scales, tuple(n.order for n in noise))
     return _with_instruments(factors, noise, found) if factors.instruments else found
+
+
+def _alike(new: Array, old: Array) -> bool:
+    return bool(np.allclose(new, old, SETTLED, SETTLED * old[0]))
 
 
 def _each(factors: Factors) -> Sequence[tuple[JointFactors, Indices]]:

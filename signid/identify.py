@@ -12,7 +12,7 @@ from .consistent import fit_consistent, standard_from_base
 from .errors import OptionError
 from .estimate import estimate
 from .excitation import Excitation, judge_excitation
-from .factors import Factors, Weigh
+from .factors import LAGS, Factors, Weigh
 from .model import Model, stated_inertials
 from .prepare import prepare
 from .retrieve import retrieve
@@ -171,12 +171,15 @@ def _rms(factors: Factors, value: Array) -> tuple[Array, Array]:
 
 
 def _factors(session: Session, options: Options, progress: Progress | None) -> tuple[Factors, Factors]:
-    train = session.reduce(session.train, progress=progress)
+    lags = LAGS if options.whiten else 0
+    train = session.reduce(session.train, progress=progress, lags=lags)
     if options.robust:
         for _ in range(ROBUST_ROUNDS):
             found = estimate(train, session.task.base, whiten=False)
-            train = session.reduce(session.train, weigh=_huber(found, train), progress=progress, purpose="weighing")
-    return train, session.reduce(session.held_out, progress=progress, purpose="judging by")
+            train = session.reduce(
+                session.train, weigh=_huber(found, train), progress=progress, purpose="weighing", lags=lags
+            )
+    return train, session.reduce(session.held_out, progress=progress, purpose="judging by", lags=0)
 
 
 def _huber(found: Estimate, factors: Factors) -> Weigh:

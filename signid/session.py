@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from .effects import EFFECT_NAMES
 from .errors import RecordingError
-from .factors import Factors, Weigh, add, reduce_rows
+from .factors import LAGS, Factors, Weigh, add, reduce_rows
 from .rows import Rows, Task, read_rows
 from .sampling import Sampling
 from .types import Frozen, Recording, Robot
@@ -49,13 +49,16 @@ class Session(Frozen):
         weigh: Weigh | None = None,
         progress: Progress | None = None,
         purpose: str = "learning from",
+        lags: int = LAGS,
     ) -> Factors:
         """Factors of some of its recordings, in one pass.
 
         Raises:
             RecordingError: every stretch of the recordings is shorter than the filter.
         """
-        factors = add(reduce_rows(self.task, _told(self.task, part, progress, purpose), weigh=weigh) for part in parts)
+        factors = add(
+            reduce_rows(self.task, _told(self.task, part, progress, purpose), lags=lags, weigh=weigh) for part in parts
+        )
         if factors.rows == 0:
             band = self.task.band
             raise RecordingError(
