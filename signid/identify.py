@@ -23,6 +23,7 @@ from .types import Array, BaseMap, Estimate, Frozen, Law, Parameters, Recording,
 METHODS = ("convex", "wls", "pbrp")
 HUBER = 1.345  # residual, in standard deviations, beyond which a row counts less
 ROBUST_ROUNDS = 3
+LITTLE = 0.5  # held-out R2 below which a joint's torque is hardly predicted
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,6 +106,7 @@ def identify(
     chosen = _choose_standard(session.task.base, found, prior, method, options.seed)
     parameters = chosen.parameters
     base_value = session.task.base.combination @ parameters.values
+    fit = judge_fit(session, train, test, base_value)
     return Identification(
         robot=session.robot,
         base=session.task.base,
@@ -112,13 +114,13 @@ def identify(
         base_value=base_value,
         parameters=parameters,
         model=Model(session.robot, parameters.bodies(), _laws(session.task.laws, parameters)),
-        fit=judge_fit(session, train, test, base_value),
+        fit=fit,
         excitation=excitation,
         method=method,
         moved=chosen.moved,
         inputs=tuple(dict.fromkeys((r.path, r.sha256) for r in (*recordings, *held_out))),
         flags=(*excitation.sentences, *chosen.flags),
-        notes=(*session.notes, *found.notes, *chosen.notes),
+        notes=(*session.notes, *found.notes, *chosen.notes, *_missed(fit)),
         cutoff=session.task.band.cutoff,
         position_cutoff=session.task.band.position_cutoff,
         seed=options.seed,
@@ -168,6 +170,16 @@ def _rms(factors: Factors, value: Array) -> tuple[Array, Array]:
         rms[j] = np.sqrt(rest / joint.rows)
         r2[j] = 1 - rest / spread if spread > 0 else np.nan
     return rms, r2
+
+
+def _missed(fit: Fit) -> tuple[str, ...]:
+    """A sentence on each joint whose torque the model hardly predicts."""
+    return tuple(
+        f"the model predicts little of the torque of {joint} (held-out R2 {r2:.2f}): something is missing from it there, "
+        f"or the recorded torque is not this motion's"
+        for joint, r2 in zip(fit.joints, fit.held_out_r2, strict=True)
+        if r2 < LITTLE
+    )
 
 
 def _factors(session: Session, options: Options, progress: Progress | None) -> tuple[Factors, Factors]:

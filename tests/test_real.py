@@ -106,3 +106,9 @@ def test_tx40_holds_on_every_third_block(data: Path) -> None:
         sum_of_torque = gram[list(columns).index(names.index(f"torque_offset_{j + 1}")), -1]
         r2.append(1 - c @ gram @ c / (gram[-1, -1] - sum_of_torque**2 / joint.counts[0]))
     assert_array_less([0.995, 0.983, 0.990, 0.975], r2[:4])
+
+
+def test_a_joint_that_is_hardly_predicted_is_named(data: Path) -> None:
+    found = identify(data, *GOOD["tx40"])
+    assert any("little of the torque of joint_5" in note for note in found.notes)
+    assert not any("joint_1" in note and "little" in note for note in found.notes)
