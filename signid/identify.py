@@ -13,6 +13,7 @@ from .errors import OptionError
 from .estimate import estimate
 from .excitation import Excitation, judge_excitation
 from .factors import LAGS, Factors, Weigh
+from .fit import Fit, judge_fit
 from .model import Model, stated_inertials
 from .prepare import prepare
 from .retrieve import retrieve
@@ -23,19 +24,6 @@ from .types import Array, BaseMap, Estimate, Frozen, Law, Parameters, Recording,
 METHODS = ("convex", "wls", "pbrp")
 HUBER = 1.345  # residual, in standard deviations, beyond which a row counts less
 ROBUST_ROUNDS = 3
-LITTLE = 0.5  # held-out R2 below which a joint's torque is hardly predicted
-
-
-@dataclass(frozen=True, eq=False)
-class Fit(Frozen):
-    """How well torque is predicted, per joint; held-out rows took no part in the estimation."""
-
-    joints: tuple[str, ...]
-    unit: tuple[str, ...]
-    train_rms: Array  # (n,) [N.m or N] of the residual
-    held_out_rms: Array  # (n,) [N.m or N]
-    noise_floor: Array  # (n,) [N.m or N] white torque noise inside the band
-    held_out_r2: Array  # (n,) [1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +108,7 @@ def identify(
         moved=chosen.moved,
         inputs=tuple(dict.fromkeys((r.path, r.sha256) for r in (*recordings, *held_out))),
         flags=(*excitation.sentences, *chosen.flags),
-        notes=(*session.notes, *found.notes, *chosen.notes, *_missed(fit)),
+        notes=(*session.notes, *found.notes, *chosen.notes, *fit.sentences),
         cutoff=session.task.band.cutoff,
         position_cutoff=session.task.band.position_cutoff,
         seed=options.seed,
@@ -136,50 +124,6 @@ def prior_parameters(session: Session) -> Parameters:
         field = getattr(drives, session.task.laws[label.law].effect.name, None)
         effects.append(0.0 if field is None else float(np.nan_to_num(field[label.joint])))
     return Parameters(session.task.base.labels, np.append(stated, effects))
-
-
-def judge_fit(session: Session, train: Factors, test: Factors, base_value: Array) -> Fit:
-    """Residual rms in training and held out, from factors alone.
-
-    Args:
-        session: gives joints and noise floor.
-        train: factors of the training recordings.
-        test: factors of the held-out recordings.
-        base_value: (b,) [units of base].
-    """
-    robot = session.robot
-    return Fit(
-        robot.joints,
-        tuple("N" if p else "N.m" for p in robot.prismatic),
-        _rms(train, base_value)[0],
-        *_rms(test, base_value)[:1],
-        session.task.band.torque_floor,
-        _rms(test, base_value)[1],
-    )
-
-
-def _rms(factors: Factors, value: Array) -> tuple[Array, Array]:
-    """Residual rms [N.m or N] and R2 [1] per joint, NaN where no torque is recorded."""
-    rms, r2 = np.full((2, len(factors.joints)), np.nan)
-    for j, (joint, columns) in enumerate(zip(factors.joints, factors.columns, strict=True)):
-        if joint.rows == 0:
-            continue
-        c = np.append(-value[columns], 1.0)
-        rest = max(float(c @ joint.whole @ c), 0.0)
-        spread = joint.whole[-1, -1] - joint.total**2 / joint.rows
-        rms[j] = np.sqrt(rest / joint.rows)
-        r2[j] = 1 - rest / spread if spread > 0 else np.nan
-    return rms, r2
-
-
-def _missed(fit: Fit) -> tuple[str, ...]:
-    """A sentence on each joint whose torque the model hardly predicts."""
-    return tuple(
-        f"the model predicts little of the torque of {joint} (held-out R2 {r2:.2f}): something is missing from it there, "
-        f"or the recorded torque is not this motion's"
-        for joint, r2 in zip(fit.joints, fit.held_out_r2, strict=True)
-        if r2 < LITTLE
-    )
 
 
 def _factors(session: Session, options: Options, progress: Progress | None) -> tuple[Factors, Factors]:

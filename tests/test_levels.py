@@ -11,7 +11,7 @@ LEVELS = (
     "version errors registry arrays parameters types",
     "robot formats effects optimisers",
     "recording sampling filters cutoff motion regressor basis residual rows",
-    "factors session prepare estimate excitation consistent retrieve model signs simulate excite",
+    "factors session prepare fit estimate excitation consistent retrieve model signs simulate excite",
     "identify check inspect diagnose",
     "report replay export fleet",
     "cli",

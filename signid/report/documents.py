@@ -11,7 +11,8 @@ import numpy as np
 
 from ..check import Check
 from ..excitation import Excitation
-from ..identify import Fit, Identification
+from ..fit import Fit
+from ..identify import Identification
 from ..inspect import Inspection
 from ..model import standard_parameters
 from ..sampling import Sampling

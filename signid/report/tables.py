@@ -11,7 +11,8 @@ from rich.text import Text
 
 from ..check import Check
 from ..excitation import ENOUGH, Excitation
-from ..identify import Fit, Identification
+from ..fit import Fit
+from ..identify import Identification
 from ..inspect import Inspection
 from ..sampling import Sampling
 from ..types import Label

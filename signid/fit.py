@@ -1,0 +1,63 @@
+"""Factors and parameters -> fit: how much of the torque is predicted, from factors alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .factors import Factors
+from .session import Session
+from .types import Array, Frozen
+
+LITTLE = 0.5  # held-out R2 below which a joint's torque is hardly predicted
+
+
+@dataclass(frozen=True, eq=False)
+class Fit(Frozen):
+    """How well torque is predicted, per joint; held-out rows took no part in the estimation."""
+
+    joints: tuple[str, ...]
+    unit: tuple[str, ...]
+    train_rms: Array  # (n,) [N.m or N] of the residual
+    held_out_rms: Array  # (n,) [N.m or N]
+    noise_floor: Array  # (n,) [N.m or N] white torque noise inside the band
+    held_out_r2: Array  # (n,) [1]
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """One on each joint whose torque the model hardly predicts."""
+        return tuple(
+            f"the model predicts little of the torque of {joint} (held-out R2 {r2:.2f}): something is missing from it "
+            f"there, or the recorded torque is not this motion's"
+            for joint, r2 in zip(self.joints, self.held_out_r2, strict=True)
+            if r2 < LITTLE
+        )
+
+
+def judge_fit(session: Session, train: Factors, test: Factors, base_value: Array) -> Fit:
+    """Residual rms in training and held out, from factors alone.
+
+    Args:
+        session: gives joints and noise floor.
+        train: factors of the training recordings.
+        test: factors of the held-out recordings.
+        base_value: (b,) [units of base].
+    """
+    robot, (learned, _), (judged, r2) = session.robot, _rms(train, base_value), _rms(test, base_value)
+    units = tuple("N" if prismatic else "N.m" for prismatic in robot.prismatic)
+    return Fit(robot.joints, units, learned, judged, session.task.band.torque_floor, r2)
+
+
+def _rms(factors: Factors, value: Array) -> tuple[Array, Array]:
+    """Residual rms [N.m or N] and R2 [1] per joint, NaN where no torque is recorded."""
+    rms, r2 = np.full((2, len(factors.joints)), np.nan)
+    for j, (joint, columns) in enumerate(zip(factors.joints, factors.columns, strict=True)):
+        if joint.rows == 0:
+            continue
+        c = np.append(-value[columns], 1.0)
+        rest = max(float(c @ joint.whole @ c), 0.0)
+        spread = joint.whole[-1, -1] - joint.total**2 / joint.rows
+        rms[j] = np.sqrt(rest / joint.rows)
+        r2[j] = 1 - rest / spread if spread > 0 else np.nan
+    return rms, r2
