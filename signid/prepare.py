@@ -11,10 +11,10 @@ from .cutoff import Band, choose_band
 from .effects import EFFECTS
 from .errors import OptionError, RecordingError
 from .filters import Decimator
-from .motion import build_motion
+from .motion import build_motion, margin
 from .recording import same_joints
 from .robot import hold
-from .rows import Task
+from .rows import Task, choose_reach
 from .sampling import Sampling, samples, split, survey
 from .session import Options, Part, Session
 from .types import Array, Law, Recording, Robot, Samples
@@ -57,12 +57,14 @@ def prepare(
     recorded = _use_recorded(moving, parts, band, options)
     desired = options.instruments and not recorded and all(_wholly(r, "q_des") for r in everything)
     complete = desired and all(_complete(part, "q_des") for part in parts)
+    slow = _slow(moving, surveys, band)
     task = Task(
         moving,
         laws,
         build_base(moving, laws, options.seed, measured),
         band,
-        _slow(moving, surveys, band),
+        slow,
+        _reach(moving, parts[: len(recordings)], band, slow),
         recorded,
         complete,
     )
@@ -124,10 +126,10 @@ def _band(parts: Sequence[Part], options: Options) -> Band:
     return choose_band([_piece(*part) for part in parts], float(rates[0]), options.cutoff)
 
 
-def _piece(recording: Recording, sampling: Sampling) -> Samples:
+def _piece(recording: Recording, sampling: Sampling, most: int = PIECE) -> Samples:
     """The longest stretch of a recording, or its beginning where it is very long."""
     span = max(sampling.spans, key=sampling.length)
-    return samples(recording, sampling, span, 0, min(sampling.length(span), PIECE))
+    return samples(recording, sampling, span, 0, min(sampling.length(span), most))
 
 
 def _slow(robot: Robot, surveys: Sequence[Sampling], band: Band) -> Array:
@@ -135,6 +137,12 @@ def _slow(robot: Robot, surveys: Sequence[Sampling], band: Band) -> Array:
     speed = np.sqrt(np.mean([s.speed**2 for s in surveys], axis=0))
     gear = np.where(robot.prismatic, 0.0, np.minimum(REVERSAL, REVERSAL_SHARE * speed))
     return np.maximum(np.maximum(gear, band.velocity_noise), 1e-12)
+
+
+def _reach(robot: Robot, parts: Sequence[Part], band: Band, slow: Array) -> tuple[int, ...]:
+    pieces = [(_piece(*part, PIECE // 4), part[1].period) for part in parts]
+    long = [(piece, period) for piece, period in pieces if len(piece.t) > 2 * margin(band) + 1]
+    return choose_reach([build_motion(robot, piece, band, period) for piece, period in long], band, slow)
 
 
 def _only_linear(laws: Sequence[Law]) -> None:

@@ -18,7 +18,8 @@ from .types import Array, BaseMap, Frozen, Indices, Law, Mask, Recording, Robot,
 
 WINDOW = 8192  # samples of the uniform grid at a time, at least
 STILL = 5.0  # widths of a reversal: a row is left out where the joint is slower nearby
-REACH = 0.75  # of a cut-off period, on either side of a row, must be free of reversals
+REACHES = (1.5, 1.0, 0.75)  # periods of the cut-off on either side of a row that must be free of reversals: the first
+KEPT = 0.7  # that leaves so many of the joint's rows, else the last
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +31,7 @@ class Task(Frozen):
     base: BaseMap
     band: Band
     slow: Array  # (n,) [rad/s or m/s] width of a reversal: slower, the direction of motion is not certain
+    reach: tuple[int, ...]  # (n,) samples on either side of a row that must be free of reversals
     recorded_derivatives: bool = False
     instruments: bool = False
 
@@ -103,10 +105,31 @@ def _window_rows(task: Task, window: Samples, period: float, thin: Decimator, fi
     )
 
 
+def choose_reach(motions: Sequence[Motion], band: Band, slow: Array) -> tuple[int, ...]:
+    """Per joint, how far from a row no reversal may be: far where few rows are lost by it [samples].
+
+    Args:
+        motions: stretches of the recordings.
+        band: gives the length of the filter.
+        slow: (n,) [rad/s or m/s] width of a reversal.
+    """
+    reaches = [min(int(np.ceil(share * band.rate / band.cutoff)), len(band.taps) // 2) for share in REACHES]
+    if not motions:
+        return (reaches[-1],) * len(slow)
+    kept = [np.concatenate([_moving(motion.v, reach, slow) for motion in motions]).mean(0) for reach in reaches]
+    enough = np.array(kept) >= KEPT  # (reaches, n)
+    return tuple(reaches[int(np.argmax(joint))] if joint.any() else reaches[-1] for joint in enough.T)
+
+
 def _steady(task: Task, motion: Motion) -> Mask:
-    reach = min(int(np.ceil(REACH * task.band.rate / task.band.cutoff)), len(task.band.taps) // 2)
-    slowest = minimum_filter1d(np.abs(motion.v), 2 * reach + 1, axis=0, mode="nearest")
-    return np.asarray((slowest >= STILL * task.slow) | ~np.array(task.reverses))
+    moving = [_moving(motion.v[:, j], reach, task.slow[j]) for j, reach in enumerate(task.reach)]
+    return np.asarray(np.column_stack(moving) | ~np.array(task.reverses))
+
+
+def _moving(v: Array, reach: int, slow: Array) -> Mask:
+    """Where the velocity stays clear of a reversal for so many samples on either side."""
+    slowest = minimum_filter1d(np.abs(v), 2 * reach + 1, axis=0, mode="nearest")
+    return np.asarray(slowest >= STILL * slow)
 
 
 def _instruments(task: Task, window: Samples, period: float, wanted: Sequence[Indices], thin: Decimator) -> list[Array]:

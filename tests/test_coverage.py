@@ -83,5 +83,5 @@ def test_the_recording_tells_the_truth() -> None:
     bodies = [[link["mass"], *link["first_moment"], *link["inertia"]] for link in links]
     drives = [known["joint"][robot.joints[law.joints[0]]][law.effect.name] for law in session.task.laws]
     truth = session.task.base.combination @ np.concatenate([*bodies, drives])
-    assert np.max(np.abs(found.value - truth) / found.std) < 4
-    assert np.mean(np.abs(found.value - truth) / found.std < 1.96) > 0.7
+    assert np.max(np.abs(found.value - truth) / found.std) < 3.5
+    assert np.mean(np.abs(found.value - truth) / found.std < 1.96) > 0.85
