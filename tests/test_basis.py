@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from signid.basis import build_base
-from signid.effects import EFFECTS
+from signid.effects import EFFECT_NAMES, EFFECTS
 from signid.inspect import inspect
 from signid.motion import Motion
 from signid.regressor import base_rows, regressor
@@ -32,7 +32,7 @@ def stated_inertials(robot: Robot) -> Array:
 
 
 def all_laws(robot: Robot) -> list[Law]:
-    return [Law(effect, (j,)) for effect in EFFECTS for j in range(len(robot.joints))]
+    return [Law(EFFECTS[name], (j,)) for name in EFFECT_NAMES for j in range(len(robot.joints))]
 
 
 @pytest.mark.parametrize("name", ["3r", "ur5", "solo12"])

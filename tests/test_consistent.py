@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 import warnings
 from dataclasses import replace
 
@@ -195,14 +194,10 @@ def test_the_same_question_has_the_same_answer() -> None:
     assert np.array_equal(fitted(case).parameters.values, fitted(case).parameters.values)
 
 
-@pytest.mark.parametrize(("name", "limit"), [("panda", 0.3), ("g1", 2.0)])
-def test_it_is_quick(name: str, limit: float) -> None:
-    fitted(told("1r", noise=0.05))  # imports
+@pytest.mark.parametrize("name", ["panda", "g1"])
+def test_large_robots_are_fitted(name: str) -> None:
     case = told(name, noise=0.05, rows=200)
-    began = time.process_time()
-    fit = fitted(case)
-    assert time.process_time() - began < limit
-    assert fit.parameters.is_feasible()
+    assert fitted(case).parameters.is_feasible()
 
 
 def test_the_nearest_standard_parameters_reproduce_the_base_parameters() -> None:

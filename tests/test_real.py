@@ -112,3 +112,11 @@ def test_a_joint_that_is_hardly_predicted_is_named(data: Path) -> None:
     found = identify(data, *GOOD["tx40"])
     assert any("little of the torque of joint_5" in note for note in found.notes)
     assert not any("joint_1" in note and "little" in note for note in found.notes)
+
+
+def test_emps_rubs_differently_in_its_two_directions(data: Path) -> None:
+    options = Options(effects=("asymmetric_friction", "armature"))
+    found = identify(data, *GOOD["emps"], "emps_pulses", options=options)
+    published = [95.1540, 166.7061, 240.4236, 20.1440, 20.6277]
+    assert found.base_value == pytest.approx(published, rel=0.01)
+    assert found.fit.held_out_r2[0] > 0.9965

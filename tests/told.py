@@ -8,7 +8,7 @@ import numpy as np
 
 from signid.basis import build_base
 from signid.consistent.prior import believable, inertial
-from signid.effects import EFFECTS
+from signid.effects import EFFECT_NAMES, EFFECTS
 from signid.motion import Motion
 from signid.regressor import regressor
 from signid.robot import load_robot
@@ -31,7 +31,7 @@ def told(name: str, noise: float, seed: int = 0, laws: bool = True, rows: int = 
     `noise` counts in the rms torque of each joint.
     """
     robot, rng = load_robot(name), np.random.default_rng(seed)
-    effects = [Law(effect, (j,)) for effect in EFFECTS for j in range(len(robot.joints))] if laws else []
+    effects = [Law(EFFECTS[name], (j,)) for name in EFFECT_NAMES for j in range(len(robot.joints))] if laws else []
     base = build_base(robot, effects)
     prior, _ = believable(base, Parameters(base.labels, np.r_[_stated(robot.model), np.zeros(_laws(base))]))
     values = prior.values.copy()

@@ -7,5 +7,5 @@ EFFECT_NAMES = ("viscous_friction", "coulomb_friction", "torque_offset", "armatu
 EFFECTS: Registry[Effect] = Registry(
     "effects",
     __name__,
-    """viscous_friction coulomb_friction torque_offset armature""",
+    """viscous_friction coulomb_friction torque_offset armature asymmetric_friction quadratic_friction""",
 )

@@ -20,6 +20,7 @@ from .joints import describe_joints
 from .numbers import TWO_SIDED, determination, figure, share, with_interval
 from .quantities import LawNumber, law_numbers, rigid_rows
 
+WIDE = 4  # kinds of numbers side by side, at most
 STYLES = {"told": "green", "weak": "yellow", "not told": "red"}
 
 
@@ -117,10 +118,24 @@ def _sampling(found: Sampling) -> tuple[str, ...]:
 
 
 def _laws(numbers: Sequence[LawNumber]) -> list[RenderableType]:
-    """A line for each joint, a column for each kind of number."""
+    """A line for each joint, a column for each kind of number; a line for each number where those would not fit."""
     kinds = list(dict.fromkeys((n.effect, n.key) for n in numbers))
     if not kinds:
         return []
+    table = _law_grid(numbers, kinds) if len(kinds) <= WIDE else _law_list(numbers)
+    combined = any(n.std is None for n in numbers)
+    told = [_sentence("In brackets: told only in combination with other parameters.")] if combined else []
+    return [_head("Laws at the joints, ± 95 %"), table, *told]
+
+
+def _law_list(numbers: Sequence[LawNumber]) -> Table:
+    table = _table("joint", "law", "number", "value>", "unit")
+    for n in numbers:
+        table.add_row(n.joint or "(robot)", n.effect.replace("_", " "), n.key.replace("_", " "), _law_cell(n), n.unit)
+    return table
+
+
+def _law_grid(numbers: Sequence[LawNumber], kinds: Sequence[tuple[str, str]]) -> Table:
     lines: dict[str, dict[tuple[str, str], LawNumber]] = {}
     for n in numbers:
         lines.setdefault(n.joint or "(robot)", {})[n.effect, n.key] = n
@@ -128,9 +143,7 @@ def _laws(numbers: Sequence[LawNumber]) -> list[RenderableType]:
     table = _table("joint", *heads)
     for joint, line in lines.items():
         table.add_row(joint, *(_law_cell(line.get(kind)) for kind in kinds))
-    combined = any(n.std is None for n in numbers)
-    told = [_sentence("In brackets: told only in combination with other parameters.")] if combined else []
-    return [_head("Laws at the joints, ± 95 %"), table, *told]
+    return table
 
 
 def _law_cell(number: LawNumber | None) -> str:

@@ -104,4 +104,4 @@ def test_friction_never_creates_energy(robot: Robot, seed: int, size: float) -> 
     for effect in (effect for effect in EFFECTS if effect.dissipative):
         for j in range(len(robot.joints)):
             rows, columns = law_columns(Law(effect, (j,)), motion)
-            assert (size * columns[:, 0, 0] * motion.v[:, rows[0]] >= 0).all()
+            assert (size * columns[:, 0] * motion.v[:, rows[0], None] >= 0).all()

@@ -1,0 +1,33 @@
+"""Asymmetric friction: a gear resists differently in its two directions."""
+
+import numpy as np
+
+from ..types import Array, Coefficient, View
+from .base import TorqueLaw
+
+
+class AsymmetricFriction(TorqueLaw):
+    """Viscous and Coulomb friction for either direction; together with them or an offset, only differences show."""
+
+    name = "asymmetric_friction"
+    equation = (
+        "where(v > 0, viscous_positive * v + coulomb_positive * sign(v),"
+        " viscous_negative * v + coulomb_negative * sign(v))"
+    )
+    source = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994, section 2"
+    parameters = {
+        "viscous_positive": Coefficient("N.m.s/rad", positive=True),
+        "viscous_negative": Coefficient("N.m.s/rad", positive=True),
+        "coulomb_positive": Coefficient("N.m", positive=True),
+        "coulomb_negative": Coefficient("N.m", positive=True),
+    }
+    example = {"viscous_positive": 2.0, "viscous_negative": 3.0, "coulomb_positive": 2.0, "coulomb_negative": 1.0}
+    dissipative, reverses = True, True
+    twins = ("torque_offset",)
+
+    def columns(self, x: View) -> list[Array]:
+        """Velocity and direction, each for one sign alone, (..., m) [rad/s or m/s, and 1]."""
+        return [np.maximum(x.v, 0), np.minimum(x.v, 0), np.maximum(x.direction, 0), np.minimum(x.direction, 0)]
+
+
+PLUGIN = AsymmetricFriction()

@@ -1,0 +1,24 @@
+"""Quadratic friction: churning oil resists with the square of speed."""
+
+import numpy as np
+
+from ..types import Array, Coefficient, View
+from .base import TorqueLaw
+
+
+class QuadraticFriction(TorqueLaw):
+    """Grows with the square of velocity, against it; beside viscous friction it bends the friction curve upwards."""
+
+    name, equation = "quadratic_friction", "coefficient * v * abs(v)"
+    source = "Bittencourt, Gunnarsson, ASME J. Dynamic Systems, Measurement, and Control 134(5), 2012"
+    parameters = {"coefficient": Coefficient("N.m.s2/rad2", positive=True)}
+    example = {"coefficient": 1.5}
+    dissipative = True
+    twins = ("fluid_drag",)
+
+    def columns(self, x: View) -> list[Array]:
+        """Velocity times its size, (..., m) [rad2/s2 or m2/s2]."""
+        return [x.v * np.abs(x.v)]
+
+
+PLUGIN = QuadraticFriction()
