@@ -147,6 +147,11 @@ def _reach(robot: Robot, parts: Sequence[Part], band: Band, slow: Array) -> tupl
 
 def _only_linear(laws: Sequence[Law]) -> None:
     for law in laws:
+        if law.effect.scope != "joint":
+            raise OptionError(
+                f"effect {law.effect.name!r} acts on more than one joint, where least squares does not place it; choose "
+                f"effects of single joints"
+            )
         shaped = [key for key in law.effect.parameters if key not in law.effect.linear()]
         if shaped:
             raise OptionError(

@@ -145,3 +145,18 @@ def test_check_tells_before_anything_is_fitted(arm: Robot) -> None:
     assert poor.flags
     assert poor.verdicts.count("not told") > good.verdicts.count("not told")
     assert (good.used > 0.5).all()
+
+
+def test_effects_that_least_squares_cannot_fit_are_refused(arm: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    from signid.effects.viscous_friction import ViscousFriction
+    from signid.types import Shape
+
+    recording = trial(arm, seconds=5).recording()
+    wide = type("Wide", (ViscousFriction,), {"scope": "pair"})
+    bent = type(
+        "Bent", (ViscousFriction,), {"parameters": {**ViscousFriction.parameters, "width": Shape("rad", (1.0,))}}
+    )
+    for effect, says in ((wide, "more than one joint"), (bent, "shape parameters width")):
+        monkeypatch.setattr("signid.effects.viscous_friction.PLUGIN", effect())
+        with pytest.raises(OptionError, match=says):
+            signid.identify(arm, [recording])
