@@ -149,8 +149,8 @@ def _only_linear(laws: Sequence[Law]) -> None:
     for law in laws:
         if law.effect.scope != "joint":
             raise OptionError(
-                f"effect {law.effect.name!r} acts on more than one joint, where least squares does not place it; choose "
-                f"effects of single joints"
+                f"effect {law.effect.name!r} acts on more than one joint, where least squares does not place it; "
+                f"choose effects of single joints"
             )
         shaped = [key for key in law.effect.parameters if key not in law.effect.linear()]
         if shaped:
