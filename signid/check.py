@@ -9,7 +9,7 @@ import numpy as np
 
 from .cutoff import Band
 from .estimate import estimate
-from .excitation import Excitation, judge_excitation, prior_sizes
+from .excitation import Excitation, judge_excitation
 from .factors import Factors
 from .prepare import prepare
 from .sampling import Sampling
@@ -55,16 +55,16 @@ def check(
     Raises:
         InputError: a recording or an option cannot be used; the sentence says which and why.
     """
+    options = options or Options()
     session = prepare(robot, recordings, recordings, options)
     factors = session.reduce(session.train, progress=progress)
-    found = estimate(factors, session.task.base, whiten=True if options is None else options.whiten)
-    excitation = judge_excitation(session.task, factors, found, 0 if options is None else options.seed)
+    found = estimate(factors, session.task.base, whiten=options.whiten)
+    excitation = judge_excitation(session.task, factors, found, options.seed)
     used = np.array([f.counts[0] / f.rows if f.rows else 0.0 for f in factors.joints])
-    prior = _prior(session, factors)
     weak = {name for group in excitation.weak for name in group}
     verdicts = tuple(
         "not told" if s >= BARELY * p or e in weak else "weak" if s >= WELL * p else "told"
-        for s, p, e in zip(found.std, prior, session.task.base.expressions, strict=True)
+        for s, p, e in zip(found.std, excitation.prior, session.task.base.expressions, strict=True)
     )
     return Check(
         session.robot,
@@ -79,12 +79,6 @@ def check(
         _advice(session, factors, used),
         session.notes,
     )
-
-
-def _prior(session: Session, factors: Factors) -> Array:
-    torque = np.array([np.sqrt(f.whole[-1, -1] / max(f.rows, 1)) for f in factors.joints])
-    speed = np.sqrt(np.diag(factors.velocity) / max(factors.rows, 1))
-    return prior_sizes(session.robot, session.task.base, torque, speed)
 
 
 def _advice(session: Session, factors: Factors, used: Array) -> tuple[str, ...]:

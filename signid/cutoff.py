@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from math import ceil
 from typing import NamedTuple
 
@@ -41,7 +42,7 @@ class Band(Frozen):
         """Half-power frequency of columns and torque [Hz]."""
         return self.rate / (2 * self.factor) if self.filtered else self.rate / 2
 
-    @property
+    @cached_property
     def taps(self) -> Array:
         """Of the low-pass before thinning, (k,) [1]: at half power, not half amplitude, at the new Nyquist frequency.
 
@@ -53,6 +54,11 @@ class Band(Frozen):
     def position_cutoff(self) -> float:
         """Half-amplitude frequency of positions [Hz]."""
         return 3 * self.cutoff
+
+    @cached_property
+    def position_taps(self) -> Array:
+        """Of the low-pass on positions, (k,) [1]."""
+        return lowpass(self.rate, self.position_cutoff) if self.filtered else np.ones(1)
 
 
 def choose_band(pieces: Sequence[Samples], rate: float, cutoff: float | None = None) -> Band:

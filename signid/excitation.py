@@ -30,6 +30,7 @@ class Excitation(Frozen):
     """
 
     shares: Array  # (b,) [1]
+    prior: Array  # (b,) [units of base] how far each base parameter may be off before anything is measured
     weak: tuple[tuple[str, ...], ...]
     untold: tuple[str, ...]  # "the rotational inertia of links a and b"
     resting: tuple[str, ...]  # joints that did not move
@@ -80,13 +81,13 @@ def judge_excitation(task: Task, factors: Factors, estimated: Estimate, seed: in
     size = np.sqrt(np.maximum(np.diag(best), 1e-300))
     scaled = best / np.outer(size, size) + 1e-12 * np.eye(base.rank)
     shares, directions = eigh(ours / np.outer(size, size), scaled)
-    prior = prior_sizes(
-        robot, base, np.array([np.sqrt(f.whole[-1, -1] / max(f.rows, 1)) for f in factors.joints]), speed
-    )
+    torque = np.array([np.sqrt(f.whole[-1, -1] / max(f.rows, 1)) for f in factors.joints])
+    prior = _prior_sizes(robot, base, torque, speed)
     weak = [_largest(directions[:, k] / size / prior) for k in np.flatnonzero(shares < ENOUGH)]
     uncertain = estimated.std > prior
     return Excitation(
         shares,
+        prior,
         tuple(tuple(base.expressions[i] for i in group) for group in weak),
         _in_words(robot, base, dict.fromkeys(i for group in weak for i in group)),
         tuple(robot.joints[j] for j in np.flatnonzero(speed <= AT_REST * speed.max(initial=1e-300))),
@@ -95,15 +96,8 @@ def judge_excitation(task: Task, factors: Factors, estimated: Estimate, seed: in
     )
 
 
-def prior_sizes(robot: Robot, base: BaseMap, torque: Array, speed: Array) -> Array:
-    """How far each base parameter may be off before anything is measured, (b,) [units of base].
-
-    Args:
-        robot: its masses; where it states none, 0.1 kg.
-        base: the base map.
-        torque: (n,) rms torque [N.m or N].
-        speed: (n,) rms velocity [rad/s or m/s].
-    """
+def _prior_sizes(robot: Robot, base: BaseMap, torque: Array, speed: Array) -> Array:
+    """(b,) [units of base] from the masses (0.1 kg where none is stated), rms torque and rms velocity (n,)."""
     sizes = []
     for k, label in enumerate(base.labels):
         if label.joint is None:

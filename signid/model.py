@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from .effects import EFFECTS
+from .effects import EFFECT_NAMES, EFFECTS
 from .effects.law import law_columns
 from .errors import RobotError
 from .motion import Motion
@@ -19,12 +19,6 @@ from .robot import held_positions, load_robot, robot_from_text
 from .types import Array, Frozen, Law, Robot
 
 SCHEMA = "signid.model/1"
-STATED = {  # what an actuators file may state, as laws (design 3.2)
-    "armature": ("armature", "inertia"),
-    "viscous_friction": ("viscous_friction", "coefficient"),
-    "coulomb_friction": ("coulomb_friction", "level"),
-    "torque_offset": ("torque_offset", "offset"),
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,9 +80,9 @@ def stated_inertials(robot: Robot) -> Array:
 def stated_laws(robot: Robot) -> tuple[Law, ...]:
     """The laws that the description and its actuators file state."""
     return tuple(
-        Law(EFFECTS[effect], (j,), {key: float(value)})
-        for field, (effect, key) in STATED.items()
-        for j, value in enumerate(getattr(robot.actuators, field))
+        Law(EFFECTS[name], (j,), EFFECTS[name].physical([value], {}))
+        for name in EFFECT_NAMES  # an actuators file calls what it states by the names of the laws
+        for j, value in enumerate(getattr(robot.actuators, name))
         if np.isfinite(value)
     )
 

@@ -12,7 +12,7 @@ import pinocchio as pin
 
 from .cutoff import Band
 from .errors import OptionError
-from .filters import HALF, differentiate, lowpass, smooth
+from .filters import HALF, differentiate, smooth
 from .robot import configuration
 from .types import Array, Frozen, Robot, Samples, View
 
@@ -138,7 +138,7 @@ class MotionView:
 
 def margin(band: Band, recorded_derivatives: bool = False) -> int:
     """Samples that `build_motion` consumes on either side."""
-    return 0 if recorded_derivatives else len(_position_taps(band)) // 2 + HALF
+    return 0 if recorded_derivatives else len(band.position_taps) // 2 + HALF
 
 
 def build_motion(
@@ -169,14 +169,9 @@ def build_motion(
         if samples.dq is None or samples.ddq is None:
             raise OptionError("recorded derivatives were asked for; the recording lacks dq_J or ddq_J columns")
         return Motion(robot, samples.t, samples.q, samples.dq, samples.ddq, samples.tau, slow=slow)
-    taps = _position_taps(band)
-    smoothed = smooth(samples.q, taps)
+    smoothed = smooth(samples.q, band.position_taps)
     v, a = differentiate(smoothed, period)
-    cut = len(taps) // 2 + HALF
+    cut = margin(band)
     inner = slice(cut, len(samples.t) - cut)
     q = smoothed[HALF : len(smoothed) - HALF]
     return Motion(robot, samples.t[inner], q, v, a, samples.tau[inner], slow=slow)
-
-
-def _position_taps(band: Band) -> Array:
-    return lowpass(band.rate, band.position_cutoff) if band.filtered else np.ones(1)

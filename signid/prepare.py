@@ -13,7 +13,7 @@ from .errors import OptionError, RecordingError
 from .filters import Decimator
 from .motion import build_motion, margin
 from .recording import same_joints
-from .robot import hold
+from .robot import hold, resting
 from .rows import Task, choose_reach
 from .sampling import Sampling, samples, split, survey
 from .session import Options, Part, Session
@@ -24,7 +24,6 @@ REVERSAL, REVERSAL_SHARE = 0.01, 0.02  # [rad/s] and share of the rms velocity: 
 PIECE = 2**17  # samples of a recording that the cut-off is chosen from
 AGREE = 2e-3  # recorded derivatives are taken where they differ by less from those of the positions
 TAPS = 9.0  # periods of the cut-off that both filters together are long
-HUGE = 1e9  # rad, m, N.m or N: no robot's
 SAME_RATE = 0.01  # by which sampling rates of recordings may differ
 
 
@@ -43,28 +42,26 @@ def prepare(
     if not recordings:
         raise OptionError("no recording was given; at least one is needed")
     everything = [*recordings, *held_out]
-    same_joints(everything)
-    moving = _restrict(robot, everything[0])
-    surveys = [survey(recording, moving) for recording in everything]
-    parts = list(zip(everything, surveys, strict=True))
-    for part in parts:
-        _refuse_huge(*part)
-    train, test = _split(parts, len(recordings))
-    band = _band(parts[: len(recordings)], options)
+    moving = hold(robot, resting(robot, but=same_joints(everything)))
+    surveys = {recording: survey(recording, moving) for recording in dict.fromkeys(everything)}
+    parts = list(surveys.items())
+    train, test = _split([(r, surveys[r]) for r in recordings], [(r, surveys[r]) for r in held_out])
+    learned = [(r, surveys[r]) for r in dict.fromkeys(recordings)]
+    band = _band(learned, options)
     measured = [all(r.columns["tau"][j] for r in everything) for j in range(len(moving.joints))]
     laws = tuple(Law(EFFECTS[name], (j,)) for name in options.effects for j in np.flatnonzero(measured).tolist())
     _only_linear(laws)
     recorded = _use_recorded(moving, parts, band, options)
     desired = options.instruments and not recorded and all(_wholly(r, "q_des") for r in everything)
     complete = desired and all(_complete(part, "q_des") for part in parts)
-    slow = _slow(moving, surveys, band)
+    slow = _slow(moving, list(surveys.values()), band)
     task = Task(
         moving,
         laws,
         build_base(moving, laws, options.seed, measured),
         band,
         slow,
-        _reach(moving, parts[: len(recordings)], band, slow),
+        _reach(moving, learned, band, slow),
         recorded,
         complete,
     )
@@ -78,29 +75,7 @@ def prepare(
     return Session(task, tuple(train), tuple(test), (*robot.notes, *dict.fromkeys(notes)))
 
 
-def _restrict(robot: Robot, recording: Recording) -> Robot:
-    still = [joint for joint in robot.joints if joint not in recording.joints]
-    if not still:
-        return robot
-    resting = {
-        joint: float(np.clip(0.0, robot.lower[robot.index(joint)], robot.upper[robot.index(joint)])) for joint in still
-    }
-    return hold(robot, resting)
-
-
-def _refuse_huge(recording: Recording, sampling: Sampling) -> None:
-    largest = np.maximum(np.abs(sampling.lower), np.abs(sampling.upper))
-    for joint, q, tau in zip(recording.joints, largest, np.nan_to_num(sampling.torque_rms, nan=0.0), strict=True):
-        for what, size in (("positions", q), ("torques", tau)):
-            if not size < HUGE:
-                raise RecordingError(
-                    f"{recording.path or 'the recording'}: {what} of joint {joint} reach {size:.3g}, "
-                    f"which no robot does; check the column and its unit"
-                )
-
-
-def _split(parts: Sequence[Part], training: int) -> tuple[list[Part], list[Part]]:
-    train, test = list(parts[:training]), list(parts[training:])
+def _split(train: list[Part], test: list[Part]) -> tuple[list[Part], list[Part]]:
     if not test and len(train) > 1:
         return train[:-1], train[-1:]
     if not test:
@@ -168,15 +143,17 @@ def _use_recorded(robot: Robot, parts: Sequence[Part], band: Band, options: Opti
     """Whether dq and ddq are taken as recorded: asked for, or they are plainly the derivatives of q."""
     if options.derivatives not in ("auto", "computed", "recorded"):
         raise OptionError(f"derivatives {options.derivatives!r} is none of auto, computed, recorded")
+    if options.derivatives == "computed":
+        return False
     keys = ("dq", "ddq")
     has = all(_wholly(part[0], key) and _complete(part, key) for part in parts for key in keys)
     if options.derivatives == "recorded" and not has:
         raise OptionError(
             "derivatives 'recorded' was asked for; not every joint has dq_J and ddq_J columns without gaps"
         )
-    if options.derivatives != "auto" or not has:
-        return options.derivatives == "recorded"
-    return all(_agree(robot, part, band) for part in parts)
+    if options.derivatives == "recorded":
+        return True
+    return has and all(_agree(robot, part, band) for part in parts)
 
 
 def _complete(part: Part, key: str) -> bool:

@@ -63,10 +63,9 @@ def base_rows(motion: Motion, laws: Sequence[Law], wanted: Sequence[Indices]) ->
     out = [np.empty((len(motion), len(columns))) for columns in wanted]
     split = [int(np.searchsorted(columns, rigid)) for columns in wanted]
     _fill_rigid(motion, [columns[:k] for columns, k in zip(wanted, split, strict=True)], out)
-    at = rigid
+    at, taken = rigid, [(j, i) for j in range(len(wanted)) for i in range(split[j], len(wanted[j]))]
     for law in laws:
         count = coefficient_count(law)
-        taken = [(j, i) for j in range(len(wanted)) for i in range(split[j], len(wanted[j]))]
         ours = [(j, i) for j, i in taken if 0 <= wanted[j][i] - at < count]
         if ours:
             rows, torque = law_columns(law, motion)

@@ -9,18 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ..effects import EFFECT_NAMES
 from ..errors import OptionError
 
 if TYPE_CHECKING:
     from ..session import Options
     from ..types import Recording, Robot
-
-USUAL = (
-    "viscous_friction",
-    "coulomb_friction",
-    "torque_offset",
-    "armature",
-)  # prepare has them; it takes long to import
 
 RobotName = Annotated[str, typer.Argument(metavar="ROBOT", help="A URDF, xacro or MJCF file, or a name such as panda.")]
 Files = Annotated[list[str], typer.Argument(metavar="RECORDING", help="CSV, CSV.gz, Parquet or NPZ files.")]
@@ -30,7 +24,7 @@ Actuators = Annotated[str | None, typer.Option(metavar="FILE", help="TOML: what 
 PackageDir = Annotated[list[str] | None, typer.Option(metavar="DIR", help="Packages for xacro. Repeatable.")]
 Columns = Annotated[str | None, typer.Option(metavar="FILE", help='TOML: q_elbow = "elbow_pos".')]
 Effects = Annotated[
-    str | None, typer.Option(metavar="A,B", help=f"Laws at every joint, or none. Default: {', '.join(USUAL)}.")
+    str | None, typer.Option(metavar="A,B", help=f"Laws at every joint, or none. Default: {', '.join(EFFECT_NAMES)}.")
 ]
 Cutoff = Annotated[float | None, typer.Option(metavar="HZ", help="Default: from motion and noise; inf: no filter.")]
 Derivatives = Annotated[str, typer.Option(metavar="WHICH", help="auto, computed (from q) or recorded (dq_J, ddq_J).")]
@@ -96,7 +90,7 @@ def given_options(
 def given_effects(text: str | None) -> tuple[str, ...]:
     """Names of effects."""
     if text is None:
-        return USUAL
+        return EFFECT_NAMES
     return () if text == "none" else _names("--effects", text)
 
 

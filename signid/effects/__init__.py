@@ -1,7 +1,13 @@
 """Physical laws. To add one: write a file here, add its name below."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from ..registry import Registry
-from .base import Effect
+
+if TYPE_CHECKING:
+    from .base import Effect
 
 EFFECT_NAMES = ("viscous_friction", "coulomb_friction", "torque_offset", "armature")  # identified by default
 EFFECTS: Registry[Effect] = Registry(

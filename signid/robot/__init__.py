@@ -2,7 +2,7 @@
 
 from .configuration import configuration
 from .dh import DHLink, urdf_from_dh
-from .hold import hold
+from .hold import hold, resting
 from .load import held_positions, load_robot, robot_from_text
 from .locate import locate, names
 
@@ -14,6 +14,7 @@ __all__ = [
     "load_robot",
     "locate",
     "names",
+    "resting",
     "robot_from_text",
     "urdf_from_dh",
 ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import fields, replace
 from math import isfinite, nan
 from typing import Any
@@ -45,6 +45,12 @@ def hold(robot: Robot, positions: Mapping[str, float]) -> Robot:
         actuators=Actuators(*(getattr(robot.actuators, item.name)[keep] for item in fields(Actuators))),
         notes=(*robot.notes, _note(robot, held)),
     )
+
+
+def resting(robot: Robot, but: Collection[str] = ()) -> dict[str, float]:
+    """Positions [rad or m] of all joints but those named: zero, or as near to it as the limits allow."""
+    rest = np.clip(0.0, robot.lower, robot.upper)
+    return {joint: float(rest[i]) for i, joint in enumerate(robot.joints) if joint not in but}
 
 
 def _position(joint: str, value: Any) -> float:

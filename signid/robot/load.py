@@ -14,7 +14,7 @@ from ..types import Actuators, Array, Robot
 from .actuators import read_actuators
 from .document import Document, parse, read_document
 from .draft import Axis, Draft
-from .hold import hold
+from .hold import hold, resting
 from .joints import find, shorten
 from .locate import locate
 
@@ -184,5 +184,4 @@ def _held(robot: Robot, joints: Sequence[str] | None, lock: Mapping[str, float])
     moving = {robot.joints[find(joint, robot.joints, robot.numbers, robot.name)] for joint in wanted}
     if both := sorted(moving & held.keys()):
         raise RobotError(f"{shorten(both)} would both move and be locked; name a joint only once")
-    rest = np.clip(0.0, robot.lower, robot.upper)
-    return {name: float(rest[i]) for i, name in enumerate(robot.joints) if name not in moving} | held
+    return resting(robot, but=moving) | held

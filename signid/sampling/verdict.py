@@ -18,6 +18,7 @@ FAR, RANGES = 6.5, 2.0  # rad (more than a turn) and ranges of motion: positions
 SPIN, RACE = 60.0, 50.0  # rad, rad/s: beyond both, a joint without limits seems to be in degrees
 DEGREE = np.pi / 180
 MILLISECONDS, CRAWL = 0.5, 0.05  # s, rad/s: whole steps this long and motion this slow are milliseconds
+HUGE = 1e9  # rad, m, N.m or N: no robot's
 STILL = 1e-9  # rad or m
 
 
@@ -87,6 +88,7 @@ def _faults(facts: Facts) -> Iterator[str]:
         unit = likely_unit(clock.period)
         yield f"time steps by {clock.period:g}, which is too slow for seconds; it looks like {unit}: convert it"
     yield from _dead_torques(facts)
+    yield from _no_robots(facts)
 
 
 def _degrees(facts: Facts) -> Iterator[str]:
@@ -115,6 +117,15 @@ def _dead_torques(facts: Facts) -> Iterator[str]:
             yield f"column {column!r} is zero throughout; record the torque of {joint}, or leave the column out"
         elif facts.moves[j]:
             yield f"column {column!r} is constant although {joint} moves; record its torque, or leave the column out"
+
+
+def _no_robots(facts: Facts) -> Iterator[str]:
+    total, columns = facts.tally.total, facts.recording.columns
+    sizes = np.maximum(np.abs(total.lower), np.abs(total.upper)), np.sqrt(total.power / total.samples)
+    for key, size in zip(("q", "tau"), sizes, strict=True):
+        for column, reached in zip(columns[key], size, strict=True):
+            if column and not reached < HUGE:
+                yield f"column {column!r} reaches {reached:.3g}, which no robot does; check the column and its unit"
 
 
 def notes(facts: Facts) -> Iterator[str]:
