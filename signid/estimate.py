@@ -60,13 +60,11 @@ def estimate(factors: Factors, base: BaseMap, prior: Array | None = None, whiten
     for _ in range(ROUNDS):
         solution = _solve(factors, noise, start)
         covariance = _covariance(factors, noise, solution)
-        before, noise = (
-            noise,
-            [
-                _model_noise(joint, columns, old.colour, solution, covariance, whiten)
-                for (joint, columns), old in zip(_each(factors), noise, strict=True)
-            ],
-        )
+        before = noise
+        noise = [
+            _model_noise(joint, columns, old.colour, solution, covariance, whiten)
+            for (joint, columns), old in zip(_each(factors), before, strict=True)
+        ]
         if all(_alike(new.colour, old.colour) for new, old in zip(noise, before, strict=True)):
             break
     solution = _solve(factors, noise, start)

@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from .effects import EFFECT_NAMES, EFFECTS
 from .effects.law import law_columns
-from .errors import RobotError
+from .errors import RobotError, SignidError
 from .motion import Motion
 from .robot import held_positions, load_robot, robot_from_text
 from .types import Array, Frozen, Law, Robot
@@ -111,7 +111,9 @@ def _read(path: Path) -> Model:
         laws = tuple(_law(robot, entry) for entry in content["effects"])
     except OSError as error:
         raise RobotError(f"cannot read {path}: {error.strerror}") from None
-    except (KeyError, TypeError, UnicodeDecodeError, json.JSONDecodeError) as error:
+    except SignidError:
+        raise
+    except (KeyError, TypeError, ValueError) as error:
         raise RobotError(f"{path} is no model.json as `signid identify` writes it ({error!r})") from None
     return Model(robot, np.array(inertials), laws)
 

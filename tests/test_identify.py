@@ -11,11 +11,12 @@ from motions import FRICTION, trial, truth
 from numpy.testing import assert_allclose
 
 import signid
+from signid.effects import EFFECTS
 from signid.errors import OptionError, RecordingError, RobotError
 from signid.identify import Identification
-from signid.model import load_model
+from signid.model import Model, load_model, stated_inertials
 from signid.motion import Motion
-from signid.types import Robot
+from signid.types import Law, Robot
 
 
 @pytest.fixture(scope="module")
@@ -110,9 +111,11 @@ def law_torque(model: object, motion: Motion) -> list[np.ndarray]:
     return total
 
 
-def test_what_is_no_model_is_refused(tmp_path: Path) -> None:
+def test_what_is_no_model_is_refused(arm: Robot, tmp_path: Path) -> None:
     path = tmp_path / "model.json"
-    for text in ("{", "[]", '{"schema": "else"}', '{"schema": "signid.model/1"}'):
+    unknown = Model(arm, stated_inertials(arm), (Law(EFFECTS["armature"], (0,), {"inertia": 1.0}),)).document()
+    unknown["effects"][0]["joint"] = "elbow"
+    for text in ("{", "[]", '{"schema": "else"}', '{"schema": "signid.model/1"}', json.dumps(unknown)):
         path.write_text(text)
         with pytest.raises(RobotError) as caught:
             load_model(path)
