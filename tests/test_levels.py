@@ -10,8 +10,8 @@ PACKAGE = Path(__file__).parents[1] / "signid"
 LEVELS = (
     "version errors registry arrays parameters types",
     "robot formats effects optimisers",
-    "recording sampling filters cutoff motion regressor basis residual rows",
-    "factors session prepare fit estimate excitation consistent retrieve model signs simulate excite",
+    "recording sampling filters cutoff rigid motion regressor basis residual rows",
+    "factors session prepare fit estimate excitation consistent retrieve model simulate rollout excite signs",
     "identify check inspect diagnose",
     "report replay export fleet",
     "cli",
