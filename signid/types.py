@@ -134,6 +134,17 @@ class Recording(Frozen):
         return Samples(values[self.columns["t"][0]], q, tau, signal("dq"), signal("ddq"), signal("q_des"))
 
 
+@dataclass(frozen=True, eq=False)
+class Trajectory(Frozen):
+    """A motion that is asked for, at N instants of n joints."""
+
+    joints: tuple[str, ...]
+    t: Array  # (N,) [s]
+    q: Array  # (N, n) [rad or m]
+    v: Array  # (N, n) [rad/s or m/s]
+    a: Array  # (N, n) [rad/s2 or m/s2]
+
+
 def prismatic_unit(unit: str) -> str:
     """The unit that stands at a prismatic joint where `unit` stands at a revolute one."""
     return unit.replace("kg.m2", "kg").replace("N.m", "N").replace("rad", "m")
