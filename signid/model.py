@@ -14,6 +14,7 @@ import pinocchio as pin
 from .effects import EFFECT_NAMES, EFFECTS
 from .effects.law import law_columns
 from .errors import RobotError, SignidError
+from .laws import law_at, placed
 from .motion import Motion
 from .robot import held_positions, load_robot, robot_from_text
 from .types import Array, Frozen, Law, Robot
@@ -50,12 +51,9 @@ class Model(Frozen):
             "held": held_positions(robot),
             "standard_parameters": standard_parameters(robot, self.inertials),
             "effects": [
-                {
-                    "effect": law.effect.name,
-                    "joint": robot.joints[law.joints[0]] if len(law.joints) == 1 else None,
-                    "parameters": {key: float(value) for key, value in law.parameters.items()},
-                }
+                {"effect": law.effect.name, "joint": joint, "parameters": parameters}
                 for law in self.laws
+                for joint, parameters in [placed(law, robot)]
             ],
         }
 
@@ -108,7 +106,9 @@ def _read(path: Path) -> Model:
         described: Mapping[str, str] = content["robot"]
         robot = robot_from_text(described["description"], described["kind"], described["name"], lock=content["held"])
         inertials = [_inertial(content["standard_parameters"][link]) for link in robot.links]
-        laws = tuple(_law(robot, entry) for entry in content["effects"])
+        laws = tuple(
+            law_at(EFFECTS[entry["effect"]], robot, entry["joint"], entry["parameters"]) for entry in content["effects"]
+        )
     except OSError as error:
         raise RobotError(f"cannot read {path}: {error.strerror}") from None
     except SignidError:
@@ -120,8 +120,3 @@ def _read(path: Path) -> Model:
 
 def _inertial(entry: Mapping[str, Any]) -> Sequence[float]:
     return [entry["mass"], *entry["first_moment"], *entry["inertia"]]
-
-
-def _law(robot: Robot, entry: Mapping[str, Any]) -> Law:
-    joints = tuple(range(len(robot.joints))) if entry["joint"] is None else (robot.index(entry["joint"]),)
-    return Law(EFFECTS[entry["effect"]], joints, entry["parameters"])

@@ -8,11 +8,20 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from .cutoff import Band
 from .errors import OptionError
 from .filters import HALF, differentiate, smooth
+from .rigid import (
+    Sensitivity,
+    body_regressor,
+    carried,
+    effective_inertia,
+    gravity_torque,
+    rigid_torque,
+    sensitivity,
+    tip_jacobian,
+)
 from .robot import configuration
 from .types import Array, Frozen, Robot, Samples, View
 
@@ -61,19 +70,49 @@ class Motion(Frozen):
     @cached_property
     def load(self) -> Array:
         """(N, n) rigid-body torque of the description's inertials [N.m or N]."""
-        model, data = self.robot.model, self.robot.model.createData()
-        rows = [pin.rnea(model, data, *state).copy() for state in zip(self.configuration, *self.rates, strict=True)]
-        return np.array(rows).reshape(len(self), model.nv) @ self.robot.drive
+        return rigid_torque(self.robot, self.configuration, *self.rates)
 
     @cached_property
     def inertia(self) -> Array:
         """(N, n) diagonal of the joint-space mass matrix [kg.m2 or kg]."""
-        model, data, drive = self.robot.model, self.robot.model.createData(), self.robot.drive
-        out = np.empty_like(self.q)
-        for i, q in enumerate(self.configuration):
-            upper = np.triu(np.reshape(pin.crba(model, data, q), (model.nv, model.nv)))
-            out[i] = np.diag(drive.T @ (upper + np.triu(upper, 1).T) @ drive)
-        return out
+        return effective_inertia(self.robot, self.configuration)
+
+    @cached_property
+    def jacobian(self) -> Array:
+        """(N, 3, n) of the last link's centre of mass, in the world's axes [m/rad or 1]."""
+        return tip_jacobian(self.robot, self.configuration)
+
+    @cached_property
+    def sensitivity(self) -> Sensitivity:
+        """Of the rigid-body torque to position, velocity and acceleration."""
+        return sensitivity(self.robot, self.configuration, *self.rates)
+
+    def body_columns(self, joint: int) -> Array:
+        """(N, n, 10) regressor of the body that a joint moves [N.m or N per kg, kg.m, kg.m2]."""
+        return body_regressor(self.robot, self.configuration, *self.rates, body=carried(self.robot, joint))
+
+    def gravity_torque(self, gravity: Array) -> Array:
+        """(N, n) torque that holds the robot in a gravity field [N.m or N].
+
+        Args:
+            gravity: (3,) [m/s2].
+        """
+        return gravity_torque(self.robot, self.configuration, gravity)
+
+    def shift(self, joint: int, change: Array) -> Array:
+        """(N, n) change of torque when the link of a joint moved at q + change, not at q, to first order [N.m or N].
+
+        Args:
+            joint: whose link moved otherwise.
+            change: (N,) [rad or m].
+        """
+        first, second = _derivatives(change, self.dt)
+        along = self.sensitivity
+        return np.asarray(
+            along.position[:, :, joint] * change[:, None]
+            + along.velocity[:, :, joint] * first[:, None]
+            + along.acceleration[:, :, joint] * second[:, None]
+        )
 
     def at(self, joints: Sequence[int]) -> View:
         """What a law at these joints sees."""
@@ -175,3 +214,12 @@ def build_motion(
     inner = slice(cut, len(samples.t) - cut)
     q = smoothed[HALF : len(smoothed) - HALF]
     return Motion(robot, samples.t[inner], q, v, a, samples.tau[inner], slow=slow)
+
+
+def _derivatives(x: Array, dt: float) -> tuple[Array, Array]:
+    """First and second derivatives by central differences, (N,); the ends repeat their neighbours."""
+    first, second = np.gradient(x, dt), np.zeros_like(x)
+    if len(x) > 2:
+        second[1:-1] = (x[2:] - 2 * x[1:-1] + x[:-2]) / dt**2
+        second[[0, -1]] = second[[1, -2]]
+    return first, second

@@ -33,7 +33,7 @@ def printed(effect: Effect, motion: Motion) -> Array:
 def reshaped(effect: BodyLaw, motion: Motion) -> Array:
     """What a body law adds to Pinocchio's own inverse dynamics."""
     model = motion.robot.model.copy()
-    effect.reshape(model, JOINT, **effect.example)
+    effect.reshape(model, JOINT, JOINT + 1, **effect.example)
     data = model.createData()
     states = zip(motion.configuration, *motion.rates, strict=True)
     return np.array([pin.rnea(model, data, *state)[JOINT] for state in states]) - motion.load[:, JOINT]

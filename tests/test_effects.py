@@ -41,8 +41,8 @@ def planted() -> dict[str, Effect]:
     }
 
 
-def twice(self: Effect, model: object, joint: int, inertia: float) -> None:
-    model.armature[joint] += 2 * inertia  # type: ignore[attr-defined]
+def twice(self: Effect, model: object, row: int, body: int, inertia: float) -> None:
+    model.armature[row] += 2 * inertia  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize("fault", planted())

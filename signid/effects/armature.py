@@ -19,9 +19,9 @@ class Armature(BodyLaw):
         """Acceleration, (..., m) [rad/s2 or m/s2]."""
         return [x.a]
 
-    def reshape(self, model: Any, joint: int, inertia: float) -> None:
+    def reshape(self, model: Any, row: int, body: int, inertia: float) -> None:
         """Add to the armature that Pinocchio's algorithms honour."""
-        model.armature[joint] += inertia
+        model.armature[row] += inertia
 
 
 PLUGIN = Armature()

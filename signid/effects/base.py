@@ -1,6 +1,6 @@
 """What an effect is: one physical law, written once, that says where on the way of the torque it acts.
 
-command -> TorqueLaw, BodyLaw (physics) -> record
+command -> ActuatorLaw -> TorqueLaw, BodyLaw, TransmissionLaw (physics) -> RecordingLaw (what is written down)
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from typing import ClassVar
 import numpy as np
 
 from ..types import Array, Coefficient, Shape, View
+from .trial import Trial
 
 Numbers = Mapping[str, float]
 
@@ -22,15 +23,18 @@ class Effect:
     name: ClassVar[str] = ""
     equation: ClassVar[str] = ""  # executable text in the parameter keys and t, q, v, a, load, torque
     source: ClassVar[str] = ""
+    typical: ClassVar[str] = ""  # magnitudes that robots have
     parameters: ClassVar[Mapping[str, Coefficient | Shape]] = {}
     example: ClassVar[Numbers] = {}  # a usual value of each: demonstration, injection, contract test
-    scope: ClassVar[str] = "joint"  # joint: own row | pair: two rows | link: one joint, all rows | robot: all joints
+    scope: ClassVar[str] = "joint"
+    """joint: one joint, its own row | pair: two joints | link: one joint, all rows | tip: the same, of the last joint
+    | robot: all joints | any: all joints together, or one."""
     dissipative: ClassVar[bool] = False  # columns * v >= 0
     reverses: ClassVar[bool] = False  # jumps where the direction of motion changes
     twins: ClassVar[tuple[str, ...]] = ()  # effects that some motion, or no motion, tells apart
 
     columns: Callable[..., list[Array]]
-    """The law, columns(x: View, **shape): one array (..., m) a coefficient [torque per unit]; scope link: (N, n)."""
+    """The law, columns(x: View, **shape): arrays (..., m), one a coefficient [torque per unit]; link, tip: (N, n)."""
 
     def linear(self) -> dict[str, Coefficient]:
         """The parameters that are coefficients, by key."""
@@ -79,4 +83,81 @@ class BodyLaw(Effect):
     """A change of the rigid bodies. The simulator reshapes its own copy of the pin.Model once."""
 
     reshape: Callable[..., None]
-    """reshape(model, joint, **parameters): change the pin.Model at a velocity index of it."""
+    """reshape(model, row, body, **parameters): change a pin.Model at a velocity index and the joint that holds it."""
+
+
+class TransmissionLaw(Effect):
+    """A motor and a link that may part: x.q is the deflection, link minus motor; the motor is what is recorded."""
+
+    scope = "link"
+    hold: Callable[..., Array]
+    """hold(x, **parameters): torque (..., m) against the deflection x.q and its rate x.v."""
+
+    def deflection(self, x: View, **shape: float) -> list[Array]:
+        """Deflections (N, 1) along a motion, one a coefficient: here `hold` balances inertia and load.
+
+        Args:
+            x: one joint along a motion.
+            shape: of the law.
+        """
+        z, w, load, inertia = 0.0, 0.0, x.load[:, 0], x.inertia[:, 0]
+        step, out, tilt = 1e-6, np.empty_like(x.q), np.array([[0.0], [1.0], [0.0]])
+        for i in range(len(out)):
+            trial = Trial(q=z + step * tilt, v=w + step * tilt[[0, 2, 1]], inertia=inertia[i], load=load[i], dt=x.dt)
+            here, stretched, faster = self.hold(trial, **shape)[:, 0]
+            stiffness, damping = (stretched - here) / step, (faster - here) / step
+            force, mass = load[i] + here + x.dt * stiffness * w, inertia[i] + x.dt * damping + x.dt**2 * stiffness
+            w = w - x.dt * force / mass
+            z = z + x.dt * w
+            out[i] = z
+        return [out]
+
+    def _columns(self, x: View, **shape: float) -> list[Array]:
+        return [x.whole.shift(x.joints[0], z[:, 0]) for z in self.deflection(x, **shape)]
+
+    columns = _columns
+
+
+class RecordingLaw(Effect):
+    """What is written down differs from what was. Columns: how the record changes with each coefficient, at zero."""
+
+    step: ClassVar[float] = 1e-4  # of a coefficient, for the derivative
+
+    def recorded_q(self, x: View, **parameters: float) -> Array:
+        """Position (..., m) that is written down [rad or m]."""
+        return x.q
+
+    def recorded_torque(self, x: View, **parameters: float) -> Array:
+        """Torque (..., m) that is written down where x.torque acts [N.m or N]."""
+        return x.torque
+
+    def _columns(self, x: View, **shape: float) -> list[Array]:
+        zero = dict.fromkeys(self.linear(), 0.0)
+        trials = [({**zero, key: self.step}, self.step) for key in zero] or [({}, 1.0)]
+        return [self._change(x, **parameters, **shape) / step for parameters, step in trials]
+
+    columns = _columns
+
+    def _change(self, x: View, **parameters: float) -> Array:
+        moved = self.recorded_q(x, **parameters) - x.q
+        if moved.any():
+            return np.asarray(-x.whole.shift(x.joints[0], moved[:, 0]))
+        return self.recorded_torque(x, **parameters) - x.torque
+
+
+class ActuatorLaw(Effect):
+    """The command is recorded, another torque acts."""
+
+    applied_torque: Callable[..., Array]
+    """applied_torque(x, **parameters): torque (..., m) that acts where x.torque is the command."""
+
+    def _columns(self, x: View, **shape: float) -> list[Array]:
+        command = Trial(x.q, x.v, t=x.t, dt=x.dt, torque=x.recorded)
+        return [x.recorded - self.applied_torque(command, **shape)]
+
+    columns = _columns
+
+
+def amplitude_phase(sine: float, cosine: float) -> dict[str, float]:
+    """Of sine * sin(x) + cosine * cos(x) = amplitude * sin(x + phase)."""
+    return {"amplitude": float(np.hypot(sine, cosine)), "phase": float(np.arctan2(cosine, sine))}

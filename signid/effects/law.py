@@ -1,8 +1,9 @@
-"""A law's columns along a motion."""
+"""A law's columns and torque along a motion, and where laws of an effect may stand."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import combinations
 from typing import Any, Protocol
 
 import numpy as np
@@ -24,13 +25,41 @@ def law_columns(law: Law, motion: Along) -> tuple[tuple[int, ...], Array]:
     shape = effect.shape(law.parameters)
     memory: list[Any] = [_remember(effect, x, shape)] if getattr(effect, "memory", False) else []
     columns = effect.columns(x, *memory, **shape)
-    rows = law.joints if effect.scope != "link" else tuple(range(columns[0].shape[1]))
+    rows = tuple(range(columns[0].shape[1])) if effect.scope in ("link", "tip") else law.joints
     return rows, np.stack(columns, axis=-1)
+
+
+def law_torque(law: Law, motion: Along) -> tuple[tuple[int, ...], Array]:
+    """The rows (joints) that a law acts on, and what it adds to the recorded torque there, (N, m) [N.m or N]."""
+    rows, columns = law_columns(law, motion)
+    return rows, columns @ np.array(law.effect.coefficients(law.parameters))
 
 
 def coefficient_count(law: Law) -> int:
     """How many columns the law has."""
-    return max(1, len(law.effect.linear()))
+    return len(law.effect.coefficients(dict.fromkeys(law.effect.parameters, 1.0)))
+
+
+def places(effect: Any, joints: int) -> list[tuple[int, ...]]:
+    """The joints, of so many, at which a law of this effect may stand."""
+    one: list[tuple[int, ...]] = [(j,) for j in range(joints)]
+    every = tuple(range(joints))
+    options: dict[str, list[tuple[int, ...]]] = {
+        "joint": one,
+        "link": one,
+        "tip": one[-1:],
+        "pair": list(combinations(every, 2)),
+        "robot": [every],
+        "any": list(dict.fromkeys([every, *one])),
+    }
+    return options[effect.scope]
+
+
+def hypotheses(effect: Any, motion: Along, joints: int) -> Iterator[Law]:
+    """Every place and every shape of an effect worth trying on a motion of so many joints."""
+    for place in places(effect, joints):
+        for shape in effect.shapes(motion.at(place)):
+            yield Law(effect, place, shape)
 
 
 def _remember(effect: Any, x: View, shape: dict[str, float]) -> Array:

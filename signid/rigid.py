@@ -1,0 +1,145 @@
+"""What Pinocchio tells of the rigid bodies along a motion, over the n joints that move by themselves.
+
+States are those of the model: configurations (N, nq) [rad, m or 1], rates (N, nv) [rad/s, rad/s2 or m/s, m/s2].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from .types import Array, Robot
+
+
+class Sensitivity(NamedTuple):
+    """Derivatives of the rigid-body torque with respect to position, velocity and acceleration, (N, n, n) each."""
+
+    position: Array  # (N, n, n) [N.m/rad]
+    velocity: Array  # (N, n, n) [N.m.s/rad]
+    acceleration: Array  # (N, n, n) [kg.m2], the mass matrix
+
+
+def rigid_torque(robot: Robot, q: Array, v: Array, a: Array) -> Array:
+    """Torque (N, n) [N.m or N] of the description's inertials.
+
+    Args:
+        robot: the robot.
+        q: (N, nq) [rad, m or 1].
+        v: (N, nv) [rad/s or m/s].
+        a: (N, nv) [rad/s2 or m/s2].
+    """
+    model, data = robot.model, robot.model.createData()
+    rows = [pin.rnea(model, data, *state).copy() for state in zip(q, v, a, strict=True)]
+    return np.asarray(np.array(rows).reshape(len(q), model.nv) @ robot.drive)
+
+
+def effective_inertia(robot: Robot, q: Array) -> Array:
+    """Diagonal of the joint-space mass matrix, (N, n) [kg.m2 or kg].
+
+    Args:
+        robot: the robot.
+        q: (N, nq) [rad, m or 1].
+    """
+    model, data, drive = robot.model, robot.model.createData(), robot.drive
+    out = np.empty((len(q), drive.shape[1]))
+    for i, state in enumerate(q):
+        mass = _symmetric(pin.crba(model, data, state), model.nv)
+        out[i] = np.einsum("rj,rs,sj->j", drive, mass, drive)
+    return out
+
+
+def sensitivity(robot: Robot, q: Array, v: Array, a: Array) -> Sensitivity:
+    """How the rigid-body torque changes with the motion.
+
+    Args:
+        robot: the robot.
+        q: (N, nq) [rad, m or 1].
+        v: (N, nv) [rad/s or m/s].
+        a: (N, nv) [rad/s2 or m/s2].
+
+    Source: Carpentier, Mansard, Analytical derivatives of rigid body dynamics algorithms, RSS 2018.
+    """
+    model, data, drive = robot.model, robot.model.createData(), robot.drive
+    out = np.empty((3, len(q), model.nv, model.nv))
+    for i, state in enumerate(zip(q, v, a, strict=True)):
+        dq, dv, mass = pin.computeRNEADerivatives(model, data, *state)
+        out[:, i] = (
+            np.reshape(dq, (model.nv, model.nv)),
+            np.reshape(dv, (model.nv, model.nv)),
+            _symmetric(mass, model.nv),
+        )
+    return Sensitivity(*(drive.T @ out @ drive))
+
+
+def body_regressor(robot: Robot, q: Array, v: Array, a: Array, body: int) -> Array:
+    """Columns (N, n, 10) of the regressor for one body's inertial parameters, in Pinocchio's order.
+
+    Args:
+        robot: the robot.
+        q: (N, nq) [rad, m or 1].
+        v: (N, nv) [rad/s or m/s].
+        a: (N, nv) [rad/s2 or m/s2].
+        body: its place in the model, from 0.
+    """
+    model, data = robot.model, robot.model.createData()
+    own = slice(10 * body, 10 * body + 10)
+    out = np.empty((len(q), model.nv, 10))
+    for i, state in enumerate(zip(q, v, a, strict=True)):
+        out[i] = pin.computeJointTorqueRegressor(model, data, *state)[:, own]
+    return np.asarray(robot.drive.T @ out)
+
+
+def gravity_torque(robot: Robot, q: Array, gravity: Sequence[float] | Array) -> Array:
+    """Torque (N, n) [N.m or N] that holds the robot in a gravity field.
+
+    Args:
+        robot: the robot.
+        q: (N, nq) [rad, m or 1].
+        gravity: (3,) [m/s2].
+    """
+    model = robot.model.copy()
+    model.gravity.linear = np.asarray(gravity, float)
+    data = model.createData()
+    rows = [pin.computeGeneralizedGravity(model, data, state).copy() for state in q]
+    return np.asarray(np.array(rows).reshape(len(q), model.nv) @ robot.drive)
+
+
+def tip_jacobian(robot: Robot, q: Array) -> Array:
+    """Jacobian (N, 3, n) [m/rad or 1] of the last link's centre of mass, in the world's axes.
+
+    Args:
+        robot: the robot.
+        q: (N, nq) [rad, m or 1].
+    """
+    model, data, tip = robot.model, robot.model.createData(), carried(robot, len(robot.joints) - 1) + 1
+    rows = [point_jacobian(model, data, state, tip) for state in q]
+    return np.asarray(np.array(rows).reshape(len(q), 3, model.nv) @ robot.drive)
+
+
+def point_jacobian(model: Any, data: Any, q: Array, joint: int) -> Array:
+    """Jacobian (3, nv) [m/rad or 1] of the centre of mass that a model's joint carries, in the world's axes.
+
+    Args:
+        model: a pin.Model.
+        data: its pin.Data.
+        q: (nq,) [rad, m or 1].
+        joint: its index in the model.
+    """
+    pin.computeJointJacobians(model, data, q)
+    jacobian = np.reshape(pin.getJointJacobian(model, data, joint, pin.LOCAL_WORLD_ALIGNED), (6, model.nv))
+    arm = data.oMi[joint].rotation @ model.inertias[joint].lever
+    return np.asarray(jacobian[:3] - pin.skew(arm) @ jacobian[3:])
+
+
+def carried(robot: Robot, joint: int) -> int:
+    """The body, from 0, that a joint moves first (a joint that others mimic moves theirs as well)."""
+    row = int(np.flatnonzero(robot.drive[:, joint])[0])
+    return next(i for i, j in enumerate(list(robot.model.joints)[1:]) if j.idx_v <= row < j.idx_v + j.nv)
+
+
+def _symmetric(mass: Any, size: int) -> Array:
+    upper = np.triu(np.reshape(mass, (size, size)))
+    return np.asarray(upper + np.triu(upper, 1).T)
