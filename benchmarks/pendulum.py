@@ -11,7 +11,7 @@ import argparse
 import json
 import os
 import platform
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -35,11 +35,12 @@ from .pendulum_signs import Signs, judge, predict, search, segments
 
 Array = NDArray[np.float64]
 
-MOTIONS = 10
+MOTIONS = 40
 KEPT = slice(round(1 / FUNDAMENTAL / PERIOD), round(4 / FUNDAMENTAL / PERIOD))  # the middle three of five periods
 ORDER, CORNER = 16, 0.35 * np.pi  # of the low-pass; the corner in rad/sample, or in Hz
-WAYS = {"0.35 pi rad/sample": CORNER / (2 * np.pi * PERIOD), "0.35 pi Hz": CORNER, "signid's own": None}  # corner [Hz]
-COEFFICIENTS = {"m g d": "N.m", "I + m d2": "kg.m2"}
+WIDE = CORNER / (2 * np.pi * PERIOD)  # Hz
+WAYS = {"0.35 pi rad/sample": WIDE, "0.35 pi Hz": CORNER, "signid's own": None}  # corner [Hz]
+COEFFICIENTS = "m g d", "I + m d2"  # N.m, kg.m2
 NORMAL = 1.96  # standard deviations of a nominal 95 % interval
 TARGET = 1.0  # %, rms error of a coefficient by any way, with and without signs
 LOGS = ("1dof_experiment_easy1", "1dof_experiment_easy2", "1dof_experiment1")  # of SIGNID_DATA, without noise
@@ -91,7 +92,7 @@ def derive(track: Track, corner: float) -> dict[str, Array]:
 
 def restore(track: Track, true: Track) -> tuple[Track, Signs]:
     """The log with the signs that its |torque| alone tells, and how often they are the true ones."""
-    acceleration = derive(track, WAYS["0.35 pi rad/sample"] or np.inf)["ddq_1"]
+    acceleration = derive(track, WIDE)["ddq_1"]
     columns, magnitude = np.column_stack([np.sin(track.q), acceleration]), np.abs(track.tau)
     spans = segments(magnitude[KEPT])
     choice = search(columns[KEPT], magnitude[KEPT], spans)
@@ -155,23 +156,30 @@ def read_log(path: Path) -> tuple[Array, Signs]:
     return np.linalg.lstsq(columns, signed, rcond=None)[0], judge(choice, spans, columns, torque)
 
 
-def show(rows: Sequence[Row], signs: dict[str, Signs]) -> Iterator[Table]:
-    """What was found, then how often the signs were right."""
-    names = ("filter", "signs", "coefficient", "true", "found", "rms error", "95 % interval", "holds truth")
-    table = Table(*names, box=SIMPLE_HEAD, pad_edge=False, title="error and half interval in % of the true value")
+def show_rows(rows: Sequence[Row]) -> Table:
+    """What was found, beside what is true."""
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True, title="error and half interval in % of true")
+    for name in ("filter", "signs", "coefficient", "true", "found", "error", "95 %", "inside"):
+        table.add_column(name, justify="right" if name in ("error", "95 %", "inside") else "left", no_wrap=True)
     for row in rows:
         shares = [f"{row.rms_error:.3f}", f"{row.interval:.3f}", f"{row.inside:.0f} %"]
-        unit, known = COEFFICIENTS[row.coefficient], "logged" if row.signed else "found"
-        numbers = [f"{row.true:.5g} {unit}", f"{row.mean:.5g}", *shares]
-        table.add_row(row.way, known, row.coefficient, *numbers, style="" if row.holds else "red")
-    yield table
-    names = ("|torque| of", "segments right", "signs right", "away from zero", "residual, N.m", "next best")
-    table = Table(*names, box=SIMPLE_HEAD, pad_edge=False)
-    for name, got in signs.items():
-        segment = f"{got.right} of {got.segments}" + (f", {got.segments - got.pure} mixed" * (got.pure < got.segments))
-        shares = [f"{got.samples:.2f} %", f"{got.away:.2f} %", f"{got.rms:.2g}", f"{got.next_rms:.2g}"]
-        table.add_row(name, segment, *shares, style="" if got.away == 100 and got.right == got.pure else "red")
-    yield table
+        told = [row.way, "logged" if row.signed else "found", row.coefficient]
+        table.add_row(*told, f"{row.true:.5g}", f"{row.mean:.5g}", *shares, style="" if row.holds else "red")
+    return table
+
+
+def show_signs(signs: Mapping[str, Sequence[Signs]]) -> Table:
+    """How often the signs were right, over one or many recordings."""
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True, title="signs from |torque| alone")
+    for name in ("recordings", "segments", "mixed", "right", "samples", "beyond 10 %", "rival"):
+        table.add_column(name, justify="left" if name == "recordings" else "right", no_wrap=True)
+    for name, some in signs.items():
+        counts = [str(sum(getattr(got, key) for got in some)) for key in ("segments", "mixed", "right")]
+        shares = [f"{np.mean([getattr(got, key) for got in some]):.2f} %" for key in ("samples", "away")]
+        rivals = [got.next_rms / max(got.rms, 1e-6) for got in some if np.isfinite(got.next_rms)]
+        rival = f"{min(rivals):.3g}" if rivals else ""
+        table.add_row(name, *counts, *shares, rival, style="" if all(got.holds for got in some) else "red")
+    return table
 
 
 def main() -> None:
@@ -183,27 +191,29 @@ def main() -> None:
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers there")
     options = parser.parse_args()
     robot, pendulum, console = load_robot("1r"), Pendulum(), Console()
-    done, signs = [], {}
+    done: list[Trial] = []
+    signs: dict[str, list[Signs]] = {f"{options.motions} motions": []}
     for motion in range(options.motions):
         true = record(pendulum, motion)
         logged = log(true, motion, options.bits, options.noise)
-        restored, signs[f"motion {motion}"] = restore(logged, true)
+        restored, got = restore(logged, true)
+        signs[f"{options.motions} motions"].append(got)
         done += trials(robot, motion, logged, restored)
     rows, errors = list(summarise(done, pendulum.truth)), {}
     for name in LOGS if os.environ.get("SIGNID_DATA") else ():
-        value, signs[name] = read_log(Path(os.environ["SIGNID_DATA"]) / "seed_penne" / f"{name}.csv.gz")
+        value, got = read_log(Path(os.environ["SIGNID_DATA"]) / "seed_penne" / f"{name}.csv.gz")
+        signs[name] = [got]
         errors[name] = float(np.linalg.norm(value - TRUTH))
-    for table in show(rows, signs):
-        console.print(table)
+    console.print(show_rows(rows))
+    console.print(show_signs(signs))
     for name, error in errors.items():
         console.print(f"{name}: without signs, coefficients are off by {error:.2g} (norm)", highlight=False)
     if options.json:
         machine = {"python": platform.python_version(), "pybullet": pybullet.getAPIVersion()}
         told = {"machine": machine, "rows": rows, "trials": done, "signs": signs, "log_errors": errors}
         options.json.write_text(json.dumps(told, default=asdict, indent=1))
-    right = all(got.away == 100 and got.right == got.pure for got in signs.values())
-    held = all(row.holds for row in rows) and all(error < LOG_TARGET for error in errors.values())
-    raise SystemExit(0 if right and held else 1)
+    held = all(item.holds for group in (rows, *signs.values()) for item in group)
+    raise SystemExit(0 if held and all(error < LOG_TARGET for error in errors.values()) else 1)
 
 
 if __name__ == "__main__":

@@ -32,12 +32,17 @@ class Signs:
     """How often the signs were right."""
 
     segments: int  # searched
-    pure: int  # of them, those without a change of sign
+    mixed: int  # of them, those in which the true sign changes
     right: int  # of them, those whose sign is the true one throughout
     samples: float  # %, of all samples by the model's prediction
     away: float  # %, of those whose true torque is beyond the QUANTILE
     rms: float  # N.m, of the residual
     next_rms: float  # N.m, of the second best signs
+
+    @property
+    def holds(self) -> bool:
+        """Whether each segment that has a sign got it, and each sample away from zero torque."""
+        return self.right + self.mixed == self.segments and self.away == 100
 
 
 def segments(magnitude: Array) -> list[slice]:
@@ -94,7 +99,7 @@ def judge(choice: Choice, spans: Sequence[slice], columns: Array, torque: Array)
     away = np.abs(torque) > np.quantile(np.abs(torque), QUANTILE)
     return Signs(
         segments=len(spans),
-        pure=sum(bool(np.ptp(true[span]) == 0) for span in spans),
+        mixed=sum(bool(np.ptp(true[span])) for span in spans),
         right=sum(bool((true[span] == sign).all()) for span, sign in zip(spans, choice.signs, strict=True)),
         samples=float(100 * same.mean()),
         away=float(100 * same[away].mean()),
