@@ -5,86 +5,35 @@ Nothing of signid is used: MuJoCo's own parser reads the URDF, its own dynamics 
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import Any
 
 import mujoco
 import numpy as np
 from mujoco import rollout
 from numpy.typing import NDArray
-from scipy.signal import lfilter
+
+from .bodies import Body, Drives, drive
+from .control import COMMAND, KNOWN, STEP, Motion, Reference, Track, clock, draw_motion, gains
+from .faults import Fault
+from .laws import Laws
+from .mujoco_model import build, dofs
+from .record import log, misread
+
+__all__ = ["STEP", "Body", "Drives", "Motion", "Track", "draw_motion", "inertials", "log", "simulate"]
 
 Array = NDArray[np.float64]
 
-STEP = 2.5e-4  # s, of the simulation
-COMMAND = 4  # steps between two values of the feed-forward
-BANDWIDTH, DAMPING = 2 * np.pi * 8.0, 0.9  # rad/s and 1, of the position loop
-KNOWN = 0.9  # share of the dynamics that the feed-forward knows
-HARMONICS, FUNDAMENTAL = 10, 0.1  # of a motion: their number, and the first [Hz]
-SPEED, ACCELERATION, RANGE = 1.5, 5.0, 1.0  # rad/s, rad/s2, rad that a motion keeps within
-CORNER = 3.0  # Hz, of coloured noise
 
-
-@dataclass(frozen=True)
-class Drives:
-    """What the joints add to the bodies, n values each [kg.m2, N.m.s/rad, N.m, N.m]; offsets as the motor must add."""
-
-    armature: Sequence[float]
-    viscous_friction: Sequence[float]
-    coulomb_friction: Sequence[float]
-    torque_offset: Sequence[float]
-
-
-@dataclass(frozen=True)
-class Body:
-    """A URDF as MuJoCo understands it: joints that are not named are welded, some links are heavier than stated."""
-
-    urdf: str  # the text
-    joints: tuple[str, ...]
-    heavier: Mapping[str, float] = field(default_factory=dict)  # link -> factor on its mass and its inertia
-
-
-class Motion(NamedTuple):
-    """Positions as Fourier series, n joints: sums of sine / frequency - cosine / frequency about a centre."""
-
-    sine: Array  # (HARMONICS, n) [rad/s]
-    cosine: Array  # (HARMONICS, n) [rad/s]
-    centre: Array  # (n,) [rad]
-
-    def at(self, t: Array) -> tuple[Array, Array, Array]:
-        """Position, velocity, acceleration, (N, n) each [rad, rad/s, rad/s2] at times (N,) [s]."""
-        w = 2 * np.pi * FUNDAMENTAL * np.arange(1, HARMONICS + 1)[:, None]
-        s, c = np.sin(t[:, None] * w.T), np.cos(t[:, None] * w.T)
-        q = s @ (self.sine / w) - c @ (self.cosine / w) + self.centre
-        return q, c @ self.sine + s @ self.cosine, c @ (self.cosine * w) - s @ (self.sine * w)
-
-
-class Track(NamedTuple):
-    """What truly happened: positions, and the torque of the motors at those very moments."""
-
-    t: Array  # (N,) [s]
-    q: Array  # (N, n) [rad]
-    tau: Array  # (N, n) [N.m]
-
-
-def draw_motion(centre: Sequence[float], seed: int) -> Motion:
-    """A random motion as large as speed, acceleration and range allow.
-
-    Args:
-        centre: (n,) [rad].
-        seed: of the series' coefficients.
-    """
-    order = np.arange(1, HARMONICS + 1)[:, None]
-    sine, cosine = np.random.default_rng(seed).standard_normal((2, HARMONICS, len(centre))) / order**1.2
-    period = np.arange(0, 1 / FUNDAMENTAL, 1e-3)
-    sizes = [np.abs(x).max(0) for x in Motion(sine, cosine, np.zeros(len(centre))).at(period)]
-    scale = np.min([limit / size for limit, size in zip((RANGE, SPEED, ACCELERATION), sizes, strict=True)], axis=0)
-    return Motion(sine * scale, cosine * scale, np.array(centre, dtype=float))
-
-
-def simulate(body: Body, drives: Drives, motion: Motion, duration: float, rate: float) -> Track:
+def simulate(
+    body: Body,
+    drives: Drives,
+    motion: Reference,
+    duration: float,
+    rate: float,
+    faults: Sequence[Fault] = (),
+    start: float = 0.0,
+) -> Track:
     """The robot along a motion: PD control with a feed-forward that knows 90 % of the dynamics and no friction.
 
     Torque and acceleration belong to the same moment: a step's torque moves the robot from k to k + 1, and the
@@ -96,47 +45,33 @@ def simulate(body: Body, drives: Drives, motion: Motion, duration: float, rate: 
         motion: n joints.
         duration: [s].
         rate: of the log [Hz]; 1 / STEP shows every step.
+        faults: what is wrong; the controller knows nothing of it.
+        start: the session's time at the first row [s], for motion and laws alike.
+
+    Raises:
+        ValueError: for a log between the steps, and for faults that cannot be.
     """
-    every = round(1 / (rate * STEP))
-    if abs(every * rate * STEP - 1) > 1e-9:
-        raise ValueError(f"a log at {rate:g} Hz falls between the steps of {STEP:g} s")
-    t = np.arange(round(duration / STEP) + 1) * STEP
+    t, every = clock(start, duration, rate)
     desired, velocity, _ = motion.at(t)
-    known = _compile(body, drives, frictionless=True, weigh=False)
-    inertia = _mean_inertia(known, body.joints, desired[:: len(t) // 20])
-    stiffness, damping = inertia * BANDWIDTH**2, 2 * DAMPING * inertia * BANDWIDTH
+    known = build(body, drives, frictionless=True, weigh=False)
+    stiffness, damping = gains(_mean_inertia(known, body.joints, desired[:: len(t) // 20]))
     command = _feed_forward(known, body.joints, motion, t) + stiffness * desired + damping * velocity
-    q, v = _roll(body, drives, (stiffness, damping), command - np.array(drives.torque_offset), desired[0], velocity[0])
+    command -= stiffness * _misplaced(body.joints, faults)
+    model = build(body, drives, (stiffness, damping), faults=faults)
+    true = drive(drives, body.joints, faults)
+    laws = Laws(faults, body.joints, true.coulomb_friction, STEP)
+    states = (desired[0], velocity[0])
+    control = command - np.array(true.torque_offset)
+    q, v = _step(model, body, laws, t, control, *states) if laws.any else _roll(model, body, control, *states)
     tau = command[:-1] - stiffness * q[:-1] - damping * v[1:]  # implicit integration damps with the next velocity
-    kept = slice(0, None, every)
-    return Track(t[:-1][kept], q[:-1][kept], tau[kept])
-
-
-def log(track: Track, seed: int, bits: int = 17, white: float = 0.0, coloured: float = 0.0) -> dict[str, Array]:
-    """The columns of a recording: t, q_1 ..., tau_1 ...
-
-    Args:
-        track: what truly happened.
-        seed: of the noise, and of the encoders' zeros between two counts.
-        bits: of the encoders, per turn.
-        white: standard deviation of white torque noise, as a share of the joint's rms torque.
-        coloured: the same of noise through a first-order low-pass at 3 Hz.
-    """
-    rng = np.random.default_rng(seed)
-    count = 2 * np.pi / 2**bits
-    zero = rng.uniform(0, count, track.q.shape[1])
-    q = np.round((track.q - zero) / count) * count + zero
-    size = np.sqrt(np.mean(track.tau**2, axis=0))
-    noise = white * rng.standard_normal(track.tau.shape) + coloured * _coloured(rng, track)
-    columns = {"t": track.t}
-    columns |= {f"q_{j + 1}": x for j, x in enumerate(q.T)}
-    return columns | {f"tau_{j + 1}": x for j, x in enumerate((track.tau + size * noise).T)}
+    track = misread(Track(t[:-1], q[:-1], tau), body.joints, faults)
+    return Track(*(x[::every] for x in track))
 
 
 def inertials(body: Body) -> dict[str, tuple[float, Array, Array]]:
     """Per moving link its mass [kg], first moment (3,) [kg.m] and inertia (3, 3) [kg.m2] about the joint's frame."""
     zero = [0.0] * len(body.joints)
-    model = _compile(body, Drives(zero, zero, zero, zero))
+    model = build(body, Drives(zero, zero, zero, zero))
     found = {}
     for joint in body.joints:
         i = int(model.joint(joint).bodyid[0])
@@ -149,97 +84,89 @@ def inertials(body: Body) -> dict[str, tuple[float, Array, Array]]:
     return found
 
 
-def _bare(body: Body) -> str:
-    """The URDF without its looks, with the joints welded that do not move."""
-    root = ElementTree.fromstring(body.urdf.encode())
-    for link in root.iter("link"):
-        for part in (*link.findall("visual"), *link.findall("collision")):
-            link.remove(part)
-    for other in [child for child in root if child.tag not in ("link", "joint")]:
-        root.remove(other)
-    for joint in root.findall("joint"):
-        if joint.get("name") not in body.joints:
-            joint.set("type", "fixed")
-    return ElementTree.tostring(root, encoding="unicode")
-
-
-def _compile(
-    body: Body,
-    drives: Drives,
-    gains: tuple[Array, Array] | None = None,
-    frictionless: bool = False,
-    weigh: bool = True,
-) -> Any:
-    spec = mujoco.MjSpec.from_string(_bare(body))
-    for i, name in enumerate(body.joints):
-        motor = spec.add_actuator(name=f"motor_{i + 1}", target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-        motor.gainprm[0] = 1
-        if gains is not None:
-            motor.biastype = mujoco.mjtBias.mjBIAS_AFFINE
-            motor.biasprm[:3] = 0, -gains[0][i], -gains[1][i]
-    model = spec.compile()
-    for link, factor in body.heavier.items() if weigh else ():
-        model.body(link).mass *= factor
-        model.body(link).inertia *= factor
-    dofs = _dofs(model, body.joints)
-    model.dof_armature[dofs] = drives.armature
-    model.dof_damping[dofs] = 0 if frictionless else drives.viscous_friction
-    model.dof_frictionloss[dofs] = 0 if frictionless else drives.coulomb_friction
-    model.dof_solref[:], model.dof_solimp[:] = [2 * STEP, 1], [0.9999, 0.9999, 0.001, 0.5, 2]  # sliding at 1 mm/s
-    model.jnt_actfrclimited[:] = 0
-    model.opt.timestep, model.opt.integrator = STEP, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_LIMIT | mujoco.mjtDisableBit.mjDSBL_CONTACT
-    model.opt.iterations, model.opt.tolerance = 50, 1e-12
-    mujoco.mj_setConst(model, mujoco.MjData(model))
-    return model
-
-
-def _dofs(model: Any, joints: Sequence[str]) -> list[int]:
-    return [int(model.joint(name).dofadr[0]) for name in joints]
+def _misplaced(joints: Sequence[str], faults: Sequence[Fault]) -> Array:
+    """(n,) [rad] that the loop's encoders read too much."""
+    offset = np.zeros(len(joints))
+    for fault in faults:
+        if fault.effect == "encoder_offset":
+            offset[joints.index(str(fault.joint))] += fault.numbers["offset"]
+    return offset
 
 
 def _mean_inertia(model: Any, joints: Sequence[str], positions: Array) -> Array:
     """(n,) [kg.m2] diagonal of the mass matrix, on average."""
-    data, dofs = mujoco.MjData(model), _dofs(model, joints)
-    full, diagonal = np.zeros((model.nv, model.nv)), np.zeros((len(positions), len(dofs)))
+    data, at = mujoco.MjData(model), dofs(model, joints)
+    full, diagonal = np.zeros((model.nv, model.nv)), np.zeros((len(positions), len(at)))
     for k, q in enumerate(positions):
-        data.qpos[dofs] = q
+        data.qpos[at] = q
         mujoco.mj_forward(model, data)
         mujoco.mj_fullM(model, data, full)
-        diagonal[k] = np.diag(full)[dofs]
+        diagonal[k] = np.diag(full)[at]
     return np.asarray(diagonal.mean(0))
 
 
-def _feed_forward(model: Any, joints: Sequence[str], motion: Motion, t: Array) -> Array:
+def _feed_forward(model: Any, joints: Sequence[str], motion: Reference, t: Array) -> Array:
     """(N, n) [N.m] at times (N,) [s]."""
-    data, dofs = mujoco.MjData(model), _dofs(model, joints)
+    data, at = mujoco.MjData(model), dofs(model, joints)
     coarse = t[::COMMAND]
-    torque = np.zeros((len(coarse), len(dofs)))
+    torque = np.zeros((len(coarse), len(at)))
     for k, (q, v, a) in enumerate(zip(*motion.at(coarse), strict=True)):
-        data.qpos[dofs], data.qvel[dofs], data.qacc[dofs] = q, v, a
+        data.qpos[at], data.qvel[at], data.qacc[at] = q, v, a
         mujoco.mj_inverse(model, data)
-        torque[k] = data.qfrc_inverse[dofs]
+        torque[k] = data.qfrc_inverse[at]
     return KNOWN * np.column_stack([np.interp(t, coarse, column) for column in torque.T])
 
 
-def _roll(
-    body: Body, drives: Drives, gains: tuple[Array, Array], command: Array, q: Array, v: Array
-) -> tuple[Array, Array]:
-    """Positions and velocities (N, n) [rad, rad/s] from the first state on, under commands (N, n) [N.m]."""
-    model = _compile(body, drives, gains)
-    n, dofs = model.nv, _dofs(model, body.joints)
-    if model.nq != n or n != len(body.joints):
+def _begin(model: Any, body: Body, q: Array, v: Array) -> tuple[list[int], Array, Array]:
+    """Where the motors' joints are, and the whole first state: gears start undeflected."""
+    at = dofs(model, body.joints)
+    if model.nq != model.nv or len(body.joints) + sum(x.endswith("_gear") for x in _names(model)) != model.nv:
         raise ValueError("only joints of one position each are simulated")
-    start = np.zeros(1 + 2 * n)
-    start[1:][dofs], start[1 + n :][dofs] = q, v
-    states, _ = rollout.rollout(model, [mujoco.MjData(model)], start[None], command[None, :-1])
+    position, velocity = np.zeros(model.nv), np.zeros(model.nv)
+    position[at], velocity[at] = q, v
+    return at, position, velocity
+
+
+def _names(model: Any) -> list[str]:
+    return [model.joint(i).name for i in range(model.njnt)]
+
+
+def _roll(model: Any, body: Body, control: Array, q: Array, v: Array) -> tuple[Array, Array]:
+    """Positions and velocities (N, n) [rad, rad/s] from the first state on, under commands (N, n) [N.m]."""
+    at, position, velocity = _begin(model, body, q, v)
+    start, n = np.concatenate([[0.0], position, velocity]), model.nv
+    states, _ = rollout.rollout(model, [mujoco.MjData(model)], start[None], control[None, :-1])
     states = np.vstack([start, states[0]])
-    return states[:, 1 : 1 + n][:, dofs], states[:, 1 + n :][:, dofs]
+    return states[:, 1 : 1 + n][:, at], states[:, 1 + n :][:, at]
 
 
-def _coloured(rng: np.random.Generator, track: Track) -> Array:
-    """(N, n) [1] of unit variance, stationary from the first sample on."""
-    keep = float(np.exp(-2 * np.pi * CORNER * (track.t[1] - track.t[0])))
-    noise = rng.standard_normal(track.tau.shape)
-    noise[1:] *= np.sqrt(1 - keep**2)
-    return np.asarray(lfilter([1.0], [1.0, -keep], noise, axis=0))
+def _step(model: Any, body: Body, laws: Laws, t: Array, control: Array, q: Array, v: Array) -> tuple[Array, Array]:
+    """The same where laws must step; they see velocities at the time of the positions, half a step later."""
+    data = mujoco.MjData(model)
+    at, data.qpos[:], data.qvel[:] = _begin(model, body, q, v)
+    tip = int(model.joint(body.joints[-1]).bodyid[0])
+    jacobian, load, acceleration = np.zeros((3, model.nv)), np.zeros(model.nv), np.zeros(model.nv)
+    states = np.zeros((2, len(t), len(at)))
+    states[:, 0] = q, v
+    for k in range(len(t) - 1):
+        before = data.qvel.copy()
+        now = before + STEP / 2 * acceleration
+        torque, level = laws.at(t[k], data.qpos[at], now[at], load[at])
+        if laws.tip:
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_comPos(model, data)
+            mujoco.mj_jacBodyCom(model, data, jacobian, None, tip)
+            data.qfrc_applied[:] = -jacobian.T @ laws.force(t[k], jacobian @ now)
+        else:
+            data.qfrc_applied[:] = 0
+        data.qfrc_applied[at] -= torque
+        model.dof_frictionloss[at] = level
+        data.ctrl[:] = control[k]
+        mujoco.mj_step(model, data)
+        acceleration = (data.qvel - before) / STEP
+        if laws.loaded:
+            data.qacc[:] = acceleration
+            mujoco.mj_rne(model, data, 1, load)
+        states[:, k + 1] = data.qpos[at], data.qvel[at]
+        laws.advance(states[1, k + 1])
+    return states[0], states[1]

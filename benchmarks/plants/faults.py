@@ -1,0 +1,99 @@
+"""What can be wrong with a robot: the words in which faults are planted, for every plant the same.
+
+Effects and their parameters are named as signid names what it finds; foreign laws are physics that it does not know.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+BODY = ("mass", "first_moment_x", "first_moment_y", "first_moment_z")  # kg, kg.m about the joint's frame
+INERTIA = ("inertia_xx", "inertia_xy", "inertia_yy", "inertia_xz", "inertia_yz", "inertia_zz")  # kg.m2, all or none
+
+EFFECTS: Mapping[str, tuple[str, ...]] = {
+    "viscous_friction": ("coefficient",),
+    "coulomb_friction": ("level",),
+    "asymmetric_friction": ("viscous_positive", "viscous_negative", "coulomb_positive", "coulomb_negative"),
+    "stribeck_friction": ("level", "velocity"),
+    "quadratic_friction": ("coefficient",),
+    "load_friction": ("coefficient",),
+    "presliding_friction": ("level", "distance"),
+    "position_friction": ("amplitude", "frequency", "phase"),
+    "friction_drift": ("change", "time_constant"),
+    "armature": ("inertia",),
+    "torque_offset": ("offset",),
+    "spring": ("stiffness", "rest"),
+    "cable_torque": ("cubic", "centre"),
+    "counterbalance": ("amplitude", "phase"),
+    "torque_gain": ("error",),
+    "torque_ripple": ("amplitude", "frequency", "phase"),
+    "backlash": ("gap",),
+    "joint_elasticity": ("stiffness",),
+    "encoder_offset": ("offset",),
+    "time_delay": ("delay",),
+    "torque_lag": ("time_constant",),
+    "payload": BODY,
+    "link_inertia": BODY,
+    "base_tilt": ("x", "y"),
+    "joint_coupling": ("partner", "inertia", "viscous", "coulomb"),
+    "torque_saturation": ("limit",),
+    "external_contact": ("force_x", "force_y", "force_z", "start", "end"),
+    "fluid_drag": ("coefficient",),
+    "torque_sign": (),
+    "channel_swap": ("partner",),
+}
+
+FOREIGN: Mapping[str, tuple[str, ...]] = {  # no effect of signid; torques.py has the laws
+    "tustin_friction": ("level", "velocity"),
+    "lugre_friction": ("level", "static", "velocity", "stiffness", "damping"),
+    "double_ripple": ("amplitude", "second", "frequency", "phase"),
+    "root_friction": ("coefficient",),
+    "friction_step": ("change", "time"),
+    "triangular_friction": ("amplitude", "frequency"),
+    "soft_stop": ("stiffness", "centre", "free"),
+    "root_load_friction": ("coefficient",),
+    "torque_in_time": ("amplitude", "frequency", "phase"),
+    "velocity_wave": ("amplitude", "velocity"),
+    "skewed_friction": ("coefficient", "centre"),
+    "crossed_torque": ("partner", "amplitude", "frequency"),
+}
+
+GLOBAL = ("base_tilt", "external_contact", "fluid_drag")  # of the whole robot: their joint is None
+ANY = ("payload", "time_delay", "torque_lag")  # of one joint (or what it moves), or None: the last link, all joints
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One thing that is wrong; parameters in SI units, `partner` a joint's name."""
+
+    effect: str
+    joint: str | None
+    parameters: Mapping[str, float | str]
+
+    def __post_init__(self) -> None:
+        """Refuse what no plant could mean.
+
+        Raises:
+            ValueError: for an unknown effect, a missing or surplus parameter, or a joint where none or one belongs.
+        """
+        wanted = {**EFFECTS, **FOREIGN}.get(self.effect)
+        if wanted is None:
+            raise ValueError(f"no plant knows {self.effect!r}; known are {', '.join((*EFFECTS, *FOREIGN))}")
+        given, inertia = set(self.parameters), set(INERTIA if wanted is BODY else ())
+        if given != set(wanted) and given != set(wanted) | inertia:
+            raise ValueError(f"{self.effect} takes {', '.join(wanted) or 'no parameters'}, not {', '.join(given)}")
+        if self.effect not in ANY and (self.joint is None) != (self.effect in GLOBAL):
+            raise ValueError(f"{self.effect} acts on {'no joint' if self.joint else 'a joint'} of its own")
+        object.__setattr__(self, "parameters", MappingProxyType(dict(self.parameters)))
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """The parameters that are numbers."""
+        return {key: float(value) for key, value in self.parameters.items() if key != "partner"}
+
+    @property
+    def partner(self) -> str:
+        """The other joint's name."""
+        return str(self.parameters["partner"])
