@@ -156,10 +156,11 @@ class Coefficient:
 
     unit: str
     positive: bool = False
+    angle: bool = False  # an angle at a prismatic joint too
 
     def unit_at(self, prismatic: bool) -> str:
         """The unit at a joint: N for N.m, m for rad, kg for kg.m2 where it is prismatic."""
-        return prismatic_unit(self.unit) if prismatic else self.unit
+        return prismatic_unit(self.unit) if prismatic and not self.angle else self.unit
 
 
 @dataclass(frozen=True)
@@ -172,6 +173,10 @@ class Shape:
     unit: str
     grid: tuple[float, ...]
     of: str | None = None
+
+    def unit_at(self, prismatic: bool) -> str:
+        """The unit at a joint, as of a coefficient."""
+        return prismatic_unit(self.unit) if prismatic else self.unit
 
 
 class View(Protocol):

@@ -13,5 +13,10 @@ EFFECT_NAMES = ("viscous_friction", "coulomb_friction", "torque_offset", "armatu
 EFFECTS: Registry[Effect] = Registry(
     "effects",
     __name__,
-    """viscous_friction coulomb_friction torque_offset armature asymmetric_friction quadratic_friction""",
+    """
+    viscous_friction coulomb_friction torque_offset armature asymmetric_friction stribeck_friction quadratic_friction
+    load_friction presliding_friction position_friction friction_drift spring cable_torque counterbalance torque_gain
+    torque_ripple backlash joint_elasticity encoder_offset time_delay torque_lag payload link_inertia base_tilt
+    joint_coupling torque_saturation external_contact fluid_drag torque_sign channel_swap
+    """,
 )

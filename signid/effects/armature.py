@@ -11,6 +11,7 @@ class Armature(BodyLaw):
 
     name, equation = "armature", "inertia * a"
     source = "Featherstone, Rigid Body Dynamics Algorithms, 2008, section 9.6"
+    typical = "0.01 to 0.4 kg.m2 (TX40), 0.3 to 6 (UR10E)"
     parameters = {"inertia": Coefficient("kg.m2", positive=True)}
     example = {"inertia": 0.3}
     twins = ("link_inertia",)

@@ -15,6 +15,7 @@ class AsymmetricFriction(TorqueLaw):
         " viscous_negative * v + coulomb_negative * sign(v))"
     )
     source = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994, section 2"
+    typical = "the two directions differ by some per cent"
     parameters = {
         "viscous_positive": Coefficient("N.m.s/rad", positive=True),
         "viscous_negative": Coefficient("N.m.s/rad", positive=True),

@@ -7,9 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import product
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
+import pinocchio as pin
 
 from ..types import Array, Coefficient, Shape, View
 from .trial import Trial
@@ -21,7 +22,7 @@ class Effect:
     """Recorded torque = rigid-body torque + sum over k of columns[k] * coefficient[k]."""
 
     name: ClassVar[str] = ""
-    equation: ClassVar[str] = ""  # executable text in the parameter keys and t, q, v, a, load, torque
+    equation: ClassVar[str] = ""  # executable text in the parameter keys and t, q, v, a, load, torque, inertia
     source: ClassVar[str] = ""
     typical: ClassVar[str] = ""  # magnitudes that robots have
     parameters: ClassVar[Mapping[str, Coefficient | Shape]] = {}
@@ -29,7 +30,7 @@ class Effect:
     scope: ClassVar[str] = "joint"
     """joint: one joint, its own row | pair: two joints | link: one joint, all rows | tip: the same, of the last joint
     | robot: all joints | any: all joints together, or one."""
-    dissipative: ClassVar[bool] = False  # columns * v >= 0
+    dissipative: ClassVar[bool] = False  # columns * v, summed over the joints, >= 0
     reverses: ClassVar[bool] = False  # jumps where the direction of motion changes
     twins: ClassVar[tuple[str, ...]] = ()  # effects that some motion, or no motion, tells apart
 
@@ -46,7 +47,8 @@ class Effect:
 
     def physical(self, coefficients: Sequence[float], shape: Numbers) -> dict[str, float]:
         """Linear coefficients and shape to public parameters."""
-        return {**dict(zip(self.linear(), map(float, coefficients), strict=True)), **shape}
+        linear = self.linear()
+        return {**dict(zip(linear, map(float, coefficients[: len(linear)]), strict=True)), **shape}
 
     def shape(self, parameters: Numbers) -> dict[str, float]:
         """The shape among some parameters."""
@@ -93,13 +95,10 @@ class TransmissionLaw(Effect):
     hold: Callable[..., Array]
     """hold(x, **parameters): torque (..., m) against the deflection x.q and its rate x.v."""
 
-    def deflection(self, x: View, **shape: float) -> list[Array]:
-        """Deflections (N, 1) along a motion, one a coefficient: here `hold` balances inertia and load.
+    deflection: Callable[..., list[Array]]
+    """deflection(x, **shape): deflections (N, 1) along a motion, one a coefficient; without it from `hold`."""
 
-        Args:
-            x: one joint along a motion.
-            shape: of the law.
-        """
+    def _deflection(self, x: View, **shape: float) -> list[Array]:
         z, w, load, inertia = 0.0, 0.0, x.load[:, 0], x.inertia[:, 0]
         step, out, tilt = 1e-6, np.empty_like(x.q), np.array([[0.0], [1.0], [0.0]])
         for i in range(len(out)):
@@ -112,6 +111,8 @@ class TransmissionLaw(Effect):
             out[i] = z
         return [out]
 
+    deflection = _deflection
+
     def _columns(self, x: View, **shape: float) -> list[Array]:
         return [x.whole.shift(x.joints[0], z[:, 0]) for z in self.deflection(x, **shape)]
 
@@ -123,13 +124,18 @@ class RecordingLaw(Effect):
 
     step: ClassVar[float] = 1e-4  # of a coefficient, for the derivative
 
-    def recorded_q(self, x: View, **parameters: float) -> Array:
-        """Position (..., m) that is written down [rad or m]."""
+    recorded_q: Callable[..., Array]
+    """recorded_q(x, **parameters): position (..., m) that is written down; without it x.q."""
+    recorded_torque: Callable[..., Array]
+    """recorded_torque(x, **parameters): torque (..., m) that is written down; without it x.torque, which acts."""
+
+    def _recorded_q(self, x: View, **parameters: float) -> Array:
         return x.q
 
-    def recorded_torque(self, x: View, **parameters: float) -> Array:
-        """Torque (..., m) that is written down where x.torque acts [N.m or N]."""
+    def _recorded_torque(self, x: View, **parameters: float) -> Array:
         return x.torque
+
+    recorded_q, recorded_torque = _recorded_q, _recorded_torque
 
     def _columns(self, x: View, **shape: float) -> list[Array]:
         zero = dict.fromkeys(self.linear(), 0.0)
@@ -158,6 +164,26 @@ class ActuatorLaw(Effect):
     columns = _columns
 
 
-def amplitude_phase(sine: float, cosine: float) -> dict[str, float]:
+def sine_cosine(effect: Effect, parameters: Numbers) -> list[float]:
+    """Coefficients of sin(x) and cos(x) in amplitude * sin(x + phase)."""
+    amplitude, phase = parameters["amplitude"], parameters["phase"]
+    return [amplitude * np.cos(phase), amplitude * np.sin(phase)]
+
+
+def amplitude_phase(effect: Effect, coefficients: Sequence[float], shape: Numbers) -> dict[str, float]:
     """Of sine * sin(x) + cosine * cos(x) = amplitude * sin(x + phase)."""
-    return {"amplitude": float(np.hypot(sine, cosine)), "phase": float(np.arctan2(cosine, sine))}
+    sine, cosine = coefficients
+    return {"amplitude": float(np.hypot(sine, cosine)), "phase": float(np.arctan2(cosine, sine)), **shape}
+
+
+def add_body(model: Any, body: int, added: Sequence[float]) -> None:
+    """Add the first of the ten inertial parameters to a body of a pin.Model, about its joint's frame.
+
+    Args:
+        model: a pin.Model, changed.
+        body: the joint that moves the body.
+        added: mass [kg], first moment [kg.m], and so on in Pinocchio's order.
+    """
+    whole = model.inertias[body].toDynamicParameters()
+    whole[: len(added)] += added
+    model.inertias[body] = pin.Inertia.FromDynamicParameters(whole)

@@ -11,6 +11,7 @@ class QuadraticFriction(TorqueLaw):
 
     name, equation = "quadratic_friction", "coefficient * v * abs(v)"
     source = "Bittencourt, Gunnarsson, ASME J. Dynamic Systems, Measurement, and Control 134(5), 2012"
+    typical = "up to 10 % of the friction at full speed"
     parameters = {"coefficient": Coefficient("N.m.s2/rad2", positive=True)}
     example = {"coefficient": 1.5}
     dissipative = True

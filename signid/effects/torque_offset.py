@@ -10,7 +10,8 @@ class TorqueOffset(TorqueLaw):
     """The same at every moment; also what an asymmetric Coulomb friction leaves."""
 
     name, equation = "torque_offset", "offset"
-    source = "Swevers, Verdonck, De Schutter, IEEE Control Systems 27(5), 2007"
+    source = "Swevers, Verdonck, De Schutter, Dynamic model identification, IEEE Control Systems 27(5), 2007"
+    typical = "up to some per cent of the rated torque"
     parameters = {"offset": Coefficient("N.m")}
     example = {"offset": 1.0}
     twins = ("asymmetric_friction",)

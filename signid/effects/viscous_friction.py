@@ -9,6 +9,7 @@ class ViscousFriction(TorqueLaw):
 
     name, equation = "viscous_friction", "coefficient * v"
     source = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994, section 2"
+    typical = "0.6 to 8 N.m.s/rad (TX40), 2 to 19 (UR10E)"
     parameters = {"coefficient": Coefficient("N.m.s/rad", positive=True)}
     example = {"coefficient": 2.0}
     dissipative = True

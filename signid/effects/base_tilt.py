@@ -1,0 +1,33 @@
+"""Base tilt: the robot does not stand upright."""
+
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from ..types import Array, Coefficient, View
+from .base import BodyLaw
+
+
+class BaseTilt(BodyLaw):
+    """The base is turned about its own x and y, so gravity pulls from elsewhere; linear in small angles."""
+
+    name, equation = "base_tilt", "gravity_torque(cross(gravity, array([x, y, 0])))"
+    source = "Featherstone, Rigid Body Dynamics Algorithms, 2008, section 5.3 (gravity as acceleration of the base)"
+    typical = "0.5 to 3 degrees (0.01 to 0.05 rad)"
+    parameters = {"x": Coefficient("rad", angle=True), "y": Coefficient("rad", angle=True)}
+    example = {"x": 0.03, "y": -0.02}
+    scope = "robot"
+    twins = ("counterbalance", "encoder_offset", "payload", "link_inertia")
+
+    def columns(self, x: View) -> list[Array]:
+        """Torque against the change of gravity with each angle, (N, n) [N.m or N per rad]."""
+        gravity = x.whole.robot.model.gravity.linear
+        return [x.whole.gravity_torque(np.cross(gravity, axis)) for axis in np.eye(3)[:2]]
+
+    def reshape(self, model: Any, row: int, body: int, x: float, y: float) -> None:
+        """Turn gravity back by as much as the base is turned."""
+        model.gravity.linear = pin.exp3(np.array([x, y, 0.0])).T @ model.gravity.linear
+
+
+PLUGIN = BaseTilt()

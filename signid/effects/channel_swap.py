@@ -1,0 +1,20 @@
+"""Channel swap: the torques of two joints are exchanged."""
+
+from ..types import Array, View
+from .base import RecordingLaw
+
+
+class ChannelSwap(RecordingLaw):
+    """Each of two joints carries the record of the other."""
+
+    name, equation = "channel_swap", "torque[::-1]"
+    source = "Isermann, Fault-Diagnosis Systems, Springer, 2006"
+    typical = "two plugs or two columns exchanged: there, or not"
+    scope = "pair"
+
+    def recorded_torque(self, x: View) -> Array:
+        """Exchanged."""
+        return x.torque[..., ::-1]
+
+
+PLUGIN = ChannelSwap()

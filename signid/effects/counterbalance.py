@@ -1,0 +1,25 @@
+"""Counterbalance: a weight or gas spring that carries part of gravity."""
+
+import numpy as np
+
+from ..types import Array, Coefficient, View
+from .base import TorqueLaw, amplitude_phase, sine_cosine
+
+
+class Counterbalance(TorqueLaw):
+    """One sine a turn of the joint, as the weight of a link has about a level axis."""
+
+    name, equation = "counterbalance", "amplitude * sin(q + phase)"
+    source = "Wang, Gondokaryono, Munawar, Fischer, Dynamic model identification for the dVRK, IEEE RA-L 4(4), 2019"
+    typical = "half to all of the weight torque of the arm: tens to hundreds of N.m at a shoulder"
+    parameters = {"amplitude": Coefficient("N.m"), "phase": Coefficient("rad")}
+    example = {"amplitude": 5.0, "phase": 0.4}
+    twins = ("base_tilt", "encoder_offset", "payload", "link_inertia")
+    coefficients, physical = sine_cosine, amplitude_phase
+
+    def columns(self, x: View) -> list[Array]:
+        """Sine and cosine of position, (..., m) [1]."""
+        return [np.sin(x.q), np.cos(x.q)]
+
+
+PLUGIN = Counterbalance()

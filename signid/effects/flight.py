@@ -1,0 +1,85 @@
+"""A link between stops: its deflection along a motion, each flight, impact and rest in turn."""
+
+from __future__ import annotations
+
+from math import copysign, exp, sqrt
+
+import numpy as np
+
+from ..types import Array, View
+
+EVENTS = 50  # impacts and departures within one sample, at most
+
+
+def fly(x: View, gap: float, stop: float) -> Array:
+    """Deflection (N, 1) [rad or m] of one joint's link from its motor, free within a gap.
+
+    Exact between events where the load is constant over a sample; events are found, not stepped over.
+
+    Args:
+        x: one joint along a motion.
+        gap: from stop to stop [rad or m].
+        stop: natural frequency of the link on a stop, which is damped critically [rad/s].
+    """
+    half, inertia, load = gap / 2, x.inertia[:, 0], x.load[:, 0]
+    along, j = x.whole.sensitivity, x.joints[0]
+    force, pull, drag = -load / inertia, along.position[:, j, j] / inertia, along.velocity[:, j, j] / inertia
+    push = ((force[1:] + force[:-1]) / 2).tolist()
+    z, w = copysign(half, force[0]) + force[0] / stop**2, 0.0
+    out = [z]
+    for f, k, d in zip(push, pull.tolist(), drag.tolist(), strict=False):
+        z, w = _through(z, w, f - k * z - d * w, x.dt, half, stop)
+        out.append(z)
+    return np.array(out)[:, None]
+
+
+def _through(z: float, w: float, f: float, left: float, half: float, stop: float) -> tuple[float, float]:
+    """Deflection and its rate after a time under a constant force per inertia."""
+    for _ in range(EVENTS):
+        side = copysign(1.0, z)
+        outward = side * w if w else side * f
+        if abs(z) > half or (abs(z) == half and outward > 0):
+            h = _departure(side * z - half, side * w, side * f, left, stop)
+            y, u = _pressed(side * z - half, side * w, side * f, h, stop)
+            z, w = side * half if h < left else side * (half + y), side * u
+        else:
+            h, end = _arrival(z, w, f, left, half)
+            z, w = z + w * h + f * h * h / 2 if end == 0 else end, w + f * h
+        left -= h
+        if left <= 0:
+            break
+    return z, w
+
+
+def _pressed(y: float, w: float, f: float, h: float, stop: float) -> tuple[float, float]:
+    """On a stop, critically damped."""
+    rest = f / stop**2
+    a, b = y - rest, w + stop * (y - rest)
+    fade = exp(-stop * h)
+    return rest + (a + b * h) * fade, (b - stop * (a + b * h)) * fade
+
+
+def _departure(y: float, w: float, f: float, left: float, stop: float) -> float:
+    """When the link leaves a stop, or the time that is left."""
+    if _pressed(y, w, f, left, stop)[0] >= 0:
+        return left
+    low, high = 0.0, left
+    for _ in range(40):
+        middle = (low + high) / 2
+        low, high = (low, middle) if _pressed(y, w, f, middle, stop)[0] < 0 else (middle, high)
+    return high
+
+
+def _arrival(z: float, w: float, f: float, left: float, half: float) -> tuple[float, float]:
+    """When and where a free link meets a stop, or the time that is left and 0."""
+    found = (left, 0.0)
+    for end in (-half, half):
+        # z + w h + f h2 / 2 = end, by the form that does not cancel
+        root = w * w - 2 * f * (z - end)
+        if root < 0:
+            continue
+        s = -(w + copysign(sqrt(root), w))
+        times = [2 * (z - end) / s] if s else []
+        times += [s / f] if f else []
+        found = min([found, *((h, end) for h in times if 1e-12 < h < found[0])])
+    return found

@@ -1,0 +1,24 @@
+"""Friction drift: friction changes over the session while the grease warms up."""
+
+import numpy as np
+
+from ..types import Array, Coefficient, Shape, View
+from .base import TorqueLaw
+
+
+class FrictionDrift(TorqueLaw):
+    """What dry friction gains since the first sample; negative where it falls, so it need not dissipate by itself."""
+
+    name, equation = "friction_drift", "change * (1 - exp(-t / time_constant)) * sign(v)"
+    source = "Simoni, Beschi, Legnani, Visioli, Modelling the temperature in joint friction, Robotica 37(5), 2019"
+    typical = "-30 to -50 % of cold friction within tens of minutes"
+    parameters = {"change": Coefficient("N.m"), "time_constant": Shape("s", (0.25, 0.5, 1.0), of="duration")}
+    example = {"change": 2.0, "time_constant": 4.0}
+    reverses = True
+
+    def columns(self, x: View, time_constant: float) -> list[Array]:
+        """Direction of motion, growing over time, (..., m) [1]."""
+        return [(1 - np.exp(-x.t / time_constant)) * x.direction]
+
+
+PLUGIN = FrictionDrift()

@@ -1,0 +1,32 @@
+"""Joint coupling: a geared wrist moves one joint's motor with the other joint."""
+
+import numpy as np
+
+from ..types import Array, Coefficient, View
+from .base import TorqueLaw
+
+SLOW = 0.01  # [rad/s or m/s] width of the reversal of the sum
+
+
+class JointCoupling(TorqueLaw):
+    """K's acceleration and velocity act on J, J's on K, on both the dry friction of their summed velocity (tanh)."""
+
+    name = "joint_coupling"
+    equation = "inertia * a[::-1] + viscous * v[::-1] + coulomb * tanh(sum(v) / 0.01)"
+    source = "Janot, Vandanjon, Gautier, A revised Durbin-Wu-Hausman test, Control Engineering Practice 48, 2016 (TX40)"
+    typical = "inertia 0.01 kg.m2, viscous 0.6 N.m.s/rad, coulomb 2 N.m (wrist of the TX40)"
+    parameters = {
+        "inertia": Coefficient("kg.m2"),
+        "viscous": Coefficient("N.m.s/rad"),
+        "coulomb": Coefficient("N.m", positive=True),
+    }
+    example = {"inertia": 0.01, "viscous": 0.6, "coulomb": 1.0}
+    scope = "pair"
+
+    def columns(self, x: View) -> list[Array]:
+        """The partner's acceleration and velocity, direction of the sum, (..., 2) [rad/s2, rad/s (or m), 1]."""
+        both = np.tanh(x.v.sum(-1, keepdims=True) / SLOW)
+        return [x.a[..., ::-1], x.v[..., ::-1], np.broadcast_to(both, x.v.shape)]
+
+
+PLUGIN = JointCoupling()

@@ -1,0 +1,29 @@
+"""Joint elasticity: the gear gives way under load, so the link lags behind the motor."""
+
+from ..types import Array, Shape, View
+from .base import TransmissionLaw
+from .oscillation import oscillate
+
+RELAXATION = 1e-3  # [s] damping over stiffness
+
+
+class JointElasticity(TransmissionLaw):
+    """A damped spring between motor and link; exact about its resonance, where 1 / stiffness is not linear."""
+
+    name, equation = "joint_elasticity", "stiffness * (q + 0.001 * v)"
+    source = "Spong, Modeling and control of elastic joint robots, ASME J. Dyn. Sys. Meas. Control 109(4), 1987"
+    typical = "1e4 to 1e5 N.m/rad with harmonic drives, 1e3 in light arms"
+    parameters = {"stiffness": Shape("N.m/rad", (3e2, 1e3, 3e3, 1e4, 3e4, 1e5))}
+    example = {"stiffness": 3000.0}
+    twins = ("armature",)
+
+    def hold(self, x: View, stiffness: float) -> Array:
+        """Spring and damper."""
+        return stiffness * (x.q + RELAXATION * x.v)
+
+    def deflection(self, x: View, stiffness: float) -> list[Array]:
+        """Of the link on its spring, (N, 1) [rad or m]."""
+        return [oscillate(x, stiffness, RELAXATION * stiffness)]
+
+
+PLUGIN = JointElasticity()

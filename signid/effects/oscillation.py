@@ -1,0 +1,47 @@
+"""A link on a damped spring: its deflection along a motion."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..types import Array, View
+
+
+def oscillate(x: View, stiffness: float, damping: float) -> Array:
+    """Deflection (N, 1) [rad or m] of one joint's link from its motor, exact where the load is linear between samples.
+
+    The load changes with the deflection as well, by the rigid bodies' own stiffness and damping.
+
+    Args:
+        x: one joint along a motion.
+        stiffness: of the spring [N.m/rad or N/m].
+        damping: of the spring [N.m.s/rad or N.s/m].
+
+    Source: first-order hold: Franklin, Powell, Workman, Digital Control of Dynamic Systems, 1998, chapter 6.
+    """
+    j, dt = x.joints[0], x.dt
+    along = x.whole.sensitivity
+    m, c, k = (
+        _middle(signal)
+        for signal in (x.inertia[:, 0], damping + along.velocity[:, j, j], stiffness + along.position[:, j, j])
+    )
+    force = -x.load[:, 0]
+    rate = np.diff(force) / dt
+    start, drift = force[:-1] / k - c * rate / k**2, rate / k  # the particular solution start + drift t
+    decay, swing = -c / (2 * m), np.sqrt((c / (2 * m)) ** 2 - k / m + 0j)
+    grown, faded = np.exp((decay + swing) * dt), np.exp((decay - swing) * dt)
+    even = ((grown + faded) / 2).real
+    odd = ((grown - faded) / np.where(abs(swing) * dt < 1e-6, np.inf, 2 * swing)).real
+    odd = np.where(abs(swing) * dt < 1e-6, dt * np.exp(decay * dt), odd)
+    steps = (start, drift, even - decay * odd, odd, -k / m * odd, even + decay * odd)
+    z, w, out = start[0], drift[0], [start[0]]
+    for z0, w0, zz, zw, wz, ww in zip(*(step.tolist() for step in steps), strict=True):
+        y, u = z - z0, w - w0
+        z, w = z0 + w0 * dt + zz * y + zw * u, w0 + wz * y + ww * u
+        out.append(z)
+    return np.array(out)[:, None]
+
+
+def _middle(signal: Array) -> Array:
+    """Between samples, (N - 1,)."""
+    return np.asarray((signal[1:] + signal[:-1]) / 2)

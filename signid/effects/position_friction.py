@@ -1,0 +1,29 @@
+"""Position-dependent friction: an eccentric gear binds once or twice a turn."""
+
+import numpy as np
+
+from ..types import Array, Coefficient, Shape, View
+from .base import TorqueLaw, amplitude_phase, sine_cosine
+
+
+class PositionFriction(TorqueLaw):
+    """A wave on top of Coulomb friction: where it alone were there it would drive the joint half of the time."""
+
+    name, equation = "position_friction", "amplitude * sin(frequency * q + phase) * sign(v)"
+    source = "Armstrong, Friction: experimental determination, modeling and compensation, IEEE ICRA 1988"
+    typical = "5 to 30 % of Coulomb friction, once or twice a turn of the joint"
+    parameters = {
+        "amplitude": Coefficient("N.m"),
+        "phase": Coefficient("rad", angle=True),
+        "frequency": Shape("1/rad", (1.0, 2.0)),
+    }
+    example = {"amplitude": 1.0, "phase": 0.4, "frequency": 2.0}
+    reverses = True
+    coefficients, physical = sine_cosine, amplitude_phase
+
+    def columns(self, x: View, frequency: float) -> list[Array]:
+        """Sine and cosine of position in the direction of motion, (..., m) [1]."""
+        return [np.sin(frequency * x.q) * x.direction, np.cos(frequency * x.q) * x.direction]
+
+
+PLUGIN = PositionFriction()

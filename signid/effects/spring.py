@@ -1,0 +1,34 @@
+"""Spring: an elastic element between a link and its parent."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..types import Array, Coefficient, View
+from .base import Numbers, TorqueLaw
+
+
+class Spring(TorqueLaw):
+    """In proportion to the way from where it rests; with one more column for that place."""
+
+    name, equation = "spring", "stiffness * (q - rest)"
+    source = "Wang, Gondokaryono, Munawar, Fischer, Dynamic model identification for the dVRK, IEEE RA-L 4(4), 2019"
+    typical = "up to 30 N.m/rad"
+    parameters = {"stiffness": Coefficient("N.m/rad", positive=True), "rest": Coefficient("rad")}
+    example = {"stiffness": 8.0, "rest": 0.3}
+
+    def columns(self, x: View) -> list[Array]:
+        """Position and one, (..., m) [rad or m, and 1]."""
+        return [x.q, np.ones_like(x.q)]
+
+    def coefficients(self, parameters: Numbers) -> list[float]:
+        """Stiffness, and the torque that a spring at rest at zero lacks."""
+        return [parameters["stiffness"], -parameters["stiffness"] * parameters["rest"]]
+
+    def physical(self, coefficients: Sequence[float], shape: Numbers) -> dict[str, float]:
+        """Back again."""
+        stiffness, constant = map(float, coefficients)
+        return {"stiffness": stiffness, "rest": -constant / stiffness}
+
+
+PLUGIN = Spring()

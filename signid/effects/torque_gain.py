@@ -1,0 +1,22 @@
+"""Torque gain: a torque constant that is not what the sheet says."""
+
+from ..types import Array, Coefficient, View
+from .base import RecordingLaw
+
+
+class TorqueGain(RecordingLaw):
+    """The record is the true torque by a constant factor."""
+
+    name, equation = "torque_gain", "(1 + error) * torque"
+    source = "Gautier, Briot, ASME J. Dynamic Systems, Measurement, and Control 136(5), 2014, 051025"
+    typical = "0.05 to 0.2 either way"
+    parameters = {"error": Coefficient("1")}
+    example = {"error": 0.1}
+    twins = ("torque_sign", "link_inertia")
+
+    def recorded_torque(self, x: View, error: float) -> Array:
+        """Enlarged."""
+        return (1 + error) * x.torque
+
+
+PLUGIN = TorqueGain()

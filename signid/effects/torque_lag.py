@@ -1,0 +1,28 @@
+"""Torque lag: the amplifier's filter smooths the torque before it is written down."""
+
+import numpy as np
+from scipy.signal import lfilter
+
+from ..types import Array, Coefficient, View
+from .base import RecordingLaw
+
+
+class TorqueLag(RecordingLaw):
+    """The record follows the true torque through a first-order low-pass."""
+
+    name, equation = "torque_lag", "z; dz/dt = (torque - z) / time_constant"
+    source = "Franklin, Powell, Workman, Digital Control of Dynamic Systems, 3rd edition, 1998, chapter 6"
+    typical = "1 to 10 ms, a current loop of 20 to 200 Hz"
+    parameters = {"time_constant": Coefficient("s", positive=True)}
+    example = {"time_constant": 0.004}
+    scope = "any"
+    twins = ("time_delay",)
+
+    def recorded_torque(self, x: View, time_constant: float) -> Array:
+        """Exact where the torque is linear between samples; settled at the first."""
+        keep = np.exp(-x.dt / time_constant)
+        slope = (1 - keep) * time_constant / x.dt
+        return np.asarray(lfilter([1 - slope, slope - keep], [1, -keep], x.torque, axis=0, zi=slope * x.torque[:1])[0])
+
+
+PLUGIN = TorqueLag()

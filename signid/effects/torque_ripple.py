@@ -1,0 +1,28 @@
+"""Torque ripple: poles and teeth make the torque wave with position."""
+
+import numpy as np
+
+from ..types import Array, Coefficient, Shape, View
+from .base import TorqueLaw, amplitude_phase, sine_cosine
+
+
+class TorqueRipple(TorqueLaw):
+    """A sine many times a turn of the joint, whatever the speed."""
+
+    name, equation = "torque_ripple", "amplitude * sin(frequency * q + phase)"
+    source = "Tuttle, Seering, IEEE Trans. Robotics and Automation 12(3), 1996, pages 368-374"
+    typical = "1 to 5 % of the rated torque, as often a turn as pole pairs times gear ratio"
+    parameters = {
+        "amplitude": Coefficient("N.m"),
+        "phase": Coefficient("rad", angle=True),
+        "frequency": Shape("1/rad", tuple(np.arange(4, 30, 0.25).tolist())),
+    }
+    example = {"amplitude": 2.0, "phase": 0.5, "frequency": 12.1}
+    coefficients, physical = sine_cosine, amplitude_phase
+
+    def columns(self, x: View, frequency: float) -> list[Array]:
+        """Sine and cosine of so many times the position, (..., m) [1]."""
+        return [np.sin(frequency * x.q), np.cos(frequency * x.q)]
+
+
+PLUGIN = TorqueRipple()
