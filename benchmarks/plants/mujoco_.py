@@ -17,7 +17,7 @@ from .bodies import Body, Drives, drive
 from .control import COMMAND, KNOWN, STEP, Motion, Reference, Track, clock, draw_motion, gains
 from .faults import Fault
 from .laws import Laws
-from .mujoco_model import build, dofs
+from .mujoco_model import build, dofs, gear
 from .record import log, misread
 
 __all__ = ["STEP", "Body", "Drives", "Motion", "Track", "draw_motion", "inertials", "log", "simulate"]
@@ -52,17 +52,19 @@ def simulate(
         ValueError: for a log between the steps, and for faults that cannot be.
     """
     t, every = clock(start, duration, rate)
-    desired, velocity, _ = motion.at(t)
+    desired, velocity, acceleration = motion.at(t)
     known = build(body, drives, frictionless=True, weigh=False)
     stiffness, damping = gains(_mean_inertia(known, body.joints, desired[:: len(t) // 20]))
-    command = _feed_forward(known, body.joints, motion, t) + stiffness * desired + damping * velocity
+    forward = _feed_forward(known, body.joints, motion, t)
+    command = forward + stiffness * desired + damping * velocity
     command -= stiffness * _misplaced(body.joints, faults)
     model = build(body, drives, (stiffness, damping), faults=faults)
     true = drive(drives, body.joints, faults)
     laws = Laws(faults, body.joints, true.coulomb_friction, STEP)
-    states = (desired[0], velocity[0])
+    load = forward[0] / KNOWN - np.array(drives.armature) * acceleration[0]
+    first = _begin(model, body, faults, desired[0], velocity[0], load)
     control = command - np.array(true.torque_offset)
-    q, v = _step(model, body, laws, t, control, *states) if laws.any else _roll(model, body, control, *states)
+    q, v = _step(model, body, laws, t, control, *first) if laws.any else _roll(model, body, control, *first)
     tau = command[:-1] - stiffness * q[:-1] - damping * v[1:]  # implicit integration damps with the next velocity
     track = misread(Track(t[:-1], q[:-1], tau), body.joints, faults)
     return Track(*(x[::every] for x in track))
@@ -117,37 +119,38 @@ def _feed_forward(model: Any, joints: Sequence[str], motion: Reference, t: Array
     return KNOWN * np.column_stack([np.interp(t, coarse, column) for column in torque.T])
 
 
-def _begin(model: Any, body: Body, q: Array, v: Array) -> tuple[list[int], Array, Array]:
-    """Where the motors' joints are, and the whole first state: gears start undeflected."""
-    at = dofs(model, body.joints)
-    if model.nq != model.nv or len(body.joints) + sum(x.endswith("_gear") for x in _names(model)) != model.nv:
+def _begin(model: Any, body: Body, faults: Sequence[Fault], q: Array, v: Array, load: Array) -> tuple[Array, Array]:
+    """The whole first state, from that of the n joints; gears are deflected by the load (n,) [N.m]."""
+    at, gears = dofs(model, body.joints), [f for f in faults if f.effect in ("backlash", "joint_elasticity")]
+    if model.nq != model.nv or len(at) + len(gears) != model.nv:
         raise ValueError("only joints of one position each are simulated")
     position, velocity = np.zeros(model.nv), np.zeros(model.nv)
     position[at], velocity[at] = q, v
-    return at, position, velocity
+    for fault in gears:
+        i, carried = gear(model, fault), load[body.joints.index(str(fault.joint))]
+        soft = fault.effect == "joint_elasticity"
+        position[i] = -carried / fault.numbers["stiffness"] if soft else -np.sign(carried) * fault.numbers["gap"] / 2
+    return position, velocity
 
 
-def _names(model: Any) -> list[str]:
-    return [model.joint(i).name for i in range(model.njnt)]
-
-
-def _roll(model: Any, body: Body, control: Array, q: Array, v: Array) -> tuple[Array, Array]:
-    """Positions and velocities (N, n) [rad, rad/s] from the first state on, under commands (N, n) [N.m]."""
-    at, position, velocity = _begin(model, body, q, v)
-    start, n = np.concatenate([[0.0], position, velocity]), model.nv
-    states, _ = rollout.rollout(model, [mujoco.MjData(model)], start[None], control[None, :-1])
-    states = np.vstack([start, states[0]])
+def _roll(model: Any, body: Body, control: Array, position: Array, velocity: Array) -> tuple[Array, Array]:
+    """The joints' positions and velocities (N, n) [rad, rad/s] from the first state on, under commands (N, n) [N.m]."""
+    at, n, first = dofs(model, body.joints), model.nv, np.concatenate([[0.0], position, velocity])
+    states, _ = rollout.rollout(model, [mujoco.MjData(model)], first[None], control[None, :-1])
+    states = np.vstack([first, states[0]])
     return states[:, 1 : 1 + n][:, at], states[:, 1 + n :][:, at]
 
 
-def _step(model: Any, body: Body, laws: Laws, t: Array, control: Array, q: Array, v: Array) -> tuple[Array, Array]:
+def _step(
+    model: Any, body: Body, laws: Laws, t: Array, control: Array, position: Array, velocity: Array
+) -> tuple[Array, Array]:
     """The same where laws must step; they see velocities at the time of the positions, half a step later."""
-    data = mujoco.MjData(model)
-    at, data.qpos[:], data.qvel[:] = _begin(model, body, q, v)
+    data, at = mujoco.MjData(model), dofs(model, body.joints)
+    data.qpos[:], data.qvel[:] = position, velocity
     tip = int(model.joint(body.joints[-1]).bodyid[0])
     jacobian, load, acceleration = np.zeros((3, model.nv)), np.zeros(model.nv), np.zeros(model.nv)
     states = np.zeros((2, len(t), len(at)))
-    states[:, 0] = q, v
+    states[:, 0] = position[at], velocity[at]
     for k in range(len(t) - 1):
         before = data.qvel.copy()
         now = before + STEP / 2 * acceleration

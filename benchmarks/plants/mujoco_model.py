@@ -40,8 +40,9 @@ def build(
         ValueError: for what MuJoCo cannot do.
     """
     spec = mujoco.MjSpec.from_string(bare(body, faults))
+    drives = drive(drives, body.joints, faults)
     _couple(spec, faults)
-    _split(spec, faults)
+    _split(spec, body, drives, faults)
     for i, name in enumerate(body.joints):
         motor = spec.add_actuator(name=f"motor_{i + 1}", target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         motor.gainprm[0] = 1
@@ -52,7 +53,6 @@ def build(
     for link, factor in body.heavier.items() if weigh else ():
         model.body(link).mass *= factor
         model.body(link).inertia *= factor
-    drives = drive(drives, body.joints, faults)
     at = dofs(model, body.joints)
     model.dof_armature[at] = drives.armature
     model.dof_damping[at] = 0 if frictionless else drives.viscous_friction
@@ -69,6 +69,11 @@ def dofs(model: Any, joints: Sequence[str]) -> list[int]:
     return [int(model.joint(name).dofadr[0]) for name in joints]
 
 
+def gear(model: Any, fault: Fault) -> int:
+    """Where the deflection of a soft or loose joint is, likewise."""
+    return int(model.joint(f"{fault.joint}_gear").dofadr[0])
+
+
 def _solve_stiffly(model: Any, faults: Sequence[Fault]) -> None:
     """Steps and constraints as nearly rigid as MuJoCo has them; no contacts, no limits but those of a backlash."""
     model.dof_solref[:], model.dof_solimp[:] = [2 * STEP, 1], [0.9999, 0.9999, 0.001, 0.5, 2]  # sliding at 1 mm/s
@@ -78,11 +83,11 @@ def _solve_stiffly(model: Any, faults: Sequence[Fault]) -> None:
     model.opt.iterations, model.opt.tolerance = 50, 1e-12
     if model.ntendon:
         model.tendon_solref_fri[:], model.tendon_solimp_fri[:] = model.dof_solref[0], model.dof_solimp[0]
-    gaps = [_gear(str(f.joint)) for f in faults if f.effect == "backlash"]
+    gaps = [model.joint(f"{f.joint}_gear").id for f in faults if f.effect == "backlash"]
     if gaps:
         model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
         model.jnt_limited[:] = 0
-        model.jnt_limited[[model.joint(name).id for name in gaps]] = 1
+        model.jnt_limited[gaps] = 1
         model.jnt_solref[:], model.jnt_solimp[:] = model.dof_solref[0], model.dof_solimp[0]
 
 
@@ -95,20 +100,19 @@ def _couple(spec: Any, faults: Sequence[Fault]) -> None:
         tendon.armature, tendon.frictionloss, tendon.damping[0] = p["inertia"], p["coulomb"], p["viscous"]
 
 
-def _split(spec: Any, faults: Sequence[Fault]) -> None:
-    """A second joint between motor and link."""
+def _split(spec: Any, body: Body, drives: Drives, faults: Sequence[Fault]) -> None:
+    """A second joint between motor and link; a motor with a gear behind it needs a rotor."""
     for fault in faults:
         if fault.effect in ("backlash", "joint_elasticity"):
             motor = spec.joint(str(fault.joint))
             if len(motor.parent.joints) > 1:
                 raise ValueError(f"{fault.joint} has a soft or loose gear already; plant one of them")
-            gear = motor.parent.add_joint(name=_gear(str(fault.joint)), type=motor.type, axis=motor.axis, pos=motor.pos)
+            motor.armature = drives.armature[body.joints.index(str(fault.joint))]
+            if motor.armature <= 0:
+                raise ValueError(f"{fault.effect} of {fault.joint} needs a rotor: give the joint an armature")
+            link = motor.parent.add_joint(name=f"{fault.joint}_gear", type=motor.type, axis=motor.axis, pos=motor.pos)
             if fault.effect == "backlash":
-                gear.range = np.array([-0.5, 0.5]) * fault.numbers["gap"]
-
-
-def _gear(joint: str) -> str:
-    return f"{joint}_gear"
+                link.range = np.array([-0.5, 0.5]) * fault.numbers["gap"]
 
 
 def _plant(model: Any, body: Body, drives: Drives, faults: Sequence[Fault]) -> None:
@@ -129,19 +133,13 @@ def _plant(model: Any, body: Body, drives: Drives, faults: Sequence[Fault]) -> N
             i = body.joints.index(str(fault.joint))
             model.actuator_forcelimited[i] = 1
             model.actuator_forcerange[i] = np.array([-1, 1]) * p["limit"] - drives.torque_offset[i]
-        elif fault.effect in ("joint_elasticity", "backlash"):
-            _loosen(model, fault)
+        elif fault.effect == "joint_elasticity":
+            _soften(model, fault)
 
 
-def _loosen(model: Any, fault: Fault) -> None:
-    """Stiffness and slight damping of a soft gear; a gear needs a rotor on its other side."""
-    motor, gear = model.joint(fault.joint), model.joint(_gear(str(fault.joint)))
-    at = int(gear.dofadr[0])
-    if model.dof_armature[int(motor.dofadr[0])] <= 0:
-        raise ValueError(f"{fault.effect} of {fault.joint} needs a rotor: give the joint an armature")
-    if fault.effect == "backlash":
-        return
-    data, unit = mujoco.MjData(model), np.zeros((1, model.nv))
+def _soften(model: Any, fault: Fault) -> None:
+    """Stiffness and slight damping of a soft gear."""
+    data, unit, at = mujoco.MjData(model), np.zeros((1, model.nv)), gear(model, fault)
     mujoco.mj_forward(model, data)
     unit[0, at] = 1
     mobility = np.zeros_like(unit)
@@ -150,5 +148,5 @@ def _loosen(model: Any, fault: Fault) -> None:
     frequency = np.sqrt(stiffness * mobility[0, at])  # rad/s, with the other joints free
     if frequency * STEP > 1:
         raise ValueError(f"{fault.joint} would vibrate at {frequency / 6.28:.0f} Hz: too fast for steps of {STEP:g} s")
-    model.jnt_stiffness[gear.id] = stiffness
+    model.jnt_stiffness[model.dof_jntid[at]] = stiffness
     model.dof_damping[at] = 2 * GEAR_DAMPING * stiffness / frequency
