@@ -1,0 +1,115 @@
+"""Forward dynamics of bodies by Pinocchio, of one copy of a robot or of many at once."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from ..rigid import point_jacobian
+from ..types import Array
+from .bodies import Bodies
+
+THREADS = 2
+
+
+class Dynamics:
+    """What Pinocchio computes of B copies of the same bodies in different states; it owns the models' data."""
+
+    def __init__(self, bodies: Bodies, copies: int) -> None:
+        self.bodies, self.model, self.data = bodies, bodies.model, bodies.model.createData()
+        self.armature = bodies.model.armature.copy()
+        self.bare = bodies.model.copy()
+        self.bare.armature = np.zeros(bodies.model.nv)
+        self.bare_data, self.plain = self.bare.createData(), bodies.plain
+        self.pool = pin.ModelPool(self.model, THREADS) if copies > 1 and self.plain else None
+
+    def accelerate(self, q: Array, v: Array, force: Array, armature: Array | None = None) -> Array:
+        """Accelerations (B, c) [rad/s2 or m/s2] by the articulated-body algorithm.
+
+        Args:
+            q: (B, c) [rad or m].
+            v: (B, c) [rad/s or m/s].
+            force: (B, c) that acts along the coordinates [N.m or N].
+            armature: (B, c) to be added for this call [kg.m2 or kg].
+        """
+        if not self.plain:
+            return np.array(
+                [self._project(*row) for row in zip(q, v, force, self._each(armature, len(q)), strict=True)]
+            )
+        model, data = self.model, self.data
+        if armature is None:
+            if len(q) == 1:
+                return np.array(pin.aba(model, data, q[0], v[0], force[0]), ndmin=2)
+            return np.asarray(pin.abaInParallel(THREADS, self.pool, q.T, v.T, force.T)).T
+        out = np.empty_like(v)
+        for i, row in enumerate(armature):
+            model.armature = self.armature + row
+            out[i] = pin.aba(model, data, q[i], v[i], force[i])
+        model.armature = self.armature
+        return out
+
+    def mobility(self, q: Array, armature: Array | None = None) -> Array:
+        """Inverse (c, c) of the mass matrix [1/(kg.m2) or 1/kg].
+
+        Args:
+            q: (c,) [rad or m].
+            armature: (c,) to be added [kg.m2 or kg].
+        """
+        if self.plain:
+            self.model.armature = self.armature if armature is None else self.armature + armature
+            found = np.reshape(pin.computeMinverse(self.model, self.data, q), (len(q), len(q)))
+            upper = np.triu(found)
+            self.model.armature = self.armature
+            return np.asarray(upper + np.triu(upper, 1).T)
+        return np.asarray(np.linalg.inv(self._mass(q, armature)))
+
+    def load(self, q: Array, v: Array, a: Array) -> Array:
+        """Torque (B, c) of the bodies without their rotors [N.m or N].
+
+        Args:
+            q: (B, c) [rad or m].
+            v: (B, c) [rad/s or m/s].
+            a: (B, c) [rad/s2 or m/s2].
+        """
+        drive, rest = self.bodies.drive, self.bodies.rest
+        out = np.empty_like(q)
+        for i in range(len(q)):
+            state = (q[i], v[i], a[i]) if self.plain else (drive @ q[i] + rest, drive @ v[i], drive @ a[i])
+            torque = pin.rnea(self.bare, self.bare_data, *state)
+            out[i] = torque if self.plain else drive.T @ torque
+        return out
+
+    def inertia(self, q: Array) -> Array:
+        """Diagonal (B, c) of the mass matrix without the rotors [kg.m2 or kg].
+
+        Args:
+            q: (B, c) [rad or m].
+        """
+        rotors = np.einsum("rc,r,rc->c", self.bodies.drive, self.armature, self.bodies.drive)
+        return np.array([np.diag(self._mass(row)) - rotors for row in q])
+
+    def jacobian(self, q: Array) -> Array:
+        """Jacobian (B, 3, n) of the last link's centre of mass, one column a joint [m/rad or 1].
+
+        Args:
+            q: (B, c) [rad or m].
+        """
+        drive, rest, tip = self.bodies.drive, self.bodies.rest, self.bodies.tip
+        rows = [point_jacobian(self.model, self.data, drive @ row + rest, tip) @ drive for row in q]
+        return np.array(rows)[:, :, self.bodies.motor]
+
+    def _mass(self, q: Array, armature: Array | None = None) -> Array:
+        drive, nv = self.bodies.drive, self.model.nv
+        upper = np.triu(np.reshape(pin.crba(self.model, self.data, drive @ q + self.bodies.rest), (nv, nv)))
+        mass = drive.T @ (upper + np.triu(upper, 1).T) @ drive
+        return np.asarray(mass if armature is None else mass + np.diag(armature))
+
+    def _project(self, q: Array, v: Array, force: Array, armature: Array | None) -> Array:
+        """Where joints move others: the bodies' equations of motion over the coordinates."""
+        drive = self.bodies.drive
+        bias = pin.nonLinearEffects(self.model, self.data, drive @ q + self.bodies.rest, drive @ v)
+        return np.asarray(np.linalg.solve(self._mass(q, armature), force - drive.T @ bias))
+
+    @staticmethod
+    def _each(armature: Array | None, count: int) -> list[Array | None]:
+        return [None] * count if armature is None else list(armature)

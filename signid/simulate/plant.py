@@ -1,0 +1,230 @@
+"""A robot with laws, moved on by one step at a time: Pinocchio's forward dynamics, friction that can hold."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..errors import OptionError
+from ..model import Model
+from ..types import Array
+from .bodies import build_bodies
+from .dynamics import Dynamics
+from .friction import DryFriction
+from .moment import Moment
+from .stiffness import TRIAL, Stiffness, feel
+from .term import build_terms
+
+INTEGRATORS = ("semi-implicit", "rk4")
+MOST = 200  # sub-steps
+CAREFUL = 4  # sub-steps where a joint stops or reverses inside a step of Runge and Kutta
+
+
+class Plant:
+    """B copies of a model in motion: q, v and a (B, n) of the motors, link (B, n) positions behind what is elastic.
+
+    Each step is semi-implicit (velocity first, laws that are stiff taken at the end of the step), or of Runge and
+    Kutta's fourth order with the torque held; where dry friction stops a joint, the step is semi-implicit.
+    """
+
+    def __init__(
+        self, model: Model, step: float, copies: int = 1, integrator: str = "semi-implicit", substeps: int = 0
+    ) -> None:
+        if integrator not in INTEGRATORS:
+            raise OptionError(f"integrator {integrator!r} is none of {', '.join(INTEGRATORS)}")
+        self.bodies, self.step, self.integrator = build_bodies(model), step, integrator
+        self.dynamics = Dynamics(self.bodies, copies)
+        self.moment = Moment(self.dynamics, copies)
+        self.terms = build_terms(model.laws, self.moment)
+        self.remembering = [term for term in self.terms if term.memory]
+        self.dry = any(term.effect.reverses for term in self.terms)
+        self.friction = DryFriction(self.bodies.drive.shape[1])
+        felt = feel(self, model.robot)
+        self.substeps = substeps or self._substeps(felt)
+        self.stiff = felt.stiff(step / self.substeps)
+        self.state, self.speed, self.accel, self.held = (np.zeros_like(self.moment.a) for _ in range(4))
+
+    def start(self, q: Array, v: Array) -> None:
+        """Put the robot somewhere, what is elastic in balance with the load.
+
+        Args:
+            q: (B, n) [rad or m].
+            v: (B, n) [rad/s or m/s].
+        """
+        self.state, self.speed, self.accel, self.held = (np.zeros_like(self.moment.a) for _ in range(4))
+        self.state[:, self.bodies.motor], self.speed[:, self.bodies.motor] = q, v
+        self.moment.a = self.accel
+        self.moment.inertia = self.dynamics.inertia(self.state)
+        self._set(0.0, self.step, self.state[None], self.speed[None], np.sign(self.speed)[None])
+        for term in self.terms:
+            if term.transmission:
+                term.settle(self.state)
+            term.begin()
+
+    def advance(self, t: float, torque: Array) -> None:
+        """One step under the torque of the motors, which is held.
+
+        Args:
+            t: at its beginning [s].
+            torque: (B, n) [N.m or N].
+        """
+        force, before, dt = np.zeros_like(self.state), self.speed, self.step / self.substeps
+        force[:, self.bodies.motor] = torque
+        move = self._runge_kutta if self.integrator == "rk4" else self._semi_implicit
+        for k in range(self.substeps):
+            move(t + k * dt, dt, force)
+        self.accel = (self.speed - before) / self.step
+
+    @property
+    def q(self) -> Array:  # (B, n) [rad or m]
+        return np.asarray(self.state[:, self.bodies.motor])
+
+    @property
+    def v(self) -> Array:  # (B, n) [rad/s or m/s]
+        return np.asarray(self.speed[:, self.bodies.motor])
+
+    @property
+    def a(self) -> Array:  # (B, n) [rad/s2 or m/s2], over the last step
+        return np.asarray(self.accel[:, self.bodies.motor])
+
+    @property
+    def link(self) -> Array:  # (B, n) [rad or m]
+        found = self.q.copy()
+        found[:, self.bodies.soft] += self.state[:, self.bodies.flex]
+        return found
+
+    def resist(self, t: float, dt: float, q: Array, v: Array, direction: Array) -> Array:
+        """Torque (R, B, c) of all laws for R trials [N.m or N].
+
+        Args:
+            t: [s].
+            dt: that the coming step takes [s].
+            q: (R, B, c) [rad or m].
+            v: (R, B, c) [rad/s or m/s].
+            direction: (R, B, c) [1].
+        """
+        self._set(t, dt, q, v, direction)
+        total = np.zeros(q.shape)
+        for term in self.terms:
+            term.add(total)
+        return total
+
+    def _set(self, t: float, dt: float, q: Array, v: Array, direction: Array) -> None:
+        self.moment.set(t, dt, q, v, direction)
+
+    def _substeps(self, felt: Stiffness) -> int:
+        wanted = felt.substeps(self.step, implicit=self.integrator == "semi-implicit")
+        if wanted > MOST:
+            raise OptionError(
+                f"a law is so stiff that steps of {self.step:g} s would be parted into {wanted}; take integrator "
+                f"'semi-implicit' or shorter steps"
+            )
+        return wanted
+
+    def _semi_implicit(self, t: float, dt: float, force: Array) -> None:
+        after = self._sliding(t, dt, force)
+        if after is None:
+            after = self._boxed(t, dt, force)
+        self._take(dt, self.state + dt * after, after, after)
+
+    def _take(self, dt: float, q: Array, v: Array, mean: Array) -> None:
+        """The state after a step of that mean velocity."""
+        self.moment.a = (v - self.speed) / dt
+        self.state, self.speed = q, v
+        for term in self.remembering:
+            term.remember(mean)
+
+    def _sliding(self, t: float, dt: float, force: Array) -> Array | None:
+        """Velocity after a step in which no joint stops; None where one does."""
+        v, direction = self.speed, np.sign(self.speed)
+        if self.stiff:
+            trials = self._trials(direction)
+            total = self.resist(t, dt, *trials)
+            here, armature = self._implicit(dt, total[0], total[1:])
+        else:
+            here, armature = self.resist(t, dt, self.state[None], v[None], direction[None])[0], None
+        after: Array = v + dt * self.dynamics.accelerate(self.state, v, force - here, armature)
+        if self.dry and np.minimum.reduce(after * v, axis=None) <= 0:
+            return None
+        self.held = here
+        return after
+
+    def _boxed(self, t: float, dt: float, force: Array) -> Array:
+        """Velocity after a step in which friction lies between what it is forward and backward."""
+        q, v = self.state, self.speed
+        low, high, armature = self._box(t, dt)
+        friction = np.where(v > 0, high, np.where(v < 0, low, np.clip(self.held, low, high)))
+        after: Array = v + dt * self.dynamics.accelerate(q, v, force - friction, armature)
+        still = ~v.any(axis=1)
+        if still.any():  # at rest: friction that balances the load holds, if there can be so much
+            balance = force - self.dynamics.load(q, v, np.zeros_like(v))
+            still &= ((balance > low) & (balance < high)).all(axis=1)
+            after[still], friction[still] = 0.0, balance[still]
+        for i in np.flatnonzero(((high > low) & (after * v <= 0)).any(axis=1) & ~still):
+            mobility = dt * self.dynamics.mobility(q[i], None if armature is None else armature[i])
+            after[i], friction[i] = self.friction(after[i] + mobility @ friction[i], low[i], high[i], mobility)
+        self.held = friction
+        return after
+
+    def _box(self, t: float, dt: float) -> tuple[Array, Array, Array | None]:
+        """Least and most torque of the laws, and the armature that makes stiff ones implicit, (B, c) each."""
+        v, ahead = self.speed, np.where(self.speed >= 0, 1.0, -1.0)
+        both = np.stack([np.ones_like(v), -np.ones_like(v)])
+        if self.stiff:
+            q, speeds, direction = self._trials(ahead)
+            trials = (
+                np.concatenate([q[:1], q]),
+                np.concatenate([speeds[:1], speeds]),
+                np.concatenate([both, direction[1:]]),
+            )
+        else:
+            trials = (np.stack([self.state] * 2), np.stack([v] * 2), both)
+        total = self.resist(t, dt, *trials)
+        here = np.where(v >= 0, total[0], total[1])
+        dry = total[0] > total[1]  # else friction would drive: taken as it is in this direction
+        low, high = np.where(dry, total[1], here), np.where(dry, total[0], here)
+        if not self.stiff:
+            return low, high, None
+        shifted, armature = self._implicit(dt, here, total[2:])
+        return low + (shifted - here), high + (shifted - here), armature
+
+    def _trials(self, direction: Array) -> tuple[Array, Array, Array]:
+        """The state, and it moved a little in velocity and in position: q, v, direction (3, B, c)."""
+        q, v = np.empty((2, 3, *self.state.shape))
+        q[:], v[:] = self.state, self.speed
+        v[1] += TRIAL
+        q[2] += TRIAL
+        return q, v, np.repeat(direction[None], 3, axis=0)
+
+    def _implicit(self, dt: float, here: Array, moved: Array) -> tuple[Array, Array]:
+        """Torque (B, c) and armature (B, c) of laws that are taken at the end of the step."""
+        damping, stiffness = np.maximum(0, (moved - here) / TRIAL)
+        armature = dt * damping
+        if not stiffness.any():
+            return here, armature
+        mobility = np.array([self.dynamics.mobility(row).diagonal() for row in self.state])
+        excess = np.maximum(0, stiffness - 1 / (dt**2 * mobility))  # below, steps are stable and keep the energy
+        return here + dt * self.speed * excess, armature + dt**2 * excess
+
+    def _runge_kutta(self, t: float, dt: float, force: Array) -> None:
+        """The classic fourth order; parted, semi-implicit steps where a joint stops or stands."""
+        q, v = self.state, self.speed
+        direction = np.sign(v)[None]
+        slopes, shares = [(v, self._slope(t, 0.0, q, v, direction, force))], (0.5, 0.5, 1.0)
+        for share in shares:
+            dq, dv = slopes[-1]
+            there = v + share * dt * dv
+            moved = q + share * dt * dq
+            slopes.append((there, self._slope(t + share * dt, share * dt, moved, there, direction, force)))
+        dq, dv = ((s[0] + 2 * s[1] + 2 * s[2] + s[3]) / 6 for s in zip(*slopes, strict=True))
+        after = v + dt * dv
+        if self.dry and np.minimum.reduce(after * v, axis=None) <= 0:
+            for k in range(CAREFUL):
+                self._semi_implicit(t + k * dt / CAREFUL, dt / CAREFUL, force)
+            return
+        self._set(t, dt, q[None], v[None], direction)
+        self._take(dt, q + dt * dq, after, dq)
+
+    def _slope(self, t: float, dt: float, q: Array, v: Array, direction: Array, force: Array) -> Array:
+        found = self.dynamics.accelerate(q, v, force - self.resist(t, dt, q[None], v[None], direction)[0])
+        self.moment.a = found
+        return found
