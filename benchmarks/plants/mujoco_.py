@@ -18,7 +18,7 @@ from .control import COMMAND, KNOWN, STEP, Motion, Reference, Track, clock, draw
 from .faults import Fault
 from .laws import Laws
 from .mujoco_model import build, dofs, gear
-from .record import log, misread
+from .record import log, misplaced, misread
 
 __all__ = ["STEP", "Body", "Drives", "Motion", "Track", "draw_motion", "inertials", "log", "simulate"]
 
@@ -57,7 +57,7 @@ def simulate(
     stiffness, damping = gains(_mean_inertia(known, body.joints, desired[:: len(t) // 20]))
     forward = _feed_forward(known, body.joints, motion, t)
     command = forward + stiffness * desired + damping * velocity
-    command -= stiffness * _misplaced(body.joints, faults)
+    command -= stiffness * misplaced(body.joints, faults)
     model = build(body, drives, (stiffness, damping), faults=faults)
     true = drive(drives, body.joints, faults)
     laws = Laws(faults, body.joints, true.coulomb_friction, STEP)
@@ -84,15 +84,6 @@ def inertials(body: Body) -> dict[str, tuple[float, Array, Array]]:
         moved = inertia + mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
         found[model.body(i).name] = (mass, mass * centre, moved)
     return found
-
-
-def _misplaced(joints: Sequence[str], faults: Sequence[Fault]) -> Array:
-    """(n,) [rad] that the loop's encoders read too much."""
-    offset = np.zeros(len(joints))
-    for fault in faults:
-        if fault.effect == "encoder_offset":
-            offset[joints.index(str(fault.joint))] += fault.numbers["offset"]
-    return offset
 
 
 def _mean_inertia(model: Any, joints: Sequence[str], positions: Array) -> Array:
@@ -149,6 +140,9 @@ def _step(
     data.qpos[:], data.qvel[:] = position, velocity
     tip = int(model.joint(body.joints[-1]).bodyid[0])
     jacobian, load, acceleration = np.zeros((3, model.nv)), np.zeros(model.nv), np.zeros(model.nv)
+    if laws.loaded:
+        mujoco.mj_forward(model, data)
+        load = data.qfrc_bias.copy()
     states = np.zeros((2, len(t), len(at)))
     states[:, 0] = position[at], velocity[at]
     for k in range(len(t) - 1):

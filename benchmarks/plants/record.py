@@ -45,6 +45,15 @@ def misread(track: Track, joints: Sequence[str], faults: Sequence[Fault]) -> Tra
     return Track(t, q, tau)
 
 
+def misplaced(joints: Sequence[str], faults: Sequence[Fault]) -> Array:
+    """(n,) [rad] that the loop's encoders read too much."""
+    offset = np.zeros(len(joints))
+    for fault in faults:
+        if fault.effect == "encoder_offset":
+            offset[joints.index(str(fault.joint))] += fault.numbers["offset"]
+    return offset
+
+
 def log(
     track: Track,
     seed: int,
