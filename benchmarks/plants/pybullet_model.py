@@ -112,7 +112,9 @@ class Machine:
         pybullet.changeDynamics(self.id, link, physicsClientId=self.world, **heavy)
 
     def _centre(self, infos: Sequence[tuple[object, ...]]) -> list[float]:
-        """Of the mass of the last link and all that is welded to it, in the link's frame [m]."""
+        """Of the mass of the last link and all that is welded to it, from the link's origin along its principal axes [m]:
+        the one place where Bullet's Jacobian measures so.
+        """
         last = self.joints[-1]
         welded = {last}
         for i, info in enumerate(infos):
@@ -124,7 +126,9 @@ class Machine:
         )
         centre = np.average([x[0] for x in states], axis=0, weights=masses)
         frame = states[sorted(welded).index(last)]
-        return list(pybullet.multiplyTransforms(*pybullet.invertTransform(frame[4], frame[5]), centre, [0, 0, 0, 1])[0])
+        axes = pybullet.getDynamicsInfo(self.id, last, physicsClientId=self.world)[4]
+        local = pybullet.multiplyTransforms(*pybullet.invertTransform(frame[4], frame[5]), centre, [0, 0, 0, 1])[0]
+        return list(pybullet.multiplyTransforms(*pybullet.invertTransform([0, 0, 0], axes), local, [0, 0, 0, 1])[0])
 
 
 def _plain(urdf: str) -> str:
