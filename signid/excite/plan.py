@@ -1,0 +1,126 @@
+"""Model -> exciting motion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ..effects import EFFECT_NAMES
+from ..errors import OptionError
+from ..model import Model
+from ..types import Array, Trajectory
+from .cost import Cost
+from .criterion import CRITERIA
+from .draw import check_duration, sample
+from .family import FAMILIES
+from .limits import Limits, build_limits
+from .ready import make_ready
+from .result import Excitation
+from .safe import FINE, make_safe
+from .search import Budget, Progress, search
+from .setting import Setting
+
+CLEARANCE = 0.01  # [m] between links
+SPARE = 0.02  # [m] more in the search, whose instants are few
+PER_PERIOD = 20  # instants of the search per period of the fastest harmonic
+KEPT = 0.95  # of the motion found; less is flagged
+PENALTY = 100.0  # on what exceeds a limit: log of a standard deviation per mean square share
+
+
+def excite(
+    model: Model,
+    *,
+    kind: str = "fourier",
+    criterion: str = "determinant",
+    duration: float = 20.0,
+    harmonics: int = 5,
+    base_frequency: float | None = None,
+    limits: Limits | None = None,
+    effects: Sequence[str] = EFFECT_NAMES,
+    clearance: float = CLEARANCE,
+    rate: float = 100.0,
+    budget: Budget | None = None,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Excitation:
+    """A motion, at rest at both ends, that tells the base parameters of bodies and laws best within the limits.
+
+    Torque errors count in proportion to each joint's torque limit (1 %; of its rms torque in random motions where it
+    has none). Limits are obeyed on a grid of 1 ms, distances between links on one of 5 ms.
+
+    Args:
+        model: robot, inertials and laws as known so far: they give torque.
+        kind: "fourier" or "spline".
+        criterion: "determinant" of the information (D-optimality) or "condition" number of the base regressor.
+        duration: of the motion [s].
+        harmonics: of the base frequency; splines get as much freedom.
+        base_frequency: [Hz]; one period in the duration, if None.
+        limits: as `build_limits` makes them; those of the description, if None.
+        effects: laws at every joint whose coefficients are to be told as well.
+        clearance: smallest distance between links [m].
+        rate: of the samples of the result [Hz].
+        budget: evaluations of each stage of the search.
+        seed: of all random numbers.
+        progress: told what is being done and the share of it that is done.
+
+    Raises:
+        OptionError: an option is unknown, a limit leaves no motion, or the duration is shorter than a period.
+    """
+    if criterion not in CRITERIA:
+        raise OptionError(f"there is no criterion {criterion!r}; choose from {', '.join(CRITERIA)}")
+    frequency = 1 / duration if base_frequency is None and duration > 0 else base_frequency or 0.0
+    check_duration(duration, harmonics, frequency)
+    if not rate > 0:
+        raise OptionError(f"the rate is {rate:g} Hz; a positive one is needed")
+    family = FAMILIES[kind](duration, harmonics, frequency)
+    limits = limits or build_limits(model.robot)
+    setting, notes = make_ready(model, effects, family, duration, limits, clearance, seed)
+    instants = int(np.ceil(PER_PERIOD * harmonics * frequency * duration))
+    cost = Cost(
+        setting, CRITERIA[criterion], family, np.linspace(0, duration, instants + 1), PENALTY, clearance + SPARE
+    )
+    found = search(cost, budget or Budget(), seed, progress)
+    safe = make_safe(setting, family, duration, found.x)
+    flags = (
+        [f"scaled to {safe.share:.0%} about a posture to obey torque limits and distances"] if safe.share < KEPT else []
+    )
+    fine = sample(family, model.robot.joints, safe.x, np.linspace(0, duration, int(np.ceil(duration / FINE)) + 1))
+    trajectory = sample(family, model.robot.joints, safe.x, np.arange(int(duration * rate + 1e-9) + 1) / rate)
+    worth = judge(setting, trajectory)
+    return Excitation(
+        trajectory=trajectory,
+        kind=kind,
+        criterion=criterion,
+        value=worth.log_det if criterion == "determinant" else worth.condition,
+        log_det=worth.log_det,
+        condition=worth.condition,
+        expressions=setting.base.expressions,
+        std=worth.std,
+        relative_std=worth.std / np.where(setting.value, np.abs(setting.value), np.nan),
+        noise=setting.noise,
+        use=setting.use(fine),
+        distance=safe.distance,
+        seed=seed,
+        evaluations=found.evaluations,
+        notes=(*model.robot.notes, *limits.notes, *notes),
+        flags=tuple(flags),
+    )
+
+
+class Worth(NamedTuple):
+    """What a motion tells."""
+
+    log_det: float  # of the scaled information
+    condition: float  # of the scaled base regressor
+    std: Array  # (b,) [units of base]
+
+
+def judge(setting: Setting, trajectory: Trajectory) -> Worth:
+    """What samples of a trajectory tell of the base parameters."""
+    rows = setting.rows(trajectory.t, trajectory.q, trajectory.v, trajectory.a)
+    values, vectors = np.linalg.eigh(setting.information(rows))
+    values = np.maximum(values, 1e-300)
+    std = np.sqrt(np.sum(vectors**2 / values, axis=1)) / setting.size
+    return Worth(float(np.sum(np.log(values))), float(np.sqrt(values[-1] / values[0])), std)
