@@ -7,6 +7,7 @@ matrix and inverse dynamics; what they ask for is one torque a step, and Bullet 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,31 +62,23 @@ def simulate(
 
     Raises:
         ValueError: for a log between the steps, and for faults that cannot be, or that Bullet cannot do.
+        ArithmeticError: when Bullet's steps are not what its mass matrix says.
     """
     for fault in faults:
         if fault.effect in ("joint_elasticity", "backlash"):
             raise ValueError(f"Bullet has no rotor before a gear, so no {fault.effect}; MuJoCo's plant has it")
     t, every = clock(start, duration, rate)
     desired, velocity, _ = motion.at(t)
-    known = Machine(body, weigh=False)
-    rotors = np.array(drives.armature)
-    stiffness, damping = gains(np.mean([np.diag(known.mass(q)) + rotors for q in desired[:: len(t) // 20]], axis=0))
-    command = _feed_forward(known, rotors, motion, t) + stiffness * desired + damping * velocity
+    rotors, positions = np.array(drives.armature), desired[:: len(t) // 20]
+    with closing(Machine(body, weigh=False)) as known:
+        stiffness, damping = gains(np.mean([np.diag(known.mass(q)) + rotors for q in positions], axis=0))
+        command = _feed_forward(known, rotors, motion, t) + stiffness * desired + damping * velocity
     command -= stiffness * misplaced(body.joints, faults)
-    known.close()
-    machine, joints = Machine(body, faults), _joints(body, drives, faults)
-    machine.place(desired[0], velocity[0])
-    try:
-        q, v = _run(
-            machine,
-            joints,
-            Laws(faults, body.joints, joints.level[: len(rotors)], STEP),
-            t,
-            command,
-            (stiffness, damping),
-        )
-    finally:
-        machine.close()
+    joints = _joints(body, drives, faults)
+    laws = Laws(faults, body.joints, joints.level[: len(rotors)], STEP)
+    with closing(Machine(body, faults)) as machine:
+        machine.place(desired[0], velocity[0])
+        q, v = _run(machine, joints, laws, t, command, (stiffness, damping))
     tau = command[:-1] - stiffness * q[:-1] - damping * v[1:]
     track = misread(Track(t[:-1], q[:-1], tau), body.joints, faults)
     return Track(*(x[::every] for x in track))

@@ -112,8 +112,9 @@ class Machine:
         pybullet.changeDynamics(self.id, link, physicsClientId=self.world, **heavy)
 
     def _centre(self, infos: Sequence[tuple[object, ...]]) -> list[float]:
-        """Of the mass of the last link and all that is welded to it, from the link's origin along its principal axes [m]:
-        the one place where Bullet's Jacobian measures so.
+        """Of mass, of the last link and all welded to it: from the link's origin along its principal axes [m].
+
+        Bullet's Jacobian alone measures points so.
         """
         last = self.joints[-1]
         welded = {last}
