@@ -1,17 +1,34 @@
-"""Every effect obeys the contract, and the contract catches what it must."""
+"""Every effect obeys the contract, the simulator agrees with it, and the contract catches what it must."""
+
+from __future__ import annotations
 
 import numpy as np
 import pytest
+from agreement import agreement
+from arm import smooth_motion
 from contract import faults
+from planted import PLANTED
 
-from signid.effects import EFFECTS
-from signid.effects.armature import Armature
+from signid.effects import EFFECT_NAMES, EFFECTS
 from signid.effects.base import Effect
-from signid.effects.coulomb_friction import CoulombFriction
-from signid.effects.torque_offset import TorqueOffset
-from signid.effects.viscous_friction import ViscousFriction
+from signid.effects.law import law_columns, places
 from signid.errors import OptionError
-from signid.types import Coefficient
+from signid.types import Coefficient, Law
+
+SLOPE, LEFT = 0.01, 0.03
+JUMPS_MOST = {"stribeck_friction": 0.12}  # first order in the step, and there is little of it but the jump
+DESIGN = """
+    viscous_friction coulomb_friction asymmetric_friction stribeck_friction quadratic_friction load_friction
+    presliding_friction position_friction friction_drift armature torque_offset spring cable_torque counterbalance
+    torque_gain torque_ripple backlash joint_elasticity encoder_offset time_delay torque_lag payload link_inertia
+    base_tilt joint_coupling torque_saturation external_contact fluid_drag torque_sign channel_swap"""
+
+
+def test_every_law_is_there() -> None:
+    assert set(EFFECTS.names) == set(DESIGN.split())
+    assert EFFECTS.names[:4] == EFFECT_NAMES
+    assert all(EFFECTS[name].name == name for name in EFFECTS.names)
+    assert {twin for effect in EFFECTS for twin in effect.twins} <= set(EFFECTS.names)
 
 
 @pytest.mark.parametrize("effect", list(EFFECTS), ids=lambda e: e.name)
@@ -19,35 +36,24 @@ def test_effect_obeys(effect: Effect) -> None:
     assert list(faults(effect)) == []
 
 
-def planted() -> dict[str, Effect]:
-    """Effects that are wrong in one way each."""
-
-    def wrong(base: type[Effect], **changes: object) -> Effect:
-        return type("Wrong", (base,), {"__doc__": "Wrong.", **changes})()
-
-    return {
-        "factor of two": wrong(ViscousFriction, columns=lambda self, x: [2 * x.v]),
-        "sign": wrong(ViscousFriction, columns=lambda self, x: [-x.v], equation="-coefficient * v"),
-        "equation": wrong(CoulombFriction, equation="level * v"),
-        "reversal denied": wrong(CoulombFriction, reverses=False),
-        "reversal claimed": wrong(TorqueOffset, reverses=True),
-        "claims to dissipate": wrong(TorqueOffset, dissipative=True),
-        "no source": wrong(TorqueOffset, source=""),
-        "no example": wrong(TorqueOffset, example={}, parameters={"offset": Coefficient("N.m")}),
-        "shape": wrong(TorqueOffset, columns=lambda self, x: [np.ones_like(x.q), np.ones_like(x.q)]),
-        "not finite": wrong(TorqueOffset, columns=lambda self, x: [np.full_like(x.q, np.nan)]),
-        "body twice": wrong(Armature, reshape=twice),
-        "inverse": wrong(Armature, physical=lambda self, c, shape: {"inertia": 2 * c[0]}),
-    }
+@pytest.mark.parametrize("effect", list(EFFECTS), ids=lambda e: e.name)
+def test_simulator_agrees(effect: Effect) -> None:
+    slope, left = agreement(effect)
+    assert abs(slope - 1) < SLOPE and left < JUMPS_MOST.get(effect.name, LEFT)
 
 
-def twice(self: Effect, model: object, row: int, body: int, inertia: float) -> None:
-    model.armature[row] += 2 * inertia  # type: ignore[attr-defined]
+@pytest.mark.parametrize("effect", list(EFFECTS), ids=lambda e: e.name)
+def test_columns_at_every_place(effect: Effect) -> None:
+    motion = smooth_motion()
+    for place in places(effect, 3):
+        rows, columns = law_columns(Law(effect, place, effect.example), motion)
+        assert columns.shape[:2] == (len(motion), len(rows)) and np.isfinite(columns).all()
 
 
-@pytest.mark.parametrize("fault", planted())
-def test_planted_error_is_caught(fault: str) -> None:
-    assert list(faults(planted()[fault]))
+@pytest.mark.parametrize("error", PLANTED)
+def test_planted_error_is_caught(error: str) -> None:
+    effect, sentence = PLANTED[error]
+    assert sentence in list(faults(effect))
 
 
 def test_unknown_effects_are_named() -> None:
@@ -58,3 +64,5 @@ def test_unknown_effects_are_named() -> None:
 def test_units_at_a_prismatic_joint() -> None:
     assert Coefficient("N.m.s/rad").unit_at(True) == "N.s/m"
     assert Coefficient("kg.m2").unit_at(True) == "kg"
+    units = {k: p.unit_at(True) for k, p in EFFECTS["torque_ripple"].parameters.items()}
+    assert units == {"amplitude": "N", "phase": "rad", "frequency": "1/m"}

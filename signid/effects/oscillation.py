@@ -10,7 +10,8 @@ from ..types import Array, View
 def oscillate(x: View, stiffness: float, damping: float) -> Array:
     """Deflection (N, 1) [rad or m] of one joint's link from its motor, exact where the load is linear between samples.
 
-    The load changes with the deflection as well, by the rigid bodies' own stiffness and damping.
+    The load changes with the deflection as well, by the rigid bodies' own stiffness and damping. The link begins at
+    rest on the motor, where the load of the first oscillation holds it.
 
     Args:
         x: one joint along a motion.
@@ -34,7 +35,9 @@ def oscillate(x: View, stiffness: float, damping: float) -> Array:
     odd = ((grown - faded) / np.where(abs(swing) * dt < 1e-6, np.inf, 2 * swing)).real
     odd = np.where(abs(swing) * dt < 1e-6, dt * np.exp(decay * dt), odd)
     steps = (start, drift, even - decay * odd, odd, -k / m * odd, even + decay * odd)
-    z, w, out = start[0], drift[0], [start[0]]
+    first = slice(int(np.clip(2 * np.pi * np.sqrt(m[0] / abs(k[0])) / dt, 1, len(m))))
+    z, w = float(np.mean(force[:-1][first] / k[first])), 0.0
+    out = [z]
     for z0, w0, zz, zw, wz, ww in zip(*(step.tolist() for step in steps), strict=True):
         y, u = z - z0, w - w0
         z, w = z0 + w0 * dt + zz * y + zw * u, w0 + wz * y + ww * u

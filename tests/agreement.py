@@ -1,0 +1,54 @@
+"""An effect's columns against the torque that the simulator takes for it, on the same motion."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from arm import arm, harmonics
+from contract import law_of
+
+from signid.effects import EFFECTS
+from signid.effects.base import Effect, TransmissionLaw
+from signid.effects.law import law_torque
+from signid.filters import lowpass, smooth
+from signid.model import Model, stated_inertials
+from signid.motion import Motion
+from signid.simulate import simulate, track
+from signid.types import Array, Law
+
+SECONDS, CUTOFF, EDGE = 5.0, 15.0, 300  # [s], [Hz], samples that are not looked at
+ROTOR = Law(EFFECTS["armature"], (1,), {"inertia": 0.2})
+
+
+class Agreement(NamedTuple):
+    """The size that the simulator shows over the one planted, and the rms that the columns leave, of the law's."""
+
+    slope: float
+    left: float
+
+
+def agreement(effect: Effect, step: float = 1e-3) -> Agreement:
+    """Whether the simulator feels what the columns say."""
+    law, bare = law_of(effect), _bare()
+    ahead = (ROTOR,) if isinstance(effect, TransmissionLaw) else ()
+    found = simulate(replace(bare, laws=(*ahead, law)), track(bare, harmonics(SECONDS, 1)), SECONDS, step=step)
+    motion = Motion(arm(), found.t, found.q, found.true_v, found.true_a, recorded=found.tau)
+    shown = found.tau - motion.load - sum(_torque(other, motion) for other in ahead)
+    seen, told = (smooth(x[EDGE:-EDGE], lowpass(1 / motion.dt, CUTOFF)) for x in (shown, _torque(law, motion)))
+    size = np.sum(told**2)
+    return Agreement(float(np.sum(seen * told) / size), float(np.sqrt(np.sum((seen - told) ** 2) / size)))
+
+
+@cache
+def _bare() -> Model:
+    return Model(arm(), stated_inertials(arm()))
+
+
+def _torque(law: Law, motion: Motion) -> Array:
+    rows, torque = law_torque(law, motion)
+    out = np.zeros_like(motion.q)
+    out[:, list(rows)] = torque
+    return out
