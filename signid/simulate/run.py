@@ -83,7 +83,7 @@ def simulate_many(
     """
     if not (np.isfinite(duration) and step > 0 and duration >= step):
         raise OptionError(f"{duration:g} s in steps of {step:g} s cannot be simulated; give at least a step")
-    t: Array = np.arange(round(duration / step)) * step
+    t = np.asarray(np.arange(round(duration / step)) * step, dtype=np.float64)
     plant = Plant(model, step, len(drives), integrator, substeps)
     joints, reading = range(len(model.robot.joints)), _of(model.laws, RecordingLaw)
     acting = _of(model.laws, ActuatorLaw)
@@ -105,9 +105,9 @@ def simulate_many(
             if progress is not None:
                 progress("simulating", k / len(t))
     _check(plant, float(t[-1]))
-    if integrator == "rk4":  # a held torque belongs to the middle of its step
-        for row in (3, 5, 6):
-            log[row, 1:] = (log[row, 1:] + log[row, :-1]) / 2
+    late = 0.5 if integrator == "rk4" else (plant.substeps - 1) / (2 * plant.substeps)  # steps
+    for row in (3, 5, 6):  # what is held through a step belongs to a moment so much later than its beginning
+        log[row, 1:] += late * (log[row, :-1] - log[row, 1:])
     return [_told(model, t, step, log[:, :, b], desired[:, b], reading) for b in range(len(drives))]
 
 

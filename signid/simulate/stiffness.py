@@ -47,7 +47,7 @@ def feel(plant: Plant, robot: Robot, seed: int = 0) -> Stiffness:
     for k in range(STATES):
         q, v = np.zeros((copies, count)), np.zeros((copies, count))
         q[:, bodies.motor] = rng.uniform(low, high)
-        v[:] = rng.choice([-1.0, 1.0], count) * 10.0 ** rng.uniform(-4, 0.5, count)
+        v[:] = rng.choice([-1.0, 1.0], count) * 10.0 ** (rng.uniform(-5, 0.5) + rng.uniform(-0.5, 0, count))
         q[:, bodies.flex] = rng.uniform(-0.05, 0.05, len(bodies.flex))
         plant.moment.inertia = plant.dynamics.inertia(q)
         trials, speeds = np.stack([q, q, q + TRIAL]), np.stack([v, v + TRIAL, v])
