@@ -99,16 +99,17 @@ class TransmissionLaw(Effect):
     """deflection(x, **shape): deflections (N, 1) along a motion, one a coefficient; without it from `hold`."""
 
     def _deflection(self, x: View, **shape: float) -> list[Array]:
-        z, w, load, inertia = 0.0, 0.0, x.load[:, 0], x.inertia[:, 0]
-        step, out, tilt = 1e-6, np.empty_like(x.q), np.array([[0.0], [1.0], [0.0]])
-        for i in range(len(out)):
-            trial = Trial(q=z + step * tilt, v=w + step * tilt[[0, 2, 1]], inertia=inertia[i], load=load[i], dt=x.dt)
+        """`hold` balances inertia and load, by the implicit midpoint rule linearised at each sample."""
+        load, inertia, dt = x.load[:, 0], x.inertia[:, 0], x.dt
+        z, w, step, out, tilt = 0.0, 0.0, 1e-6, np.zeros_like(x.q), np.array([[0.0], [1.0], [0.0]])
+        for i in range(len(out) - 1):
+            trial = Trial(q=z + step * tilt, v=w + step * tilt[[0, 2, 1]], inertia=inertia[i], load=load[i], dt=dt)
             here, stretched, faster = self.hold(trial, **shape)[:, 0]
             stiffness, damping = (stretched - here) / step, (faster - here) / step
-            force, mass = load[i] + here + x.dt * stiffness * w, inertia[i] + x.dt * damping + x.dt**2 * stiffness
-            w = w - x.dt * force / mass
-            z = z + x.dt * w
-            out[i] = z
+            force = (load[i] + load[i + 1]) / 2 + here + dt / 2 * stiffness * w
+            after = w - dt * force / (inertia[i] + dt / 2 * damping + dt**2 / 4 * stiffness)
+            z, w = z + dt * (w + after) / 2, after
+            out[i + 1] = z
         return [out]
 
     deflection = _deflection

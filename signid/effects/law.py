@@ -63,9 +63,15 @@ def hypotheses(effect: Any, motion: Along, joints: int) -> Iterator[Law]:
 
 
 def _remember(effect: Any, x: View, shape: dict[str, float]) -> Array:
-    """The memory run along a recorded motion, (N, m)."""
+    """The memory run along a recorded motion, (N, m): by one call where each step is linear in the memory."""
     z = effect.begin(x[0], **shape)
+    zero, half, one = (effect.advance(np.full_like(x.q, c), x, **shape) for c in (0.0, 0.5, 1.0))
     out = np.empty_like(x.q)
+    if np.allclose(half, (zero + one) / 2, rtol=0, atol=1e-12):
+        for j, pairs in enumerate(zip((one - zero).T.tolist(), zero.T.tolist(), strict=True)):
+            now = float(z[j])
+            out[:, j] = [now := keep * now + add for keep, add in zip(*pairs, strict=True)]
+        return out
     for i in range(len(out)):
         out[i] = z = effect.advance(z, x[i], **shape)
     return out
