@@ -12,10 +12,12 @@ import numpy as np
 import pinocchio as pin
 
 from .effects import EFFECT_NAMES, EFFECTS
-from .effects.law import law_columns
+from .effects.base import ActuatorLaw, BodyLaw, RecordingLaw
+from .effects.law import law_torque
 from .errors import RobotError, SignidError
 from .laws import law_at, placed
 from .motion import Motion
+from .rigid import carried
 from .robot import held_positions, load_robot, robot_from_text
 from .types import Array, Frozen, Law, Robot
 
@@ -30,16 +32,52 @@ class Model(Frozen):
     inertials: Array  # (nb, 10) in Pinocchio's order [kg, kg.m, kg.m2]
     laws: tuple[Law, ...] = ()
 
-    def inverse(self, motion: Motion) -> Array:
-        """Torque (N, n) [N.m or N] that the motion takes."""
-        model = self.robot.model.copy()
+    def bodies(self) -> pin.Model:
+        """A pin.Model of its own with these inertials, reshaped by the laws of bodies; rotors are its armature."""
+        whole = self.robot.model.copy()
         for body, inertial in enumerate(self.inertials):
-            model.inertias[body + 1] = pin.Inertia.FromDynamicParameters(inertial)
-        torque = Motion(replace(self.robot, model=model), motion.t, motion.q, motion.v, motion.a).load.copy()
+            whole.inertias[body + 1] = pin.Inertia.FromDynamicParameters(inertial)
+        for law in self.of(BodyLaw):
+            row = int(np.flatnonzero(self.robot.drive[:, law.joints[0]])[0])
+            law.effect.reshape(whole, row, carried(self.robot, law.joints[0]) + 1, **law.parameters)
+        return whole
+
+    def of(self, kind: type) -> list[Law]:
+        """The laws of one kind, in their order."""
+        return [law for law in self.laws if isinstance(law.effect, kind)]
+
+    def inverse(self, motion: Motion) -> Array:
+        """Torque (N, n) [N.m or N] that is recorded along a recorded motion.
+
+        Laws of the actuator count where the motion carries torque.
+        """
+        whole = self.bodies()
+        rotors, whole.armature = whole.armature.copy(), np.zeros(whole.nv)
+        acting = replace(self.acted(motion), robot=replace(self.robot, model=whole), predicted=None)
+        torque = acting.load + (acting.rates[1] * rotors) @ self.robot.drive
         for law in self.laws:
-            rows, columns = law_columns(law, motion)
-            torque[:, list(rows)] += columns @ np.array(law.effect.coefficients(law.parameters))
-        return torque
+            known = not isinstance(law.effect, ActuatorLaw) or motion.recorded is not None
+            if known and not isinstance(law.effect, BodyLaw | RecordingLaw):
+                rows, added = law_torque(law, acting)
+                torque[:, list(rows)] += added
+        for law in self.of(RecordingLaw):
+            x = replace(acting, predicted=torque).at(law.joints)
+            torque[:, list(law.joints)] = law.effect.recorded_torque(x, **law.parameters)
+        return np.asarray(torque)
+
+    def acted(self, motion: Motion) -> Motion:
+        """What truly happened where a motion is recorded: positions and torque before the recording laws."""
+        q = motion.q.copy()
+        torque = np.full_like(q, np.nan) if motion.recorded is None else motion.recorded.copy()
+        for law in reversed(self.of(RecordingLaw)):
+            j = list(law.joints)
+            lost = np.isnan(torque[:, j])
+            if law.effect.scope == "pair":
+                lost = np.repeat(lost.any(axis=1, keepdims=True), 2, axis=1)
+            x = replace(motion, q=q, predicted=np.nan_to_num(torque)).at(law.joints)
+            q[:, j], back = law.effect.acted_q(x, **law.parameters), law.effect.acted_torque(x, **law.parameters)
+            torque[:, j] = np.where(lost, np.nan, back)
+        return replace(motion, q=q, recorded=None if motion.recorded is None else torque)
 
     def document(self) -> dict[str, Any]:
         """The model as JSON: it carries the robot's description and loads back by itself."""

@@ -16,5 +16,7 @@ class ChannelSwap(RecordingLaw):
         """Exchanged."""
         return x.torque[..., ::-1]
 
+    acted_torque = recorded_torque
+
 
 PLUGIN = ChannelSwap()

@@ -23,5 +23,9 @@ class TimeDelay(RecordingLaw):
         t = x.t[:, 0]
         return np.asarray(Akima1DInterpolator(t, x.torque)(np.clip(t - delay, t[0], t[-1])))
 
+    def acted_torque(self, x: View, delay: float) -> Array:
+        """As it is later; after the last sample as at the last."""
+        return self.recorded_torque(x, -delay)
+
 
 PLUGIN = TimeDelay()

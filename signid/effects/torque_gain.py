@@ -18,5 +18,9 @@ class TorqueGain(RecordingLaw):
         """Enlarged."""
         return (1 + error) * x.torque
 
+    def acted_torque(self, x: View, error: float) -> Array:
+        """As it was."""
+        return x.torque / (1 + error)
+
 
 PLUGIN = TorqueGain()

@@ -16,5 +16,7 @@ class TorqueSign(RecordingLaw):
         """Negated."""
         return -x.torque
 
+    acted_torque = recorded_torque
+
 
 PLUGIN = TorqueSign()
