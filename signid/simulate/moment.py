@@ -15,24 +15,24 @@ class Moment:
 
     def __init__(self, dynamics: Dynamics, copies: int) -> None:
         count = dynamics.bodies.drive.shape[1]
-        self.dynamics, self.dt, self.t = dynamics, 0.0, np.zeros((1, 1, 1))
+        self.dynamics, self.dt, self.t = dynamics, 0.0, np.zeros((1, copies, 1))
         self.q = self.v = self.direction = np.zeros((1, copies, count))  # (R, B, c) [rad], [rad/s], [1]
         self.a = np.zeros((copies, count))  # (B, c) of the step before [rad/s2]
         self.inertia = np.zeros((copies, count))  # (B, c) [kg.m2]
         self._load: Array | None = None
         self._jacobian: Array | None = None
 
-    def set(self, t: float, dt: float, q: Array, v: Array, direction: Array) -> None:
+    def set(self, t: float | Array, dt: float, q: Array, v: Array, direction: Array) -> None:
         """The trials, their first one being the state.
 
         Args:
-            t: [s].
+            t: [s], of all copies or (B,).
             dt: that the coming step takes [s].
             q: (R, B, c) [rad or m].
             v: (R, B, c) [rad/s or m/s].
             direction: (R, B, c) [1].
         """
-        self.t[...], self.dt, self.q, self.v, self.direction = t, dt, q, v, direction
+        self.t[0, :, 0], self.dt, self.q, self.v, self.direction = t, dt, q, v, direction
         self._load = self._jacobian = None
 
     @property
@@ -77,7 +77,7 @@ class MomentView:
         return self.whole.dt
 
     @property
-    def t(self) -> Array:  # (1, 1, 1) [s]
+    def t(self) -> Array:  # (1, B, 1) [s]
         return self.whole.t
 
     @property

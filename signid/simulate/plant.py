@@ -60,11 +60,11 @@ class Plant:
                 term.settle(self.state)
             term.begin()
 
-    def advance(self, t: float, torque: Array) -> None:
+    def advance(self, t: float | Array, torque: Array) -> None:
         """One step under the torque of the motors, which is held.
 
         Args:
-            t: at its beginning [s].
+            t: at its beginning [s], of all copies or (B,).
             torque: (B, n) [N.m or N].
         """
         force, before, dt = np.zeros_like(self.state), self.speed, self.step / self.substeps
@@ -92,11 +92,11 @@ class Plant:
         found[:, self.bodies.soft] += self.state[:, self.bodies.flex]
         return found
 
-    def resist(self, t: float, dt: float, q: Array, v: Array, direction: Array) -> Array:
+    def resist(self, t: float | Array, dt: float, q: Array, v: Array, direction: Array) -> Array:
         """Torque (R, B, c) of all laws for R trials [N.m or N].
 
         Args:
-            t: [s].
+            t: [s], of all copies or (B,).
             dt: that the coming step takes [s].
             q: (R, B, c) [rad or m].
             v: (R, B, c) [rad/s or m/s].
@@ -108,7 +108,7 @@ class Plant:
             term.add(total)
         return total
 
-    def _set(self, t: float, dt: float, q: Array, v: Array, direction: Array) -> None:
+    def _set(self, t: float | Array, dt: float, q: Array, v: Array, direction: Array) -> None:
         self.moment.set(t, dt, q, v, direction)
 
     def _substeps(self, felt: Stiffness) -> int:
@@ -120,7 +120,7 @@ class Plant:
             )
         return wanted
 
-    def _semi_implicit(self, t: float, dt: float, force: Array) -> None:
+    def _semi_implicit(self, t: float | Array, dt: float, force: Array) -> None:
         after = self._sliding(t, dt, force)
         if after is None:
             after = self._boxed(t, dt, force)
@@ -133,7 +133,7 @@ class Plant:
         for term in self.remembering:
             term.remember(mean)
 
-    def _sliding(self, t: float, dt: float, force: Array) -> Array | None:
+    def _sliding(self, t: float | Array, dt: float, force: Array) -> Array | None:
         """Velocity after a step in which no joint stops; None where one does."""
         v, direction = self.speed, np.sign(self.speed)
         if self.stiff:
@@ -148,7 +148,7 @@ class Plant:
         self.held = here
         return after
 
-    def _boxed(self, t: float, dt: float, force: Array) -> Array:
+    def _boxed(self, t: float | Array, dt: float, force: Array) -> Array:
         """Velocity after a step in which friction lies between what it is forward and backward."""
         q, v = self.state, self.speed
         low, high, armature = self._box(t, dt)
@@ -165,7 +165,7 @@ class Plant:
         self.held = friction
         return after
 
-    def _box(self, t: float, dt: float) -> tuple[Array, Array, Array | None]:
+    def _box(self, t: float | Array, dt: float) -> tuple[Array, Array, Array | None]:
         """Least and most torque of the laws, and the armature that makes stiff ones implicit, (B, c) each."""
         v, ahead = self.speed, np.where(self.speed >= 0, 1.0, -1.0)
         both = np.stack([np.ones_like(v), -np.ones_like(v)])
@@ -205,7 +205,7 @@ class Plant:
         excess = np.maximum(0, stiffness - 1 / (dt**2 * mobility))  # below, steps are stable and keep the energy
         return here + dt * self.speed * excess, armature + dt**2 * excess
 
-    def _runge_kutta(self, t: float, dt: float, force: Array) -> None:
+    def _runge_kutta(self, t: float | Array, dt: float, force: Array) -> None:
         """The classic fourth order; parted, semi-implicit steps where a joint stops or stands."""
         q, v = self.state, self.speed
         direction = np.sign(v)[None]
@@ -224,7 +224,7 @@ class Plant:
         self._set(t, dt, q[None], v[None], direction)
         self._take(dt, q + dt * dq, after, dq)
 
-    def _slope(self, t: float, dt: float, q: Array, v: Array, direction: Array, force: Array) -> Array:
+    def _slope(self, t: float | Array, dt: float, q: Array, v: Array, direction: Array, force: Array) -> Array:
         found = self.dynamics.accelerate(q, v, force - self.resist(t, dt, q[None], v[None], direction)[0])
         self.moment.a = found
         return found
