@@ -9,7 +9,7 @@ from ..rigid import point_jacobian
 from ..types import Array
 from .bodies import Bodies
 
-THREADS = 2
+THREADS = 1  # of abaInParallel: where other programs run, its threads wait for each other for milliseconds
 
 
 class Dynamics:
@@ -21,6 +21,7 @@ class Dynamics:
         self.bare = bodies.model.copy()
         self.bare.armature = np.zeros(bodies.model.nv)
         self.bare_data, self.plain = self.bare.createData(), bodies.plain
+        self.below = np.tri(bodies.model.nv, k=-1, dtype=bool)  # what Pinocchio leaves out of symmetric matrices
         self.pool = pin.ModelPool(self.model, THREADS) if copies > 1 and self.plain else None
 
     def accelerate(self, q: Array, v: Array, force: Array, armature: Array | None = None) -> Array:
@@ -39,7 +40,7 @@ class Dynamics:
         model, data = self.model, self.data
         if armature is None:
             if len(q) == 1:
-                return np.array(pin.aba(model, data, q[0], v[0], force[0]), ndmin=2)
+                return np.asarray(pin.aba(model, data, q[0], v[0], force[0]))[None]  # valid until the next call
             return np.asarray(pin.abaInParallel(THREADS, self.pool, q.T, v.T, force.T)).T
         out = np.empty_like(v)
         for i, row in enumerate(armature):
@@ -49,19 +50,22 @@ class Dynamics:
         return out
 
     def mobility(self, q: Array, armature: Array | None = None) -> Array:
-        """Inverse (c, c) of the mass matrix [1/(kg.m2) or 1/kg].
+        """Inverses (B, c, c) of the mass matrix [1/(kg.m2) or 1/kg].
 
         Args:
-            q: (c,) [rad or m].
-            armature: (c,) to be added [kg.m2 or kg].
+            q: (B, c) [rad or m].
+            armature: (B, c) to be added [kg.m2 or kg].
         """
-        if self.plain:
-            self.model.armature = self.armature if armature is None else self.armature + armature
-            found = np.reshape(pin.computeMinverse(self.model, self.data, q), (len(q), len(q)))
-            upper = np.triu(found)
-            self.model.armature = self.armature
-            return np.asarray(upper + np.triu(upper, 1).T)
-        return np.asarray(np.linalg.inv(self._mass(q, armature)))
+        if not self.plain:
+            return np.linalg.inv([self._mass(*row) for row in zip(q, self._each(armature, len(q)), strict=True)])
+        model, data, out = self.model, self.data, np.empty((*q.shape, q.shape[1]))
+        for i, row in enumerate(q):
+            if armature is not None:
+                model.armature = self.armature + armature[i]
+            out[i] = pin.computeMinverse(model, data, row)
+        if armature is not None:
+            model.armature = self.armature
+        return np.where(self.below, out.transpose(0, 2, 1), out)
 
     def load(self, q: Array, v: Array, a: Array) -> Array:
         """Torque (B, c) of the bodies without their rotors [N.m or N].
@@ -100,8 +104,8 @@ class Dynamics:
 
     def _mass(self, q: Array, armature: Array | None = None) -> Array:
         drive, nv = self.bodies.drive, self.model.nv
-        upper = np.triu(np.reshape(pin.crba(self.model, self.data, drive @ q + self.bodies.rest), (nv, nv)))
-        mass = drive.T @ (upper + np.triu(upper, 1).T) @ drive
+        found = np.reshape(pin.crba(self.model, self.data, drive @ q + self.bodies.rest), (nv, nv))
+        mass = drive.T @ np.where(self.below, found.T, found) @ drive
         return np.asarray(mass if armature is None else mass + np.diag(armature))
 
     def _project(self, q: Array, v: Array, force: Array, armature: Array | None) -> Array:

@@ -9,18 +9,54 @@ import numpy as np
 from ..types import Array, Indices, View
 from .dynamics import Dynamics
 
+NONE = np.empty(0, dtype=np.intp)
+
 
 class Moment:
-    """R trials of B states of c coordinates; what is costly is computed when a law asks for it."""
+    """R trials of B states of c coordinates; what is costly is computed when a law asks for it.
+
+    It is itself the view of a law that acts on all coordinates.
+    """
+
+    soft, flex, at = NONE, NONE, ...
 
     def __init__(self, dynamics: Dynamics, copies: int) -> None:
         count = dynamics.bodies.drive.shape[1]
         self.dynamics, self.dt, self.t = dynamics, 0.0, np.zeros((1, copies, 1))
+        self.joints, self.whole = tuple(range(count)), self
         self.q = self.v = self.direction = np.zeros((1, copies, count))  # (R, B, c) [rad], [rad/s], [1]
-        self.a = np.zeros((copies, count))  # (B, c) of the step before [rad/s2]
         self.inertia = np.zeros((copies, count))  # (B, c) [kg.m2]
+        self.rest()
         self._load: Array | None = None
         self._jacobian: Array | None = None
+
+    def rest(self) -> None:
+        """Forget how velocity changed."""
+        still = np.zeros_like(self.inertia)
+        self.changed(still, still, 1.0)
+
+    def changed(self, before: Array, after: Array, dt: float) -> None:
+        """How velocity changed in the step before.
+
+        Args:
+            before: (B, c) [rad/s or m/s].
+            after: (B, c) [rad/s or m/s].
+            dt: of that step [s].
+        """
+        self._step = before, after, dt
+
+    @property
+    def a(self) -> Array:  # (B, c) of the step before [rad/s2 or m/s2]
+        before, after, dt = self._step
+        return (after - before) / dt
+
+    def cut(self, signal: Array) -> Array:
+        """All coordinates of a signal.
+
+        Args:
+            signal: (..., c) [any unit].
+        """
+        return signal
 
     def set(self, t: float | Array, dt: float, q: Array, v: Array, direction: Array) -> None:
         """The trials, their first one being the state.
@@ -47,17 +83,25 @@ class Moment:
             self._jacobian = self.dynamics.jacobian(self.q[0])
         return self._jacobian
 
+    @property
+    def torque(self) -> Array:
+        """No law of a torque may ask for it."""
+        raise AttributeError("the motor's torque is not known while a step is computed")
+
+    recorded = torque
+
+    def __getitem__(self, i: Any) -> View:
+        raise TypeError("a moment has no samples to choose from")
+
 
 class MomentView:
     """Some coordinates of a moment; with `soft`, positions are those of the links behind elastic joints."""
 
     def __init__(self, whole: Moment, index: Indices, joints: tuple[int, ...], soft: Indices, flex: Indices) -> None:
         self.whole, self.joints = whole, joints
-        whole_row = np.array_equal(index, np.arange(whole.a.shape[-1]))
         first, last = int(index[0]), int(index[-1])
         run = np.array_equal(index, np.arange(first, last + 1))
-        self.index: Any = ... if whole_row else slice(first, last + 1) if run else index
-        self.at = (..., self.index) if self.index is not ... else ...
+        self.at = (..., slice(first, last + 1) if run else index)
         self.soft, self.flex = soft, flex
 
     def cut(self, signal: Array) -> Array:

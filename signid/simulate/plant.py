@@ -41,7 +41,11 @@ class Plant:
         felt = feel(self, model.robot)
         self.substeps = substeps or self._substeps(felt)
         self.stiff = felt.stiff(step / self.substeps)
-        self.state, self.speed, self.accel, self.held = (np.zeros_like(self.moment.a) for _ in range(4))
+        count = self.bodies.drive.shape[1]
+        self.direct = np.array_equal(self.bodies.motor, np.arange(count))
+        self.state = self.speed = self.before = self.held = np.zeros((copies, count))
+        self.both = np.ones((2, copies, count))  # directions of motion
+        self.both[1] = -1
 
     def start(self, q: Array, v: Array) -> None:
         """Put the robot somewhere, what is elastic in balance with the load.
@@ -50,11 +54,12 @@ class Plant:
             q: (B, n) [rad or m].
             v: (B, n) [rad/s or m/s].
         """
-        self.state, self.speed, self.accel, self.held = (np.zeros_like(self.moment.a) for _ in range(4))
+        self.state, self.speed, self.held = (np.zeros_like(self.moment.inertia) for _ in range(3))
         self.state[:, self.bodies.motor], self.speed[:, self.bodies.motor] = q, v
-        self.moment.a = self.accel
+        self.before = self.speed
+        self.moment.rest()
         self.moment.inertia = self.dynamics.inertia(self.state)
-        self._set(0.0, self.step, self.state[None], self.speed[None], np.sign(self.speed)[None])
+        self.moment.set(0.0, self.step, self.state[None], self.speed[None], np.sign(self.speed)[None])
         for term in self.terms:
             if term.transmission:
                 term.settle(self.state)
@@ -67,33 +72,40 @@ class Plant:
             t: at its beginning [s], of all copies or (B,).
             torque: (B, n) [N.m or N].
         """
-        force, before, dt = np.zeros_like(self.state), self.speed, self.step / self.substeps
-        force[:, self.bodies.motor] = torque
+        force, dt = torque, self.step / self.substeps
+        if not self.direct:
+            force = np.zeros_like(self.state)
+            force[:, self.bodies.motor] = torque
+        self.before = self.speed
         move = self._runge_kutta if self.integrator == "rk4" else self._semi_implicit
         for k in range(self.substeps):
             move(t + k * dt, dt, force)
-        self.accel = (self.speed - before) / self.step
 
     @property
     def q(self) -> Array:  # (B, n) [rad or m]
-        return np.asarray(self.state[:, self.bodies.motor])
+        return self._joints(self.state)
 
     @property
     def v(self) -> Array:  # (B, n) [rad/s or m/s]
-        return np.asarray(self.speed[:, self.bodies.motor])
+        return self._joints(self.speed)
 
     @property
     def a(self) -> Array:  # (B, n) [rad/s2 or m/s2], over the last step
-        return np.asarray(self.accel[:, self.bodies.motor])
+        return self._joints((self.speed - self.before) / self.step)
 
     @property
     def link(self) -> Array:  # (B, n) [rad or m]
-        found = self.q.copy()
+        if self.direct:
+            return self.state
+        found = self._joints(self.state).copy()
         found[:, self.bodies.soft] += self.state[:, self.bodies.flex]
         return found
 
+    def _joints(self, signal: Array) -> Array:
+        return signal if self.direct else np.asarray(signal[:, self.bodies.motor])
+
     def resist(self, t: float | Array, dt: float, q: Array, v: Array, direction: Array) -> Array:
-        """Torque (R, B, c) of all laws for R trials [N.m or N].
+        """Torque (R, B, c) of all laws for R trials [N.m or N]; q and v may have one row for all of them.
 
         Args:
             t: [s], of all copies or (B,).
@@ -102,14 +114,11 @@ class Plant:
             v: (R, B, c) [rad/s or m/s].
             direction: (R, B, c) [1].
         """
-        self._set(t, dt, q, v, direction)
-        total = np.zeros(q.shape)
+        self.moment.set(t, dt, q, v, direction)
+        total = np.zeros(direction.shape)
         for term in self.terms:
             term.add(total)
         return total
-
-    def _set(self, t: float | Array, dt: float, q: Array, v: Array, direction: Array) -> None:
-        self.moment.set(t, dt, q, v, direction)
 
     def _substeps(self, felt: Stiffness) -> int:
         wanted = felt.substeps(self.step, implicit=self.integrator == "semi-implicit")
@@ -128,14 +137,16 @@ class Plant:
 
     def _take(self, dt: float, q: Array, v: Array, mean: Array) -> None:
         """The state after a step of that mean velocity."""
-        self.moment.a = (v - self.speed) / dt
+        self.moment.changed(self.speed, v, dt)
         self.state, self.speed = q, v
         for term in self.remembering:
             term.remember(mean)
 
     def _sliding(self, t: float | Array, dt: float, force: Array) -> Array | None:
-        """Velocity after a step in which no joint stops; None where one does."""
+        """Velocity after a step in which no joint stands or stops; None where one does."""
         v, direction = self.speed, np.sign(self.speed)
+        if self.dry and not v.all():
+            return None
         if self.stiff:
             trials = self._trials(direction)
             total = self.resist(t, dt, *trials)
@@ -143,7 +154,7 @@ class Plant:
         else:
             here, armature = self.resist(t, dt, self.state[None], v[None], direction[None])[0], None
         after: Array = v + dt * self.dynamics.accelerate(self.state, v, force - here, armature)
-        if self.dry and np.minimum.reduce(after * v, axis=None) <= 0:
+        if self.dry and (after * v).min() <= 0:
             return None
         self.held = here
         return after
@@ -154,31 +165,23 @@ class Plant:
         low, high, armature = self._box(t, dt)
         friction = np.where(v > 0, high, np.where(v < 0, low, np.clip(self.held, low, high)))
         after: Array = v + dt * self.dynamics.accelerate(q, v, force - friction, armature)
-        still = ~v.any(axis=1)
-        if still.any():  # at rest: friction that balances the load holds, if there can be so much
-            balance = force - self.dynamics.load(q, v, np.zeros_like(v))
-            still &= ((balance > low) & (balance < high)).all(axis=1)
-            after[still], friction[still] = 0.0, balance[still]
-        for i in np.flatnonzero(((high > low) & (after * v <= 0)).any(axis=1) & ~still):
-            mobility = dt * self.dynamics.mobility(q[i], None if armature is None else armature[i])
-            after[i], friction[i] = self.friction(after[i] + mobility @ friction[i], low[i], high[i], mobility)
+        rows = np.flatnonzero(((high > low) & (after * v <= 0)).any(axis=1))
+        if len(rows):
+            mobility = dt * self.dynamics.mobility(q[rows], None if armature is None else armature[rows])
+            free = after[rows] + (mobility @ friction[rows, :, None])[..., 0]
+            after[rows], friction[rows] = self.friction(free, low[rows], high[rows], mobility)
         self.held = friction
         return after
 
     def _box(self, t: float | Array, dt: float) -> tuple[Array, Array, Array | None]:
         """Least and most torque of the laws, and the armature that makes stiff ones implicit, (B, c) each."""
-        v, ahead = self.speed, np.where(self.speed >= 0, 1.0, -1.0)
-        both = np.stack([np.ones_like(v), -np.ones_like(v)])
+        v = self.speed
         if self.stiff:
-            q, speeds, direction = self._trials(ahead)
-            trials = (
-                np.concatenate([q[:1], q]),
-                np.concatenate([speeds[:1], speeds]),
-                np.concatenate([both, direction[1:]]),
-            )
+            q, speeds, direction = self._trials(np.where(v >= 0, 1.0, -1.0))
+            first = [np.concatenate([x[:1], x]) for x in (q, speeds)]
+            total = self.resist(t, dt, first[0], first[1], np.concatenate([self.both, direction[1:]]))
         else:
-            trials = (np.stack([self.state] * 2), np.stack([v] * 2), both)
-        total = self.resist(t, dt, *trials)
+            total = self.resist(t, dt, self.state[None], v[None], self.both)
         here = np.where(v >= 0, total[0], total[1])
         dry = total[0] > total[1]  # else friction would drive: taken as it is in this direction
         low, high = np.where(dry, total[1], here), np.where(dry, total[0], here)
@@ -201,7 +204,7 @@ class Plant:
         armature = dt * damping
         if not stiffness.any():
             return here, armature
-        mobility = np.array([self.dynamics.mobility(row).diagonal() for row in self.state])
+        mobility = np.einsum("bjj->bj", self.dynamics.mobility(self.state))
         excess = np.maximum(0, stiffness - 1 / (dt**2 * mobility))  # below, steps are stable and keep the energy
         return here + dt * self.speed * excess, armature + dt**2 * excess
 
@@ -217,14 +220,14 @@ class Plant:
             slopes.append((there, self._slope(t + share * dt, share * dt, moved, there, direction, force)))
         dq, dv = ((s[0] + 2 * s[1] + 2 * s[2] + s[3]) / 6 for s in zip(*slopes, strict=True))
         after = v + dt * dv
-        if self.dry and np.minimum.reduce(after * v, axis=None) <= 0:
+        if self.dry and (after * v).min() <= 0:
             for k in range(CAREFUL):
                 self._semi_implicit(t + k * dt / CAREFUL, dt / CAREFUL, force)
             return
-        self._set(t, dt, q[None], v[None], direction)
+        self.moment.set(t, dt, q[None], v[None], direction)
         self._take(dt, q + dt * dq, after, dq)
 
     def _slope(self, t: float | Array, dt: float, q: Array, v: Array, direction: Array, force: Array) -> Array:
-        found = self.dynamics.accelerate(q, v, force - self.resist(t, dt, q[None], v[None], direction)[0])
-        self.moment.a = found
+        found = self.dynamics.accelerate(q, v, force - self.resist(t, dt, q[None], v[None], direction)[0]).copy()
+        self.moment.changed(np.zeros_like(found), found, 1.0)
         return found

@@ -40,7 +40,7 @@ class Stiffness(NamedTuple):
 
 def feel(plant: Plant, robot: Robot, seed: int = 0) -> Stiffness:
     """The stiffness of a plant's laws from trials at random states, slow and fast."""
-    rng, bodies, copies = np.random.default_rng(seed), plant.bodies, len(plant.moment.a)
+    rng, bodies, copies = np.random.default_rng(seed), plant.bodies, len(plant.moment.inertia)
     count = bodies.drive.shape[1]
     low, high = np.maximum(robot.lower, -np.pi), np.minimum(robot.upper, np.pi)
     damping, spring, inertia = np.zeros(count), np.zeros(count), np.full(count, np.inf)
@@ -49,12 +49,12 @@ def feel(plant: Plant, robot: Robot, seed: int = 0) -> Stiffness:
         q[:, bodies.motor] = rng.uniform(low, high)
         v[:] = rng.choice([-1.0, 1.0], count) * 10.0 ** (rng.uniform(-5, 0.5) + rng.uniform(-0.5, 0, count))
         q[:, bodies.flex] = rng.uniform(-0.05, 0.05, len(bodies.flex))
-        plant.moment.inertia = plant.dynamics.inertia(q)
+        plant.moment.inertia = np.repeat(plant.dynamics.inertia(q[:1]), copies, axis=0)
         trials, speeds = np.stack([q, q, q + TRIAL]), np.stack([v, v + TRIAL, v])
         plant.moment.set(float(k), plant.step, trials, speeds, np.sign(speeds))
         for term in plant.terms:
             term.begin()
         here, faster, moved = plant.resist(float(k), plant.step, trials, speeds, np.sign(speeds))[:, 0]
         damping, spring = np.maximum(damping, (faster - here) / TRIAL), np.maximum(spring, (moved - here) / TRIAL)
-        inertia = np.minimum(inertia, 1 / plant.dynamics.mobility(q[0]).diagonal())
+        inertia = np.minimum(inertia, 1 / plant.dynamics.mobility(q[:1])[0].diagonal())
     return Stiffness(damping, spring, inertia)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -29,7 +30,8 @@ class Term:
             index = bodies.motor[list(joints)]
             if effect.scope == "robot":  # these act on the links, behind what is elastic
                 soft = bodies.soft
-        self.view = MomentView(moment, index, joints, soft, bodies.flex)
+        everywhere = not len(soft) and np.array_equal(index, np.arange(len(moment.joints)))
+        self.view = moment if everywhere else MomentView(moment, index, joints, soft, bodies.flex)
         self.z: Array | None = None  # (B, m) memory
         several = len(laws) > 1
         keys = effect.parameters if self.transmission else effect.shape(laws[0].parameters)
@@ -45,8 +47,7 @@ class Term:
         Args:
             total: (R, B, c) [N.m or N], changed.
         """
-        view = self.view
-        torque = self._torque()
+        view, torque = self.view, self._torque()
         total[view.at] += torque
         if len(view.soft):
             total[..., view.flex] += torque[..., view.soft]
@@ -79,18 +80,18 @@ class Term:
         """
         self.z = self.effect.advance(self.z, self._state(self.view.cut(v)), **self.shape)
 
-    def _torque(self) -> Array:
+    def _torque(self) -> Any:
         effect, view = self.effect, self.view
         if self.transmission:
-            return np.asarray(effect.hold(view, **self.shape))
+            return effect.hold(view, **self.shape)
         if self.memory:
             columns = effect.columns(view, effect.advance(self.z, view, **self.shape), **self.shape)
         else:
             columns = effect.columns(view, **self.shape)
         torque = self.coefficients[0] * columns[0]
-        for coefficient, column in zip(self.coefficients[1:], columns[1:], strict=True):
-            torque = torque + coefficient * column
-        return np.asarray(torque)
+        for k in range(1, len(columns)):
+            torque = torque + self.coefficients[k] * columns[k]
+        return torque
 
     def _state(self, v: Array) -> Trial:
         return Trial(self.view.q[0], v, t=self.view.t[0], dt=self.view.dt, joints=self.view.joints)
@@ -111,4 +112,4 @@ def build_terms(laws: Sequence[Law], moment: Moment) -> tuple[Term, ...]:
             mine[0].append(law)
         else:
             groups.append([law])
-    return tuple(Term(group, moment) for group in groups)
+    return tuple(Term(sorted(group, key=lambda law: law.joints), moment) for group in groups)
