@@ -17,7 +17,7 @@ from .bodies import Body, Drives, drive
 from .control import COMMAND, KNOWN, STEP, Motion, Reference, Track, clock, draw_motion, gains
 from .faults import Fault
 from .laws import Laws
-from .mujoco_model import build, dofs, gear
+from .mujoco_model import Gear, build, dofs, gears
 from .record import log, misplaced, misread
 
 __all__ = ["STEP", "Body", "Drives", "Motion", "Track", "draw_motion", "inertials", "log", "simulate"]
@@ -57,14 +57,20 @@ def simulate(
     stiffness, damping = gains(_mean_inertia(known, body.joints, desired[:: len(t) // 20]))
     forward = _feed_forward(known, body.joints, motion, t)
     command = forward + stiffness * desired + damping * velocity
-    command -= stiffness * misplaced(body.joints, faults)
+    astray = misplaced(body.joints, faults)
+    command -= stiffness * astray
     model = build(body, drives, (stiffness, damping), faults=faults)
     true = drive(drives, body.joints, faults)
     laws = Laws(faults, body.joints, true.coulomb_friction, STEP)
     load = forward[0] / KNOWN - np.array(drives.armature) * acceleration[0]
-    first = _begin(model, body, faults, desired[0], velocity[0], load)
+    between = gears(model, body, faults)
+    loose = [gear for gear in between if gear.free]
+    first = _begin(model, body, between, desired[0] - astray, velocity[0], load)
     control = command - np.array(true.torque_offset)
-    q, v = _step(model, body, laws, t, control, *first) if laws.any else _roll(model, body, control, *first)
+    if laws.any or loose:
+        q, v = _step(model, body, laws, loose, t, control, *first)
+    else:
+        q, v = _roll(model, body, control, *first)
     tau = command[:-1] - stiffness * q[:-1] - damping * v[1:]  # implicit integration damps with the next velocity
     track = misread(Track(t[:-1], q[:-1], tau), body.joints, faults)
     return Track(*(x[::every] for x in track))
@@ -110,17 +116,16 @@ def _feed_forward(model: Any, joints: Sequence[str], motion: Reference, t: Array
     return KNOWN * np.column_stack([np.interp(t, coarse, column) for column in torque.T])
 
 
-def _begin(model: Any, body: Body, faults: Sequence[Fault], q: Array, v: Array, load: Array) -> tuple[Array, Array]:
+def _begin(model: Any, body: Body, between: list[Gear], q: Array, v: Array, load: Array) -> tuple[Array, Array]:
     """The whole first state, from that of the n joints; gears are deflected by the load (n,) [N.m]."""
-    at, gears = dofs(model, body.joints), [f for f in faults if f.effect in ("backlash", "joint_elasticity")]
-    if model.nq != model.nv or len(at) + len(gears) != model.nv:
+    at = dofs(model, body.joints)
+    if model.nq != model.nv or len(at) + len(between) != model.nv:
         raise ValueError("only joints of one position each are simulated")
     position, velocity = np.zeros(model.nv), np.zeros(model.nv)
     position[at], velocity[at] = q, v
-    for fault in gears:
-        i, carried = gear(model, fault), load[body.joints.index(str(fault.joint))]
-        soft = fault.effect == "joint_elasticity"
-        position[i] = -carried / fault.numbers["stiffness"] if soft else -np.sign(carried) * fault.numbers["gap"] / 2
+    for gear in between:
+        carried = load[gear.joint]
+        position[gear.at] = -carried / gear.stiffness - np.sign(carried) * gear.free
     return position, velocity
 
 
@@ -133,7 +138,7 @@ def _roll(model: Any, body: Body, control: Array, position: Array, velocity: Arr
 
 
 def _step(
-    model: Any, body: Body, laws: Laws, t: Array, control: Array, position: Array, velocity: Array
+    model: Any, body: Body, laws: Laws, loose: list[Gear], t: Array, control: Array, position: Array, velocity: Array
 ) -> tuple[Array, Array]:
     """The same where laws must step; they see velocities at the time of the positions, half a step later."""
     data, at = mujoco.MjData(model), dofs(model, body.joints)
@@ -157,6 +162,8 @@ def _step(
         else:
             data.qfrc_applied[:] = 0
         data.qfrc_applied[at] -= torque
+        for gear in loose:
+            data.qfrc_applied[gear.at] += gear.push(float(data.qpos[gear.at]), float(data.qvel[gear.at]))
         model.dof_frictionloss[at] = level
         data.ctrl[:] = control[k]
         mujoco.mj_step(model, data)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -15,7 +15,27 @@ from .faults import Fault
 
 Array = NDArray[np.float64]
 
-GEAR_DAMPING = 0.05  # of a soft joint's own vibration, as a share of critical
+GEARS = ("backlash", "joint_elasticity")
+SOFT, PRESSED = 0.05, 0.5  # damping of a soft gear, and of a loose one that is pressed, as a share of critical
+STOP = 0.4  # rad a step, of a loose gear on its stop
+POSES = 8  # in which a gear's vibration is looked at
+
+
+class Gear(NamedTuple):
+    """What lies between the motor and the link of one joint."""
+
+    at: int  # its degree of freedom
+    joint: int
+    free: float  # rad either way
+    stiffness: float  # N.m/rad
+    damping: float  # N.m.s/rad
+
+    def push(self, x: float, v: float) -> float:
+        """The torque [N.m] on the link of a loose gear deflected by x [rad]; it does not pull."""
+        if abs(x) <= self.free:
+            return 0.0
+        side = 1.0 if x > 0 else -1.0
+        return -side * max(self.stiffness * (abs(x) - self.free) + self.damping * side * v, 0.0)
 
 
 def build(
@@ -69,13 +89,43 @@ def dofs(model: Any, joints: Sequence[str]) -> list[int]:
     return [int(model.joint(name).dofadr[0]) for name in joints]
 
 
-def gear(model: Any, fault: Fault) -> int:
-    """Where the deflection of a soft or loose joint is, likewise."""
-    return int(model.joint(f"{fault.joint}_gear").dofadr[0])
+def gears(model: Any, body: Body, faults: Sequence[Fault]) -> list[Gear]:
+    """The soft and loose gears; where a loose one is pressed it is as stiff as steps allow.
+
+    Raises:
+        ValueError: for a soft gear that is too stiff for the steps.
+    """
+    found = []
+    for fault in faults:
+        if fault.effect not in GEARS:
+            continue
+        at, p = int(model.joint(f"{fault.joint}_gear").dofadr[0]), fault.numbers
+        mobility, soft = _mobility(model, at), fault.effect == "joint_elasticity"
+        frequency = np.sqrt(p["stiffness"] * mobility) if soft else STOP / STEP  # rad/s, the other joints free
+        if frequency * STEP > 1:
+            raise ValueError(f"{fault.joint} would vibrate too fast for steps of {STEP:g} s: {frequency:.0f} rad/s")
+        stiffness = frequency**2 / mobility
+        damping = 2 * (SOFT if soft else PRESSED) * stiffness / frequency
+        free = 0.0 if soft else p["gap"] / 2
+        found.append(Gear(at, body.joints.index(str(fault.joint)), free, float(stiffness), float(damping)))
+    return found
+
+
+def _mobility(model: Any, at: int) -> float:
+    """[1/(kg.m2)] of one degree of freedom with the others free: the largest of some poses."""
+    data, rng, found = mujoco.MjData(model), np.random.default_rng(0), []
+    unit, answer = np.zeros((1, model.nv)), np.zeros((1, model.nv))
+    unit[0, at] = 1
+    for _ in range(POSES):
+        mujoco.mj_forward(model, data)
+        mujoco.mj_solveM(model, data, answer, unit)
+        found.append(float(answer[0, at]))
+        data.qpos[:] = rng.uniform(-np.pi, np.pi, model.nq)
+    return max(found)
 
 
 def _solve_stiffly(model: Any, faults: Sequence[Fault]) -> None:
-    """Steps and constraints as nearly rigid as MuJoCo has them; no contacts, no limits but those of a backlash."""
+    """Steps and constraints as nearly rigid as MuJoCo has them; no contacts, no limits."""
     model.dof_solref[:], model.dof_solimp[:] = [2 * STEP, 1], [0.9999, 0.9999, 0.001, 0.5, 2]  # sliding at 1 mm/s
     model.jnt_actfrclimited[:] = 0
     model.opt.timestep, model.opt.integrator = STEP, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
@@ -83,12 +133,6 @@ def _solve_stiffly(model: Any, faults: Sequence[Fault]) -> None:
     model.opt.iterations, model.opt.tolerance = 50, 1e-12
     if model.ntendon:
         model.tendon_solref_fri[:], model.tendon_solimp_fri[:] = model.dof_solref[0], model.dof_solimp[0]
-    gaps = [model.joint(f"{f.joint}_gear").id for f in faults if f.effect == "backlash"]
-    if gaps:
-        model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
-        model.jnt_limited[:] = 0
-        model.jnt_limited[gaps] = 1
-        model.jnt_solref[:], model.jnt_solimp[:] = model.dof_solref[0], model.dof_solimp[0]
 
 
 def _couple(spec: Any, faults: Sequence[Fault]) -> None:
@@ -103,16 +147,14 @@ def _couple(spec: Any, faults: Sequence[Fault]) -> None:
 def _split(spec: Any, body: Body, drives: Drives, faults: Sequence[Fault]) -> None:
     """A second joint between motor and link; a motor with a gear behind it needs a rotor."""
     for fault in faults:
-        if fault.effect in ("backlash", "joint_elasticity"):
+        if fault.effect in GEARS:
             motor = spec.joint(str(fault.joint))
             if len(motor.parent.joints) > 1:
                 raise ValueError(f"{fault.joint} has a soft or loose gear already; plant one of them")
             motor.armature = drives.armature[body.joints.index(str(fault.joint))]
             if motor.armature <= 0:
                 raise ValueError(f"{fault.effect} of {fault.joint} needs a rotor: give the joint an armature")
-            link = motor.parent.add_joint(name=f"{fault.joint}_gear", type=motor.type, axis=motor.axis, pos=motor.pos)
-            if fault.effect == "backlash":
-                link.range = np.array([-0.5, 0.5]) * fault.numbers["gap"]
+            motor.parent.add_joint(name=f"{fault.joint}_gear", type=motor.type, axis=motor.axis, pos=motor.pos)
 
 
 def _plant(model: Any, body: Body, drives: Drives, faults: Sequence[Fault]) -> None:
@@ -133,20 +175,6 @@ def _plant(model: Any, body: Body, drives: Drives, faults: Sequence[Fault]) -> N
             i = body.joints.index(str(fault.joint))
             model.actuator_forcelimited[i] = 1
             model.actuator_forcerange[i] = np.array([-1, 1]) * p["limit"] - drives.torque_offset[i]
-        elif fault.effect == "joint_elasticity":
-            _soften(model, fault)
-
-
-def _soften(model: Any, fault: Fault) -> None:
-    """Stiffness and slight damping of a soft gear."""
-    data, unit, at = mujoco.MjData(model), np.zeros((1, model.nv)), gear(model, fault)
-    mujoco.mj_forward(model, data)
-    unit[0, at] = 1
-    mobility = np.zeros_like(unit)
-    mujoco.mj_solveM(model, data, mobility, unit)
-    stiffness = fault.numbers["stiffness"]
-    frequency = np.sqrt(stiffness * mobility[0, at])  # rad/s, with the other joints free
-    if frequency * STEP > 1:
-        raise ValueError(f"{fault.joint} would vibrate at {frequency / 6.28:.0f} Hz: too fast for steps of {STEP:g} s")
-    model.jnt_stiffness[model.dof_jntid[at]] = stiffness
-    model.dof_damping[at] = 2 * GEAR_DAMPING * stiffness / frequency
+    for gear in gears(model, body, faults):
+        if not gear.free:
+            model.jnt_stiffness[model.dof_jntid[gear.at]], model.dof_damping[gear.at] = gear.stiffness, gear.damping

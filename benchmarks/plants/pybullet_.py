@@ -73,11 +73,12 @@ def simulate(
     with closing(Machine(body, weigh=False)) as known:
         stiffness, damping = gains(np.mean([np.diag(known.mass(q)) + rotors for q in positions], axis=0))
         command = _feed_forward(known, rotors, motion, t) + stiffness * desired + damping * velocity
-    command -= stiffness * misplaced(body.joints, faults)
+    astray = misplaced(body.joints, faults)
+    command -= stiffness * astray
     joints = _joints(body, drives, faults)
     laws = Laws(faults, body.joints, joints.level[: len(rotors)], STEP)
     with closing(Machine(body, faults)) as machine:
-        machine.place(desired[0], velocity[0])
+        machine.place(desired[0] - astray, velocity[0])
         q, v = _run(machine, joints, laws, t, command, (stiffness, damping))
     tau = command[:-1] - stiffness * q[:-1] - damping * v[1:]
     track = misread(Track(t[:-1], q[:-1], tau), body.joints, faults)
