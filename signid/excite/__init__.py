@@ -3,6 +3,7 @@
 from .draw import random_motion
 from .limits import Limits, build_limits
 from .plan import excite
-from .result import Excitation, Use
+from .result import Excitation, Separation, Use
+from .separate import separate
 
-__all__ = ["Excitation", "Limits", "Use", "build_limits", "excite", "random_motion"]
+__all__ = ["Excitation", "Limits", "Separation", "Use", "build_limits", "excite", "random_motion", "separate"]

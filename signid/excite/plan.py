@@ -16,7 +16,7 @@ from .criterion import CRITERIA
 from .draw import check_duration, sample
 from .family import FAMILIES
 from .limits import Limits, build_limits
-from .ready import make_ready
+from .ready import make_ready, usual_laws
 from .result import Excitation
 from .safe import FINE, make_safe
 from .search import Budget, Progress, search
@@ -24,7 +24,7 @@ from .setting import Setting
 
 CLEARANCE = 0.01  # [m] between links
 SPARE = 0.02  # [m] more in the search, whose instants are few
-PER_PERIOD = 20  # instants of the search per period of the fastest harmonic
+PER_PERIOD = 12  # instants of the search per period of the fastest harmonic
 KEPT = 0.95  # of the motion found; less is flagged
 PENALTY = 100.0  # on what exceeds a limit: log of a standard deviation per mean square share
 
@@ -35,7 +35,7 @@ def excite(
     kind: str = "fourier",
     criterion: str = "determinant",
     duration: float = 20.0,
-    harmonics: int = 5,
+    harmonics: int = 10,
     base_frequency: float | None = None,
     limits: Limits | None = None,
     effects: Sequence[str] = EFFECT_NAMES,
@@ -76,7 +76,7 @@ def excite(
         raise OptionError(f"the rate is {rate:g} Hz; a positive one is needed")
     family = FAMILIES[kind](duration, harmonics, frequency)
     limits = limits or build_limits(model.robot)
-    setting, notes = make_ready(model, effects, family, duration, limits, clearance, seed)
+    setting, notes = make_ready(model, usual_laws(model, effects), family, duration, limits, clearance, seed)
     instants = int(np.ceil(PER_PERIOD * harmonics * frequency * duration))
     cost = Cost(
         setting, CRITERIA[criterion], family, np.linspace(0, duration, instants + 1), PENALTY, clearance + SPARE

@@ -26,7 +26,7 @@ NOISE = 0.01  # of the torque limit, or of the rms torque where there is none
 
 def make_ready(
     model: Model,
-    effects: Sequence[str],
+    laws: tuple[Law, ...],
     family: Family,
     duration: float,
     limits: Limits,
@@ -39,9 +39,8 @@ def make_ready(
     reference size of a base parameter's column is its rms along these motions.
 
     Raises:
-        OptionError: there is no such effect, it is no coefficient of single joints, or no posture obeys the limits.
+        OptionError: no posture obeys the limits.
     """
-    laws = _laws(model, effects)
     base = build_base(model.robot, laws, seed)
     collision, why = build_collision(model.robot, limits, clearance, seed)
     home = find_home(model, limits, collision, clearance, seed)
@@ -60,7 +59,12 @@ def make_ready(
     return setting, (why,) if why else ()
 
 
-def _laws(model: Model, effects: Sequence[str]) -> tuple[Law, ...]:
+def usual_laws(model: Model, effects: Sequence[str]) -> tuple[Law, ...]:
+    """The laws of those names at every joint.
+
+    Raises:
+        OptionError: there is no such effect, or it is no coefficient of a single joint.
+    """
     for name in effects:
         effect = EFFECTS[name]
         if effect.scope != "joint" or not effect.parameters or len(effect.linear()) < len(effect.parameters):

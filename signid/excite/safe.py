@@ -18,6 +18,7 @@ from .setting import Setting
 
 FINE = 1e-3  # [s] grid on which limits are checked
 NEAR = 5e-3  # [s] grid on which distances between links are checked
+COARSE = 100  # times FINE, to look first
 POSTURES = 200  # random ones among which the home posture is sought
 HALVINGS = 8  # of the share of the motion that is kept
 SLACK = 1e-9  # rounding
@@ -114,6 +115,10 @@ def smallest_distance(setting: Setting, family: Family, duration: float, x: Arra
 
 
 def _obeys(setting: Setting, family: Family, t: Array, x: Array) -> tuple[bool, float | None]:
+    if setting.collision is not None:  # most that touch are seen on a coarse grid
+        coarse = setting.collision.distance(family.basis(t[::COARSE])[0] @ x.T)
+        if coarse.min() < setting.clearance:
+            return False, None
     use = setting.use(sample(family, setting.model.robot.joints, x, t))
     if use.largest > setting.limits.margin + SLACK:
         return False, None
