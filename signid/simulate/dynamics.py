@@ -57,7 +57,8 @@ class Dynamics:
             armature: (B, c) to be added [kg.m2 or kg].
         """
         if not self.plain:
-            return np.linalg.inv([self._mass(*row) for row in zip(q, self._each(armature, len(q)), strict=True)])
+            rows = zip(q, self._each(armature, len(q)), strict=True)
+            return np.asarray(np.linalg.inv([self._mass(*row) for row in rows]))
         model, data, out = self.model, self.data, np.empty((*q.shape, q.shape[1]))
         for i, row in enumerate(q):
             if armature is not None:

@@ -163,10 +163,11 @@ class Plant:
         """Velocity after a step in which friction lies between what it is forward and backward."""
         q, v = self.state, self.speed
         low, high, armature = self._box(t, dt)
-        friction = np.where(v > 0, high, np.where(v < 0, low, np.clip(self.held, low, high)))
+        friction = np.where(v > 0, high, np.where(v < 0, low, np.minimum(np.maximum(self.held, low), high)))
         after: Array = v + dt * self.dynamics.accelerate(q, v, force - friction, armature)
-        rows = np.flatnonzero(((high > low) & (after * v <= 0)).any(axis=1))
-        if len(rows):
+        stops = ((high > low) & (after * v <= 0)).any(axis=1)
+        if stops.any():
+            rows = slice(None) if len(q) == 1 else np.flatnonzero(stops)
             mobility = dt * self.dynamics.mobility(q[rows], None if armature is None else armature[rows])
             free = after[rows] + (mobility @ friction[rows, :, None])[..., 0]
             after[rows], friction[rows] = self.friction(free, low[rows], high[rows], mobility)
