@@ -54,7 +54,7 @@ def simulate(
     t, every = clock(start, duration, rate)
     desired, velocity, acceleration = motion.at(t)
     known = build(body, drives, frictionless=True, weigh=False)
-    stiffness, damping = gains(_mean_inertia(known, body.joints, desired[:: len(t) // 20]))
+    stiffness, damping = gains(_mean_inertia(known, body.joints, desired[:: max(len(t) // 20, 1)]))
     forward = _feed_forward(known, body.joints, motion, t)
     command = forward + stiffness * desired + damping * velocity
     astray = misplaced(body.joints, faults)

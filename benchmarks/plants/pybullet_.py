@@ -69,7 +69,7 @@ def simulate(
             raise ValueError(f"Bullet has no rotor before a gear, so no {fault.effect}; MuJoCo's plant has it")
     t, every = clock(start, duration, rate)
     desired, velocity, _ = motion.at(t)
-    rotors, positions = np.array(drives.armature), desired[:: len(t) // 20]
+    rotors, positions = np.array(drives.armature), desired[:: max(len(t) // 20, 1)]
     with closing(Machine(body, weigh=False)) as known:
         stiffness, damping = gains(np.mean([np.diag(known.mass(q)) + rotors for q in positions], axis=0))
         command = _feed_forward(known, rotors, motion, t) + stiffness * desired + damping * velocity
