@@ -41,7 +41,7 @@ class Dynamics:
         if armature is None:
             if len(q) == 1:
                 return np.asarray(pin.aba(model, data, q[0], v[0], force[0]))[None]  # valid until the next call
-            return np.asarray(pin.abaInParallel(THREADS, self.pool, q.T, v.T, force.T)).T
+            return np.reshape(pin.abaInParallel(THREADS, self.pool, q.T, v.T, force.T), q.T.shape).T  # 1-D where c = 1
         out = np.empty_like(v)
         for i, row in enumerate(armature):
             model.armature = self.armature + row
