@@ -19,7 +19,7 @@ from signid.motion import Motion
 from signid.simulate import simulate, track
 from signid.types import Array, Law
 
-SECONDS, CUTOFF, EDGE = 5.0, 15.0, 300  # [s], [Hz], samples that are not looked at
+SECONDS, CUTOFF, EDGE = 6.0, 15.0, 1000  # [s], [Hz], samples that are not looked at
 ROTOR = Law(EFFECTS["armature"], (1,), {"inertia": 0.2})
 
 

@@ -6,12 +6,15 @@ import numpy as np
 
 from ..types import Array, View
 
+SETTLING = 6.0  # oscillations after which only the damping of the spring itself is left
+
 
 def oscillate(x: View, stiffness: float, damping: float) -> Array:
     """Deflection (N, 1) [rad or m] of one joint's link from its motor, exact where the load is linear between samples.
 
-    The load changes with the deflection as well, by the rigid bodies' own stiffness and damping. The link begins at
-    rest on the motor, where the load of the first oscillation holds it.
+    The load changes with the deflection as well, by the rigid bodies' own stiffness and damping. How the link swung
+    before the first sample is not known: it begins where the load holds it, damped critically, less and less over the
+    first oscillations.
 
     Args:
         x: one joint along a motion.
@@ -26,6 +29,8 @@ def oscillate(x: View, stiffness: float, damping: float) -> Array:
         _middle(signal)
         for signal in (x.inertia[:, 0], damping + along.velocity[:, j, j], stiffness + along.position[:, j, j])
     )
+    turns = np.arange(len(m)) * dt * np.sqrt(abs(k / m)) / (2 * np.pi)
+    c = c + 2 * np.sqrt(m * abs(k)) * np.clip(1 - turns / SETTLING, 0, 1) ** 2
     force = -x.load[:, 0]
     rate = np.diff(force) / dt
     start, drift = force[:-1] / k - c * rate / k**2, rate / k  # the particular solution start + drift t
@@ -35,8 +40,7 @@ def oscillate(x: View, stiffness: float, damping: float) -> Array:
     odd = ((grown - faded) / np.where(abs(swing) * dt < 1e-6, np.inf, 2 * swing)).real
     odd = np.where(abs(swing) * dt < 1e-6, dt * np.exp(decay * dt), odd)
     steps = (start, drift, even - decay * odd, odd, -k / m * odd, even + decay * odd)
-    first = slice(int(np.clip(2 * np.pi * np.sqrt(m[0] / abs(k[0])) / dt, 1, len(m))))
-    z, w = float(np.mean(force[:-1][first] / k[first])), 0.0
+    z, w = start[0], drift[0]
     out = [z]
     for z0, w0, zz, zw, wz, ww in zip(*(step.tolist() for step in steps), strict=True):
         y, u = z - z0, w - w0
