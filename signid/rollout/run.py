@@ -1,0 +1,143 @@
+"""A model simulated over short windows of recordings, from measured states under recorded torque."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..cutoff import Band, choose_band
+from ..effects.trial import Trial
+from ..errors import OptionError, RecordingError
+from ..model import Model
+from ..sampling import Sampling, samples, survey
+from ..session import Part, Session
+from ..simulate.plant import Plant
+from ..types import Array, Recording, Samples
+from .joints import restrict_joints
+from .result import RollOut
+from .windows import Windows, cut_windows
+
+COUNT, STEP = 48, 1e-3  # windows, and [s]
+PIECE = 2**17  # samples of a recording that the cut-off is chosen from
+SAME_RATE = 0.01  # by which sampling rates of recordings may differ
+FAR = 1e3  # [rad or m] that no joint strays: the simulated robot flew apart
+
+
+def roll_out(
+    model: Model,
+    recordings: Recording | Sequence[Recording] | Session,
+    horizons: Sequence[float] = (0.2, 0.5),
+    *,
+    windows: int = COUNT,
+    band: Band | None = None,
+    step: float = STEP,
+    integrator: str = "semi-implicit",
+) -> RollOut:
+    """How far a model strays from a robot within short horizons: from measured states, under recorded torque.
+
+    Windows as long as the longest horizon start evenly over the recordings, which share them by their lengths; all are
+    simulated at once. What the model's recording laws did is undone, its actuator laws act. A joint whose torque is
+    not recorded follows its measured motion.
+
+    Args:
+        model: any; joints that the recordings lack are held as identification holds them.
+        recordings: one, or several of the same joints and rate; of a session what it holds out, in its band.
+        horizons: [s].
+        windows: how many; they overlap where the recordings are short.
+        band: of the filter on positions; None: as the recordings themselves suggest.
+        step: of the simulation, at most [s].
+        integrator: `semi-implicit`, positions centred between velocities, or `rk4`.
+
+    Raises:
+        OptionError: a horizon, a number of windows or a step cannot be used, or a recording's torque has no sign.
+        RecordingError: a recording cannot be used, or no stretch of it is long enough.
+    """
+    each = _each(recordings)
+    _check(each, horizons, windows, step)
+    model, notes = restrict_joints(model, each)
+    if isinstance(recordings, Session):
+        parts, band = list(recordings.held_out), band or recordings.task.band
+    else:
+        parts = [(recording, survey(recording, model.robot)) for recording in each]
+    band = band or _band(parts)
+    lengths = np.array([sampling.duration for _, sampling in parts])
+    counts = np.maximum(1, np.rint(windows * lengths / lengths.sum())).astype(int).tolist()
+    cuts = [cut_windows(model, part, band, max(horizons), k, step) for part, k in zip(parts, counts, strict=True)]
+    errors = [_simulate(model, cut, integrator) for cut in cuts]
+    samples_each = min(error.shape[1] for error in errors)
+    robot, first = model.robot, cuts[0]
+    return RollOut(
+        joints=robot.joints,
+        unit=tuple("m" if prismatic else "rad" for prismatic in robot.prismatic),
+        horizons=tuple(map(float, horizons)),
+        t=np.arange(1, samples_each + 1) * first.step * first.parts,
+        recording=np.repeat(np.arange(len(cuts)), [len(cut.t) for cut in cuts]),
+        start=np.concatenate([cut.t for cut in cuts]),
+        error=np.concatenate([error[:, :samples_each] for error in errors]),
+        step=first.step,
+        notes=notes,
+    )
+
+
+def _each(given: Recording | Sequence[Recording] | Session) -> list[Recording]:
+    if isinstance(given, Session):
+        return [recording for recording, _ in given.held_out]
+    return [given] if isinstance(given, Recording) else list(given)
+
+
+def _check(recordings: Sequence[Recording], horizons: Sequence[float], windows: int, step: float) -> None:
+    if not recordings:
+        raise OptionError("no recording was given; at least one is needed")
+    if not (len(horizons) and all(np.isfinite(h) and h > 0 for h in horizons)):
+        told = ", ".join(f"{h:g} s" for h in horizons) or "none"
+        raise OptionError(f"horizons {told}; give one or more that are longer than 0 s, such as 0.2 and 0.5")
+    if windows < 1 or not step > 0:
+        raise OptionError(f"{windows} windows in steps of {step:g} s; give at least one window and a positive step")
+    unsigned = {j for r in recordings for j, s in zip(r.joints, r.signed, strict=True) if not s}
+    if unsigned:
+        raise OptionError(f"the torque of {', '.join(sorted(unsigned))} has no sign; a roll-out needs signed torque")
+
+
+def _band(parts: Sequence[Part]) -> Band:
+    rates = np.array([1 / sampling.period for _, sampling in parts])
+    if np.ptp(rates) > SAME_RATE * rates.min():
+        listed = ", ".join(f"{rate:.6g} Hz" for rate in rates)
+        raise RecordingError(f"the recordings are sampled at different rates ({listed}); roll out each by itself")
+    return choose_band([_piece(*part) for part in parts], float(rates[0]))
+
+
+def _piece(recording: Recording, sampling: Sampling) -> Samples:
+    span = max(sampling.spans, key=sampling.length)
+    return samples(recording, sampling, span, 0, min(sampling.length(span), PIECE))
+
+
+def _simulate(model: Model, windows: Windows, integrator: str) -> Array:
+    """Simulated minus measured position (W, S, n) [rad or m] after each sample."""
+    plant = Plant(model, windows.step, len(windows.t), integrator)
+    half = (
+        0.0 if integrator == "rk4" else windows.step / plant.substeps / 2
+    )  # [s] that positions are ahead of velocities
+    plant.start(windows.q[:, 0] + half * windows.v[:, 0], windows.v[:, 0])
+    _remember(plant, windows)
+    blind, error = plant.bodies.motor[~windows.told], np.full_like(windows.q[:, 1:], np.nan)
+    with np.errstate(all="ignore"):
+        for k, torque in enumerate(windows.torque.swapaxes(0, 1), 1):
+            plant.advance(windows.t + (k - 1) * windows.step, torque)
+            i, rest = divmod(k, windows.parts)
+            if rest == 0:
+                error[:, i - 1] = plant.q - half * plant.v - windows.q[:, i]
+                plant.state[:, blind] = (windows.q + half * windows.v)[:, i, ~windows.told]
+                plant.speed[:, blind] = windows.v[:, i, ~windows.told]
+    error = np.where(np.abs(error) < FAR, error, np.inf)
+    error[..., ~windows.told] = np.nan
+    return error
+
+
+def _remember(plant: Plant, windows: Windows) -> None:
+    """Run memories along the motion before the windows."""
+    for term in plant.remembering:
+        j = list(term.view.joints)
+        for v in windows.before.swapaxes(0, 1):
+            x = Trial(0.0, v[:, j], dt=windows.period, joints=term.view.joints)
+            term.z = term.effect.advance(term.z, x, **term.shape)
