@@ -199,6 +199,8 @@ def test_what_no_plant_could_mean_is_refused(effect: str, joint: str | None, par
         ),
         (plant("payload", None, **CARRIED, **dict.fromkeys(INERTIA, -0.1)), "inertia that no body has"),
         (plant("joint_elasticity", 2, stiffness=1e8), "too fast"),
+        (Fault("torque_sign", "joint_9", {}), "the joints are joint_1, joint_2, joint_3"),
+        (plant("channel_swap", partner="joint_2"), "joint_2 twice"),
     ],
 )
 def test_what_cannot_be_is_refused(fault: Fault, sentence: str) -> None:

@@ -43,7 +43,7 @@ def test_dry_friction_holds_a_motor_without_torque() -> None:
         Fault("load_friction", "joint_1", {"coefficient": 1.05}),
         Fault("stribeck_friction", "joint_1", {"level": 1.05 * WEIGHT, "velocity": 0.1}),
     ):
-        assert abs(at_rest(np.pi / 2, limp, stuck)[0] - np.pi / 2) < 5e-3
+        assert abs(at_rest(np.pi / 2, limp, stuck)[0] - np.pi / 2) < 1e-5
     assert abs(at_rest(np.pi / 2, limp, Fault("coulomb_friction", "joint_1", {"level": 0.95 * WEIGHT}))[0] - 1.57) > 0.1
 
 

@@ -5,7 +5,7 @@ Effects and their parameters are named as signid names what it finds; foreign la
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -97,3 +97,18 @@ class Fault:
     def partner(self) -> str:
         """The other joint's name."""
         return str(self.parameters["partner"])
+
+
+def check(faults: Iterable[Fault], joints: Sequence[str]) -> None:
+    """Refuse faults of joints that the robot does not have.
+
+    Raises:
+        ValueError: for such a joint, or a joint that is its own partner.
+    """
+    for fault in faults:
+        named = [joint for joint in (fault.joint, fault.parameters.get("partner")) if joint is not None]
+        for joint in named:
+            if joint not in joints:
+                raise ValueError(f"{fault.effect} is planted at {joint}, but the joints are {', '.join(joints)}")
+        if len(named) != len(set(named)):
+            raise ValueError(f"{fault.effect} needs two joints, not {fault.joint} twice")

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from .bodies import Body, Drives, drive
 from .control import COMMAND, KNOWN, STEP, Motion, Reference, Track, clock, draw_motion, gains
-from .faults import Fault
+from .faults import Fault, check
 from .laws import Laws
 from .mujoco_model import Gear, build, dofs, gears
 from .record import log, misplaced, misread
@@ -51,6 +51,7 @@ def simulate(
     Raises:
         ValueError: for a log between the steps, and for faults that cannot be.
     """
+    check(faults, body.joints)
     t, every = clock(start, duration, rate)
     desired, velocity, acceleration = motion.at(t)
     known = build(body, drives, frictionless=True, weigh=False)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from .bodies import Body, Drives, drive
 from .control import COMMAND, KNOWN, STEP, Reference, Track, clock, gains
-from .faults import Fault
+from .faults import Fault, check
 from .laws import Laws
 from .pybullet_model import Machine
 from .record import misplaced, misread
@@ -67,6 +67,7 @@ def simulate(
     for fault in faults:
         if fault.effect in ("joint_elasticity", "backlash"):
             raise ValueError(f"Bullet has no rotor before a gear, so no {fault.effect}; MuJoCo's plant has it")
+    check(faults, body.joints)
     t, every = clock(start, duration, rate)
     desired, velocity, _ = motion.at(t)
     rotors, positions = np.array(drives.armature), desired[:: max(len(t) // 20, 1)]
