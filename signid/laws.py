@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import isfinite
 from typing import Any
 
+from .effects import EFFECTS
 from .effects.law import places
 from .errors import OptionError
 from .robot.joints import find
-from .types import Law, Robot
+from .types import Law, Robot, Shape
 
 
 def place(effect: Any, robot: Robot, joint: str | None, partner: str | None = None) -> tuple[int, ...]:
@@ -65,11 +67,39 @@ def law_at(effect: Any, robot: Robot, joint: str | None, parameters: Mapping[str
             f"effect {effect.name!r} was given {', '.join(values) or 'no parameter'}; write {written(effect)}"
         )
     try:
-        return Law(effect, joints, {key: float(values[key]) for key in effect.parameters})
+        numbers = {key: float(values[key]) for key in effect.parameters}
     except ValueError:
         raise OptionError(
             f"effect {effect.name!r} has a parameter that is no number; write {written(effect)}"
         ) from None
+    if absurd := [key for key, value in numbers.items() if not isfinite(value)]:
+        raise OptionError(f"effect {effect.name!r}: {absurd[0]} is {numbers[absurd[0]]}; write {written(effect)}")
+    return Law(effect, joints, numbers)
+
+
+def parse_law(text: str, robot: Robot, partial: bool = False) -> Law:
+    """The law that a text such as `spring@elbow:stiffness=30,rest=0.2` states.
+
+    Args:
+        text: EFFECT[@JOINT][:key=value,...]; an effect that couples two joints also has partner=JOINT.
+        robot: gives the joints.
+        partial: whether parameters may be left open.
+
+    Raises:
+        OptionError: there is no such effect, the joint does not fit it, or a parameter is missing, unknown or absurd.
+        RobotError: there is no such joint.
+    """
+    head, colon, tail = text.strip().partition(":")
+    name, at, joint = (part.strip() for part in head.partition("@"))
+    effect = EFFECTS[name]
+    pairs = [[part.strip() for part in pair.partition("=")] for pair in tail.split(",")] if colon else []
+    given = {key: value for key, _, value in pairs}
+    if not all(key and value for key, _, value in pairs) or len(given) < len(pairs) or bool(at) > bool(joint):
+        raise OptionError(f"{text!r} cannot be read; write {written(effect)}")
+    if partial and set(given) <= {"partner", *effect.parameters}:
+        law = _possible(law_at(effect, robot, joint or None, {**effect.example, **given}))
+        return Law(effect, law.joints, {key: value for key, value in law.parameters.items() if key in given})
+    return _possible(law_at(effect, robot, joint or None, given))
 
 
 def written(effect: Any) -> str:
@@ -78,3 +108,13 @@ def written(effect: Any) -> str:
     pairs = ",".join(f"{key}={value}" for key, value in {**keys, **effect.example}.items())
     where = {"robot": "", "any": "[@JOINT]", "tip": ""}.get(effect.scope, "@JOINT")
     return f"{effect.name}{where}{':' if pairs else ''}{pairs}"
+
+
+def _possible(law: Law) -> Law:
+    """The law, if nothing that must be positive is negative, and no shape that counts in something is zero."""
+    for key, value in law.parameters.items():
+        kind = law.effect.parameters[key]
+        low = value <= 0 if isinstance(kind, Shape) and kind.grid else value < 0 and getattr(kind, "positive", False)
+        if low:
+            raise OptionError(f"effect {law.effect.name!r}: {key} is {value:g}; give a positive number")
+    return law

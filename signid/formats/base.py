@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import RecordingError
+from ..errors import OptionError, RecordingError
 from ..types import Array, Table
 
 
@@ -31,6 +31,18 @@ class Format(ABC):
         Raises:
             RecordingError: when the file cannot be read as a table of this kind.
         """
+
+    def encode(self, columns: Mapping[str, Array], file: str) -> bytes:
+        """What a file of this kind holds; the same columns give the same bytes.
+
+        Args:
+            columns: (N,) each, by name [s, rad or m, N.m or N].
+            file: its name, where the kind has several suffixes.
+
+        Raises:
+            OptionError: files of this kind are read only.
+        """
+        raise OptionError(f"files of the format {self.name} are read, not written; write .csv or .parquet")
 
 
 class MemoryTable:

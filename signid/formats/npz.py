@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import io
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
@@ -11,7 +12,7 @@ from zlib import error as ZlibError
 import numpy as np
 
 from ..errors import RecordingError
-from ..types import Table
+from ..types import Array, Table
 from .base import Format, memory_table
 
 
@@ -33,6 +34,12 @@ class Npz(Format):
             sentence = f"{path} is not a NumPy archive, or is damaged; save its arrays again with numpy.savez"
             raise RecordingError(sentence) from error
         return memory_table(arrays, str(path))
+
+    def encode(self, columns: Mapping[str, Array], file: str) -> bytes:
+        """An array a column."""
+        archive = io.BytesIO()
+        np.savez_compressed(archive, allow_pickle=False, **columns)
+        return archive.getvalue()
 
 
 def _arrays(archive: Any) -> Iterator[tuple[str, Any]]:

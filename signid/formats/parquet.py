@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import io
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -86,6 +87,12 @@ class Parquet(Format):
             return ParquetTable(path)
         except BROKEN as error:
             raise RecordingError(f"{path} is not a Parquet file, or is cut short; copy or write it again") from error
+
+    def encode(self, columns: Mapping[str, Array], file: str) -> bytes:
+        """Compressed columns."""
+        content = io.BytesIO()
+        pl.DataFrame(dict(columns)).write_parquet(content)
+        return content.getvalue()
 
 
 PLUGIN = Parquet()

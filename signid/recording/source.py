@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from hashlib import file_digest, sha256
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import RecordingError
-from ..formats import FORMATS
-from ..formats.base import Format, memory_table
+from ..formats.base import memory_table
+from ..formats.find import find_format
 from ..types import Table
 
 Source = str | Path | Mapping[str, ArrayLike]
@@ -46,19 +45,9 @@ def open_source(source: Source) -> Opened:
     if not path.is_file():
         fault = "is a folder" if path.is_dir() else "does not exist"
         raise RecordingError(f"recording {path} {fault}; expected a file of samples")
-    table = _format(path).open(path)
+    table = find_format(path).open(path)
     try:
         with path.open("rb") as stream:
             return Opened(table, str(path), str(path), file_digest(stream, "sha256").hexdigest())
     except OSError as error:
         raise RecordingError(f"recording {path} cannot be read: {error.strerror}") from error
-
-
-def _format(path: Path) -> Format:
-    """The first format that recognises the file: those of the tree, then those of installed packages."""
-    names = (*FORMATS.names, *(point.name for point in entry_points(group="signid.formats")))
-    for name in names:
-        if FORMATS[name].recognises(path):
-            return FORMATS[name]
-    known = ", ".join(suffix for form in FORMATS for suffix in form.suffixes)
-    raise RecordingError(f"recording {path} is of no known format; expected a name that ends in {known}")

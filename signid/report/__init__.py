@@ -3,10 +3,12 @@
 from .documents import check_document, identification_document, inspection_document, to_json
 from .numbers import figure, with_interval
 from .screen import Screen
+from .simulation import Run, simulation_document, simulation_tables
 from .tables import check_tables, identification_tables, inspection_tables
 from .write import probe_folder, write_files
 
 __all__ = [
+    "Run",
     "Screen",
     "check_document",
     "check_tables",
@@ -16,6 +18,8 @@ __all__ = [
     "inspection_document",
     "inspection_tables",
     "probe_folder",
+    "simulation_document",
+    "simulation_tables",
     "to_json",
     "with_interval",
     "write_files",

@@ -53,7 +53,7 @@ def identification_document(result: Identification, inputs: Sequence[Input] = ()
         "cutoff": {"torque": result.cutoff, "position": result.position_cutoff, "unit": "Hz"},
         "flags": list(result.flags),
         "notes": list(result.notes),
-        **_provenance(result.inputs, inputs or [(robot.path, robot.sha256)], result.seed),
+        **provenance(result.inputs, inputs or [(robot.path, robot.sha256)], result.seed),
     }
 
 
@@ -85,7 +85,7 @@ def check_document(found: Check, inputs: Sequence[Input] = (), seed: int = 0) ->
         "advice": list(found.advice),
         "flags": list(found.flags),
         "notes": list(found.notes),
-        **_provenance(((r.path, r.sha256) for r in found.recordings), inputs or [(robot.path, robot.sha256)], seed),
+        **provenance(((r.path, r.sha256) for r in found.recordings), inputs or [(robot.path, robot.sha256)], seed),
     }
 
 
@@ -107,7 +107,7 @@ def inspection_document(found: Inspection, inputs: Sequence[Input] = (), seed: i
         "invisible": list(found.invisible),
         "combined": list(found.combined),
         "notes": list(robot.notes),
-        **_provenance((), inputs or [(robot.path, robot.sha256)], seed),
+        **provenance((), inputs or [(robot.path, robot.sha256)], seed),
     }
 
 
@@ -176,7 +176,8 @@ def _excitation(found: Excitation) -> Document:
     }
 
 
-def _provenance(recordings: Iterable[Input], others: Iterable[Input], seed: int) -> Document:
+def provenance(recordings: Iterable[Input], others: Iterable[Input], seed: int) -> Document:
+    """What a result was made from, each file once, and by which version."""
     inputs = dict.fromkeys((*recordings, *others))
     return {
         "inputs": [{"path": path, "sha256": digest} for path, digest in inputs],

@@ -17,6 +17,7 @@ from ..inspect import Inspection
 from ..sampling import Sampling
 from ..types import Label
 from .joints import describe_joints
+from .layout import heading, new_table, note_lines, paragraph, plural
 from .numbers import TWO_SIDED, determination, figure, share, with_interval
 from .quantities import LawNumber, law_numbers, rigid_rows
 
@@ -27,79 +28,79 @@ STYLES = {"told": "green", "weak": "yellow", "not told": "red"}
 def inspection_tables(found: Inspection) -> list[RenderableType]:
     """Joints, links, base parameters as formulas, and what no motion can tell."""
     robot, base = found.robot, found.base
-    joints = _table("joint", "#>", "type", "carries link", "lower>", "upper>", "velocity>", "effort>", "unit")
+    joints = new_table("joint", "#>", "type", "carries link", "lower>", "upper>", "velocity>", "effort>", "unit")
     for j in describe_joints(robot):
         limits = (figure(x) for x in (j.lower, j.upper, j.velocity_limit, j.effort_limit))
         joints.add_row(j.name, str(j.number), j.type, j.link, *limits, j.unit)
-    formulas = _table("base parameter", "unit")
+    formulas = new_table("base parameter", "unit")
     for expression, unit in zip(base.expressions, base.units, strict=True):
         formulas.add_row(expression, unit)
-    hidden = _table("link", "standard parameters")
+    hidden = new_table("link", "standard parameters")
     for body, names in _by_body(base.invisible):
         hidden.add_row("(drives)" if body is None else f"{body + 1}  {robot.links[body]}", ", ".join(names))
     counted = f"{base.rank} base parameters: what torque can tell of {len(base.labels)} standard parameters"
     return [
-        _head(
-            f"{robot.name}: {_count(len(robot.joints), 'joint')}, {_count(len(robot.links), 'moving link')}",
+        heading(
+            f"{robot.name}: {plural(len(robot.joints), 'joint')}, {plural(len(robot.links), 'moving link')}",
             below=False,
         ),
         joints,
-        _head(f"{counted} (numbers count moving links)"),
+        heading(f"{counted} (numbers count moving links)"),
         formulas,
-        *([_head("No motion can tell"), hidden] if base.invisible else []),
-        _sentence(f"{_count(len(found.combined), 'standard parameter')} can be told only in combination with others."),
-        *_notes(robot.notes),
+        *([heading("No motion can tell"), hidden] if base.invisible else []),
+        paragraph(f"{plural(len(found.combined), 'standard parameter')} can be told only in combination with others."),
+        *note_lines(robot.notes),
     ]
 
 
 def check_tables(found: Check) -> list[RenderableType]:
     """Sampling, cut-offs, and which base parameters the recordings can tell."""
-    sampling = _table("recording", "rate [Hz]>", "duration [s]>", "samples>", "gaps>", "step [ms]>")
+    sampling = new_table("recording", "rate [Hz]>", "duration [s]>", "samples>", "gaps>", "step [ms]>")
     for name, s in zip(_short([r.path for r in found.recordings]), found.samplings, strict=True):
         sampling.add_row(name, *_sampling(s))
-    joints = _table("joint", "highest cut-off [Hz]>", "rows used>", "torque noise>", "unit")
+    joints = new_table("joint", "highest cut-off [Hz]>", "rows used>", "torque noise>", "unit")
     columns = (found.robot.joints, found.band.per_joint, found.used, found.band.torque_floor, found.robot.prismatic)
     for joint, cutoff, used, floor, prismatic in zip(*columns, strict=True):
         joints.add_row(joint, figure(cutoff), share(used), figure(floor, 2), "N" if prismatic else "N.m")
-    told = _table("base parameter", "± to expect (95 %)>", "unit", "verdict")
+    told = new_table("base parameter", "± to expect (95 %)>", "unit", "verdict")
     for expression, std, unit, verdict in zip(
         found.base.expressions, found.std, found.base.units, found.verdicts, strict=True
     ):
         told.add_row(expression, figure(TWO_SIDED * std, 2), unit, Text(verdict, STYLES.get(verdict, "")))
-    given = f"{_count(len(found.recordings), 'recording')} of {_count(len(found.robot.joints), 'joint')}"
+    given = f"{plural(len(found.recordings), 'recording')} of {plural(len(found.robot.joints), 'joint')}"
     counts = ", ".join(f"{found.verdicts.count(verdict)} {verdict}" for verdict in STYLES)
     return [
-        _head(f"{found.robot.name}: {given}", below=False),
+        heading(f"{found.robot.name}: {given}", below=False),
         sampling,
-        _head("What encoder noise allows"),
+        heading("What encoder noise allows"),
         joints,
-        _sentence(f"{_cutoffs(found.band.cutoff, found.band.position_cutoff)}."),
-        _head(f"{found.base.rank} base parameters: {counts}"),
+        paragraph(f"{_cutoffs(found.band.cutoff, found.band.position_cutoff)}."),
+        heading(f"{found.base.rank} base parameters: {counts}"),
         told,
-        _sentence(_excited(found.excitation)),
-        *(_sentence(f"advice: {sentence}") for sentence in found.advice),
-        *_notes(found.notes),
+        paragraph(_excited(found.excitation)),
+        *(paragraph(f"advice: {sentence}") for sentence in found.advice),
+        *note_lines(found.notes),
     ]
 
 
 def identification_tables(result: Identification) -> list[RenderableType]:
     """Base parameters and laws with their intervals, the fit, and how far it can be trusted."""
-    base = _table("base parameter", "value>", "± (95 %)>", "unit")
+    base = new_table("base parameter", "value>", "± (95 %)>", "unit")
     for row in rigid_rows(result.base):
         interval = with_interval(float(result.base_value[row]), float(result.estimate.std[row]))
         base.add_row(result.base.expressions[row], *interval, result.base.units[row])
-    counted = f"{_count(result.base.rank, 'base parameter')}, {_count(len(result.robot.joints), 'joint')}"
+    counted = f"{plural(result.base.rank, 'base parameter')}, {plural(len(result.robot.joints), 'joint')}"
     laws = [number for numbers in law_numbers(result) for number in numbers]
     return [
-        _head(f"{result.robot.name}: {counted}", below=False),
+        heading(f"{result.robot.name}: {counted}", below=False),
         base,
         *_laws(laws),
-        _head("Fit: rms of the torque that the model leaves unexplained"),
+        heading("Fit: rms of the torque that the model leaves unexplained"),
         _fit(result.fit),
-        _sentence(_excited(result.excitation)),
-        _sentence(_consistent(result)),
-        _sentence(f"{_cutoffs(result.cutoff, result.position_cutoff)}; {result.estimate.method}."),
-        *_notes(result.notes),
+        paragraph(_excited(result.excitation)),
+        paragraph(_consistent(result)),
+        paragraph(f"{_cutoffs(result.cutoff, result.position_cutoff)}; {result.estimate.method}."),
+        *note_lines(result.notes),
     ]
 
 
@@ -124,12 +125,12 @@ def _laws(numbers: Sequence[LawNumber]) -> list[RenderableType]:
         return []
     table = _law_grid(numbers, kinds) if len(kinds) <= WIDE else _law_list(numbers)
     combined = any(n.std is None for n in numbers)
-    told = [_sentence("In brackets: told only in combination with other parameters.")] if combined else []
-    return [_head("Laws at the joints, ± 95 %"), table, *told]
+    told = [paragraph("In brackets: told only in combination with other parameters.")] if combined else []
+    return [heading("Laws at the joints, ± 95 %"), table, *told]
 
 
 def _law_list(numbers: Sequence[LawNumber]) -> Table:
-    table = _table("joint", "law", "number", "value>", "unit")
+    table = new_table("joint", "law", "number", "value>", "unit")
     for n in numbers:
         table.add_row(n.joint or "(robot)", n.effect.replace("_", " "), n.key.replace("_", " "), _law_cell(n), n.unit)
     return table
@@ -140,7 +141,7 @@ def _law_grid(numbers: Sequence[LawNumber], kinds: Sequence[tuple[str, str]]) ->
     for n in numbers:
         lines.setdefault(n.joint or "(robot)", {})[n.effect, n.key] = n
     heads = [f"{effect.replace('_', ' ')}\n{key} [{_units(numbers, effect, key)}]>" for effect, key in kinds]
-    table = _table("joint", *heads)
+    table = new_table("joint", *heads)
     for joint, line in lines.items():
         table.add_row(joint, *(_law_cell(line.get(kind)) for kind in kinds))
     return table
@@ -159,7 +160,7 @@ def _units(numbers: Iterable[LawNumber], effect: str, key: str) -> str:
 
 
 def _fit(fit: Fit) -> Table:
-    table = _table("joint", "training>", "held out>", "noise floor>", "unit", "R2 held out>")
+    table = new_table("joint", "training>", "held out>", "noise floor>", "unit", "R2 held out>")
     columns = (fit.joints, fit.train_rms, fit.held_out_rms, fit.noise_floor, fit.unit, fit.held_out_r2)
     for joint, train, held_out, floor, unit, r2 in zip(*columns, strict=True):
         table.add_row(joint, figure(train), figure(held_out), figure(floor, 2), unit, determination(r2))
@@ -173,7 +174,7 @@ def _excited(found: Excitation) -> str:
     said = f"Excitation {verdict}: {told} ({share(ENOUGH)} is needed)."
     if found.small:
         be = "is" if len(found.small) == 1 else "are"
-        said += f" {_count(len(found.small), 'base parameter')} {be} too small to matter for the torque here."
+        said += f" {plural(len(found.small), 'base parameter')} {be} too small to matter for the torque here."
     return said
 
 
@@ -196,28 +197,3 @@ def _by_body(labels: Sequence[Label]) -> list[tuple[int | None, list[str]]]:
     for label in labels:
         bodies.setdefault(label.body, []).append(label.name)
     return list(bodies.items())
-
-
-def _table(*heads: str) -> Table:
-    """Columns by their heads, to the right where a head ends in >; formulas may wrap, numbers may not."""
-    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, header_style="dim")
-    for head in heads:
-        right = head.endswith(">")
-        table.add_column(head.removesuffix(">"), justify="right" if right else "left", no_wrap=right, overflow="fold")
-    return table
-
-
-def _head(text: str, below: bool = True) -> RenderableType:
-    return Text.assemble("\n" if below else "", (text, "bold"))
-
-
-def _sentence(text: str) -> RenderableType:
-    return Text(text)
-
-
-def _notes(notes: Iterable[str]) -> list[RenderableType]:
-    return [_sentence(f"note: {note}") for note in dict.fromkeys(notes)]
-
-
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}{'' if number == 1 else 's'}"

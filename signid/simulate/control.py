@@ -15,7 +15,8 @@ from ..motion import Motion
 from ..types import Array, Frozen, Trajectory
 
 BANDWIDTH, DAMPING = 6.0, 0.9  # [Hz] and [1] of the position loop, where no gains are given
-FRICTIONLESS = 10  # positions of a motion that its mean inertia is taken from
+PLACES = 10  # of a motion, that the inertia felt is taken from
+MASSLESS = 1e-12  # share of the largest inertia below which there is none
 
 
 class Drive(Protocol):
@@ -121,14 +122,7 @@ def track(
     if not (bandwidth > 0 and damping >= 0):
         raise OptionError(f"bandwidth {bandwidth:g} Hz and damping {damping:g}; both must be positive")
     if gains is None:
-        few = trajectory.q[:: max(1, len(trajectory.q) // FRICTIONLESS)]
-        zero = np.zeros((2, *few.shape))
-        unit = np.eye(len(robot.joints))
-        model, at = _bodies(known), np.arange(float(len(few)))
-        rest = model.inverse(Motion(robot, at, few, *zero))
-        pushed = [model.inverse(Motion(robot, at, few, zero[0], np.tile(row, (len(few), 1)))) for row in unit]
-        inertia = np.array([(tau - rest)[:, j].mean() for j, tau in enumerate(pushed)])
-        w = 2 * np.pi * bandwidth
+        inertia, w = _felt_inertia(known, trajectory), 2 * np.pi * bandwidth
         gains = inertia * w**2, 2 * damping * inertia * w
     stiffness, rate = (np.broadcast_to(np.asarray(x, float), (len(robot.joints),)) for x in gains)
     if not (np.all(stiffness >= 0) and np.all(rate >= 0)):
@@ -156,3 +150,25 @@ def sampled(trajectory: Trajectory, t: Array) -> tuple[Array, Array, Array]:
 def _bodies(model: Model) -> Model:
     laws = tuple(law for law in model.laws if isinstance(law.effect, BodyLaw))
     return Model(model.robot, model.inertials, laws)
+
+
+def _felt_inertia(known: Model, trajectory: Trajectory) -> Array:
+    """(n,) [kg.m2 or kg] that a joint's motor feels while the others give way: harmonic mean along a motion.
+
+    Gains in proportion to it stay stable where axes of joints come to lie on one line and inertias nearly cancel.
+    """
+    few = trajectory.q[:: max(1, len(trajectory.q) // PLACES)]
+    robot, at, zero = known.robot, np.arange(float(len(few))), np.zeros((2, *few.shape))
+    model = _bodies(known)
+    rest = model.inverse(Motion(robot, at, few, *zero))
+    units = np.eye(len(robot.joints))
+    pushed = [model.inverse(Motion(robot, at, few, zero[0], np.tile(row, (len(few), 1)))) for row in units]
+    mass = np.stack([tau - rest for tau in pushed], axis=2)
+    weak = np.linalg.eigvalsh(mass)[:, 0] <= MASSLESS * np.linalg.eigvalsh(mass)[:, -1]
+    if weak.any():
+        joint = robot.joints[int(np.abs(np.linalg.eigh(mass[weak.argmax()])[1][:, 0]).argmax())]
+        raise OptionError(
+            f"joint {joint} of {robot.name} moves nothing that has mass; state the inertials of its links, or its "
+            f"armature in an actuators file, or hold it with --lock"
+        )
+    return np.asarray(1 / np.linalg.inv(mass).diagonal(axis1=1, axis2=2).mean(0))

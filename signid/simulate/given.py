@@ -63,7 +63,7 @@ def recorded_torques(recording: Recording) -> Torques:
         raise RecordingError(f"{name} holds torque without its sign; what is to be played back needs signs")
     samples = recording.read()
     have = np.isfinite(samples.tau)
-    if lacking := [joint for joint, seen in zip(recording.joints, have.any(0), strict=True) if not seen]:
+    if lacking := [joint for joint, seen in zip(recording.joints, have.T, strict=True) if not seen.any()]:
         raise RecordingError(f"{name} has no torque of {', '.join(lacking)}; add it, or leave out the joint's position")
     _check(name, samples.t, np.nan_to_num(samples.tau), samples.q[:1])
     t = samples.t - samples.t[0]

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from ..errors import OptionError
 from ..types import Array, Robot
 
 if TYPE_CHECKING:
@@ -39,7 +40,11 @@ class Stiffness(NamedTuple):
 
 
 def feel(plant: Plant, robot: Robot, seed: int = 0) -> Stiffness:
-    """The stiffness of a plant's laws from trials at random states, slow and fast."""
+    """The stiffness of a plant's laws from trials at random states, slow and fast.
+
+    Raises:
+        OptionError: no bodies could move so.
+    """
     rng, bodies, copies = np.random.default_rng(seed), plant.bodies, len(plant.moment.inertia)
     count = bodies.drive.shape[1]
     low, high = np.maximum(robot.lower, -np.pi), np.minimum(robot.upper, np.pi)
@@ -56,5 +61,20 @@ def feel(plant: Plant, robot: Robot, seed: int = 0) -> Stiffness:
             term.begin()
         here, faster, moved = plant.resist(float(k), plant.step, trials, speeds, np.sign(speeds))[:, 0]
         damping, spring = np.maximum(damping, (faster - here) / TRIAL), np.maximum(spring, (moved - here) / TRIAL)
-        inertia = np.minimum(inertia, 1 / plant.dynamics.mobility(q[:1])[0].diagonal())
+        inertia = np.minimum(inertia, 1 / _mobility(plant, q[:1], robot.name).diagonal())
     return Stiffness(damping, spring, inertia)
+
+
+def _mobility(plant: Plant, q: Array, robot: str) -> Array:
+    """The inverse (c, c) of the mass matrix at q (1, c), of bodies that can be."""
+    try:
+        found = plant.dynamics.mobility(q)[0]
+        possible = bool(np.isfinite(found).all()) and np.linalg.eigvalsh(found)[0] > 0
+    except np.linalg.LinAlgError:
+        possible = False
+    if not possible:
+        raise OptionError(
+            f"no bodies can move as those of {robot} would: their mass matrix is not positive; give every joint mass "
+            "or an armature, and a payload or a correction of a link smaller first moments"
+        )
+    return np.asarray(found)
