@@ -16,12 +16,13 @@ from ..types import Array, Frozen, Robot
 from .limits import Limits
 
 POSTURES = 200  # random ones that pairs of links are judged on
+SPARED = 0.25  # of what a pair usually has beyond the clearance
 ALWAYS = 0.5  # pairs too near in more of them belong together: their shapes overlap by design
 
 
 class _Near(NamedTuple):
-    distance: float  # [m], negative where shapes overlap
-    slope: Array  # (nv,) [m/rad] of the distance
+    lack: float  # [1] of the clearance, more than 1 where shapes overlap
+    slope: Array  # (nv,) [1/rad] of it
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +31,7 @@ class Collision(Frozen):
 
     robot: Robot
     geometry: Any  # pin.GeometryModel with those pairs
+    usual: Array  # (pairs,) [m] median distance over random postures
 
     def distance(self, q: Array) -> Array:
         """Smallest distance at each of q (N, n) [rad or m], (N,) [m], negative where links overlap."""
@@ -44,30 +46,33 @@ class Collision(Frozen):
             out[i] = [found.min_distance for found in placed.distanceResults]
         return out
 
-    def penalty(self, q: Array, clearance: float) -> tuple[float, Array]:
-        """Mean square of what is lacking of the clearance, relative, and its slope.
+    def penalty(self, q: Array, clearance: float, spare: float) -> tuple[float, Array]:
+        """Mean square of what each pair lacks of its clearance, relative, and its slope.
+
+        Links that are always near one another are spared a quarter of their usual distance at most.
 
         Args:
             q: (N, n) [rad or m] positions.
-            clearance: that is wanted [m].
+            clearance: that is needed [m].
+            spare: more of it that is wanted [m].
 
         Returns:
             The mean, and (N, n) [1/rad or 1/m].
         """
         model, data, placed = self.robot.model, self.robot.model.createData(), self.geometry.createData()
+        wanted = clearance + np.clip(SPARED * (self.usual - clearance), 0, spare)
         total, slope = 0.0, np.zeros_like(q)
         for i, where in enumerate(configuration(self.robot, q)):
             pin.computeDistances(model, data, self.geometry, placed, where)
-            for near in self._near(model, data, placed, clearance, where):
-                lack = 1 - near.distance / clearance
-                total += lack**2
-                slope[i] -= 2 * lack / clearance * (near.slope @ self.robot.drive)
+            for near in self._near(model, data, placed, wanted, where):
+                total += near.lack**2
+                slope[i] += 2 * near.lack * (near.slope @ self.robot.drive)
         return total / len(q), slope / len(q)
 
-    def _near(self, model: Any, data: Any, placed: Any, clearance: float, where: Array) -> Iterator[_Near]:
+    def _near(self, model: Any, data: Any, placed: Any, wanted: Array, where: Array) -> Iterator[_Near]:
         ready = False
         for k, found in enumerate(placed.distanceResults):
-            if found.min_distance >= clearance:
+            if found.min_distance >= wanted[k]:
                 continue
             if not ready:
                 pin.computeJointJacobians(model, data, where)
@@ -78,7 +83,7 @@ class Collision(Frozen):
                 joint = self.geometry.geometryObjects[shape].parentJoint
                 if joint:
                     slope += sign * _approach(model, data, joint, point, found.normal)
-            yield _Near(found.min_distance, slope)
+            yield _Near(1 - found.min_distance / wanted[k], -slope / wanted[k])
 
 
 def build_collision(robot: Robot, limits: Limits, clearance: float, seed: int = 0) -> tuple[Collision | None, str]:
@@ -108,11 +113,12 @@ def build_collision(robot: Robot, limits: Limits, clearance: float, seed: int = 
         return None, f"self-collision was not checked: {robot.name} has no two shapes that could meet"
     _keep(geometry, pairs)
     q = np.random.default_rng(seed).uniform(limits.lower, limits.upper, (POSTURES, len(robot.joints)))
-    near = (Collision(robot, geometry).distances(q) < clearance).mean(0)
-    _keep(geometry, [pair for pair, share in zip(pairs, near, strict=True) if share <= ALWAYS])
-    if not len(geometry.collisionPairs):
+    found = Collision(robot, geometry, np.zeros(len(pairs))).distances(q)
+    apart = (found < clearance).mean(0) <= ALWAYS
+    if not apart.any():
         return None, "self-collision was not checked: the shapes overlap by design"
-    return Collision(robot, geometry), ""
+    _keep(geometry, [pair for pair, free in zip(pairs, apart, strict=True) if free])
+    return Collision(robot, geometry, np.median(found[:, apart], axis=0)), ""
 
 
 def _keep(geometry: Any, pairs: list[tuple[int, int]]) -> None:

@@ -17,7 +17,7 @@ from .family import Family
 from .rivals import Distance, Rivals
 from .search import Progress
 
-POOL, POLISHED, EVALUATIONS = 60, 4, 150  # random motions; the best of them; steps for each
+POOL, POLISHED, EVALUATIONS = 60, 4, 120  # random motions; the best of them; steps for each
 AMPLITUDE = (0.1, 1.0)  # least and most share of the limits that a random motion uses
 REACH = 0.5  # by which a parameter may be changed, of what alone meets a limit
 ALGORITHM = "LN_SBPLX"
@@ -73,7 +73,7 @@ class Contest(Frozen):
         lost = float(np.sum(over**2)) / len(self.t)
         if setting.collision is not None:
             few = motion.q[:: max(1, len(motion.q) // PLACES)]
-            lost += setting.collision.penalty(few, setting.clearance + SPARE)[0]
+            lost += setting.collision.penalty(few, setting.clearance, SPARE)[0]
         return float(np.log(max(self.smaller(self.rivals.distance(motion), ways), LEAST))) - PENALTY * lost
 
     def smaller(self, distance: Distance, ways: Sequence[int]) -> float:

@@ -27,7 +27,7 @@ class Cost(Frozen):
     family: Family
     t: Array  # (N,) [s] instants at which motions are judged
     penalty: float  # on the mean square of what exceeds a limit, relative
-    clearance: float  # [m] between links
+    spare: float  # [m] between links beyond the clearance
 
     @cached_property
     def basis(self) -> Array:
@@ -113,4 +113,4 @@ class Cost(Frozen):
         """Mean square of what lacks of the clearance; slope (N, n)."""
         if self.setting.collision is None:
             return 0.0, np.zeros(states.shape[1:])
-        return self.setting.collision.penalty(states[0], self.clearance)
+        return self.setting.collision.penalty(states[0], self.setting.clearance, self.spare)

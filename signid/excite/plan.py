@@ -78,9 +78,7 @@ def excite(
     limits = limits or build_limits(model.robot)
     setting, notes = make_ready(model, usual_laws(model, effects), family, duration, limits, clearance, seed)
     instants = int(np.ceil(PER_PERIOD * harmonics * frequency * duration))
-    cost = Cost(
-        setting, CRITERIA[criterion], family, np.linspace(0, duration, instants + 1), PENALTY, clearance + SPARE
-    )
+    cost = Cost(setting, CRITERIA[criterion], family, np.linspace(0, duration, instants + 1), PENALTY, SPARE)
     found = search(cost, budget or Budget(), seed, progress)
     safe = make_safe(setting, family, duration, found.x)
     flags = (

@@ -25,7 +25,7 @@ from .search import Progress
 FRICTION = ("viscous_friction", "coulomb_friction", "torque_offset")  # fitted beside either law
 INDEPENDENT = 20.0  # [Hz] samples of torque with independent errors, after filters
 REMEMBER = 100.0  # [Hz] of the motion where a law has a memory
-PERIODS = (1, 2, 4)  # of the base frequency, in turn
+PERIODS = (1, 2, 4, 12)  # of the base frequency, in turn
 STRUCTURAL = 1e-8  # of a law's sum of squares: less is rounding
 
 
@@ -112,8 +112,8 @@ def _flags(first: Law, second: Law, distance: Distance, ways: Sequence[int]) -> 
     if len(ways) == 1:
         hidden = 1 - ways[0]
         return (
-            f"where {names[hidden]} is true, {names[1 - hidden]} fits as well on every motion: "
-            f"they can be told apart only where {names[1 - hidden]} is true",
+            f"{names[1 - hidden]} and what is fitted beside explain whatever {names[hidden]} does, on every motion: "
+            f"the laws can be told apart only where {names[1 - hidden]} is true",
         )
     if min(distance.seen) < ENOUGH:
         return (f"the laws differ by {min(distance.seen):.3g} along the best motion; {ENOUGH:g} is needed to be sure",)
