@@ -28,6 +28,10 @@ def restrict_joints(model: Model, recordings: Sequence[Recording]) -> tuple[Mode
             f"the recordings have {', '.join(beyond)}, which the model of {robot.name} lacks or holds fixed; "
             f"give a model of these joints"
         )
+    if joints != tuple(joint for joint in robot.joints if joint in joints):
+        raise RecordingError(
+            f"the recordings list the joints in another order than the model of {robot.name}; read them for its robot"
+        )
     if joints == robot.joints:
         return model, ()
     moving = hold(robot, resting(robot, but=joints))

@@ -69,9 +69,7 @@ class RollOut(Frozen):
     def _last(self, horizon: float) -> int:
         place = round(horizon / float(self.t[0])) - 1
         if not 0 <= place < len(self.t):
-            raise OptionError(
-                f"horizon {horizon:g} s; the windows are {self.t[-1]:.4g} s long, in {len(self.t)} samples"
-            )
+            raise OptionError(f"horizon {horizon:g} s; choose one from {self.t[0]:.4g} to {self.t[-1]:.4g} s")
         return place
 
 

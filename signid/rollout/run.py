@@ -119,6 +119,8 @@ def _simulate(model: Model, windows: Windows, integrator: str) -> Array:
         0.0 if integrator == "rk4" else windows.step / plant.substeps / 2
     )  # [s] that positions are ahead of velocities
     plant.start(windows.q[:, 0] + half * windows.v[:, 0], windows.v[:, 0])
+    plant.speed[:, plant.bodies.flex] = windows.flex[1]
+    plant.state[:, plant.bodies.flex] = windows.flex[0] + half * windows.flex[1]
     _remember(plant, windows)
     blind, error = plant.bodies.motor[~windows.told], np.full_like(windows.q[:, 1:], np.nan)
     with np.errstate(all="ignore"):

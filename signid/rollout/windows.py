@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..cutoff import Band
-from ..effects.base import ActuatorLaw, RecordingLaw
+from ..effects.base import ActuatorLaw, RecordingLaw, TransmissionLaw
 from ..effects.trial import Trial
 from ..errors import RecordingError
 from ..model import Model
@@ -31,6 +31,7 @@ class Windows(Frozen):
     q: Array  # (W, S + 1, n) [rad or m]
     v: Array  # (W, S + 1, n) [rad/s or m/s]
     torque: Array  # (W, S * parts, n) mean over each step [N.m or N]
+    flex: Array  # (2, W, k) deflection and its rate of each elastic joint at the start [rad or m, rad/s or m/s]
     before: Array  # (W, L, n) velocities up to the start, of which memories are left [rad/s or m/s]
     told: Mask  # (n,) whether the joint's torque is recorded
 
@@ -53,7 +54,7 @@ def cut_windows(model: Model, part: Part, band: Band, length: float, count: int,
     period = sampling.period
     stride, parts = max(1, int(step / period * (1 + 1e-9))), max(1, int(np.ceil(period / step * (1 - 1e-9))))
     size = stride * max(1, round(length / (stride * period)))
-    remembers = any(getattr(law.effect, "memory", False) for law in model.laws)
+    remembers = any(getattr(law.effect, "memory", isinstance(law.effect, TransmissionLaw)) for law in model.laws)
     before = int(np.ceil(BEFORE / period)) if remembers else 0
     after = int(np.ceil(AFTER / period)) if model.of(RecordingLaw) else 0
     edge, lead = margin(band), max(before, after)
@@ -79,6 +80,7 @@ def cut_windows(model: Model, part: Part, band: Band, length: float, count: int,
         q=q[:, states],
         v=v[:, states],
         torque=_means(torque[:, inside], stride, parts),
+        flex=np.stack([_deflections(model, m, lead) for m in motions], axis=1),
         before=v[:, lead - before : lead],
         told=np.array([bool(c) for c in recording.columns["tau"]]),
     )
@@ -109,6 +111,22 @@ def _acted(model: Model, motion: Motion) -> Motion:
         physics = tuple(law for law in model.laws if not isinstance(law.effect, ActuatorLaw | RecordingLaw))
         torque = np.where(unknown, replace(model, laws=physics).inverse(motion), torque)
     return replace(motion, recorded=torque)
+
+
+def _deflections(model: Model, motion: Motion, k: int) -> Array:
+    """Deflection and rate (2, k) of the elastic joints at a sample, after the motion before it."""
+    elastic = model.of(TransmissionLaw)
+    if not elastic:
+        return np.empty((2, 0))
+    whole = model.bodies()
+    whole.armature = np.zeros(whole.nv)
+    acting = replace(motion, robot=replace(model.robot, model=whole))
+    out = np.empty((2, len(elastic)))
+    for i, law in enumerate(elastic):
+        parts = law.effect.deflection(acting.at(law.joints), **law.effect.shape(law.parameters))
+        z = sum(c * d for c, d in zip(law.effect.coefficients(law.parameters), parts, strict=True))
+        out[:, i] = z[k, 0], (z[k + 1, 0] - z[k - 1, 0]) / (2 * motion.dt)
+    return out
 
 
 def _means(torque: Array, stride: int, parts: int) -> Array:
