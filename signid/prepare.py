@@ -9,6 +9,7 @@ import numpy as np
 from .basis import build_base
 from .cutoff import Band, choose_band
 from .effects import EFFECTS
+from .effects.base import ActuatorLaw, RecordingLaw
 from .errors import OptionError, RecordingError
 from .filters import Decimator
 from .motion import build_motion, margin
@@ -122,17 +123,26 @@ def _reach(robot: Robot, parts: Sequence[Part], band: Band, slow: Array) -> tupl
 
 def _only_linear(laws: Sequence[Law]) -> None:
     for law in laws:
-        if law.effect.scope != "joint":
-            raise OptionError(
-                f"effect {law.effect.name!r} acts on more than one joint, where least squares does not place it; "
-                f"choose effects of single joints"
+        effect, why = law.effect, ""
+        linear, shaped = effect.linear(), [key for key in effect.parameters if key not in effect.linear()]
+        if effect.scope != "joint":
+            why = "acts on more than one joint, where least squares does not place it; choose effects of single joints"
+        elif isinstance(effect, RecordingLaw | ActuatorLaw):
+            why = (
+                "changes what torque is recorded or applied, not what the motion takes; choose effects that take torque"
             )
-        shaped = [key for key in law.effect.parameters if key not in law.effect.linear()]
-        if shaped:
-            raise OptionError(
-                f"effect {law.effect.name!r} has the shape parameters {', '.join(shaped)}, which least squares cannot "
-                f"fit; choose effects that are linear in all parameters"
+        elif shaped:
+            why = (
+                f"has the shape parameters {', '.join(shaped)}, which least squares cannot fit; "
+                f"choose effects that are linear in all parameters"
             )
+        elif effect.coefficients(effect.example) != [effect.example[key] for key in linear]:
+            why = (
+                f"is not linear in {', '.join(linear)}, which least squares cannot fit; "
+                f"choose effects that are linear in all parameters"
+            )
+        if why:
+            raise OptionError(f"effect {effect.name!r} {why}")
 
 
 def _wholly(recording: Recording, key: str) -> bool:

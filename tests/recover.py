@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import NamedTuple
@@ -28,9 +28,21 @@ from signid.types import Array, Law, Mask, Samples
 ROTOR = {"inertia": 0.15}
 USUAL = {"viscous_friction": {"coefficient": 1.0}, "coulomb_friction": {"level": 1.5}, "armature": ROTOR}
 INSTEAD = {"asymmetric_friction": ("viscous_friction", "coulomb_friction")}  # of the usual laws, at the same joint
+TOLERANCE = 0.02  # of the value planted, or of 5 % of the largest of them where that is more
+LOOSER = {
+    "stribeck_friction": 0.08,  # little but the jump, whose rows are left out
+    "position_friction": 0.1,  # the phase: frequency times a position far from zero
+    "friction_drift": 0.04,
+    "backlash": 0.03,
+    "time_delay": 0.03,
+    "torque_lag": 0.03,
+    "joint_coupling": 0.15,  # 0.03 but for the inertia, of less torque than the noise
+}
+UNTOLD = {("link_inertia", "mass"), ("link_inertia", "first_moment_y")}  # no motion of the arm tells these of link 2
+THERE = 0.05  # of the one of a law that is there or not
 SLOW, RATE = 0.01, 1000.0  # [rad/s] width of a reversal, [Hz]
 ROUNDS = 3  # in which torque is predicted anew
-EDGE = 0.05  # [s] by which the ends of a window are moved first
+STRIDES = (0.1, 0.02, 0.004, 0.001)  # [s] by which the ends of a window are moved
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +65,21 @@ class Found(NamedTuple):
     coefficient: float
     left: float
     laws: tuple[Law, ...]
+
+
+def misses(case: Case, found: Found) -> dict[str, float]:
+    """How far each number that the recording can tell is from what was planted, as a share of what is allowed."""
+    effect, recorded = case.effect, case.motion.recorded
+    assert recorded is not None
+    if "limit" in effect.example and np.abs(recorded[:, PLACE[effect.scope]]).max() < effect.example["limit"]:
+        return {}
+    scale = max(map(abs, effect.example.values()), default=1.0)
+    allowed = LOOSER.get(effect.name, TOLERANCE)
+    told = {key: x for key, x in effect.example.items() if (effect.name, key) not in UNTOLD}
+    far = {key: abs(found.parameters[key] - x) / (allowed * max(abs(x), 0.05 * scale)) for key, x in told.items()}
+    if not effect.linear():
+        far["there"] = abs(found.coefficient - 1) / THERE
+    return far
 
 
 def usual_laws(effect: Effect) -> tuple[Law, ...]:
@@ -84,6 +111,11 @@ def case(effect: Effect, seed: int = 5, seconds: float = 16.0, noise: float = 0.
     motion = build_motion(arm(), samples, band, 1 / RATE, slow=np.full(3, SLOW))
     reach = choose_reach([motion], band, np.full(3, SLOW))
     near = [minimum_filter1d(np.abs(v), 2 * r + 1, mode="nearest") for v, r in zip(motion.v.T, reach, strict=True)]
+    if effect.name == "joint_coupling":  # dry friction of the sum of two velocities reverses with the sum
+        own = list(PLACE["pair"])
+        together = minimum_filter1d(np.abs(motion.v[:, own].sum(1)), 2 * max(reach) + 1, mode="nearest")
+        for j in own:
+            near[j] = np.minimum(near[j], together)
     laws = usual_laws(effect)
     rotors = tuple(law for law in laws if law.effect.name == "armature")
     known = tuple(Law(law.effect, law.joints) for law in laws if law not in rotors)
@@ -123,16 +155,36 @@ def _best(case: Case) -> Found:
     if not shape:
         return best
     times = effect.name == "external_contact"  # ends of a window move by seconds, other shapes by shares
-    there, back, first = (np.array, np.array, EDGE) if times else (np.log, np.exp, 0.02)
+    there, back = (np.array, np.array) if times else (np.log, np.exp)
 
     def at(x: Array) -> Law:
         return Law(effect, place, dict(zip(shape, back(x).tolist(), strict=True)))
 
+    def cost(x: Array) -> float:
+        return _whole(case, at(x)).left
+
     start = there(list(shape.values()))
-    corners = np.vstack([start, start + first * np.eye(len(start))])
+    return solve(case, (*case.known, at(_walk(cost, start) if times else _slide(cost, start))))
+
+
+def _slide(cost: Callable[[Array], float], start: Array) -> Array:
+    """Downhill in a smooth valley."""
+    corners = np.vstack([start, start + 0.02 * np.eye(len(start))])
     options = {"initial_simplex": corners, "xatol": 1e-4, "fatol": 1e-9, "maxfev": 40 * len(start)}
-    polished = minimize(lambda x: _whole(case, at(x)).left, start, method="Nelder-Mead", options=options).x
-    return solve(case, (*case.known, at(polished)))
+    return np.asarray(minimize(cost, start, method="Nelder-Mead", options=options).x)
+
+
+def _walk(cost: Callable[[Array], float], start: Array) -> Array:
+    """One end of a window after the other, in steps that grow smaller."""
+    x, least = start, cost(start)
+    for step in STRIDES:
+        tries = [x + k * step * end for end in np.eye(len(x)) for k in (-2, -1, 1, 2)]
+        costs = [cost(y) for y in tries]
+        while min(costs) < least:
+            x, least = tries[int(np.argmin(costs))], min(costs)
+            tries = [x + k * step * end for end in np.eye(len(x)) for k in (-2, -1, 1, 2)]
+            costs = [cost(y) for y in tries]
+    return x
 
 
 def _whole(case: Case, law: Law) -> Found:

@@ -13,6 +13,9 @@ from signid.effects import EFFECT_NAMES, EFFECTS
 from signid.effects.base import Effect
 from signid.effects.law import law_columns, places
 from signid.errors import OptionError
+from signid.prepare import prepare
+from signid.recording import read_recording
+from signid.session import Options
 from signid.types import Coefficient, Law
 
 SLOPE, LEFT = 0.01, 0.03
@@ -66,3 +69,32 @@ def test_units_at_a_prismatic_joint() -> None:
     assert Coefficient("kg.m2").unit_at(True) == "kg"
     units = {k: p.unit_at(True) for k, p in EFFECTS["torque_ripple"].parameters.items()}
     assert units == {"amplitude": "N", "phase": "rad", "frequency": "1/m"}
+
+
+LEAST_SQUARES = (
+    "viscous_friction coulomb_friction torque_offset armature asymmetric_friction quadratic_friction".split()
+)
+REFUSED = {
+    "spring": "not linear in stiffness, rest",
+    "counterbalance": "not linear in amplitude, phase",
+    "cable_torque": "not linear in cubic, centre",
+    "stribeck_friction": "shape parameters velocity",
+    "torque_gain": "changes what torque is recorded",
+    "torque_sign": "changes what torque is recorded",
+    "torque_saturation": "changes what torque is recorded or applied",
+    "payload": "acts on more than one joint",
+    "time_delay": "acts on more than one joint",
+}
+
+
+@pytest.mark.parametrize("name", EFFECTS.names)
+def test_least_squares_takes_laws_that_it_can_fit_and_refuses_the_others(name: str) -> None:
+    motion = smooth_motion()
+    assert motion.recorded is not None
+    recording = read_recording({"t": motion.t, "q": motion.q, "tau": motion.recorded}, motion.robot)
+    options = Options(effects=(name,))
+    if name in (*LEAST_SQUARES, "load_friction"):
+        assert len(prepare(motion.robot, [recording], options=options).task.laws) == 3
+        return
+    with pytest.raises(OptionError, match=REFUSED.get(name, f"effect '{name}'")):
+        prepare(motion.robot, [recording], options=options)
