@@ -8,7 +8,7 @@ class ChannelSwap(RecordingLaw):
     """Each of two joints carries the record of the other."""
 
     name, equation = "channel_swap", "torque[::-1]"
-    source = "Isermann, Fault-Diagnosis Systems, Springer, 2006"
+    source = "Isermann, Fault-Diagnosis Systems, Springer, 2006 (faults of sensors)"
     typical = "two plugs or two columns exchanged: there, or not"
     scope = "pair"
 

@@ -10,7 +10,7 @@ class Counterbalance(TorqueLaw):
     """One sine a turn of the joint, as the weight of a link has about a level axis."""
 
     name, equation = "counterbalance", "amplitude * sin(q + phase)"
-    source = "Wang, Gondokaryono, Munawar, Fischer, Dynamic model identification for the dVRK, IEEE RA-L 4(4), 2019"
+    source = "Wang, Gondokaryono, Munawar, Fischer, Identification of the da Vinci Research Kit, IEEE RA-L 4(4), 2019"
     typical = "half to all of the weight torque of the arm: tens to hundreds of N.m at a shoulder"
     parameters = {"amplitude": Coefficient("N.m"), "phase": Coefficient("rad")}
     example = {"amplitude": 5.0, "phase": 0.4}

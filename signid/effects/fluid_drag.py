@@ -10,7 +10,7 @@ class FluidDrag(TorqueLaw):
     """A force against the velocity of the last link's centre of mass, as large as its square."""
 
     name, equation = "fluid_drag", "jacobian.T @ (coefficient * (jacobian @ v) * norm(jacobian @ v))"
-    source = "Fossen, Handbook of Marine Craft Hydrodynamics and Motion Control, Wiley, 2011, section 6.4"
+    source = "Fossen, Handbook of Marine Craft Hydrodynamics and Motion Control, Wiley, 2011"
     typical = "half the density times area times drag coefficient: 5 to 50 N.s2/m2 in water, under 0.1 in air"
     parameters = {"coefficient": Coefficient("N.s2/m2", positive=True)}
     example = {"coefficient": 6.0}

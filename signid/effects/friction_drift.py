@@ -10,7 +10,9 @@ class FrictionDrift(TorqueLaw):
     """What dry friction gains since the first sample; negative where it falls, so it need not dissipate by itself."""
 
     name, equation = "friction_drift", "change * (1 - exp(-t / time_constant)) * sign(v)"
-    source = "Simoni, Beschi, Legnani, Visioli, Modelling the temperature in joint friction, Robotica 37(5), 2019"
+    source = (
+        "Simoni, Beschi, Legnani, Visioli, Modelling the temperature in joint friction, doi 10.1017/S0263574717000509"
+    )
     typical = "-30 to -50 % of cold friction within tens of minutes"
     parameters = {"change": Coefficient("N.m"), "time_constant": Shape("s", (0.25, 0.5, 1.0), of="duration")}
     example = {"change": 2.0, "time_constant": 4.0}

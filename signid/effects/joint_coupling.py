@@ -13,7 +13,7 @@ class JointCoupling(TorqueLaw):
 
     name = "joint_coupling"
     equation = "inertia * a[::-1] + viscous * v[::-1] + coulomb * tanh(sum(v) / 0.01)"
-    source = "Janot, Vandanjon, Gautier, A revised Durbin-Wu-Hausman test, Control Engineering Practice 48, 2016 (TX40)"
+    source = "figaroh, add_coupling_TX40: the geared wrist of the Staubli TX40"
     typical = "inertia 0.01 kg.m2, viscous 0.6 N.m.s/rad, coulomb 2 N.m (wrist of the TX40)"
     parameters = {
         "inertia": Coefficient("kg.m2"),

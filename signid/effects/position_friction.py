@@ -10,7 +10,7 @@ class PositionFriction(TorqueLaw):
     """A wave on top of Coulomb friction: where it alone were there it would drive the joint half of the time."""
 
     name, equation = "position_friction", "amplitude * sin(frequency * q + phase) * sign(v)"
-    source = "Armstrong, Friction: experimental determination, modeling and compensation, IEEE ICRA 1988"
+    source = "Bittencourt, Wernholt, Sander-Tavallaey, Brogardh, An extended friction model, IEEE/RSJ IROS 2010"
     typical = "5 to 30 % of Coulomb friction, once or twice a turn of the joint"
     parameters = {
         "amplitude": Coefficient("N.m"),

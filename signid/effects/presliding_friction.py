@@ -10,7 +10,7 @@ class PreslidingFriction(TorqueLaw):
     """Memory: z in [-1, 1], the part of the sliding torque that the bent asperities hold."""
 
     name, equation = "presliding_friction", "level * z; dz/dt = v / distance * (1 - z * sign(v))"
-    source = "Dahl, A solid friction model, Aerospace Corporation, TOR-0158(3107-18)-1, 1968"
+    source = "Dahl's model, in Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE Trans. Automatic Control 40(3), 1995"
     typical = "distance 1e-4 to 1e-2 rad, level that of Coulomb friction, which it stands for"
     parameters = {
         "level": Coefficient("N.m", positive=True),

@@ -12,7 +12,7 @@ class Spring(TorqueLaw):
     """In proportion to the way from where it rests; with one more column for that place."""
 
     name, equation = "spring", "stiffness * (q - rest)"
-    source = "Wang, Gondokaryono, Munawar, Fischer, Dynamic model identification for the dVRK, IEEE RA-L 4(4), 2019"
+    source = "Wang, Gondokaryono, Munawar, Fischer, Identification of the da Vinci Research Kit, IEEE RA-L 4(4), 2019"
     typical = "up to 30 N.m/rad"
     parameters = {"stiffness": Coefficient("N.m/rad", positive=True), "rest": Coefficient("rad")}
     example = {"stiffness": 8.0, "rest": 0.3}

@@ -8,7 +8,9 @@ class TorqueGain(RecordingLaw):
     """The record is the true torque by a constant factor."""
 
     name, equation = "torque_gain", "(1 + error) * torque"
-    source = "Gautier, Briot, ASME J. Dynamic Systems, Measurement, and Control 136(5), 2014, 051025"
+    source = (
+        "Gautier, Briot, Global identification of the joint drive gains using a known payload mass, IEEE/RSJ IROS 2011"
+    )
     typical = "0.05 to 0.2 either way"
     parameters = {"error": Coefficient("1")}
     example = {"error": 0.1}

@@ -8,7 +8,7 @@ class TorqueSign(RecordingLaw):
     """The record is minus the true torque."""
 
     name, equation = "torque_sign", "-torque"
-    source = "Isermann, Fault-Diagnosis Systems, Springer, 2006"
+    source = "Isermann, Fault-Diagnosis Systems, Springer, 2006 (faults of sensors)"
     typical = "a reversed axis or motor phase: there, or not"
     twins = ("torque_gain",)
 
