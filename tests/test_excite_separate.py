@@ -17,7 +17,7 @@ from signid.robot import load_robot
 from signid.types import Law
 
 TINY = Budget(pool=4, starts=1, short=5, long=5, firm=5)
-brief = partial(separate, duration=10.0)
+brief = partial(separate, duration=5.0)
 
 
 def law(name: str, joint: int = 0, **parameters: float) -> Law:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -18,8 +19,8 @@ from .family import FAMILIES
 from .limits import Limits, build_limits
 from .ready import make_ready, usual_laws
 from .result import Excitation
-from .safe import FINE, make_safe
-from .search import Budget, Progress, search
+from .safe import FINE, Safe, make_safe
+from .search import Budget, Progress, search, settle
 from .setting import Setting
 
 CLEARANCE = 0.01  # [m] between links
@@ -79,11 +80,8 @@ def excite(
     setting, notes = make_ready(model, usual_laws(model, effects), family, duration, limits, clearance, seed)
     instants = int(np.ceil(PER_PERIOD * harmonics * frequency * duration))
     cost = Cost(setting, CRITERIA[criterion], family, np.linspace(0, duration, instants + 1), PENALTY, SPARE)
-    found = search(cost, budget or Budget(), seed, progress)
-    safe = make_safe(setting, family, duration, found.x)
-    flags = (
-        [f"scaled to {safe.share:.0%} about a posture to obey torque limits and distances"] if safe.share < KEPT else []
-    )
+    safe, evaluations = _find(cost, budget or Budget(), duration, seed, progress)
+    small = f"the motion found was scaled to {safe.share:.0%} to obey torque limits and distances between links"
     fine = sample(family, model.robot.joints, safe.x, np.linspace(0, duration, int(np.ceil(duration / FINE)) + 1))
     trajectory = sample(family, model.robot.joints, safe.x, np.arange(int(duration * rate + 1e-9) + 1) / rate)
     worth = judge(setting, trajectory)
@@ -101,10 +99,23 @@ def excite(
         use=setting.use(fine),
         distance=safe.distance,
         seed=seed,
-        evaluations=found.evaluations,
+        evaluations=evaluations,
         notes=(*model.robot.notes, *limits.notes, *notes),
-        flags=tuple(flags),
+        flags=(small,) if safe.share < KEPT else (),
     )
+
+
+def _find(cost: Cost, budget: Budget, duration: float, seed: int, progress: Progress | None) -> tuple[Safe, int]:
+    """The best motion within all limits; settled once more where it had to shrink, on twice as many instants."""
+    found = search(cost, budget, seed, progress)
+    safe = make_safe(cost.setting, cost.family, duration, found.x)
+    if safe.share == 1:
+        return safe, found.evaluations
+    dense = replace(cost, t=np.linspace(0, duration, 2 * len(cost.t) - 1), spare=2 * cost.spare)
+    again = settle(dense, found.x, budget, progress)
+    other = make_safe(cost.setting, cost.family, duration, again.x)
+    best = min(safe, other, key=lambda end: cost.value(cost.relative(end.x)))
+    return best, found.evaluations + again.evaluations
 
 
 class Worth(NamedTuple):

@@ -27,7 +27,7 @@ class Budget:
     pool: int = 60  # random motions
     starts: int = 4  # the best of them are searched from,
     short: int = 80  # each so long;
-    long: int = 400  # the best result further
+    long: int = 500  # the best result further
     firm: int = 150  # and at last with firm limits
 
     @property
@@ -65,17 +65,32 @@ def search(cost: Cost, budget: Budget, seed: int, progress: Progress | None = No
     ranked = sorted(pool, key=watched.value)
     tried = [watched.improve(z, budget.short, "searching") for z in ranked[: budget.starts]]
     best = watched.improve(min(tried, key=lambda end: end.value).x, budget.long, "improving")
-    watched.cost = replace(cost, penalty=FIRM * cost.penalty)
-    best = watched.improve(best.x, budget.firm, "settling")
-    return Found(fit_inside(fine, limits, cost.parameters(best.x)), best.value, watched.count)
+    settled = settle(cost, cost.parameters(best.x), budget, progress)
+    return Found(settled.x, settled.cost, watched.count + settled.evaluations)
+
+
+def settle(cost: Cost, x: Array, budget: Budget, progress: Progress | None = None) -> Found:
+    """A motion moved to where it obeys firm penalties.
+
+    Args:
+        cost: of a motion.
+        x: (n, d) [rad or m] its parameters.
+        budget: of the stage `firm`.
+        progress: told what is being done.
+    """
+    firm = replace(cost, penalty=FIRM * cost.penalty)
+    watched = _Watched(firm, budget, progress, budget.total - budget.firm)
+    best = watched.improve(np.clip(cost.relative(x), -BOX, BOX), budget.firm, "settling")
+    fine = cost.family.basis(np.arange(0, cost.t[-1], GRID))
+    return Found(fit_inside(fine, cost.setting.limits, cost.parameters(best.x)), best.value, watched.count)
 
 
 class _Watched:
     """A cost that tells how far the search is, and remembers its last slope."""
 
-    def __init__(self, cost: Cost, budget: Budget, progress: Progress | None) -> None:
+    def __init__(self, cost: Cost, budget: Budget, progress: Progress | None, before: int = 0) -> None:
         self.cost, self.budget, self.progress = cost, budget, progress
-        self.count, self.stage = 0, "drawing"
+        self.count, self.before, self.stage = 0, before, "drawing"
         self.last: tuple[bytes, float] = b"", np.inf
 
     def improve(self, z: Array, evaluations: int, stage: str) -> Optimum:
@@ -88,7 +103,7 @@ class _Watched:
         """Cost of z (d,) [1]."""
         self.count += 1
         if self.progress is not None:
-            self.progress(f"{self.stage} motions", min(1.0, self.count / self.budget.total))
+            self.progress(f"{self.stage} motions", min(1.0, (self.before + self.count) / self.budget.total))
         return self.last[1] if self.last[0] == z.tobytes() else self.cost.value(z)
 
     def slope(self, z: Array) -> Array:
