@@ -1,0 +1,157 @@
+"""Every law against robots that know nothing of signid: `python -m benchmarks.laws [--plant bullet] [--json FILE]`.
+
+The arm 3r moves in MuJoCo (or Bullet) with one law planted, written anew in the plant. Its exact positions at 4 kHz
+make a motion; what the recorded torque has beyond the rigid bodies and rotors is compared with what signid's law says
+of that motion, both through the same 15 Hz low-pass. `slope` is the size that the plant shows over the one planted,
+`left` the rms that the law does not explain, over the law's own; rows nearer than 0.1 s to a joint (or a sum of two)
+slower than 0.05 rad/s are set aside for laws that jump there, since joints stick. A payload in the plant is a point,
+its inertia about the joint follows from mass and first moment; the law has none.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+from collections.abc import Iterator
+from itertools import combinations
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from scipy.ndimage import maximum_filter1d
+
+from signid.effects import EFFECTS
+from signid.effects.base import Effect
+from signid.effects.law import law_torque
+from signid.filters import lowpass, smooth
+from signid.laws import law_at
+from signid.model import Model, stated_inertials
+from signid.motion import Motion
+from signid.robot import load_robot
+from signid.types import Array, Law, Robot
+
+from .plants.bodies import Body, Drives
+from .plants.control import Track, draw_motion
+from .plants.faults import Fault
+
+SECONDS, RATE, CUTOFF = 20.0, 4000.0, 15.0  # s, Hz, Hz
+SLOW, AWAY = 0.05, 0.1  # rad/s, s
+CENTRE = (0.0, 0.3, 0.5)  # rad
+ROTORS, RUBBING = (0.12, 0.10, 0.03), 3.0  # kg.m2; N.m below laws that only change friction
+ON_FRICTION = ("position_friction", "friction_drift")
+OTHER = {
+    "torque_saturation": {"limit": 4.0},
+    "joint_elasticity": {"stiffness": 1500.0},
+    "joint_coupling": {"inertia": 0.02},
+}
+JUMPING = ("joint_coupling",)  # with the sum of two velocities
+SLOPE, LEFT = 0.02, 0.05  # what is allowed
+LOOSE = {"backlash": (0.05, 0.25), "time_delay": (0.02, 0.1), "torque_lag": (0.02, 0.1), "base_tilt": (0.03, 0.05)}
+
+
+class Row(NamedTuple):
+    """What a plant shows of one law."""
+
+    effect: str
+    joint: str | None
+    slope: float
+    left: float
+
+    @property
+    def right(self) -> bool:
+        """Whether both are within what is allowed."""
+        slope, left = LOOSE.get(self.effect, (SLOPE, LEFT))
+        return abs(self.slope - 1) <= slope and self.left <= left
+
+
+def planted(effect: Effect, robot: Robot) -> Fault:
+    """The law at the arm's second joint, with usual values."""
+    joint = {"robot": None, "any": None, "tip": robot.joints[-1]}.get(effect.scope, robot.joints[1])
+    values: dict[str, float | str] = {**effect.example, **OTHER.get(effect.name, {})}
+    if effect.scope == "pair":
+        values["partner"] = robot.joints[2]
+    return Fault(effect.name, joint, values)
+
+
+def compare(name: str, effect: Effect) -> Row:
+    """Record the law in a plant, and see it in the record."""
+    robot = load_robot("3r")
+    fault = planted(effect, robot)
+    rubbing = RUBBING if effect.name in ON_FRICTION else 0.0
+    drives = Drives(ROTORS, (0.0,) * 3, (0.0, rubbing, 0.0), (0.0,) * 3)
+    plant = importlib.import_module(f".plants.{name}", __package__)
+    track = plant.simulate(Body(robot.document, robot.joints), drives, draw_motion(CENTRE, 1), SECONDS, RATE, [fault])
+    law = law_at(effect, robot, fault.joint, fault.parameters)
+    known = [Law(EFFECTS["armature"], (j,), {"inertia": x}) for j, x in enumerate(ROTORS)]
+    known += [Law(EFFECTS["coulomb_friction"], (1,), {"level": rubbing})] if rubbing else []
+    motion = _motion(Model(robot, stated_inertials(robot), tuple(known)), track)
+    recorded = motion.recorded if motion.recorded is not None else motion.load
+    extra = recorded - sum((_full(other, motion) for other in known), motion.load)
+    taps = lowpass(RATE, CUTOFF)
+    seen, told = smooth(extra, taps), smooth(_full(law, motion), taps)
+    if effect.name in JUMPING or "sign(" in effect.equation:
+        near = _near(motion)[len(taps) // 2 : len(motion) - len(taps) // 2]
+        seen, told = np.where(near, 0.0, seen), np.where(near, 0.0, told)
+    size = float(np.sum(told**2))
+    return Row(
+        effect.name, fault.joint, float(np.sum(seen * told)) / size, float(np.sum((seen - told) ** 2) / size) ** 0.5
+    )
+
+
+def _motion(known: Model, track: Track) -> Motion:
+    """Exact positions, differentiated where they stand."""
+    step, inner = 1 / RATE, slice(1, -1)
+    q = track.q
+    v, a = (q[2:] - q[:-2]) / (2 * step), (q[2:] - 2 * q[1:-1] + q[:-2]) / step**2
+    bare = Motion(known.robot, track.t[inner], q[inner], v, a)
+    return Motion(known.robot, bare.t, bare.q, v, a, recorded=track.tau[inner], predicted=known.inverse(bare))
+
+
+def _full(law: Law, motion: Motion) -> Array:
+    rows, torque = law_torque(law, motion)
+    out = np.zeros_like(motion.q)
+    out[:, list(rows)] = torque
+    return out
+
+
+def _near(motion: Motion) -> np.ndarray:
+    """(N, n) whether a joint, or the sum of any two, is slower than SLOW within AWAY [s]."""
+    v = motion.v
+    slow = np.abs(v) < SLOW
+    for j, k in combinations(range(v.shape[1]), 2):
+        slow[:, [j, k]] |= (np.abs(v[:, j] + v[:, k]) < SLOW)[:, None]
+    return np.asarray(maximum_filter1d(slow, 2 * int(AWAY * RATE) + 1, axis=0))
+
+
+def compare_all(name: str, only: list[str]) -> Iterator[Row]:
+    """A row for each law that the plant can have."""
+    for effect in EFFECTS:
+        if only and effect.name not in only or name == "pybullet_" and effect.name in ("joint_elasticity", "backlash"):
+            continue
+        yield compare(name, effect)
+
+
+def main() -> None:
+    """Print the table; exit 1 where a law is not what the plant shows."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--plant", choices=("mujoco", "bullet"), default="mujoco")
+    parser.add_argument("--only", nargs="*", default=[], metavar="EFFECT")
+    parser.add_argument("--json", type=Path)
+    chosen = parser.parse_args()
+    table, rows = Table("law", "at", "slope", "left", ""), []
+    for row in compare_all({"mujoco": "mujoco_", "bullet": "pybullet_"}[chosen.plant], chosen.only):
+        rows.append(row)
+        table.add_row(
+            row.effect, row.joint or "all", f"{row.slope:.4f}", f"{row.left:.2%}", "" if row.right else "differs"
+        )
+    Console(width=100).print(table)
+    if chosen.json:
+        chosen.json.write_text(json.dumps([row._asdict() for row in rows], indent=1))
+    raise SystemExit(not all(row.right for row in rows))
+
+
+if __name__ == "__main__":
+    main()
