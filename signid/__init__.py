@@ -11,6 +11,7 @@ from .version import __version__ as __version__
 
 if TYPE_CHECKING:
     from .check import check as check
+    from .excite import excite as excite, separate as separate  # isort: skip
     from .identify import identify as identify
     from .inspect import inspect as inspect
     from .model import load_model as load_model
@@ -18,9 +19,12 @@ if TYPE_CHECKING:
     from .robot import load_robot as load_robot
     from .robot import urdf_from_dh as urdf_from_dh
     from .session import Options as Options
+    from .simulate import Sensors as Sensors, record as record, simulate as simulate, track as track  # isort: skip
 
 HOMES = {"check": "check", "identify": "identify", "inspect": "inspect", "load_model": "model", "Options": "session",
-         "read_recording": "recording", "load_robot": "robot", "urdf_from_dh": "robot"}  # fmt: skip
+         "read_recording": "recording", "load_robot": "robot", "urdf_from_dh": "robot",
+         "excite": "excite", "separate": "excite", "Sensors": "simulate", "record": "simulate", "simulate": "simulate",
+         "track": "simulate"}  # fmt: skip
 
 
 class _Package(ModuleType):

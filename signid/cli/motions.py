@@ -100,9 +100,9 @@ def given_drive(
     if isinstance(asked, Torques):
         if any(option is not None for option in loop):
             raise OptionError("--torque is played back open loop; leave --bandwidth, --kp, --kd, --feed-forward out")
-        return asked, duration or float(asked.t[-1])
+        return asked, float(asked.t[-1]) if duration is None else duration
     if asked is None:
-        asked = random_motion(known.robot, duration or DURATION, step, seed)
+        asked = random_motion(known.robot, DURATION if duration is None else duration, step, seed)
     gains = None
     if loop.kp is not None or loop.kd is not None:
         if loop.kp is None or loop.kd is None or loop.bandwidth is not None:
@@ -110,11 +110,17 @@ def given_drive(
         gains = (given_numbers("--kp", loop.kp, known.robot), given_numbers("--kd", loop.kd, known.robot))
     options = {"bandwidth": loop.bandwidth, "feed_forward": loop.feed_forward}
     given = {key: value for key, value in options.items() if value is not None}
-    return track(known, asked, gains=gains, **given), duration or float(asked.t[-1])
+    if not all(abs(value) < float("inf") for value in given.values()):
+        raise OptionError("--bandwidth and --feed-forward are finite numbers; give the bandwidth in Hz and a share")
+    return track(known, asked, gains=gains, **given), float(asked.t[-1]) if duration is None else duration
 
 
 def random_motion(robot: Robot, duration: float, step: float, seed: int) -> Trajectory:
-    """A Fourier series at random within the limits but torque's, from rest to rest."""
+    """A Fourier series at random within the limits but torque's, from rest to rest.
+
+    Raises:
+        OptionError: it would be shorter than a step.
+    """
     import numpy as np
 
     from ..excite import build_limits
@@ -169,7 +175,12 @@ def check_output(output: str | None, json: bool) -> None:
 
 
 def write_columns(output: str | None, columns: Mapping[str, Array]) -> Sequence[Path]:
-    """The file, if one was named; it appears when it is complete."""
+    """The file, if one was named; it appears when it is complete.
+
+    Args:
+        output: its name.
+        columns: (N,) each, by name [units of the columns of these names].
+    """
     from ..formats.find import find_format
     from ..report import write_files
 

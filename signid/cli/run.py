@@ -13,6 +13,8 @@ import typer
 from typer.main import get_command
 
 from ..errors import SignidError
+from . import catalogue as catalogue
+from . import excitation as excitation
 from . import simulation as simulation
 from .commands import app
 from .show import BAD, BROKEN, DONE, INTERRUPTED, complain

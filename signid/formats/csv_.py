@@ -53,7 +53,6 @@ class Csv(Format):
         return MemoryTable({column.name: column.to_numpy() for column in frame}, {}, str(path))
 
     def encode(self, columns: Mapping[str, Array], file: str) -> bytes:
-        """A header and a line a row, every digit kept; by gzip where the name ends in .gz."""
         text = pl.DataFrame(dict(columns)).write_csv().encode()
         return gzip.compress(text, mtime=0) if file.lower().endswith(".gz") else text
 

@@ -36,7 +36,6 @@ class Npz(Format):
         return memory_table(arrays, str(path))
 
     def encode(self, columns: Mapping[str, Array], file: str) -> bytes:
-        """An array a column."""
         archive = io.BytesIO()
         np.savez_compressed(archive, allow_pickle=False, **columns)
         return archive.getvalue()

@@ -89,7 +89,6 @@ class Parquet(Format):
             raise RecordingError(f"{path} is not a Parquet file, or is cut short; copy or write it again") from error
 
     def encode(self, columns: Mapping[str, Array], file: str) -> bytes:
-        """Compressed columns."""
         content = io.BytesIO()
         pl.DataFrame(dict(columns)).write_parquet(content)
         return content.getvalue()

@@ -1,6 +1,8 @@
 """What is found, in words and numbers: tables for the eye, JSON for programs, files that are never half-written."""
 
 from .documents import check_document, identification_document, inspection_document, to_json
+from .effects import effects_document, effects_tables
+from .motions import excitation_document, excitation_tables
 from .numbers import figure, with_interval
 from .screen import Screen
 from .simulation import Run, simulation_document, simulation_tables
@@ -12,6 +14,10 @@ __all__ = [
     "Screen",
     "check_document",
     "check_tables",
+    "effects_document",
+    "effects_tables",
+    "excitation_document",
+    "excitation_tables",
     "figure",
     "identification_document",
     "identification_tables",

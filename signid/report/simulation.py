@@ -29,7 +29,7 @@ class Run:
     model: Model  # with all that was injected
     injected: tuple[Law, ...]
     simulation: Simulation
-    columns: Mapping[str, Array]  # (N,) each, as recorded
+    columns: Mapping[str, Array]  # (N,) each, as recorded [units of their names]
     sensors: Sensors
     drive: Drive  # what moved the robot
     integrator: str

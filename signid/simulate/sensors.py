@@ -46,8 +46,8 @@ class Sensors:
             raise OptionError(f"an encoder of {self.encoder_bits:g} bits makes no sense; give 1 to 52")
         if self.rate is None:
             return 1
-        if not 0 < self.rate < np.inf:
-            raise OptionError(f"the rate is {self.rate:g} Hz; give a positive one")
+        if not (0 < self.rate < np.inf and 0 < step < np.inf):
+            raise OptionError(f"a log at {self.rate:g} Hz of steps of {step:g} s cannot be; give positive numbers")
         every = max(1, round(1 / (self.rate * step)))
         if abs(every * self.rate * step - 1) > 1e-9:
             raise OptionError(

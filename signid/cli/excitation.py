@@ -1,0 +1,130 @@
+"""The command `excite`."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ..errors import OptionError
+from .arguments import Actuators, Effects, Joints, Json, Lock, PackageDir, RobotName, Seed, given_effects
+from .commands import app
+from .motions import Source, check_output, given_model, write_columns
+from .show import bars, tell_flags
+
+if TYPE_CHECKING:
+    from ..excite import Excitation, Limits, Separation
+    from ..types import Array, Law, Robot, Trajectory
+
+Output = Annotated[
+    str | None, typer.Option("--output", "-o", metavar="FILE", help="The motion: .csv, .csv.gz, .parquet or .npz.")
+]
+Scale = Annotated[float, typer.Option(metavar="SHARE", help="Of the description's limits.")]
+Apart = Annotated[
+    list[str] | None,
+    typer.Option("--separate", metavar="A,B", help="Two laws EFFECT[@JOINT][:key=value,...] to tell apart instead."),
+]
+
+
+@app.command(epilog="Example: signid excite ur5 --duration 15 -o motion.csv")
+def excite(
+    robot: RobotName,
+    output: Output = None,
+    separate: Apart = None,
+    kind: Annotated[str, typer.Option(metavar="KIND", help="fourier or spline.")] = "fourier",
+    criterion: Annotated[str, typer.Option(metavar="WHICH", help="determinant or condition.")] = "determinant",
+    duration: Annotated[float, typer.Option(metavar="S", help="Of the motion.")] = 20.0,
+    harmonics: Annotated[int | None, typer.Option(metavar="N", help="10; 5 to separate.")] = None,
+    base_frequency: Annotated[float | None, typer.Option(metavar="HZ", help="Default: one period.")] = None,
+    velocity_scale: Scale = 1.0,
+    acceleration_scale: Scale = 1.0,
+    torque_scale: Scale = 1.0,
+    clearance: Annotated[float, typer.Option(metavar="M", help="Between links.")] = 0.01,
+    rate: Annotated[float, typer.Option(metavar="HZ", help="Of the rows.")] = 100.0,
+    effects: Effects = None,
+    joints: Joints = None,
+    lock: Lock = None,
+    actuators: Actuators = None,
+    package_dir: PackageDir = None,
+    seed: Seed = 0,
+    json: Json = False,
+) -> int:
+    """A motion that excites: it tells the dynamics best within the limits and without self-collision.
+
+    The motion begins and ends at rest: t, q_J, dq_J, ddq_J, ready for signid simulate --motion. With --separate it is
+    the one that tells two laws apart, or the finding (exit code 3) that none does. The numbers of a law that are not
+    stated are usual ones.
+    """
+    from ..excite import excite as search
+    from ..excite import separate as part
+    from ..report import Screen, excitation_document, excitation_tables, to_json
+
+    check_output(output, json)
+    source = Source(robot, joints, lock, actuators, package_dir)
+    model, _ = given_model(source)
+    options: dict[str, Any] = {"duration": duration, "clearance": clearance, "rate": rate, "seed": seed}
+    options["limits"] = _limits(model.robot, velocity_scale, acceleration_scale, torque_scale)
+    options |= {} if harmonics is None else {"harmonics": harmonics}
+    rivals = _rivals(separate, model.robot)
+    found: Excitation | Separation
+    with bars(json) as progress:
+        options["progress"] = progress
+        if rivals is None:
+            options |= {"kind": kind, "criterion": criterion, "base_frequency": base_frequency}
+            found = search(model, effects=given_effects(effects), **options)
+        else:
+            found = part(model, *rivals, **options)
+    document = to_json(excitation_document(model.robot, found, source.inputs(model.robot), seed))
+    written, screen = write_columns(output, motion_columns(found.trajectory)), Screen()
+    if json:
+        screen.write(document)
+    else:
+        screen.print(*excitation_tables(model.robot, found), sep="\n")
+    code = tell_flags(found.flags)
+    if written and not json:
+        screen.write("\n".join(["", "written:", *(f"  {path}" for path in written), ""]))
+    return code
+
+
+def motion_columns(trajectory: Trajectory) -> dict[str, Array]:
+    """Columns t, q_J, dq_J and ddq_J, (N,) each [s, rad or m, rad/s or m/s, rad/s2 or m/s2]."""
+    columns = {"t": trajectory.t.round(9)}
+    for name, values in (("q", trajectory.q), ("dq", trajectory.v), ("ddq", trajectory.a)):
+        columns |= {f"{name}_{joint}": x for joint, x in zip(trajectory.joints, values.T, strict=True)}
+    return columns
+
+
+def split_laws(texts: list[str]) -> list[str]:
+    """Laws that commas part, each with the commas of its own numbers."""
+    laws: list[str] = []
+    for piece in (piece for text in texts for piece in text.split(",")):
+        if laws and "=" in piece and ":" not in piece:
+            laws[-1] += f",{piece}"
+        else:
+            laws.append(piece)
+    return laws
+
+
+def _rivals(texts: list[str] | None, robot: Robot) -> tuple[Law, Law] | None:
+    from ..laws import parse_law
+
+    if not texts:
+        return None
+    laws = split_laws(texts)
+    if len(laws) != 2:
+        raise OptionError(f"--separate {','.join(texts)!r} names {len(laws)} laws; give two, such as A@JOINT,B@JOINT")
+    first, second = (parse_law(text, robot, partial=True) for text in laws)
+    return first, second
+
+
+def _limits(robot: Robot, velocity: float, acceleration: float, torque: float) -> Limits:
+    from dataclasses import replace
+
+    from ..excite import build_limits
+
+    given = {"velocity": velocity, "acceleration": acceleration, "torque": torque}
+    for name, value in given.items():
+        if not 0 < value < float("inf"):
+            raise OptionError(f"--{name}-scale is {value:g}; give a share of the limits above 0")
+    limits = build_limits(robot)
+    return replace(limits, **{name: value * getattr(limits, name) for name, value in given.items()})
