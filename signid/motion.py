@@ -126,7 +126,7 @@ class MotionView:
         self.whole, self.joints, self.samples, self.dt = whole, joints, samples, whole.dt
 
     def _cut(self, signal: Array) -> Array:
-        return np.asarray(signal[:, list(self.joints)][self.samples])
+        return np.asarray(signal[self.samples][..., list(self.joints)])
 
     @property
     def t(self) -> Array:  # (..., 1) [s]

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from ..effects.base import BodyLaw, TransmissionLaw
+from ..effects.base import TransmissionLaw
 from ..errors import OptionError
 from ..model import Model
-from ..rigid import carried
 from ..robot import configuration
 from ..types import Array, Frozen, Indices, Law, Robot
 
@@ -47,14 +46,7 @@ def build_bodies(model: Model) -> Bodies:
     Raises:
         OptionError: a transmission law stands at a joint that others follow, or whose motor has no armature.
     """
-    robot, whole = model.robot, model.robot.model.copy()
-    for body, inertial in enumerate(model.inertials):
-        whole.inertias[body + 1] = pin.Inertia.FromDynamicParameters(inertial)
-    for law in model.laws:
-        if isinstance(law.effect, BodyLaw):
-            row = int(np.flatnonzero(robot.drive[:, law.joints[0]])[0])
-            law.effect.reshape(whole, row, carried(robot, law.joints[0]) + 1, **law.parameters)
-    elastic = [law for law in model.laws if isinstance(law.effect, TransmissionLaw)]
+    robot, whole, elastic = model.robot, model.bodies(), model.of(TransmissionLaw)
     soft = [law.joints[0] for law in elastic]
     _check(robot, whole, elastic)
     kept, rows = _without_held(robot, whole)

@@ -46,7 +46,8 @@ class Moment:
         self._step = before, after, dt
 
     @property
-    def a(self) -> Array:  # (B, c) of the step before [rad/s2 or m/s2]
+    def a(self) -> Array:
+        """Acceleration (B, c) of the step before [rad/s2 or m/s2]."""
         before, after, dt = self._step
         return (after - before) / dt
 
@@ -62,7 +63,7 @@ class Moment:
         """The trials, their first one being the state.
 
         Args:
-            t: [s], of all copies or (B,).
+            t: () of all copies, or (B,) [s].
             dt: that the coming step takes [s].
             q: (R, B, c) [rad or m].
             v: (R, B, c) [rad/s or m/s].
@@ -72,20 +73,26 @@ class Moment:
         self._load = self._jacobian = None
 
     @property
-    def load(self) -> Array:  # (B, c) [N.m or N]
+    def load(self) -> Array:
+        """Rigid-body torque (B, c) of the state, at the acceleration of the step before [N.m or N]."""
         if self._load is None:
             self._load = self.dynamics.load(self.q[0], self.v[0], self.a)
         return self._load
 
     @property
-    def jacobian(self) -> Array:  # (B, 3, n) [m/rad or 1]
+    def jacobian(self) -> Array:
+        """Jacobian (B, 3, n) of the last link's centre of mass, one column a joint [m/rad or 1]."""
         if self._jacobian is None:
             self._jacobian = self.dynamics.jacobian(self.q[0])
         return self._jacobian
 
     @property
     def torque(self) -> Array:
-        """No law of a torque may ask for it."""
+        """No law of a torque may ask for it (..., c) [N.m or N].
+
+        Raises:
+            AttributeError: always.
+        """
         raise AttributeError("the motor's torque is not known while a step is computed")
 
     recorded = torque
@@ -150,7 +157,11 @@ class MomentView:
 
     @property
     def torque(self) -> Array:
-        """No law of a torque may ask for it."""
+        """No law of a torque may ask for it (..., c) [N.m or N].
+
+        Raises:
+            AttributeError: always.
+        """
         raise AttributeError("the motor's torque is not known while a step is computed")
 
     recorded = torque

@@ -69,7 +69,7 @@ class Plant:
         """One step under the torque of the motors, which is held.
 
         Args:
-            t: at its beginning [s], of all copies or (B,).
+            t: () at its beginning, the same for all copies, or (B,) [s].
             torque: (B, n) [N.m or N].
         """
         force, dt = torque, self.step / self.substeps
@@ -94,7 +94,8 @@ class Plant:
         return self._joints((self.speed - self.before) / self.step)
 
     @property
-    def link(self) -> Array:  # (B, n) [rad or m]
+    def link(self) -> Array:
+        """Positions (B, n) of the links, behind what is elastic [rad or m]."""
         if self.direct:
             return self.state
         found = self._joints(self.state).copy()
@@ -108,7 +109,7 @@ class Plant:
         """Torque (R, B, c) of all laws for R trials [N.m or N]; q and v may have one row for all of them.
 
         Args:
-            t: [s], of all copies or (B,).
+            t: () of all copies, or (B,) [s].
             dt: that the coming step takes [s].
             q: (R, B, c) [rad or m].
             v: (R, B, c) [rad/s or m/s].

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -85,8 +85,8 @@ def simulate_many(
         raise OptionError(f"{duration:g} s in steps of {step:g} s cannot be simulated; give at least a step")
     t = np.asarray(np.arange(round(duration / step)) * step, dtype=np.float64)
     plant = Plant(model, step, len(drives), integrator, substeps)
-    joints, reading = range(len(model.robot.joints)), _of(model.laws, RecordingLaw)
-    acting = _of(model.laws, ActuatorLaw)
+    joints, reading = range(len(model.robot.joints)), model.of(RecordingLaw)
+    acting = model.of(ActuatorLaw)
     plans = [drive.plan(t) for drive in drives]
     torque, desired, speed = (np.stack([getattr(p, key) for p in plans], 1) for key in ("torque", "desired", "speed"))
     stiffness, damping = (np.stack([getattr(p, key) for p in plans]) for key in ("stiffness", "damping"))
@@ -109,10 +109,6 @@ def simulate_many(
     for row in (3, 5, 6):  # what is held through a step belongs to a moment so much later than its beginning
         log[row, 1:] += late * (log[row, :-1] - log[row, 1:])
     return [_told(model, t, step, log[:, :, b], desired[:, b], reading) for b in range(len(drives))]
-
-
-def _of(laws: Iterable[Law], kind: type) -> list[Law]:
-    return [law for law in laws if isinstance(law.effect, kind)]
 
 
 def _seen(reading: Sequence[Law], q: Array) -> Array:
