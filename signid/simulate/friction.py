@@ -25,8 +25,8 @@ class DryFriction:
         self.constraint = pin.JointFrictionConstraintModel(model, joints)
         self.solver, self.result, self.settings = pin.PGSConstraintSolver(count), pin.PGSSolverResult(), _settings()
 
-    def __call__(self, free: Array, low: Array, high: Array, mobility: Array) -> tuple[Array, Array]:
-        """Velocities (K, c) [rad/s or m/s], zero where friction holds, and the friction (K, c) [N.m or N].
+    def __call__(self, free: Array, low: Array, high: Array, mobility: Array) -> Array:
+        """Velocities (K, c), exactly zero where friction holds [rad/s or m/s].
 
         Args:
             free: (K, c) velocity after the step without friction [rad/s or m/s].
@@ -34,15 +34,14 @@ class DryFriction:
             high: (K, c) most friction [N.m or N].
             mobility: (K, c, c) velocity that a torque adds in the step [rad/(N.m.s) or m/(N.s)].
         """
-        velocity, friction = np.empty_like(free), np.empty_like(free)
-        open_ = np.ones(len(free), dtype=bool)
-        if len(free) > 1:
-            velocity, friction, open_ = _guess(free, low, high, mobility)
-        for i in np.flatnonzero(open_):
-            velocity[i], friction[i] = self._solve(free[i], low[i], high[i], mobility[i])
-        return velocity, friction
+        if len(free) == 1:
+            return self._solve(free[0], low[0], high[0], mobility[0])[None]
+        velocity, unsettled = _guess(free, low, high, mobility)
+        for i in np.flatnonzero(unsettled):
+            velocity[i] = self._solve(free[i], low[i], high[i], mobility[i])
+        return velocity
 
-    def _solve(self, free: Array, low: Array, high: Array, mobility: Array) -> tuple[Array, Array]:
+    def _solve(self, free: Array, low: Array, high: Array, mobility: Array) -> Array:
         self.constraint.setFrictionLowerLimit(-high)
         self.constraint.setFrictionUpperLimit(-low)
         models, datas = pin.StdVec_ConstraintModel(), pin.StdVec_ConstraintData()
@@ -52,11 +51,11 @@ class DryFriction:
         self.solver.solve(operator, free, models, datas, self.settings, self.result)
         friction = -np.array(self.result.retrieveConstraintImpulses())
         held = (friction > low) & (friction < high)
-        return np.where(held, 0.0, free - mobility @ friction), friction
+        return np.where(held, 0.0, free - mobility @ friction)
 
 
-def _guess(free: Array, low: Array, high: Array, mobility: Array) -> tuple[Array, Array, Mask]:
-    """Velocity and friction (K, c), and the rows (K,) whose guess did not settle.
+def _guess(free: Array, low: Array, high: Array, mobility: Array) -> tuple[Array, Mask]:
+    """Velocity (K, c), and the rows (K,) whose guess did not settle.
 
     A joint is held (0), or slides forward (1) or backward (-1); held ones whose friction leaves the box slide, sliding
     ones that friction would drive are held.
@@ -76,7 +75,7 @@ def _guess(free: Array, low: Array, high: Array, mobility: Array) -> tuple[Array
         if not changed.any():
             break
         way = better
-    return velocity, friction, changed
+    return velocity, changed
 
 
 def _settings() -> pin.PGSSolverSettings:

@@ -43,7 +43,7 @@ class Plant:
         self.stiff = felt.stiff(step / self.substeps)
         count = self.bodies.drive.shape[1]
         self.direct = np.array_equal(self.bodies.motor, np.arange(count))
-        self.state = self.speed = self.before = self.held = np.zeros((copies, count))
+        self.state = self.speed = self.before = np.zeros((copies, count))
         self.both = np.ones((2, copies, count))  # directions of motion
         self.both[1] = -1
 
@@ -54,7 +54,7 @@ class Plant:
             q: (B, n) [rad or m].
             v: (B, n) [rad/s or m/s].
         """
-        self.state, self.speed, self.held = (np.zeros_like(self.moment.inertia) for _ in range(3))
+        self.state, self.speed = np.zeros((2, *self.moment.inertia.shape))
         self.state[:, self.bodies.motor], self.speed[:, self.bodies.motor] = q, v
         self.before = self.speed
         self.moment.rest()
@@ -157,22 +157,20 @@ class Plant:
         after: Array = v + dt * self.dynamics.accelerate(self.state, v, force - here, armature)
         if self.dry and (after * v).min() <= 0:
             return None
-        self.held = here
         return after
 
     def _boxed(self, t: float | Array, dt: float, force: Array) -> Array:
         """Velocity after a step in which friction lies between what it is forward and backward."""
         q, v = self.state, self.speed
         low, high, armature = self._box(t, dt)
-        friction = np.where(v > 0, high, np.where(v < 0, low, np.minimum(np.maximum(self.held, low), high)))
+        friction = np.where(v > 0, high, low)  # where a joint stands, the solver decides
         after: Array = v + dt * self.dynamics.accelerate(q, v, force - friction, armature)
         stops = ((high > low) & (after * v <= 0)).any(axis=1)
         if stops.any():
             rows = slice(None) if len(q) == 1 else np.flatnonzero(stops)
             mobility = dt * self.dynamics.mobility(q[rows], None if armature is None else armature[rows])
             free = after[rows] + (mobility @ friction[rows, :, None])[..., 0]
-            after[rows], friction[rows] = self.friction(free, low[rows], high[rows], mobility)
-        self.held = friction
+            after[rows] = self.friction(free, low[rows], high[rows], mobility)
         return after
 
     def _box(self, t: float | Array, dt: float) -> tuple[Array, Array, Array | None]:
@@ -184,9 +182,11 @@ class Plant:
             total = self.resist(t, dt, first[0], first[1], np.concatenate([self.both, direction[1:]]))
         else:
             total = self.resist(t, dt, self.state[None], v[None], self.both)
-        here = np.where(v >= 0, total[0], total[1])
-        dry = total[0] > total[1]  # else friction would drive: taken as it is in this direction
-        low, high = np.where(dry, total[1], here), np.where(dry, total[0], here)
+        high, low = total[0], total[1]
+        here = np.where(v >= 0, high, low)
+        dry = high >= low
+        if not dry.all():  # friction would drive: taken as it is in this direction
+            high, low = np.where(dry, high, here), np.where(dry, low, here)
         if not self.stiff:
             return low, high, None
         shifted, armature = self._implicit(dt, here, total[2:])
