@@ -62,10 +62,10 @@ def law_at(effect: Any, robot: Robot, joint: str | None, parameters: Mapping[str
     partner = parameters.get("partner")
     joints = place(effect, robot, joint, None if partner is None else str(partner))
     values = {key: value for key, value in parameters.items() if key != "partner"}
-    if set(values) != set(effect.parameters):
-        raise OptionError(
-            f"effect {effect.name!r} was given {', '.join(values) or 'no parameter'}; write {written(effect)}"
-        )
+    if unknown := [key for key in values if key not in effect.parameters]:
+        raise OptionError(f"effect {effect.name!r} has no parameter {unknown[0]!r}; write {written(effect)}")
+    if missing := [key for key in effect.parameters if key not in values]:
+        raise OptionError(f"effect {effect.name!r} needs {', '.join(missing)}; write {written(effect)}")
     try:
         numbers = {key: float(values[key]) for key in effect.parameters}
     except ValueError:
@@ -81,7 +81,8 @@ def parse_law(text: str, robot: Robot, partial: bool = False) -> Law:
     """The law that a text such as `spring@elbow:stiffness=30,rest=0.2` states.
 
     Args:
-        text: EFFECT[@JOINT][:key=value,...]; an effect that couples two joints also has partner=JOINT.
+        text: EFFECT[@JOINT][:key=value,...]; an effect that couples two joints also has partner=JOINT. Without any
+            key the usual values are meant; with some, coefficients that are left out are zero.
         robot: gives the joints.
         partial: whether parameters may be left open.
 
@@ -99,7 +100,8 @@ def parse_law(text: str, robot: Robot, partial: bool = False) -> Law:
     if partial and set(given) <= {"partner", *effect.parameters}:
         law = _possible(law_at(effect, robot, joint or None, {**effect.example, **given}))
         return Law(effect, law.joints, {key: value for key, value in law.parameters.items() if key in given})
-    return _possible(law_at(effect, robot, joint or None, given))
+    left_out = effect.example if not set(given) - {"partner"} else dict.fromkeys(effect.linear(), 0.0)
+    return _possible(law_at(effect, robot, joint or None, {**left_out, **given}))
 
 
 def written(effect: Any) -> str:
