@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from functools import partial
+from typing import Any
+
 import numpy as np
 
 from ..errors import OptionError
@@ -211,25 +214,37 @@ class Plant:
         return here + dt * self.speed * excess, armature + dt**2 * excess
 
     def _runge_kutta(self, t: float | Array, dt: float, force: Array) -> None:
-        """The classic fourth order; parted, semi-implicit steps where a joint stops or stands."""
-        q, v = self.state, self.speed
-        direction = np.sign(v)[None]
-        slopes, shares = [(v, self._slope(t, 0.0, q, v, direction, force))], (0.5, 0.5, 1.0)
+        """The classic fourth order; parted, semi-implicit steps of copies in which a joint stops or stands."""
+        q, v, *_ = start = self._now()
+        slopes, shares = [(v, self._slope(t, 0.0, q, v, force))], (0.5, 0.5, 1.0)
         for share in shares:
             dq, dv = slopes[-1]
             there = v + share * dt * dv
-            moved = q + share * dt * dq
-            slopes.append((there, self._slope(t + share * dt, share * dt, moved, there, direction, force)))
+            slopes.append((there, self._slope(t + share * dt, share * dt, q + share * dt * dq, there, force)))
         dq, dv = ((s[0] + 2 * s[1] + 2 * s[2] + s[3]) / 6 for s in zip(*slopes, strict=True))
         after = v + dt * dv
-        if self.dry and (after * v).min() <= 0:
+        self.moment.set(t, dt, q[None], v[None], np.sign(v)[None])
+        self._take(dt, q + dt * dq, after, dq)
+        parted = (after * v).min(axis=1, keepdims=True) <= 0
+        if self.dry and parted.any():
+            whole = self._now()
+            self._put(*start)
             for k in range(CAREFUL):
                 self._semi_implicit(t + k * dt / CAREFUL, dt / CAREFUL, force)
-            return
-        self.moment.set(t, dt, q[None], v[None], direction)
-        self._take(dt, q + dt * dq, after, dq)
+            (q, v, a, bent), mixed = self._now(), partial[Array](np.where, parted)
+            self._put(mixed(q, whole[0]), mixed(v, whole[1]), mixed(a, whole[2]), [*map(mixed, bent, whole[3])])
 
-    def _slope(self, t: float | Array, dt: float, q: Array, v: Array, direction: Array, force: Array) -> Array:
-        found = self.dynamics.accelerate(q, v, force - self.resist(t, dt, q[None], v[None], direction)[0]).copy()
+    def _now(self) -> tuple[Array, Array, Array, list[Any]]:
+        return self.state, self.speed, self.moment.a, [term.z for term in self.remembering]
+
+    def _put(self, q: Array, v: Array, a: Array, memory: list[Any]) -> None:
+        self.state, self.speed = q, v
+        self.moment.changed(np.zeros_like(a), a, 1.0)
+        for term, z in zip(self.remembering, memory, strict=True):
+            term.z = z
+
+    def _slope(self, t: float | Array, dt: float, q: Array, v: Array, force: Array) -> Array:
+        taken = self.resist(t, dt, q[None], v[None], np.sign(self.speed)[None])[0]
+        found = self.dynamics.accelerate(q, v, force - taken).copy()
         self.moment.changed(np.zeros_like(found), found, 1.0)
         return found
