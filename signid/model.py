@@ -36,7 +36,10 @@ class Model(Frozen):
         """A pin.Model of its own with these inertials, reshaped by the laws of bodies; rotors are its armature."""
         whole = self.robot.model.copy()
         for body, inertial in enumerate(self.inertials):
-            whole.inertias[body + 1] = pin.Inertia.FromDynamicParameters(inertial)
+            if inertial.any():  # of nothing, Pinocchio makes no numbers
+                whole.inertias[body + 1] = pin.Inertia.FromDynamicParameters(inertial)
+            else:
+                whole.inertias[body + 1] = pin.Inertia.Zero()
         for law in self.of(BodyLaw):
             row = int(np.flatnonzero(self.robot.drive[:, law.joints[0]])[0])
             law.effect.reshape(whole, row, carried(self.robot, law.joints[0]) + 1, **law.parameters)
