@@ -80,7 +80,7 @@ def excite(
     setting, notes = make_ready(model, usual_laws(model, effects), family, duration, limits, clearance, seed)
     instants = int(np.ceil(PER_PERIOD * harmonics * frequency * duration))
     cost = Cost(setting, CRITERIA[criterion], family, np.linspace(0, duration, instants + 1), PENALTY, SPARE)
-    safe, evaluations = _find(cost, budget or Budget(), duration, seed, progress)
+    safe, evaluations = _find(cost, budget or Budget.usual(len(model.robot.joints)), duration, seed, progress)
     small = f"the motion found was scaled to {safe.share:.0%} to obey torque limits and distances between links"
     fine = sample(family, model.robot.joints, safe.x, np.linspace(0, duration, int(np.ceil(duration / FINE)) + 1))
     trajectory = sample(family, model.robot.joints, safe.x, np.arange(int(duration * rate + 1e-9) + 1) / rate)

@@ -15,6 +15,7 @@ from .draw import fit_inside, random_parameters
 GRID = 0.01  # [s] on which motions are scaled to their limits
 ALGORITHM = "LD_SLSQP"  # goes on at kinks (contact, reversals), where LD_LBFGS gives up
 BOX = 2.5  # of z: parameters alone meet a limit at 1
+FEW = 6  # joints
 FIRM = 30.0  # times the penalty in the last stage
 
 Progress = Callable[[str, float], None]  # what is being done, share of it that is done
@@ -29,6 +30,11 @@ class Budget:
     short: int = 80  # each so long;
     long: int = 500  # the best result further
     firm: int = 150  # and at last with firm limits
+
+    @classmethod
+    def usual(cls, joints: int) -> Budget:
+        """About half a minute for six joints or seven: fewer joints are judged faster."""
+        return cls(starts=8, long=700) if joints <= FEW else cls()
 
     @property
     def total(self) -> int:
@@ -48,7 +54,7 @@ def search(cost: Cost, budget: Budget, seed: int, progress: Progress | None = No
     """The best motion found; penalties are firm at the end, so that it nearly obeys the limits.
 
     Local searches from the best random motions are the global stage: NLopt's GN_CRS2_LM found nothing better than the
-    best of 60 random motions in 1000 evaluations, in 63 dimensions.
+    best of 60 random motions in 500 evaluations, in 63 dimensions.
 
     Args:
         cost: of a motion.
