@@ -16,15 +16,15 @@ if TYPE_CHECKING:
     from .inspect import inspect as inspect
     from .model import load_model as load_model
     from .recording import read_recording as read_recording
-    from .robot import load_robot as load_robot
-    from .robot import urdf_from_dh as urdf_from_dh
+    from .robot import load_robot as load_robot, urdf_from_dh as urdf_from_dh  # isort: skip
+    from .rollout import roll_out as roll_out
     from .session import Options as Options
     from .simulate import Sensors as Sensors, record as record, simulate as simulate, track as track  # isort: skip
 
 HOMES = {"check": "check", "identify": "identify", "inspect": "inspect", "load_model": "model", "Options": "session",
          "read_recording": "recording", "load_robot": "robot", "urdf_from_dh": "robot",
          "excite": "excite", "separate": "excite", "Sensors": "simulate", "record": "simulate", "simulate": "simulate",
-         "track": "simulate"}  # fmt: skip
+         "track": "simulate", "roll_out": "rollout"}  # fmt: skip
 
 
 class _Package(ModuleType):
