@@ -40,12 +40,12 @@ def test_the_extract_in_the_readme_is_what_is_printed(
 
 
 def test_the_python_in_the_readme_runs() -> None:
-    code = "\n".join(readme("import signid", "python"))
+    code = "\n".join(readme("import signid", "python") + readme("model = ", "python"))
     there = {**os.environ, "PYTHONPATH": str(ROOT)}
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, env=there, check=False
     )
-    assert (done.returncode, done.stderr, len(done.stdout.splitlines())) == (0, "", 25)
+    assert (done.returncode, done.stderr, len(done.stdout.splitlines())) == (0, "", 26)
 
 
 def test_the_readme_lists_the_commands(capfd: pytest.CaptureFixture[str]) -> None:
