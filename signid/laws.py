@@ -113,10 +113,13 @@ def written(effect: Any) -> str:
 
 
 def _possible(law: Law) -> Law:
-    """The law, if nothing that must be positive is negative, and no shape that counts in something is zero."""
+    """The law, if nothing that must be positive is negative, and no shape but a moment is zero."""
     for key, value in law.parameters.items():
         kind = law.effect.parameters[key]
-        low = value <= 0 if isinstance(kind, Shape) and kind.grid else value < 0 and getattr(kind, "positive", False)
+        if isinstance(kind, Shape):
+            low = value <= 0 and bool(kind.grid or kind.unit != "s")
+        else:
+            low = value < 0 and kind.positive
         if low:
             raise OptionError(f"effect {law.effect.name!r}: {key} is {value:g}; give a positive number")
     return law

@@ -88,7 +88,7 @@ def body_regressor(robot: Robot, q: Array, v: Array, a: Array, body: int) -> Arr
     own = slice(10 * body, 10 * body + 10)
     out = np.empty((len(q), model.nv, 10))
     for i, state in enumerate(zip(q, v, a, strict=True)):
-        out[i] = pin.computeJointTorqueRegressor(model, data, *state)[:, own]
+        out[i] = np.reshape(pin.computeJointTorqueRegressor(model, data, *state), (model.nv, -1))[:, own]
     return np.asarray(robot.drive.T @ out)
 
 

@@ -9,10 +9,13 @@ import sys
 from pathlib import Path
 
 import pytest
-from bad_input import CASES, Case
+from bad_input import CASES as FILES
+from bad_input import Case
+from bad_motions import CASES as MOTIONS
 
 from signid.cli import run
 
+CASES = [*FILES, *MOTIONS]
 AS_PROCESS = ("time runs back", "strange option", "two roots")
 
 

@@ -31,7 +31,7 @@ Injected = Annotated[
         "--inject",
         metavar="LAW",
         help="EFFECT[@JOINT][:key=value,...], added to the laws of SIMULATION; the controller does not know it. "
-        "Repeatable; signid effects lists them.",
+        "Without numbers usual ones are meant. Repeatable; signid effects lists them.",
     ),
 ]
 Number = float | None
