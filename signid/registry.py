@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from difflib import get_close_matches
 from importlib import import_module
 from importlib.metadata import entry_points
 from typing import Generic, TypeVar, cast
@@ -10,6 +11,7 @@ from typing import Generic, TypeVar, cast
 from .errors import OptionError
 
 Plugin = TypeVar("Plugin")
+MOST = 8  # names in a sentence
 
 
 class Registry(Generic[Plugin]):
@@ -38,7 +40,13 @@ class Registry(Generic[Plugin]):
         for point in entry_points(group=f"signid.{self.kind}"):
             if point.name == name:
                 return cast(Plugin, point.load())
-        raise OptionError(f"there is no {self.kind.rstrip('s')} named {name!r}; choose from {', '.join(self.names)}")
+        close = get_close_matches(name, self.names, n=3, cutoff=0.7)
+        advice = f"did you mean {' or '.join(close)}?" if close else f"choose from {self._listed()}"
+        raise OptionError(f"there is no {self.kind.rstrip('s')} named {name!r}; {advice}")
+
+    def _listed(self) -> str:
+        more = len(self.names) - MOST
+        return ", ".join(self.names) if more <= 1 else f"{', '.join(self.names[:MOST])} and {more} more"
 
     def __iter__(self) -> Iterator[Plugin]:
         return (self[name] for name in self.modules)
