@@ -12,7 +12,25 @@ from .dynamics import Dynamics
 NONE = np.empty(0, dtype=np.intp)
 
 
-class Moment:
+class Unknown:
+    """What no law may ask for while a step is computed."""
+
+    @property
+    def torque(self) -> Array:
+        """No law of a torque may ask for it (..., c) [N.m or N].
+
+        Raises:
+            AttributeError: always.
+        """
+        raise AttributeError("the motor's torque is not known while a step is computed")
+
+    recorded = torque
+
+    def __getitem__(self, i: Any) -> View:
+        raise TypeError("a moment has no samples to choose from")
+
+
+class Moment(Unknown):
     """R trials of B states of c coordinates; what is costly is computed when a law asks for it.
 
     It is itself the view of a law that acts on all coordinates.
@@ -86,22 +104,8 @@ class Moment:
             self._jacobian = self.dynamics.jacobian(self.q[0])
         return self._jacobian
 
-    @property
-    def torque(self) -> Array:
-        """No law of a torque may ask for it (..., c) [N.m or N].
 
-        Raises:
-            AttributeError: always.
-        """
-        raise AttributeError("the motor's torque is not known while a step is computed")
-
-    recorded = torque
-
-    def __getitem__(self, i: Any) -> View:
-        raise TypeError("a moment has no samples to choose from")
-
-
-class MomentView:
+class MomentView(Unknown):
     """Some coordinates of a moment; with `soft`, positions are those of the links behind elastic joints."""
 
     def __init__(self, whole: Moment, index: Indices, joints: tuple[int, ...], soft: Indices, flex: Indices) -> None:
@@ -154,17 +158,3 @@ class MomentView:
     @property
     def inertia(self) -> Array:
         return np.asarray(self.whole.inertia[self.at])
-
-    @property
-    def torque(self) -> Array:
-        """No law of a torque may ask for it (..., c) [N.m or N].
-
-        Raises:
-            AttributeError: always.
-        """
-        raise AttributeError("the motor's torque is not known while a step is computed")
-
-    recorded = torque
-
-    def __getitem__(self, i: Any) -> View:
-        raise TypeError("a moment has no samples to choose from")
