@@ -195,7 +195,7 @@ def test_effects_are_listed_and_read_back(capfd: pytest.CaptureFixture[str]) -> 
         law = parse_law(text, robot)
         assert law.effect is effect and dict(law.parameters) == dict(effect.example)
     assert run(["effects", "stribeck_friction"]) == 0
-    card = capfd.readouterr().out
+    card = " ".join(capfd.readouterr().out.split())
     assert all(word in card for word in ("rad/s", "Automatica", "exp(", "--inject stribeck_friction@JOINT:level="))
     assert len(told("effects", capfd)["effects"]) == len(EFFECTS.names)
 

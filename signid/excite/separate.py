@@ -11,8 +11,8 @@ from ..effects.law import places
 from ..errors import OptionError
 from ..model import Model
 from ..types import Law
-from .contest import POOL, Contest
 from .draw import check_duration, sample
+from .duel import POOL, Duel
 from .fourier import Fourier
 from .limits import Limits, build_limits
 from .plan import CLEARANCE
@@ -77,14 +77,14 @@ def separate(
     grid = REMEMBER if any(getattr(law.effect, "memory", False) for law in (first, second)) else INDEPENDENT
     rivals = Rivals(setting, first, second, nuisance == "bodies", INDEPENDENT / grid)
     t = np.arange(int(duration * grid + 1e-9) + 1) / grid
-    contest = Contest(rivals, t, families, seed, progress)
-    pool = contest.draw()
+    duel = Duel(rivals, t, families, seed, progress)
+    pool = duel.draw()
     ways = tuple(way for way in (0, 1) if max(tried.distance.shares[way] for tried in pool) > STRUCTURAL)
-    ends = contest.polish(pool, ways) if ways else [max(pool, key=lambda tried: float(np.ptp(tried.x[:, 1:])))]
+    ends = duel.polish(pool, ways) if ways else [max(pool, key=lambda tried: float(np.ptp(tried.x[:, 1:])))]
     safe = [(end.family, make_safe(setting, end.family, duration, end.x)) for end in ends]
-    family, best = max(safe, key=lambda end: contest.worth(end[0], end[1].x, ways))
-    distance = contest.distance(family, best.x)
-    ahead = [contest.smaller(tried.distance, ways) for tried in pool]
+    family, best = max(safe, key=lambda end: duel.worth(end[0], end[1].x, ways))
+    distance = duel.distance(family, best.x)
+    ahead = [duel.smaller(tried.distance, ways) for tried in pool]
     fine = sample(family, model.robot.joints, best.x, np.linspace(0, duration, int(np.ceil(duration / FINE)) + 1))
     return Separation(
         trajectory=sample(family, model.robot.joints, best.x, np.arange(int(duration * rate + 1e-9) + 1) / rate),

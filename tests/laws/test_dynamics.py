@@ -11,13 +11,14 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from signid.basis import build_base
-from signid.effects import EFFECTS
-from signid.effects.law import law_columns
+from signid.effects import EFFECT_NAMES, EFFECTS
+from signid.effects.law import law_torque, places
 from signid.motion import Motion
 from signid.regressor import regressor
 from signid.robot import DHLink, robot_from_text, urdf_from_dh
 from signid.types import Law, Robot
 
+LINEAR = (*EFFECT_NAMES, "asymmetric_friction", "quadratic_friction", "load_friction")
 SIZES = st.floats(-0.5, 0.5)
 ANGLES = st.sampled_from([0.0, np.pi / 2, -np.pi / 2, 0.3])
 
@@ -55,7 +56,7 @@ def stated(robot: Robot) -> np.ndarray:
 
 @given(ARMS, SEEDS)
 def test_base_parameters_carry_all_that_torque_shows(robot: Robot, seed: int) -> None:
-    laws = [Law(effect, (j,)) for effect in EFFECTS for j in range(len(robot.joints))]
+    laws = [Law(EFFECTS[name], (j,)) for name in LINEAR for j in range(len(robot.joints))]
     base, full = build_base(robot, laws), regressor(states(robot, seed), laws)
     standard = np.random.default_rng(seed).standard_normal(full.shape[2])
     torque = full @ standard
@@ -102,6 +103,6 @@ def test_the_regressor_is_linear_in_what_the_description_states(robot: Robot, se
 def test_friction_never_creates_energy(robot: Robot, seed: int, size: float) -> None:
     motion = states(robot, seed)
     for effect in (effect for effect in EFFECTS if effect.dissipative):
-        for j in range(len(robot.joints)):
-            rows, columns = law_columns(Law(effect, (j,)), motion)
-            assert (size * columns[:, 0] * motion.v[:, rows[0], None] >= 0).all()
+        for place in places(effect, len(robot.joints)):
+            rows, torque = law_torque(Law(effect, place, effect.example), motion)
+            assert (size * np.sum(torque * motion.v[:, list(rows)], axis=1) >= 0).all()

@@ -36,7 +36,7 @@ class Tried(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Contest(Frozen):
+class Duel(Frozen):
     """Motions of some families, judged by the distance of two laws."""
 
     rivals: Rivals
