@@ -4,8 +4,8 @@ The arm 3r moves in MuJoCo (or Bullet) with one law planted, written anew in the
 make a motion; what the recorded torque has beyond the rigid bodies and rotors is compared with what signid's law says
 of that motion, both through the same 15 Hz low-pass. `slope` is the size that the plant shows over the one planted,
 `left` the rms that the law does not explain, over the law's own; rows nearer than 0.1 s to a joint (or a sum of two)
-slower than 0.05 rad/s are set aside for laws that jump there, since joints stick. A payload in the plant is a point,
-its inertia about the joint follows from mass and first moment; the law has none.
+slower than 0.05 rad/s are set aside for laws that jump there, since joints stick.
+The plant's link_inertia keeps the inertia about the centre of mass, the law that about the joint.
 """
 
 from __future__ import annotations

@@ -62,12 +62,13 @@ def law_at(effect: Any, robot: Robot, joint: str | None, parameters: Mapping[str
     partner = parameters.get("partner")
     joints = place(effect, robot, joint, None if partner is None else str(partner))
     values = {key: value for key, value in parameters.items() if key != "partner"}
+    wanted = [key for key in effect.parameters if key not in effect.optional or key in values]
     if unknown := [key for key in values if key not in effect.parameters]:
         raise OptionError(f"effect {effect.name!r} has no parameter {unknown[0]!r}; write {written(effect)}")
-    if missing := [key for key in effect.parameters if key not in values]:
+    if missing := [key for key in wanted if key not in values]:
         raise OptionError(f"effect {effect.name!r} needs {', '.join(missing)}; write {written(effect)}")
     try:
-        numbers = {key: float(values[key]) for key in effect.parameters}
+        numbers = {key: float(values[key]) for key in wanted}
     except ValueError:
         raise OptionError(
             f"effect {effect.name!r} has a parameter that is no number; write {written(effect)}"
@@ -101,13 +102,15 @@ def parse_law(text: str, robot: Robot, partial: bool = False) -> Law:
         law = _possible(law_at(effect, robot, joint or None, {**effect.example, **given}))
         return Law(effect, law.joints, {key: value for key, value in law.parameters.items() if key in given})
     left_out = effect.example if not set(given) - {"partner"} else dict.fromkeys(effect.linear(), 0.0)
+    left_out = {key: value for key, value in left_out.items() if key not in effect.optional}
     return _possible(law_at(effect, robot, joint or None, {**left_out, **given}))
 
 
 def written(effect: Any) -> str:
     """How a law of an effect is written on the command line, with usual values."""
     keys = {"partner": "JOINT"} if effect.scope == "pair" else {}
-    pairs = ",".join(f"{key}={value}" for key, value in {**keys, **effect.example}.items())
+    values = {**keys, **{key: value for key, value in effect.example.items() if key not in effect.optional}}
+    pairs = ",".join(f"{key}={value}" for key, value in values.items())
     where = {"robot": "", "any": "[@JOINT]", "tip": ""}.get(effect.scope, "@JOINT")
     return f"{effect.name}{where}{':' if pairs else ''}{pairs}"
 

@@ -71,7 +71,7 @@ def _bodies(effect: Effect, motion: Motion, i: int, joint: int) -> dict[str, Any
         at = np.array([masses @ _centres(model, step) for step in steps])
         found["gravity_torque"] = lambda g: -((at[::2] - at[1::2]) / (2 * TINY)) @ g
     if "body" in effect.equation:
-        found["body"] = np.column_stack([_added(model, joint + 1, k, (q, v, a)) for k in range(4)])
+        found["body"] = np.column_stack([_added(model, joint + 1, k, (q, v, a)) for k in range(10)])
     return found
 
 

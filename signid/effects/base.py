@@ -28,6 +28,7 @@ class Effect:
     typical: ClassVar[str] = ""  # magnitudes that robots have
     parameters: ClassVar[Mapping[str, Coefficient | Shape]] = {}
     example: ClassVar[Numbers] = {}  # a usual value of each: demonstration, injection, contract test
+    optional: ClassVar[tuple[str, ...]] = ()  # parameters that follow from the others where they are left out
     scope: ClassVar[str] = "joint"
     """joint: one joint, its own row | pair: two joints | link: one joint, all rows | tip: the same, of the last joint
     | robot: all joints | any: all joints together, or one."""
@@ -44,7 +45,12 @@ class Effect:
 
     def coefficients(self, parameters: Numbers) -> list[float]:
         """Public parameters to linear coefficients; without any, the law is there (1) or not."""
-        return [parameters[key] for key in self.linear()] or [1.0]
+        complete = self.filled(parameters)
+        return [complete[key] for key in self.linear()] or [1.0]
+
+    def filled(self, parameters: Numbers) -> dict[str, float]:
+        """The parameters with those that are optional."""
+        return dict(parameters)
 
     def physical(self, coefficients: Sequence[float], shape: Numbers) -> dict[str, float]:
         """Linear coefficients and shape to public parameters."""
@@ -199,6 +205,18 @@ def amplitude_phase(effect: Effect, coefficients: Sequence[float], shape: Number
     """Of sine * sin(x) + cosine * cos(x) = amplitude * sin(x + phase)."""
     sine, cosine = coefficients
     return {"amplitude": float(np.hypot(sine, cosine)), "phase": float(np.arctan2(cosine, sine)), **shape}
+
+
+def point_inertia(mass: float, moment: Sequence[float]) -> list[float]:
+    """Inertia Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the origin of a point of that mass and first moment [kg.m2].
+
+    Args:
+        mass: [kg].
+        moment: (3,) first moment [kg.m].
+    """
+    c = np.array(moment)
+    full = (c @ c * np.eye(3) - np.outer(c, c)) / mass if mass else np.zeros((3, 3))
+    return [float(full[i, j]) for i, j in ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))]
 
 
 def add_body(model: Any, body: int, added: Sequence[float]) -> None:

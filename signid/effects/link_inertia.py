@@ -9,7 +9,7 @@ from .base import BodyLaw, add_body
 class LinkInertia(BodyLaw):
     """A correction about the frame of the joint that moves the link; masses alone seldom show."""
 
-    name, equation = "link_inertia", "body @ array([mass, first_moment_x, first_moment_y, first_moment_z])"
+    name, equation = "link_inertia", "body[:, :4] @ array([mass, first_moment_x, first_moment_y, first_moment_z])"
     source = "Atkeson, An, Hollerbach, Inertial parameters of loads and links, Int. J. Robotics Research 5(3), 1986"
     typical = "5 to 20 % of the link: cables, covers and motors that the drawing lacks"
     parameters = {

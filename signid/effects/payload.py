@@ -3,35 +3,38 @@
 from typing import Any
 
 from ..types import Array, Coefficient, View
-from .base import BodyLaw, add_body
+from .base import BodyLaw, Numbers, add_body, point_inertia
+
+MOMENT, INERTIA = ([f"{name}_{k}" for k in ks.split()] for name, ks in
+                   (("first_moment", "x y z"), ("inertia", "xx xy yy xz yz zz")))  # fmt: skip
+VALUES = (1.0, 0.05, 0.02, 0.08, 0.0088, -0.001, 0.0109, -0.004, -0.0016, 0.0049)
 
 
 class Payload(BodyLaw):
-    """Its mass and first moment about the frame of the last joint."""
+    """Ten numbers about the last joint's frame; without its inertia it is a point at its centre of mass."""
 
-    name, equation = "payload", "body @ array([mass, first_moment_x, first_moment_y, first_moment_z])"
-    source = (
-        "Khalil, Gautier, Lemoine, Identification of the payload inertial parameters, IEEE ICRA 2007, pages 4943-4948"
-    )
+    name, equation = "payload", f"body @ array([mass, {', '.join([*MOMENT, *INERTIA])}])"
+    source = "Khalil, Gautier, Lemoine, Identification of the payload inertial parameters, IEEE ICRA 2007"
     typical = "up to the rated payload: 3 kg (Panda), 5 kg (UR5), 10 kg (UR10E)"
-    parameters = {
-        "mass": Coefficient("kg", positive=True),
-        "first_moment_x": Coefficient("kg.m"),
-        "first_moment_y": Coefficient("kg.m"),
-        "first_moment_z": Coefficient("kg.m"),
-    }
-    example = {"mass": 1.0, "first_moment_x": 0.05, "first_moment_y": 0.02, "first_moment_z": 0.08}
+    parameters = {"mass": Coefficient("kg", positive=True), **dict.fromkeys(MOMENT, Coefficient("kg.m")),
+                  **dict.fromkeys(INERTIA, Coefficient("kg.m2"))}  # fmt: skip
+    optional = tuple(INERTIA)
+    example = dict(zip(parameters, VALUES, strict=True))
     scope = "tip"
     twins = ("link_inertia", "counterbalance", "encoder_offset")
 
     def columns(self, x: View) -> list[Array]:
-        """Of the regressor of the link: mass and first moment, (N, n) each [N.m or N per kg, and per kg.m]."""
-        link = x.whole.body_columns(x.joints[0])
-        return [link[..., k] for k in range(4)]
+        """Regressor of the link, ten of (N, n) [N.m or N per kg, kg.m, kg.m2]."""
+        return list(x.whole.body_columns(x.joints[0]).transpose(2, 0, 1))
+
+    def filled(self, parameters: Numbers) -> dict[str, float]:
+        """With the inertia of a point where none is given."""
+        point = point_inertia(parameters["mass"], [parameters[key] for key in MOMENT])
+        return {**dict(zip(INERTIA, point, strict=True)), **parameters}
 
     def reshape(self, model: Any, row: int, body: int, **parameters: float) -> None:
-        """Add mass and first moment to the link; the inertia about the frame stays."""
-        add_body(model, body, [parameters[key] for key in self.parameters])
+        """Add the ten numbers to those of the link."""
+        add_body(model, body, self.coefficients(parameters))
 
 
 PLUGIN = Payload()
