@@ -150,7 +150,7 @@ def test_what_cannot_be_simulated_gets_a_sentence() -> None:
         (model("1r", soft), {}, "needs the inertia of the motor"),
         (model("1r", law("armature", 0), soft, law("backlash", 0)), {}, "two transmission laws"),
         (model(massless), {}, "mass"),
-        (model("3r", law("payload", 2, **far)), {}, "mass matrix is not positive"),
+        (model("3r", law("link_inertia", 2, **far)), {}, "mass matrix is not positive"),
         (model("1r"), {"integrator": "euler"}, "rk4"),
         (model("1r"), {"step": -1.0}, "at least a step"),
         (model("1r"), {"torque": 1e9}, "flew apart"),

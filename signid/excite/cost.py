@@ -20,7 +20,7 @@ REVERSAL = 0.03  # of the velocity limit: slower, friction's direction is in pro
 
 @dataclass(frozen=True, eq=False)
 class Cost(Frozen):
-    """Cost of a motion by z (nd,) [1], its parameters relative: a position about the middle, then what moves."""
+    """Cost of a motion by z (n * d,) [1], its parameters relative: a position about the middle, then what moves."""
 
     setting: Setting
     criterion: Criterion
@@ -42,26 +42,26 @@ class Cost(Frozen):
         return sizes
 
     def parameters(self, z: Array) -> Array:
-        """(n, d) [rad or m] from z (nd,) [1]."""
+        """(n, d) [rad or m] from z (n * d,) [1]."""
         x = z.reshape(self.sizes.shape) * self.sizes
         x[:, 0] += self.setting.limits.middle
         return x
 
     def relative(self, x: Array) -> Array:
-        """(nd,) [1] from x (n, d) [rad or m]."""
+        """(n * d,) [1] from x (n, d) [rad or m]."""
         y = x.copy()
         y[:, 0] -= self.setting.limits.middle
         return (y / self.sizes).ravel()
 
     def value(self, z: Array) -> float:
-        """Cost of z (nd,) [1]."""
+        """Cost of z (n * d,) [1]."""
         states = self.basis @ self.parameters(z).T
         rows = self._rows(states)
         cost = self.criterion(self.setting.information(rows) / len(self.t))[0]
         return cost + self.penalty * (self._excess(states)[0] + self._overload(rows)[0] + self._contact(states)[0])
 
     def value_and_slope(self, z: Array) -> tuple[float, Array]:
-        """Cost of z (nd,) [1], and its slope (nd,) [1]: rows by differences at every instant, the rest exactly."""
+        """Cost of z (n * d,) [1], and its slope (nd,) [1]: rows by differences at every instant, the rest exactly."""
         n, count = self.sizes.shape[0], len(self.t)
         states = self.basis @ self.parameters(z).T
         near = np.repeat(states[:, None], 1 + 3 * n, axis=1)  # (3, 1 + 3 n, N, n)
