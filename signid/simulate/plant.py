@@ -168,9 +168,9 @@ class Plant:
         low, high, armature = self._box(t, dt)
         friction = np.where(v > 0, high, low)  # where a joint stands, the solver decides
         after: Array = v + dt * self.dynamics.accelerate(q, v, force - friction, armature)
-        stops = ((high > low) & (after * v <= 0)).any(axis=1)
+        stops = (high > low) & (after * v <= 0)
         if stops.any():
-            rows = slice(None) if len(q) == 1 else np.flatnonzero(stops)
+            rows = slice(None) if len(q) == 1 else np.flatnonzero(stops.any(axis=1))
             mobility = dt * self.dynamics.mobility(q[rows], None if armature is None else armature[rows])
             free = after[rows] + (mobility @ friction[rows, :, None])[..., 0]
             after[rows] = self.friction(free, low[rows], high[rows], mobility)

@@ -48,6 +48,9 @@ class Term:
             total: (R, B, c) [N.m or N], changed.
         """
         view, torque = self.view, self._torque()
+        if view.at is ...:
+            total += torque
+            return
         total[view.at] += torque
         if len(view.soft):
             total[..., view.flex] += torque[..., view.soft]
