@@ -17,7 +17,7 @@ from .effects.law import law_torque
 from .errors import RobotError, SignidError
 from .laws import law_at, placed
 from .motion import Motion
-from .rigid import carried
+from .rigid import carrier, own_row
 from .robot import held_positions, load_robot, robot_from_text
 from .types import Array, Frozen, Law, Robot
 
@@ -41,8 +41,8 @@ class Model(Frozen):
             else:
                 whole.inertias[body + 1] = pin.Inertia.Zero()
         for law in self.of(BodyLaw):
-            row = int(np.flatnonzero(self.robot.drive[:, law.joints[0]])[0])
-            law.effect.reshape(whole, row, carried(self.robot, law.joints[0]) + 1, **law.parameters)
+            row = own_row(self.robot, law.joints[0])
+            law.effect.reshape(whole, row, carrier(whole, row), **law.parameters)
         return whole
 
     def of(self, kind: type) -> list[Law]:

@@ -115,29 +115,42 @@ def tip_jacobian(robot: Robot, q: Array) -> Array:
         q: (N, nq) [rad, m or 1].
     """
     model, data, tip = robot.model, robot.model.createData(), carried(robot, len(robot.joints) - 1) + 1
-    rows = [point_jacobian(model, data, state, tip) for state in q]
+    rows = [point_jacobian(model, data, state, tip, model.inertias[tip].lever) for state in q]
     return np.asarray(np.array(rows).reshape(len(q), 3, model.nv) @ robot.drive)
 
 
-def point_jacobian(model: Any, data: Any, q: Array, joint: int) -> Array:
-    """Jacobian (3, nv) [m/rad or 1] of the centre of mass that a model's joint carries, in the world's axes.
+def point_jacobian(model: Any, data: Any, q: Array, joint: int, point: Array) -> Array:
+    """Jacobian (3, nv) [m/rad or 1] of a point that a model's joint carries, in the world's axes.
 
     Args:
         model: a pin.Model.
         data: its pin.Data.
         q: (nq,) [rad, m or 1].
         joint: its index in the model.
+        point: (3,) in the joint's frame [m].
     """
     pin.computeJointJacobians(model, data, q)
     jacobian = np.reshape(pin.getJointJacobian(model, data, joint, pin.LOCAL_WORLD_ALIGNED), (6, model.nv))
-    arm = data.oMi[joint].rotation @ model.inertias[joint].lever
+    arm = data.oMi[joint].rotation @ point
     return np.asarray(jacobian[:3] - pin.skew(arm) @ jacobian[3:])
 
 
 def carried(robot: Robot, joint: int) -> int:
-    """The body, from 0, that a joint moves first (a joint that others mimic moves theirs as well)."""
-    row = int(np.flatnonzero(robot.drive[:, joint])[0])
-    return next(i for i, j in enumerate(list(robot.model.joints)[1:]) if j.idx_v <= row < j.idx_v + j.nv)
+    """The body, from 0, that a joint itself moves (a joint that others mimic moves theirs as well)."""
+    return carrier(robot.model, own_row(robot, joint)) - 1
+
+
+def own_row(robot: Robot, joint: int) -> int:
+    """The row of the model that is a joint's own; those of joints that mimic it may stand before it."""
+    model, name, column = robot.model, robot.joints[joint], robot.drive[:, joint]
+    if model.existJointName(name):
+        return int(model.joints[model.getJointId(name)].idx_v)
+    return int(np.flatnonzero(column == 1)[0])  # one of several that Pinocchio puts together
+
+
+def carrier(model: Any, row: int) -> int:
+    """The joint of a pin.Model that has a row."""
+    return next(i for i, j in enumerate(list(model.joints)[1:], 1) if j.idx_v <= row < j.idx_v + j.nv)
 
 
 def _symmetric(mass: Any, size: int) -> Array:

@@ -12,6 +12,7 @@ import pinocchio as pin
 from ..effects.base import TransmissionLaw
 from ..errors import OptionError
 from ..model import Model
+from ..rigid import carrier, own_row
 from ..robot import configuration
 from ..types import Array, Frozen, Indices, Law, Robot
 
@@ -32,6 +33,7 @@ class Bodies(Frozen):
     drive: Array  # (nv, c) [1]
     rest: Array  # (nv,) [rad or m]
     tip: int  # joint of the model that carries the last link
+    centre: Array  # (3,) of mass of the last link, in that joint's frame [m]
 
     @property
     def plain(self) -> bool:
@@ -60,7 +62,9 @@ def build_bodies(model: Model) -> Bodies:
     if parted.nv == len(order) and np.array_equal(np.sort(drive, axis=None)[-len(order) :], np.ones(len(order))):
         order = drive.argmax(axis=1)  # coordinates in the order of the model's own
     place = np.argsort(order)
-    n, last = len(robot.joints), motor_rows[int(np.flatnonzero(robot.drive[rows][:, -1])[0])]
+    n = len(robot.joints)
+    last = own_row(robot, n - 1)
+    tip = flex_rows[soft.index(n - 1)] if n - 1 in soft else motor_rows[rows.tolist().index(last)]
     return Bodies(
         parted,
         place[:n],
@@ -68,7 +72,8 @@ def build_bodies(model: Model) -> Bodies:
         place[n:],
         drive[:, order],
         rest,
-        _carrier(parted, flex_rows[soft.index(n - 1)] if n - 1 in soft else last),
+        carrier(parted, tip),
+        whole.inertias[carrier(whole, last)].lever,
     )
 
 
@@ -128,7 +133,3 @@ def _bounded(joint: Any) -> Any:
     if name in BOUNDED:
         return BOUNDED[name]()
     return pin.JointModelRevoluteUnaligned(joint.extract().axis)
-
-
-def _carrier(model: Any, row: int) -> int:
-    return next(i for i, j in enumerate(list(model.joints)[1:], 1) if j.idx_v <= row < j.idx_v + j.nv)

@@ -99,8 +99,8 @@ class Dynamics:
         Args:
             q: (B, c) [rad or m].
         """
-        drive, rest, tip = self.bodies.drive, self.bodies.rest, self.bodies.tip
-        rows = [point_jacobian(self.model, self.data, drive @ row + rest, tip) @ drive for row in q]
+        drive, rest, last = self.bodies.drive, self.bodies.rest, (self.bodies.tip, self.bodies.centre)
+        rows = [point_jacobian(self.model, self.data, drive @ row + rest, *last) @ drive for row in q]
         return np.array(rows)[:, :, self.bodies.motor]
 
     def _mass(self, q: Array, armature: Array | None = None) -> Array:
