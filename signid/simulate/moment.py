@@ -148,8 +148,8 @@ class MomentView(Unknown):
         return self.cut(self.whole.a)
 
     @property
-    def load(self) -> Array:
-        return self.cut(self.whole.load)
+    def load(self) -> Array:  # an elastic joint's motor carries what its link does
+        return np.asarray(self.whole.load[self.at])
 
     @property
     def direction(self) -> Array:

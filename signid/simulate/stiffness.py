@@ -47,7 +47,7 @@ def feel(plant: Plant, robot: Robot, seed: int = 0) -> Stiffness:
     """
     rng, bodies, copies = np.random.default_rng(seed), plant.bodies, len(plant.moment.inertia)
     count = bodies.drive.shape[1]
-    low, high = np.maximum(robot.lower, -np.pi), np.minimum(robot.upper, np.pi)
+    low, high = np.clip((robot.lower, robot.upper), -np.pi, np.pi)
     damping, spring, inertia = np.zeros(count), np.zeros(count), np.full(count, np.inf)
     for k in range(STATES):
         q, v = np.zeros((copies, count)), np.zeros((copies, count))
