@@ -24,14 +24,14 @@ def place(effect: Any, robot: Robot, joint: str | None, partner: str | None = No
     if (partner is None) == (scope == "pair"):
         wanted = "needs partner=JOINT" if scope == "pair" else "has no partner"
         raise OptionError(f"effect {effect.name!r} {wanted}; write {written(effect)}")
-    if joint is None and scope in ("joint", "pair", "link") and n > 1 + (scope == "pair"):
+    if joint is None and scope in ("joint", "pair", "link") and n != 1 + (scope == "pair"):
         raise OptionError(f"effect {effect.name!r} acts at a joint and none is named; write {written(effect)}")
-    if joint is None or scope == "robot":
-        if joint is not None:
-            raise OptionError(f"effect {effect.name!r} acts on the whole robot; write it without @{joint}")
-        return places(effect, n)[0]
-    named = [joint] if partner is None else [joint, partner]
+    if joint is not None and scope == "robot":
+        raise OptionError(f"effect {effect.name!r} acts on the whole robot; write it without @{joint}")
+    named = [name for name in (joint, partner) if name is not None]
     found = tuple(find(name, robot.joints, robot.numbers, robot.name) for name in named)
+    if joint is None:
+        return places(effect, n)[0]
     if len(set(found)) < len(found):
         raise OptionError(f"effect {effect.name!r} couples two joints; give a partner other than {joint}")
     if scope == "tip" and found != (n - 1,):
