@@ -115,10 +115,9 @@ def _piece(recording: Recording, sampling: Sampling) -> Samples:
 def _simulate(model: Model, windows: Windows, integrator: str) -> Array:
     """Simulated minus measured position (W, S, n) [rad or m] after each sample."""
     plant = Plant(model, windows.step, len(windows.t), integrator)
-    half = (
-        0.0 if integrator == "rk4" else windows.step / plant.substeps / 2
-    )  # [s] that positions are ahead of velocities
-    plant.start(windows.q[:, 0] + half * windows.v[:, 0], windows.v[:, 0])
+    half = 0.0 if integrator == "rk4" else windows.step / plant.substeps / 2  # [s] positions are ahead of velocities
+    ahead = windows.q + half * windows.v
+    plant.start(ahead[:, 0], windows.v[:, 0])
     plant.speed[:, plant.bodies.flex] = windows.flex[1]
     plant.state[:, plant.bodies.flex] = windows.flex[0] + half * windows.flex[1]
     _remember(plant, windows)
@@ -129,7 +128,8 @@ def _simulate(model: Model, windows: Windows, integrator: str) -> Array:
             i, rest = divmod(k, windows.parts)
             if rest == 0:
                 error[:, i - 1] = plant.q - half * plant.v - windows.q[:, i]
-                plant.state[:, blind] = (windows.q + half * windows.v)[:, i, ~windows.told]
+                plant.state, plant.speed = plant.state.copy(), plant.speed.copy()  # the step's acceleration stays
+                plant.state[:, blind] = ahead[:, i, ~windows.told]
                 plant.speed[:, blind] = windows.v[:, i, ~windows.told]
     error = np.where(np.abs(error) < FAR, error, np.inf)
     error[..., ~windows.told] = np.nan
