@@ -137,9 +137,9 @@ def sampled(trajectory: Trajectory, t: Array) -> tuple[Array, Array, Array]:
         trajectory: N instants.
         t: (K,) [s].
     """
-    inside = np.clip(t, trajectory.t[0], trajectory.t[-1])
-    if len(inside) == len(trajectory.t) and np.array_equal(inside, trajectory.t) and np.array_equal(t, inside):
+    if np.array_equal(t, trajectory.t):
         return trajectory.q, trajectory.v, trajectory.a
+    inside = np.clip(t, trajectory.t[0], trajectory.t[-1])
     spline = CubicHermiteSpline(trajectory.t, trajectory.q, trajectory.v)
     resting = (t != inside)[:, None]
     q, v = spline(inside), np.where(resting, 0.0, spline(inside, 1))
@@ -164,9 +164,10 @@ def _felt_inertia(known: Model, trajectory: Trajectory) -> Array:
     units = np.eye(len(robot.joints))
     pushed = [model.inverse(Motion(robot, at, few, zero[0], np.tile(row, (len(few), 1)))) for row in units]
     mass = np.stack([tau - rest for tau in pushed], axis=2)
-    weak = np.linalg.eigvalsh(mass)[:, 0] <= MASSLESS * np.linalg.eigvalsh(mass)[:, -1]
+    sizes, directions = np.linalg.eigh(mass)
+    weak = sizes[:, 0] <= MASSLESS * sizes[:, -1]
     if weak.any():
-        joint = robot.joints[int(np.abs(np.linalg.eigh(mass[weak.argmax()])[1][:, 0]).argmax())]
+        joint = robot.joints[int(np.abs(directions[weak.argmax(), :, 0]).argmax())]
         raise OptionError(
             f"joint {joint} of {robot.name} moves nothing that has mass; state the inertials of its links, or its "
             f"armature in an actuators file, or hold it with --lock"

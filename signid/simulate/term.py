@@ -12,7 +12,7 @@ from ..effects.trial import Trial
 from ..types import Array, Law
 from .moment import Moment, MomentView
 
-GIVES, HALVINGS = 1.0, 50  # [rad] the most that a joint gives way, and steps towards how much it does
+GIVES, HALVINGS = 1.0, 50  # [rad or m] the most that a joint gives way, and steps towards how much it does
 
 
 class Term:
@@ -79,7 +79,7 @@ class Term:
         """Carry the memory over a step.
 
         Args:
-            v: (B, c) at the end of the step [rad/s or m/s].
+            v: (B, c) that the step was taken with [rad/s or m/s].
         """
         self.z = self.effect.advance(self.z, self._state(self.view.cut(v)), **self.shape)
 
