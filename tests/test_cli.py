@@ -186,7 +186,7 @@ def test_interrupt_is_quiet(monkeypatch: pytest.MonkeyPatch, capfd: pytest.Captu
 @pytest.mark.parametrize(
     ("error", "code", "says"),
     [
-        (MemoryError(), 2, "memory"),
+        (MemoryError(), 2, "memory for this; ask for fewer samples or steps"),
         (OSError(5, "Input/output error", "far.csv"), 2, "far.csv: Input/output error"),
         (ZeroDivisionError("division by zero"), 1, "ZeroDivisionError: division by zero"),
     ],

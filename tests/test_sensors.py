@@ -47,6 +47,14 @@ def test_rate_takes_every_so_many_steps() -> None:
     assert np.array_equal(matrix(columns, "q"), simulation.q[::4])
 
 
+@pytest.mark.parametrize("rate", [300.7, 333.333, 150.0, 1500.0])
+def test_the_rate_that_a_refusal_proposes_is_taken(rate: float) -> None:
+    with pytest.raises(OptionError, match="falls between the steps") as refused:
+        Sensors(rate=rate).every(STEP)
+    proposed = float(str(refused.value).partition("such as ")[2].partition(" Hz")[0])
+    assert Sensors(rate=proposed).every(STEP) == max(1, round(1 / (rate * STEP)))
+
+
 @pytest.mark.parametrize(("robot", "turn"), [("3r", 2 * np.pi), ("emps", 1.0)])
 def test_encoders_count_from_a_zero_of_their_own(robot: str, turn: float) -> None:
     count = turn / 2**12

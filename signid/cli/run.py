@@ -59,7 +59,8 @@ def _judge(error: Exception) -> tuple[int, str]:
     if isinstance(error, MemoryError):
         return (
             BAD,
-            "there is not enough memory for this; give recordings as Parquet files, which are read piece by piece",
+            "there is not enough memory for this; ask for fewer samples or steps, or give recordings as Parquet files, "
+            "which are read piece by piece",
         )
     if isinstance(error, OSError):
         why = error.strerror or str(error) or type(error).__name__

@@ -52,7 +52,7 @@ class Sensors:
         if abs(every * self.rate * step - 1) > 1e-9:
             raise OptionError(
                 f"a log at {self.rate:g} Hz falls between the steps of {step:g} s; "
-                f"give a rate such as {1 / (every * step):.6g} Hz, or other steps"
+                f"give a rate such as {1 / (every * step):.12g} Hz, or other steps"
             )
         return every
 
