@@ -220,3 +220,17 @@ def test_a_recording_is_not_half_written(
     monkeypatch.setattr("signid.report.write.os.replace", full)
     assert run("simulate 1r --duration 1 -o x.csv".split()) == 2
     assert "No space left on device" in capfd.readouterr().err and not list(folder.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        ("simulate 1r -o x.csv --duration 1 --rate 1", "1 s at 1 Hz are a single row"),
+        ("excite 1r -o x.csv --separate viscous_friction@1", "does not name two laws"),
+    ],
+)
+def test_what_would_be_of_no_use_is_refused(
+    command: str, words: str, folder: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert run(command.split()) == 2
+    assert words in capfd.readouterr().err and not list(folder.iterdir())

@@ -112,7 +112,7 @@ def _rivals(texts: list[str] | None, robot: Robot) -> tuple[Law, Law] | None:
         return None
     laws = split_laws(texts)
     if len(laws) != 2:
-        raise OptionError(f"--separate {','.join(texts)!r} names {len(laws)} laws; give two, such as A@JOINT,B@JOINT")
+        raise OptionError(f"--separate {','.join(texts)!r} does not name two laws; write two, such as A@JOINT,B@JOINT")
     first, second = (parse_law(text, robot, partial=True) for text in laws)
     return first, second
 

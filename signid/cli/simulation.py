@@ -104,11 +104,16 @@ def _run(
     options: dict[str, Any],
 ) -> Run:
     """The known model with what is injected, moved and recorded."""
+    from ..errors import OptionError
     from ..laws import parse_law
     from ..model import Model
     from ..report import Run
     from ..simulate import Torques, record, simulate
 
+    if sensors.rate and options["step"] <= seconds <= 1 / sensors.rate:
+        raise OptionError(
+            f"{seconds:g} s at {sensors.rate:g} Hz are a single row; give a longer duration or more --rate"
+        )
     injected = tuple(parse_law(text, known.robot) for text in inject)
     model = Model(known.robot, known.inertials, (*known.laws, *injected))
     moved = simulate(model, drive, seconds, **options)
