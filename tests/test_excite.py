@@ -115,6 +115,16 @@ def test_the_condition_number_can_be_the_goal() -> None:
     assert both["determinant"].log_det > both["condition"].log_det
 
 
+def test_a_random_motion_is_drawn_and_not_sought() -> None:
+    model = load_model("3r")
+    first, second = (excite(model, kind="random", duration=6.0, harmonics=4, seed=seed) for seed in (1, 2))
+    assert first.evaluations == 1 and not first.flags
+    for found in (first, second):
+        obeys(found, model)
+        assert np.allclose(found.trajectory.v[[0, -1]], 0, atol=1e-9)
+    assert not np.allclose(first.trajectory.q, second.trajectory.q)
+
+
 def test_the_same_seed_gives_the_same_motion() -> None:
     model = load_model("1r")
     first, again, other = (excite(model, duration=5.0, harmonics=3, budget=SMALL, seed=seed) for seed in (1, 1, 2))

@@ -31,7 +31,7 @@ def excite(
     robot: RobotName,
     output: Output = None,
     separate: Apart = None,
-    kind: Annotated[str, typer.Option(metavar="KIND", help="fourier or spline.")] = "fourier",
+    kind: Annotated[str, typer.Option(metavar="KIND", help="fourier, spline, or random: not sought.")] = "fourier",
     criterion: Annotated[str, typer.Option(metavar="WHICH", help="determinant or condition.")] = "determinant",
     duration: Annotated[float, typer.Option(metavar="S", help="Of the motion.")] = 20.0,
     harmonics: Annotated[int | None, typer.Option(metavar="N", help="10; 5 to separate.")] = None,

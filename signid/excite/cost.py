@@ -61,7 +61,7 @@ class Cost(Frozen):
         return cost + self.penalty * (self._excess(states)[0] + self._overload(rows)[0] + self._contact(states)[0])
 
     def value_and_slope(self, z: Array) -> tuple[float, Array]:
-        """Cost of z (n * d,) [1], and its slope (n * d,) [1]: rows by differences at every instant, the rest exactly."""
+        """Cost of z (n * d,) [1], and its slope (n * d,) [1]: rows by differences at every instant."""
         n, count = self.sizes.shape[0], len(self.t)
         states = self.basis @ self.parameters(z).T
         near = np.repeat(states[:, None], 1 + 3 * n, axis=1)  # (3, 1 + 3 n, N, n)

@@ -14,15 +14,16 @@ from ..model import Model
 from ..types import Array, Trajectory
 from .cost import Cost
 from .criterion import CRITERIA
-from .draw import check_duration, sample
+from .draw import check_duration, random_parameters, sample
 from .family import FAMILIES
 from .limits import Limits, build_limits
 from .ready import make_ready, usual_laws
 from .result import Excitation
 from .safe import FINE, Safe, make_safe
-from .search import Budget, Progress, search, settle
+from .search import GRID, Budget, Progress, search, settle
 from .setting import Setting
 
+RANDOM = "random"  # the kind that is drawn, not sought
 CLEARANCE = 0.01  # [m] between links
 SPARE = 0.02  # [m] more in the search, whose instants are few
 PER_PERIOD = 12  # instants of the search per period of the fastest harmonic
@@ -53,7 +54,7 @@ def excite(
 
     Args:
         model: robot, inertials and laws as known so far: they give torque.
-        kind: "fourier" or "spline".
+        kind: "fourier", "spline", or "random": a Fourier series drawn once and scaled to the limits, without a search.
         criterion: "determinant" of the information (D-optimality) or "condition" number of the base regressor.
         duration: of the motion [s].
         harmonics: of the base frequency; splines get as much freedom.
@@ -69,18 +70,21 @@ def excite(
     Raises:
         OptionError: an option is unknown, a limit leaves no motion, or the duration is shorter than a period.
     """
+    if kind not in (kinds := (*FAMILIES.names, RANDOM)):
+        raise OptionError(f"there is no kind of motion {kind!r}; choose from {', '.join(kinds)}")
     if criterion not in CRITERIA:
         raise OptionError(f"there is no criterion {criterion!r}; choose from {', '.join(CRITERIA)}")
     frequency = 1 / duration if base_frequency is None and duration > 0 else base_frequency or 0.0
     check_duration(duration, harmonics, frequency)
     if not rate > 0:
         raise OptionError(f"the rate is {rate:g} Hz; a positive one is needed")
-    family = FAMILIES[kind](duration, harmonics, frequency)
+    family = FAMILIES["fourier" if kind == RANDOM else kind](duration, harmonics, frequency)
     limits = limits or build_limits(model.robot)
     setting, notes = make_ready(model, usual_laws(model, effects), family, duration, limits, clearance, seed)
     instants = int(np.ceil(PER_PERIOD * harmonics * frequency * duration))
     cost = Cost(setting, CRITERIA[criterion], family, np.linspace(0, duration, instants + 1), PENALTY, SPARE)
-    safe, evaluations = _find(cost, budget or Budget.usual(len(model.robot.joints)), duration, seed, progress)
+    budget = budget or Budget.usual(len(model.robot.joints))
+    safe, evaluations = (_draw if kind == RANDOM else _find)(cost, budget, duration, seed, progress)
     small = f"the motion found was scaled to {safe.share:.0%} to obey torque limits and distances between links"
     fine = sample(family, model.robot.joints, safe.x, np.linspace(0, duration, int(np.ceil(duration / FINE)) + 1))
     trajectory = sample(family, model.robot.joints, safe.x, np.arange(int(duration * rate + 1e-9) + 1) / rate)
@@ -101,8 +105,15 @@ def excite(
         seed=seed,
         evaluations=evaluations,
         notes=(*model.robot.notes, *limits.notes, *notes),
-        flags=(small,) if safe.share < KEPT else (),
+        flags=(small,) if safe.share < KEPT and kind != RANDOM else (),
     )
+
+
+def _draw(cost: Cost, budget: Budget, duration: float, seed: int, progress: Progress | None) -> tuple[Safe, int]:
+    """A random motion within all limits."""
+    fine = cost.family.basis(np.arange(0, duration, GRID))
+    x = random_parameters(fine, cost.setting.limits, np.random.default_rng(seed))
+    return make_safe(cost.setting, cost.family, duration, x), 1
 
 
 def _find(cost: Cost, budget: Budget, duration: float, seed: int, progress: Progress | None) -> tuple[Safe, int]:
