@@ -40,7 +40,8 @@ class Registry(Generic[Plugin]):
         for point in entry_points(group=f"signid.{self.kind}"):
             if point.name == name:
                 return cast(Plugin, point.load())
-        close = get_close_matches(name, self.names, n=3, cutoff=0.7)
+        parts = [known for known in self.names if name and name in known]
+        close = parts[:3] or get_close_matches(name, self.names, n=3, cutoff=0.7)
         advice = f"did you mean {' or '.join(close)}?" if close else f"choose from {self._listed()}"
         raise OptionError(f"there is no {self.kind.rstrip('s')} named {name!r}; {advice}")
 

@@ -49,6 +49,8 @@ def injections() -> list[Case]:
 def driving() -> list[Case]:
     still = csv({"t": [0.1 * k for k in range(20)], "q_1": [0.0] * 20, "tau_1": [1.0] * 20})
     return [
+        simulation("sub-steps without end", "--substeps 1000000", "at most 200"),
+        simulation("steps without end", "--step 1e-9", "5e+06"),
         simulation("missing motion", "--motion gone.csv", "gone.csv"),
         motion("motion without time", MOTION.replace("t,", "time,"), "no motion"),
         motion("motion without positions", MOTION.replace("q_1", "speed"), "no motion"),
@@ -75,6 +77,9 @@ def driving() -> list[Case]:
 
 def running() -> list[Case]:
     return [
+        Case("harmonics without end", "excite 3r -o m.csv --harmonics 500", "1 to 40"),
+        Case("waves without end", "excite 3r -o m.csv --base-frequency 1000", "lower base frequency"),
+        Case("negative clearance", "excite 3r -o m.csv --clearance -1", "0 or more"),
         Case("simulation without a file", "simulate 3r", "-o FILE"),
         Case("simulation into a strange format", "simulate 3r -o out.mat", ".parquet"),
         Case("simulation into a folder", "simulate 3r -o x.csv/out.csv", "x.csv", {"x.csv": "mine"}),
@@ -111,8 +116,8 @@ def exciting() -> list[Case]:
         excited("no velocity", "--velocity-scale 0", "--velocity-scale"),
         excited("unknown effect", "--effects magic", "magic"),
         excited("effect that is not linear", "--effects stribeck_friction", "stribeck_friction"),
-        excited("one law", "--separate spring@2", "1 law"),
-        excited("three laws", "--separate spring@2,spring@1,spring@3", "3 laws"),
+        excited("one law", "--separate spring@2", "two laws"),
+        excited("three laws", "--separate spring@2,spring@1,spring@3", "two laws"),
         excited("the same law", "--separate spring@2,spring@2", "same"),
         excited("strange law", "--separate spring@2,magic", "magic"),
         excited("strange number", "--separate spring@2:colour=1,payload", "colour"),

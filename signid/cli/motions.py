@@ -119,20 +119,20 @@ def random_motion(robot: Robot, duration: float, step: float, seed: int) -> Traj
     """A Fourier series at random within the limits but torque's, from rest to rest.
 
     Raises:
-        OptionError: it would be shorter than a step.
+        OptionError: it would be shorter than a step, or of too many.
     """
     import numpy as np
 
     from ..excite import build_limits
     from ..excite.draw import check_duration, random_parameters, sample
     from ..excite.family import FAMILIES
+    from ..simulate.run import instants
 
-    if not (0 < duration < np.inf and 0 < step <= duration):
-        raise OptionError(f"{duration:g} s in steps of {step:g} s cannot be simulated; give at least a step")
+    t = instants(duration, step)
+    t = np.append(t, len(t) * step)
     frequency = max(FREQUENCY, 1 / duration)
     check_duration(duration, HARMONICS, frequency)
     family = FAMILIES["fourier"](duration, HARMONICS, frequency)
-    t = np.linspace(0.0, round(duration / step) * step, round(duration / step) + 1)
     coarse = family.basis(t[:: max(1, len(t) // 2000)])
     x = random_parameters(coarse, build_limits(robot), np.random.default_rng(seed), AMPLITUDE)
     return sample(family, robot.joints, x, t)

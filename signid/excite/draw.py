@@ -10,6 +10,8 @@ from .family import Family
 from .fourier import Fourier
 from .limits import Limits, build_limits
 
+MANY = 40  # harmonics at most
+
 
 def random_motion(
     robot: Robot,
@@ -124,8 +126,8 @@ def check_duration(duration: float, harmonics: int, frequency: float) -> None:
             f"{duration:g} s are less than one period of the base frequency {frequency:g} Hz; "
             f"give a duration of at least {1 / frequency:.4g} s, or a base frequency of at least {1 / duration:.4g} Hz"
         )
-    if harmonics < 1:
-        raise OptionError(f"{harmonics} harmonics were asked for; at least one is needed")
+    if not 1 <= harmonics <= MANY:
+        raise OptionError(f"{harmonics} harmonics were asked for; give 1 to {MANY}")
 
 
 def sample(family: Family, joints: tuple[str, ...], x: Array, t: Array) -> Trajectory:

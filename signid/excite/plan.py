@@ -26,6 +26,7 @@ from .setting import Setting
 RANDOM = "random"  # the kind that is drawn, not sought
 CLEARANCE = 0.01  # [m] between links
 SPARE = 0.02  # [m] more in the search, whose instants are few
+WAVES = 500  # of the fastest harmonic, at most
 PER_PERIOD = 12  # instants of the search per period of the fastest harmonic
 KEPT = 0.95  # of the motion found; less is flagged
 PENALTY = 100.0  # on what exceeds a limit: log of a standard deviation per mean square share
@@ -70,14 +71,8 @@ def excite(
     Raises:
         OptionError: an option is unknown, a limit leaves no motion, or the duration is shorter than a period.
     """
-    if kind not in (kinds := (*FAMILIES.names, RANDOM)):
-        raise OptionError(f"there is no kind of motion {kind!r}; choose from {', '.join(kinds)}")
-    if criterion not in CRITERIA:
-        raise OptionError(f"there is no criterion {criterion!r}; choose from {', '.join(CRITERIA)}")
     frequency = 1 / duration if base_frequency is None and duration > 0 else base_frequency or 0.0
-    check_duration(duration, harmonics, frequency)
-    if not rate > 0:
-        raise OptionError(f"the rate is {rate:g} Hz; a positive one is needed")
+    _check(kind, criterion, rate, duration, harmonics, frequency)
     family = FAMILIES["fourier" if kind == RANDOM else kind](duration, harmonics, frequency)
     limits = limits or build_limits(model.robot)
     setting, notes = make_ready(model, usual_laws(model, effects), family, duration, limits, clearance, seed)
@@ -107,6 +102,21 @@ def excite(
         notes=(*model.robot.notes, *limits.notes, *notes),
         flags=(small,) if safe.share < KEPT and kind != RANDOM else (),
     )
+
+
+def _check(kind: str, criterion: str, rate: float, duration: float, harmonics: int, frequency: float) -> None:
+    if kind not in (kinds := (*FAMILIES.names, RANDOM)):
+        raise OptionError(f"there is no kind of motion {kind!r}; choose from {', '.join(kinds)}")
+    if criterion not in CRITERIA:
+        raise OptionError(f"there is no criterion {criterion!r}; choose from {', '.join(CRITERIA)}")
+    check_duration(duration, harmonics, frequency)
+    if (waves := duration * frequency * harmonics) > WAVES:
+        raise OptionError(
+            f"{duration:g} s hold {waves:.0f} waves of the fastest harmonic; at most {WAVES} can be searched: "
+            f"give a shorter duration, fewer harmonics or a lower base frequency"
+        )
+    if not rate > 0:
+        raise OptionError(f"the rate is {rate:g} Hz; a positive one is needed")
 
 
 def _draw(cost: Cost, budget: Budget, duration: float, seed: int, progress: Progress | None) -> tuple[Safe, int]:

@@ -39,8 +39,10 @@ def make_ready(
     reference size of a base parameter's column is its rms along these motions.
 
     Raises:
-        OptionError: no posture obeys the limits.
+        OptionError: no posture obeys the limits, or the clearance is none.
     """
+    if not 0 <= clearance < np.inf:
+        raise OptionError(f"the clearance is {clearance:g} m; give 0 or more")
     base = build_base(model.robot, laws, seed)
     collision, why = build_collision(model.robot, limits, clearance, seed)
     home = find_home(model, limits, collision, clearance, seed)

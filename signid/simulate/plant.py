@@ -14,7 +14,7 @@ from .bodies import build_bodies
 from .dynamics import Dynamics
 from .friction import DryFriction
 from .moment import Moment
-from .stiffness import TRIAL, Stiffness, feel
+from .stiffness import TRIAL, feel
 from .term import build_terms
 
 INTEGRATORS = ("semi-implicit", "rk4")
@@ -42,7 +42,12 @@ class Plant:
         self.dry = any(term.effect.reverses for term in self.terms)
         self.friction = DryFriction(self.bodies.drive.shape[1])
         felt = feel(self, model.robot)
-        self.substeps = substeps or self._substeps(felt)
+        self.substeps = substeps or felt.substeps(step, implicit=integrator == "semi-implicit")
+        if not 0 < self.substeps <= MOST:
+            raise OptionError(
+                f"steps of {step:g} s would be parted into {self.substeps}, at most {MOST} are made; "
+                f"give shorter steps, or take integrator 'semi-implicit' where a law is stiff"
+            )
         self.stiff = felt.stiff(step / self.substeps)
         count = self.bodies.drive.shape[1]
         self.direct = np.array_equal(self.bodies.motor, np.arange(count))
@@ -123,15 +128,6 @@ class Plant:
         for term in self.terms:
             term.add(total)
         return total
-
-    def _substeps(self, felt: Stiffness) -> int:
-        wanted = felt.substeps(self.step, implicit=self.integrator == "semi-implicit")
-        if wanted > MOST:
-            raise OptionError(
-                f"a law is so stiff that steps of {self.step:g} s would be parted into {wanted}; take integrator "
-                f"'semi-implicit' or shorter steps"
-            )
-        return wanted
 
     def _semi_implicit(self, t: float | Array, dt: float, force: Array) -> None:
         after = self._sliding(t, dt, force)

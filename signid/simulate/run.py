@@ -16,6 +16,7 @@ from .control import Drive
 from .plant import Plant
 
 Progress = Callable[[str, float], None]  # what is being done, share of it that is done
+MOST_STEPS = 5e6
 MOST_SPEED = 1e4  # [rad/s or m/s] beyond which a robot has flown apart
 
 
@@ -81,9 +82,7 @@ def simulate_many(
     Raises:
         OptionError: a duration, a step or a law cannot be simulated.
     """
-    if not (np.isfinite(duration) and step > 0 and duration >= step):
-        raise OptionError(f"{duration:g} s in steps of {step:g} s cannot be simulated; give at least a step")
-    t = np.asarray(np.arange(round(duration / step)) * step, dtype=np.float64)
+    t = instants(duration, step)
     plant = Plant(model, step, len(drives), integrator, substeps)
     joints, reading = range(len(model.robot.joints)), model.of(RecordingLaw)
     acting = model.of(ActuatorLaw)
@@ -109,6 +108,19 @@ def simulate_many(
     for row in (3, 5, 6):  # what is held through a step belongs to a moment so much later than its beginning
         log[row, 1:] += late * (log[row, :-1] - log[row, 1:])
     return [_told(model, t, step, log[:, :, b], desired[:, b], reading) for b in range(len(drives))]
+
+
+def instants(duration: float, step: float) -> Array:
+    """When steps begin, (K,) [s].
+
+    Raises:
+        OptionError: there is none, or there are too many.
+    """
+    if not (np.isfinite(duration) and 0 < step <= duration):
+        raise OptionError(f"{duration:g} s in steps of {step:g} s cannot be simulated; give at least a step")
+    if duration / step > MOST_STEPS:
+        raise OptionError(f"{duration / step:.3g} steps were asked for; at most {MOST_STEPS:.0e} are made at once")
+    return np.asarray(np.arange(round(duration / step)) * step, dtype=np.float64)
 
 
 def _seen(reading: Sequence[Law], q: Array) -> Array:
