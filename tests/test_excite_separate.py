@@ -90,7 +90,7 @@ def test_laws_that_cannot_be_compared_get_a_sentence() -> None:
         ({"criterion": "beauty"}, "determinant, condition"),
         ({"duration": 2.0, "base_frequency": 0.1}, "at least 10 s"),
         ({"duration": 0.0}, "positive"),
-        ({"harmonics": 0}, "at least one"),
+        ({"harmonics": 0}, "1 to 40"),
         ({"harmonics": 1}, "at rest"),
         ({"rate": 0.0}, "positive"),
         ({"effects": ("stribeck_friction",)}, "separate"),
