@@ -10,22 +10,20 @@ from .basis import build_base
 from .cutoff import Band, choose_band
 from .effects import EFFECTS
 from .effects.base import ActuatorLaw, RecordingLaw
-from .errors import OptionError, RecordingError
+from .errors import OptionError
 from .filters import Decimator
 from .motion import build_motion, margin
 from .recording import same_joints
 from .robot import hold, resting
 from .rows import Task, choose_reach
 from .sampling import Sampling, samples, split, survey
-from .session import Options, Part, Session
-from .types import Array, Law, Recording, Robot, Samples
+from .session import PIECE, Options, Part, Session, common_rate, longest_piece
+from .types import Array, Law, Recording, Robot
 
 TRAINING_SHARE = 0.7  # of a single recording
 REVERSAL, REVERSAL_SHARE = 0.01, 0.02  # [rad/s] and share of the rms velocity: width of a geared joint's reversal
-PIECE = 2**17  # samples of a recording that the cut-off is chosen from
 AGREE = 2e-3  # recorded derivatives are taken where they differ by less from those of the positions
 TAPS = 9.0  # periods of the cut-off that both filters together are long
-SAME_RATE = 0.01  # by which sampling rates of recordings may differ
 
 
 def prepare(
@@ -87,10 +85,7 @@ def _split(train: list[Part], test: list[Part]) -> tuple[list[Part], list[Part]]
 
 
 def _band(parts: Sequence[Part], options: Options) -> Band:
-    rates = np.array([1 / sampling.period for _, sampling in parts])
-    if np.ptp(rates) > SAME_RATE * rates.min():
-        listed = ", ".join(f"{rate:.6g} Hz" for rate in rates)
-        raise RecordingError(f"the recordings are sampled at different rates ({listed}); resample them to one rate")
+    rate = common_rate(parts, "resample them to one rate")
     if options.cutoff is not None and not options.cutoff > 0:
         raise OptionError(f"the cut-off is {options.cutoff:g} Hz; a positive frequency is needed")
     longest = max(sampling.length(span) * sampling.period for _, sampling in parts for span in sampling.spans)
@@ -99,13 +94,7 @@ def _band(parts: Sequence[Part], options: Options) -> Band:
             f"a cut-off of {options.cutoff:g} Hz needs {TAPS / options.cutoff:.3g} s without a gap, but the longest "
             f"stretch lasts {longest:.3g} s; raise the cut-off"
         )
-    return choose_band([_piece(*part) for part in parts], float(rates[0]), options.cutoff)
-
-
-def _piece(recording: Recording, sampling: Sampling, most: int = PIECE) -> Samples:
-    """The longest stretch of a recording, or its beginning where it is very long."""
-    span = max(sampling.spans, key=sampling.length)
-    return samples(recording, sampling, span, 0, min(sampling.length(span), most))
+    return choose_band([longest_piece(part) for part in parts], rate, options.cutoff)
 
 
 def _slow(robot: Robot, surveys: Sequence[Sampling], band: Band) -> Array:
@@ -116,7 +105,7 @@ def _slow(robot: Robot, surveys: Sequence[Sampling], band: Band) -> Array:
 
 
 def _reach(robot: Robot, parts: Sequence[Part], band: Band, slow: Array) -> tuple[int, ...]:
-    pieces = [(_piece(*part, PIECE // 4), part[1].period) for part in parts]
+    pieces = [(longest_piece(part, PIECE // 4), part[1].period) for part in parts]
     long = [(piece, period) for piece, period in pieces if len(piece.t) > 2 * margin(band) + 1]
     return choose_reach([build_motion(robot, piece, band, period) for piece, period in long], band, slow)
 
@@ -179,7 +168,7 @@ def _complete(part: Part, key: str) -> bool:
 
 def _agree(robot: Robot, part: Part, band: Band) -> bool:
     """Whether recorded derivatives and those of the positions are the same inside the band."""
-    piece, period = _piece(*part), part[1].period
+    piece, period = longest_piece(part), part[1].period
     own, told = (build_motion(robot, piece, band, period, recorded_derivatives=yes) for yes in (False, True))
     edge = (len(told) - len(own)) // 2
     thin = Decimator(band.taps, band.factor)

@@ -5,15 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from .effects import EFFECT_NAMES
 from .errors import RecordingError
 from .factors import LAGS, Factors, Weigh, add, reduce_rows
 from .rows import Rows, Task, read_rows
-from .sampling import Sampling
-from .types import Frozen, Recording, Robot
+from .sampling import Sampling, samples
+from .types import Frozen, Recording, Robot, Samples
 
 Progress = Callable[[str, float], None]  # what is being done, share of it that is done
 Part = tuple[Recording, Sampling]
+
+PIECE = 2**17  # samples of a recording that the cut-off is chosen from
+SAME_RATE = 0.01  # by which sampling rates of recordings may differ
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +71,26 @@ class Session(Frozen):
                 f"({len(band.taps) / band.rate:.2g} s); record for longer, or raise the cut-off"
             )
         return factors
+
+
+def longest_piece(part: Part, most: int = PIECE) -> Samples:
+    """The longest stretch of a recording, or its beginning where it is very long."""
+    recording, sampling = part
+    span = max(sampling.spans, key=sampling.length)
+    return samples(recording, sampling, span, 0, min(sampling.length(span), most))
+
+
+def common_rate(parts: Sequence[Part], advice: str) -> float:
+    """The sampling rate of all recordings [Hz].
+
+    Raises:
+        RecordingError: they differ; the sentence ends with the advice.
+    """
+    rates = np.array([1 / sampling.period for _, sampling in parts])
+    if np.ptp(rates) > SAME_RATE * rates.min():
+        listed = ", ".join(f"{rate:.6g} Hz" for rate in rates)
+        raise RecordingError(f"the recordings are sampled at different rates ({listed}); {advice}")
+    return float(rates[0])
 
 
 def _told(task: Task, part: Part, progress: Progress | None, purpose: str) -> Iterator[Rows]:

@@ -8,19 +8,17 @@ import numpy as np
 
 from ..cutoff import Band, choose_band
 from ..effects.trial import Trial
-from ..errors import OptionError, RecordingError
+from ..errors import OptionError
 from ..model import Model
-from ..sampling import Sampling, samples, survey
-from ..session import Part, Session
+from ..sampling import survey
+from ..session import Session, common_rate, longest_piece
 from ..simulate.plant import Plant
-from ..types import Array, Recording, Samples
+from ..types import Array, Recording
 from .joints import restrict_joints
 from .result import RollOut
 from .windows import Windows, cut_windows
 
 COUNT, STEP = 48, 1e-3  # windows, and [s]
-PIECE = 2**17  # samples of a recording that the cut-off is chosen from
-SAME_RATE = 0.01  # by which sampling rates of recordings may differ
 FAR = 1e3  # [rad or m] that no joint strays: the simulated robot flew apart
 
 
@@ -60,7 +58,8 @@ def roll_out(
         parts, band = list(recordings.held_out), band or recordings.task.band
     else:
         parts = [(recording, survey(recording, model.robot)) for recording in each]
-    band = band or _band(parts)
+    if band is None:
+        band = choose_band([longest_piece(part) for part in parts], common_rate(parts, "roll out each by itself"))
     lengths = np.array([sampling.duration for _, sampling in parts])
     counts = np.maximum(1, np.rint(windows * lengths / lengths.sum())).astype(int).tolist()
     cuts = [cut_windows(model, part, band, max(horizons), k, step) for part, k in zip(parts, counts, strict=True)]
@@ -97,19 +96,6 @@ def _check(recordings: Sequence[Recording], horizons: Sequence[float], windows: 
     unsigned = {j for r in recordings for j, s in zip(r.joints, r.signed, strict=True) if not s}
     if unsigned:
         raise OptionError(f"the torque of {', '.join(sorted(unsigned))} has no sign; a roll-out needs signed torque")
-
-
-def _band(parts: Sequence[Part]) -> Band:
-    rates = np.array([1 / sampling.period for _, sampling in parts])
-    if np.ptp(rates) > SAME_RATE * rates.min():
-        listed = ", ".join(f"{rate:.6g} Hz" for rate in rates)
-        raise RecordingError(f"the recordings are sampled at different rates ({listed}); roll out each by itself")
-    return choose_band([_piece(*part) for part in parts], float(rates[0]))
-
-
-def _piece(recording: Recording, sampling: Sampling) -> Samples:
-    span = max(sampling.spans, key=sampling.length)
-    return samples(recording, sampling, span, 0, min(sampling.length(span), PIECE))
 
 
 def _simulate(model: Model, windows: Windows, integrator: str) -> Array:
