@@ -1,5 +1,9 @@
 """One tree of errors. Each says in one sentence what was given, what was expected and how to mend it."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+
 
 class SignidError(Exception):
     """Root of everything that signid raises on purpose."""
@@ -23,3 +27,9 @@ class OptionError(InputError):
 
 class OutputError(SignidError, OSError):
     """A result cannot be written where it was asked for; nothing was left half-written."""
+
+
+def shorten(names: Sequence[str], most: int = 8) -> str:
+    """The names in a row, or the first of them and how many more there are."""
+    more = len(names) - most
+    return ", ".join(names) if more <= 1 else f"{', '.join(names[:most])} and {more} more"

@@ -8,10 +8,9 @@ from importlib import import_module
 from importlib.metadata import entry_points
 from typing import Generic, TypeVar, cast
 
-from .errors import OptionError
+from .errors import OptionError, shorten
 
 Plugin = TypeVar("Plugin")
-MOST = 8  # names in a sentence
 
 
 class Registry(Generic[Plugin]):
@@ -42,12 +41,8 @@ class Registry(Generic[Plugin]):
                 return cast(Plugin, point.load())
         parts = [known for known in self.names if name and name in known]
         close = parts[:3] or get_close_matches(name, self.names, n=3, cutoff=0.7)
-        advice = f"did you mean {' or '.join(close)}?" if close else f"choose from {self._listed()}"
+        advice = f"did you mean {' or '.join(close)}?" if close else f"choose from {shorten(self.names)}"
         raise OptionError(f"there is no {self.kind.rstrip('s')} named {name!r}; {advice}")
-
-    def _listed(self) -> str:
-        more = len(self.names) - MOST
-        return ", ".join(self.names) if more <= 1 else f"{', '.join(self.names[:MOST])} and {more} more"
 
     def __iter__(self) -> Iterator[Plugin]:
         return (self[name] for name in self.modules)

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from rich.console import RenderableType
 
+from ..errors import shorten
 from ..laws import placed
 from ..model import Model
-from ..robot.joints import shorten
 from ..simulate import Sensors, Simulation
 from ..simulate.control import Drive, Tracking
 from ..types import Array, Law, Robot

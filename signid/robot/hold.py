@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import RobotError
+from ..errors import RobotError, shorten
 from ..types import Actuators, Robot
-from .joints import find, shorten
+from .joints import find
 
 
 def hold(robot: Robot, positions: Mapping[str, float]) -> Robot:

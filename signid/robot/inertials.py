@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .joints import shorten
+from ..errors import shorten
 
 if TYPE_CHECKING:
     from .tree import Tree

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from difflib import get_close_matches
 
-from ..errors import RobotError
+from ..errors import RobotError, shorten
 
 
 def find(given: str | int, names: Sequence[str], numbers: Sequence[int], robot: str) -> int:
@@ -22,9 +22,3 @@ def find(given: str | int, names: Sequence[str], numbers: Sequence[int], robot: 
     close = get_close_matches(text, names, n=3, cutoff=0.6)
     advice = f"did you mean {' or '.join(close)}?" if close else f"choose from {shorten(names)}"
     raise RobotError(f"{robot} has no joint {text!r} that moves by itself; {advice}")
-
-
-def shorten(names: Sequence[str], most: int = 8) -> str:
-    """The names in a row, or the first of them and how many more there are."""
-    more = len(names) - most
-    return ", ".join(names) if more <= 1 else f"{', '.join(names[:most])} and {more} more"

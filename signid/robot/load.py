@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import RobotError
+from ..errors import RobotError, shorten
 from ..types import Actuators, Array, Robot
 from .actuators import read_actuators
 from .document import Document, parse, read_document
 from .draft import Axis, Draft
 from .hold import hold, resting
-from .joints import find, shorten
+from .joints import find
 from .locate import locate
 
 

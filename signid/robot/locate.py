@@ -7,8 +7,7 @@ from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path
 
-from ..errors import RobotError
-from .joints import shorten
+from ..errors import RobotError, shorten
 
 _FAMILIAR = {  # the names under which example-robot-data's own loaders know some of its files
     "alexander": "alexander_v1.lowerBodyOnly",

@@ -11,12 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import RobotError
+from ..errors import RobotError, shorten
 from .configuration import is_plain
 from .document import Document
 from .draft import Axis, Draft, Mimic
 from .inertials import impossible_notes, massless_note
-from .joints import shorten
 from .mjcf_tree import below_world, compiler_setting, included, joint_attribute, prepare
 
 if TYPE_CHECKING:

@@ -7,9 +7,8 @@ from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
-from ..errors import RobotError
+from ..errors import RobotError, shorten
 from .document import parse
-from .joints import shorten
 
 _KEPT = ("body", "joint", "freejoint", "inertial", "geom")  # of what stands in a body
 _UNREAD = ("frame", "replicate", "composite", "attach", "flexcomp")  # these would make bodies of their own

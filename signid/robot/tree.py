@@ -8,10 +8,9 @@ from dataclasses import dataclass
 from math import inf, isfinite, nan
 from typing import Any
 
-from ..errors import RobotError
+from ..errors import RobotError, shorten
 from .document import children
 from .draft import Mimic
-from .joints import shorten
 
 Vector = tuple[float, float, float]
 MOVING = ("revolute", "continuous", "prismatic")

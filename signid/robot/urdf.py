@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from xml.sax.saxutils import quoteattr
 
-from ..errors import RobotError
+from ..errors import RobotError, shorten
 from .document import Document
 from .draft import Axis, Draft
 from .inertials import inertial_notes
-from .joints import shorten
 from .tree import HELD, MOVING, Inertial, Joint, Pose, Tree, read_tree
 
 
