@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     from ..simulate.control import Tracking
     from ..types import Array, Robot, Trajectory
 
-DURATION, FREQUENCY, HARMONICS = 20.0, 0.1, 5  # [s], [Hz] lowest, and how many, of motions at random
-AMPLITUDE = (0.3, 0.8)  # [1] least and most of what the limits allow
+DURATION = 20.0  # [s] of motions at random
 
 
 class Source(NamedTuple):
@@ -95,14 +94,17 @@ def given_drive(
     Raises:
         OptionError: what was given contradicts itself.
     """
+    from ..excite.draw import draw_motion
     from ..simulate import Torques, track
+    from ..simulate.run import instants
 
     if isinstance(asked, Torques):
         if any(option is not None for option in loop):
             raise OptionError("--torque is played back open loop; leave --bandwidth, --kp, --kd, --feed-forward out")
         return asked, float(asked.t[-1]) if duration is None else duration
     if asked is None:
-        asked = random_motion(known.robot, DURATION if duration is None else duration, step, seed)
+        t = instants(DURATION if duration is None else duration, step)
+        asked = draw_motion(known.robot, len(t) * step, step, seed)
     gains = None
     if loop.kp is not None or loop.kd is not None:
         if loop.kp is None or loop.kd is None or loop.bandwidth is not None:
@@ -113,29 +115,6 @@ def given_drive(
     if not all(abs(value) < float("inf") for value in given.values()):
         raise OptionError("--bandwidth and --feed-forward are finite numbers; give the bandwidth in Hz and a share")
     return track(known, asked, gains=gains, **given), float(asked.t[-1]) if duration is None else duration
-
-
-def random_motion(robot: Robot, duration: float, step: float, seed: int) -> Trajectory:
-    """A Fourier series at random within the limits but torque's, from rest to rest.
-
-    Raises:
-        OptionError: it would be shorter than a step, or of too many.
-    """
-    import numpy as np
-
-    from ..excite import build_limits
-    from ..excite.draw import check_duration, random_parameters, sample
-    from ..excite.family import FAMILIES
-    from ..simulate.run import instants
-
-    t = instants(duration, step)
-    t = np.append(t, len(t) * step)
-    frequency = max(FREQUENCY, 1 / duration)
-    check_duration(duration, HARMONICS, frequency)
-    family = FAMILIES["fourier"](duration, HARMONICS, frequency)
-    coarse = family.basis(t[:: max(1, len(t) // 2000)])
-    x = random_parameters(coarse, build_limits(robot), np.random.default_rng(seed), AMPLITUDE)
-    return sample(family, robot.joints, x, t)
 
 
 def given_numbers(option: str, text: str, robot: Robot) -> Array:

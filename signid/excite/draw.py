@@ -11,6 +11,8 @@ from .fourier import Fourier
 from .limits import Limits, build_limits
 
 MANY = 40  # harmonics at most
+FREQUENCY, HARMONICS = 0.1, 5  # [Hz] lowest, and how many, of motions that only move a robot
+AMPLITUDE = (0.3, 0.8)  # [1] least and most of what the limits allow to these
 
 
 def random_motion(
@@ -142,3 +144,18 @@ def _room(basis: Array, limits: Limits, x: Array) -> Array:
     allowed = limits.margin * np.array([limits.velocity, limits.acceleration])
     peaks = np.array([np.ptp(q, axis=0) / 2 / limits.half, *(np.abs([v, a]).max(1) / allowed)])
     return np.asarray(1 / np.maximum(peaks.max(0), 1e-300))
+
+
+def draw_motion(robot: Robot, duration: float, step: float, seed: int) -> Trajectory:
+    """A Fourier series at random within the limits but torque's, from rest to rest, told at every step [s].
+
+    Raises:
+        OptionError: it would be shorter than a step.
+    """
+    t = np.asarray(np.arange(round(duration / step) + 1) * step, dtype=np.float64)
+    frequency = max(FREQUENCY, 1 / duration)
+    check_duration(duration, HARMONICS, frequency)
+    family = Fourier(duration, HARMONICS, frequency)
+    coarse = family.basis(t[:: max(1, len(t) // 2000)])
+    x = random_parameters(coarse, build_limits(robot), np.random.default_rng(seed), AMPLITUDE)
+    return sample(family, robot.joints, x, t)
