@@ -43,12 +43,20 @@ def effective_inertia(robot: Robot, q: Array) -> Array:
         robot: the robot.
         q: (N, nq) [rad, m or 1].
     """
-    model, data, drive = robot.model, robot.model.createData(), robot.drive
-    out = np.empty((len(q), drive.shape[1]))
-    for i, state in enumerate(q):
-        mass = _symmetric(pin.crba(model, data, state), model.nv)
-        out[i] = np.einsum("rj,rs,sj->j", drive, mass, drive)
-    return out
+    model, data = robot.model, robot.model.createData()
+    return np.array([mass_matrix(model, data, row, robot.drive).diagonal() for row in q]).reshape(len(q), -1)
+
+
+def mass_matrix(model: Any, data: Any, q: Array, drive: Array) -> Array:
+    """Mass matrix (n, n) over the coordinates that drive a model, its rotors included [kg.m2 or kg].
+
+    Args:
+        model: a pin.Model.
+        data: its pin.Data.
+        q: (nq,) [rad, m or 1].
+        drive: (nv, n) model velocity per coordinate's [1].
+    """
+    return np.asarray(drive.T @ _symmetric(pin.crba(model, data, q), model.nv) @ drive)
 
 
 def sensitivity(robot: Robot, q: Array, v: Array, a: Array) -> Sensitivity:

@@ -12,6 +12,8 @@ from ..effects.base import BodyLaw
 from ..errors import InputError, OptionError
 from ..model import Model
 from ..motion import Motion
+from ..rigid import mass_matrix
+from ..robot import configuration
 from ..types import Array, Frozen, Trajectory
 
 BANDWIDTH, DAMPING = 6.0, 0.9  # [Hz] and [1] of the position loop, where no gains are given
@@ -148,8 +150,7 @@ def sampled(trajectory: Trajectory, t: Array) -> tuple[Array, Array, Array]:
 
 
 def _bodies(model: Model) -> Model:
-    laws = tuple(law for law in model.laws if isinstance(law.effect, BodyLaw))
-    return Model(model.robot, model.inertials, laws)
+    return Model(model.robot, model.inertials, tuple(model.of(BodyLaw)))
 
 
 def _felt_inertia(known: Model, trajectory: Trajectory) -> Array:
@@ -158,12 +159,9 @@ def _felt_inertia(known: Model, trajectory: Trajectory) -> Array:
     Gains in proportion to it stay stable where axes of joints come to lie on one line and inertias nearly cancel.
     """
     few = trajectory.q[:: max(1, len(trajectory.q) // PLACES)]
-    robot, at, zero = known.robot, np.arange(float(len(few))), np.zeros((2, *few.shape))
-    model = _bodies(known)
-    rest = model.inverse(Motion(robot, at, few, *zero))
-    units = np.eye(len(robot.joints))
-    pushed = [model.inverse(Motion(robot, at, few, zero[0], np.tile(row, (len(few), 1)))) for row in units]
-    mass = np.stack([tau - rest for tau in pushed], axis=2)
+    robot, bodies = known.robot, known.bodies()
+    data = bodies.createData()
+    mass = np.array([mass_matrix(bodies, data, row, robot.drive) for row in configuration(robot, few)])
     sizes, directions = np.linalg.eigh(mass)
     weak = sizes[:, 0] <= MASSLESS * sizes[:, -1]
     if weak.any():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from ..rigid import point_jacobian
+from ..rigid import mass_matrix, point_jacobian
 from ..types import Array
 from .bodies import Bodies
 
@@ -104,9 +104,8 @@ class Dynamics:
         return np.array(rows)[:, :, self.bodies.motor]
 
     def _mass(self, q: Array, armature: Array | None = None) -> Array:
-        drive, nv = self.bodies.drive, self.model.nv
-        found = np.reshape(pin.crba(self.model, self.data, drive @ q + self.bodies.rest), (nv, nv))
-        mass = drive.T @ np.where(self.below, found.T, found) @ drive
+        drive = self.bodies.drive
+        mass = mass_matrix(self.model, self.data, drive @ q + self.bodies.rest, drive)
         return np.asarray(mass if armature is None else mass + np.diag(armature))
 
     def _project(self, q: Array, v: Array, force: Array, armature: Array | None) -> Array:
