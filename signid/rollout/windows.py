@@ -8,13 +8,13 @@ import numpy as np
 
 from ..cutoff import Band
 from ..effects.base import ActuatorLaw, RecordingLaw, TransmissionLaw
-from ..effects.trial import Trial
 from ..errors import RecordingError
 from ..model import Model
 from ..motion import Motion, build_motion, margin
 from ..sampling import Sampling, samples
 from ..sampling.stretch import Span
 from ..session import Part
+from ..simulate.run import apply_actuators
 from ..types import Array, Frozen, Mask
 
 BEFORE, AFTER = 1.0, 0.1  # [s] of motion that memories are run along, and that records reach ahead at most
@@ -102,10 +102,7 @@ def _acted(model: Model, motion: Motion) -> Motion:
     """Positions and torque as they were; where no torque is recorded, what the motion takes by the model."""
     motion = model.acted(motion)
     assert motion.recorded is not None, "windows carry torque"
-    torque = motion.recorded.copy()
-    for law in model.of(ActuatorLaw):
-        j = list(law.joints)
-        torque[:, j] = law.effect.applied_torque(Trial(torque=torque[:, j]), **law.parameters)
+    torque = apply_actuators(model.of(ActuatorLaw), motion.recorded)
     unknown = np.isnan(torque)
     if unknown.any():
         physics = tuple(law for law in model.laws if not isinstance(law.effect, ActuatorLaw | RecordingLaw))

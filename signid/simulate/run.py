@@ -95,7 +95,7 @@ def simulate_many(
         q, v = plant.q, plant.v
         seen = _seen(reading, q)
         command = torque[k] + stiffness * (desired[k] - seen) + damping * (speed[k] - v)
-        applied = _applied(acting, command)
+        applied = apply_actuators(acting, command)
         log[:3, k], log[4:, k] = (seen, q, v), (plant.link, command, applied)
         plant.advance(float(now), applied)
         log[3, k] = plant.a
@@ -132,12 +132,17 @@ def _seen(reading: Sequence[Law], q: Array) -> Array:
     return q
 
 
-def _applied(acting: Sequence[Law], command: Array) -> Array:
-    """Torques (B, n) that the amplifiers give."""
+def apply_actuators(acting: Sequence[Law], command: Array) -> Array:
+    """Torque (..., n) that the amplifiers give [N.m or N].
+
+    Args:
+        acting: laws of actuators.
+        command: (..., n) [N.m or N].
+    """
     for law in acting:
         j = list(law.joints)
         command = command.copy()
-        command[:, j] = law.effect.applied_torque(Trial(torque=command[:, j]), **law.parameters)
+        command[..., j] = law.effect.applied_torque(Trial(torque=command[..., j]), **law.parameters)
     return command
 
 
