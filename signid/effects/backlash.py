@@ -10,7 +10,7 @@ STOP = 500.0  # [rad/s] natural frequency of the link on its stops, which are da
 
 
 class Backlash(TransmissionLaw):
-    """No torque inside the gap, stiff stops at its ends."""
+    """No torque inside the gap, stiff stops at its ends; to be simulated, the joint needs an armature."""
 
     name = "backlash"
     equation = "inertia * (abs(q) > gap / 2) * (500**2 * (q - clip(q, -gap / 2, gap / 2)) + 1000 * v)"

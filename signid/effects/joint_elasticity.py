@@ -13,7 +13,7 @@ RESONANCES = (*np.geomspace(2, 16, 23), 20.0, 26.0, 35.0, 50.0, 80.0)  # [Hz] tr
 
 
 class JointElasticity(TransmissionLaw):
-    """A damped spring between motor and link; exact about its resonance, where 1 / stiffness is not linear."""
+    """A damped spring between motor and link, exact at resonance too; simulated, the joint needs an armature."""
 
     name, equation = "joint_elasticity", "stiffness * (q + 0.001 * v)"
     source = "Spong, Modeling and control of elastic joint robots, ASME J. Dyn. Sys. Meas. Control 109(4), 1987"
