@@ -34,6 +34,7 @@ class Observed(Frozen):
     columns: tuple[Array, ...]  # per joint (N, m) [torque per unit of the base parameter], not filtered
     seen: tuple[Indices, ...]  # per joint (m,) base parameters
     count: int  # b, base parameters
+    joints: tuple[str, ...]  # n names
     torque: Array  # (N, n) [N.m or N] as recorded: absolute where the sign is lost, 0 where there is none
     signed: Mask  # (n,) whether the recorded torque has its sign
     known: Mask  # (n,) whether torque is recorded at all
@@ -98,6 +99,7 @@ def observe(task: Task, parts: Sequence[Part], most: int = MOST) -> Observed:
         columns=tuple(np.concatenate(c) for c in zip(*rows, strict=True)),
         seen=tuple(task.seen(j) for j in range(len(wanted))),
         count=task.base.rank,
+        joints=task.robot.joints,
         torque=np.nan_to_num(recorded),
         signed=np.asarray(parts[0][0].signed),
         known=known,

@@ -1,0 +1,140 @@
+"""Absolute torque -> segments in which it keeps one sign."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from ..errors import RecordingError
+from ..types import Array, Indices, Mask
+from .observed import Observed
+from .problem import Segment
+
+QUANTILE = 0.1  # of |torque|: below it a torque may change its sign
+SHORTEST, FEWEST = 0.1, 5  # [s] and samples of a segment, at least
+LOW, LOWEST = 0.5, 0.02  # of the rms: minima below the first are cut, samples below the second belong to no segment
+CLEAR, TURN = 3.0, 3  # standard deviations and samples by which a model must have the other sign inside a segment
+
+
+def threshold_runs(observed: Observed, quantile: float = QUANTILE) -> tuple[list[Segment], Array]:
+    """Runs of |torque| that are not below its quantile, and the thresholds (n,) [N.m or N].
+
+    Raises:
+        RecordingError: a joint's torque is zero throughout, or stays nowhere above its threshold for long enough.
+    """
+    threshold = np.zeros(len(observed.known))
+    found: list[Segment] = []
+    for joint in observed.hidden:
+        magnitude = np.abs(observed.torque[:, joint])
+        _need_torque(observed, joint, magnitude)
+        threshold[joint] = np.sort(magnitude)[min(int(round(quantile * len(magnitude))), len(magnitude) - 1)]
+        runs = list(_runs(observed, joint, magnitude >= threshold[joint]))
+        long = [run for run in runs if run.stop - run.start >= fewest(observed)]
+        if not long:
+            raise RecordingError(_too_short(observed, joint, runs))
+        found += long
+    return found, threshold
+
+
+def minimum_cuts(observed: Observed) -> list[Segment]:
+    """Stretches between all low local minima of |torque|: a change of sign cannot hide in one.
+
+    Where there are none of a joint, its runs above the threshold.
+    """
+    found = []
+    for joint in observed.hidden:
+        magnitude = np.abs(observed.torque[:, joint])
+        rms = float(np.sqrt(np.mean(magnitude**2)))
+        inside = magnitude >= LOWEST * rms
+        inside[_minima(magnitude, LOW * rms)] = False
+        cut = [run for run in _runs(observed, joint, inside) if run.stop - run.start >= FEWEST]
+        found += cut or [s for s in threshold_runs(observed)[0] if s.joint == joint]
+    return found
+
+
+def split_impure(
+    observed: Observed, segments: Sequence[Segment], predicted: Array, noise: Array
+) -> tuple[list[Segment], int]:
+    """The segments, cut where a model's torque clearly changes its sign inside them, and how many cuts were made.
+
+    Args:
+        observed: the rows.
+        segments: as they are.
+        predicted: (N, n) torque of the model [N.m or N].
+        noise: (n,) standard deviation of its residual [N.m or N].
+    """
+    found: list[Segment] = []
+    for segment in segments:
+        at = [*_changes(observed, segment, predicted[:, segment.joint], float(noise[segment.joint]))]
+        ends = [segment.start, *at, segment.stop]
+        found += [Segment(segment.joint, a, b) for a, b in zip(ends[:-1], ends[1:], strict=True) if b - a >= TURN]
+    return found, len(found) - len(segments)
+
+
+def cut_by_signs(observed: Observed, segments: Sequence[Segment], signs: Array) -> list[Segment]:
+    """The segments, cut where the signs of their samples change.
+
+    Args:
+        observed: the rows.
+        segments: as they are.
+        signs: (N, n) [1] of the samples.
+    """
+    found = []
+    for joint, start, stop in segments:
+        own = signs[start:stop, joint]
+        ends = [start, *(start + 1 + np.flatnonzero(own[1:] != own[:-1])).tolist(), stop]
+        found += [Segment(joint, a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+    return found
+
+
+def fewest(observed: Observed) -> int:
+    """Samples of a segment, at least."""
+    return max(FEWEST, round(SHORTEST / observed.period))
+
+
+def _runs(observed: Observed, joint: int, inside: Mask) -> Iterator[Segment]:
+    """Stretches of samples inside, none across the beginning of a span."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], inside, [0]]).astype(np.int8)))
+    begins = np.flatnonzero(observed.first)
+    for start, stop in edges.reshape(-1, 2).tolist():
+        ends = [start, *begins[(begins > start) & (begins < stop)].tolist(), stop]
+        yield from (Segment(joint, a, b) for a, b in zip(ends[:-1], ends[1:], strict=True))
+
+
+def _minima(magnitude: Array, below: float) -> Indices:
+    """Samples lower than both neighbours and than `below`; one of a plateau."""
+    inner = (magnitude[1:-1] <= magnitude[:-2]) & (magnitude[1:-1] < magnitude[2:]) & (magnitude[1:-1] < below)
+    return np.flatnonzero(inner) + 1
+
+
+def _changes(observed: Observed, segment: Segment, predicted: Array, noise: float) -> Iterator[int]:
+    """Where to cut a segment: the lowest |torque| between stretches in which the model clearly has other signs."""
+    own = predicted[segment.start : segment.stop]
+    clear = np.where(np.abs(own) > CLEAR * noise, np.sign(own), 0.0)
+    at = np.flatnonzero(clear)
+    if not len(at):
+        return
+    groups = np.split(at, np.flatnonzero(np.diff(clear[at])) + 1)
+    groups = [group for group in groups if len(group) > TURN]
+    magnitude = np.abs(observed.torque[segment.start : segment.stop, segment.joint])
+    for one, other in zip(groups[:-1], groups[1:], strict=True):
+        if clear[one[0]] != clear[other[0]]:
+            yield segment.start + int(one[-1] + np.argmin(magnitude[one[-1] : other[0] + 1]))
+
+
+def _need_torque(observed: Observed, joint: int, magnitude: Array) -> None:
+    if not magnitude.any():
+        raise RecordingError(
+            f"the absolute torque of {observed.joints[joint]} is zero throughout; leave its column out, or check the logger"
+        )
+
+
+def _too_short(observed: Observed, joint: int, runs: Sequence[Segment]) -> str:
+    longest = max((run.stop - run.start for run in runs), default=0)
+    have = f"the longest has {longest} sample{'' if longest == 1 else 's'}"
+    need = f"{fewest(observed)} samples ({fewest(observed) * observed.period:.2g} s) are needed"
+    return (
+        f"|torque| of {observed.joints[joint]} stays above its threshold nowhere for long ({have}, {need}): its sign may change "
+        f"from sample to sample; record faster, or move more slowly"
+    )
