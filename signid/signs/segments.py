@@ -126,7 +126,8 @@ def _changes(observed: Observed, segment: Segment, predicted: Array, noise: floa
 def _need_torque(observed: Observed, joint: int, magnitude: Array) -> None:
     if not magnitude.any():
         raise RecordingError(
-            f"the absolute torque of {observed.joints[joint]} is zero throughout; leave its column out, or check the logger"
+            f"the absolute torque of {observed.joints[joint]} is zero throughout; leave its column out, or check the "
+            f"logger"
         )
 
 
@@ -135,6 +136,6 @@ def _too_short(observed: Observed, joint: int, runs: Sequence[Segment]) -> str:
     have = f"the longest has {longest} sample{'' if longest == 1 else 's'}"
     need = f"{fewest(observed)} samples ({fewest(observed) * observed.period:.2g} s) are needed"
     return (
-        f"|torque| of {observed.joints[joint]} stays above its threshold nowhere for long ({have}, {need}): its sign may change "
-        f"from sample to sample; record faster, or move more slowly"
+        f"|torque| of {observed.joints[joint]} stays above its threshold nowhere for long ({have}, {need}): its sign "
+        f"may change from sample to sample; record faster, or move more slowly"
     )
