@@ -4,24 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
-from .consistent import fit_consistent, standard_from_base
 from .errors import OptionError
 from .estimate import estimate
 from .excitation import Excitation, judge_excitation
 from .factors import LAGS, Factors, Weigh
 from .fit import Fit, judge_fit
-from .model import Model, stated_inertials
+from .model import Model, stated_parameters
 from .prepare import prepare
-from .retrieve import retrieve
 from .rows import Rows
 from .session import Options, Progress, Session
+from .signs import Signs, recover
+from .standard import METHODS, Search, choose_standard
 from .types import Array, BaseMap, Estimate, Frozen, Law, Parameters, Recording, Robot
 
-METHODS = ("convex", "wls", "pbrp")
 HUBER = 1.345  # residual, in standard deviations, beyond which a row counts less
 ROBUST_ROUNDS = 3
 
@@ -41,6 +39,8 @@ class Identification(Frozen):
     method: str
     moved: float  # standard deviations by which physical consistency moved the estimate at most
     inputs: tuple[tuple[str, str], ...]  # path and sha256
+    signs: Signs | None  # where torque was recorded without them
+    recordings: tuple[Recording, ...]  # all, with the signs found
     flags: tuple[str, ...]
     notes: tuple[str, ...]
     cutoff: float  # [Hz]
@@ -58,40 +58,44 @@ def identify(
     recordings: Sequence[Recording],
     *,
     held_out: Sequence[Recording] = (),
-    method: str = "convex",
+    method: str | None = None,
+    signs: str = "exact",
+    search: Search | None = None,
     options: Options | None = None,
     progress: Progress | None = None,
 ) -> Identification:
     """A dynamics model from a description and recordings.
+
+    Where torque was recorded without its sign, the signs are recovered first; then they count as measured.
 
     Args:
         robot: as `load_robot` gives it.
         recordings: to learn from, as `read_recording` gives them.
         held_out: to judge by; without any, the last of several recordings or the last 30 % of the only one.
         method: `convex`: physically consistent fit; `wls`: the least-squares base parameters as they are, with the
-            nearest standard parameters; `pbrp`: penalty-based parameter retrieval.
+            nearest standard parameters; `pbrp`: penalty-based parameter retrieval. None: convex, or pbrp after a tree.
+        signs: how lost signs are recovered: `exact`, or `tree`, the classical tree of sign choices.
+        search: how penalty-based parameter retrieval searches.
         options: effects, cut-off and the like.
         progress: told what is being done and how far it is.
 
     Raises:
-        OptionError: the method is unknown, or a recording's torque has no sign.
-        RecordingError: a recording cannot be used; the sentence says which and why.
+        OptionError: a method is unknown.
+        RecordingError: a recording cannot be used, or no sign can be found in it; the sentence says which and why.
     """
     options = options or Options()
-    if method not in METHODS:
+    if method is not None and method not in METHODS:
         raise OptionError(f"method {method!r} is none of {', '.join(METHODS)}")
-    unsigned = {j for r in (*recordings, *held_out) for j, s in zip(r.joints, r.signed, strict=True) if not s}
-    if unsigned:
-        raise OptionError(
-            f"the torque of {', '.join(sorted(unsigned))} has no sign; identification needs signed torque"
-        )
     _only_once(recordings, held_out)
+    recovered = recover(robot, recordings, held_out, method=signs, options=options, progress=progress)
+    recordings, held_out = recovered.recordings, recovered.held_out
+    method = method or METHODS[-1 if recovered.signs is not None and signs == "tree" else 0]
     session = prepare(robot, recordings, held_out, options)
     train, test = _factors(session, options, progress)
-    prior = prior_parameters(session)
-    found = estimate(train, session.task.base, session.task.base.combination @ prior.values, options.whiten)
+    prior = session.task.base.combination @ stated_parameters(session.task).values
+    found = estimate(train, session.task.base, prior, options.whiten)
     excitation = judge_excitation(session.task, train, found, options.seed)
-    chosen = _choose_standard(session.task.base, found, prior, method, options.seed)
+    chosen = choose_standard(session, found, method, search or Search(), options.seed)
     parameters = chosen.parameters
     base_value = session.task.base.combination @ parameters.values
     fit = judge_fit(session, train, test, base_value)
@@ -107,23 +111,14 @@ def identify(
         method=method,
         moved=chosen.moved,
         inputs=tuple(dict.fromkeys((r.path, r.sha256) for r in (*recordings, *held_out))),
-        flags=(*excitation.sentences, *chosen.flags),
-        notes=(*session.notes, *found.notes, *chosen.notes, *fit.sentences),
+        signs=recovered.signs,
+        recordings=(*recordings, *held_out),
+        flags=(*recovered.flags, *excitation.sentences, *chosen.flags),
+        notes=(*recovered.notes, *session.notes, *found.notes, *chosen.notes, *fit.sentences),
         cutoff=session.task.band.cutoff,
         position_cutoff=session.task.band.position_cutoff,
         seed=options.seed,
     )
-
-
-def prior_parameters(session: Session) -> Parameters:
-    """What the description and the actuators file state, as standard parameters."""
-    stated = stated_inertials(session.robot).ravel()
-    drives, effects = session.robot.actuators, []
-    for label in session.task.base.labels[len(stated) :]:
-        assert label.law is not None and label.joint is not None, "labels after the bodies are those of laws"
-        field = getattr(drives, session.task.laws[label.law].effect.name, None)
-        effects.append(0.0 if field is None else float(np.nan_to_num(field[label.joint])))
-    return Parameters(session.task.base.labels, np.append(stated, effects))
 
 
 def _factors(session: Session, options: Options, progress: Progress | None) -> tuple[Factors, Factors]:
@@ -156,26 +151,6 @@ def _only_once(recordings: Sequence[Recording], held_out: Sequence[Recording]) -
             )
             raise OptionError(f"{again}; give each recording once, to learn from or to judge by")
         seen[recording.sha256] = recording.path
-
-
-class _Chosen(NamedTuple):
-    parameters: Parameters
-    moved: float  # standard deviations by which they move the estimate at most
-    notes: tuple[str, ...] = ()
-    flags: tuple[str, ...] = ()
-
-
-def _choose_standard(base: BaseMap, found: Estimate, prior: Parameters, method: str, seed: int) -> _Chosen:
-    if method == "wls":
-        return _Chosen(standard_from_base(base, found.value, prior), 0.0)
-    if method == "convex":
-        fitted = fit_consistent(base, found, prior)
-        return _Chosen(fitted.parameters, fitted.moved, fitted.notes)
-    got = retrieve(base, found, prior, seed=seed)
-    moves = np.abs(base.combination @ got.parameters.values - found.value) / found.std
-    flags = [] if got.feasible else ["retrieval found no parameters that a real robot could have; use --method convex"]
-    flags += [] if got.converged else ["retrieval spent its budget before it converged; use --method convex"]
-    return _Chosen(got.parameters, float(np.max(moves)), got.notes, tuple(flags))
 
 
 def _laws(laws: Sequence[Law], parameters: Parameters) -> tuple[Law, ...]:

@@ -19,7 +19,8 @@ from .laws import law_at, placed
 from .motion import Motion
 from .rigid import carrier, own_row
 from .robot import held_positions, load_robot, robot_from_text
-from .types import Array, Frozen, Law, Robot
+from .rows import Task
+from .types import Array, Frozen, Law, Parameters, Robot
 
 SCHEMA = "signid.model/1"
 
@@ -114,6 +115,17 @@ def load_model(source: str | Path, actuators: str | Path | None = None) -> Model
 def stated_inertials(robot: Robot) -> Array:
     """(nb, 10) inertial parameters that the description states [kg, kg.m, kg.m2]."""
     return np.array([body.toDynamicParameters() for body in list(robot.model.inertias)[1:]]).reshape(-1, 10)
+
+
+def stated_parameters(task: Task) -> Parameters:
+    """What the description and the actuators file state, as standard parameters."""
+    stated = stated_inertials(task.robot).ravel()
+    drives, effects = task.robot.actuators, []
+    for label in task.base.labels[len(stated) :]:
+        assert label.law is not None and label.joint is not None, "labels after the bodies are those of laws"
+        field = getattr(drives, task.laws[label.law].effect.name, None)
+        effects.append(0.0 if field is None else float(np.nan_to_num(field[label.joint])))
+    return Parameters(task.base.labels, np.append(stated, effects))
 
 
 def stated_laws(robot: Robot) -> tuple[Law, ...]:
