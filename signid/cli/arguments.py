@@ -14,6 +14,7 @@ from ..errors import OptionError
 
 if TYPE_CHECKING:
     from ..session import Options
+    from ..standard import Search
     from ..types import Recording, Robot
 
 RobotName = Annotated[str, typer.Argument(metavar="ROBOT", help="A URDF, xacro or MJCF file, or a name such as panda.")]
@@ -29,6 +30,13 @@ Effects = Annotated[
 Cutoff = Annotated[float | None, typer.Option(metavar="HZ", help="Default: from motion and noise; inf: no filter.")]
 Derivatives = Annotated[str, typer.Option(metavar="WHICH", help="auto, computed (from q) or recorded (dq_J, ddq_J).")]
 Unsigned = Annotated[bool, typer.Option("--unsigned", help="Forget the signs of torques.")]
+SignSearch = Annotated[
+    str, typer.Option("--signs", metavar="HOW", help="Lost signs: exact, or tree (the classical tree of choices).")
+]
+Bounds = Annotated[str | None, typer.Option(metavar="FILE", help="TOML: box of --method pbrp; default: around ROBOT.")]
+GlobalAlgorithm = Annotated[str, typer.Option(metavar="NAME", help="NLopt's, of --method pbrp.")]
+LocalAlgorithm = Annotated[str, typer.Option(metavar="NAME", help="NLopt's, of --method pbrp.")]
+TotalMass = Annotated[str | None, typer.Option(metavar="LO,HI", help="Of all links [kg], for --method pbrp.")]
 NoInstruments = Annotated[bool, typer.Option("--no-instruments", help="Leave q_des_J columns aside.")]
 White = Annotated[bool, typer.Option("--white", help="Take the noise of torques to be white.")]
 Seed = Annotated[int, typer.Option(metavar="N", min=0, help="Seed of everything random.")]
@@ -85,6 +93,26 @@ def given_options(
     from ..session import Options
 
     return Options(given_effects(effects), cutoff, derivatives, not plain, not white, robust, seed)
+
+
+def given_search(bounds: str | None, global_algorithm: str, local_algorithm: str, total_mass: str | None) -> Search:
+    """How penalty-based parameter retrieval searches.
+
+    Raises:
+        OptionError: the range of the total mass is none.
+    """
+    from ..standard import Search
+
+    total = None
+    if total_mass is not None:
+        try:
+            low, high = (float(part) for part in total_mass.split(","))
+        except ValueError:
+            low, high = 1.0, 0.0
+        if not 0 <= low <= high:
+            raise OptionError(f"--total-mass {total_mass!r} is no range; write LO,HI in kg, with LO no greater than HI")
+        total = (low, high)
+    return Search(bounds, global_algorithm, local_algorithm, total)
 
 
 def given_effects(text: str | None) -> tuple[str, ...]:

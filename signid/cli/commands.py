@@ -10,18 +10,23 @@ from ..errors import OptionError
 from ..version import __version__
 from .arguments import (
     Actuators,
+    Bounds,
     Columns,
     Cutoff,
     Derivatives,
     Effects,
     Files,
+    GlobalAlgorithm,
     Joints,
     Json,
+    LocalAlgorithm,
     Lock,
     NoInstruments,
     PackageDir,
     RobotName,
     Seed,
+    SignSearch,
+    TotalMass,
     Unsigned,
     White,
     given_effects,
@@ -29,6 +34,7 @@ from .arguments import (
     given_options,
     given_recording,
     given_robot,
+    given_search,
 )
 from .show import DONE, bars, tell_flags
 
@@ -130,30 +136,31 @@ def identify(
     package_dir: PackageDir = None,
     columns: Columns = None,
     effects: Effects = None,
-    method: Annotated[str, typer.Option(metavar="HOW", help="convex (physically consistent), wls or pbrp.")] = "convex",
+    method: Annotated[
+        str | None, typer.Option(metavar="HOW", help="convex (physically consistent; default), wls or pbrp.")
+    ] = None,
     cutoff: Cutoff = None,
     derivatives: Derivatives = "auto",
     robust: Annotated[bool, typer.Option("--robust", help="Let outliers count less.")] = False,
     no_instruments: NoInstruments = False,
     white: White = False,
     unsigned: Unsigned = False,
+    signs: SignSearch = "exact",
+    bounds: Bounds = None,
+    global_algorithm: GlobalAlgorithm = "GN_CRS2_LM",
+    local_algorithm: LocalAlgorithm = "LD_LBFGS",
+    total_mass: TotalMass = None,
     seed: Seed = 0,
     json: Json = False,
 ) -> int:
     """A dynamics model: identification.json, model.json and robot.urdf in DIR.
 
-    Without --held-out the last of several recordings, or the last 30 % of the only one, is held out.
+    Without --held-out the last of several recordings, or the last 30 % of the only one, is held out. Torques without
+    a sign (abs_tau_J, abs_current_J or --unsigned) get it back first: signed.csv and signs.html show it.
     """
     from ..identify import identify as learn
-    from ..report import (
-        Screen,
-        identification_document,
-        identification_tables,
-        probe_folder,
-        to_json,
-        write_files,
-    )
-    from .files import with_urdf
+    from ..report import probe_folder
+    from .files import deliver
 
     _need_somewhere(output, json)
     if output is not None:
@@ -163,23 +170,19 @@ def identify(
         [given_recording(p, described, columns, unsigned) for p in paths] for paths in (recordings, held_out or [])
     )
     options = given_options(effects, cutoff, derivatives, no_instruments, white, seed, robust)
+    search = given_search(bounds, global_algorithm, local_algorithm, total_mass)
     with bars(json) as progress:
-        result = learn(described, given, held_out=judges, method=method, options=options, progress=progress)
-    files: dict[str, str] = {}
-    if output is not None:
-        result, files = with_urdf(result)
-    document = to_json(identification_document(result, given_inputs(robot, described, actuators, columns)))
-    files = {"identification.json": document, "model.json": to_json(result.model.document()), **files}
-    written = [] if output is None else write_files(output, files)
-    screen = Screen()
-    if json:
-        screen.write(document)
-    else:
-        screen.print(*identification_tables(result), sep="\n")
-    code = tell_flags(result.flags)
-    if written and not json:
-        screen.write("\n".join(["", "written:", *(f"  {path}" for path in written), ""]))
-    return code
+        result = learn(
+            described,
+            given,
+            held_out=judges,
+            method=method,
+            signs=signs,
+            search=search,
+            options=options,
+            progress=progress,
+        )
+    return deliver(result, given_inputs(robot, described, actuators, columns), output, json)
 
 
 def _need_somewhere(output: str | None, json: bool) -> None:

@@ -1,17 +1,47 @@
-"""The files that hold an identification."""
+"""What an identification leaves: files in a folder, and what the terminal shows."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..errors import RobotError
+from .show import tell_flags
 
 if TYPE_CHECKING:
     from ..identify import Identification
     from ..types import Array
+
+
+def deliver(result: Identification, inputs: Sequence[tuple[str, str]], output: str | None, json: bool) -> int:
+    """Writes the files, prints the tables or the document, and tells the exit code.
+
+    Args:
+        result: the identification.
+        inputs: path and sha256 of what was read besides the recordings.
+        output: folder of the files, if any.
+        json: whether the document is printed instead of the tables.
+    """
+    from ..report import Screen, identification_document, identification_tables, to_json, write_files
+
+    files: dict[str, str] = {}
+    if output is not None:
+        result, files = with_urdf(result)
+    document = to_json(identification_document(result, inputs))
+    files = {"identification.json": document, "model.json": to_json(result.model.document()), **files}
+    written = [] if output is None else write_files(output, files)
+    screen = Screen()
+    if json:
+        screen.write(document)
+    else:
+        screen.print(*identification_tables(result), sep="\n")
+    code = tell_flags(result.flags)
+    if written and not json:
+        screen.write("\n".join(["", "written:", *(f"  {path}" for path in written), ""]))
+    return code
 
 
 def with_urdf(result: Identification) -> tuple[Identification, dict[str, str]]:
