@@ -26,9 +26,9 @@ def spread(recording: Recording, sampling: Sampling, t: Array, first: Indices, s
     """(rows, n) a sign for every row of a recording: -1, 1, and 0 in rows that no sample tells of.
 
     Between two samples of different sign it changes where the torque recorded between them is smallest. Before the
-    first and after the last sample of a span the nearest sign goes on, but for minima near zero (under 5 % of the joint's
-    rms torque, or within a step between rows) where torque of changing sign is the smoother one. Torques that have
-    their sign get 1.
+    first and after the last sample of a span the nearest sign goes on, but for minima near zero (under 5 % of the
+    joint's rms torque, or within a step between rows) where torque of changing sign is the smoother one. Torques that
+    have their sign get 1.
 
     Args:
         recording: of n joints; read piece by piece.
@@ -127,8 +127,8 @@ def _fill(found: Marks, span: _Span, signs: Marks) -> None:
         for i in range(len(span.hidden)):
             turning = which[own[which, i] != own[which + 1, i]]
             if len(turning):
-                ends = (_place(rows.number, span.at[turning + k]) for k in (0, 1))
-                changes[turning, i] = rows.number[_crossings(rows.t, rows.size[:, i], *ends, span.exact)]
+                low, high = (_place(rows.number, span.at[turning + k]) for k in (0, 1))
+                changes[turning, i] = rows.number[_crossings(rows.t, rows.size[:, i], low, high, span.exact)]
     for i, j in enumerate(span.hidden):
         lengths = np.diff([span.begin, *changes[:, i], span.end])
         found[span.begin : span.end, j] = np.repeat(own[:, i], lengths)
@@ -136,7 +136,7 @@ def _fill(found: Marks, span: _Span, signs: Marks) -> None:
 
 
 def _place(number: Indices, row: Indices) -> Indices:
-    return np.minimum(np.searchsorted(number, row), len(number) - 1)
+    return np.asarray(np.minimum(np.searchsorted(number, row), len(number) - 1))
 
 
 def _windows(span: _Span, signs: Marks) -> Iterator[tuple[_Rows, Indices]]:
@@ -157,7 +157,7 @@ def _crossings(t: Array, size: Array, low: Indices, high: Indices, exact: bool) 
     rows = np.arange(lengths.sum()) + np.repeat(low - begin, lengths)
     hits = np.flatnonzero(size[rows] == np.repeat(np.minimum.reduceat(size[rows], begin), lengths))
     lowest = rows[hits[np.searchsorted(hits, begin)]]
-    return np.clip(lowest + _goes_on(t, size, lowest), low + exact, high)
+    return np.asarray(np.clip(lowest + _goes_on(t, size, lowest), low + exact, high))
 
 
 def _goes_on(t: Array, size: Array, lowest: Indices) -> Mask:
