@@ -1,0 +1,116 @@
+"""The pendulum and the arm of Pennese and Vulcano: their recordings, their coefficients, and what they found.
+
+Robotics II project, Sapienza University of Rome, 2020. The recordings are noise-free torques of a model, stored to
+nine digits; the torque of the same motions is therefore also computed anew, by MuJoCo.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import polars as pl
+
+import signid
+from signid.session import Options
+from signid.types import BaseMap, Robot
+
+from ..plants.bodies import Body, Drives
+from ..plants.mujoco_model import build, dofs
+from .coefficients import TRUE_1R, TRUE_3R, arm_map, pendulum_map
+from .row import Row, Target
+from .trial import Puzzle, attempt
+from .truth import Array, Truth
+
+OPTIONS = Options(effects=(), derivatives="recorded", cutoff=np.inf)
+PENDULUM = {"1dof_experiment_easy1": 1.6e-5, "1dof_experiment_easy2": 4.3e-2, "1dof_experiment1": 2.0e-6}
+ARM = {"3dof_experiment123": 5.9e-2, "3dof_experiment456": 3.4e-5}
+PAPER = {key.partition("_")[2]: x for key, x in (PENDULUM | ARM).items()}  # errors that their repository holds
+UNSEEN = "3dof_validation_trajectory"  # 7, 8, 9: of joints 1, 2, 3
+EXACT = {"1R": 1e-12, "3R": 1e-10}  # error at most where torque is computed anew
+SAME = 1e-9  # at most this far from the sign-known estimate where it is stored with nine digits
+SEARCH = 0.1  # s
+
+
+def rows(methods: Sequence[str]) -> Iterator[Row]:
+    """All five, as stored and anew, solved by each method; targets are those of the exact one."""
+    for anew in (False, True):
+        for one in puzzles(anew):
+            for method in methods:
+                most = {"error": EXACT[one.group]} if anew else {"off": SAME}
+                target = Target(segments=1.0, samples=1.0, **most, seconds=SEARCH)
+                yield attempt(one, method, target if method == "exact" else None)
+
+
+def folder() -> Path:
+    """Where the recordings are."""
+    return Path(os.environ["SIGNID_DATA"]) / "seed_penne"
+
+
+def puzzles(anew: bool) -> Iterator[Puzzle]:
+    """The five recordings, as stored or with their torque computed anew from the motion."""
+    robot = signid.load_robot("1r")
+    for name in PENDULUM:
+        other = "1dof_experiment1" if name != "1dof_experiment1" else "1dof_experiment_easy2"
+        sources = [columns(robot, name, anew), columns(robot, other, True)]
+        yield puzzle("1R", name, robot, sources, anew)
+    robot = signid.load_robot("3r")
+    for name in ARM:
+        yield puzzle("3R", name, robot, [columns(robot, name, anew), unseen(robot)], anew)
+
+
+def puzzle(group: str, name: str, robot: Robot, sources: list[dict[str, Array]], anew: bool) -> Puzzle:
+    """One recording, judged by another motion."""
+    n, at = len(robot.joints), {"1R": pendulum_map, "3R": arm_map}[group]
+
+    def error(base: BaseMap, value: Array) -> float:
+        true = TRUE_1R if group == "1R" else own if anew else TRUE_3R
+        return float(np.linalg.norm(at(base) @ value - true))
+
+    def value(base: BaseMap, laws: object) -> Array:
+        bodies = [body.toDynamicParameters() for body in list(robot.model.inertias)[1:]]
+        return np.asarray(base.combination @ np.concatenate(bodies))
+
+    base = signid.inspect(robot, effects=()).base
+    own = at(base) @ value(base, ())
+    torques = [np.column_stack([s[f"tau_{j + 1}"] for j in range(n)]) for s in sources]
+    truths = tuple(Truth(s["t"], tau, tau) for s, tau in zip(sources, torques, strict=True))
+    case = name.partition("_")[2] + (", anew" if anew else "")
+    return Puzzle(group, case, robot, (sources[0],), (sources[1],), OPTIONS, None, truths, error)
+
+
+def columns(robot: Robot, name: str, anew: bool) -> dict[str, Array]:
+    """A recording's columns; where only the sine of the position is stored, from that, at velocities of zero."""
+    table = pl.read_csv(folder() / f"{name}.csv.gz")
+    found = {key: table[key].to_numpy().astype(float) for key in table.columns}
+    if "q_1" not in found:
+        found |= {"q_1": np.arcsin(found["sin_q_1"]), "dq_1": np.zeros(len(table))}
+    return torqued(robot, found) if anew else {k: x for k, x in found.items() if k != "sin_q_1"}
+
+
+def unseen(robot: Robot) -> dict[str, Array]:
+    """A motion that nobody learned from, with its torque."""
+    found: dict[str, Array] = {}
+    for j in range(len(robot.joints)):
+        table = pl.read_csv(folder() / f"{UNSEEN}{j + 7}.csv.gz")
+        found |= {"t": table["t"].to_numpy().astype(float)}
+        found |= {f"{key}_{j + 1}": table[key].to_numpy().astype(float) for key in ("q", "dq", "ddq")}
+    return torqued(robot, found)
+
+
+def torqued(robot: Robot, motion: dict[str, Array]) -> dict[str, Array]:
+    """The motion with the torque that MuJoCo's inverse dynamics give it, in double precision."""
+    zero, n = [0.0] * len(robot.joints), len(robot.joints)
+    model = build(Body(robot.document, robot.joints), Drives(zero, zero, zero, zero), frictionless=True)
+    data, at = mujoco.MjData(model), dofs(model, robot.joints)
+    q, v, a = (np.column_stack([motion[f"{key}_{j + 1}"] for j in range(n)]) for key in ("q", "dq", "ddq"))
+    torque = np.zeros_like(q)
+    for k in range(len(q)):
+        data.qpos[at], data.qvel[at], data.qacc[at] = q[k], v[k], a[k]
+        mujoco.mj_inverse(model, data)
+        torque[k] = data.qfrc_inverse[at]
+    kept = {key: x for key, x in motion.items() if key != "sin_q_1"}
+    return kept | {f"tau_{j + 1}": torque[:, j] for j in range(n)}

@@ -1,0 +1,152 @@
+"""One identification without signs beside the same one with them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+import signid
+from signid.fit import judge_fit
+from signid.identify import Identification
+from signid.prepare import prepare
+from signid.recording import read_recording
+from signid.recording.source import Source
+from signid.session import Options, Session
+from signid.types import BaseMap, Estimate, Law, Recording, Robot
+
+from .row import Row, Target
+from .truth import Array, Truth, judge, measured
+
+METHODS = ("exact", "tree")
+Value = Callable[[BaseMap, tuple[Law, ...]], Array]  # true base parameters
+
+
+class Known(NamedTuple):
+    """What the recordings tell with their signs."""
+
+    session: Session
+    estimate: Estimate
+    seconds: float  # that identification takes with signs
+
+    def size(self, value: Array) -> float:
+        """How much torque (b,) [units of base] make along the recordings, in standard deviations of its noise."""
+        return float(np.sqrt(max(value @ self.estimate.information @ value, 0.0)))
+
+    def held_out_rms(self, value: Array) -> tuple[float, ...]:
+        """(n,) [N.m or N] on signed torque that was not learned from, of (b,) [units of base]."""
+        test = self.session.reduce(self.session.held_out, lags=0)
+        return tuple(judge_fit(self.session, test, test, value).held_out_rms.tolist())
+
+
+@dataclass(frozen=True, eq=False)
+class Puzzle:
+    """Recordings whose signs are thrown away, and what is true of them."""
+
+    group: str
+    case: str
+    robot: Robot
+    sources: tuple[Source, ...]  # to learn from, with their signs
+    judges: tuple[Source, ...] = ()  # held out; without any, the end of the only recording
+    options: Options = field(default_factory=Options)
+    value: Value | None = None  # the truth, where it is known
+    truths: tuple[Truth, ...] | None = None  # of all recordings; measured torque where it is not known better
+    error: Callable[[BaseMap, Array], float] | None = None  # of base parameters, in the units of the case
+
+    def read(self, unsigned: bool) -> tuple[list[Recording], list[Recording]]:
+        """The recordings to learn from, and those to judge by."""
+        learn, judge = (
+            [read_recording(source, self.robot, unsigned=unsigned) for source in some]
+            for some in (self.sources, self.judges)
+        )
+        return learn, judge
+
+    @cached_property
+    def truth(self) -> tuple[Truth, ...]:
+        """Of every recording."""
+        if self.truths is not None:
+            return self.truths
+        rows = [recording.read() for some in self.read(unsigned=False) for recording in some]
+        return tuple(measured(x.t, x.tau) for x in rows)
+
+    @cached_property
+    def known(self) -> Known:
+        """What the recordings tell with their signs."""
+        learn, judge = self.read(unsigned=False)
+        found, seconds = identify(self, learn, judge)
+        return Known(prepare(self.robot, learn, judge, self.options), found.estimate, seconds)
+
+
+def attempt(puzzle: Puzzle, method: str = "exact", target: Target | None = None) -> Row:
+    """A puzzle solved, and judged."""
+    found, seconds = identify(puzzle, *puzzle.read(unsigned=True), method)
+    return tell(puzzle, method, found, seconds, target or Target())
+
+
+def identify(
+    puzzle: Puzzle, learn: list[Recording], judges: list[Recording], signs: str = "exact"
+) -> tuple[Identification, float]:
+    """Base parameters by least squares, and the seconds that they take."""
+    start = time.perf_counter()
+    found = signid.identify(puzzle.robot, learn, held_out=judges, options=puzzle.options, signs=signs, method="wls")
+    return found, time.perf_counter() - start
+
+
+def tell(puzzle: Puzzle, method: str, found: Identification, seconds: float, target: Target) -> Row:
+    """What was found, against what is true and against what the signs would have told."""
+    signs, value = found.signs, found.estimate.value
+    assert signs is not None, "torque was recorded without signs"
+    known, score, base = puzzle.known, judge(signs, puzzle.truth), found.base
+    off = known.size(value - known.estimate.value)
+    both = (value, known.estimate.value)
+    away, errors = [np.nan, np.nan], [np.nan, np.nan]
+    if puzzle.value is not None:
+        true = puzzle.value(base, found.model.laws)
+        away = [known.size(x - true) for x in both]
+    if puzzle.error is not None:
+        errors = [puzzle.error(base, x) for x in both]
+    return Row(
+        group=puzzle.group,
+        case=puzzle.case,
+        method=method,
+        segments=score.segments,
+        right=score.right,
+        mixed=score.mixed,
+        samples=score.samples,
+        small=score.small,
+        parameters=base.rank,
+        off=off / known.size(known.estimate.value),
+        ratio=away[0] / away[1],
+        error=errors[0],
+        error_known=errors[1],
+        held_out=known.held_out_rms(value),
+        held_out_known=known.held_out_rms(known.estimate.value),
+        seconds=seconds - known.seconds,
+        whole=seconds,
+        optimal=signs.proof.optimal,
+        gap=signs.proof.gap,
+        nodes=signs.proof.nodes,
+        flags=signs.flags,
+        judged=score.judged,
+        target=target,
+    )
+
+
+def planted(robot: Robot, drives: Mapping[str, Array] | None = None) -> Value:
+    """True base parameters: the description's inertials, and drives as the plant has them.
+
+    Args:
+        robot: whose description is true.
+        drives: (n,) each [kg.m2, N.m.s/rad, N.m] by the name of the law; 0 where there are none.
+    """
+
+    def value(base: BaseMap, laws: tuple[Law, ...]) -> Array:
+        bodies = [robot.model.inertias[i + 1].toDynamicParameters() for i in range(len(robot.links))]
+        rest = [0.0 if drives is None else float(drives[law.effect.name][law.joints[0]]) for law in laws]
+        return np.asarray(base.combination @ np.concatenate([*bodies, rest]))
+
+    return value

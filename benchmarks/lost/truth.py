@@ -1,0 +1,105 @@
+"""What the signs truly were, and how many of those that were found are right."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import butter, sosfiltfilt
+
+from signid.signs.result import Signs, Told, Trace
+
+Array = NDArray[np.float64]
+
+ORDER, CORNER = 4, 8.0  # of the low-pass that the truth of single samples passes [Hz]
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """One recording's torque with its sign: N samples of n joints."""
+
+    t: Array  # (N,) [s]
+    torque: Array  # (N, n) [N.m or N] the truth of segments
+    smooth: Array  # (N, n) [N.m or N] the truth of single samples
+
+
+class Judged(NamedTuple):
+    """A segment: what is said of it, whether its sign is the true majority's, and whether it holds both signs."""
+
+    confidence: float
+    right: bool
+    mixed: bool
+
+
+class Score(NamedTuple):
+    """How many signs are right."""
+
+    judged: tuple[Judged, ...]
+    samples: float  # share of all samples of joints without signs
+    small: float  # share of those below the threshold, nan without any
+
+    @property
+    def segments(self) -> int:
+        """How many there are."""
+        return len(self.judged)
+
+    @property
+    def right(self) -> int:
+        """How many of them have the true sign."""
+        return sum(one.right for one in self.judged)
+
+    @property
+    def mixed(self) -> int:
+        """How many of them hold both signs."""
+        return sum(one.mixed for one in self.judged)
+
+
+def measured(t: Array, torque: Array, corner: float = CORNER) -> Truth:
+    """The truth of a recording that has its signs, but also noise: its low-passed torque tells those of samples.
+
+    Args:
+        t: (N,) [s].
+        torque: (N, n) [N.m or N].
+        corner: of the filter, forth and back [Hz].
+    """
+    low = butter(ORDER, corner, fs=1 / float(np.median(np.diff(t))), output="sos")
+    return Truth(t, torque, np.asarray(sosfiltfilt(low, torque, axis=0)))
+
+
+def judge(signs: Signs, truths: Sequence[Truth]) -> Score:
+    """The signs of segments and samples against the true ones.
+
+    Args:
+        signs: what was found.
+        truths: of the recordings, in the order of `signs.traces`.
+    """
+    small, right = [], []
+    for trace, truth in zip(signs.traces, truths, strict=True):
+        for joint in signs.hidden:
+            same = _same(trace, truth, joint)
+            right.append(same)
+            small.append(same[trace.magnitude[:, joint] < signs.threshold[joint]])
+    below = np.concatenate(small)
+    return Score(
+        tuple(_judged(signs.segments, truths)),
+        float(np.concatenate(right).mean()),
+        float(below.mean()) if len(below) else float("nan"),
+    )
+
+
+def _same(trace: Trace, truth: Truth, joint: int) -> NDArray[np.bool_]:
+    """(N,) whether the sample has its true sign; where the true torque is zero, either is."""
+    true = np.interp(trace.t, truth.t, truth.smooth[:, joint])
+    return np.asarray(trace.signs[:, joint] * true >= 0)
+
+
+def _judged(segments: Sequence[Told], truths: Sequence[Truth]) -> Iterator[Judged]:
+    for told in segments:
+        truth = truths[told.part]
+        at = (truth.t >= told.start) & (truth.t <= told.end)
+        torque, smooth = truth.torque[at, told.joint], truth.smooth[at, told.joint]
+        majority = 1 if np.sum(torque * np.abs(torque)) >= 0 else -1
+        yield Judged(told.confidence, told.sign == majority, bool(np.any(smooth * majority < 0)))
