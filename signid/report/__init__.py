@@ -5,6 +5,8 @@ from .effects import effects_document, effects_tables
 from .motions import excitation_document, excitation_tables
 from .numbers import figure, with_interval
 from .screen import Screen
+from .signs import signed_csv, signs_document, signs_tables
+from .signs_plot import signs_page
 from .simulation import Run, simulation_document, simulation_tables
 from .tables import check_tables, identification_tables, inspection_tables
 from .write import probe_folder, write_files
@@ -24,6 +26,10 @@ __all__ = [
     "inspection_document",
     "inspection_tables",
     "probe_folder",
+    "signed_csv",
+    "signs_document",
+    "signs_page",
+    "signs_tables",
     "simulation_document",
     "simulation_tables",
     "to_json",

@@ -20,6 +20,7 @@ from ..types import BaseMap
 from ..version import __version__
 from .joints import describe_joints
 from .quantities import law_numbers
+from .signs import signs_document
 
 Input = tuple[str, str]  # path as given, sha256
 Document = dict[str, Any]
@@ -45,7 +46,7 @@ def identification_document(result: Identification, inputs: Sequence[Input] = ()
         "physically_consistent": result.physically_consistent,
         "moved": float(result.moved),
         "effects": _effects(result),
-        "signs": None,
+        "signs": signs_document(result.signs),
         "fit": _fit(result.fit),
         "excitation": _excitation(result.excitation),
         "method": result.method,

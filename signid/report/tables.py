@@ -20,6 +20,7 @@ from .joints import describe_joints
 from .layout import heading, new_table, note_lines, paragraph, plural
 from .numbers import TWO_SIDED, determination, figure, share, with_interval
 from .quantities import LawNumber, law_numbers, rigid_rows
+from .signs import signs_tables
 
 WIDE = 4  # kinds of numbers side by side, at most
 STYLES = {"told": "green", "weak": "yellow", "not told": "red"}
@@ -95,6 +96,7 @@ def identification_tables(result: Identification) -> list[RenderableType]:
         heading(f"{result.robot.name}: {counted}", below=False),
         base,
         *_laws(laws),
+        *([] if result.signs is None else signs_tables(result.signs)),
         heading("Fit: rms of the torque that the model leaves unexplained"),
         _fit(result.fit),
         paragraph(_excited(result.excitation)),

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 
 from ..errors import OutputError
+
+Content = str | bytes | Iterable[str]
 
 
 def probe_folder(folder: str | Path) -> None:
@@ -31,12 +33,12 @@ def probe_folder(folder: str | Path) -> None:
         raise _refusal(folder, place, error) from None
 
 
-def write_files(folder: str | Path, contents: Mapping[str, str | bytes]) -> list[Path]:
+def write_files(folder: str | Path, contents: Mapping[str, Content]) -> list[Path]:
     """Write files into a folder, which is made where it is missing; either all of them or none.
 
     Args:
         folder: where the results go.
-        contents: name of each file and what it holds; text is written as UTF-8.
+        contents: name of each file and what it holds, whole or in pieces; text is written as UTF-8.
 
     Raises:
         OutputError: when one of them cannot be written; nothing half-written stays behind.
@@ -70,12 +72,13 @@ def _missing(place: Path) -> list[Path]:
     return [folder for folder in (place, *place.parents) if not folder.exists()]
 
 
-def _aside(place: Path, content: str | bytes) -> Path:
+def _aside(place: Path, content: Content) -> Path:
     """A temporary file of that content, with the rights of an ordinary new file."""
     handle, name = tempfile.mkstemp(dir=place, prefix=".signid-")
     try:
         with os.fdopen(handle, "wb") as file:
-            file.write(content.encode() if isinstance(content, str) else content)
+            for piece in [content] if isinstance(content, str | bytes) else content:
+                file.write(piece.encode() if isinstance(piece, str) else piece)
         mask = os.umask(0)
         os.umask(mask)
         Path(name).chmod(0o666 & ~mask)

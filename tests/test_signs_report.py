@@ -1,0 +1,273 @@
+"""Recovered signs as JSON, on the terminal, as a table of torques, and as a page."""
+
+from __future__ import annotations
+
+import csv
+import doctest
+import io
+import json
+import re
+import sys
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+import pytest
+from test_recording import arm
+from test_report import shown
+
+from signid.recording import read_recording, with_signs
+from signid.report import signed_csv, signs_document, signs_page, signs_tables, to_json, write_files
+from signid.report.signs import proof_sentence
+from signid.report.signs_plot import MOST
+from signid.signs import Proof, Signs, Told, Trace
+
+REPORT = sys.modules["signid.report.signs"]
+JOINTS = ("shoulder", "<b>&elbow</b>", 'wrist"; alert(1)</script>')
+FLAGS = ("shoulder & <elbow> cannot be told apart; move the shoulder faster", "friction is missing")
+
+
+def trace(path: str, t: np.ndarray, first: list[int]) -> Trace:
+    torque = np.column_stack([3 * np.sin(2 * t), np.cos(3 * t), 0.2 + np.sin(t)])
+    model = torque + 0.05 * np.sin(40 * t)[:, None]
+    return Trace(path, t, np.array(first), np.abs(torque), np.where(torque < 0, -1.0, 1.0), model)
+
+
+def told(part: int, one: Trace, joint: int, threshold: float) -> list[Told]:
+    """Stretches above a threshold, their confidence the lower the later."""
+    high = one.magnitude[:, joint] >= threshold
+    ends = np.flatnonzero(np.diff(np.concatenate([[0], high, [0]]))).reshape(-1, 2)
+    return [
+        Told(part, joint, one.t[a], one.t[b - 1], int(one.signs[a, joint]), 1 - 0.002 * k)
+        for k, (a, b) in enumerate(ends)
+    ]
+
+
+def found(recordings: int = 1, samples: int = 600, **changes: Any) -> Signs:
+    """Joints 0 and 2 of three without a sign."""
+    t = np.arange(samples) * 0.02
+    traces = [trace(f"session_{k}.csv", t + 100 * k, [0, samples // 3]) for k in range(recordings)]
+    level = np.array([0.4, 0.0, 0.2])
+    some = [x for k, one in enumerate(traces) for j in (0, 2) for x in told(k, one, j, level[j])]
+    known = Signs(
+        joints=JOINTS,
+        hidden=(0, 2),
+        method="exact",
+        segments=tuple(some),
+        threshold=level,
+        proof=Proof(True, 0.0, 1454),
+        flags=FLAGS,
+        notes=("a note",),
+        value=np.ones(5),
+        noise=np.array([0.1, 0.2, 0.3]),
+        inflation=np.array([4.0, 1.0, 2.0]),
+        traces=tuple(traces),
+    )
+    return replace(known, **changes)
+
+
+def test_the_document_is_the_contract() -> None:
+    signs = found()
+    document = json.loads(to_json(signs_document(signs)))
+    assert {"proof", "flags", "segments"} <= set(document)
+    assert document["proof"] == {"optimal": True, "gap": 0.0, "nodes": 1454, "certified": False}
+    assert document["flags"] == list(FLAGS) and document["seed"] == 0 and document["method"] == "exact"
+    assert len(document["segments"]) == len(signs.segments) > 5
+    for segment, one in zip(document["segments"], signs.segments, strict=True):
+        assert set(segment) == {"joint", "start", "end", "sign", "confidence"}
+        assert segment["joint"] == JOINTS[one.joint] and segment["sign"] in (1, -1)
+        assert (segment["start"], segment["end"], segment["confidence"]) == (one.start, one.end, one.confidence)
+    per_joint = {"joints": [JOINTS[0], JOINTS[2]], "threshold": [0.4, 0.2], "noise": [0.1, 0.3], "inflation": [4, 2]}
+    assert per_joint.items() <= document.items()
+    assert signs_document(None) is None
+
+
+def test_segments_of_several_recordings_name_theirs() -> None:
+    signs = found(2, gains=(("shoulder", 2.5, 0.1),))
+    document = json.loads(to_json(signs_document(signs)))
+    assert {segment["recording"] for segment in document["segments"]} == {"session_0.csv", "session_1.csv"}
+    assert document["gains"] == [{"joint": "shoulder", "torque_constant": 2.5, "std": 0.1, "unit": "N.m/A"}]
+    nameless = replace(signs, traces=tuple(replace(one, path="") for one in signs.traces))
+    document = signs_document(nameless)
+    assert document and document["segments"][-1]["recording"] == "recording 2"
+
+
+def test_a_bound_that_is_unknown_is_null() -> None:
+    document = json.loads(to_json(signs_document(found(proof=Proof(False, np.inf, 7)))))
+    assert document["proof"] == {"optimal": False, "gap": None, "nodes": 7, "certified": False}
+
+
+def test_the_terminal_tells_counts_and_doubt() -> None:
+    signs = found()
+    text = shown(signs_tables(signs), 120)
+    line = next(line for line in text.splitlines() if line.startswith("shoulder"))
+    own = signs.of(0)
+    plus, doubt = sum(x.sign > 0 for x in own), sum(x.confidence < 0.999 for x in own)
+    assert line.split()[1:5] == [str(len(own)), str(plus), str(len(own) - plus), str(doubt)]
+    assert f"{min(x.confidence for x in own):.3f}" in line and " 600 " in line and "%" in line
+    assert "<b>&elbow</b>" not in text and "1454 nodes" in text
+    gained = shown(signs_tables(found(gains=(("shoulder", 2.5, 0.1), ("x", 1.0, np.inf)))))
+    assert "2.50" in gained and "N.m/A" in gained
+    assert shown(signs_tables(found(segments=())))
+
+
+@pytest.mark.parametrize(
+    ("proof", "words"),
+    [
+        (Proof(True, 0.0, 0, True), "eigenvalues alone"),
+        (Proof(True, 0.0, 1), "a search of 1 node."),
+        (Proof(False, 0.031, 20000), "by 3 % at most"),
+        (Proof(False, np.inf, 122), "not proved: 122 nodes"),
+    ],
+)
+def test_what_is_proved_is_one_sentence(proof: Proof, words: str) -> None:
+    text = proof_sentence(found(proof=proof))
+    assert words in text and text.endswith(".") and text.count(". ") == 0
+
+
+def test_examples_of_confidence() -> None:
+    assert doctest.testmod(REPORT).attempted >= 1 and doctest.testmod(REPORT).failed == 0
+
+
+def signed_columns(rows: int) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    rng = np.random.default_rng(5)
+    tau = rng.standard_normal((rows, 2)) * 10.0 ** rng.integers(-12, 9, (rows, 2))
+    tau[3, 0], tau[4, 1] = 0.0, np.nan
+    t = np.cumsum(rng.uniform(0.001, 0.02, rows))
+    t[7] = t[6]
+    q = rng.standard_normal((rows, 3))
+    columns = {"t": t, **{f"q_{j + 1}": q[:, j] for j in range(3)}}
+    return {**columns, "abs_tau_shoulder": np.abs(tau[:, 0]), "abs_current_2": np.abs(tau[:, 1])}, tau
+
+
+@pytest.mark.parametrize("chunk", [65_536, 7])
+def test_signed_torque_as_a_table_has_the_recordings_own_rows(chunk: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(REPORT, "CHUNK", chunk)
+    robot = arm("shoulder", "elbow, the second", "wrist", constants=[1.0, 0.7, 1.0])
+    columns, tau = signed_columns(50)
+    signs = np.column_stack([np.where(tau < 0, -1, 1), np.ones(50)]).astype(np.int8)
+    signs[9, 0] = 0
+    recording = with_signs(read_recording(columns, robot), signs)
+    lines = list(csv.reader(io.StringIO("".join(signed_csv(recording)))))
+    assert lines[0] == ["t", "tau_shoulder", "tau_elbow, the second"] and len(lines) == 51
+    assert lines[1 + 4][2] == "" and lines[1 + 9][1] == "" and lines[1 + 3][1] == "0.0"
+    read = np.array([[float(cell or "nan") for cell in line] for line in lines[1:]])
+    tau[9, 0] = np.nan
+    np.testing.assert_array_equal(read, np.column_stack([columns["t"], tau[:, 0], 0.7 * tau[:, 1]]))
+
+
+def test_a_table_is_written_in_pieces(tmp_path: Path) -> None:
+    columns, tau = signed_columns(50)
+    recording = with_signs(read_recording(columns, arm(constants=1.0)), np.ones((50, 3), np.int8))
+    (path,) = write_files(tmp_path, {"signed.csv": signed_csv(recording)})
+    assert path.read_text() == "".join(signed_csv(recording)) and path.read_text().count("\n") == 51
+    assert [file.name for file in tmp_path.iterdir()] == ["signed.csv"]
+
+
+class Page(HTMLParser):
+    """Visible text of a page and its scripts."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.texts: list[str] = []
+        self.scripts: list[str] = []
+        self.tags: list[str] = []
+        self._within = ""
+        self.feed(page)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self._within = tag
+        assert not any(name in ("src", "href") for name, _ in attrs), "the page loads something"
+
+    def handle_data(self, data: str) -> None:
+        (self.scripts if self._within == "script" else self.texts).append(data)
+
+    def handle_endtag(self, tag: str) -> None:
+        self._within = ""
+
+
+def figures(page: str) -> list[go.Figure]:
+    """The figures of a page, checked against plotly's schema."""
+    drawn = []
+    for script in Page(page).scripts:
+        if match := re.search(r'Plotly\.newPlot\(\s*"signs-\d+",\s*(?=\[)', script):
+            decoder = json.JSONDecoder()
+            data, end = decoder.raw_decode(script, match.end())
+            layout, _ = decoder.raw_decode(script, re.compile(r"\s*,\s*").match(script, end).end())  # type: ignore[union-attr]
+            drawn.append(go.Figure(data, layout))
+    return drawn
+
+
+def values(array: Any) -> np.ndarray:
+    """Of a line, as plotly hands them over: a list, or base64."""
+    import base64
+
+    if not isinstance(array, dict):
+        return np.array(array, float)
+    return np.frombuffer(base64.b64decode(array["bdata"]), array["dtype"])
+
+
+def test_the_page_shows_every_joint_and_flag() -> None:
+    signs = found()
+    page = signs_page(signs)
+    read = Page(page)
+    text = " ".join(read.texts)
+    for sentence in (*FLAGS, "a note", proof_sentence(signs), "session_0.csv", "shoulder", JOINTS[2]):
+        assert sentence in text, sentence
+    assert JOINTS[1] not in text and "b" not in read.tags and read.tags.count("script") == 2
+    assert "N.m or N" in page and "[N.m]" in signs_page(signs, ["N.m", "N.m", "N"])
+    (drawn,) = figures(page)
+    titles = [drawn.layout[f"yaxis{k}"].title.text for k in ("", "2")]
+    assert titles[0].startswith("shoulder") and "&lt;/script&gt;" in titles[1]
+
+
+def test_the_page_is_the_same_every_time() -> None:
+    assert signs_page(found(2)) == signs_page(found(2))
+
+
+def test_every_segment_is_shaded_by_its_sign() -> None:
+    signs = found(2)
+    for part, drawn in enumerate(figures(signs_page(signs))):
+        for axis, joint in (("y", 0), ("y2", 2)):
+            own = [x for x in signs.of(joint) if x.part == part]
+            bars = {bar.name: bar for bar in drawn.data if bar.type == "bar" and bar.yaxis == axis}
+            sure = [x for x in own if x.confidence >= 0.999]
+            counts = [sum(x.sign > 0 for x in sure), sum(x.sign < 0 for x in sure), len(own) - len(sure)]
+            assert [len(bar.text) for bar in bars.values()] == counts and min(counts) >= 0 and sum(counts) == len(own)
+            edges = sorted((x - w / 2, x + w / 2) for b in bars.values() for x, w in zip(b.x, b.width, strict=True))
+            np.testing.assert_allclose(edges, sorted((x.start - 0.01, x.end + 0.01) for x in own), atol=1e-9)
+            for bar in bars.values():
+                assert all(text[0] == row[0] in "+−" for text, row in zip(bar.text, bar.customdata, strict=True))
+
+
+def test_lines_are_broken_where_a_span_begins_and_keep_their_peaks() -> None:
+    for samples in (600, 20_000):
+        signs = found(samples=samples)
+        size = signs.traces[0].magnitude.copy()
+        size[samples // 2, 0] = 17.0
+        signs = replace(signs, traces=(replace(signs.traces[0], magnitude=size),))
+        (drawn,) = figures(signs_page(signs))
+        lines = {
+            line.name: values(line.to_plotly_json()["y"])
+            for line in drawn.data
+            if line.yaxis == "y" and line.type == "scatter"
+        }
+        assert set(lines) == {"absolute torque", "threshold", "torque with its sign", "model"}
+        assert list(lines.pop("threshold")) == [0.4, 0.4]
+        for y in lines.values():
+            assert np.isnan(y).sum() == 1 and min(samples, MOST // 2) < len(y) <= MOST + 1
+        assert np.nanmax(lines["absolute torque"]) == 17.0
+        signed = size[:, 0] * signs.traces[0].signs[:, 0]
+        ends = np.nanmin(lines["torque with its sign"]), np.nanmax(lines["torque with its sign"])
+        np.testing.assert_allclose(ends, (signed.min(), signed.max()), rtol=1e-6)
+
+
+def test_many_short_spans_stay_within_the_points() -> None:
+    t = np.arange(20_000) * 0.02
+    one = replace(trace("", t, [0]), first=np.arange(0, 20_000, 10))
+    (drawn,) = figures(signs_page(replace(found(), traces=(one,), segments=())))
+    assert max(len(values(line.to_plotly_json()["y"])) for line in drawn.data if line.type == "scatter") <= MOST
