@@ -86,9 +86,11 @@ def _figure(signs: Signs, part: int, units: Sequence[str]) -> go.Figure:
         for line in (*_shades(signs, part, j, top), *_lines(signs, trace, j, units[j])):
             drawn.add_trace(line.update(showlegend=row == 1), row=row, col=1)
         title = f"{escape(signs.joints[j])} [{units[j]}]"
-        drawn.update_yaxes(title_text=title, range=[-top, top], zeroline=True, row=row, col=1)
+        drawn.update_yaxes(title_text=title, range=[-top, top], row=row, col=1)
     drawn.update_xaxes(title_text="time [s]", row=count, col=1)
-    drawn.update_xaxes(showline=True, linecolor="#c5ccd3", gridcolor="#eef1f4", zeroline=False)
+    drawn.update_xaxes(
+        range=_range(signs.traces[part].t), showline=True, linecolor="#c5ccd3", gridcolor="#eef1f4", zeroline=False
+    )
     drawn.update_yaxes(showline=True, linecolor="#c5ccd3", gridcolor="#eef1f4", zerolinecolor="#c5ccd3", nticks=7)
     return drawn.update_layout(
         template="none",
@@ -102,9 +104,16 @@ def _figure(signs: Signs, part: int, units: Sequence[str]) -> go.Figure:
     )
 
 
+def _range(t: Array) -> list[float] | None:
+    if not len(t):
+        return None
+    room = 0.01 * float(t[-1] - t[0]) + 1e-9
+    return [float(t[0]) - room, float(t[-1]) + room]
+
+
 def _top(trace: Trace, joint: int) -> float:
     sizes = np.abs(np.concatenate([trace.magnitude[:, joint], trace.predicted[:, joint]]))
-    return 1.15 * max(float(sizes[np.isfinite(sizes)].max(initial=0.0)), 1e-12)
+    return 1.3 * max(float(sizes[np.isfinite(sizes)].max(initial=0.0)), 1e-12)
 
 
 def _shades(signs: Signs, part: int, joint: int, top: float) -> list[go.Bar]:
@@ -125,7 +134,7 @@ def _shades(signs: Signs, part: int, joint: int, top: float) -> list[go.Bar]:
                 y=[2 * top] * len(some),
                 base=-top,
                 marker={"color": colour, "opacity": 0.25 if kind == "?" else 0.16, "line": {"width": 0}},
-                text=[f"{_mark(told)} {confidence(told.confidence)}" for told in some],
+                text=[f"{_mark(told)}<br>{confidence(told.confidence)}" for told in some],
                 textposition="inside",
                 insidetextanchor="end",
                 textangle=0,
