@@ -1,0 +1,191 @@
+"""Chains of signs: exact against enumeration, and what they restore of a torque whose sign is known after all."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+from signless import Lost, lost
+
+from signid.signs.chain import coupling, expected_signs, likeliest_signs, refine
+from signid.signs.inflation import inflation
+from signid.signs.problem import Rows, Segment
+from signid.types import Array
+
+SEEDS = (0, 1, 2)
+
+
+def chains(seed: int = 0, length: int = 10, count: int = 3) -> tuple[Array, Array]:
+    """Random log-odds of samples and of neighbours, (length, count) each."""
+    rng = np.random.default_rng(seed)
+    odds, tied = 2 * rng.standard_normal((length, count)), rng.exponential(2, (length, count))
+    tied[[0, length // 2]] = 0  # a span begins
+    return odds, tied
+
+
+def enumerated(odds: Array, tied: Array) -> tuple[Array, Array]:
+    """Expected and likeliest signs of one chain from all of them."""
+    every = np.array(list(product((-1.0, 1.0), repeat=len(odds))))
+    score = 0.5 * (every @ odds + (every[:, 1:] * every[:, :-1]) @ tied[1:])
+    share = np.exp(score - score.max())
+    return share @ every / share.sum(), every[np.argmax(score)]
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_messages_give_what_enumeration_gives(seed: int) -> None:
+    odds, tied = chains(seed)
+    expected, best = zip(*(enumerated(o, t) for o, t in zip(odds.T, tied.T, strict=True)), strict=True)
+    assert np.abs(expected_signs(odds, tied) - np.array(expected).T).max() < 1e-12
+    assert np.array_equal(likeliest_signs(odds, tied), np.array(best).T)
+
+
+def test_certain_samples_do_not_overflow() -> None:
+    odds, tied = np.full((2000, 1), 200.0), np.full((2000, 1), 60.0)
+    odds[1000:] = -200.0
+    assert np.array_equal(expected_signs(odds, tied)[:, 0], np.repeat([1.0, -1.0], 1000))
+    odds[1:-1] = 0
+    assert np.isfinite(expected_signs(odds, tied)).all()
+
+
+def test_neighbours_are_tied_where_torque_is_large() -> None:
+    t = np.arange(0, 10, 0.01)
+    magnitude = np.abs(np.sin(t))[:, None] + 1e-3
+    odds = coupling(magnitude, t == 5.0, same=2.0)
+    assert odds[t == 5.0] == 0
+    assert odds[np.abs(t - np.pi / 2) < 0.5].min() == 60
+    assert odds[np.abs(t - np.pi) < 0.005].max() < 3
+    assert np.isfinite(coupling(np.zeros((5, 2)), np.ones(5, dtype=bool))).all()
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_signs_below_the_threshold_are_restored(seed: int) -> None:
+    case = lost(0.02, seed)
+    refined = refine(case.observed, case.weights, case.value(case.segments()))
+    right = refined.signs == np.sign(case.torque)
+    small = np.abs(case.torque) < np.quantile(np.abs(case.torque), 0.1, axis=0)
+    assert right.mean() > 0.99
+    assert right[small].mean() > 0.9
+    assert np.abs(refined.expected).max() <= 1
+    assert refined.sigma * case.weights == pytest.approx(0.02, rel=0.1)
+
+
+def impure(case: Lost, joint: int) -> list[Segment]:
+    """The segments, the first two neighbours of a joint that differ in sign as one."""
+    segments = case.segments()
+    own = sorted(s for s in segments if s.joint == joint)
+    signs = [np.sign(case.torque[s.start : s.stop, joint].sum()) for s in own]
+    k = int(np.flatnonzero(np.diff(signs))[0])
+    return [s for s in segments if s not in own[k : k + 2]] + [Segment(joint, own[k].start, own[k + 1].stop)]
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_an_impure_segment_is_mended(seed: int) -> None:
+    case = lost(0.02, seed)
+    start = case.value(impure(case, 0))
+    refined = refine(case.observed, case.weights, start)
+    assert case.misfit(start) > 5 * case.misfit(case.with_signs())
+    assert case.misfit(refined.value) < 1.05 * case.misfit(case.with_signs())
+    assert np.mean(refined.signs == np.sign(case.torque)) > 0.99
+
+
+def test_expected_signs_do_not_attenuate() -> None:
+    cases = [lost(0.05, seed) for seed in SEEDS]
+    refined = [refine(case.observed, case.weights, case.value(case.segments())) for case in cases]
+    share = [case.misfit(r.value) / case.misfit(case.with_signs()) for case, r in zip(cases, refined, strict=True)]
+    assert np.median(share) < 1.05
+
+
+def test_without_noise_parameters_are_exact() -> None:
+    case = lost(0.0)
+    refined = refine(case.observed, case.weights, case.value(case.segments()))
+    assert refined.value == pytest.approx(case.true, abs=1e-10)
+    assert refined.loss < 1e-10
+    assert refined.rounds < 12
+
+
+def test_recorded_signs_stay_and_absent_torques_have_none() -> None:
+    case = lost(0.02)
+    torque = np.column_stack([case.torque[:, 0], np.abs(case.torque[:, 1]), np.zeros(len(case.torque))])
+    mixed = replace(
+        case.observed,
+        torque=torque,
+        signed=np.array([True, False, True]),
+        known=np.array([True, True, False]),
+    )
+    refined = refine(mixed, case.weights, case.value(case.segments()))
+    assert np.array_equal(refined.signs[:, 0], np.sign(case.torque[:, 0]))
+    assert np.mean(refined.signs[:, 1] == np.sign(case.torque[:, 1])) > 0.99
+    assert not refined.signs[:, 2].any()
+    assert refined.sigma[2] == 0
+
+
+def test_rows_that_are_known_count() -> None:
+    case = lost(0.05)
+    start = case.value(case.segments())
+    certain = Rows(np.eye(case.observed.count) * 1e6, case.true * 1e6)
+    refined = refine(case.observed, case.weights, start, known=certain)
+    assert refined.value == pytest.approx(case.true, abs=1e-6)
+    free = refine(case.observed, case.weights, start)
+    assert refined.loss > free.loss
+
+
+def test_joints_that_never_move_clear_of_a_reversal_still_teach() -> None:
+    case = lost(0.0)
+    steady = case.observed.steady.copy()
+    steady[:, 0] = False
+    slow = replace(case.observed, steady=steady)
+    refined = refine(slow, case.weights, case.true)
+    assert np.isfinite(refined.value).all()
+    assert np.mean(refined.signs == np.sign(case.torque)) > 0.99
+
+
+def test_more_inflation_than_thirty_counts_as_thirty() -> None:
+    case = lost(0.05)
+    start = case.value(case.segments())
+    thirty, many = (refine(case.observed, case.weights, start, inflation=np.full(3, x)) for x in (30.0, 500.0))
+    assert np.array_equal(thirty.value, many.value)
+
+
+def coloured(memory: float, count: int, seed: int = 0) -> Array:
+    """A first-order autoregression."""
+    out = np.random.default_rng(seed).standard_normal(count)
+    for k in range(1, count):
+        out[k] += memory * out[k - 1]
+    return out
+
+
+def test_inflation_of_an_autoregression_is_known() -> None:
+    for memory in (0.0, 0.5, 0.8):
+        value = inflation(coloured(memory, 40_000), [(0, 40_000)])
+        assert value == pytest.approx((1 + memory) / (1 - memory), rel=0.15, abs=0.05)
+
+
+def test_inflation_is_that_of_short_runs_too() -> None:
+    residual = coloured(0.8, 40_000)
+    runs = [(k, k + 40) for k in range(0, 40_000, 60)]
+    assert inflation(residual, runs) == pytest.approx(9, rel=0.25)
+    shuffled = np.random.default_rng(0).permutation(residual)
+    assert inflation(shuffled, runs) == pytest.approx(1, abs=0.1)
+
+
+def test_inflation_is_at_least_one_and_at_most_twice_the_longest_run() -> None:
+    assert inflation(np.tile([1.0, -1.0], 50), [(0, 100)]) == 1
+    assert inflation(np.zeros(100), [(0, 100)]) == 1
+    assert inflation(np.ones(100), []) == 1
+    assert inflation(np.full(100, np.nan), [(0, 100)]) == 1
+    assert 20 < inflation(np.repeat([1.0, -1.0, 1.0], 20), [(0, 20), (20, 40), (40, 60)]) < 40
+
+
+def test_samples_without_a_residual_do_not_count() -> None:
+    residual = coloured(0.8, 40_000)
+    residual[::7] = np.nan
+    assert inflation(residual, [(0, 40_000)]) == pytest.approx(9, rel=0.2)
+
+
+def test_the_same_signs_come_out_again() -> None:
+    case: Lost = lost(0.05)
+    start = case.value(case.segments())
+    one, other = (refine(case.observed, case.weights, start) for _ in range(2))
+    assert np.array_equal(one.expected, other.expected)

@@ -1,0 +1,175 @@
+"""The cone of what physics allows: true robots are inside, mirror images and rectified friction outside."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cvxpy
+import numpy as np
+import pinocchio as pin
+import pytest
+from signless import Lost, lost
+
+from signid.signs import cone as cone_module
+from signid.signs.believed import alone, believe
+from signid.signs.cone import Cone, kinetic_rows, physical_cone
+from signid.signs.problem import Problem, pose
+from signid.types import Array
+
+
+def posed(case: Lost) -> Problem:
+    return pose(case.observed, case.segments(), case.weights)
+
+
+def standard(case: Lost, seed: int) -> Array:
+    """(p,) of a random robot: bodies of random pseudo-inertia, laws that brake."""
+    rng = np.random.default_rng(seed)
+    bodies = [pin.Inertia.Random().toDynamicParameters() for _ in case.task.robot.links] if seed < 0 else []
+    for _ in case.task.robot.links[len(bodies) :]:
+        root = rng.standard_normal((4, 4))
+        bodies.append(pin.PseudoInertia.FromMatrix(root @ root.T).toDynamicParameters())
+    laws = [label for label in case.task.base.labels if label.law is not None]
+    friction = np.array([rng.exponential() if label.positive else 0.0 for label in laws])
+    return np.concatenate([*bodies, friction])
+
+
+def mass(case: Lost, q: Array, parameters: Array) -> Array:
+    """(n, n) of the bodies alone."""
+    model = case.task.robot.model.copy()
+    for k in range(len(case.task.robot.links)):
+        model.inertias[k + 1] = pin.Inertia.FromDynamicParameters(parameters[10 * k : 10 * k + 10])
+    full = pin.crba(model, model.createData(), q)
+    return np.asarray(np.triu(full) + np.triu(full, 1).T)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_true_robots_are_inside_and_their_negatives_outside(seed: int) -> None:
+    case = lost(0.02)
+    rows, value = physical_cone(case.task, case.observed, seed), case.task.base.combination @ standard(case, seed)
+    slack = rows @ value
+    assert slack.min() >= -1e-9 * np.abs(slack).max()
+    assert (rows @ -value).min() < -0.1 * np.abs(slack).max()
+
+
+def test_kinetic_rows_are_those_of_the_mass_matrix() -> None:
+    case, rng = lost(0.02), np.random.default_rng(0)
+    parameters = standard(case, 0)
+    q, x = rng.uniform(-3, 3, (10, 3)), rng.standard_normal((10, 3))
+    armature = parameters[[label.name.startswith("armature") for label in case.task.base.labels]]
+    energy = [v @ (mass(case, p, parameters) + np.diag(armature)) @ v for p, v in zip(q, x, strict=True)]
+    rows = kinetic_rows(case.task, q, x)
+    assert rows @ case.task.base.combination @ parameters == pytest.approx(np.array(energy), rel=1e-9)
+    friction = [k for k, (name, _) in alone(case.task).items() if name != "armature"]
+    assert np.abs(rows[:, friction]).max() < 1e-12
+
+
+def test_friction_that_an_offset_replaces_is_outside() -> None:
+    case = lost(0.02)
+    own = {law: k for k, law in alone(case.task).items()}
+    rows = physical_cone(case.task, case.observed)
+    for joint in range(3):
+        for factor, inside in ((1.9, True), (-1.9, True), (5.0, False), (-5.0, False)):
+            value = case.true.copy()
+            value[own["torque_offset", joint]] = factor * value[own["coulomb_friction", joint]]
+            assert bool((rows @ value).min() >= -1e-9) == inside
+
+
+def test_negative_friction_is_outside() -> None:
+    case = lost(0.02)
+    rows = physical_cone(case.task, case.observed)
+    for k, (name, _) in alone(case.task).items():
+        if name != "torque_offset":
+            value = case.true.copy()
+            value[k] *= -0.1
+            assert (rows @ value).min() < 0
+
+
+def projected(rows: Array, z: Array) -> Array:
+    x = cvxpy.Variable(len(z))
+    cvxpy.Problem(cvxpy.Minimize(cvxpy.sum_squares(x - z)), [rows @ x >= 0]).solve(solver="CLARABEL")
+    assert x.value is not None
+    return np.asarray(x.value)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_distance_is_that_of_a_quadratic_program(seed: int) -> None:
+    case, rng = lost(0.02), np.random.default_rng(seed)
+    problem = posed(case)
+    cone = Cone.of(problem, physical_cone(case.task, case.observed))
+    z = problem.coordinates(rng.choice([-1.0, 1.0], problem.count))
+    squared, near = cone.distance(z)
+    other = projected(cone.rows, z)
+    assert squared == pytest.approx(np.sum((other - z) ** 2), rel=1e-5, abs=1e-6 * float(z @ z))
+    assert near == pytest.approx(other, abs=1e-4 * np.linalg.norm(z))
+    assert (cone.rows @ near).min() > -1e-8 * np.linalg.norm(z)
+    assert (near - z) @ near == pytest.approx(0, abs=1e-8 * float(z @ z))
+
+
+def test_points_inside_stay() -> None:
+    case = lost(0.0)
+    problem = posed(case)
+    cone = Cone.of(problem, physical_cone(case.task, case.observed))
+    signs = np.array([np.sign(case.torque[s.start : s.stop, s.joint].sum()) for s in case.segments()])
+    z = problem.coordinates(signs)
+    squared, near = cone.distance(z)
+    assert squared == 0 and near is z
+    assert cone.distance(-z)[0] > 0.1 * float(z @ z)
+
+
+def test_an_exhausted_solver_is_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
+    def exhausted(*_: object, **__: object) -> None:
+        raise RuntimeError("Maximum number of iterations reached.")
+
+    case = lost(0.02)
+    problem = posed(case)
+    cone = Cone.of(problem, physical_cone(case.task, case.observed))
+    z = problem.coordinates(np.ones(problem.count))
+    squared, near = cone.distance(z)
+    monkeypatch.setattr(cone_module, "nnls", exhausted)
+    again, other = cone.distance(z)
+    assert again == pytest.approx(squared, rel=1e-6)
+    assert other == pytest.approx(near, abs=1e-6 * np.linalg.norm(z))
+
+
+def test_rows_of_what_a_problem_does_not_tell_are_left_out() -> None:
+    case = lost(0.02)
+    rows = physical_cone(case.task, case.observed)
+    partial = pose(case.observed, [s for s in case.segments() if s.joint == 2], case.weights)
+    cone = Cone.of(partial, rows)
+    assert 0 < len(cone.rows) < len(Cone.of(posed(case), rows).rows)
+    assert np.linalg.norm(cone.rows, axis=1) == pytest.approx(1)
+    assert len(np.unique(np.round(cone.rows, 9), axis=0)) == len(cone.rows)
+
+
+def test_joints_without_torque_do_not_enter() -> None:
+    case = lost(0.02)
+    torque = case.observed.torque.copy()
+    torque[:, 0] = 0
+    partial = replace(case.observed, torque=torque, known=np.array([False, True, True]))
+    rows = physical_cone(case.task, partial)
+    assert (rows @ case.true).min() > -1e-9
+
+
+def test_beliefs_are_weak_and_met_by_what_they_expect() -> None:
+    case = lost(0.02)
+    rows, own = believe(case.task, case.observed, case.weights), alone(case.task)
+    assert len(rows.target) == 9
+    torque, speed = (np.sqrt(np.mean(x**2, axis=0)) for x in (case.torque, case.observed.v))
+    value = np.zeros(case.observed.count)
+    for k, (name, j) in own.items():
+        expected = {"coulomb_friction": 0.1, "viscous_friction": 0.1 / speed[j]}
+        value[k] = expected.get(name, 0.0) * torque[j]
+    assert rows.matrix @ value == pytest.approx(rows.target, abs=1e-12)
+    half = believe(case.task, case.observed, case.weights, strength=0.15)
+    assert half.matrix == pytest.approx(rows.matrix / 2)
+    assert sorted(set(rows.target)) == pytest.approx([0, 0.3])
+
+
+def test_nothing_is_believed_of_joints_with_their_sign() -> None:
+    case = lost(0.02)
+    mixed = replace(case.observed, signed=np.array([True, False, True]))
+    rows = believe(case.task, mixed, case.weights)
+    assert {
+        case.task.base.labels[case.task.base.independent[k]].joint for k in np.argmax(rows.matrix != 0, axis=1)
+    } == {1}
+    assert len(believe(case.task, replace(mixed, signed=np.ones(3, dtype=bool)), case.weights).target) == 0
