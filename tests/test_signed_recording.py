@@ -97,6 +97,15 @@ def test_signs_reach_every_row(case: str, chunk: int, monkeypatch: pytest.Monkey
     assert right.mean() > 0.999, f"{(~right).sum()} of {right.size} wrong"
 
 
+def test_signs_reach_the_ends_wherever_the_filter_stops(monkeypatch: pytest.MonkeyPatch) -> None:
+    columns = recorded(jittered(700))
+    recording, sampling = absolute(columns)
+    for edge in range(15, 45):
+        monkeypatch.setattr(sys.modules[__name__], "EDGE", edge)
+        signs = spread(recording, sampling, *kept(recording, sampling))
+        assert np.sum(signs != np.sign(torque(columns["t"]))) <= 1, edge
+
+
 def test_a_recording_with_signs_is_one_that_never_lost_them() -> None:
     columns = CASES["repeated stamps"]()
     recording, sampling = absolute(columns)

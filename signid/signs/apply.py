@@ -17,7 +17,9 @@ CHUNK = 65_536  # rows
 SMALL = 0.05  # of the joint's rms torque: where it falls lower beyond the samples, the sign may change
 NEAR = 0.01  # of a period: a row so little before an instant counts as at it
 MORE = 64  # rows beyond an interval, so that one of another time is among them
-AROUND = 2  # rows on either side of a minimum, at least, that tell whether it is a kink
+AROUND = 3  # rows on either side of a minimum, at least, that tell whether it is a kink
+WIDEST = 10  # rows on either side of it, at most
+CLEAR = 0.5  # of what a parabola leaves of absolute torques: if it leaves less after a change of sign, there is one
 
 Marks = NDArray[np.int8]
 
@@ -132,7 +134,7 @@ def _fill(found: Marks, span: _Span, signs: Marks) -> None:
     for i, j in enumerate(span.hidden):
         lengths = np.diff([span.begin, *changes[:, i], span.end])
         found[span.begin : span.end, j] = np.repeat(own[:, i], lengths)
-    _edges(found, span)
+    _edges(found, span, own)
 
 
 def _place(number: Indices, row: Indices) -> Indices:
@@ -166,36 +168,38 @@ def _goes_on(t: Array, size: Array, lowest: Indices) -> Mask:
     return np.asarray(size[before] * np.abs(t[after] - t[lowest]) > size[after] * np.abs(t[lowest] - t[before]))
 
 
-def _edges(found: Marks, span: _Span) -> None:
-    """Change signs before the first and after the last sample of a span."""
-    step = max(AROUND, int(span.at[-1] - span.at[0]) // max(1, len(span.at) - 1))
-    left = span.read(span.begin, int(span.at[0]) + step + 1).backwards()
-    right = span.read(int(span.at[-1]) - step, span.end)
+def _edges(found: Marks, span: _Span, signs: Marks) -> None:
+    """Change signs before the first and after the last sample of a span, where that is not done between samples."""
+    step = min(max(AROUND, int(span.at[-1] - span.at[0]) // max(1, len(span.at) - 1)), WIDEST)
+    first, last = int(span.at[0]), int(span.at[-1]) + span.exact
+    left, right = span.read(span.begin, first + step + 1).backwards(), span.read(last - step - 1, span.end)
     for i, j in enumerate(span.hidden):
-        for turn in _kinks(left, i, int(np.sum(left.number >= span.at[0])), float(span.small[i]), step):
+        known = int(np.sum(left.number >= first)) + int(found[first, j] != signs[0, i])
+        for turn in _kinks(left, i, known, float(span.small[i]), step):
             found[span.begin : left.number[turn - 1], j] *= -1
-        for turn in _kinks(right, i, int(np.sum(right.number <= span.at[-1])), float(span.small[i]), step):
+        known = int(np.sum(right.number < last)) + int(found[max(last - 1, span.begin), j] != signs[-1, i])
+        for turn in _kinks(right, i, known, float(span.small[i]), step):
             found[right.number[turn] : span.end, j] *= -1
 
 
-def _kinks(rows: _Rows, joint: int, known: int, small: float, step: int) -> Iterator[int]:
-    """Where torque changes its sign beyond the rows that are known: rows from which it has another."""
+def _kinks(rows: _Rows, joint: int, known: int, small: float, step: int) -> list[int]:
+    """Where torque changes its sign beyond the rows that are known: rows from which it has another, `step` apart."""
     size = rows.size[:, joint]
     steps = np.abs(np.diff(size, prepend=size[0], append=size[-1]))
     low = size < np.maximum(small, np.maximum(steps[1:], steps[:-1]))  # near zero, or as near as rows so sparse go
-    ends = np.flatnonzero(np.diff(np.concatenate([[False], low, [False]])))
-    for begin, end in ends.reshape(-1, 2):
-        lowest = begin + int(np.argmin(size[begin:end]))
-        if 0 < begin and end < len(size) and lowest >= known:
-            turn = lowest + int(_goes_on(rows.t, size, lowest))
-            around = slice(max(0, begin - step), end + step)
-            if _is_kink(rows.t[around], size[around], turn - around.start):
-                yield turn
+    lowest = np.flatnonzero((size[1:-1] <= size[:-2]) & (size[1:-1] < size[2:]) & low[1:-1]) + 1
+    turns = lowest + _goes_on(rows.t, size, lowest)
+    found: list[int] = []
+    for bend, turn in sorted((_bend(rows.t, size, turn, step), turn) for turn in turns[turns >= known].tolist()):
+        if bend < CLEAR and all(abs(turn - other) > step for other in found):
+            found.append(turn)
+    return found
 
 
-def _is_kink(t: Array, size: Array, turn: int) -> bool:
-    """Whether absolute torques are smoother, nearer to a parabola, when their sign changes at `turn`."""
-    x = (t - t.mean()) / np.ptp(t)
-    other = np.where(np.arange(len(size)) < turn, size, -size)
-    bent, straight = (y - np.polyval(np.polyfit(x, y, 2), x) for y in (size, other))
-    return bool(straight @ straight < bent @ bent)
+def _bend(t: Array, size: Array, turn: int, step: int) -> float:
+    """How much nearer to a parabola absolute torques are around a row when their sign changes there: at 0 wholly."""
+    around = slice(max(0, turn - step), turn + step)
+    x, y = t[around] - t[turn], size[around]
+    both = np.stack([y, np.where(x < 0 if t[-1] > t[0] else x > 0, y, -y)], axis=1)
+    _, (kept, changed), *_ = np.polyfit(x / np.ptp(x), both, 2, full=True)
+    return float(changed / max(kept, 1e-300))
