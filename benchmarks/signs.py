@@ -52,6 +52,7 @@ class Bench:
         keys = ("case", "method", "segments", "mixed", "samples", "b", "error", "off", "seconds", "proof", "nodes")
         more = (
             ("paper", lambda row: f"{paper.PAPER[row.case.partition(',')[0]]:.1e}"),
+            ("search", lambda row: f"{row.error_search:.1e}"),
             ("signed", lambda row: f"{row.error_known:.1e}"),
             ("unseen, N.m", lambda row: f"{max(row.held_out):.1e}"),
         )

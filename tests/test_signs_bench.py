@@ -38,7 +38,7 @@ def fake(torque: np.ndarray, flags: tuple[str, ...] = (), confidence: float = 0.
         proof=Proof(True, 0.0, 7),
         flags=flags,
         notes=(),
-        value=np.zeros(1),
+        value=np.zeros(3),
         noise=np.ones(2),
         inflation=np.ones(2),
         traces=(Trace("", T, np.zeros(1, dtype=int), np.abs(torque), np.sign(torque), torque),),
@@ -48,7 +48,7 @@ def fake(torque: np.ndarray, flags: tuple[str, ...] = (), confidence: float = 0.
 def row(**changes: object) -> Row:
     """A row that holds."""
     score = judge(fake(TORQUE), [TRUTH])
-    shares, distances, seconds = (1.0, 1.0), (0.0, 1.0, 0.0, 0.0), (0.1, 0.2)
+    shares, distances, seconds = (1.0, 1.0), (0.0, 1.0, 0.0, 0.0, 0.0), (0.1, 0.2)
     found = (*shares, 5, *distances, (1.0, 2.0), (1.0, 1.0), *seconds, True, 0.0, 3, (), score.judged)
     plain = Row("g", "c", "exact", 10, 10, 0, *found)  # type: ignore[arg-type]
     return replace(plain, **changes)  # type: ignore[arg-type]
@@ -82,8 +82,10 @@ def test_a_segment_with_both_signs_is_judged_by_its_majority() -> None:
 
 def test_noise_does_not_make_the_truth_of_samples() -> None:
     noisy = TORQUE + 0.2 * np.random.default_rng(0).standard_normal(TORQUE.shape)
-    truth = measured(T, noisy)
+    still = np.outer(T > 4, [1.0, 1.0]) * np.clip(T - 4, 0, 3)[:, None]
+    truth = measured(T, still, noisy)
     assert np.mean(np.sign(truth.smooth) == np.sign(TORQUE)) > 0.98 > np.mean(np.sign(noisy) == np.sign(TORQUE))
+    assert truth.moving is not None and np.allclose(T[truth.moving][[0, -1]], [4, 7], atol=0.11)
 
 
 def test_a_row_is_held_against_its_target() -> None:

@@ -54,4 +54,6 @@ def fast(data: Path, group: str, description: str, recording: str) -> Puzzle:
     """A log at a high rate, judged by its last 30 %."""
     robot, path = signid.load_robot(data / description), data / f"{recording}.csv.gz"
     whole = signid.read_recording(path, robot).read()
-    return Puzzle(group, path.name.partition(".")[0], robot, (path,), truths=(measured(whole.t, whole.tau, FAST),))
+    return Puzzle(
+        group, path.name.partition(".")[0], robot, (path,), truths=(measured(whole.t, whole.q, whole.tau, FAST),)
+    )

@@ -43,6 +43,7 @@ class Row:
     off: float  # [1] distance from the sign-known estimate in torque, over that estimate's size
     ratio: float  # [1] distance from the truth over that of the sign-known estimate, nan without truth
     error: float  # distance from the truth, in the units of the case, nan without
+    error_search: float  # of the parameters that the signs were found with
     error_known: float  # of the sign-known estimate
     held_out: tuple[float, ...]  # (n,) [N.m or N] rms on signed torque that was not learned from
     held_out_known: tuple[float, ...]  # (n,) of the sign-known estimate

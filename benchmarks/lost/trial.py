@@ -71,7 +71,7 @@ class Puzzle:
         if self.truths is not None:
             return self.truths
         rows = [recording.read() for some in self.read(unsigned=False) for recording in some]
-        return tuple(measured(x.t, x.tau) for x in rows)
+        return tuple(measured(x.t, x.q, x.tau) for x in rows)
 
     @cached_property
     def known(self) -> Known:
@@ -102,13 +102,13 @@ def tell(puzzle: Puzzle, method: str, found: Identification, seconds: float, tar
     assert signs is not None, "torque was recorded without signs"
     known, score, base = puzzle.known, judge(signs, puzzle.truth), found.base
     off = known.size(value - known.estimate.value)
-    both = (value, known.estimate.value)
-    away, errors = [np.nan, np.nan], [np.nan, np.nan]
+    all_three = (value, signs.value, known.estimate.value)
+    away = errors = [np.nan] * 3
     if puzzle.value is not None:
         true = puzzle.value(base, found.model.laws)
-        away = [known.size(x - true) for x in both]
+        away = [known.size(x - true) for x in all_three]
     if puzzle.error is not None:
-        errors = [puzzle.error(base, x) for x in both]
+        errors = [puzzle.error(base, x) for x in all_three]
     return Row(
         group=puzzle.group,
         case=puzzle.case,
@@ -120,9 +120,10 @@ def tell(puzzle: Puzzle, method: str, found: Identification, seconds: float, tar
         small=score.small,
         parameters=base.rank,
         off=off / known.size(known.estimate.value),
-        ratio=away[0] / away[1],
+        ratio=away[0] / away[2],
         error=errors[0],
-        error_known=errors[1],
+        error_search=errors[1],
+        error_known=errors[2],
         held_out=known.held_out_rms(value),
         held_out_known=known.held_out_rms(known.estimate.value),
         seconds=seconds - known.seconds,

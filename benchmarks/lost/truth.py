@@ -15,6 +15,7 @@ from signid.signs.result import Signs, Told, Trace
 Array = NDArray[np.float64]
 
 ORDER, CORNER = 4, 8.0  # of the low-pass that the truth of single samples passes [Hz]
+REST, LASTING = 0.02, 0.2  # rad/s or m/s below which a joint counts as at rest, on average over so many s
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,6 +25,7 @@ class Truth:
     t: Array  # (N,) [s]
     torque: Array  # (N, n) [N.m or N] the truth of segments
     smooth: Array  # (N, n) [N.m or N] the truth of single samples
+    moving: NDArray[np.bool_] | None = None  # (N,) samples that are judged; None: all
 
 
 class Judged(NamedTuple):
@@ -38,7 +40,7 @@ class Score(NamedTuple):
     """How many signs are right."""
 
     judged: tuple[Judged, ...]
-    samples: float  # share of all samples of joints without signs
+    samples: float  # share of all samples of joints without signs while the robot moves
     small: float  # share of those below the threshold, nan without any
 
     @property
@@ -57,16 +59,23 @@ class Score(NamedTuple):
         return sum(one.mixed for one in self.judged)
 
 
-def measured(t: Array, torque: Array, corner: float = CORNER) -> Truth:
+def measured(t: Array, q: Array, torque: Array, corner: float = CORNER) -> Truth:
     """The truth of a recording that has its signs, but also noise: its low-passed torque tells those of samples.
+
+    While the whole robot is at rest, friction holds any torque, and samples are not judged.
 
     Args:
         t: (N,) [s].
+        q: (N, n) [rad or m].
         torque: (N, n) [N.m or N].
         corner: of the filter, forth and back [Hz].
     """
-    low = butter(ORDER, corner, fs=1 / float(np.median(np.diff(t))), output="sos")
-    return Truth(t, torque, np.asarray(sosfiltfilt(low, torque, axis=0)))
+    rate = 1 / float(np.median(np.diff(t)))
+    smooth = sosfiltfilt(butter(ORDER, corner, fs=rate, output="sos"), torque, axis=0)
+    half, at = max(1, round(LASTING / 2 * rate)), np.arange(len(t))
+    later, before = np.minimum(at + half, len(t) - 1), np.maximum(at - half, 0)
+    speed = np.abs(q[later] - q[before]).max(1) / (t[later] - t[before])
+    return Truth(t, torque, np.asarray(smooth), speed > REST)
 
 
 def judge(signs: Signs, truths: Sequence[Truth]) -> Score:
@@ -79,15 +88,23 @@ def judge(signs: Signs, truths: Sequence[Truth]) -> Score:
     small, right = [], []
     for trace, truth in zip(signs.traces, truths, strict=True):
         for joint in signs.hidden:
-            same = _same(trace, truth, joint)
+            moving = _moving(trace, truth)
+            same = _same(trace, truth, joint)[moving]
             right.append(same)
-            small.append(same[trace.magnitude[:, joint] < signs.threshold[joint]])
+            small.append(same[trace.magnitude[moving, joint] < signs.threshold[joint]])
     below = np.concatenate(small)
     return Score(
         tuple(_judged(signs.segments, truths)),
         float(np.concatenate(right).mean()),
         float(below.mean()) if len(below) else float("nan"),
     )
+
+
+def _moving(trace: Trace, truth: Truth) -> NDArray[np.bool_]:
+    """(N,) whether the samples are judged."""
+    if truth.moving is None:
+        return np.ones(len(trace.t), dtype=bool)
+    return np.asarray(truth.moving[np.searchsorted(truth.t, trace.t).clip(0, len(truth.t) - 1)])
 
 
 def _same(trace: Trace, truth: Truth, joint: int) -> NDArray[np.bool_]:
