@@ -22,6 +22,8 @@ import pybullet
 from rich.console import Console
 from rich.table import Table
 
+from signid.errors import SignidError
+
 from .lost import bullet, hobby, paper, real, show, simulated, speed, verdicts
 from .lost.row import Row, Verdict
 from .lost.summary import reliability, summarise
@@ -116,7 +118,12 @@ def run(bench: Bench, cases: Sequence[str], console: Console) -> None:
             continue
         work: Callable[[], Told] = getattr(bench, name)
         start, before = time.perf_counter(), len(bench.verdicts)
-        for table in work():
+        try:
+            tables = work()
+        except SignidError as error:
+            tables = ()
+            bench.verdicts.append(Verdict(f"{name}: refused: {error}", False))
+        for table in tables:
             console.print(table)
         for verdict in bench.verdicts[before:]:
             told, style = WORDS[verdict.met]

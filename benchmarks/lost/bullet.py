@@ -20,7 +20,7 @@ from .truth import Array, Truth
 
 MOTIONS, PERIODS = 4, 5
 MIDDLE = (1.0, 4.0)  # periods that are used
-CENTRE, RATE = (0.0, 0.3, 0.5), 100.0  # rad, Hz
+CENTRE, RATE = (0.0, 0.3, 0.5), 50.0  # rad, Hz
 BITS, NOISE = 17, 0.02  # of the encoders a turn; of torque, as a share of each joint's rms value
 FILTERS = {"filtered": Options(effects=()), "unfiltered": Options(effects=(), cutoff=np.inf)}
 TARGET = Target(segments=0.99, ratio=1.3)

@@ -113,10 +113,15 @@ def _same(trace: Trace, truth: Truth, joint: int) -> NDArray[np.bool_]:
     return np.asarray(trace.signs[:, joint] * true >= 0)
 
 
+def majority(truth: Truth, joint: int, start: float, end: float) -> tuple[int, bool]:
+    """The sign of most of the torque's energy between two times [s], and whether there are both signs."""
+    at = (truth.t >= start) & (truth.t <= end)
+    torque, smooth = truth.torque[at, joint], truth.smooth[at, joint]
+    sign = 1 if np.sum(torque * np.abs(torque)) >= 0 else -1
+    return sign, bool(np.any(smooth * sign < 0))
+
+
 def _judged(segments: Sequence[Told], truths: Sequence[Truth]) -> Iterator[Judged]:
     for told in segments:
-        truth = truths[told.part]
-        at = (truth.t >= told.start) & (truth.t <= told.end)
-        torque, smooth = truth.torque[at, told.joint], truth.smooth[at, told.joint]
-        majority = 1 if np.sum(torque * np.abs(torque)) >= 0 else -1
-        yield Judged(told.confidence, told.sign == majority, bool(np.any(smooth * majority < 0)))
+        sign, mixed = majority(truths[told.part], told.joint, told.start, told.end)
+        yield Judged(told.confidence, told.sign == sign, mixed)
