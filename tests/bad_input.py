@@ -67,6 +67,7 @@ def files() -> list[Case]:
 
 def columns() -> list[Case]:
     good, tau = csv(swing()), pristine()["tau_1"]
+    flicker = np.where(np.arange(len(tau)) % 2, 0.0, 1.0)
     return [
         recording("no time", csv(swing(t=None)), "t"),
         recording("no position", csv(swing(q_1=None)), "position"),
@@ -89,8 +90,10 @@ def columns() -> list[Case]:
         recording("too short for its filter", only(slice(300)), "filter"),
         recording("one sample", only(slice(1)), "bad.csv"),
         recording("an absolute torque below zero", csv(swing(tau_1=None, abs_tau_1=tau)), "negative"),
-        recording("torque without its sign", csv(swing(tau_1=None, abs_tau_1=abs(tau))), "sign"),
-        recording("signs to be forgotten", good, "sign", more="--unsigned"),
+        recording("absolute torque zero", csv(swing(tau_1=None, abs_tau_1=0 * tau)), "zero"),
+        recording("absolute torque constant", csv(swing(tau_1=None, abs_tau_1=0 * tau + 2)), "constant"),
+        recording("one sample a segment", csv(swing(tau_1=None, abs_tau_1=flicker)), "record faster"),
+        recording("signs by an unknown method", good, "exact, tree", more="--unsigned --signs magic"),
         recording("a current without its constant", csv(swing(tau_1=None, current_1=tau)), "torque_constant"),
     ]
 

@@ -128,11 +128,10 @@ def test_effects_are_chosen(arm: Robot) -> None:
     assert found.model.laws[0].parameters["coefficient"] > FRICTION["viscous_friction"]
 
 
-def test_unsigned_torque_and_unknown_options_are_refused(arm: Robot) -> None:
+def test_unknown_options_are_refused(arm: Robot) -> None:
     made = trial(arm, seconds=5)
-    unsigned = signid.read_recording({"t": made.t, "q": made.q, "tau": made.torque}, arm, unsigned=True)
-    with pytest.raises(OptionError, match="has no sign"):
-        signid.identify(arm, [unsigned])
+    with pytest.raises(OptionError, match="signs 'magic' is none of exact, tree"):
+        signid.identify(arm, [made.recording()], signs="magic")
     with pytest.raises(OptionError, match="method 'magic' is none of"):
         signid.identify(arm, [made.recording()], method="magic")
     with pytest.raises(OptionError, match="no effect named 'stiction'"):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -27,9 +27,10 @@ def deliver(result: Identification, inputs: Sequence[tuple[str, str]], output: s
     """
     from ..report import Screen, identification_document, identification_tables, to_json, write_files
 
-    files: dict[str, str] = {}
+    files: dict[str, str | Iterator[str]] = {}
     if output is not None:
-        result, files = with_urdf(result)
+        result, described = with_urdf(result)
+        files = {**described, **signed_files(result)}
     document = to_json(identification_document(result, inputs))
     files = {"identification.json": document, "model.json": to_json(result.model.document()), **files}
     written = [] if output is None else write_files(output, files)
@@ -42,6 +43,19 @@ def deliver(result: Identification, inputs: Sequence[tuple[str, str]], output: s
     if written and not json:
         screen.write("\n".join(["", "written:", *(f"  {path}" for path in written), ""]))
     return code
+
+
+def signed_files(result: Identification) -> dict[str, str | Iterator[str]]:
+    """A table for each recording that lacked signs (signed.csv, signed_2.csv, ...), and a page that shows them."""
+    from ..report import signed_csv, signs_page
+
+    if result.signs is None:
+        return {}
+    lacked = {trace.path for trace in result.signs.traces}
+    tables = [signed_csv(recording) for recording in result.recordings if recording.path in lacked]
+    names = ["signed.csv", *(f"signed_{k + 2}.csv" for k in range(len(tables) - 1))]
+    units = ["N" if prismatic else "N.m" for prismatic in result.robot.prismatic]
+    return {**dict(zip(names, tables, strict=True)), "signs.html": signs_page(result.signs, units)}
 
 
 def with_urdf(result: Identification) -> tuple[Identification, dict[str, str]]:

@@ -13,6 +13,7 @@ from scipy.ndimage import uniform_filter1d
 from ..types import Array, Frozen, Mask
 from .observed import Observed
 from .problem import Rows, orthonormalise, signed_rows
+from .turning import place_turns
 
 INFLATION = 10.0  # samples for one whose residual is independent of the others
 MOST = 30.0  # of them: with more, signs would follow the chain alone
@@ -82,6 +83,7 @@ def refine(
     signs = np.sign(observed.torque) * (observed.known & observed.signed)
     mean = signs.copy()
     signs[:, hidden], mean[:, hidden] = likeliest_signs(odds, tied), expected
+    signs = place_turns(observed, signs, observed.predict(value))
     sigma = _deviation(observed, mean, value)
     return Refined(signs, mean, value, sigma, max(fit.energy - float(z @ z), 0.0), done)
 

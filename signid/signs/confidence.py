@@ -14,8 +14,8 @@ def judge_confidence(problem: Problem, signs: Array, rival_signs: Array, rival_l
     """Probability (S,) that each sign is right; the known segment has 1.
 
     With weights that make the loss a squared number of standard deviations, exp(-J/2) is the posterior of a choice of
-    signs under a flat prior on the parameters. A sign's marginal over the rivals is taken, but no more than what turning
-    round that segment alone leaves it.
+    signs under a flat prior on the parameters. A sign's marginal over the rivals is taken, but no more than what
+    turning round that segment alone leaves it.
 
     Args:
         problem: weighted by one over the standard deviation of independent samples.

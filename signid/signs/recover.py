@@ -5,10 +5,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from ..errors import OptionError
-from ..session import Options, Progress
-from ..types import Recording, Robot
-from .result import Signs
+from ..prepare import prepare
+from ..recording import with_signs
+from ..rows import Task
+from ..sampling import survey
+from ..session import Options, Part, Progress
+from ..types import Array, Recording, Robot
+from .apply import spread
+from .between import Signed, place_jumps
+from .chain import refine
+from .flags import raise_flags
+from .infer import Inferred, infer, scales
+from .observed import Observed, observe
+from .result import Signs, Told, Trace
 
 METHODS = ("exact", "tree")
 
@@ -41,10 +53,124 @@ def recover(
     options: Options | None = None,
     progress: Progress | None = None,
 ) -> Recovered:
-    """The recordings with the signs of all torques."""
+    """The recordings with the signs of all torques.
+
+    Signs are searched in the recordings to learn from, whole; where there are several and none is held out, the last
+    takes no part. Those of held-out recordings follow from the model that the search found.
+
+    Args:
+        robot: as `load_robot` gives it.
+        recordings: to learn from.
+        held_out: to judge by.
+        method: `exact`: proved by branch and bound within physics; `tree`: the classical tree of sign choices.
+        options: effects, cut-off and the like.
+        progress: told what is being done and how far it is.
+
+    Raises:
+        OptionError: there is no such method.
+        RecordingError: a recording cannot be used, or a torque has no stretch of one sign.
+    """
     if method not in METHODS:
         raise OptionError(f"signs {method!r} is none of {', '.join(METHODS)}")
-    if all(r.signed.all() for r in (*recordings, *held_out)):
+    everything = (*recordings, *held_out)
+    if all(r.signed.all() for r in everything):
         return Recovered(tuple(recordings), tuple(held_out))
-    unsigned = {j for r in (*recordings, *held_out) for j, s in zip(r.joints, r.signed, strict=True) if not s}
-    raise OptionError(f"the torque of {', '.join(sorted(unsigned))} has no sign")
+    options = options or Options()
+    session = prepare(robot, recordings, held_out, options)
+    judges = held_out if held_out or len(recordings) == 1 else recordings[-1:]
+    parts = {r: (r, survey(r, session.robot)) for r in everything}
+    learn = [parts[r] for r in recordings if r not in judges]
+    if progress is not None:
+        progress("searching signs in", 0.0)
+    observed = observe(session.task, learn)
+    inferred = infer(session.task, observed, options.seed)
+    traced = _traces(observed, learn, inferred, inferred.refined.signs)
+    for part in (parts[r] for r in judges if not r.signed.all()):
+        traced |= _followed(session.task, part, inferred)
+    signed = {r: _with(session.task, parts[r], trace, inferred) for r, trace in traced.items()}
+    return Recovered(
+        tuple(signed.get(r, r) for r in recordings),
+        tuple(signed.get(r, r) for r in held_out),
+        _result(session.task, observed, inferred, tuple(traced.values()), bool(judges), options.seed),
+    )
+
+
+def _traces(observed: Observed, parts: Sequence[Part], inferred: Inferred, signs: Array) -> dict[Recording, Trace]:
+    """Per recording, its thinned samples with the signs (N, n) [1] found."""
+    predicted, found = observed.predict(inferred.refined.value), {}
+    for k, (recording, _) in enumerate(parts):
+        at = observed.part == k
+        found[recording] = Trace(
+            path=recording.path,
+            t=observed.t[at],
+            first=np.flatnonzero(observed.first[at]),
+            magnitude=np.where(observed.known, np.abs(observed.torque[at]), np.nan),
+            signs=signs[at],
+            predicted=predicted[at],
+        )
+    return found
+
+
+def _followed(task: Task, part: Part, inferred: Inferred) -> dict[Recording, Trace]:
+    """The signs that the model found elsewhere gives a recording that took no part in the search."""
+    observed = observe(task, [part])
+    told = refine(observed, 1 / scales(observed), inferred.refined.value, rounds=1)
+    return _traces(observed, [part], inferred, told.signs)
+
+
+def _with(task: Task, part: Part, trace: Trace, inferred: Inferred) -> Recording:
+    recording, sampling = part
+    thinned = Signed(trace.t, trace.first, trace.signs)
+    step = round(float(np.min(np.diff(trace.t))) / sampling.period) if len(trace.t) > 1 else 1
+    told = place_jumps(task, part, step, thinned, trace.magnitude, inferred.refined.value)
+    return with_signs(recording, spread(recording, sampling, told.t, told.first, told.signs.astype(np.int8)))
+
+
+def _result(
+    task: Task, observed: Observed, inferred: Inferred, traces: tuple[Trace, ...], judged: bool, seed: int
+) -> Signs:
+    order = sorted(range(len(inferred.segments)), key=lambda k: _place(observed, inferred, k))
+    told = [_told(observed, inferred, k) for k in order]
+    return Signs(
+        joints=observed.joints,
+        hidden=observed.hidden,
+        method="exact",
+        segments=tuple(told),
+        threshold=inferred.threshold,
+        proof=inferred.proof,
+        flags=raise_flags(task, observed, inferred),
+        notes=_notes(inferred, judged),
+        value=inferred.refined.value,
+        noise=inferred.refined.sigma,
+        inflation=inferred.inflation,
+        traces=traces,
+        seed=seed,
+    )
+
+
+def _place(observed: Observed, inferred: Inferred, k: int) -> tuple[int, int, int]:
+    joint, start, _ = inferred.segments[k]
+    return int(observed.part[start]), joint, start
+
+
+def _told(observed: Observed, inferred: Inferred, k: int) -> Told:
+    joint, start, stop = inferred.segments[k]
+    return Told(
+        part=int(observed.part[start]),
+        joint=joint,
+        start=float(observed.t[start]),
+        end=float(observed.t[stop - 1]),
+        sign=int(inferred.signs[k]),
+        confidence=float(inferred.confidence[k]),
+    )
+
+
+def _notes(inferred: Inferred, judged: bool) -> tuple[str, ...]:
+    notes = []
+    if not judged:
+        notes.append("signs were searched in the whole recording, also in what is held out of the fit")
+    if inferred.finer:
+        notes.append("segments above the threshold hid changes of sign: stretches between low minima were searched")
+    for joint, count in inferred.impure.items():
+        notes.append(f"{count} segments of joint {joint + 1} were cut where the torque changes its sign inside them")
+    return tuple(notes)

@@ -26,10 +26,11 @@ def threshold_runs(observed: Observed, quantile: float = QUANTILE) -> tuple[list
     threshold = np.zeros(len(observed.known))
     found: list[Segment] = []
     for joint in observed.hidden:
-        magnitude = np.abs(observed.torque[:, joint])
+        magnitude, moving = np.abs(observed.torque[:, joint]), in_motion(observed, joint)
         _need_torque(observed, joint, magnitude)
-        threshold[joint] = np.sort(magnitude)[min(int(round(quantile * len(magnitude))), len(magnitude) - 1)]
-        runs = list(_runs(observed, joint, magnitude >= threshold[joint]))
+        some = np.sort(magnitude[moving] if moving.any() else magnitude)
+        threshold[joint] = some[min(int(round(quantile * len(some))), len(some) - 1)]
+        runs = list(_runs(observed, joint, moving & (magnitude >= threshold[joint]) & (magnitude > 0)))
         long = [run for run in runs if run.stop - run.start >= fewest(observed)]
         if not long:
             raise RecordingError(_too_short(observed, joint, runs))
@@ -44,9 +45,9 @@ def minimum_cuts(observed: Observed) -> list[Segment]:
     """
     found = []
     for joint in observed.hidden:
-        magnitude = np.abs(observed.torque[:, joint])
+        magnitude, moving = np.abs(observed.torque[:, joint]), in_motion(observed, joint)
         rms = float(np.sqrt(np.mean(magnitude**2)))
-        inside = magnitude >= LOWEST * rms
+        inside = moving & (magnitude >= LOWEST * rms)
         inside[_minima(magnitude, LOW * rms)] = False
         cut = [run for run in _runs(observed, joint, inside) if run.stop - run.start >= FEWEST]
         found += cut or [s for s in threshold_runs(observed)[0] if s.joint == joint]
@@ -85,6 +86,14 @@ def cut_by_signs(observed: Observed, segments: Sequence[Segment], signs: Array) 
         own = signs[start:stop, joint]
         ends = [start, *(start + 1 + np.flatnonzero(own[1:] != own[:-1])).tolist(), stop]
         found += [Segment(joint, a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+    return found
+
+
+def in_motion(observed: Observed, joint: int) -> Mask:
+    """(N,) where a joint does not stand: friction of a joint that stands may be anything."""
+    found = np.ones(len(observed), dtype=bool)
+    for _, start, stop in _runs(observed, joint, ~observed.steady[:, joint]):
+        found[start:stop] = stop - start < fewest(observed)
     return found
 
 

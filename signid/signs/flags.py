@@ -1,0 +1,111 @@
+"""What was inferred -> sentences on when not to trust it, and what motion would decide."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ..errors import shorten
+from ..rows import Task
+from ..types import Indices
+from .believed import alone
+from .infer import Inferred, scales
+from .observed import Observed
+
+DOUBT = 1e-3  # probability that a joint's signs are all the other way round, at most
+RECTIFIED = 1.9  # times the Coulomb friction: an offset so large may be friction of the wrong sign
+LARGE, SYSTEMATIC = 0.15, 3.0  # residual over torque; samples for one that is independent: noise alone makes 1
+COARSE = 0.15  # steps of the recorded torque over its rms
+IMPURE = 0.1  # share of a joint's segments in which torque changed its sign
+DEVIATIONS = 2.0  # standard deviations by which an offset must be beyond
+
+
+def raise_flags(task: Task, observed: Observed, inferred: Inferred) -> tuple[str, ...]:
+    """When the signs are not to be trusted, a sentence each; nothing where all is well."""
+    return (
+        *_unproved(inferred),
+        *_undecided(observed, inferred),
+        *_rectified(task, observed, inferred),
+        *_unexplained(observed, inferred),
+        *_coarse(observed),
+        *_impure(observed, inferred),
+    )
+
+
+def _unproved(inferred: Inferred) -> Iterator[str]:
+    proof = inferred.proof
+    if not proof.optimal:
+        yield f"the signs are the best that were found, not proved to be the best there are (gap {proof.gap:.2g})"
+    elif not inferred.complete:
+        yield "more choices of signs are nearly as good as the best than could be counted: confidences may be too high"
+
+
+def _undecided(observed: Observed, inferred: Inferred) -> Iterator[str]:
+    doubtful = [joint for joint, doubt in inferred.doubt.items() if doubt > DOUBT]
+    if not doubtful:
+        return
+    names = shorten([observed.joints[j] for j in doubtful])
+    worst = max(inferred.doubt[j] for j in doubtful)
+    yield (
+        f"the sign of the torque of {names} is not decided: turned round as a whole it explains the recording nearly "
+        f"as well (probability {worst:.2g}); {_advice(observed, doubtful)}"
+    )
+
+
+def _advice(observed: Observed, joints: list[int]) -> str:
+    """What motion would decide: inertia is positive and friction brakes, and other joints feel the torque."""
+    acceleration = np.gradient(observed.v, observed.period, axis=0)
+    fast = float(np.max([np.sqrt(np.mean(acceleration[:, j] ** 2)) for j in joints]))
+    alone = len(observed.hidden) > 1 and len(joints) < len(observed.hidden)
+    together = ", together with the other joints," if alone else ""
+    return (
+        f"a motion would decide in which it{together} accelerates harder (now {fast:.2g} rad/s2 rms) and reverses more "
+        f"often, for inertia is positive and friction brakes; `signid excite` makes one"
+    )
+
+
+def _rectified(task: Task, observed: Observed, inferred: Inferred) -> Iterator[str]:
+    place = {law: k for k, law in alone(task).items()}
+    std = np.linalg.norm(inferred.problem.back, axis=1)  # of the base parameters, in variance units
+    for joint in observed.hidden:
+        k, i = (place.get((name, joint)) for name in ("torque_offset", "coulomb_friction"))
+        if k is None or i is None:
+            continue
+        offset, friction = inferred.refined.value[[k, i]]
+        if abs(offset) - RECTIFIED * max(friction, 0.0) > DEVIATIONS * (std[k] + std[i]):
+            yield (
+                f"the torque offset of {observed.joints[joint]} ({offset:.2g}) is large beside its Coulomb friction "
+                f"({friction:.2g}): friction of the wrong sign looks like that; move it both ways, at many speeds"
+            )
+
+
+def _unexplained(observed: Observed, inferred: Inferred) -> Iterator[str]:
+    share = inferred.refined.sigma / scales(observed)
+    bad = [j for j in observed.hidden if share[j] > LARGE and inferred.inflation[j] > SYSTEMATIC]
+    if bad:
+        told = ", ".join(f"{observed.joints[j]} ({100 * share[j]:.0f} %)" for j in bad)
+        yield (
+            f"the model leaves much of the torque unexplained, and not as noise, at {told}: physics that it lacks may "
+            f"have turned signs round; add effects such as friction, or filter the positions less"
+        )
+
+
+def _coarse(observed: Observed) -> Iterator[str]:
+    for joint in observed.hidden:
+        levels = np.unique(np.abs(observed.torque[:, joint]))
+        step = float(np.median(np.diff(levels))) if len(levels) > 1 else 0.0
+        if len(levels) < len(observed) / 4 and step > COARSE * scales(observed)[joint]:
+            yield (
+                f"the torque of {observed.joints[joint]} is recorded in steps of {step:.2g}, "
+                f"{100 * step / scales(observed)[joint]:.0f} % of its rms: too coarse to tell signs where it is small"
+            )
+
+
+def _impure(observed: Observed, inferred: Inferred) -> Iterator[str]:
+    joints: Indices = np.array([s.joint for s in inferred.segments])
+    for joint, count in inferred.impure.items():
+        if count > IMPURE * max(int(np.sum(joints == joint)), 1):
+            yield (
+                f"the torque of {observed.joints[joint]} changes its sign within {count} of its segments: record faster"
+            )

@@ -1,0 +1,138 @@
+"""Torque without signs, from recording to model: as if the signs had been measured."""
+
+from __future__ import annotations
+
+import csv as table
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from motions import Trial, trial
+from numpy.testing import assert_allclose
+
+import signid
+from signid.cli import run
+from signid.identify import Identification
+from signid.types import Array, Robot
+
+ROBOTS = Path(__file__).parents[1] / "robots"
+
+
+@pytest.fixture(scope="module")
+def arm() -> Robot:
+    return signid.load_robot("3r")
+
+
+@pytest.fixture(scope="module")
+def made(arm: Robot) -> Trial:
+    return trial(arm, seconds=20)
+
+
+def noisy(made: Trial, share: float = 0.02, seed: int = 0) -> Array:
+    noise = np.random.default_rng(seed).standard_normal(made.torque.shape)
+    return np.asarray(made.torque + share * np.sqrt(np.mean(made.torque**2, axis=0)) * noise)
+
+
+def lost(made: Trial, torque: Array, hidden: tuple[int, ...] = (0, 1, 2)) -> dict[str, Array]:
+    """Columns of which some joints have lost their signs."""
+    columns = {"t": made.t}
+    for j in range(made.q.shape[1]):
+        columns[f"q_{j + 1}"] = made.q[:, j]
+        name = f"abs_tau_{j + 1}" if j in hidden else f"tau_{j + 1}"
+        columns[name] = np.abs(torque[:, j]) if j in hidden else torque[:, j]
+    return columns
+
+
+def right(found: Identification, made: Trial, torque: Array) -> float:
+    """Share of the segments that have the sign which their torque has."""
+    assert found.signs is not None
+    told = found.signs.segments
+    inside = [torque[(made.t >= s.start) & (made.t <= s.end), s.joint] for s in told]
+    return float(np.mean([np.sign(x @ np.abs(x)) == s.sign for x, s in zip(inside, told, strict=True)]))
+
+
+@pytest.mark.parametrize("hidden", [(0, 1, 2), (1,), (0, 2)])
+def test_identification_without_signs_is_that_with_them(arm: Robot, made: Trial, hidden: tuple[int, ...]) -> None:
+    torque = noisy(made)
+    with_signs = signid.identify(arm, [made.recording(tau=torque)])
+    found = signid.identify(arm, [signid.read_recording(lost(made, torque, hidden), arm)])
+    assert found.signs is not None
+    assert found.signs.hidden == hidden
+    assert {told.joint for told in found.signs.segments} == set(hidden)
+    assert right(found, made, torque) == 1
+    assert found.signs.proof.optimal
+    assert found.signs.is_certain()
+    assert_allclose(
+        found.estimate.value, with_signs.estimate.value, atol=0.2 * with_signs.estimate.std.max(), rtol=0.01
+    )
+    assert_allclose(found.fit.held_out_rms, with_signs.fit.held_out_rms, rtol=0.02)
+    assert with_signs.signs is None
+
+
+def test_signs_of_every_row_are_given_back(arm: Robot, made: Trial) -> None:
+    torque = noisy(made)
+    found = signid.identify(arm, [signid.read_recording(lost(made, torque), arm)])
+    (recording,) = found.recordings
+    assert recording.signed.all()
+    signed = recording.read().tau
+    assert_allclose(np.abs(signed), np.abs(torque))
+    large = np.abs(torque) > 0.1 * np.sqrt(np.mean(torque**2, axis=0))
+    assert np.mean(np.sign(signed)[large] == np.sign(torque)[large]) == 1
+    assert np.mean(np.sign(signed) == np.sign(torque)) > 0.99
+
+
+def test_what_is_held_out_takes_no_part_in_the_search(arm: Robot, made: Trial) -> None:
+    other = trial(arm, seed=3, seconds=12)
+    learn = signid.read_recording(lost(made, noisy(made)), arm)
+    judge = signid.read_recording(lost(other, noisy(other, seed=1)), arm)
+    by_hand = signid.identify(arm, [learn], held_out=[judge])
+    alone = signid.identify(arm, [learn])
+    last = signid.identify(arm, [learn, judge])
+    assert by_hand.signs is not None and alone.signs is not None and last.signs is not None
+    assert by_hand.signs.segments == alone.signs.segments == last.signs.segments
+    assert len(by_hand.signs.traces) == 2
+    truth = other.recording(tau=noisy(other, seed=1))
+    signed = signid.identify(arm, [made.recording(tau=noisy(made))], held_out=[truth])
+    assert_allclose(by_hand.fit.held_out_rms, signed.fit.held_out_rms, rtol=0.02)
+
+
+def test_a_sign_that_nothing_decides_is_said_to_be_open() -> None:
+    """A pendulum that only swings slowly: its weight on the other side would look the same."""
+    robot, t = signid.load_robot("1r"), np.arange(0, 40, 0.01)
+    q = 0.5 * np.sin(0.2 * t) + 0.2 * np.sin(0.3 * t + 1)
+    a = -0.5 * 0.04 * np.sin(0.2 * t) - 0.2 * 0.09 * np.sin(0.3 * t + 1)
+    torque = 24.525 * np.sin(q) + 1.67085 * a + 2 * np.random.default_rng(0).standard_normal(len(t))
+    columns = {"t": t, "q_1": q, "abs_tau_1": np.abs(torque)}
+    found = signid.identify(robot, [signid.read_recording(columns, robot)], options=signid.Options(effects=()))
+    assert found.signs is not None
+    assert not found.signs.is_certain()
+    assert max(told.confidence for told in found.signs.segments) < 0.99
+    assert "sign of the torque of joint_1 is not decided" in found.flags[0]
+    assert "accelerates harder" in found.flags[0]
+
+
+def test_the_command_line_finds_signs_and_writes_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    file = ROBOTS / "3r" / "recording.parquet"
+    assert run(["identify", "3r", str(file), "--unsigned", "-o", "one"]) == 0
+    assert run(["identify", "3r", str(file), "--unsigned", "-o", "two"]) == 0
+    assert "proved" in capsys.readouterr().out
+    names = {path.name for path in Path("one").iterdir()}
+    assert names == {"identification.json", "model.json", "robot.urdf", "signed.csv", "signs.html"}
+    for name in names:
+        assert (Path("one") / name).read_bytes() == (Path("two") / name).read_bytes()
+    document = json.loads((Path("one") / "identification.json").read_text())
+    assert document["signs"]["proof"]["optimal"] is True
+    assert set(document["signs"]["segments"][0]) >= {"joint", "start", "end", "sign", "confidence"}
+    recorded = signid.read_recording(file, signid.load_robot("3r")).read()
+    with (Path("one") / "signed.csv").open() as stream:
+        rows = list(table.DictReader(stream))
+    assert len(rows) == len(recorded.t)
+    tau = np.array([[float(row[f"tau_joint_{j}"]) for j in (1, 2, 3)] for row in rows])
+    assert_allclose(np.abs(tau), np.abs(recorded.tau))
+    same = np.sign(tau) == np.sign(recorded.tau)
+    assert np.mean(same) > 0.99  # noise is 2 %
+    assert np.mean(same[np.abs(tau) > 0.1 * np.sqrt(np.mean(tau**2, axis=0))]) > 0.999
