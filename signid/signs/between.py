@@ -80,7 +80,7 @@ def _turned(jump: _Jump, before: Array, after: Array) -> Array:
 
 def _jumps(task: Task, part: Part, step: int, turning: Mask, value: Array) -> Iterator[_Jump]:
     seen, passed = [task.seen(j) for j in range(len(task.robot.joints))], 0
-    for _, motion in motions(task, part, step):
+    for _, motion, _ in motions(task, part, step):
         count = -(-len(motion) // step)
         for k in np.flatnonzero(turning[passed : passed + count - 1]).tolist():
             some = _some(motion, slice(k * step, (k + 1) * step + 1))

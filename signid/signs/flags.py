@@ -10,8 +10,9 @@ from ..errors import shorten
 from ..rows import Task
 from ..types import Indices
 from .believed import alone
-from .infer import Inferred, scales
+from .infer import Inferred
 from .observed import Observed
+from .weigh import scales
 
 DOUBT = 1e-3  # probability that a joint's signs are all the other way round, at most
 RECTIFIED = 1.9  # times the Coulomb friction: an offset so large may be friction of the wrong sign

@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from ..rows import Task
 from ..types import Array, Frozen
-from .believed import believe
 from .chain import Refined, refine
 from .cone import Cone, physical_cone
-from .confidence import WINDOW, joint_doubt, judge_confidence
-from .exact import Found, enumerate_near, search
-from .friction import friction_moves
+from .confidence import joint_doubt
+from .exact import search
 from .inflation import inflation
 from .observed import Observed
-from .problem import Problem, Rows, Segment, pose, signed_rows
+from .problem import Problem, Segment, pose
 from .result import Proof
 from .segments import cut_by_signs, minimum_cuts, split_impure, threshold_runs
+from .weigh import follow, friction_patterns, known_rows, scales, weigh
 
 SPLITS = 3  # rounds of cutting segments in which the model changes sign
 LEAST_NOISE = 1e-3  # of the rms torque: no residual counts as smaller when confidence is judged
@@ -42,104 +42,93 @@ class Inferred(Frozen):
     doubt: dict[int, float]  # per joint, probability that all its signs are the other way round
     impure: dict[int, int]  # per joint, segments in which torque changed its sign
     finer: bool  # whether the finer segments were used
+    notes: tuple[str, ...]
+
+
+class Choice(NamedTuple):
+    """Signs of the segments of a problem, and how they were found."""
+
+    signs: Array  # (S,) [1]
+    coordinates: Array  # (r,) z [standard deviations]
+    proof: Proof
+    notes: tuple[str, ...] = ()
+
+
+Choose = Callable[[Problem, Sequence[Segment]], Choice]
 
 
 @dataclass(frozen=True, eq=False)
 class _Attempt(Frozen):
     segments: tuple[Segment, ...]
-    found: Found
+    choice: Choice
     refined: Refined
     cuts: int
 
 
-def infer(task: Task, observed: Observed, seed: int = 0) -> Inferred:
+def infer(task: Task, observed: Observed, seed: int = 0, choose: Choose | None = None) -> Inferred:
     """Signs of the hidden joints.
+
+    Args:
+        task: what the rows were made for.
+        observed: the rows.
+        seed: of everything random.
+        choose: another search for the signs of segments, which then stay and are not proved; the exact one by default.
 
     Raises:
         RecordingError: a torque has no segment.
     """
     segments, threshold = threshold_runs(observed)
-    rows = physical_cone(task, observed, seed)
-    attempt = _attempt(task, observed, segments, rows, seed)
-    finer = False
-    if attempt.cuts or _is_suspect(observed, attempt):
-        other = _attempt(task, observed, minimum_cuts(observed), rows, seed)
+    cone = physical_cone(task, observed, seed)
+    attempt, finer = _attempt(task, observed, segments, choose or _exact(observed, cone, seed)), False
+    if choose is None and (attempt.cuts or _is_suspect(observed, attempt)):
+        other = _attempt(task, observed, minimum_cuts(observed), _exact(observed, cone, seed))
         if other.refined.loss < attempt.refined.loss:
             attempt, finer = other, True
-    return _judged(task, observed, attempt, segments, threshold, rows, seed, finer)
+    refined = attempt.refined
+    kappa = _inflations(observed, refined, cut_by_signs(observed, segments, refined.signs))
+    sigma = np.maximum(refined.sigma, LEAST_NOISE * scales(observed))
+    weighed = weigh(task, observed, segments, refined, 1 / (sigma * np.sqrt(kappa)), cone, seed, choose is None)
+    told, proof = weighed.segments, weighed.found.proof if choose is None else attempt.choice.proof
+    count, signs = len(told), weighed.found.signs
+    return Inferred(
+        segments=tuple(told),
+        signs=signs[:count],
+        confidence=weighed.confidence[:count],
+        refined=follow(observed, refined, weighed),
+        inflation=kappa,
+        threshold=threshold,
+        problem=weighed.problem,
+        proof=proof,
+        complete=weighed.rivals.complete,
+        doubt=joint_doubt(weighed.problem, signs, weighed.rivals.signs, weighed.rivals.losses),
+        impure=_impure(segments, told),
+        finer=finer,
+        notes=attempt.choice.notes,
+    )
 
 
-def scales(observed: Observed) -> Array:
-    """(n,) rms torque of each joint [N.m or N], 1 where there is none."""
-    rms = np.sqrt(np.mean(observed.torque**2, axis=0))
-    return np.where(rms > 0, rms, 1.0)
+def _exact(observed: Observed, cone: Array, seed: int) -> Choose:
+    def choose(problem: Problem, segments: Sequence[Segment]) -> Choice:
+        found = search(problem, Cone.of(problem, cone), friction_patterns(problem, observed, segments), seed=seed)
+        return Choice(found.signs, found.coordinates, found.proof)
+
+    return choose
 
 
-def _attempt(task: Task, observed: Observed, segments: Sequence[Segment], rows: Array, seed: int) -> _Attempt:
-    weights = 1 / scales(observed)
-    known, total = _known(task, observed, weights), 0
+def _attempt(task: Task, observed: Observed, segments: Sequence[Segment], choose: Choose) -> _Attempt:
+    """Search, cut segments in which the model changes sign, search again; then the signs of all samples."""
+    weights, total = 1 / scales(observed), 0
+    known = known_rows(task, observed, weights)
     for _ in range(SPLITS):
         problem = pose(observed, segments, weights, known)
-        found = search(problem, Cone.of(problem, rows), _moves(problem, observed, segments), seed=seed)
-        predicted = observed.predict(problem.back @ found.coordinates)
+        choice = choose(problem, segments)
+        predicted = observed.predict(problem.back @ choice.coordinates)
         noise = np.sqrt(np.mean((np.abs(predicted) - np.abs(observed.torque)) ** 2, axis=0))
         segments, cuts = split_impure(observed, segments, predicted, noise)
         total += cuts
         if not cuts:
             break
-    refined = refine(observed, weights, problem.back @ found.coordinates)
-    return _Attempt(tuple(segments), found, refined, total)
-
-
-def _judged(
-    task: Task,
-    observed: Observed,
-    attempt: _Attempt,
-    runs: Sequence[Segment],
-    threshold: Array,
-    rows: Array,
-    seed: int,
-    finer: bool,
-) -> Inferred:
-    """Search again in variance units, from the signs that refinement gave, and count the rivals."""
-    refined = attempt.refined
-    told = cut_by_signs(observed, runs, refined.signs)
-    told = [s for s in told if s.stop - s.start >= 2]
-    kappa = _inflations(observed, refined, told)
-    sigma = np.maximum(refined.sigma, LEAST_NOISE * scales(observed))
-    weights = 1 / (sigma * np.sqrt(kappa))
-    problem = pose(observed, told, weights, _known(task, observed, weights))
-    cone = Cone.of(problem, rows)
-    start = np.array([refined.signs[s.start, s.joint] for s in told] + [1.0] * (problem.count - len(told)))
-    found = search(problem, cone, _moves(problem, observed, told), (start,), seed=seed)
-    rivals = enumerate_near(problem, cone, found, WINDOW)
-    confidence = judge_confidence(problem, found.signs, rivals.signs, rivals.losses)
-    if np.any(found.signs != start):
-        refined = refine(observed, 1 / scales(observed), problem.back @ found.coordinates)
-    return Inferred(
-        segments=tuple(told),
-        signs=found.signs[: len(told)],
-        confidence=confidence[: len(told)],
-        refined=refined,
-        inflation=kappa,
-        threshold=threshold,
-        problem=problem,
-        proof=found.proof,
-        complete=rivals.complete,
-        doubt=joint_doubt(problem, found.signs, rivals.signs, rivals.losses),
-        impure=_impure(runs, told),
-        finer=finer,
-    )
-
-
-def _moves(problem: Problem, observed: Observed, segments: Sequence[Segment]) -> list[Array]:
-    spare = problem.count - len(segments)
-    return [np.append(move, np.zeros(spare)) for move in friction_moves(observed, segments)]
-
-
-def _known(task: Task, observed: Observed, weights: Array) -> Rows:
-    parts = [signed_rows(observed, weights), believe(task, observed, weights)]
-    return Rows(np.concatenate([p.matrix for p in parts]), np.concatenate([p.target for p in parts]))
+    return _Attempt(tuple(segments), choice, refine(observed, weights, problem.back @ choice.coordinates), total)
 
 
 def _is_suspect(observed: Observed, attempt: _Attempt) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import minimum_filter1d
@@ -13,7 +14,7 @@ from ..regressor import base_rows
 from ..rows import Task
 from ..sampling import samples
 from ..session import Part
-from ..types import Array, Frozen, Indices, Mask
+from ..types import Array, Frozen, Indices, Mask, Samples
 
 DENSE = 8.0  # samples a period of the cut-off ...
 LEAST = 100.0  # [Hz] ... and never fewer than this, where the recording has them
@@ -38,7 +39,7 @@ class Observed(Frozen):
     torque: Array  # (N, n) [N.m or N] as recorded: absolute where the sign is lost, 0 where there is none
     signed: Mask  # (n,) whether the recorded torque has its sign
     known: Mask  # (n,) whether torque is recorded at all
-    steady: Mask  # (N, n) far enough from a reversal for friction to be certain
+    steady: Mask  # (N, n) far enough from a reversal for friction to be certain, and from the ends for the filter
     period: float  # [s] between neighbours of a span
 
     def __len__(self) -> int:
@@ -70,6 +71,14 @@ class Observed(Frozen):
         return np.column_stack([c @ value[seen] for c, seen in zip(self.columns, self.seen, strict=True)])
 
 
+class Stretch(NamedTuple):
+    """N consecutive samples at full rate."""
+
+    first: bool  # whether a span begins with them
+    motion: Motion
+    whole: Mask  # (N,) whether the filter saw recorded positions alone
+
+
 def observe(task: Task, parts: Sequence[Part], most: int = MOST) -> Observed:
     """Rows of some recordings, thin enough to be searched.
 
@@ -79,23 +88,21 @@ def observe(task: Task, parts: Sequence[Part], most: int = MOST) -> Observed:
         most: samples altogether.
     """
     step = thinning(task, parts, most)
-    pieces = [
-        (k, first, motion) for k, part in enumerate(parts) for first, motion in motions(task, part, step) if len(motion)
-    ]
+    pieces = [(k, *stretch) for k, part in enumerate(parts) for stretch in motions(task, part, step)]
     wanted = [task.base.independent[task.seen(j)] for j in range(len(task.robot.joints))]
-    rows = [base_rows(_thin(motion, step), task.laws, wanted) for _, _, motion in pieces]
-    recorded = np.concatenate([_recorded(motion)[::step] for _, _, motion in pieces])
+    rows = [base_rows(_thin(motion, step), task.laws, wanted) for _, _, motion, _ in pieces]
+    recorded = np.concatenate([_recorded(motion)[::step] for _, _, motion, _ in pieces])
     known = np.asarray(~np.isnan(recorded).all(0))
     reach = int(np.ceil(0.5 * task.band.rate / task.band.position_cutoff))
-    lengths = [len(motion.t[::step]) for _, _, motion in pieces]
+    lengths = [len(motion.t[::step]) for _, _, motion, _ in pieces]
     first = np.zeros(sum(lengths), dtype=bool)
-    first[np.cumsum([0, *lengths[:-1]])] = [begins for _, begins, _ in pieces]
+    first[np.cumsum([0, *lengths[:-1]])] = [begins for _, begins, _, _ in pieces]
     return Observed(
-        part=np.repeat([k for k, _, _ in pieces], lengths).astype(np.intp),
+        part=np.repeat([k for k, *_ in pieces], lengths).astype(np.intp),
         first=first,
-        t=np.concatenate([motion.t[::step] for _, _, motion in pieces]),
-        q=np.concatenate([motion.q[::step] for _, _, motion in pieces]),
-        v=np.concatenate([motion.v[::step] for _, _, motion in pieces]),
+        t=np.concatenate([motion.t[::step] for _, _, motion, _ in pieces]),
+        q=np.concatenate([motion.q[::step] for _, _, motion, _ in pieces]),
+        v=np.concatenate([motion.v[::step] for _, _, motion, _ in pieces]),
         columns=tuple(np.concatenate(c) for c in zip(*rows, strict=True)),
         seen=tuple(task.seen(j) for j in range(len(wanted))),
         count=task.base.rank,
@@ -103,7 +110,7 @@ def observe(task: Task, parts: Sequence[Part], most: int = MOST) -> Observed:
         torque=np.nan_to_num(recorded),
         signed=np.asarray(parts[0][0].signed),
         known=known,
-        steady=np.concatenate([_steady(task, motion, reach)[::step] for _, _, motion in pieces]),
+        steady=np.concatenate([(_steady(task, m, reach) & whole[:, None])[::step] for _, _, m, whole in pieces]),
         period=step / task.band.rate,
     )
 
@@ -115,18 +122,35 @@ def thinning(task: Task, parts: Sequence[Part], most: int = MOST) -> int:
     return max(1, int(rate / dense), -(-total // most))
 
 
-def motions(task: Task, part: Part, step: int) -> Iterator[tuple[bool, Motion]]:
-    """The motion of every span at full rate, in windows that are a multiple of the step long."""
+def motions(task: Task, part: Part, step: int) -> Iterator[Stretch]:
+    """The motion of every span at full rate to its very ends, in windows that are a multiple of the step long.
+
+    Beyond the ends positions go on as their mirror images through the last one, so that the filter has what it needs.
+    """
     recording, sampling = part
     edge, size = margin(task.band, task.recorded_derivatives), -(-WINDOW // step) * step
     for span in sampling.spans:
-        total = sampling.length(span) - 2 * edge
+        total = sampling.length(span)
         for k in range(0, total, size):
-            window = samples(recording, sampling, span, k, min(k + size, total) + 2 * edge)
-            yield (
-                k == 0,
-                build_motion(task.robot, window, task.band, sampling.period, task.recorded_derivatives, task.slow),
-            )
+            stop = min(k + size, total)
+            low, high = max(k - edge, 0), min(stop + edge, total)
+            window = _extended(samples(recording, sampling, span, low, high), low - k + edge, stop + edge - high)
+            motion = build_motion(task.robot, window, task.band, sampling.period, task.recorded_derivatives, task.slow)
+            place = np.arange(k, stop)
+            yield Stretch(k == 0, motion, (place >= edge) & (place < total - edge))
+
+
+def _extended(window: Samples, before: int, after: int) -> Samples:
+    if not before and not after:
+        return window
+
+    def longer(x: Array | None) -> Array | None:
+        if x is None:
+            return None
+        sides = ((before, after), *((0, 0),) * (x.ndim - 1))
+        return np.pad(x, sides, mode="reflect", reflect_type="odd")
+
+    return Samples(*(longer(x) for x in window))  # type: ignore[arg-type]
 
 
 def _thin(motion: Motion, step: int) -> Motion:

@@ -18,9 +18,10 @@ from .apply import spread
 from .between import Signed, place_jumps
 from .chain import refine
 from .flags import raise_flags
-from .infer import Inferred, infer, scales
+from .infer import Inferred, infer
 from .observed import Observed, observe
 from .result import Signs, Told, Trace
+from .weigh import scales
 
 METHODS = ("exact", "tree")
 

@@ -12,7 +12,9 @@ from .observed import Observed
 from .problem import Segment
 
 QUANTILE = 0.1  # of |torque|: below it a torque may change its sign
-SHORTEST, FEWEST = 0.1, 5  # [s] and samples of a segment, at least
+SHORTEST, FEWEST = 0.2, 5  # [s] of a segment, and samples where that would leave most of the torque out
+MOST = 0.5  # of the samples above the threshold
+STANDS = 0.1  # [s] without certain motion after which a joint counts as at rest
 LOW, LOWEST = 0.5, 0.02  # of the rms: minima below the first are cut, samples below the second belong to no segment
 CLEAR, TURN = 3.0, 3  # standard deviations and samples by which a model must have the other sign inside a segment
 
@@ -31,7 +33,7 @@ def threshold_runs(observed: Observed, quantile: float = QUANTILE) -> tuple[list
         some = np.sort(magnitude[moving] if moving.any() else magnitude)
         threshold[joint] = some[min(int(round(quantile * len(some))), len(some) - 1)]
         runs = list(_runs(observed, joint, moving & (magnitude >= threshold[joint]) & (magnitude > 0)))
-        long = [run for run in runs if run.stop - run.start >= fewest(observed)]
+        long = _longest(runs, fewest(observed))
         if not long:
             raise RecordingError(_too_short(observed, joint, runs))
         found += long
@@ -93,12 +95,12 @@ def in_motion(observed: Observed, joint: int) -> Mask:
     """(N,) where a joint does not stand: friction of a joint that stands may be anything."""
     found = np.ones(len(observed), dtype=bool)
     for _, start, stop in _runs(observed, joint, ~observed.steady[:, joint]):
-        found[start:stop] = stop - start < fewest(observed)
+        found[start:stop] = stop - start < max(FEWEST, round(STANDS / observed.period))
     return found
 
 
 def fewest(observed: Observed) -> int:
-    """Samples of a segment, at least."""
+    """Samples of a segment, as a rule."""
     return max(FEWEST, round(SHORTEST / observed.period))
 
 
@@ -109,6 +111,15 @@ def _runs(observed: Observed, joint: int, inside: Mask) -> Iterator[Segment]:
     for start, stop in edges.reshape(-1, 2).tolist():
         ends = [start, *begins[(begins > start) & (begins < stop)].tolist(), stop]
         yield from (Segment(joint, a, b) for a, b in zip(ends[:-1], ends[1:], strict=True))
+
+
+def _longest(runs: Sequence[Segment], least: int) -> list[Segment]:
+    """Those of so many samples; where they hold too few of all samples, those of a few."""
+    lengths = np.array([run.stop - run.start for run in runs])
+    enough = lengths >= least
+    if lengths[enough].sum() < MOST * lengths.sum():
+        enough = lengths >= FEWEST
+    return [run for run, keep in zip(runs, enough, strict=True) if keep]
 
 
 def _minima(magnitude: Array, below: float) -> Indices:
@@ -142,9 +153,8 @@ def _need_torque(observed: Observed, joint: int, magnitude: Array) -> None:
 
 def _too_short(observed: Observed, joint: int, runs: Sequence[Segment]) -> str:
     longest = max((run.stop - run.start for run in runs), default=0)
-    have = f"the longest has {longest} sample{'' if longest == 1 else 's'}"
-    need = f"{fewest(observed)} samples ({fewest(observed) * observed.period:.2g} s) are needed"
+    have = f"the longest has {longest} sample{'' if longest == 1 else 's'}, {FEWEST} are needed"
     return (
-        f"|torque| of {observed.joints[joint]} stays above its threshold nowhere for long ({have}, {need}): its sign "
-        f"may change from sample to sample; record faster, or move more slowly"
+        f"|torque| of {observed.joints[joint]} stays above its threshold nowhere for long ({have}): its sign may change "
+        f"from sample to sample; record faster, or move more slowly"
     )

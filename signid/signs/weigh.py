@@ -1,0 +1,138 @@
+"""Signs that were found -> judged in variance units: searched again, their rivals counted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ..rows import Task
+from ..types import Array
+from .believed import believe
+from .chain import Refined, refine
+from .cone import Cone
+from .confidence import WINDOW, judge_confidence
+from .exact import Found, Rivals, enumerate_near, search
+from .friction import friction_moves
+from .observed import Observed
+from .problem import Problem, Rows, Segment, pose, signed_rows
+from .result import Proof
+from .segments import cut_by_signs
+
+CERTAIN = 0.999  # confidence that the parts of a run need, to be told apart
+
+
+class Weighed(NamedTuple):
+    """Segments judged in variance units."""
+
+    segments: list[Segment]
+    problem: Problem
+    found: Found
+    rivals: Rivals
+    confidence: Array  # (S,) [1]
+
+
+def weigh(
+    task: Task,
+    observed: Observed,
+    runs: Sequence[Segment],
+    refined: Refined,
+    weights: Array,
+    rows: Array,
+    seed: int,
+    free: bool,
+) -> Weighed:
+    """Search again in variance units, from the signs that refinement gave, and count the rivals.
+
+    A run that refinement cut stays whole where its parts are not certain.
+
+    Args:
+        task: what the rows were made for.
+        observed: the rows.
+        runs: segments above the threshold.
+        refined: signs of all samples.
+        weights: (n,) [1/N.m or 1/N] of each joint's torque, one over the deviation of independent samples.
+        rows: (g, b) of the physical cone [1 over units of base].
+        seed: of the search.
+        free: whether signs may change; else they stay, and only their rivals are counted.
+    """
+    told = [s for s in cut_by_signs(observed, runs, refined.signs) if s.stop - s.start >= 2]
+    known = known_rows(task, observed, weights)
+    for _ in range(2):
+        problem = pose(observed, told, weights, known)
+        cone = Cone.of(problem, rows)
+        start = np.array([_majority(refined, s) for s in told] + [1.0] * (problem.count - len(told)))
+        if free:
+            found = search(problem, cone, friction_patterns(problem, observed, told), (start,), seed=seed)
+        else:
+            found = _standing(problem, cone, start)
+        rivals = enumerate_near(problem, cone, found, WINDOW)
+        confidence = judge_confidence(problem, found.signs, rivals.signs, rivals.losses)
+        doubtful = {run for run in runs if _is_doubtful(run, told, confidence)}
+        if not doubtful:
+            break
+        told = [s for s in told if not any(_holds(run, s) for run in doubtful)]
+        told = sorted([*told, *doubtful])
+    return Weighed(told, problem, found, rivals, confidence)
+
+
+def _majority(refined: Refined, segment: Segment) -> float:
+    joint, start, stop = segment
+    return 1.0 if refined.signs[start:stop, joint].sum() >= 0 else -1.0
+
+
+def _is_doubtful(run: Segment, told: Sequence[Segment], confidence: Array) -> bool:
+    parts = [k for k, s in enumerate(told) if _holds(run, s)]
+    return told[parts[0]] != run and min(confidence[parts]) < CERTAIN if parts else False
+
+
+def _holds(run: Segment, part: Segment) -> bool:
+    return run.joint == part.joint and run.start <= part.start and part.stop <= run.stop
+
+
+def follow(observed: Observed, refined: Refined, weighed: Weighed) -> Refined:
+    """The signs of samples, in each segment that of the segment."""
+    count, start = len(weighed.segments), refined.signs
+    turned = any(_majority(refined, s) != x for s, x in zip(weighed.segments, weighed.found.signs[:count], strict=True))
+    if turned:
+        value = weighed.problem.back @ weighed.found.coordinates
+        refined = refine(observed, 1 / scales(observed), value)
+    start = refined.signs.copy()
+    for (joint, begin, stop), sign in zip(weighed.segments, weighed.found.signs[:count], strict=True):
+        start[begin:stop, joint] = sign
+    return replace(refined, signs=start)
+
+
+def _standing(problem: Problem, cone: Cone, signs: Array) -> Found:
+    """Signs as they are, as if a search had ended with them."""
+    z = problem.coordinates(signs)
+    squared, nearest = cone.distance(z)
+    loss = problem.loss(signs) + squared
+    none = np.zeros((len(z), 0))
+    return Found(signs, nearest, loss, signs, loss, Proof(False, 1.0, 0), signs[None], np.array([loss]), none)
+
+
+def friction_patterns(problem: Problem, observed: Observed, segments: Sequence[Segment]) -> list[Array]:
+    """Per joint the signs (S,) that friction suggests, with none for a known segment."""
+    spare = problem.count - len(segments)
+    return [np.append(move, np.zeros(spare)) for move in friction_moves(observed, segments)]
+
+
+def known_rows(task: Task, observed: Observed, weights: Array) -> Rows:
+    """Rows with a known right side: joints whose torque has its sign, and weak beliefs on friction.
+
+    Args:
+        task: what the rows were made for.
+        observed: the rows.
+        weights: (n,) [1/N.m or 1/N] of each joint's torque.
+    """
+    parts = [signed_rows(observed, weights), believe(task, observed, weights)]
+    return Rows(np.concatenate([p.matrix for p in parts]), np.concatenate([p.target for p in parts]))
+
+
+def scales(observed: Observed) -> Array:
+    """(n,) rms torque of each joint [N.m or N], 1 where there is none."""
+    rms = np.sqrt(np.mean(observed.torque**2, axis=0))
+    return np.where(rms > 0, rms, 1.0)
