@@ -14,7 +14,8 @@ from signid.identify import Identification
 from signid.signs.result import Trace
 
 LEARN, JUDGES = ("multisine", "frequency_sweep"), ("friction_gravity", "random_waypoints")
-JOINTS = 5  # the jaw's position is a share of its range, not an angle
+JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll")  # as the recordings count them
+KINDS = {"q": "q", "dq": "dq", "q_des": "q_des", "abs_tau": "tau_abs"}  # the jaw's are shares of its range, no angles
 SURE = 0.999
 
 
@@ -49,8 +50,8 @@ class Report:
 def report() -> Report:
     """Identify from two recordings, and judge by two others."""
     folder = Path(os.environ["SIGNID_DATA"]) / "so101_sage"
-    robot = signid.load_robot(folder / "so101.urdf", joints=[str(j + 1) for j in range(JOINTS)])
-    columns = {f"abs_tau_{j + 1}": f"tau_abs_{j + 1}" for j in range(JOINTS)}
+    robot = signid.load_robot(folder / "so101.urdf", joints=JOINTS)
+    columns = {f"{a}_{name}": f"{b}_{k}" for k, name in enumerate(JOINTS, 1) for a, b in KINDS.items()}
     learn, judges = (
         [signid.read_recording(folder / f"{name}.csv.gz", robot, columns=columns) for name in names]
         for names in (LEARN, JUDGES)
@@ -59,7 +60,7 @@ def report() -> Report:
     found = signid.identify(robot, learn, held_out=judges)
     seconds = time.perf_counter() - start
     assert found.signs is not None, "the recordings have no signs"
-    told = tuple(tell(found, j) for j in range(JOINTS))
+    told = tuple(tell(found, j) for j in range(len(JOINTS)))
     proof = found.signs.proof
     return Report(found.base.rank, told, found.signs.flags, proof.optimal, proof.gap, seconds)
 

@@ -112,7 +112,7 @@ def tell(puzzle: Puzzle, method: str, found: Identification, seconds: float, tar
     return Row(
         group=puzzle.group,
         case=puzzle.case,
-        method=method,
+        method=signs.method,
         segments=score.segments,
         right=score.right,
         mixed=score.mixed,
