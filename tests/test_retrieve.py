@@ -14,7 +14,7 @@ from signid.consistent.prior import inertial
 from signid.errors import OptionError
 from signid.retrieve import Bounds, Retrieval, bounds_around, read_bounds, retrieve
 from signid.retrieve.penalty import physics_of
-from signid.retrieve.search import _game
+from signid.retrieve.search import cost_of
 from signid.types import Array, Parameters
 
 LINKS = ("link_1", "link_2", "link_3")
@@ -103,17 +103,60 @@ def test_other_algorithms_can_be_named() -> None:
     case = told("1r", noise=0.02)
     got = retrieved(case, runs=1, global_algorithm="GN_ESCH", local_algorithm="LN_SBPLX", budget_global=500)
     assert got.feasible and got.chi2 < 1e-3
-    with pytest.raises(OptionError, match="no algorithm 'GN_CRS'; choose from"):
-        retrieved(case, global_algorithm="GN_CRS")
+    for option, name in [("global_algorithm", "GN_CRS"), ("local_algorithm", "LD_LBFG")]:
+        with pytest.raises(OptionError, match=f"no algorithm '{name}'; choose from"):
+            retrieved(case, **{option: name})
+
+
+@pytest.mark.parametrize("name", ["GN_CRS2_LM", "GN_DIRECT_L", "GN_ISRES"])
+@pytest.mark.parametrize("local", ["LN_SBPLX", "LN_BOBYQA", "LD_SLSQP"])
+def test_the_usual_algorithms_retrieve_a_pendulum(name: str, local: str) -> None:
+    case = told("1r", noise=1e-3, laws=False)
+    got = retrieved(case, runs=1, global_algorithm=name, local_algorithm=local, budget_global=2000)
+    assert got.feasible and got.converged and got.chi2 < 1e-3
+
+
+def test_an_arm_is_retrieved_by_sequential_quadratic_programming() -> None:
+    got = retrieved(told("3r", noise=1e-3, laws=False), runs=1, local_algorithm="LD_SLSQP")
+    assert got.feasible and got.converged and got.chi2 < 1e-3
+
+
+def test_an_arm_is_retrieved_without_gradients() -> None:
+    got = retrieved(told("3r", noise=0.05, laws=True, seed=6), runs=1, local_algorithm="LN_SBPLX")
+    assert got.feasible and got.chi2 < 10
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda"])
+def test_six_and_seven_joints_with_friction_are_retrieved(name: str) -> None:
+    case = told(name, noise=1e-3)
+    got = retrieved(case, runs=1)
+    assert got.feasible and got.converged and got.chi2 < 1e-3
+    value = case.base.combination @ got.parameters.values
+    assert np.linalg.norm(value - case.estimate.value) < 1e-6 * np.linalg.norm(case.estimate.value)
+
+
+def test_an_algorithm_that_cannot_do_it_is_said() -> None:
+    got = retrieved(told("3r", noise=0.02, seed=6), runs=1, global_algorithm="GN_AGS")  # at most 10 unknowns
+    assert got.feasible and any(note.startswith("GN_AGS of NLopt gave up") for note in got.notes)
+
+
+def test_what_the_box_fixes_stays() -> None:
+    case = told("3r", noise=0.02, seed=6, laws=False)
+    box = bounds_around(case.base, case.estimate, case.prior)
+    fixed = np.isin(np.arange(30) % 10, [5, 7, 8])  # products of inertia
+    lower, upper = np.where(fixed, case.truth.values, box.lower), np.where(fixed, case.truth.values, box.upper)
+    got = retrieved(case, Bounds(lower, upper), runs=1)
+    assert got.feasible and np.array_equal(got.parameters.values[fixed], case.truth.values[fixed])
 
 
 def test_gradients_are_those_of_the_cost() -> None:
     case = told("3r", noise=0.02)
     physics = physics_of(case.base, case.estimate, case.prior, (1.0, 2.0))
-    game = _game(case.base, case.estimate, bounds_around(case.base, case.estimate, case.prior), physics)
+    game = cost_of(case.base, case.estimate, bounds_around(case.base, case.estimate, case.prior), physics)
     for seed in range(3):
         z = np.random.default_rng(seed).uniform(size=len(case.base.labels))
         assert physics.violation(game.standard(z))[0] > 0
+        assert physics.excess(game.standard(z)) == pytest.approx(physics.violation(game.standard(z))[0], rel=1e-9)
         for weight in (0.0, 30.0, 1e6):
             problem = game.problem(z, weight)
             assert problem.gradient is not None

@@ -64,6 +64,18 @@ def bounds_around(base: BaseMap, estimate: Estimate, prior: Parameters) -> Bound
     return Bounds(lower, upper)
 
 
+def check_box(box: Bounds, base: BaseMap) -> None:
+    """Whether a box is over the standard parameters of a base map.
+
+    Raises:
+        OptionError: it is not.
+    """
+    if len(box.lower) != len(base.labels):
+        raise OptionError(
+            f"the bounds are over {len(box.lower)} parameters; expected the {len(base.labels)} of the map"
+        )
+
+
 def read_bounds(path: str | Path, links: Sequence[str], default: Bounds) -> Bounds:
     """The box of a TOML file; what it does not state is as in the default.
 

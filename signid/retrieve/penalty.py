@@ -8,10 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..consistent.prior import believable, coefficient_sizes, inertial, positive
+from ..errors import OptionError
 from ..types import Array, BaseMap, Estimate, Frozen, Parameters, pseudo_inertia
 
 _MARGIN = 1e-3  # of its size by which a quantity must be inside, so that what the penalty lets through is possible
 _SECOND = np.array([pseudo_inertia(e)[:3, :3] for e in np.eye(10)])  # (10, 3, 3) of second moments
+_FLAT = _SECOND.reshape(10, 9)
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +47,22 @@ class Physics(Frozen):
         slope[self.bodies[:, 0]] += d_mass / self.mass + d_total
         slope[self.positive] += d_coefficient / self.size
         return float(mass.sum() + coefficient.sum() + total + moments), slope
+
+    def excess(self, x: Array) -> float:
+        """Sum of the squared violations alone, in less than half the time.
+
+        Args:
+            x: (p,) standard parameters [unit of each].
+        """
+        inertials = x[self.bodies]
+        mass, first = inertials[:, 0], inertials[:, 1:4]
+        centre = first / np.maximum(mass, _MARGIN * self.mass)[:, None]
+        second = np.reshape(inertials @ _FLAT, (-1, 3, 3)) - first[:, :, None] * centre[:, None, :]
+        values = np.linalg.eigvalsh(second) / self.spread[:, None]
+        principal = values.sum(1)[:, None] - values
+        short = [mass / self.mass - _MARGIN, values.ravel() - _MARGIN, principal.ravel() - _MARGIN]
+        missing = np.minimum(np.concatenate([*short, x[self.positive] / self.size]), 0.0)
+        return float(missing @ missing) + self._total(mass.sum())[0]
 
     def _moments(self, inertials: Array) -> tuple[float, Array]:
         """Of the moments about the centres of mass: d (nb, 10) the gradient."""
@@ -82,8 +100,11 @@ def physics_of(
         total: least and largest sum of the masses of all bodies [kg].
 
     Raises:
+        OptionError: the range of the total mass makes no sense.
         ValueError: when the prior does not have the labels of the base map.
     """
+    if total is not None and not 0 <= total[0] <= total[1]:
+        raise OptionError(f"total_mass is {total}; expected (least, largest) in kg, neither negative")
     start, _ = believable(base, prior)
     bodies = start.bodies()
     moments = np.array([pseudo_inertia(x)[:3, :3] - np.outer(x[1:4], x[1:4]) / x[0] for x in bodies]).reshape(-1, 3, 3)

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from ..consistent.cone import information_root
 from ..errors import OptionError
-from ..optimisers import OPTIMISERS, Problem
-from ..types import Array, BaseMap, Estimate, Frozen, Label, Parameters
-from .bounds import Bounds, bounds_around
+from ..optimisers import OPTIMISERS, Optimum
+from ..types import BaseMap, Estimate, Frozen, Label, Parameters
+from .bounds import Bounds, bounds_around, check_box
+from .cost import Cost, cost_over, descend
 from .penalty import Physics, physics_of
 
 _SHARPEST = 1e4  # standard deviations per width of the box that the search is asked to resolve
 _SETTLED = 1e-2  # gain still in sight over the whole box, in squared standard deviations, at which a run has converged
-_MORE = 6  # rounds of a tenfold penalty, as long as the result is still impossible
+_MORE = 6  # rounds that may follow, as long as the result is still impossible or has not settled
+_BUDGET = 2_000  # evaluations of a local algorithm, but:
+_BUDGETS = {"LN_SBPLX": 10_000, "LN_NELDERMEAD": 10_000}
 
 
 @dataclass(frozen=True)
@@ -25,6 +29,7 @@ class Run:
     cost: float  # chi2, with what is known very sharply eased, plus the last penalty
     chi2: float  # squared distance from the estimate, in its own information
     violation: float  # of physics, 0 where there is none
+    weight: float  # of the last penalty [squared standard deviations]
     feasible: bool
     converged: bool
     evaluations: int
@@ -82,14 +87,15 @@ def retrieve(
     seed: int = 0,
     total_mass: tuple[float, float] | None = None,
     budget_global: int = 10_000,
-    budget_local: int = 2_000,
+    budget_local: int | None = None,
 ) -> Retrieval:
     """Standard parameters in a box that reproduce the base parameters and obey physics, as far as a search finds them.
 
     Each run starts anywhere in the box. Its first round asks only for the base parameters, by a global and then a local
     algorithm; each later round starts from the last and adds a heavier penalty, `schedule` times its number, on what
-    violates physics. Should the last still be impossible, up to six rounds of a tenfold penalty follow. Good up to some
-    30 parameters; above that it stays within its budget and says how it ended.
+    violates physics. Up to six more rounds follow: of a tenfold penalty while the last is still impossible, of the same
+    one while it has not settled. With gradients (LD_) good up to 7 joints with friction; without (LN_) up to some 30
+    parameters: it stays within its budget and says how it ended.
 
     Args:
         base: which combinations of the standard parameters the torque shows.
@@ -104,7 +110,8 @@ def retrieve(
         seed: of the starts and of the global algorithm.
         total_mass: least and largest sum of the masses of all moving bodies [kg].
         budget_global: evaluations per run of the global algorithm.
-        budget_local: evaluations per round of the local algorithm.
+        budget_local: evaluations per round of the local algorithm; by default 2 000, or 10 000 of those that take many
+            small steps.
 
     Raises:
         OptionError: when an algorithm does not exist, or runs, rounds, bounds or the range of mass make no sense.
@@ -114,92 +121,81 @@ def retrieve(
     """
     if runs < 1 or rounds < 1:
         raise OptionError(f"{runs} runs of {rounds} rounds were asked for; ask for at least 1 of each")
-    if total_mass is not None and not 0 <= total_mass[0] <= total_mass[1]:
-        raise OptionError(f"total_mass is {total_mass}; expected (least, largest) in kg, neither negative")
     box = bounds_around(base, estimate, prior) if bounds is None else bounds
-    if len(box.lower) != len(base.labels):
-        raise OptionError(
-            f"the bounds are over {len(box.lower)} parameters; expected the {len(base.labels)} of the map"
-        )
-    game = _game(base, estimate, box, physics_of(base, estimate, prior, total_mass))
-    rng, search = np.random.default_rng(seed), OPTIMISERS["nlopt"].minimise
-    results: list[tuple[Run, Array]] = []
+    cost = cost_of(base, estimate, box, physics_of(base, estimate, prior, total_mass))
+    budget_local = budget_local or _BUDGETS.get(local_algorithm, _BUDGET)
+    rng, found = np.random.default_rng(seed), list[_Found]()
+    for name in (global_algorithm, local_algorithm):
+        OPTIMISERS["nlopt"].chosen(cost.problem(np.zeros(len(cost.free)), 0.0), name)
+    weights = (schedule * np.arange(rounds)).tolist()
     for k in range(runs):
-        start = game.problem(rng.uniform(size=len(box.lower)), 0.0)
-        found = search(start, algorithm=global_algorithm, budget_evaluations=budget_global, seed=seed + k)
-        spent, weight = found.evaluations, 0.0
-        for i in range(rounds + _MORE):
-            if i >= rounds and game.is_feasible(found.x):
-                break
-            weight = schedule * i if i < rounds else 10 * max(weight, schedule)
-            problem = game.problem(found.x, weight)
-            found = search(problem, algorithm=local_algorithm, budget_evaluations=budget_local, seed=seed + k)
-            spent += found.evaluations
-        results.append((game.judged(found.x, weight, spent), found.x))
-    best = min(range(runs), key=lambda k: (not results[k][0].feasible, results[k][0].cost))
-    (run, z), table = results[best], tuple(result[0] for result in results)
-    notes = _notes(run, z, base.labels)
-    return Retrieval(game.parameters(z), run, table, global_algorithm, local_algorithm, seed, notes)
+        first = descend(cost, rng.uniform(size=len(cost.free)), [0.0], global_algorithm, budget_global, seed + k)
+        ends = [first, descend(cost, first.x, weights, local_algorithm, budget_local, seed + k)]
+        run = _judge(base, estimate, cost, weights[-1], ends)
+        while not (run.feasible and run.converged) and len(ends) < 2 + _MORE:
+            weight = run.weight if run.feasible else 10 * max(run.weight, schedule)
+            ends.append(descend(cost, ends[-1].x, [weight], local_algorithm, budget_local, seed + k))
+            run = _judge(base, estimate, cost, weight, ends)
+        found.append(_Found(run, ends))
+    best = min(found, key=lambda f: (not f.run.feasible, f.run.cost))
+    parameters = Parameters(base.labels, cost.standard(best.ends[-1].x))
+    table, notes = tuple(f.run for f in found), _notes(best, cost, base.labels)
+    return Retrieval(parameters, best.run, table, global_algorithm, local_algorithm, seed, notes)
 
 
-@dataclass(frozen=True, eq=False)
-class _Game(Frozen):
-    """Cost over the unit cube that the box is mapped to."""
-
-    base: BaseMap
-    estimate: Estimate
-    matrix: Array  # (r, p)
-    target: Array  # (r,)
-    box: Bounds
-    physics: Physics
-
-    def standard(self, z: Array) -> Array:
-        return self.box.lower + (self.box.upper - self.box.lower) * z
-
-    def parameters(self, z: Array) -> Parameters:
-        return Parameters(self.base.labels, self.standard(z))
-
-    def is_feasible(self, z: Array) -> bool:
-        return self.parameters(z).is_feasible()
-
-    def problem(self, z: Array, weight: float) -> Problem:
-        """From z on, with a penalty of that weight."""
-        width = self.box.upper - self.box.lower
-
-        def cost(z: Array) -> float:
-            misfit = float(np.sum((self.matrix @ z - self.target) ** 2))
-            return misfit + (weight * self.physics.violation(self.standard(z))[0] if weight else 0.0)
-
-        def gradient(z: Array) -> Array:
-            slope = 2 * self.matrix.T @ (self.matrix @ z - self.target)
-            return slope + (weight * width * self.physics.violation(self.standard(z))[1] if weight else 0.0)
-
-        return Problem(cost, np.zeros(len(z)), np.ones(len(z)), z, gradient)
-
-    def judged(self, z: Array, weight: float, spent: int) -> Run:
-        """What came out, by tests of our own."""
-        x, last = self.standard(z), self.problem(z, weight)
-        assert last.gradient is not None, "given above"
-        away = self.base.combination @ x - self.estimate.value
-        chi2 = max(float(away @ self.estimate.information @ away), 0.0)
-        cost = last.objective(z)
-        in_sight = float(np.abs(np.clip(z - last.gradient(z), 0.0, 1.0) - z).max(initial=0.0))
-        converged = in_sight <= _SETTLED + 1e-6 * cost
-        return Run(cost, chi2, self.physics.violation(x)[0], self.is_feasible(z), converged, spent)
+class _Found(NamedTuple):
+    run: Run
+    ends: list[Optimum]  # of the global algorithm, of the rounds that were asked for, of each that was added
 
 
-def _game(base: BaseMap, estimate: Estimate, box: Bounds, physics: Physics) -> _Game:
-    root = information_root(estimate.information)
-    matrix = root @ base.combination * (box.upper - box.lower)
-    left, sharpness, right = np.linalg.svd(matrix, full_matrices=False)
+def cost_of(base: BaseMap, estimate: Estimate, box: Bounds, physics: Physics) -> Cost:
+    """Squared distance from an estimate, with what is known very sharply eased, plus the penalty.
+
+    Args:
+        base: which combinations of the standard parameters the torque shows.
+        estimate: base parameters and their information.
+        box: of the standard parameters.
+        physics: what they obey.
+
+    Raises:
+        OptionError: the box is over other parameters.
+    """
+    check_box(box, base)
+    root, width = information_root(estimate.information), box.upper - box.lower
+    left, sharpness, right = np.linalg.svd(root @ base.combination * width, full_matrices=False)
     eased = np.minimum(1.0, _SHARPEST / np.maximum(sharpness, 1e-300))
-    target = left.T @ (root @ (estimate.value - base.combination @ box.lower))
-    return _Game(base, estimate, (eased * sharpness)[:, None] * right, eased * target, box, physics)
+    rotated = (eased[:, None] * left.T) @ root
+    return cost_over(box, physics, rotated @ base.combination, rotated @ estimate.value)
 
 
-def _notes(run: Run, z: Array, labels: tuple[Label, ...]) -> tuple[str, ...]:
-    edge = [label.name for label, at in zip(labels, z, strict=True) if at in (0.0, 1.0)]
-    notes = []
+def _judge(base: BaseMap, estimate: Estimate, cost: Cost, weight: float, ends: list[Optimum]) -> Run:
+    """What came out, by tests of our own."""
+    z = ends[-1].x
+    x, last = cost.standard(z), cost.problem(z, weight)
+    assert last.gradient is not None, "a cost has one"
+    away, slope, value = base.combination @ x - estimate.value, last.gradient(z), last.objective(z)
+    in_sight = float(np.max(np.abs(slope) * np.where(slope > 0, z, 1 - z), initial=0.0))
+    return Run(
+        cost=value,
+        chi2=max(float(away @ estimate.information @ away), 0.0),
+        violation=cost.physics.excess(x),
+        feasible=Parameters(base.labels, x).is_feasible(),
+        weight=weight,
+        converged=in_sight <= _SETTLED + 1e-6 * value,
+        evaluations=sum(end.evaluations for end in ends),
+    )
+
+
+def _notes(found: _Found, cost: Cost, labels: tuple[Label, ...]) -> tuple[str, ...]:
+    run, ends = found
+    at_edge = (ends[-1].x == 1.0) | ((ends[-1].x == 0.0) & ~np.isin(cost.free, cost.physics.positive))
+    edge = [labels[i].name for i in cost.free[at_edge]]
+    notes = [
+        f"{name} of NLopt gave up on this problem; the search went on from where it had come to"
+        for name in dict.fromkeys(
+            end.algorithm for end in ends[: 1 if run.converged else None] if end.status == "failed"
+        )
+    ]
     if not run.converged:
         notes.append(f"the search did not converge within {run.evaluations} evaluations; give it more, or fit by cone")
     if not run.feasible:

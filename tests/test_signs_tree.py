@@ -1,0 +1,211 @@
+"""The classical tree of sign choices: small arms whose truth is known, its order, its bounds, its least-squares kin."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from signid.basis import build_base
+from signid.errors import OptionError
+from signid.motion import Motion
+from signid.regressor import base_rows, regressor
+from signid.retrieve import Bounds
+from signid.robot import load_robot
+from signid.signs.beam import beam
+from signid.signs.condition import Ordered, condition_order
+from signid.signs.observed import Observed
+from signid.signs.problem import Problem, pose
+from signid.signs.segments import threshold_runs
+from signid.signs.tree import _order_notes, box_of, search_tree
+from signid.types import Array, BaseMap, Parameters
+
+QUICK = {"algorithm": "LD_LBFGS", "restarts": 1, "rounds": 2, "width": 2, "budget": 150}
+
+
+@dataclass(frozen=True)
+class Case:
+    """An arm without friction that moved, its torque without signs, and the truth about it."""
+
+    base: BaseMap
+    prior: Parameters
+    truth: Array  # (p,) standard parameters
+    observed: Observed
+    problem: Problem
+    signs: Array  # (S,) true ones
+
+
+def case(motion: Motion) -> Case:
+    """Bodies weigh 0.6 to 1.4 times what is stated."""
+    robot = motion.robot
+    base = build_base(robot)
+    stated = np.concatenate([body.toDynamicParameters() for body in list(robot.model.inertias)[1:]])
+    truth = stated * np.repeat(np.random.default_rng(3).uniform(0.6, 1.4, len(robot.links)), 10)
+    torque = regressor(motion) @ truth
+    observed = observed_from(motion, base, torque)
+    segments, _ = threshold_runs(observed)
+    signs = np.array([np.sign(torque[a:b, j].sum()) for j, a, b in segments])
+    problem = pose(observed, segments, np.ones(len(robot.joints)))
+    return Case(base, Parameters(base.labels, stated), truth, observed, problem, signs)
+
+
+def observed_from(motion: Motion, base: BaseMap, torque: Array) -> Observed:
+    count, n = torque.shape
+    seen = tuple(np.flatnonzero(base.sees[j]) for j in range(n))
+    return Observed(
+        part=np.zeros(count, dtype=np.intp),
+        first=np.arange(count) == 0,
+        t=motion.t,
+        q=motion.q,
+        v=motion.v,
+        columns=tuple(base_rows(motion, (), [base.independent[s] for s in seen])),
+        seen=seen,
+        count=base.rank,
+        joints=motion.robot.joints,
+        torque=np.abs(torque),
+        signed=np.zeros(n, dtype=bool),
+        known=np.ones(n, dtype=bool),
+        steady=np.ones((count, n), dtype=bool),
+        period=motion.dt,
+    )
+
+
+def swing(name: str, seconds: float, centre: Sequence[float], size: Sequence[float]) -> Motion:
+    """Two sines a joint at 50 Hz."""
+    robot, t = load_robot(name), np.arange(0, seconds, 0.02)
+    k, shape = np.arange(len(robot.joints)), (len(t), len(robot.joints))
+    q, v, a = np.tile(np.array(centre), (len(t), 1)), np.zeros(shape), np.zeros(shape)
+    for w, share, phase in ((1.3 + 0.4 * k, 1.0, k), (2.9 + 0.3 * k, 0.5, 1.0 + 2 * k)):
+        x, amplitude = t[:, None] * w + phase, share * np.array(size)
+        q, v, a = q + amplitude * np.sin(x), v + amplitude * w * np.cos(x), a - amplitude * w**2 * np.sin(x)
+    return Motion(robot, t, q, v, a)
+
+
+@cache
+def raised() -> Case:
+    """A pendulum that is raised ever faster: its torque grows, and keeps its sign."""
+    t = np.arange(0, 2, 0.02)[:, None]
+    return case(Motion(load_robot("1r"), t[:, 0], 0.2 + 0.1 * t**3, 0.3 * t**2, 0.6 * t))
+
+
+@cache
+def swung() -> Case:
+    return case(swing("1r", 4.0, [0.0], [0.5]))
+
+
+@cache
+def arm() -> Case:
+    return case(swing("3r", 5.0, [0.3, -0.4, 0.8], [0.9, 0.9, 1.1]))
+
+
+@cache
+def still() -> Case:
+    """The arm with its first joint held: not every base parameter is seen."""
+    return case(swing("3r", 5.0, [0.3, -0.4, 0.8], [0.0, 0.9, 1.1]))
+
+
+def test_one_segment_has_the_sign_that_physics_allows() -> None:
+    told = raised()
+    got = search_tree(told.problem, told.base, told.prior, restarts=2)
+    assert told.problem.count == 1 and got.nodes == 2
+    assert np.array_equal(got.signs, told.signs)
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "budget"),
+    [("LN_SBPLX", 1000), ("LN_BOBYQA", 300), ("LN_COBYLA", 1000), ("LD_LBFGS", 100), ("LD_SLSQP", 100)],
+)
+def test_two_segments_of_a_pendulum_by_any_local_algorithm(algorithm: str, budget: int) -> None:
+    told = swung()
+    got = search_tree(told.problem, told.base, told.prior, algorithm=algorithm, restarts=2, budget=budget)
+    assert told.problem.count == 2 and got.nodes == 6 and got.evaluations <= 6 * 2 * 3 * budget
+    assert np.array_equal(got.signs, told.signs)
+    assert_allclose(got.value, told.base.combination @ told.truth, rtol=0, atol=1e-3)
+    assert_allclose(told.problem.value(got.signs), told.base.combination @ told.truth, rtol=0, atol=1e-9)
+
+
+def test_all_signs_of_an_arm() -> None:
+    told, said = arm(), list[float]()
+    got = search_tree(told.problem, told.base, told.prior, progress=lambda _, share: said.append(share), **QUICK)
+    assert np.array_equal(got.signs, told.signs) and got.loss < 1e-3 * told.problem.energies.sum()
+    assert got.nodes == 2**2 + 2 * 2 * (told.problem.count - 2)
+    assert said == sorted(said) and said[-1] == 1
+    assert_allclose(told.problem.value(got.signs), told.base.combination @ told.truth, rtol=0, atol=1e-6)
+
+
+def test_the_loss_is_that_of_the_stacked_rows() -> None:
+    """With no room in the box every node's loss is that of the only parameters there are."""
+    told = arm()
+    box = Bounds(told.truth, told.truth + 1e-12 * (np.arange(len(told.truth)) == 0))
+    got = search_tree(told.problem, told.base, told.prior, box, **QUICK)
+    least = told.problem.energies.sum() - np.sum((told.problem.projections @ got.signs) ** 2)
+    assert np.array_equal(got.signs, told.signs)
+    assert_allclose(got.loss, least, atol=1e-9 * told.problem.energies.sum())
+
+
+def test_seeds_decide_the_starts() -> None:
+    told = swung()
+    options = {"restarts": 1, "rounds": 2, "budget": 40}
+    first, again, other = (search_tree(told.problem, told.base, told.prior, seed=s, **options).value for s in (1, 1, 2))
+    assert np.array_equal(first, again) and not np.array_equal(first, other)
+
+
+def test_a_search_that_ends_early_is_said() -> None:
+    told = arm()
+    got = search_tree(told.problem, told.base, told.prior, **(QUICK | {"budget": 3}))
+    assert any("give it more evaluations" in note for note in got.notes)
+
+
+def test_parameters_that_no_segment_shows_do_not_count() -> None:
+    told = still()
+    unseen = np.subtract(*told.problem.back.shape)
+    assert unseen > 0
+    moving = [(j, told.observed.rows(j)) for j in range(3)]
+    segments, _ = threshold_runs(told.observed)
+    rows = np.concatenate([moving[j][1][a:b] for j, a, b in segments])
+    forward = told.problem.back.T @ (rows.T @ rows)
+    assert_allclose(rows @ told.problem.back @ forward, rows, atol=1e-9)
+    got = search_tree(told.problem, told.base, told.prior, forward=forward, **QUICK)
+    assert np.array_equal(got.signs, told.signs) and not any("not seen" in note for note in got.notes)
+    got = search_tree(told.problem, told.base, told.prior, **QUICK)
+    assert any(f"{unseen} combinations of base parameters are not seen" in note for note in got.notes)
+
+
+def test_the_box_leaves_room_for_the_truth() -> None:
+    told = arm()
+    box = box_of(told.problem, told.base, told.prior)
+    assert (box.lower <= told.truth).all() and (told.truth <= box.upper).all()
+
+
+def test_bad_questions_are_told_in_one_sentence() -> None:
+    told = swung()
+    for options, sentence in [
+        ({"algorithm": "LN_SUBPLEX"}, "no algorithm 'LN_SUBPLEX'; choose from"),
+        ({"restarts": 0}, "ask for at least 1 of each"),
+        ({"width": 0}, "keep at least 1"),
+        ({"total_mass": (2.0, 1.0)}, "neither negative"),
+        ({"bounds": Bounds(np.zeros(3), np.ones(3))}, "over 3 parameters; expected the 10"),
+    ]:
+        with pytest.raises(OptionError, match=sentence):
+            search_tree(told.problem, told.base, told.prior, **options)
+    with pytest.raises(OptionError, match="choose from pseudo-inverse, factor"):
+        beam(told.problem, np.arange(2), 1, solve="inverse")
+
+
+def test_least_squares_at_every_node_finds_the_same_up_to_all_signs_at_once() -> None:
+    told = arm()
+    ordered = condition_order(told.problem)
+    slow, fast = (beam(told.problem, ordered.order, ordered.start, 10, solve) for solve in ("pseudo-inverse", "factor"))
+    assert np.array_equal(slow.signs * slow.signs[0], told.signs * told.signs[0])
+    assert np.array_equal(slow.signs * slow.signs[0], fast.signs * fast.signs[0])
+    assert slow.nodes == fast.nodes == slow.evaluations
+    assert slow.loss <= 1e-9 * told.problem.energies.sum()
+
+
+def test_a_first_set_that_may_not_be_the_smallest_is_said() -> None:
+    notes = [[*_order_notes(Ordered(np.arange(9), 7, 120.0, complete))] for complete in (True, False)]
+    assert notes[0] == [] and "first 7 segments of the tree were chosen one by one" in notes[1][0]
