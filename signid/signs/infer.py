@@ -16,7 +16,7 @@ from .confidence import joint_doubt
 from .exact import search
 from .inflation import inflation
 from .observed import Observed
-from .problem import Problem, Segment, pose
+from .problem import Problem, Rows, Segment, pose, signed_rows
 from .result import Proof
 from .segments import cut_by_signs, minimum_cuts, split_impure, threshold_runs
 from .weigh import follow, friction_patterns, known_rows, scales, weigh
@@ -78,12 +78,11 @@ def infer(task: Task, observed: Observed, seed: int = 0, choose: Choose | None =
         RecordingError: a torque has no segment.
     """
     segments, threshold = threshold_runs(observed)
-    cone = physical_cone(task, observed, seed)
-    attempt, finer = _attempt(task, observed, segments, choose or _exact(observed, cone, seed)), False
-    if choose is None and (attempt.cuts or _is_suspect(observed, attempt)):
-        other = _attempt(task, observed, minimum_cuts(observed), _exact(observed, cone, seed))
-        if other.refined.loss < attempt.refined.loss:
-            attempt, finer = other, True
+    cone, finer = physical_cone(task, observed, seed), False
+    if choose is None:
+        attempt, finer = _exactly(task, observed, segments, cone, seed)
+    else:
+        attempt = _attempt(observed, segments, choose, signed_rows(observed, 1 / scales(observed)), splits=1)
     refined = attempt.refined
     kappa = _inflations(observed, refined, cut_by_signs(observed, segments, refined.signs))
     sigma = np.maximum(refined.sigma, LEAST_NOISE * scales(observed))
@@ -107,19 +106,30 @@ def infer(task: Task, observed: Observed, seed: int = 0, choose: Choose | None =
     )
 
 
-def _exact(observed: Observed, cone: Array, seed: int) -> Choose:
+def _exactly(
+    task: Task, observed: Observed, segments: Sequence[Segment], cone: Array, seed: int
+) -> tuple[_Attempt, bool]:
+    """Runs above the threshold first; stretches between minima where those hid changes of sign, if they do better."""
+    known = known_rows(task, observed, 1 / scales(observed))
+
     def choose(problem: Problem, segments: Sequence[Segment]) -> Choice:
         found = search(problem, Cone.of(problem, cone), friction_patterns(problem, observed, segments), seed=seed)
         return Choice(found.signs, found.coordinates, found.proof)
 
-    return choose
+    attempt = _attempt(observed, segments, choose, known)
+    if attempt.cuts or _is_suspect(observed, attempt):
+        other = _attempt(observed, minimum_cuts(observed), choose, known)
+        if other.refined.loss < attempt.refined.loss:
+            return other, True
+    return attempt, False
 
 
-def _attempt(task: Task, observed: Observed, segments: Sequence[Segment], choose: Choose) -> _Attempt:
+def _attempt(
+    observed: Observed, segments: Sequence[Segment], choose: Choose, known: Rows, splits: int = SPLITS
+) -> _Attempt:
     """Search, cut segments in which the model changes sign, search again; then the signs of all samples."""
     weights, total = 1 / scales(observed), 0
-    known = known_rows(task, observed, weights)
-    for _ in range(SPLITS):
+    for _ in range(splits):
         problem = pose(observed, segments, weights, known)
         choice = choose(problem, segments)
         predicted = observed.predict(problem.back @ choice.coordinates)

@@ -43,6 +43,7 @@ class Problem(Frozen):
     grams: Array  # (S, r, r) A [1]
     joints: Indices  # (S,) joint of each segment, -1: known
     back: Array  # (b, r) base parameters = back @ z [units of base]
+    forward: Array | None = None  # (r, b) z = forward @ base parameters [standard deviations per unit of base]
 
     @property
     def count(self) -> int:
@@ -95,7 +96,8 @@ def pose(observed: Observed, segments: Sequence[Segment], weights: Array, known:
     right = [np.abs(observed.torque[at, s.joint]) * weights[s.joint] for s, at in zip(segments, cut, strict=True)]
     if known is not None and len(known.target):
         rows, right = [*rows, known.matrix], [*right, known.target]
-    orthonormal, back = orthonormalise(np.concatenate(rows))
+    stacked = np.concatenate(rows)
+    orthonormal, back = orthonormalise(stacked)
     parts = np.split(orthonormal, np.cumsum([len(r) for r in right])[:-1])
     joints = [s.joint for s in segments] + [-1] * (len(rows) - len(segments))
     return Problem(
@@ -104,6 +106,7 @@ def pose(observed: Observed, segments: Sequence[Segment], weights: Array, known:
         grams=np.array([u.T @ u for u in parts]),
         joints=np.array(joints, dtype=np.intp),
         back=back,
+        forward=orthonormal.T @ stacked,
     )
 
 
