@@ -19,7 +19,7 @@ from signid.robot import load_robot
 from signid.signs.beam import beam
 from signid.signs.condition import Ordered, condition_order
 from signid.signs.observed import Observed
-from signid.signs.problem import Problem, pose
+from signid.signs.problem import Problem, Rows, pose
 from signid.signs.segments import threshold_runs
 from signid.signs.tree import _order_notes, box_of, search_tree
 from signid.types import Array, BaseMap, Parameters
@@ -135,6 +135,17 @@ def test_all_signs_of_an_arm() -> None:
     assert got.nodes == 2**2 + 2 * 2 * (told.problem.count - 2)
     assert said == sorted(said) and said[-1] == 1
     assert_allclose(told.problem.value(got.signs), told.base.combination @ told.truth, rtol=0, atol=1e-6)
+
+
+def test_rows_of_known_sign_are_kept() -> None:
+    told = swung()
+    joint, start, stop = threshold_runs(told.observed)[0][0]
+    at = slice(start, stop, 3)
+    known = Rows(told.observed.rows(joint, at), told.signs[0] * told.observed.torque[at, joint])
+    problem = pose(told.observed, threshold_runs(told.observed)[0], np.ones(1), known)
+    got = search_tree(problem, told.base, told.prior, **QUICK)
+    assert problem.anchored and np.array_equal(got.signs, [*told.signs, 1.0])
+    assert got.nodes == 1 + 2 + 4
 
 
 def test_the_loss_is_that_of_the_stacked_rows() -> None:

@@ -12,7 +12,7 @@ from ..types import Array, Indices
 from .problem import Problem
 
 LOST = 1e-14  # of the largest eigenvalue of a Gram matrix: rounding
-MOST = 10  # segments of a set that is taken one by one: a tree tries all their signs
+MOST = 8  # segments of a set that is taken one by one: a tree tries all their signs
 _BLOCK = 256  # Gram matrices at a time
 
 _Set = tuple[int, ...]
@@ -23,7 +23,7 @@ class Ordered(NamedTuple):
 
     order: Indices  # (S,)
     start: int  # segments of the first set, whose signs are all tried
-    condition: float  # of the first set's stacked regressor
+    condition: float  # of the first set's stacked regressor; infinite where it does not see every direction
     complete: bool  # every smaller set was tried, and so was every other one of that size
 
 
@@ -49,9 +49,9 @@ def condition_order(problem: Problem, threshold: float = 1000.0, largest: int = 
     first, complete = _smallest(grams, known, problem.joints[:unknown], threshold, largest, budget)
     if first is None:
         first = _one_by_one(grams, known, unknown, threshold)[: len(known) + MOST]
-    condition = float(_judge(grams[list(first)].sum(0)[None])[1][0])
+    lost, condition = _judge(grams[list(first)].sum(0)[None])
     order = np.array(_one_by_one(grams, first, unknown), dtype=np.intp)
-    return Ordered(order, len(first), condition, complete)
+    return Ordered(order, len(first), np.inf if lost[0] else float(condition[0]), complete)
 
 
 def _in_base(problem: Problem) -> Array:

@@ -124,8 +124,8 @@ def _surmise(problem: Problem, base: BaseMap, forward: Array | None) -> Estimate
 def _order_notes(ordered: Ordered) -> Iterator[str]:
     if not ordered.complete:
         yield (
-            f"the first {ordered.start} segments of the tree were chosen one by one, with a condition number of "
-            f"{ordered.condition:.3g}: to try all sets of so many segments would take too long"
+            f"the first {ordered.start} segments of the tree were chosen one by one (condition number "
+            f"{ordered.condition:.3g}): there are too many sets, or too many choices of sign, to try them all"
         )
 
 
