@@ -17,6 +17,7 @@ from ..types import Array, Recording, Robot
 from .apply import spread
 from .between import Signed, place_jumps
 from .chain import refine
+from .classical import by_tree
 from .flags import raise_flags
 from .infer import Inferred, infer
 from .observed import Observed, observe
@@ -84,7 +85,8 @@ def recover(
     if progress is not None:
         progress("searching signs in", 0.0)
     observed = observe(session.task, learn)
-    inferred = infer(session.task, observed, options.seed)
+    choose = by_tree(session.task, options.seed, progress) if method == "tree" else None
+    inferred = infer(session.task, observed, options.seed, choose)
     traced = _traces(observed, learn, inferred, inferred.refined.signs)
     for part in (parts[r] for r in judges if not r.signed.all()):
         traced |= _followed(session.task, part, inferred)
@@ -92,7 +94,7 @@ def recover(
     return Recovered(
         tuple(signed.get(r, r) for r in recordings),
         tuple(signed.get(r, r) for r in held_out),
-        _result(session.task, observed, inferred, tuple(traced.values()), bool(judges), options.seed),
+        _result(session.task, observed, inferred, tuple(traced.values()), method, bool(judges), options.seed),
     )
 
 
@@ -128,14 +130,14 @@ def _with(task: Task, part: Part, trace: Trace, inferred: Inferred) -> Recording
 
 
 def _result(
-    task: Task, observed: Observed, inferred: Inferred, traces: tuple[Trace, ...], judged: bool, seed: int
+    task: Task, observed: Observed, inferred: Inferred, traces: tuple[Trace, ...], method: str, judged: bool, seed: int
 ) -> Signs:
     order = sorted(range(len(inferred.segments)), key=lambda k: _place(observed, inferred, k))
     told = [_told(observed, inferred, k) for k in order]
     return Signs(
         joints=observed.joints,
         hidden=observed.hidden,
-        method="exact",
+        method=method,
         segments=tuple(told),
         threshold=inferred.threshold,
         proof=inferred.proof,
@@ -167,7 +169,7 @@ def _told(observed: Observed, inferred: Inferred, k: int) -> Told:
 
 
 def _notes(inferred: Inferred, judged: bool) -> tuple[str, ...]:
-    notes = []
+    notes = [*inferred.notes]
     if not judged:
         notes.append("signs were searched in the whole recording, also in what is held out of the fit")
     if inferred.finer:
