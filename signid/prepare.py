@@ -13,7 +13,7 @@ from .effects.base import ActuatorLaw, RecordingLaw
 from .errors import OptionError
 from .filters import Decimator
 from .motion import build_motion, margin
-from .recording import same_joints
+from .recording import need_constants, same_joints
 from .robot import hold, resting
 from .rows import Task, choose_reach
 from .sampling import Sampling, samples, split, survey
@@ -27,11 +27,23 @@ TAPS = 9.0  # periods of the cut-off that both filters together are long
 
 
 def prepare(
-    robot: Robot, recordings: Sequence[Recording], held_out: Sequence[Recording] = (), options: Options | None = None
+    robot: Robot,
+    recordings: Sequence[Recording],
+    held_out: Sequence[Recording] = (),
+    options: Options | None = None,
+    *,
+    scaled: bool = True,
 ) -> Session:
     """A session: joints, laws, base map, band and the split into training and held-out recordings.
 
     Without held-out recordings the last of several is held out, or the last 30 % of the only one.
+
+    Args:
+        robot: as `load_robot` gives it.
+        recordings: to learn from.
+        held_out: to judge by.
+        options: effects, cut-off and the like.
+        scaled: False: currents whose torque constant is not known may stand where torques should.
 
     Raises:
         RecordingError: a recording cannot be used, or recordings do not fit together.
@@ -41,6 +53,8 @@ def prepare(
     if not recordings:
         raise OptionError("no recording was given; at least one is needed")
     everything = [*recordings, *held_out]
+    if scaled:
+        need_constants(everything)
     moving = hold(robot, resting(robot, but=same_joints(everything)))
     surveys = {recording: survey(recording, moving) for recording in dict.fromkeys(everything)}
     parts = list(surveys.items())

@@ -106,11 +106,12 @@ class Recording(Frozen):
     joints: tuple[str, ...]  # n names, those with a position column, in the robot's order
     table: Table
     columns: Mapping[str, tuple[str, ...]]  # "t" (1), "q", "tau", "dq", "ddq", "q_des" (n each, "" where absent)
-    torque_per_unit: Array  # (n,) [N.m/A where a current is recorded, else 1]
+    torque_per_unit: Array  # (n,) [N.m/A where a current is recorded, else 1]; 1 where it is not known
     signed: Mask  # (n,) False where only the absolute value is known
     path: str = ""
     sha256: str = ""
     notes: tuple[str, ...] = ()
+    scaled: Mask | None = None  # (n,) False where the torque constant of a current is not known; None: all are
 
     def __len__(self) -> int:
         return self.table.rows

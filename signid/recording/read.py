@@ -7,12 +7,16 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import RecordingError
+from ..errors import RecordingError, shorten
 from ..types import Array, Recording, Robot, Table
 from .columns import TORQUES, Assignment, ColumnMap, assign_columns
 from .source import Opened, Source, open_source
 
 CHUNK = 65_536  # rows
+NO_CONSTANT = (
+    "{} records the current of {}, whose torque constant is not known; state torque_constant [N.m/A at the joint] of "
+    "it in an actuators file"
+)
 
 
 def read_recording(
@@ -21,7 +25,8 @@ def read_recording(
     """A recording of the robot: `t`, and for each joint J, by name or number, `q_J` and one of `tau_J`, `current_J`.
 
     `abs_tau_J` and `abs_current_J` hold torques and currents whose sign is lost. `dq_J`, `ddq_J` and `q_des_J` are
-    taken where they are. Samples of a Parquet file are read when they are asked for.
+    taken where they are. A current needs the joint's torque constant, but for one without sign: recovery of signs may
+    find it. Samples of a Parquet file are read when they are asked for.
 
     Args:
         source: a file, or arrays by column name: (N,), or (N, n) for all joints [s, rad or m, N.m or N, A].
@@ -43,16 +48,18 @@ def read_recording(
         **{key: tuple(found.column(key, j) for j in joints) for key in ("q", "dq", "ddq", "q_des")},
     }
     _check_samples(opened, chosen, torques)
+    constants = _torque_constants(robot, joints, torques, absolute, opened.name)
     hidden = frozenset(c for c, kind in zip(chosen["tau"], torques, strict=True) if unsigned and kind)
     return Recording(
         tuple(robot.joints[j] for j in joints),
         _Absolute(opened.table, hidden) if hidden else opened.table,
         chosen,
-        _torque_per_unit(robot, joints, torques, absolute, opened.name),
+        np.where(np.isnan(constants), 1.0, constants),
         ~np.array(absolute),
         opened.path,
         opened.sha256,
         (*_notes(found, robot, joints), *found.notes),
+        ~np.isnan(constants) if np.isnan(constants).any() else None,
     )
 
 
@@ -69,6 +76,18 @@ def same_joints(recordings: Sequence[Recording]) -> tuple[str, ...]:
                 told = f"{here.path or 'one recording'} moves {', '.join(extra)}, {there.path or 'another'} does not"
                 raise RecordingError(f"{told}; use only recordings of the same joints together")
     return first.joints
+
+
+def need_constants(recordings: Sequence[Recording]) -> None:
+    """Refuse recordings that hold currents whose torque constant is not known.
+
+    Raises:
+        RecordingError: there is one.
+    """
+    for recording in recordings:
+        if recording.scaled is not None and not recording.scaled.all():
+            names = [joint for joint, known in zip(recording.joints, recording.scaled, strict=True) if not known]
+            raise RecordingError(NO_CONSTANT.format(recording.path or "the recording", shorten(names)))
 
 
 def _by_joint(source: Source, robot: Robot) -> Source:
@@ -123,18 +142,17 @@ def _check_samples(opened: Opened, chosen: Mapping[str, tuple[str, ...]], torque
             raise RecordingError(f"{opened.name}: {name} is negative in row {row}; {advice}")
 
 
-def _torque_per_unit(
+def _torque_constants(
     robot: Robot, joints: Sequence[int], torques: Sequence[str], absolute: Sequence[bool], source: str
 ) -> Array:
-    """(n,) torque constants where a current is recorded, else 1."""
+    """(n,) where a current is recorded, else 1; NaN where the constant of a current without sign is not known."""
     values = np.ones(len(joints))
     for i, (j, kind) in enumerate(zip(joints, torques, strict=True)):
         if not kind.endswith("current"):
             continue
         values[i] = robot.actuators.torque_constant[j]
-        if not np.isfinite(values[i]) or values[i] == 0:
-            fault = f"{source} records the current of {robot.joints[j]}, whose torque constant is not known"
-            raise RecordingError(f"{fault}; state torque_constant [N.m/A at the joint] of it in an actuators file")
+        if values[i] == 0 or not (np.isfinite(values[i]) or absolute[i]):
+            raise RecordingError(NO_CONSTANT.format(source, robot.joints[j]))
     return np.where(absolute, np.abs(values), values)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from .between import Signed, place_jumps
 from .chain import refine
 from .classical import by_tree
 from .flags import raise_flags
+from .gains import find_gains
 from .infer import Inferred, infer
 from .observed import Observed, observe
 from .result import Signs, Told, Trace
@@ -58,7 +59,8 @@ def recover(
     """The recordings with the signs of all torques.
 
     Signs are searched in the recordings to learn from, whole; where there are several and none is held out, the last
-    takes no part. Those of held-out recordings follow from the model that the search found.
+    takes no part. Those of held-out recordings follow from the model that the search found. Torque constants that are
+    not known are found first.
 
     Args:
         robot: as `load_robot` gives it.
@@ -69,7 +71,7 @@ def recover(
         progress: told what is being done and how far it is.
 
     Raises:
-        OptionError: there is no such method.
+        OptionError: there is no such method, or a torque constant is neither known nor told.
         RecordingError: a recording cannot be used, or a torque has no stretch of one sign.
     """
     if method not in METHODS:
@@ -78,8 +80,13 @@ def recover(
     if all(r.signed.all() for r in everything):
         return Recovered(tuple(recordings), tuple(held_out))
     options = options or Options()
-    session = prepare(robot, recordings, held_out, options)
     judges = held_out if held_out or len(recordings) == 1 else recordings[-1:]
+    gains = find_gains(robot, everything, [r for r in recordings if r not in judges], options, progress)
+    if gains is not None:
+        scaled = [[gains.scale(r) for r in some] for some in (recordings, held_out)]
+        found = recover(robot, *scaled, method=method, options=options, progress=progress)
+        return replace(found, signs=found.signs and gains.tell(found.signs))
+    session = prepare(robot, recordings, held_out, options)
     parts = {r: (r, survey(r, session.robot)) for r in everything}
     learn = [parts[r] for r in recordings if r not in judges]
     if progress is not None:
