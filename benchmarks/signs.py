@@ -49,7 +49,7 @@ class Bench:
 
     def paper(self) -> Told:
         """The recordings of the paper, by both methods."""
-        rows = self.add(paper.rows(("exact",) if self.quick else ("exact", "tree")))
+        rows = self.add(paper.rows(tree=not self.quick))
         self.verdicts += verdicts.of_rows(rows)
         keys = ("case", "method", "segments", "mixed", "samples", "b", "error", "off", "seconds", "proof", "nodes")
         more = (
@@ -94,7 +94,7 @@ class Bench:
 
     def speed(self) -> Told:
         """Exact search against the classical tree, and against its fast form."""
-        rows = list(speed.rows())
+        rows = list(speed.races(self.rows))
         self.more["speed"] = [asdict(row) for row in rows]
         self.verdicts += [row.verdict for row in rows]
         return (speed.show(rows),)

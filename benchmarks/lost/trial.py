@@ -22,7 +22,7 @@ from signid.types import BaseMap, Estimate, Law, Recording, Robot
 from .row import Row, Target
 from .truth import Array, Truth, judge, measured
 
-METHODS = ("exact", "tree")
+LONG, TURNS = 0.3, 3  # s altogether, and turns at most, that are given to a run whose time counts
 Value = Callable[[BaseMap, tuple[Law, ...]], Array]  # true base parameters
 
 
@@ -90,10 +90,13 @@ def attempt(puzzle: Puzzle, method: str = "exact", target: Target | None = None)
 def identify(
     puzzle: Puzzle, learn: list[Recording], judges: list[Recording], signs: str = "exact"
 ) -> tuple[Identification, float]:
-    """Base parameters by least squares, and the seconds that they take."""
-    start = time.perf_counter()
-    found = signid.identify(puzzle.robot, learn, held_out=judges, options=puzzle.options, signs=signs, method="wls")
-    return found, time.perf_counter() - start
+    """Base parameters by least squares, and the seconds that they take: of short runs, the shortest of some."""
+    took: list[float] = []
+    while not took or (sum(took) < LONG and len(took) < TURNS):
+        start = time.perf_counter()
+        found = signid.identify(puzzle.robot, learn, held_out=judges, options=puzzle.options, signs=signs, method="wls")
+        took.append(time.perf_counter() - start)
+    return found, min(took)
 
 
 def tell(puzzle: Puzzle, method: str, found: Identification, seconds: float, target: Target) -> Row:
