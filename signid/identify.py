@@ -88,9 +88,8 @@ def identify(
         raise OptionError(f"method {method!r} is none of {', '.join(METHODS)}")
     _only_once(recordings, held_out)
     recovered = recover(robot, recordings, held_out, method=signs, options=options, progress=progress)
-    recordings, held_out = recovered.recordings, recovered.held_out
     method = method or METHODS[-1 if recovered.signs is not None and signs == "tree" else 0]
-    session = prepare(robot, recordings, held_out, options)
+    session = prepare(robot, recovered.expected, recovered.held_out, options)
     train, test = _factors(session, options, progress)
     prior = session.task.base.combination @ stated_parameters(session.task).values
     found = estimate(train, session.task.base, prior, options.whiten)
@@ -112,7 +111,7 @@ def identify(
         moved=chosen.moved,
         inputs=tuple(dict.fromkeys((r.path, r.sha256) for r in (*recordings, *held_out))),
         signs=recovered.signs,
-        recordings=(*recordings, *held_out),
+        recordings=(*recovered.recordings, *recovered.held_out),
         flags=(*recovered.flags, *excitation.sentences, *chosen.flags),
         notes=(*recovered.notes, *session.notes, *found.notes, *chosen.notes, *fit.sentences),
         cutoff=session.task.band.cutoff,

@@ -13,12 +13,13 @@ from ..types import Array, Frozen, Indices
 from .order import branching_order
 from .problem import Problem
 
-WIDEST = 20_000  # nodes kept of a level
-MOST = 2_000_000  # nodes looked at; from then on few are kept of a level
+WIDEST = 10_000  # nodes kept of a level
+MOST = 500_000  # nodes looked at; from then on few are kept of a level
 FEW = 50
 SAMPLE = 16  # nodes of a level that its parabolas are fitted to
 SWEEPS = 4  # of the cuts, when what they cost together is judged
-ROUNDING = 1e-12  # share of the total energy: losses that differ by less are the same
+PIVOT = 1e-3  # of a factor, at least: rounding errors of bounds stay far below
+ROUNDING = 1e-11  # share of the total energy: losses that differ by less are the same
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,9 +138,9 @@ class _Tree:
         self.below = below - ROUNDING * self.energy
         self.one_sided = problem.anchored or not cuts.shape[1]  # the first segment has sign +1
         self.b = problem.projections[:, self.order]
-        least = ROUNDING**1.5 * max(self.energy, 1e-300)
-        self.heights = (1 + 1e-9) * problem.energies[self.order] + least
-        self.touching = np.abs(self.b.T @ z) + least
+        self.least = 1e-16 * max(self.energy, 1e-280)
+        self.high = (1 + 1e-4) * problem.energies[self.order] + self.least  # M is positive definite, and not just so
+        self.heights, self.touching = self.high.copy(), np.abs(self.b.T @ z) + self.least
         self.sums = np.zeros((1, len(self.b)))  # (W, r) of s_i b_i
         self.floors = np.zeros(1)
         self.dropped = np.inf
@@ -180,13 +181,13 @@ class _Tree:
         """One step of ascent of the mean bound over some nodes; ten at the first level."""
         later = self.b[:, self.level :]
         some = sums[np.unique(np.linspace(0, len(sums) - 1, SAMPLE).astype(int))]
-        best = _relax(later, self.heights[self.level :])
-        assert best is not None, "fewer parabolas of the same heights leave M positive definite"
+        best = _relax(later, self.heights[self.level :]) or _relax(later, self.high[self.level :])
+        assert best is not None, "parabolas as high as the energies leave M positive definite"
         value = float(best.floors(self.energy, some, self.cuts).mean())
         for _ in range(10 if self.level == 1 else 1):
             step = np.sqrt(np.mean((later.T @ best.solve(some, self.cuts)) ** 2, 1)) - best.heights
             for share in (1.0, 0.3, 0.1):
-                trial = _relax(later, np.maximum(best.heights + share * step, self.touching.min()))
+                trial = _relax(later, np.maximum(best.heights + share * step, self.least))
                 reached = -np.inf if trial is None else float(trial.floors(self.energy, some, self.cuts).mean())
                 if trial is not None and reached > value:
                     best, value = trial, reached
@@ -198,9 +199,10 @@ class _Tree:
 
 
 def _relax(later: Array, heights: Array) -> _Relaxed | None:
-    """Parabolas of these heights, unless M is not positive definite."""
+    """Parabolas of these heights, unless M is singular or not positive definite."""
     scaled = later / np.sqrt(heights)
     try:
-        return _Relaxed(heights, cholesky(np.eye(len(later)) - scaled @ scaled.T, lower=True, check_finite=False))
+        factor = cholesky(np.eye(len(later)) - scaled @ scaled.T, lower=True, check_finite=False)
     except LinAlgError:
         return None
+    return _Relaxed(heights, factor) if np.diag(factor).min(initial=1.0) > PIVOT else None

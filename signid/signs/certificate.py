@@ -36,4 +36,6 @@ def certify(problem: Problem, signs: Array) -> Certificate:
     slack = np.diag(problem.energies - multipliers) - problem.projections.T @ problem.projections
     smallest = float(eigvalsh(slack, subset_by_index=[0, 0], check_finite=False)[0])
     loss, short = problem.loss(signs), problem.count * max(0.0, -smallest)
-    return Certificate(max(loss - short, 0.0), short <= SLACK * problem.count * float(problem.energies.sum()))
+    return Certificate(
+        max(loss - short, 0.0), min(loss, short / problem.count) <= SLACK * float(problem.energies.sum())
+    )

@@ -76,7 +76,7 @@ class Stretch(NamedTuple):
 
     first: bool  # whether a span begins with them
     motion: Motion
-    whole: Mask  # (N,) whether the filter saw recorded positions alone
+    steady: Mask  # (N, n) far enough from a reversal, and from the ends of the span for the filter
 
 
 def observe(task: Task, parts: Sequence[Part], most: int = MOST) -> Observed:
@@ -93,7 +93,6 @@ def observe(task: Task, parts: Sequence[Part], most: int = MOST) -> Observed:
     rows = [base_rows(_thin(motion, step), task.laws, wanted) for _, _, motion, _ in pieces]
     recorded = np.concatenate([_recorded(motion)[::step] for _, _, motion, _ in pieces])
     known = np.asarray(~np.isnan(recorded).all(0))
-    reach = int(np.ceil(0.5 * task.band.rate / task.band.position_cutoff))
     lengths = [len(motion.t[::step]) for _, _, motion, _ in pieces]
     first = np.zeros(sum(lengths), dtype=bool)
     first[np.cumsum([0, *lengths[:-1]])] = [begins for _, begins, _, _ in pieces]
@@ -110,7 +109,7 @@ def observe(task: Task, parts: Sequence[Part], most: int = MOST) -> Observed:
         torque=np.nan_to_num(recorded),
         signed=np.asarray(parts[0][0].signed),
         known=known,
-        steady=np.concatenate([(_steady(task, m, reach) & whole[:, None])[::step] for _, _, m, whole in pieces]),
+        steady=np.concatenate([steady[::step] for *_, steady in pieces]),
         period=step / task.band.rate,
     )
 
@@ -129,6 +128,7 @@ def motions(task: Task, part: Part, step: int) -> Iterator[Stretch]:
     """
     recording, sampling = part
     edge, size = margin(task.band, task.recorded_derivatives), -(-WINDOW // step) * step
+    reach = int(np.ceil(0.5 * task.band.rate / task.band.position_cutoff))
     for span in sampling.spans:
         total = sampling.length(span)
         for k in range(0, total, size):
@@ -137,7 +137,8 @@ def motions(task: Task, part: Part, step: int) -> Iterator[Stretch]:
             window = _extended(samples(recording, sampling, span, low, high), low - k + edge, stop + edge - high)
             motion = build_motion(task.robot, window, task.band, sampling.period, task.recorded_derivatives, task.slow)
             place = np.arange(k, stop)
-            yield Stretch(k == 0, motion, (place >= edge) & (place < total - edge))
+            whole = (place >= edge) & (place < total - edge)
+            yield Stretch(k == 0, motion, _steady(task, motion, reach) & whole[:, None])
 
 
 def _extended(window: Samples, before: int, after: int) -> Samples:

@@ -18,6 +18,7 @@ from .apply import spread
 from .between import Signed, place_jumps
 from .chain import refine
 from .classical import by_tree
+from .expect import expect_signs
 from .flags import raise_flags
 from .gains import find_gains
 from .infer import Inferred, infer
@@ -34,6 +35,7 @@ class Recovered:
 
     recordings: tuple[Recording, ...]
     held_out: tuple[Recording, ...]
+    expected: tuple[Recording, ...]  # the recordings with expectations of signs: a fit to them has no bias
     signs: Signs | None = None  # None where every torque had its sign
 
     @property
@@ -78,7 +80,7 @@ def recover(
         raise OptionError(f"signs {method!r} is none of {', '.join(METHODS)}")
     everything = (*recordings, *held_out)
     if all(r.signed.all() for r in everything):
-        return Recovered(tuple(recordings), tuple(held_out))
+        return Recovered(tuple(recordings), tuple(held_out), tuple(recordings))
     options = options or Options()
     judges = held_out if held_out or len(recordings) == 1 else recordings[-1:]
     gains = find_gains(robot, everything, [r for r in recordings if r not in judges], options, progress)
@@ -99,8 +101,9 @@ def recover(
         traced |= _followed(session.task, part, inferred)
     signed = {r: _with(session.task, parts[r], trace, inferred) for r, trace in traced.items()}
     return Recovered(
-        tuple(signed.get(r, r) for r in recordings),
-        tuple(signed.get(r, r) for r in held_out),
+        tuple(signed.get(r, (r,))[0] for r in recordings),
+        tuple(signed.get(r, (r,))[0] for r in held_out),
+        tuple(signed.get(r, (r,))[-1] for r in recordings),
         _result(session.task, observed, inferred, tuple(traced.values()), method, bool(judges), options.seed),
     )
 
@@ -128,12 +131,15 @@ def _followed(task: Task, part: Part, inferred: Inferred) -> dict[Recording, Tra
     return _traces(observed, [part], inferred, told.signs)
 
 
-def _with(task: Task, part: Part, trace: Trace, inferred: Inferred) -> Recording:
+def _with(task: Task, part: Part, trace: Trace, inferred: Inferred) -> tuple[Recording, Recording]:
+    """The recording with the signs found, and with their expectations."""
     recording, sampling = part
-    thinned = Signed(trace.t, trace.first, trace.signs)
+    thinned, refined = Signed(trace.t, trace.first, trace.signs), inferred.refined
     step = round(float(np.min(np.diff(trace.t))) / sampling.period) if len(trace.t) > 1 else 1
-    told = place_jumps(task, part, step, thinned, trace.magnitude, inferred.refined.value)
-    return with_signs(recording, spread(recording, sampling, told.t, told.first, told.signs.astype(np.int8)))
+    told = place_jumps(task, part, step, thinned, trace.magnitude, refined.value)
+    signs = spread(recording, sampling, told.t, told.first, told.signs.astype(np.int8))
+    expected = expect_signs(task, part, refined.value, refined.sigma, signs)
+    return with_signs(recording, signs), with_signs(recording, expected)
 
 
 def _result(

@@ -155,6 +155,6 @@ def _too_short(observed: Observed, joint: int, runs: Sequence[Segment]) -> str:
     longest = max((run.stop - run.start for run in runs), default=0)
     have = f"the longest has {longest} sample{'' if longest == 1 else 's'}, {FEWEST} are needed"
     return (
-        f"|torque| of {observed.joints[joint]} stays above its threshold nowhere for long ({have}): its sign may change "
-        f"from sample to sample; record faster, or move more slowly"
+        f"|torque| of {observed.joints[joint]} stays above its threshold nowhere for long ({have}): its sign may "
+        f"change from sample to sample; record faster, or move more slowly"
     )

@@ -65,7 +65,7 @@ def weigh(
         cone = Cone.of(problem, rows)
         start = np.array([_majority(refined, s) for s in told] + [1.0] * (problem.count - len(told)))
         if free:
-            found = search(problem, cone, friction_patterns(problem, observed, told), (start,), seed=seed)
+            found = search(problem, cone, friction_patterns(problem, observed, told), start, seed=seed)
         else:
             found = _standing(problem, cone, start)
         rivals = enumerate_near(problem, cone, found, WINDOW)
