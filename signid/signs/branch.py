@@ -24,16 +24,11 @@ ROUNDING = 1e-11  # share of the total energy: losses that differ by less are th
 
 @dataclass(frozen=True, eq=False)
 class Branched(Frozen):
-    """The tree's answer. Losses are those of the problem, with what the cuts add."""
+    """Where a tree ended. Losses are those of the problem, with what the cuts add."""
 
-    signs: Array  # (S,) [1] the best, the incumbent where nothing is better
-    loss: float  # of the best [squared standard deviations]
-    lower: float  # no signs have a lower loss: proved
-    beyond: float  # signs that are no leaf have at least this loss: proved
+    leaves: Array  # (K, S) [1] signs of lower loss than the limit, the best first
+    beyond: float  # signs that are no leaf have at least this loss: proved [squared standard deviations]
     nodes: int  # looked at
-    widest: int  # nodes kept of a level, at most
-    leaves: Array  # (K, S) [1] signs found below the incumbent and the window
-    losses: Array  # (K,) [squared standard deviations] ascending
 
 
 def branch(
@@ -45,7 +40,7 @@ def branch(
     widest: int = WIDEST,
     most: int = MOST,
 ) -> Branched:
-    """The best signs, and all whose loss is below that of the incumbent plus a window.
+    """All signs whose loss is below that of the incumbent plus a window, or the best of them.
 
     A node has the signs of the first segments of an order, g = sum s_i b_i of them. J(s) is the minimum over z of
     E + |z|^2 - 2 sum s_i b_i'z. For a later segment, 2 |b_i'z| <= m_i + (b_i'z)^2 / m_i, a parabola for any m_i > 0:
@@ -72,13 +67,8 @@ def branch(
         tree.grow(widest if tree.nodes < most else min(FEW, widest))
     leaves = tree.leaves()
     losses = bounds(problem, leaves, cuts)
-    kept = np.flatnonzero(losses <= below)
-    kept = kept[np.argsort(losses[kept], kind="stable")]
-    own = float(bounds(problem, incumbent[None], cuts)[0])
-    better = bool(len(kept)) and losses[kept[0]] < own
-    best, loss = (leaves[kept[0]], float(losses[kept[0]])) if better else (incumbent, own)
-    beyond = max(min(below, tree.dropped), 0.0)
-    return Branched(best, loss, min(loss, beyond), beyond, tree.nodes, tree.widest, leaves[kept], losses[kept])
+    kept = np.argsort(losses, kind="stable")[: int(np.sum(losses <= below))]
+    return Branched(leaves[kept], max(min(below, tree.dropped), 0.0), tree.nodes)
 
 
 def bounds(problem: Problem, signs: Array, cuts: Array) -> Array:
@@ -122,7 +112,7 @@ def _prices(planes: Array, own: Array) -> Array:
     """(C, W) multipliers, not negative, that make own - planes @ prices short: coordinate descent, a few rounds."""
     gram, inner = planes.T @ planes, planes.T @ own
     prices = np.zeros(inner.shape)
-    for _ in range(SWEEPS if len(gram) > 1 else len(gram)):
+    for _ in range(SWEEPS):
         for k, row in enumerate(gram):
             prices[k] = np.maximum(prices[k] + (inner[k] - row @ prices) / row[k], 0.0)
     return prices
@@ -144,7 +134,7 @@ class _Tree:
         self.sums = np.zeros((1, len(self.b)))  # (W, r) of s_i b_i
         self.floors = np.zeros(1)
         self.dropped = np.inf
-        self.level = self.nodes = self.widest = 0
+        self.level = self.nodes = 0
         self.came: list[tuple[Indices, NDArray[np.int8]]] = []  # parent and sign of each node kept, per level
 
     def grow(self, widest: int) -> None:
@@ -166,7 +156,6 @@ class _Tree:
             alive = np.sort(alive[apart[:widest]])
         self.came.append((alive % len(self.floors), signs[alive // len(self.floors)]))
         self.sums, self.floors = sums[alive], floors[alive]
-        self.widest = max(self.widest, len(alive))
 
     def leaves(self) -> Array:
         """(K, S) signs of the nodes of the last level."""

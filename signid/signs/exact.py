@@ -82,7 +82,7 @@ def search(
         scores = Scores(problem, cone)
         scores.add(np.concatenate([free.signs[None], tries]))
         lower, more = _prove(problem, scores, moves, lower, widest, most)
-        nodes, certified = nodes + more, certified and not more
+        nodes += more
     optimal = scores.best - lower <= scores.same
     gap = 0.0 if optimal else 1 - max(lower, 0.0) / scores.best
     rivals, losses = scores.ranked()
@@ -92,7 +92,7 @@ def search(
         loss=scores.best,
         free_signs=free.signs,
         free_loss=free.best,
-        proof=Proof(optimal, gap, nodes, certified),
+        proof=Proof(optimal, gap, nodes, certified=optimal and not nodes),
         rival_signs=rivals,
         rival_losses=losses,
         cuts=scores.cuts,

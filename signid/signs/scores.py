@@ -7,12 +7,11 @@ from typing import Protocol
 import numpy as np
 
 from ..types import Array
-from .branch import bounds
+from .branch import ROUNDING, bounds
 from .problem import Problem
 
 CUTS = 64  # half-spaces kept
 WORTH = 0.9  # of a distance: a half-space is kept where those before it tell less
-SAME = 1e-11  # share of the total energy by which losses of the same signs may differ
 
 
 class Cone(Protocol):
@@ -54,7 +53,7 @@ class Scores:
 
     def __init__(self, problem: Problem, cone: Cone, limit: float | None = None, cuts: Array | None = None) -> None:
         self.problem, self.cone, self._limit = problem, cone, limit
-        self.same = SAME * float(problem.energies.sum())
+        self.same = ROUNDING * float(problem.energies.sum())
         self.cuts = np.zeros((len(problem.projections), 0)) if cuts is None else cuts
         self.best, self.signs, self.coordinates = np.inf, np.zeros(0), np.zeros(0)
         self._seen: dict[bytes, float] = {}

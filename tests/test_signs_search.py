@@ -1,0 +1,194 @@
+"""The exact search over signs, against all 2^S of them on small problems."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from boolean import CLOSE, Facets, drawn, every, half, losses, problems, stated
+from numpy.testing import assert_allclose, assert_array_equal
+
+from signid.signs import exact
+from signid.signs.climb import Climbed
+from signid.signs.exact import enumerate_near, search
+from signid.signs.problem import Problem
+from signid.signs.result import Proof
+from signid.types import Array
+
+
+@problems
+def test_the_best_signs_are_found_and_proved(seed: int, count: int, noise: float, anchored: bool) -> None:
+    problem = drawn(np.random.default_rng(seed), count, noise, anchored)
+    least, total = losses(problem, every(problem)).min(), problem.energies.sum()
+    found = search(problem)
+    assert abs(found.loss - least) <= CLOSE * total
+    assert found.loss == found.free_loss
+    assert found.proof.optimal and found.proof.gap == 0
+    assert not problem.anchored or found.signs[-1] == 1
+    assert_array_equal(np.abs(found.signs), 1)
+    assert_allclose(found.coordinates, problem.coordinates(found.signs))
+
+
+@problems
+def test_the_best_signs_within_a_cone(seed: int, count: int, noise: float, anchored: bool) -> None:
+    rng = np.random.default_rng(seed)
+    problem = drawn(rng, count, noise, anchored)
+    cone, total = half(problem, rng), problem.energies.sum()
+    found = search(problem, cone, start=np.ones(problem.count))
+    assert abs(found.loss - losses(problem, every(problem), cone).min()) <= CLOSE * total
+    assert abs(found.free_loss - losses(problem, every(problem)).min()) <= CLOSE * total
+    assert found.proof.optimal
+    assert np.all(cone.normals @ found.coordinates >= -1e-6 * np.sqrt(total))
+    assert_allclose(found.rival_losses, losses(problem, found.rival_signs, cone), atol=CLOSE * total)
+    assert np.all(np.diff(found.rival_losses) >= 0) and len(np.unique(found.rival_signs, axis=0)) == len(
+        found.rival_losses
+    )
+    assert_array_equal(found.rival_signs[0], found.signs)
+
+
+@problems
+def test_a_bad_climb_costs_time_but_no_proof(seed: int, count: int, noise: float, anchored: bool) -> None:
+    rng = np.random.default_rng(seed)
+    problem = drawn(rng, count, noise, anchored)
+    cone = half(problem, rng) if seed % 2 else None
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(exact, "climb", lambda p, seed: Climbed(np.ones(p.count), p.loss(np.ones(p.count)), 1.0))
+        patch.setattr(exact, "_improve", lambda *_: None)
+        found = search(problem, cone)
+    assert found.proof.optimal
+    assert abs(found.loss - losses(problem, every(problem), cone).min()) <= CLOSE * problem.energies.sum()
+
+
+@problems
+def test_a_budget_that_bites_leaves_a_true_gap(seed: int, count: int, noise: float, anchored: bool) -> None:
+    rng = np.random.default_rng(seed)
+    problem = drawn(rng, count, noise, anchored)
+    close = CLOSE * problem.energies.sum()
+    for widest, most in ((1, 10**6), (3, 10**6), (100, 8)):
+        cone = half(problem, rng)
+        found = search(problem, cone, widest=widest, most=most)
+        best = losses(problem, every(problem), cone).min()
+        assert found.loss * (1 - found.proof.gap) <= best + close <= found.loss + 2 * close
+        assert found.proof.optimal == (found.proof.gap == 0)
+
+
+@problems
+def test_all_rivals_near_the_best_are_listed(seed: int, count: int, noise: float, anchored: bool) -> None:
+    rng = np.random.default_rng(seed)
+    problem = drawn(rng, count, noise, anchored)
+    cone = half(problem, rng) if seed % 2 else None
+    found, window = search(problem, cone), 0.2 * problem.energies.sum()
+    rivals = enumerate_near(problem, cone, found, window)
+    signs = every(problem)
+    expected = losses(problem, signs, cone)
+    clear = np.abs(expected - found.loss - window) > CLOSE * problem.energies.sum()
+    inside = {tuple(s) for s in signs[clear & (expected < found.loss + window)]}
+    outside = {tuple(s) for s in signs[clear & (expected > found.loss + window)]}
+    listed = {tuple(s) for s in rivals.signs}
+    assert rivals.complete and inside <= listed and not listed & outside
+    few = enumerate_near(problem, cone, found, window, widest=1)
+    assert {tuple(s) for s in few.signs} <= listed
+    assert not few.complete or len(few.losses) == len(rivals.losses)
+
+
+def test_truth_without_noise_is_certain() -> None:
+    rng = np.random.default_rng(0)
+    joints = [0] * 15 + [1] * 15
+    rows = [rng.normal(size=(20, 8)) for _ in joints]
+    truth, model = rng.choice([-1.0, 1.0], 30), rng.normal(size=8)
+    problem = stated(rows, [s * (r @ model) for s, r in zip(truth, rows, strict=True)], joints)
+    found = search(problem)
+    assert found.loss <= 1e-12 * problem.energies.sum()
+    assert found.proof.optimal
+    assert abs(found.signs @ truth) == 30
+    assert_allclose(np.abs(problem.back @ found.coordinates), np.abs(model), rtol=1e-9)
+
+
+@pytest.mark.parametrize("anchored", [False, True])
+def test_segments_that_tell_little(anchored: bool) -> None:
+    """Single samples, the same segment three times, one without torque."""
+    rng = np.random.default_rng(2)
+    one, other = rng.normal(size=(1, 3)), rng.normal(size=(6, 3))
+    rows = [one, other, other, other, np.ones((4, 3)), 2 * one]
+    right = [np.ones(1), *[other @ [1.0, 2.0, 3.0] + 0.1] * 3, np.zeros(4), np.ones(1)]
+    joints = [0, 0, 0, 1, 1, 1]
+    if anchored:
+        rows, right, joints = [*rows, np.eye(3)], [*right, np.array([-1.0, -2.0, -3.0])], [*joints, -1]
+    problem = stated(rows, right, joints)
+    found = search(problem)
+    assert found.proof.optimal
+    assert_allclose(found.loss, losses(problem, every(problem)).min())
+    assert len(set(found.signs[1:4])) == 1
+    if anchored:
+        assert_array_equal(found.signs[1:4], -1)
+
+
+def test_segments_that_tell_nothing() -> None:
+    nowhere = stated([np.zeros((4, 2)), np.zeros((3, 2))], [np.ones(4), np.ones(3)], [0, 1])
+    silent = stated([np.ones((4, 1)), np.ones((3, 1))], [np.zeros(4), np.zeros(3)], [0, 1])
+    for problem, left in ((nowhere, 7.0), (silent, 0.0)):
+        found = search(problem, Facets(np.ones((1, len(problem.projections)))))
+        assert found.proof.optimal
+        assert found.loss == pytest.approx(left, abs=1e-9)
+        assert_array_equal(np.abs(found.signs), 1)
+
+
+def test_one_segment() -> None:
+    problem = stated([np.ones((5, 1))], [np.arange(5.0)], [0])
+    assert search(problem).proof == Proof(True, 0.0, 0, True)
+    found = search(problem, Facets(-np.sign(problem.projections.T)))
+    assert_array_equal(found.signs, [-1])
+    assert found.proof.optimal and found.loss == pytest.approx(10)
+
+
+def friction(cases: int = 10) -> tuple[Problem, Array, Facets]:
+    """Two joints whose torque is F sign v, which an offset F explains as well; the cone knows |offset| <= 2 F."""
+    rng = np.random.default_rng(4)
+    forward = np.where(np.arange(2 * cases) % 2 == 0, 1.0, -1.0)
+    joints = np.repeat([0, 1], cases)
+    rows = [np.repeat(np.kron(np.eye(2)[j], [v, 1.0])[None], 8, axis=0) for v, j in zip(forward, joints, strict=True)]
+    right = [1.0 + j + 0.01 * rng.normal(size=8) for j in joints]
+    problem = stated(rows, right, joints.tolist())
+    told = np.kron(np.eye(2), [[1.0, 0.0], [2.0, 1.0], [2.0, -1.0]]) @ problem.back
+    return problem, forward, Facets(told)
+
+
+@pytest.mark.parametrize("helped", [False, True])
+def test_friction_is_not_taken_for_an_offset(helped: bool) -> None:
+    problem, forward, cone = friction()
+    moves = [np.where(problem.joints == j, forward, 0.0) for j in (0, 1)] if helped else []
+    found = search(problem, cone, moves)
+    assert_array_equal(found.signs, forward)
+    assert found.proof.optimal
+    assert found.loss >= found.free_loss
+
+
+def test_a_move_may_leave_the_known_segment_out() -> None:
+    problem, forward, cone = friction(4)
+    known = stated(
+        [*np.split(np.repeat(np.eye(4), 8, axis=0), 8), np.eye(4)],
+        [*np.full((8, 4), 2.0), np.ones(4)],
+        [*problem.joints.tolist(), -1],
+    )
+    found = search(known, Facets(np.eye(4) @ known.back), [forward])
+    assert found.signs[-1] == 1 and found.proof.optimal
+
+
+def test_many_joints_flip_alone_and_in_pairs() -> None:
+    rng = np.random.default_rng(5)
+    joints = list(range(12))
+    rows = [rng.normal(size=(4, 5)) for _ in joints]
+    problem = stated(rows, [np.abs(r @ np.ones(5)) for r in rows], joints)
+    cone = half(problem, rng)
+    found = search(problem, cone)
+    assert found.proof.optimal
+    assert_allclose(found.loss, losses(problem, every(problem), cone).min())
+
+
+def test_the_same_search_finds_the_same() -> None:
+    rng = np.random.default_rng(7)
+    problem = drawn(rng, 12, 0.5, columns=3)
+    cone = half(problem, rng)
+    first, again = search(problem, cone, seed=5), search(problem, cone, seed=5)
+    assert first.proof == again.proof
+    assert_array_equal(first.rival_signs, again.rival_signs)
+    assert_array_equal(first.rival_losses, again.rival_losses)
