@@ -24,7 +24,7 @@ from rich.table import Table
 
 from signid.errors import SignidError
 
-from .lost import bullet, hobby, paper, real, show, simulated, speed, verdicts
+from .lost import bullet, constants, hobby, paper, real, show, simulated, speed, verdicts
 from .lost.row import Row, Verdict
 from .lost.summary import reliability, summarise
 
@@ -92,6 +92,14 @@ class Bench:
         self.verdicts += verdicts.of_groups(rows)
         return (show.show_groups("arms of six and seven joints in MuJoCo", summarise(rows)),)
 
+    def constants(self) -> Told:
+        """Currents whose torque constants are not known."""
+        found = list(constants.found(workers=self.workers))
+        kinds = list(constants.summarise(found))
+        self.more |= {"constants": [asdict(one) for one in found], "kinds": [asdict(kind) for kind in kinds]}
+        self.verdicts += verdicts.of_constants(kinds)
+        return (show.show_constants(kinds),)
+
     def speed(self) -> Told:
         """Exact search against the classical tree, and against its fast form."""
         rows = list(speed.races(self.rows))
@@ -107,7 +115,7 @@ class Bench:
 
 
 WORDS = {True: ("met", ""), False: ("NOT MET", "red"), None: ("told", "")}
-CASES = ("table", "paper", "bullet", "real", "hobby", "simulated", "speed")
+CASES = ("table", "paper", "bullet", "real", "hobby", "simulated", "constants", "speed")
 
 
 def run(bench: Bench, cases: Sequence[str], console: Console) -> None:

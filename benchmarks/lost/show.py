@@ -8,6 +8,7 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from .coefficients import IDENTIFIABLE, PUBLISHED, QUOTED, Arm, coefficients, entries, identifiable
+from .constants import Kind
 from .hobby import Report
 from .row import Row
 from .summary import Bin, Group
@@ -118,6 +119,19 @@ def show_quoted() -> Table:
     table = frame("errors of the paper's four estimates (quoted, not recomputed)", ("against", "1", "2", "3", "4"))
     for name, errors in QUOTED.items():
         table.add_row(name, *(f"{error:g}" for error in errors))
+    return table
+
+
+def show_constants(kinds: Sequence[Kind]) -> Table:
+    """Torque constants that were found."""
+    names = ("arms", "refused", "constants", "off, median", "largest", "std told", "within 2 std", "segments", "s")
+    table = frame("torque constants not known, 2 % noise", ("", *names, "flagged"))
+    for kind in kinds:
+        shares = [_share(x) for x in (kind.median, kind.largest, kind.said)]
+        rest = [f"{kind.inside}/{kind.constants}", f"{kind.right}/{kind.segments}", f"{kind.seconds:.1f}"]
+        table.add_row(
+            kind.name, str(kind.arms), str(kind.refused), str(kind.constants), *shares, *rest, str(kind.flagged)
+        )
     return table
 
 

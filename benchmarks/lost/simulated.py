@@ -35,6 +35,7 @@ DURATION, UNSEEN, RATE, BITS = 20.0, 8.0, 100.0, 17  # s, s of the motion that j
 NOISES = (0.02, 0.05, 0.10, 0.20)  # of each joint's rms torque
 FRICTIONLESS = Options(effects=("torque_offset", "armature"))
 COARSE, QUIET = 0.3, 0.02  # step of quantisation, and noise beside it, as shares of each joint's rms torque
+SIGNED, MIXED = (0, 1), "joints 1, 2 signed"
 LOW = 0.02  # quantile of |torque| that is far too low a threshold
 FAILURES = ("2 % threshold", "friction missing", "quantised by 30 %")
 LAWS = ("armature", "viscous_friction", "coulomb_friction", "torque_offset")
@@ -50,7 +51,14 @@ class Scene:
     drives: Drives
     tracks: tuple[Track, Track]
 
-    def puzzle(self, group: str, noise: float, options: Options | None = None, step: float = 0.0) -> Puzzle:
+    def puzzle(
+        self,
+        group: str,
+        noise: float,
+        options: Options | None = None,
+        step: float = 0.0,
+        signed: tuple[int, ...] = (),
+    ) -> Puzzle:
         """Both motions as logged.
 
         Args:
@@ -58,12 +66,15 @@ class Scene:
             noise: of torque, as a share of each joint's rms value.
             options: of the identification.
             step: of quantised torque, the same share.
+            signed: joints whose torque keeps its sign.
         """
         sources = [logged(track, 10 * self.seed + k, noise, step) for k, track in enumerate(self.tracks)]
         truths = tuple(Truth(track.t, track.tau, track.tau) for track in self.tracks)
         value = planted(self.robot, {law: np.array(getattr(self.drives, law)) for law in LAWS})
         case = f"{self.name}, motion {self.seed + 1}"
-        return Puzzle(group, case, self.robot, (sources[0],), (sources[1],), options or Options(), value, truths)
+        options = options or Options()
+        pair = ((sources[0],), (sources[1],))
+        return Puzzle(group, case, self.robot, *pair, options, value, truths, signed=signed)
 
 
 def rows(seeds: int = SEEDS, workers: int = 2) -> Iterator[Row]:
@@ -77,6 +88,8 @@ def rows(seeds: int = SEEDS, workers: int = 2) -> Iterator[Row]:
 def _all(name: str, seed: int) -> list[Row]:
     scene = draw(name, seed)
     done = [attempt(scene.puzzle(f"{100 * noise:g} % noise", noise)) for noise in NOISES]
+    for noise in NOISES[1::2]:
+        done.append(attempt(scene.puzzle(f"{100 * noise:g} % noise, {MIXED}", noise, signed=SIGNED)))
     low = partial(threshold_runs, quantile=LOW)
     with mock.patch("signid.signs.infer.threshold_runs", low):
         done.append(attempt(scene.puzzle(FAILURES[0], QUIET)))

@@ -65,7 +65,7 @@ def races(done: Sequence[Row]) -> Iterator[Race]:
         arms = [attempt(puzzle, method) for puzzle in puzzles for method in ("exact", "tree")]
     for exact, tree in zip(arms[::2], arms[1::2], strict=True):
         right = [f"{row.right}/{row.segments}" for row in (exact, tree)]
-        yield Race(f"3R {exact.case}", "tree by NLopt", exact.seconds, tree.seconds, right[0], right[1], TIMES)
+        yield Race(f"3R {exact.case}", "tree by NLopt", exact.whole, tree.whole, right[0], right[1], TIMES)
     yield beaten(real.panda(Path(os.environ["SIGNID_DATA"])))
 
 

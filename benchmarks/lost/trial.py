@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 import signid
-from signid.fit import judge_fit
 from signid.identify import Identification
 from signid.prepare import prepare
 from signid.recording import read_recording
 from signid.recording.source import Source
+from signid.rows import read_rows
 from signid.session import Options, Session
 from signid.types import BaseMap, Estimate, Law, Recording, Robot
 
@@ -39,8 +40,14 @@ class Known(NamedTuple):
 
     def held_out_rms(self, value: Array) -> tuple[float, ...]:
         """(n,) [N.m or N] on signed torque that was not learned from, of (b,) [units of base]."""
-        test = self.session.reduce(self.session.held_out, lags=0)
-        return tuple(judge_fit(self.session, test, test, value).held_out_rms.tolist())
+        task, parts = self.session.task, self.session.held_out
+        seen = [task.seen(j) for j in range(len(task.robot.joints))]
+        rests = [
+            rows.torque - np.column_stack([own @ value[k] for own, k in zip(rows.columns, seen, strict=True)])
+            for part in parts
+            for rows in read_rows(task, *part)
+        ]
+        return tuple(np.sqrt(np.mean(np.concatenate(rests) ** 2, axis=0)).tolist())
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,14 +63,17 @@ class Puzzle:
     value: Value | None = None  # the truth, where it is known
     truths: tuple[Truth, ...] | None = None  # of all recordings; measured torque where it is not known better
     error: Callable[[BaseMap, Array], float] | None = None  # of base parameters, in the units of the case
+    signed: tuple[int, ...] = ()  # joints whose torque keeps its sign, where sources are columns
 
     def read(self, unsigned: bool) -> tuple[list[Recording], list[Recording]]:
         """The recordings to learn from, and those to judge by."""
-        learn, judge = (
-            [read_recording(source, self.robot, unsigned=unsigned) for source in some]
-            for some in (self.sources, self.judges)
-        )
+        learn, judge = ([self._open(source, unsigned) for source in some] for some in (self.sources, self.judges))
         return learn, judge
+
+    def _open(self, source: Source, unsigned: bool) -> Recording:
+        if unsigned and self.signed and isinstance(source, Mapping):
+            return read_recording(forget(source, self.signed), self.robot)
+        return read_recording(source, self.robot, unsigned=unsigned)
 
     @cached_property
     def truth(self) -> tuple[Truth, ...]:
@@ -79,6 +89,17 @@ class Puzzle:
         learn, judge = self.read(unsigned=False)
         found, seconds = identify(self, learn, judge)
         return Known(prepare(self.robot, learn, judge, self.options), found.estimate, seconds)
+
+
+def forget(columns: Mapping[str, ArrayLike], signed: Collection[int]) -> dict[str, ArrayLike]:
+    """Columns of which only some joints keep the sign of their torque.
+
+    Args:
+        columns: (N,) each, tau_1 and so on among them [N.m or N].
+        signed: the joints, from 0.
+    """
+    hidden = {key for key in columns if key.startswith("tau_") and int(key[4:]) - 1 not in signed}
+    return {f"abs_{key}" if key in hidden else key: np.abs(x) if key in hidden else x for key, x in columns.items()}
 
 
 def attempt(puzzle: Puzzle, method: str = "exact", target: Target | None = None) -> Row:

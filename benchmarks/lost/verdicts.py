@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from .coefficients import entries
+from .constants import Kind
 from .hobby import Report
 from .row import Row, Verdict
 from .simulated import FAILURES, NOISES
@@ -47,6 +48,13 @@ def alarm(groups: Sequence[Group]) -> Verdict:
     """How many of the failures are flagged."""
     wrong, told = sum(group.wrong for group in groups), sum(group.alarms for group in groups)
     return Verdict(f"alarm in {told} of {wrong} runs that fail on purpose ({ALARMS:.0%})", told >= ALARMS * wrong)
+
+
+def of_constants(kinds: Sequence[Kind]) -> Iterator[Verdict]:
+    """How far off the constants are; reports, not targets."""
+    for kind in kinds:
+        errors = f"off by {100 * kind.median:.1f} % (median), {100 * kind.largest:.1f} % (largest)"
+        yield Verdict(f"torque constants, {kind.name}: {errors}, {kind.refused} of {kind.arms} arms refused", None)
 
 
 def of_bins(bins: Sequence[Bin]) -> Verdict:

@@ -1,0 +1,146 @@
+"""Currents without signs whose torque constants are not known: the constants that are found on simulated arms."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pinocchio as pin
+
+import signid
+from signid.errors import SignidError
+from signid.types import Robot
+
+from .simulated import CENTRES, Scene, draw, logged
+from .truth import Array, Judged, Truth, judge
+
+NOISE, WRONG = 0.02, 0.2  # of torque, as a share of its rms; of each link's inertials in a description that is off
+RANGE = (0.5, 50.0)  # N.m/A, of the constants drawn
+ANCHOR = 1  # the joint whose constant is known in the first kind
+KINDS = ("joint 2's known", "none known", "none known, URDF off by 20 %")
+
+
+@dataclass(frozen=True)
+class Found:
+    """One arm."""
+
+    kind: str
+    arm: str
+    errors: tuple[float, ...]  # [1] relative, of each constant that was unknown; empty where it was refused
+    stds: tuple[float, ...]  # [1] relative, as told
+    judged: tuple[Judged, ...]
+    flags: tuple[str, ...]
+    seconds: float
+    refused: str = ""
+
+    @property
+    def right(self) -> int:
+        """Segments with their true sign."""
+        return sum(one.right for one in self.judged)
+
+
+def found(motion: int = 0, workers: int = 2) -> Iterator[Found]:
+    """Each kind on each arm.
+
+    Args:
+        motion: the number of the motions.
+        workers: processes at once.
+    """
+    with ProcessPoolExecutor(workers) as pool:
+        for some in pool.map(_arm, CENTRES, [motion] * len(CENTRES)):
+            yield from some
+
+
+def _arm(name: str, motion: int) -> list[Found]:
+    scene, rng = draw(name, motion), np.random.default_rng([motion, 5])
+    n = len(scene.robot.joints)
+    constants = np.exp(rng.uniform(*np.log(RANGE), n))
+    off = np.exp(WRONG * rng.standard_normal(n))
+    anchor = np.arange(n) == ANCHOR
+    kinds = zip(KINDS, (anchor, ~anchor & anchor, ~anchor & anchor), (np.ones(n), np.ones(n), off), strict=True)
+    return [find(kind, scene, constants, known, factors) for kind, known, factors in kinds]
+
+
+def find(kind: str, scene: Scene, constants: Array, known: Array, factors: Array) -> Found:
+    """Constants of one arm.
+
+    Args:
+        kind: what it is told under.
+        scene: the arm and its motion.
+        constants: (n,) [N.m/A] the true ones.
+        known: (n,) whether the constant is told.
+        factors: (n,) [1] of the links' inertials in the description, over the true ones.
+    """
+    told = np.where(known, constants, np.nan)
+    actuators = replace(scene.robot.actuators, torque_constant=told)
+    robot = replace(heavier(scene.robot, factors), actuators=actuators)
+    learn = signid.read_recording(currents(logged(scene.tracks[0], 10 * scene.seed, NOISE), constants), robot)
+    start = time.perf_counter()
+    try:
+        signs = signid.identify(robot, [learn], method="wls").signs
+    except SignidError as error:
+        return Found(kind, scene.name, (), (), (), (), time.perf_counter() - start, str(error))
+    seconds = time.perf_counter() - start
+    assert signs is not None, "currents were recorded without signs"
+    place = {joint: j for j, joint in enumerate(signs.joints)}
+    errors = tuple(abs(value / constants[place[joint]] - 1) for joint, value, _ in signs.gains)
+    stds = tuple(std / value for _, value, std in signs.gains)
+    track = scene.tracks[0]
+    score = judge(signs, [Truth(track.t, track.tau, track.tau)])
+    return Found(kind, scene.name, errors, stds, score.judged, signs.flags, seconds)
+
+
+def currents(columns: dict[str, Array], constants: Array) -> dict[str, Array]:
+    """Absolute currents where torques were: constants (n,) [N.m/A]."""
+    kept = {key: x for key, x in columns.items() if not key.startswith("tau_")}
+    return kept | {f"abs_current_{j}": np.abs(columns[f"tau_{j}"]) / k for j, k in enumerate(constants, 1)}
+
+
+def heavier(robot: Robot, factors: Array) -> Robot:
+    """With the inertials of each moving link by a factor: (n,) [1]."""
+    model = robot.model.copy()
+    for k, factor in enumerate(factors.tolist(), 1):
+        model.inertias[k] = pin.Inertia.FromDynamicParameters(factor * model.inertias[k].toDynamicParameters())
+    return replace(robot, model=model)
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What all arms of one kind say together."""
+
+    name: str
+    arms: int
+    refused: int
+    constants: int
+    median: float  # [1] of the relative errors
+    largest: float  # [1]
+    said: float  # [1] median of the relative standard deviations
+    inside: int  # errors within two standard deviations
+    segments: int
+    right: int
+    seconds: float  # median
+    flagged: int  # arms with a flag
+
+
+def summarise(done: Sequence[Found]) -> Iterator[Kind]:
+    """One for each kind."""
+    for name in dict.fromkeys(one.kind for one in done):
+        own = [one for one in done if one.kind == name]
+        errors, stds = (np.array([x for one in own for x in getattr(one, key)]) for key in ("errors", "stds"))
+        yield Kind(
+            name=name,
+            arms=len(own),
+            refused=sum(bool(one.refused) for one in own),
+            constants=len(errors),
+            median=float(np.median(errors)) if len(errors) else float("nan"),
+            largest=float(errors.max(initial=0.0)),
+            said=float(np.median(stds)) if len(stds) else float("nan"),
+            inside=int(np.sum(errors <= 2 * stds)),
+            segments=sum(len(one.judged) for one in own),
+            right=sum(one.right for one in own),
+            seconds=float(np.median([one.seconds for one in own])),
+            flagged=sum(bool(one.flags) for one in own),
+        )
