@@ -93,6 +93,15 @@ def test_every_segment_is_shaded_by_its_sign() -> None:
                 assert all(text[0] == row[0] in "+−" for text, row in zip(bar.text, bar.customdata, strict=True))
 
 
+def test_the_legend_names_once_what_some_joint_shows() -> None:
+    signs = found()
+    sure = replace(signs, segments=tuple(x._replace(confidence=1.0) if x.joint == 0 else x for x in signs.segments))
+    assert min(x.confidence for x in sure.of(2)) < 0.999
+    (drawn,) = figures(signs_page(sure))
+    named = [trace.name for trace in drawn.data if trace.showlegend]
+    assert len(named) == len(set(named)) == 7 and "confidence below 0.999" in named
+
+
 def test_lines_are_broken_where_a_span_begins_and_keep_their_peaks() -> None:
     for samples in (600, 20_000):
         signs = found(samples=samples)

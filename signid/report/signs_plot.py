@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 MOST = 4000  # points a line
 PANEL, MARGINS = 230, 130  # [pixels] height of a joint's panel, and of what stands around all of them
 INK, FAINT = "#1f2933", "#8a94a0"
-MODEL = "#c2185b"
+MODEL = "#e58fb3"
 SHADES = (("+", "sign +", "#2f6fb3"), ("−", "sign −", "#e07b39"), ("?", f"confidence below {CERTAIN}", "#e3c21c"))
 STYLE = """
 body { font: 15px/1.5 system-ui, "Segoe UI", Helvetica, Arial, sans-serif; color: #1f2933; background: #fff; margin: 0 }
@@ -41,6 +41,7 @@ def signs_page(signs: Signs, units: Sequence[str] = ()) -> str:
     from plotly.offline import get_plotlyjs
 
     told = units or ["N.m or N"] * len(signs.joints)
+    shaded = "Shaded: segments, each with its sign and confidence. Elsewhere signs follow the model, sample by sample."
     sections = [_section(signs, part, told) for part in range(len(signs.traces) if signs.hidden else 0)]
     hidden = ", ".join(signs.joints[j] for j in signs.hidden)
     return "\n".join(
@@ -51,6 +52,7 @@ def signs_page(signs: Signs, units: Sequence[str] = ()) -> str:
             f"<p>Joints: {escape(hidden)}. Method: {escape(signs.method)}. {escape(proof_sentence(signs))}</p>",
             _list("flags", signs.flags),
             _list("notes", signs.notes),
+            f"<p>{shaded}</p>",
             *sections,
             "</main>\n</body>\n</html>\n",
         ]
@@ -81,10 +83,12 @@ def _figure(signs: Signs, part: int, units: Sequence[str]) -> go.Figure:
     count = len(signs.hidden)
     height = PANEL * count + MARGINS
     drawn = make_subplots(count, 1, shared_xaxes=True, vertical_spacing=16 / height)
+    named: set[str] = set()
     for row, j in enumerate(signs.hidden, 1):
         trace, top = signs.traces[part], _top(signs.traces[part], j)
         for line in (*_shades(signs, part, j, top), *_lines(signs, trace, j, units[j])):
-            drawn.add_trace(line.update(showlegend=row == 1), row=row, col=1)
+            drawn.add_trace(line.update(showlegend=len(line.x) > 0 and line.name not in named), row=row, col=1)
+            named |= {line.name} if len(line.x) else set()
         title = f"{escape(signs.joints[j])} [{units[j]}]"
         drawn.update_yaxes(title_text=title, range=[-top, top], row=row, col=1)
     drawn.update_xaxes(title_text="time [s]", row=count, col=1)
@@ -113,7 +117,7 @@ def _range(t: Array) -> list[float] | None:
 
 def _top(trace: Trace, joint: int) -> float:
     sizes = np.abs(np.concatenate([trace.magnitude[:, joint], trace.predicted[:, joint]]))
-    return 1.3 * max(float(sizes[np.isfinite(sizes)].max(initial=0.0)), 1e-12)
+    return 1.4 * max(float(sizes[np.isfinite(sizes)].max(initial=0.0)), 1e-12)
 
 
 def _shades(signs: Signs, part: int, joint: int, top: float) -> list[go.Bar]:
@@ -146,6 +150,7 @@ def _shades(signs: Signs, part: int, joint: int, top: float) -> list[go.Bar]:
                 f"%{{customdata[1]}} to %{{customdata[2]}} s<extra>{escape(signs.joints[joint])}</extra>",
                 name=name,
                 legendgroup=name,
+                legendrank=1,
             )
         )
     return bars
@@ -165,9 +170,9 @@ def _lines(signs: Signs, trace: Trace, joint: int, unit: str) -> list[go.Scatter
 
     size, level = trace.magnitude[:, joint], float(signs.threshold[joint])
     lines = (
+        ("model", trace.predicted[:, joint], {"color": MODEL, "width": 3}),
         ("absolute torque", size, {"color": FAINT, "width": 1, "dash": "solid"}),
-        ("torque with its sign", size * trace.signs[:, joint], {"color": INK, "width": 1.3}),
-        ("model", trace.predicted[:, joint], {"color": MODEL, "width": 1.1}),
+        ("torque with its sign", size * trace.signs[:, joint], {"color": INK, "width": 1.2}),
     )
     drawn = []
     for name, y, style in lines:
