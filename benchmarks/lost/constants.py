@@ -78,12 +78,12 @@ def find(kind: str, scene: Scene, constants: Array, known: Array, factors: Array
     actuators = replace(scene.robot.actuators, torque_constant=told)
     robot = replace(heavier(scene.robot, factors), actuators=actuators)
     learn = signid.read_recording(currents(logged(scene.tracks[0], 10 * scene.seed, NOISE), constants), robot)
-    start = time.perf_counter()
+    start = time.process_time()
     try:
         signs = signid.identify(robot, [learn], method="wls").signs
     except SignidError as error:
-        return Found(kind, scene.name, (), (), (), (), time.perf_counter() - start, str(error))
-    seconds = time.perf_counter() - start
+        return Found(kind, scene.name, (), (), (), (), time.process_time() - start, str(error))
+    seconds = time.process_time() - start
     assert signs is not None, "currents were recorded without signs"
     place = {joint: j for j, joint in enumerate(signs.joints)}
     errors = tuple(abs(value / constants[place[joint]] - 1) for joint, value, _ in signs.gains)

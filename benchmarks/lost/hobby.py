@@ -56,9 +56,9 @@ def report() -> Report:
         [signid.read_recording(folder / f"{name}.csv.gz", robot, columns=columns) for name in names]
         for names in (LEARN, JUDGES)
     )
-    start = time.perf_counter()
+    start = time.process_time()
     found = signid.identify(robot, learn, held_out=judges)
-    seconds = time.perf_counter() - start
+    seconds = time.process_time() - start
     assert found.signs is not None, "the recordings have no signs"
     told = tuple(tell(found, j) for j in range(len(JOINTS)))
     proof = found.signs.proof

@@ -73,14 +73,14 @@ def beaten(puzzle: Puzzle) -> Race:
     """The search with refinement and confidence, against nothing but order and beam; rows ready for both."""
     task, (learn, _) = puzzle.known.session.task, puzzle.read(unsigned=True)
     observed = observe(task, [(learn[0], survey(learn[0], task.robot))])
-    start = time.perf_counter()
+    start = time.process_time()
     found = infer(task, observed)
-    between = time.perf_counter()
+    between = time.process_time()
     segments, _ = threshold_runs(observed)
     problem = pose(observed, segments, 1 / scales(observed))
     ordered = condition_order(problem)
     grown = beam(problem, ordered.order, ordered.start)
-    end = time.perf_counter()
+    end = time.process_time()
     right = right_of(puzzle, observed, found.segments, found.signs)
     both = [right_of(puzzle, observed, segments, side * grown.signs) for side in (1, -1)]
     other = max(both, key=lambda told: int(told.partition("/")[0]))  # the tree leaves the overall sign open
