@@ -36,6 +36,7 @@ class Band(Frozen):
     per_joint: Array  # (n,) [Hz] highest cut-off that each joint's encoder noise allows
     velocity_noise: Array  # (n,) [rad/s or m/s] of the differentiated positions
     torque_floor: Array  # (n,) [N.m or N] white noise of the torque that passes the filter
+    beyond: float = 3.0  # times the cut-off to which positions pass
 
     @property
     def cutoff(self) -> float:
@@ -53,7 +54,7 @@ class Band(Frozen):
     @property
     def position_cutoff(self) -> float:
         """Half-amplitude frequency of positions [Hz]."""
-        return 3 * self.cutoff
+        return self.beyond * self.cutoff
 
     @cached_property
     def position_taps(self) -> Array:

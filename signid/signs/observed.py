@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +20,7 @@ DENSE = 8.0  # samples a period of the cut-off ...
 LEAST = 100.0  # [Hz] ... and never fewer than this, where the recording has them
 MOST = 20_000  # samples altogether; longer recordings are thinned further
 WINDOW = 8192  # samples of the recording at a time
+BEYOND = 2.0  # times the cut-off to which positions pass: less than for a fit, as torque is not filtered here
 STILL = 5.0  # widths of a reversal: slower, friction is not certain
 
 
@@ -127,15 +128,16 @@ def motions(task: Task, part: Part, step: int) -> Iterator[Stretch]:
     Beyond the ends positions go on as their mirror images through the last one, so that the filter has what it needs.
     """
     recording, sampling = part
-    edge, size = margin(task.band, task.recorded_derivatives), -(-WINDOW // step) * step
-    reach = int(np.ceil(0.5 * task.band.rate / task.band.position_cutoff))
+    band = replace(task.band, beyond=BEYOND)
+    edge, size = margin(band, task.recorded_derivatives), -(-WINDOW // step) * step
+    reach = int(np.ceil(0.5 * band.rate / band.position_cutoff))
     for span in sampling.spans:
         total = sampling.length(span)
         for k in range(0, total, size):
             stop = min(k + size, total)
             low, high = max(k - edge, 0), min(stop + edge, total)
             window = _extended(samples(recording, sampling, span, low, high), low - k + edge, stop + edge - high)
-            motion = build_motion(task.robot, window, task.band, sampling.period, task.recorded_derivatives, task.slow)
+            motion = build_motion(task.robot, window, band, sampling.period, task.recorded_derivatives, task.slow)
             place = np.arange(k, stop)
             whole = (place >= edge) & (place < total - edge)
             yield Stretch(k == 0, motion, _steady(task, motion, reach) & whole[:, None])
