@@ -71,7 +71,12 @@ class Bench:
         rows = self.add(bullet.rows(2 if self.quick else bullet.MOTIONS, self.workers))
         self.verdicts += verdicts.of_rows(rows)
         keys = ("case", "segments", "mixed", "samples", "b", "off", "ratio", "worse", "seconds", "proof", "flags")
-        return (show.show_rows("3R in PyBullet, 2 % noise", rows, keys),)
+        more = (
+            ("ten, off", lambda row: f"{row.error:.2g}"),
+            ("signed", lambda row: f"{row.error_known:.2g}"),
+            ("ratio", lambda row: f"{row.error / row.error_known:.2f}"),
+        )
+        return (show.show_rows("3R in PyBullet, 2 % noise", rows, keys, more),)
 
     def real(self) -> Told:
         """Real robots."""

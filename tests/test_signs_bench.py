@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 import signid
-from benchmarks.lost import coefficients, summary, verdicts
+from benchmarks.lost import coefficients, constants, summary, verdicts
 from benchmarks.lost.row import Row, Target
 from benchmarks.lost.simulated import logged
-from benchmarks.lost.trial import Puzzle, identify, planted, tell
+from benchmarks.lost.trial import Puzzle, forget, identify, planted, tell
 from benchmarks.lost.truth import Truth, judge, measured
 from benchmarks.plants.control import Track
+from benchmarks.signs import plain
 from signid.session import Options
 from signid.signs.result import Proof, Signs, Told, Trace
 
@@ -127,6 +128,8 @@ def test_base_parameters_of_the_arms_become_the_coefficients() -> None:
     base = signid.inspect(arm, effects=()).base
     found = coefficients.arm_map(base) @ planted(arm)(base, ())
     assert np.allclose(found, coefficients.TRUE_3R, rtol=0, atol=1e-8)
+    ten = coefficients.ten_of(base, planted(arm)(base, ()), np.diag(np.arange(1.0, base.rank + 1)))
+    assert np.allclose(ten, coefficients.TRUE_3R, rtol=0, atol=1e-8)
     pendulum = signid.load_robot("1r")
     base = signid.inspect(pendulum, effects=()).base
     assert np.allclose(coefficients.pendulum_map(base) @ planted(pendulum)(base, ()), coefficients.TRUE_1R, atol=1e-12)
@@ -155,3 +158,43 @@ def test_coarse_torque_has_whole_steps() -> None:
     columns = logged(Track(T, TORQUE, TORQUE), 0, 0.02, step=0.3)
     steps = np.unique(np.diff(np.unique(columns["tau_1"])).round(9))
     assert len(steps) == 1 and steps[0] == pytest.approx(0.3 * np.sqrt(0.5), rel=0.02)
+
+
+def test_some_joints_keep_their_signs() -> None:
+    columns = logged(Track(T, TORQUE, TORQUE), 0, 0.02)
+    mixed = forget(columns, (1,))
+    assert set(mixed) == {"t", "q_1", "q_2", "abs_tau_1", "tau_2"}
+    assert np.array_equal(mixed["abs_tau_1"], np.abs(columns["tau_1"])) and mixed["tau_2"] is columns["tau_2"]
+    robot = signid.load_robot("3r", joints=["1", "2"])
+    puzzle = Puzzle("g", "c", robot, (columns,), (columns,), signed=(1,))
+    (learn,), (judged,) = puzzle.read(unsigned=True)
+    assert learn.signed.tolist() == judged.signed.tolist() == [False, True]
+    assert all(r.signed.all() for some in puzzle.read(unsigned=False) for r in some)
+
+
+def test_currents_are_torques_over_their_constants() -> None:
+    columns = logged(Track(T, TORQUE, TORQUE), 0, 0.02)
+    told = constants.currents(columns, np.array([2.0, 4.0]))
+    assert set(told) == {"t", "q_1", "q_2", "abs_current_1", "abs_current_2"}
+    assert np.allclose(told["abs_current_2"] * 4, np.abs(columns["tau_2"]))
+
+
+def test_a_description_that_is_off_has_other_masses() -> None:
+    robot = signid.load_robot("3r")
+    heavy = constants.heavier(robot, np.array([1.0, 2.0, 0.5]))
+    ratio = [b.mass / a.mass for a, b in list(zip(robot.model.inertias, heavy.model.inertias, strict=True))[2:]]
+    assert np.allclose(ratio, [2.0, 0.5])
+
+
+def test_constants_are_counted() -> None:
+    judged = row().judged
+    one = constants.Found("none known", "a", (0.01, 0.3), (0.02, 0.1), judged, (), 1.0)
+    lost = constants.Found("none known", "b", (), (), (), (), 3.0, "the torque constant is not known")
+    (kind,) = constants.summarise([one, lost])
+    assert (kind.arms, kind.refused, kind.constants, kind.inside) == (2, 1, 2, 1)
+    assert (kind.median, kind.largest, kind.seconds) == pytest.approx((0.155, 0.3, 2.0))
+    assert all(verdict.met is None for verdict in verdicts.of_constants([kind]))
+
+
+def test_json_has_no_word_for_what_is_no_number() -> None:
+    assert plain({"a": [np.nan, (1.0, float("inf"))], "b": "c"}) == {"a": [None, [1.0, None]], "b": "c"}

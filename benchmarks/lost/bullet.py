@@ -9,11 +9,12 @@ import numpy as np
 
 import signid
 from signid.session import Options
-from signid.types import Robot
+from signid.types import BaseMap, Robot
 
 from ..plants.bodies import Body, Drives
 from ..plants.control import FUNDAMENTAL, Track, draw_motion
 from ..plants.record import log
+from .coefficients import TRUE_3R, ten_of
 from .row import Row, Target
 from .trial import Puzzle, attempt, planted
 from .truth import Array, Truth
@@ -52,7 +53,13 @@ def puzzle(robot: Robot, name: str, k: int, tracks: Sequence[Track], options: Op
     pair = (tracks[k], tracks[(k + 1) % len(tracks)])
     learn, judge = (logged(track, seed) for seed, track in enumerate(pair, k))
     truths = tuple(Truth(track.t, track.tau, track.tau) for track in pair)
-    return Puzzle("3R Bullet", name, robot, (learn,), (judge,), options, planted(robot), truths)
+
+    def error(base: BaseMap, value: Array) -> float:
+        """Of the ten combinations, links being as simple as in the paper."""
+        return float(np.linalg.norm(ten_of(base, value, found.known.estimate.information) - TRUE_3R))
+
+    found = Puzzle("3R Bullet", name, robot, (learn,), (judge,), options, planted(robot), truths, error)
+    return found
 
 
 def logged(track: Track, seed: int) -> dict[str, Array]:

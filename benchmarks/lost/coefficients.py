@@ -128,21 +128,42 @@ def standard(arm: Arm) -> Array:
 def arm_map(base: BaseMap) -> Array:
     """(10, b) [units of the combinations over units of base] from base parameters of robots/3r to the combinations.
 
-    Both are linear in the standard parameters, so that arms drawn at random tell it.
+    Raises:
+        ArithmeticError: the base parameters are not those of this arm.
+    """
+    values, wanted = _drawn(base)
+    solution = np.linalg.lstsq(values, wanted, rcond=None)[0]
+    if np.abs(values @ solution - wanted).max() > 1e-9:
+        raise ArithmeticError("the base parameters are not those of the arm")
+    return np.asarray(solution.T)
+
+
+def ten_of(base: BaseMap, value: Array, information: Array) -> Array:
+    """(10,) [kg.m2, N.m] the combinations by least squares, where all else of an arm of this kind is zero.
+
+    Args:
+        base: of robots/3r.
+        value: (b,) [units of base] an estimate.
+        information: (b, b) [1 over the square of these units] of it.
 
     Raises:
         ArithmeticError: the base parameters are not those of this arm.
     """
+    _, size, rows = np.linalg.svd(_drawn(base)[0])
+    such = rows[: np.sum(size > 1e-9 * size[0])].T  # (b, k) base parameters that these arms can have
+    simple = such @ np.linalg.solve(such.T @ information @ such, such.T @ information @ value)
+    return np.asarray(arm_map(base) @ simple)
+
+
+def _drawn(base: BaseMap) -> tuple[Array, Array]:
+    """Base parameters (60, b) and combinations (60, 10) of arms drawn at random: each is linear in the other."""
     rng, found = np.random.default_rng(0), []
     for _ in range(60):
         masses, a, b = rng.uniform(0.5, 2.0, 2), rng.uniform(1e-3, 1e-2, 3), rng.uniform(1e-3, 1e-2, 3)
         arm = Arm(tuple(masses), *rng.uniform(-0.2, 0.2, 3), rng.uniform(1e-3, 1e-2), tuple(a), tuple(b))
         found.append((base.combination @ standard(arm), identifiable(coefficients(arm))))
     values, wanted = (np.array(part) for part in zip(*found, strict=True))
-    solution = np.linalg.lstsq(values, wanted, rcond=None)[0]
-    if np.abs(values @ solution - wanted).max() > 1e-9:
-        raise ArithmeticError("the base parameters are not those of the arm")
-    return np.asarray(solution.T)
+    return values, wanted
 
 
 def pendulum_map(base: BaseMap) -> Array:
