@@ -21,16 +21,21 @@ def readme(start: str, language: str = "") -> list[str]:
     return next(block for block in blocks if block.startswith(start)).splitlines()
 
 
+@pytest.mark.parametrize("start", ["$ signid identify 3r robots", "$ signid identify 3r recording.csv --unsigned"])
 def test_the_extract_in_the_readme_is_what_is_printed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+    start: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     def form(text: str) -> str:
         return " ".join(re.sub(r"(?<![\w.])-?\d[\d.]*", "#", text).split())
 
-    command, *extract = readme("$ signid ")
+    command, *extract = readme(start)
     monkeypatch.setenv("COLUMNS", "100")
     monkeypatch.chdir(tmp_path)
     (tmp_path / "robots").symlink_to(ROOT / "robots")
+    if "recording.csv" in start:
+        for line in "\n".join(readme("signid excite", "sh")).replace("\\\n", "").splitlines():
+            assert run(line.split()[1:]) == 0
+        capfd.readouterr()
     assert run(command.split()[2:]) == 0
     printed, at = form(capfd.readouterr().out), 0
     for line in extract:
@@ -40,12 +45,12 @@ def test_the_extract_in_the_readme_is_what_is_printed(
 
 
 def test_the_python_in_the_readme_runs() -> None:
-    code = "\n".join(readme("import signid", "python") + readme("model = ", "python"))
+    code = "\n".join(readme("import signid", "python") + readme("lost = ", "python") + readme("model = ", "python"))
     there = {**os.environ, "PYTHONPATH": str(ROOT)}
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, env=there, check=False
     )
-    assert (done.returncode, done.stderr, len(done.stdout.splitlines())) == (0, "", 26)
+    assert (done.returncode, done.stderr, len(done.stdout.splitlines())) == (0, "", 27)
 
 
 def test_the_readme_lists_the_commands(capfd: pytest.CaptureFixture[str]) -> None:
