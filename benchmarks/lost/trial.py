@@ -23,7 +23,7 @@ from signid.types import BaseMap, Estimate, Law, Recording, Robot
 from .row import Row, Target
 from .truth import Array, Truth, judge, measured
 
-LONG, TURNS = 0.3, 3  # s altogether, and turns at most, that are given to a run whose time counts
+LONG, TURNS = 0.5, 7  # s altogether, and turns at most, that are given to a run whose time counts
 Value = Callable[[BaseMap, tuple[Law, ...]], Array]  # true base parameters
 
 
