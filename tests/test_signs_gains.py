@@ -114,14 +114,15 @@ def test_identification_goes_on_in_torques() -> None:
     assert np.allclose(result.fit.held_out_r2, wanted.fit.held_out_r2, atol=0.01)
 
 
-def test_the_unit_of_current_does_not_matter() -> None:
+@pytest.mark.parametrize("known", [(1,), ()])
+@pytest.mark.parametrize("unit", [1e-6, 1e3, 1e6])
+def test_the_unit_of_current_does_not_matter(unit: float, known: tuple[int, ...]) -> None:
     robot, columns = planted()
-    amperes, milli = currents(columns), currents(columns)
-    milli |= {f"abs_current_{j}": 1000 * milli[f"abs_current_{j}"] for j in (1, 3)}
-    one, other = (signs_of(stating(robot, (1,)), c).gains for c in (amperes, milli))
-    for (_, value, std), (_, small, its) in zip(one, other, strict=True):
-        assert small * 1000 == pytest.approx(value, rel=1e-4)
-        assert its * 1000 == pytest.approx(std, rel=1e-3)
+    amperes, other = currents(columns), currents(columns)
+    other |= {f"abs_current_{j}": unit * other[f"abs_current_{j}"] for j in (1, 3)}
+    one, scaled = ({n: rest for n, *rest in signs_of(stating(robot, known), c).gains} for c in (amperes, other))
+    for name in (robot.joints[0], robot.joints[2]):
+        assert [unit * x for x in scaled[name]] == pytest.approx(one[name], rel=1e-6)
 
 
 def test_signed_torque_of_one_joint_tells_the_others() -> None:
@@ -183,7 +184,7 @@ def test_joints_that_share_nothing_tell_nothing() -> None:
     columns = currents(made(robot), 2)
     told = refused(stating(heavier(robot, 0.0), (0,)), columns)
     assert "torque constant of z is not known" in told
-    assert "leave the current out" in told
+    assert "leave out the column of the current" in told
     found = signs_of(stating(robot, (0,)), columns)
     assert [value for _, value, _ in found.gains] == pytest.approx(CONSTANTS[[1]], rel=0.06)
     assert any("also on the inertials" in note for note in found.notes)

@@ -177,7 +177,8 @@ def _check(robot: Robot, found: Constants, unknown: Mask) -> None:
     if lost.any():
         raise OptionError(
             f"the torque constant of {_names(robot, lost)} is not known, and neither what the joint shares with others "
-            f"nor stated inertials tell it to {100 * LOOSE:.0f} %; {_state(robot, lost)}, or leave the current out"
+            f"nor stated inertials tell it to {100 * LOOSE:.0f} %; {_state(robot, lost)}, or leave out the "
+            f"column of the current"
         )
 
 

@@ -12,10 +12,12 @@ from ..factors import Factors, JointFactors
 from ..types import Array, BaseMap, Frozen, Indices, Mask
 
 GRID = np.geomspace(1e-4, 1e4, 81)  # of the ratio that makes both sides count alike
+TOLD = 1e-12  # of the largest: columns that count less in a joint's torque are not shared
 RIDGE = 1e-9  # of a scaled Gram matrix
 EXACT = 1e-6  # of the torque's power: no residual counts as smaller
 APART = 3.0  # factor between two starts that are not the same
 ROUNDS, STEP, SETTLED = 15, 0.7, 1e-4  # of Gauss-Newton: at most; largest and smallest step of a logarithm
+ASTRAY = 0.1  # standard deviations: where the last step is longer, nothing is told
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +50,7 @@ def share_constants(factors: Factors, base: BaseMap, unknown: Mask) -> Constants
     """
     n, rank = len(unknown), base.rank
     free = np.flatnonzero(unknown & _recorded(factors))
-    log = np.zeros(n)
+    log, step = np.zeros(n), np.zeros(len(free))
     log[free] = _start(factors, free, rank)
     value = estimate(_scaled(factors, log), base, np.zeros(rank)).value
     covariance = np.zeros((n, n))
@@ -59,6 +61,8 @@ def share_constants(factors: Factors, base: BaseMap, unknown: Mask) -> Constants
         covariance[np.ix_(free, free)] = found.covariance[rank:, rank:]
         if np.abs(step).max() < SETTLED:
             break
+    astray = free[np.abs(step) > np.maximum(ASTRAY * np.sqrt(np.diag(covariance)[free]), SETTLED)]
+    covariance[astray, astray] = np.inf
     return Constants(log, covariance)
 
 
@@ -137,8 +141,9 @@ def _explained(gram: Array) -> float:
 
 def _try(told: Array, gram: Array) -> _Best:
     """The constant with which one more joint, and those that are scaled already, are explained best."""
-    size = np.maximum(np.diag(told) + np.diag(gram), 1e-300)[:-1]
-    middle = np.sqrt(np.sum(np.diag(told)[:-1] / size) / max(np.sum(np.diag(gram)[:-1] / size), 1e-300))
+    here, there = np.diag(told)[:-1], np.diag(gram)[:-1]
+    both = (here > TOLD * here.max(initial=0.0)) & (there > TOLD * there.max(initial=0.0))
+    middle = float(np.median(np.sqrt(here[both] / there[both]))) if both.any() else 1.0
     inverse = np.concatenate([-middle * GRID[::-1], middle * GRID])  # 1 / K; below 0 the signs are all the other way
     scaled = [told + gram * np.outer(x, x) for x in (np.append(np.full(len(gram) - 1, k), 1.0) for k in inverse)]
     explained = np.array([_explained(g) for g in scaled])
