@@ -101,7 +101,7 @@ def identify(
     return Identification(
         robot=session.robot,
         base=session.task.base,
-        estimate=found,
+        estimate=recovered.widen(found, train, session.task.base, options.whiten),
         base_value=base_value,
         parameters=parameters,
         model=Model(session.robot, parameters.bodies(), _laws(session.task.laws, parameters)),

@@ -35,14 +35,15 @@ class Gains(Frozen):
     joints: tuple[str, ...]  # n
     unknown: Mask  # (n,)
     value: Array  # (n,) [N.m/A or N/A] where the constant was unknown, else 1
-    std: Array  # (n,) of it [N.m/A or N/A], 0 elsewhere
+    covariance: Array  # (n, n) [1] of its logarithm, 0 elsewhere
     notes: tuple[str, ...]
     flags: tuple[str, ...]
 
     @property
     def found(self) -> tuple[tuple[str, float, float], ...]:
         """Joint, torque constant and its standard deviation [N.m/A or N/A] where it was unknown."""
-        return tuple((self.joints[j], float(self.value[j]), float(self.std[j])) for j in np.flatnonzero(self.unknown))
+        std = self.value * np.sqrt(np.diag(self.covariance))
+        return tuple((self.joints[j], float(self.value[j]), float(std[j])) for j in np.flatnonzero(self.unknown))
 
     def scale(self, recording: Recording) -> Recording:
         """The recording with its currents as torques."""
@@ -96,8 +97,9 @@ def find_gains(
     constants = _settle(session, observed, unknown, options.seed)
     _check(session.robot, constants, unknown)
     value, std = np.where(unknown, np.exp(constants.log), 1.0), np.where(unknown, constants.std, 0.0)
+    covariance = np.where(np.outer(unknown, unknown), constants.covariance, 0.0)
     notes = tuple(_notes(session.robot, value, std, unknown, anchors, constants.described))
-    return Gains(observed.joints, unknown, value, value * std, notes, tuple(_flags(session.robot, std)))
+    return Gains(observed.joints, unknown, value, covariance, notes, tuple(_flags(session.robot, std)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,7 +211,7 @@ def _notes(robot: Robot, value: Array, std: Array, unknown: Mask, anchors: Mask,
             f"torque constants rest {more}on the inertials that the description states, taken to be right to "
             f"{100 * WRONG:.0f} % a link"
         )
-    yield "standard deviations of parameters count the torque constants found as if they were exact"
+    yield "standard deviations of parameters count how uncertain these torque constants are, which they have in common"
 
 
 def _flags(robot: Robot, std: Array) -> Iterator[str]:

@@ -8,22 +8,24 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import OptionError
+from ..factors import Factors
 from ..prepare import prepare
 from ..recording import with_signs
 from ..rows import Task
 from ..sampling import survey
 from ..session import Options, Part, Progress
-from ..types import Array, Recording, Robot
+from ..types import Array, BaseMap, Estimate, Recording, Robot
 from .apply import spread
 from .between import Signed, place_jumps
 from .chain import refine
 from .classical import by_tree
 from .expect import expect_signs
 from .flags import raise_flags
-from .gains import find_gains
+from .gains import Gains, find_gains
 from .infer import Inferred, infer
 from .observed import Observed, observe
 from .result import Signs, Told, Trace
+from .shared import count_constants
 from .weigh import scales
 
 METHODS = ("exact", "tree")
@@ -37,6 +39,18 @@ class Recovered:
     held_out: tuple[Recording, ...]
     expected: tuple[Recording, ...]  # the recordings with expectations of signs: a fit to them has no bias
     signs: Signs | None = None  # None where every torque had its sign
+    gains: Gains | None = None  # torque constants that were not known
+
+    def widen(self, found: Estimate, factors: Factors, base: BaseMap, whiten: bool) -> Estimate:
+        """The estimate with the uncertainty of torque constants that were found.
+
+        Args:
+            found: with the constants taken to be exact.
+            factors: that it comes from.
+            base: what the columns are.
+            whiten: as for the estimate.
+        """
+        return found if self.gains is None else count_constants(found, factors, base, self.gains.covariance, whiten)
 
     @property
     def flags(self) -> tuple[str, ...]:
@@ -87,7 +101,7 @@ def recover(
     if gains is not None:
         scaled = [[gains.scale(r) for r in some] for some in (recordings, held_out)]
         found = recover(robot, *scaled, method=method, options=options, progress=progress)
-        return replace(found, signs=found.signs and gains.tell(found.signs))
+        return replace(found, signs=found.signs and gains.tell(found.signs), gains=gains)
     session = prepare(robot, recordings, held_out, options)
     parts = {r: (r, survey(r, session.robot)) for r in everything}
     learn = [parts[r] for r in recordings if r not in judges]

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..estimate import estimate
 from ..factors import Factors, JointFactors
-from ..types import Array, BaseMap, Frozen, Indices, Mask
+from ..types import Array, BaseMap, Estimate, Frozen, Indices, Mask
 
 GRID = np.geomspace(1e-4, 1e4, 81)  # of the ratio that makes both sides count alike
 TOLD = 1e-12  # of the largest: columns that count less in a joint's torque are not shared
@@ -17,6 +17,7 @@ RIDGE = 1e-9  # of a scaled Gram matrix
 EXACT = 1e-6  # of the torque's power: no residual counts as smaller
 APART = 3.0  # factor between two starts that are not the same
 ROUNDS, STEP, SETTLED = 15, 0.7, 1e-4  # of Gauss-Newton: at most; largest and smallest step of a logarithm
+NUDGE = 1e-3  # of a logarithm of a constant, to see what it does to the base parameters
 ASTRAY = 0.1  # standard deviations: where the last step is longer, nothing is told
 
 
@@ -64,6 +65,23 @@ def share_constants(factors: Factors, base: BaseMap, unknown: Mask) -> Constants
     astray = free[np.abs(step) > np.maximum(ASTRAY * np.sqrt(np.diag(covariance)[free]), SETTLED)]
     covariance[astray, astray] = np.inf
     return Constants(log, covariance)
+
+
+def count_constants(found: Estimate, factors: Factors, base: BaseMap, covariance: Array, whiten: bool) -> Estimate:
+    """The estimate with the uncertainty that constants add, which many base parameters have in common.
+
+    Args:
+        found: from the factors, with the constants taken to be exact.
+        factors: of n joints, in torque.
+        base: what the columns are.
+        covariance: (n, n) [1] of the logarithms of the constants.
+        whiten: as for the estimate.
+    """
+    turns = np.zeros((base.rank, len(covariance)))
+    for j in np.flatnonzero(np.diag(covariance) > 0).tolist():
+        nudged = _scaled(factors, NUDGE * np.eye(len(covariance))[j])
+        turns[:, j] = (estimate(nudged, base, found.value, whiten).value - found.value) / NUDGE
+    return replace(found, covariance=found.covariance + turns @ covariance @ turns.T)
 
 
 def move(joint: JointFactors, columns: Array, scale: float = 1.0) -> JointFactors:
