@@ -74,7 +74,7 @@ class Row:
         least = {"segments": (share, want.segments), "samples": (self.samples, want.samples)}
         names = {"off": "off", "ratio": "ratio", "search": "error_search", "seconds": "seconds"}
         most = {name: (getattr(self, own), getattr(want, name)) for name, own in names.items()}
-        below = [f"{k} {x:.4g} < {w:g}" for k, (x, w) in least.items() if w is not None and not x >= w]
+        below = [f"{k} {x:.5g} < {w:g}" for k, (x, w) in least.items() if w is not None and not x >= w]
         return (*below, *(f"{k} {x:.3g} > {w:g}" for k, (x, w) in most.items() if w is not None and not x <= w))
 
     @property
