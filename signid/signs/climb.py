@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from ..types import Array, Indices
@@ -13,34 +11,25 @@ STARTS = 150
 VECTORS = 3  # leading singular vectors of B, plain and scaled, that starts are taken from
 PAIRED = 12  # of the best different ends go on with flips of pairs
 LEAST = 1e-12  # share of the total energy that a flip must gain
-SAME = 1e-9  # share of the total energy by which losses of the same end may differ
 
 
-class Climbed(NamedTuple):
-    """The best end of all starts."""
-
-    signs: Array  # (S,) [1]; a known segment has +1
-    loss: float  # [squared standard deviations]
-    hits: float  # share of the starts that ended there
-
-
-def climb(problem: Problem, starts: int = STARTS, seed: int = 0) -> Climbed:
-    """Good signs, from many starts.
+def climb(problem: Problem, starts: int = STARTS, seed: int = 0) -> Array:
+    """Good signs, the best end of many starts; a known segment has +1.
 
     Args:
         problem: the boolean least squares.
         starts: how many.
         seed: of the random ones.
+
+    Returns:
+        (S,) [1].
     """
-    ends, origin = np.unique(ascend(problem, _starts(problem, starts, seed)), axis=0, return_inverse=True)
+    ends = np.unique(ascend(problem, _starts(problem, starts, seed)), axis=0)
     losses = np.array([problem.loss(signs) for signs in ends])
-    count = np.bincount(origin.ravel(), minlength=len(ends))
     best = np.argsort(losses, kind="stable")[:PAIRED]
     ends[best] = ascend(problem, ends[best], pairs=True)
     losses[best] = [problem.loss(signs) for signs in ends[best]]
-    winner = int(np.argmin(losses))
-    same = losses <= losses[winner] + SAME * problem.energies.sum()
-    return Climbed(ends[winner], float(losses[winner]), float(count[same].sum() / count.sum()))
+    return np.asarray(ends[np.argmin(losses)])
 
 
 def ascend(problem: Problem, starts: Array, joints: bool = True, pairs: bool = False) -> Array:

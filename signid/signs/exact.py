@@ -29,16 +29,12 @@ class Found(Frozen):
     signs: Array  # (S,) [1]
     coordinates: Array  # (r,) z, inside the cone [standard deviations]
     loss: float  # [squared standard deviations]
-    free_signs: Array  # (S,) [1] the best without the cone
-    free_loss: float  # of those [squared standard deviations]
     proof: Proof
-    rival_signs: Array  # (K, S) [1] all signs whose loss was computed, the best first; s and -s are different
-    rival_losses: Array  # (K,) [squared standard deviations]
     cuts: Array  # (r, C) [1] directions c with c'z <= 0 in the cone
 
 
 class Rivals(NamedTuple):
-    """Signs almost as good as the best."""
+    """Signs almost as good as the best; s and -s are different."""
 
     signs: Array  # (K, S) [1]
     losses: Array  # (K,) [squared standard deviations] ascending
@@ -70,7 +66,7 @@ def search(
         widest: nodes kept of a level of a tree.
         most: nodes looked at, with and without the cone, about.
     """
-    tries = climb(problem, seed=seed).signs[None]
+    tries = climb(problem, seed=seed)[None]
     if start is not None:
         tries = np.concatenate([tries, start[None], ascend(problem, start[None], pairs=True)])
     free = Scores(problem, Everywhere())
@@ -85,18 +81,8 @@ def search(
         nodes += more
     optimal = scores.best - lower <= scores.same
     gap = 0.0 if optimal else 1 - max(lower, 0.0) / scores.best
-    rivals, losses = scores.ranked()
-    return Found(
-        signs=scores.signs,
-        coordinates=scores.coordinates,
-        loss=scores.best,
-        free_signs=free.signs,
-        free_loss=free.best,
-        proof=Proof(optimal, gap, nodes, certified=optimal and not nodes),
-        rival_signs=rivals,
-        rival_losses=losses,
-        cuts=scores.cuts,
-    )
+    proof = Proof(optimal, gap, nodes, certified=optimal and not nodes)
+    return Found(scores.signs, scores.coordinates, scores.best, proof, scores.cuts)
 
 
 def enumerate_near(

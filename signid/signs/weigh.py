@@ -109,9 +109,7 @@ def _standing(problem: Problem, cone: Cone, signs: Array) -> Found:
     """Signs as they are, as if a search had ended with them."""
     z = problem.coordinates(signs)
     squared, nearest = cone.distance(z)
-    loss = problem.loss(signs) + squared
-    none = np.zeros((len(z), 0))
-    return Found(signs, nearest, loss, signs, loss, Proof(False, 1.0, 0), signs[None], np.array([loss]), none)
+    return Found(signs, nearest, problem.loss(signs) + squared, Proof(False, 1.0, 0), np.zeros((len(z), 0)))
 
 
 def friction_patterns(problem: Problem, observed: Observed, segments: Sequence[Segment]) -> list[Array]:
