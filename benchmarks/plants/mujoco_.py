@@ -33,6 +33,7 @@ def simulate(
     rate: float,
     faults: Sequence[Fault] = (),
     start: float = 0.0,
+    soft: bool = False,
 ) -> Track:
     """The robot along a motion: PD control with a feed-forward that knows 90 % of the dynamics and no friction.
 
@@ -47,6 +48,7 @@ def simulate(
         rate: of the log [Hz]; 1 / STEP shows every step.
         faults: what is wrong; the controller knows nothing of it.
         start: the session's time at the first row [s], for motion and laws alike.
+        soft: whether dry friction creeps as it does in MuJoCo unless told otherwise, instead of holding.
 
     Raises:
         ValueError: for a log between the steps, and for faults that cannot be.
@@ -60,7 +62,7 @@ def simulate(
     command = forward + stiffness * desired + damping * velocity
     astray = misplaced(body.joints, faults)
     command -= stiffness * astray
-    model = build(body, drives, (stiffness, damping), faults=faults)
+    model = build(body, drives, (stiffness, damping), faults=faults, soft=soft)
     true = drive(drives, body.joints, faults)
     laws = Laws(faults, body.joints, true.coulomb_friction, STEP)
     load = forward[0] / KNOWN - np.array(drives.armature) * acceleration[0]

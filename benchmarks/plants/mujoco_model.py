@@ -45,6 +45,7 @@ def build(
     frictionless: bool = False,
     weigh: bool = True,
     faults: Sequence[Fault] = (),
+    soft: bool = False,
 ) -> Any:
     """The compiled model, with a motor for each joint.
 
@@ -55,6 +56,7 @@ def build(
         frictionless: leave the drives' friction out.
         weigh: whether the links are as heavy as they truly are, or as the URDF states.
         faults: all that is planted; those count that are part of the model.
+        soft: whether dry friction creeps as it does in MuJoCo unless told otherwise.
 
     Raises:
         ValueError: for what MuJoCo cannot do.
@@ -77,7 +79,7 @@ def build(
     model.dof_armature[at] = drives.armature
     model.dof_damping[at] = 0 if frictionless else drives.viscous_friction
     model.dof_frictionloss[at] = 0 if frictionless else drives.coulomb_friction
-    _solve_stiffly(model, faults)
+    _solve_stiffly(model, soft)
     model.opt.gravity[:] = tilted(model.opt.gravity.copy(), faults)
     mujoco.mj_setConst(model, mujoco.MjData(model))
     _plant(model, body, drives, faults)
@@ -124,9 +126,10 @@ def _mobility(model: Any, at: int) -> float:
     return max(found)
 
 
-def _solve_stiffly(model: Any, faults: Sequence[Fault]) -> None:
-    """Steps and constraints as nearly rigid as MuJoCo has them; no contacts, no limits."""
-    model.dof_solref[:], model.dof_solimp[:] = [2 * STEP, 1], [0.9999, 0.9999, 0.001, 0.5, 2]  # sliding at 1 mm/s
+def _solve_stiffly(model: Any, soft: bool) -> None:
+    """Steps and constraints as nearly rigid as MuJoCo has them, unless soft; no contacts, no limits."""
+    if not soft:
+        model.dof_solref[:], model.dof_solimp[:] = [2 * STEP, 1], [0.9999, 0.9999, 0.001, 0.5, 2]  # sliding at 1 mm/s
     model.jnt_actfrclimited[:] = 0
     model.opt.timestep, model.opt.integrator = STEP, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_LIMIT | mujoco.mjtDisableBit.mjDSBL_CONTACT

@@ -58,8 +58,8 @@ def log(
     track: Track,
     seed: int,
     bits: int = 17,
-    white: float = 0.0,
-    coloured: float = 0.0,
+    white: float | Array = 0.0,
+    coloured: float | Array = 0.0,
     rate: float | None = None,
     jitter: float = 0.0,
     stamping: float = 0.0,
@@ -71,7 +71,7 @@ def log(
         track: what truly happened.
         seed: of the noise, and of the encoders' zeros between two counts.
         bits: of the encoders, per turn.
-        white: standard deviation of white torque noise, as a share of the joint's rms torque.
+        white: standard deviation of white torque noise, as a share of the joint's rms torque, or n of them.
         coloured: the same of noise through a first-order low-pass at 3 Hz.
         rate: of the log [Hz]; the track's own unless given.
         jitter: standard deviation of the moments of sampling, which the stamps tell [s].

@@ -1,0 +1,82 @@
+"""Physics concealed from the diagnosis: `python -m benchmarks.concealed [--only SUITE ...] [--quick] [--json FILE]`.
+
+Robots with something wrong move in MuJoCo (`--plant bullet`: in Bullet); what the simulation knows of them and their
+recordings go to `CACHE/sessions/NAME` (robot.urdf, actuators.toml, recording_1.parquet ...), what is wrong to
+`CACHE/answers/NAME.json`, which the diagnosis never opens, and what it says to `CACHE/diagnoses/NAME.json`.
+
+    python -m benchmarks.concealed --make-only --only exact none --robots 3r ur5 --cache DIR     sessions alone
+    python -m benchmarks.concealed --only exact --sizes 0.05 --sample 50 --cache DIR             a part, quickly
+    python -m benchmarks.concealed --judge-only --cache DIR                                      judge what is there
+
+Suites: exact (inertials as stated), hard (5 % wrong, and dry friction that creeps), none (healthy, half of them hard),
+pairs (two at 5 %), foreign (laws that the library has in other words), absent (laws that it has not), removed (the
+library without the effect). `--base 100` draws other seeds than those that something was tuned on.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import tempfile
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import Progress
+
+from .hidden.cases import SIZES, SUITES, Case, cases, sample
+from .hidden.robots import ROBOTS
+from .hidden.work import process_all
+
+ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+USUAL = ("1r", "3r", "ur5", "panda", "kinova", "xarm7")
+
+
+def parse() -> argparse.Namespace:
+    """The command line."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.concealed", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--only", nargs="+", choices=SUITES, default=SUITES, metavar="SUITE", help="some suites")
+    parser.add_argument("--robots", nargs="+", choices=tuple(ROBOTS), default=USUAL, metavar="ROBOT")
+    parser.add_argument("--effects", nargs="+", default=[], metavar="EFFECT", help="cases with one of these alone")
+    parser.add_argument("--sizes", nargs="+", type=float, choices=SIZES, default=SIZES, metavar="SIZE")
+    parser.add_argument("--seeds", type=int, default=3, help="of every cell, by default %(default)s")
+    parser.add_argument("--base", type=int, default=0, help="the first seed")
+    parser.add_argument("--sample", type=int, metavar="N", help="that many of the cases, at random")
+    parser.add_argument("--quick", action="store_true", help="a small fixed subset")
+    parser.add_argument("--plant", choices=("mujoco", "bullet"), default="mujoco")
+    parser.add_argument("--workers", type=int, default=2, help="processes at once, by default %(default)s")
+    parser.add_argument("--cache", type=Path, metavar="DIR", help="keep sessions and diagnoses there")
+    parser.add_argument("--make-only", action="store_true", help="record, and diagnose nothing")
+    parser.add_argument("--judge-only", action="store_true", help="diagnose nothing anew")
+    parser.add_argument("--again", action="store_true", help="diagnose anew what was diagnosed before")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers there")
+    return parser.parse_args()
+
+
+def chosen(options: argparse.Namespace) -> list[Case]:
+    """The cases that are asked for."""
+    seeds = range(options.base, options.base + options.seeds)
+    found = cases(options.only, options.robots, options.sizes, seeds, options.plant)
+    found = [case for case in found if not options.effects or set(case.effects) & set(options.effects)]
+    return found if options.sample is None else sample(found, options.sample, options.base)
+
+
+def main() -> None:
+    """Record, diagnose, judge, print; exit 1 when a target is missed."""
+    if any(os.environ.get(key) != value for key, value in ONE_THREAD.items()):
+        os.execve(sys.executable, [sys.executable, *sys.orig_argv[1:]], {**os.environ, **ONE_THREAD})
+    options, console = parse(), Console(width=150)
+    with tempfile.TemporaryDirectory() as spare:
+        cache = options.cache or Path(spare)
+        wanted = chosen(options)
+        if not options.judge_only:
+            with Progress(console=Console(stderr=True)) as progress:
+                diagnose = not options.make_only
+                for wrong in process_all(wanted, cache, options.workers, progress, diagnose, options.again):
+                    console.print(wrong, style="red", highlight=False, soft_wrap=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Physics concealed from the diagnosis, and the judge of what it says."""

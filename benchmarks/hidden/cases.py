@@ -1,0 +1,129 @@
+"""What is concealed in which robot: every case of every suite, each known by a name that tells nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from hashlib import sha256
+
+import numpy as np
+
+from ..plants.faults import EFFECTS
+from .shapes import UNSIZED
+
+FAMILIES: Mapping[str, tuple[str, ...]] = {  # foreign laws, and the effects that say the same in other words
+    "tustin_friction": ("stribeck_friction",),
+    "lugre_friction": ("presliding_friction", "stribeck_friction", "coulomb_friction"),
+    "double_ripple": ("torque_ripple",),
+    "root_friction": ("viscous_friction", "coulomb_friction", "quadratic_friction", "stribeck_friction"),
+    "friction_step": ("friction_drift",),
+    "triangular_friction": ("position_friction",),
+    "soft_stop": ("cable_torque", "spring"),
+    "root_load_friction": ("load_friction",),
+}
+ABSENT: Mapping[str, tuple[str, ...]] = {  # laws of no library, and what they depend on
+    "torque_in_time": ("time",),
+    "velocity_wave": ("velocity",),
+    "skewed_friction": ("velocity", "position"),
+    "crossed_torque": ("position",),
+    "load_wave": ("torque",),
+}
+PAIRWISE = ("joint_coupling", "channel_swap", "crossed_torque")  # need two joints
+SUITES = ("exact", "hard", "none", "pairs", "foreign", "absent", "removed")
+SIZES = (0.02, 0.05, 0.15)
+MEDIUM = (0.05, 0.15)  # of foreign and absent laws
+PAIR, PAIRS = 0.05, 12  # size of either of two, and pairs a robot and seed
+HEALTHY = 6  # a robot and seed; every other one hard
+REMOVED = tuple(name for name in EFFECTS if name not in UNSIZED)
+HARD_ERROR = 0.05  # of masses; inertias twice, centres 5 mm
+
+
+@dataclass(frozen=True)
+class Case:
+    """One session to be made and diagnosed."""
+
+    suite: str
+    robot: str
+    effects: tuple[str, ...]
+    size: float
+    seed: int
+    hard: bool = False
+    skip: tuple[str, ...] = ()  # effects that the library is without
+    plant: str = "mujoco"
+
+    @property
+    def key(self) -> str:
+        """In words."""
+        hard = "hard" if self.hard else "exact"
+        return "/".join([self.suite, self.robot, "+".join(self.effects), f"{self.size:g}", str(self.seed), hard])
+
+    @property
+    def name(self) -> str:
+        """Of its folder; it tells nothing."""
+        return sha256(f"{self.key}/{self.plant}/{self.skip}".encode()).hexdigest()[:12]
+
+    @property
+    def number(self) -> int:
+        """Seeds all that is random about it."""
+        return int(self.name, 16)
+
+    def told(self) -> dict[str, object]:
+        """As JSON has it."""
+        return {**asdict(self), "key": self.key, "name": self.name}
+
+
+def cases(
+    suites: Sequence[str], robots: Sequence[str], sizes: Sequence[float], seeds: Sequence[int], plant: str = "mujoco"
+) -> list[Case]:
+    """All cases of some suites."""
+    made = {"exact": _single, "hard": _single, "none": _healthy, "pairs": _pairs}
+    found: list[Case] = []
+    for suite in suites:
+        for robot in robots:
+            for seed in seeds:
+                for case in made.get(suite, _others)(suite, robot, sizes, seed):
+                    found.append(Case(**{**vars(case), "plant": plant}))
+    return [case for case in found if _possible(case)]
+
+
+def sample(found: Sequence[Case], number: int, seed: int) -> list[Case]:
+    """So many of the cases at random, in their order."""
+    chosen = np.random.default_rng(seed).permutation(len(found))[:number]
+    return [found[k] for k in sorted(chosen.tolist())]
+
+
+def _single(suite: str, robot: str, sizes: Sequence[float], seed: int) -> Iterator[Case]:
+    for effect in EFFECTS:
+        for size in sizes if effect not in UNSIZED else sizes[-1:]:
+            yield Case(suite, robot, (effect,), size, seed, suite == "hard")
+
+
+def _healthy(suite: str, robot: str, sizes: Sequence[float], seed: int) -> Iterator[Case]:
+    for k in range(HEALTHY):
+        yield Case(suite, robot, (), 0.0, HEALTHY * seed + k, bool(k % 2))
+
+
+def _pairs(suite: str, robot: str, sizes: Sequence[float], seed: int) -> Iterator[Case]:
+    """Any two effects of the library; the same draw for every robot would try fewer."""
+    draw = int(sha256(f"{robot}/{seed}".encode()).hexdigest()[:12], 16)
+    rng, names = np.random.default_rng(draw), np.array(REMOVED)
+    for _ in range(PAIRS):
+        one, other = rng.choice(names, 2, replace=False).tolist()
+        yield Case(suite, robot, (one, other), PAIR, seed)
+
+
+def _others(suite: str, robot: str, sizes: Sequence[float], seed: int) -> Iterator[Case]:
+    if suite == "removed":
+        for effect in REMOVED:
+            yield Case(suite, robot, (effect,), PAIR, seed, skip=(effect,))
+        return
+    for effect in FAMILIES if suite == "foreign" else ABSENT:
+        for size in sorted(set(sizes) & set(MEDIUM)):
+            yield Case(suite, robot, (effect,), size, seed)
+
+
+def _possible(case: Case) -> bool:
+    """Whether the robot has the joints, and the plant the parts."""
+    lonely = case.robot == "1r" and set(case.effects) & set(PAIRWISE)
+    gears = case.plant == "bullet" and set(case.effects) & {"backlash", "joint_elasticity"}
+    return not lonely and not gears and not (case.plant == "bullet" and case.hard)

@@ -1,0 +1,125 @@
+"""A robot along the motions of its session, before anything is wrong: what its joints do and what that takes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from ..plants.bodies import Body, Drives
+from ..plants.faults import Fault
+from ..plants.mujoco_model import build, dofs
+from .motion import PERIOD, PERIODS, Fourier
+
+Array = NDArray[np.float64]
+
+RATE = 50.0  # Hz at which the motions are looked at
+DURATION = PERIODS * PERIOD  # s of a recording
+ROTOR, FRICTION = 0.25, 0.05  # rotor inertia per mean inertia; viscous and dry friction, each per torque
+LIGHT = 0.02  # of the largest joint torque: joints with less are measured by this
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A robot and the motions that are asked of it, one after the other."""
+
+    body: Body
+    motions: tuple[Fourier, ...]
+
+    @cached_property
+    def t(self) -> Array:
+        """(N,) [s] of the session."""
+        return np.arange(round(len(self.motions) * DURATION * RATE)) / RATE
+
+    @cached_property
+    def asked(self) -> tuple[Array, Array, Array]:
+        """Position, velocity, acceleration, (N, n) each [rad, rad/s, rad/s2]."""
+        parts = [motion.at(t) for motion, t in zip(self.motions, self.split(self.t), strict=True)]
+        return tuple(np.vstack(x) for x in zip(*parts, strict=True))  # type: ignore[return-value]
+
+    @cached_property
+    def inertia(self) -> Array:
+        """(n,) [kg.m2] diagonal of the links' mass matrix, on average."""
+        zero = (0.0,) * len(self.body.joints)
+        model = build(self.body, Drives(zero, zero, zero, zero))
+        data, at, full = mujoco.MjData(model), dofs(model, self.body.joints), np.zeros((model.nv, model.nv))
+        found = []
+        for q in self.asked[0][:: round(RATE)]:
+            data.qpos[at] = q
+            mujoco.mj_forward(model, data)
+            mujoco.mj_fullM(model, data, full)
+            found.append(np.diag(full)[at])
+        return np.asarray(np.mean(found, axis=0))
+
+    @cached_property
+    def rotors(self) -> Drives:
+        """The drives without friction."""
+        zero = (0.0,) * len(self.body.joints)
+        return Drives(tuple(ROTOR * self.inertia), zero, zero, zero)
+
+    @cached_property
+    def bodies(self) -> Array:
+        """(N, n) [N.m] that links and rotors take."""
+        return self.inverse(*self.asked)
+
+    @cached_property
+    def scale(self) -> Array:
+        """(n,) [N.m] rms of each joint's torque, or what stands for it where there is almost none."""
+        size = rms(self.bodies)
+        return np.maximum(size, LIGHT * size.max())
+
+    @cached_property
+    def drives(self) -> Drives:
+        """Rotors, and the friction that every joint has."""
+        speed = rms(self.asked[1])
+        viscous, coulomb = FRICTION * self.scale / speed, FRICTION * self.scale
+        return replace(self.rotors, viscous_friction=tuple(viscous), coulomb_friction=tuple(coulomb))
+
+    @cached_property
+    def whole(self) -> Array:
+        """(N, n) [N.m] that the motors give, friction included."""
+        v = self.asked[1]
+        return self.bodies + self.drives.viscous_friction * v + self.drives.coulomb_friction * np.sign(v)
+
+    def inverse(self, q: Array, v: Array, a: Array, faults: Sequence[Fault] = ()) -> Array:
+        """(N, n) [N.m] that links and rotors take along (N, n) [rad, rad/s, rad/s2], some of them wrong."""
+        model = build(self.body, self.rotors, frictionless=True, faults=faults)
+        data, at = mujoco.MjData(model), dofs(model, self.body.joints)
+        torque = np.zeros_like(q)
+        for k, (x, y, z) in enumerate(zip(q, v, a, strict=True)):
+            data.qpos[at], data.qvel[at], data.qacc[at] = x, y, z
+            mujoco.mj_inverse(model, data)
+            torque[k] = data.qfrc_inverse[at]
+        return torque
+
+    @cached_property
+    def jacobians(self) -> Array:
+        """(N, 3, n) [m] of the last link's centre of mass."""
+        model = build(self.body, self.rotors)
+        data, at = mujoco.MjData(model), dofs(model, self.body.joints)
+        tip, full = int(model.joint(self.body.joints[-1]).bodyid[0]), np.zeros((3, model.nv))
+        found = np.zeros((len(self.t), 3, len(at)))
+        for k, q in enumerate(self.asked[0]):
+            data.qpos[at] = q
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_comPos(model, data)
+            mujoco.mj_jacBodyCom(model, data, full, None, tip)
+            found[k] = full[:, at]
+        return found
+
+    def split(self, x: Array) -> list[Array]:
+        """Rows of the session (N, ...) as rows of each motion."""
+        return np.split(x, len(self.motions))
+
+    def rate(self, x: Array) -> Array:
+        """(N, ...) by which rows change per second, motion by motion."""
+        return np.concatenate([np.gradient(part, 1 / RATE, axis=0) for part in self.split(x)])
+
+
+def rms(x: Array) -> Array:
+    """Over the rows."""
+    return np.asarray(np.sqrt(np.mean(np.square(x), axis=0)))

@@ -1,0 +1,96 @@
+"""Faults of the size that is asked for: rms of their torque over that of the joint, or of all joints."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ..plants.faults import Fault
+from ..plants.mujoco_ import simulate
+from .extra import extra
+from .motion import PERIOD
+from .scene import Scene, rms
+from .shapes import SPREAD, UNSIZED, draw, scaled
+
+ATTEMPTS, TURNS, CLOSE, CLOSE_ENOUGH = 20, 8, 0.01, 0.15  # draws, steps of scaling, errors of size
+PUSH = 2.0  # of a contact, which is short: its torque while it lasts, over the size
+TILT, ASTRAY = 0.5, 0.3  # rad at most
+LOG = 500.0  # Hz of a trial
+SMOOTH = 25  # rows of a trial over which torque is averaged
+
+
+def plant(effect: str, joint: str, size: float, scene: Scene, rng: np.random.Generator) -> tuple[Fault, float]:
+    """A random fault of an effect, and the size that it has, as near as may be to the one asked for.
+
+    Raises:
+        ValueError: when none of many draws can be made so large.
+    """
+    for _ in range(ATTEMPTS):
+        fault = draw(effect, scene, joint, rng)
+        if effect in UNSIZED:
+            return fault, float(measure(scene, fault))
+        try:
+            found = _sized(scene, fault, size * (PUSH if effect == "external_contact" else 1.0))
+        except (ValueError, ArithmeticError):
+            continue
+        if found is not None:
+            return found
+    raise ValueError(f"no {effect} at {joint} makes {size:.0%} of torque")
+
+
+def measure(scene: Scene, fault: Fault) -> float:
+    """Rms torque of a fault over the joint's, or over that of all joints; of a contact, while it lasts."""
+    torque, j = extra(scene, fault), 0 if fault.joint is None else scene.body.joints.index(fault.joint)
+    if fault.effect == "external_contact":
+        torque = torque[(scene.t >= fault.numbers["start"]) & (scene.t <= fault.numbers["end"])]
+    if fault.effect in SPREAD:
+        return float(np.sqrt(np.sum(rms(torque) ** 2) / np.sum(rms(scene.bodies) ** 2)))
+    share = rms(torque) / scene.scale
+    if fault.effect == "joint_coupling":
+        return float(share.max())
+    return float(share[j])
+
+
+def _sized(scene: Scene, fault: Fault, size: float) -> tuple[Fault, float] | None:
+    if fault.effect == "torque_saturation":
+        return _clipped(scene, fault, size)
+    judge: Callable[[Scene, Fault], float] = _tried if fault.effect == "backlash" else measure
+    if fault.effect == "backlash":
+        fault = scaled(fault, size)
+    turns, close = (3, CLOSE_ENOUGH) if fault.effect == "backlash" else (TURNS, CLOSE)
+    found = judge(scene, fault)
+    for _ in range(turns):
+        if abs(found / size - 1) < close:
+            break
+        fault = scaled(fault, float(np.clip(size / max(found, 1e-12), 1e-4, 1e4)))
+        found = judge(scene, fault)
+    if fault.effect == "encoder_offset" and abs(fault.numbers["offset"]) > ASTRAY:
+        fault = scaled(fault, ASTRAY / abs(fault.numbers["offset"]))
+        return fault, judge(scene, fault)
+    if fault.effect == "base_tilt" and np.hypot(fault.numbers["x"], fault.numbers["y"]) > TILT:
+        return None
+    return fault, found
+
+
+def _clipped(scene: Scene, fault: Fault, size: float) -> tuple[Fault, float]:
+    """Between no limit and none left, by halves."""
+    low, high = 0.0, 1.0
+    for _ in range(30):
+        middle = (low + high) / 2
+        limit = middle * float(np.abs(scene.whole[:, scene.body.joints.index(str(fault.joint))]).max())
+        trial = Fault(fault.effect, fault.joint, {"limit": limit})
+        low, high = (low, middle) if (found := measure(scene, trial)) < size else (middle, high)
+    return trial, found
+
+
+def _tried(scene: Scene, fault: Fault) -> float:
+    """The size of a fault that must be simulated: torque with it, less what the motion takes that came of it."""
+    j = scene.body.joints.index(str(fault.joint))
+    drives, motion = scene.rotors, scene.motions[0]
+    track = simulate(scene.body, drives, motion, PERIOD, LOG, [fault])
+    v, a = np.gradient(track.q, track.t, axis=0), np.gradient(np.gradient(track.q, track.t, axis=0), track.t, axis=0)
+    rest = (track.tau - scene.inverse(track.q, v, a))[:, j]
+    window = np.hanning(2 * SMOOTH + 1)
+    rest = np.convolve(rest, window / window.sum(), "valid")
+    return float(np.sqrt(np.mean(rest**2)) / scene.scale[j])
