@@ -90,14 +90,14 @@ def test_noise_does_not_make_the_truth_of_samples() -> None:
 
 
 def test_a_row_is_held_against_its_target() -> None:
-    target = Target(segments=1.0, samples=0.99, off=0.01, ratio=1.3, search=1e-3, seconds=2.0)
+    target = Target(segments=1.0, samples=0.99, off=0.01, ratio=1.3, error=1e-3, seconds=2.0)
     assert row(target=target).holds
     for name, value in {
         "right": 9,
         "samples": 0.98,
         "off": 0.02,
         "ratio": np.nan,
-        "error_search": 1.0,
+        "error": 1.0,
         "seconds": 3.0,
     }.items():
         assert len(row(target=target, **{name: value}).misses) == 1, name

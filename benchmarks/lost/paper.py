@@ -30,7 +30,7 @@ PENDULUM = {"1dof_experiment_easy1": 1.6e-5, "1dof_experiment_easy2": 4.3e-2, "1
 ARM = {"3dof_experiment123": 5.9e-2, "3dof_experiment456": 3.4e-5}
 PAPER = {key.partition("_")[2]: x for key, x in (PENDULUM | ARM).items()}  # errors that their repository holds
 UNSEEN = "3dof_validation_trajectory"  # 7, 8, 9: of joints 1, 2, 3
-EXACT = {"1R": 1e-12, "3R": 1e-10}  # error of the search at most where torque is computed anew
+EXACT = {"1R": 1e-12, "3R": 1e-10}  # error at most where torque is computed anew
 SAME = 1e-6  # at most this far from the sign-known estimate where it is stored with nine digits
 SEARCH = 0.1  # s
 
@@ -39,7 +39,7 @@ def rows(tree: bool) -> Iterator[Row]:
     """All five by the exact search, as stored and anew; as stored, by the classical tree too."""
     for anew in (False, True):
         for one in puzzles(anew):
-            most = {"search": EXACT[one.group], "samples": 1.0} if anew else {"off": SAME}
+            most = {"error": EXACT[one.group], "samples": 1.0} if anew else {"off": SAME}
             yield attempt(one, target=Target(segments=1.0, **most, seconds=SEARCH))
             if tree and not anew:
                 yield attempt(one, "tree")

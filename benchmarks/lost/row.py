@@ -23,7 +23,7 @@ class Target:
     samples: float | None = None  # share, at least
     off: float | None = None  # at most
     ratio: float | None = None  # at most
-    search: float | None = None  # error of the parameters that the signs were found with, at most
+    error: float | None = None  # at most
     seconds: float | None = None  # at most
 
 
@@ -72,8 +72,8 @@ class Row:
         """What of the target is not reached."""
         want, share = self.target, self.right / max(self.segments, 1)
         least = {"segments": (share, want.segments), "samples": (self.samples, want.samples)}
-        names = {"off": "off", "ratio": "ratio", "search": "error_search", "seconds": "seconds"}
-        most = {name: (getattr(self, own), getattr(want, name)) for name, own in names.items()}
+        names = ("off", "ratio", "error", "seconds")
+        most = {name: (getattr(self, name), getattr(want, name)) for name in names}
         below = [f"{k} {x:.5g} < {w:g}" for k, (x, w) in least.items() if w is not None and not x >= w]
         return (*below, *(f"{k} {x:.3g} > {w:g}" for k, (x, w) in most.items() if w is not None and not x <= w))
 
