@@ -89,7 +89,7 @@ def test_constants_of_a_plant_are_found(known: tuple[int, ...]) -> None:
     robot, columns = planted()
     found = signs_of(stating(robot, known), currents(columns))
     assert share_right(found, columns) == 1
-    told = {name: (value, std) for name, value, std in found.gains}
+    told = {gain.joint: (gain.value, gain.std) for gain in found.gains}
     assert list(told) == [name for j, name in enumerate(robot.joints) if j not in known]
     for j, name in enumerate(robot.joints):
         value, std = told.get(name, (CONSTANTS[j], 1.0))
@@ -106,7 +106,7 @@ def test_identification_goes_on_in_torques() -> None:
     result = signid.identify(unknown, [signid.read_recording(currents(columns), unknown)])
     wanted = signid.identify(known, [signid.read_recording(currents(columns), known)])
     assert result.signs is not None
-    assert [name for name, _, _ in result.signs.gains] == [robot.joints[0], robot.joints[2]]
+    assert [gain.joint for gain in result.signs.gains] == [robot.joints[0], robot.joints[2]]
     torque, true = result.recordings[0].read().tau, wanted.recordings[0].read().tau
     ratio = np.linalg.norm(torque, axis=0) / np.linalg.norm(true, axis=0)
     assert np.allclose(ratio, 1, atol=0.15)
@@ -123,7 +123,9 @@ def test_the_unit_of_current_does_not_matter(unit: float, known: tuple[int, ...]
     robot, columns = planted()
     amperes, other = currents(columns), currents(columns)
     other |= {f"abs_current_{j}": unit * other[f"abs_current_{j}"] for j in (1, 3)}
-    one, scaled = ({n: rest for n, *rest in signs_of(stating(robot, known), c).gains} for c in (amperes, other))
+    one, scaled = (
+        {g.joint: (g.value, g.std) for g in signs_of(stating(robot, known), c).gains} for c in (amperes, other)
+    )
     for name in (robot.joints[0], robot.joints[2]):
         assert [unit * x for x in scaled[name]] == pytest.approx(one[name], rel=1e-6)
 
@@ -134,21 +136,21 @@ def test_signed_torque_of_one_joint_tells_the_others() -> None:
     del mixed["abs_current_2"]
     found = signs_of(stating(robot, ()), mixed | {"tau_2": columns["tau_2"]})
     assert found.hidden == (0, 2)
-    assert [value for _, value, _ in found.gains] == pytest.approx(CONSTANTS[[0, 2]], rel=0.15)
+    assert [gain.value for gain in found.gains] == pytest.approx(CONSTANTS[[0, 2]], rel=0.15)
 
 
 def test_no_description_is_needed_where_a_constant_is_known() -> None:
     columns = currents(made(arm()))
     gains = [signs_of(stating(heavier(arm(), factor), (1,)), columns).gains for factor in (1.0, 0.0)]
     assert gains[0] == gains[1]
-    assert [value for _, value, _ in gains[0]] == pytest.approx(CONSTANTS[[0, 2]], rel=0.03)
+    assert [gain.value for gain in gains[0]] == pytest.approx(CONSTANTS[[0, 2]], rel=0.03)
 
 
 @pytest.mark.parametrize("factor", [0.8, 1.0, 1.25])
 def test_without_any_constant_the_description_tells_the_scale(factor: float) -> None:
     found = signs_of(stating(heavier(arm(), factor), ()), currents(made(arm())))
-    assert [value for _, value, _ in found.gains] == pytest.approx(factor * CONSTANTS, rel=0.06)
-    assert all(0.05 < std / value < 0.3 for _, value, std in found.gains)
+    assert [gain.value for gain in found.gains] == pytest.approx(factor * CONSTANTS, rel=0.06)
+    assert all(0.05 < gain.std / gain.value < 0.3 for gain in found.gains)
 
 
 def test_signs_turned_round_in_a_whole_joint_are_mended() -> None:
@@ -162,8 +164,8 @@ def test_signs_turned_round_in_a_whole_joint_are_mended() -> None:
 def test_a_force_has_its_unit() -> None:
     robot = arm("prismatic")
     found = signs_of(stating(robot, (0, 2)), currents(made(robot)))
-    (name, value, std) = found.gains[0]
-    assert (name, abs(value - CONSTANTS[1]) < 3 * std) == ("j2", True)
+    (name, value, std, unit) = found.gains[0]
+    assert (name, abs(value - CONSTANTS[1]) < 3 * std, unit) == ("j2", True, "N/A")
     assert any(" N/A (" in note for note in found.notes)
 
 
@@ -189,7 +191,7 @@ def test_joints_that_share_nothing_tell_nothing() -> None:
     assert "torque constant of z is not known" in told
     assert "leave out the column of the current" in told
     found = signs_of(stating(robot, (0,)), columns)
-    assert [value for _, value, _ in found.gains] == pytest.approx(CONSTANTS[[1]], rel=0.06)
+    assert [gain.value for gain in found.gains] == pytest.approx(CONSTANTS[[1]], rel=0.06)
     assert any("also on the inertials" in note for note in found.notes)
 
 
@@ -212,6 +214,10 @@ def test_currents_with_signs_need_their_constant() -> None:
     signed = {key.replace("tau_", "current_"): x for key, x in columns.items()}
     with pytest.raises(RecordingError, match="torque constant is not known"):
         signid.read_recording(signed, stating(robot, (0, 1)))
+    with pytest.raises(RecordingError) as caught:
+        signid.read_recording(signed, stating(robot, (1,)))
+    for words in (f"{robot.joints[0]}, {robot.joints[2]}", "state torque_constant", "--unsigned"):
+        assert words in str(caught.value)
     recording = signid.read_recording(signed, stating(robot, (0, 1)), unsigned=True)
     assert recording.scaled is not None and recording.scaled.tolist() == [True, True, False]
     assert recording.torque_per_unit.tolist() == [5.0, 3.0, 1.0]

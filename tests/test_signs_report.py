@@ -19,7 +19,7 @@ from test_report import shown
 from signid.recording import read_recording, with_signs
 from signid.report import signed_csv, signs_document, signs_tables, to_json, write_files
 from signid.report.signs import proof_sentence
-from signid.signs import Proof, Signs, Told, Trace
+from signid.signs import Gain, Proof, Signs, Told, Trace
 
 REPORT = sys.modules["signid.report.signs"]
 JOINTS = ("shoulder", "<b>&elbow</b>", 'wrist"; alert(1)</script>')
@@ -82,10 +82,13 @@ def test_the_document_is_the_contract() -> None:
 
 
 def test_segments_of_several_recordings_name_theirs() -> None:
-    signs = found(2, gains=(("shoulder", 2.5, 0.1),))
+    signs = found(2, gains=(Gain("shoulder", 2.5, 0.1), Gain("rail", 80.0, 4.0, "N/A")))
     document = json.loads(to_json(signs_document(signs)))
     assert {segment["recording"] for segment in document["segments"]} == {"session_0.csv", "session_1.csv"}
-    assert document["gains"] == [{"joint": "shoulder", "torque_constant": 2.5, "std": 0.1, "unit": "N.m/A"}]
+    assert document["gains"] == [
+        {"joint": "shoulder", "torque_constant": 2.5, "std": 0.1, "unit": "N.m/A"},
+        {"joint": "rail", "torque_constant": 80.0, "std": 4.0, "unit": "N/A"},
+    ]
     nameless = replace(signs, traces=tuple(replace(one, path="") for one in signs.traces))
     document = signs_document(nameless)
     assert document and document["segments"][-1]["recording"] == "recording 2"
@@ -105,8 +108,8 @@ def test_the_terminal_tells_counts_and_doubt() -> None:
     assert line.split()[1:5] == [str(len(own)), str(plus), str(len(own) - plus), str(doubt)]
     assert f"{min(x.confidence for x in own):.3f}" in line and " 600 " in line and "%" in line
     assert "<b>&elbow</b>" not in text and "1454 nodes" in text
-    gained = shown(signs_tables(found(gains=(("shoulder", 2.5, 0.1), ("x", 1.0, np.inf)))))
-    assert "2.50" in gained and "N.m/A" in gained
+    gained = shown(signs_tables(found(gains=(Gain("shoulder", 2.5, 0.1), Gain("rail", 1.0, np.inf, "N/A")))))
+    assert "2.50" in gained and "N.m/A" in gained and " N/A" in gained
     assert shown(signs_tables(found(segments=())))
 
 

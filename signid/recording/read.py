@@ -13,10 +13,6 @@ from .columns import TORQUES, Assignment, ColumnMap, assign_columns
 from .source import Opened, Source, open_source
 
 CHUNK = 65_536  # rows
-NO_CONSTANT = (
-    "{} records the current of {}, whose torque constant is not known; state torque_constant [N.m/A at the joint] of "
-    "it in an actuators file"
-)
 
 
 def read_recording(
@@ -87,7 +83,7 @@ def need_constants(recordings: Sequence[Recording]) -> None:
     for recording in recordings:
         if recording.scaled is not None and not recording.scaled.all():
             names = [joint for joint, known in zip(recording.joints, recording.scaled, strict=True) if not known]
-            raise RecordingError(NO_CONSTANT.format(recording.path or "the recording", shorten(names)))
+            raise RecordingError(_no_constant(recording.path or "the recording", names, "let identification find it"))
 
 
 def _by_joint(source: Source, robot: Robot) -> Source:
@@ -146,14 +142,20 @@ def _torque_constants(
     robot: Robot, joints: Sequence[int], torques: Sequence[str], absolute: Sequence[bool], source: str
 ) -> Array:
     """(n,) where a current is recorded, else 1; NaN where the constant of a current without sign is not known."""
-    values = np.ones(len(joints))
-    for i, (j, kind) in enumerate(zip(joints, torques, strict=True)):
-        if not kind.endswith("current"):
-            continue
-        values[i] = robot.actuators.torque_constant[j]
-        if values[i] == 0 or not (np.isfinite(values[i]) or absolute[i]):
-            raise RecordingError(NO_CONSTANT.format(source, robot.joints[j]))
+    current = np.array([kind.endswith("current") for kind in torques])
+    values = np.where(current, robot.actuators.torque_constant[list(joints)], 1.0)
+    lacking = (values == 0) | ~(np.isfinite(values) | np.array(absolute))
+    if lacking.any():
+        names = [robot.joints[j] for j, lacks in zip(joints, lacking, strict=True) if lacks]
+        mend = "forget the signs (--unsigned), for identification may find it then"
+        raise RecordingError(_no_constant(source, names, mend))
     return np.where(absolute, np.abs(values), values)
+
+
+def _no_constant(source: str, names: Sequence[str], mend: str) -> str:
+    what = "the current of {}, whose torque constant is" if len(names) == 1 else "currents of {}, whose constants are"
+    state = "state torque_constant [N.m/A at the joint, N/A at a prismatic one] in an actuators file"
+    return f"{source} records {what.format(shorten(names))} not known; {state}, or {mend}"
 
 
 def _notes(found: Assignment, robot: Robot, joints: Sequence[int]) -> Iterator[str]:

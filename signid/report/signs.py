@@ -39,8 +39,8 @@ def signs_document(signs: Signs | None) -> dict[str, Any] | None:
         "noise": signs.noise[hidden].tolist(),
         "inflation": signs.inflation[hidden].tolist(),
         "gains": [
-            {"joint": joint, "torque_constant": float(value), "std": float(std), "unit": "N.m/A"}
-            for joint, value, std in signs.gains
+            {"joint": gain.joint, "torque_constant": float(gain.value), "std": float(gain.std), "unit": gain.unit}
+            for gain in signs.gains
         ],
         "notes": list(signs.notes),
         "seed": int(signs.seed),
@@ -128,7 +128,7 @@ def _gains(signs: Signs) -> list[RenderableType]:
     if not signs.gains:
         return []
     table = new_table("joint", "torque constant>", "± (95 %)>", "unit")
-    for joint, value, std in signs.gains:
+    for joint, value, std, unit in signs.gains:
         told = with_interval(value, std)
-        table.add_row(joint, *told if isfinite(std) else (figure(value), "-"), "N.m/A")
+        table.add_row(joint, *told if isfinite(std) else (figure(value), "-"), unit)
     return [heading("Torque constants that were not known"), table]

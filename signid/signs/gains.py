@@ -19,7 +19,7 @@ from .apply import spread
 from .described import WRONG, combine, describe_constants
 from .infer import infer
 from .observed import Observed, observe
-from .result import Signs
+from .result import Gain, Signs
 from .shared import Constants, share_constants
 
 ROUNDS = 5  # of signs and constants in turn, at most
@@ -33,6 +33,7 @@ class Gains(Frozen):
     """Torque constants that n joints lacked."""
 
     joints: tuple[str, ...]  # n
+    units: tuple[str, ...]  # n of them
     unknown: Mask  # (n,)
     value: Array  # (n,) [N.m/A or N/A] where the constant was unknown, else 1
     covariance: Array  # (n, n) [1] of its logarithm, 0 elsewhere
@@ -40,10 +41,13 @@ class Gains(Frozen):
     flags: tuple[str, ...]
 
     @property
-    def found(self) -> tuple[tuple[str, float, float], ...]:
-        """Joint, torque constant and its standard deviation [N.m/A or N/A] where it was unknown."""
+    def found(self) -> tuple[Gain, ...]:
+        """The torque constants of the joints where they were unknown."""
         std = self.value * np.sqrt(np.diag(self.covariance))
-        return tuple((self.joints[j], float(self.value[j]), float(std[j])) for j in np.flatnonzero(self.unknown))
+        return tuple(
+            Gain(self.joints[j], float(self.value[j]), float(std[j]), self.units[j])
+            for j in np.flatnonzero(self.unknown).tolist()
+        )
 
     def scale(self, recording: Recording) -> Recording:
         """The recording with its currents as torques."""
@@ -99,7 +103,8 @@ def find_gains(
     value, std = np.where(unknown, np.exp(constants.log), 1.0), np.where(unknown, constants.std, 0.0)
     covariance = np.where(np.outer(unknown, unknown), constants.covariance, 0.0)
     notes = tuple(_notes(session.robot, value, std, unknown, anchors, constants.described))
-    return Gains(observed.joints, unknown, value, covariance, notes, tuple(_flags(session.robot, std)))
+    units = tuple(_unit(session.robot, j) for j in range(len(unknown)))
+    return Gains(observed.joints, units, unknown, value, covariance, notes, tuple(_flags(session.robot, std)))
 
 
 @dataclass(frozen=True, eq=False)

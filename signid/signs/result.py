@@ -30,6 +30,15 @@ class Told(NamedTuple):
     confidence: float  # probability that the sign is right, where no flag is raised
 
 
+class Gain(NamedTuple):
+    """A torque constant that was not known."""
+
+    joint: str
+    value: float  # [unit]
+    std: float  # [unit]
+    unit: str = "N.m/A"
+
+
 @dataclass(frozen=True, eq=False)
 class Trace(Frozen):
     """One recording's torque with the signs found, on a thinned grid: N samples of n joints."""
@@ -58,7 +67,7 @@ class Signs(Frozen):
     noise: Array  # (n,) [N.m or N] of the residual
     inflation: Array  # (n,) samples for one that is independent of the others [1]
     traces: tuple[Trace, ...]  # of every recording
-    gains: tuple[tuple[str, float, float], ...] = ()  # joint, torque constant and its std [N.m/A] where it was unknown
+    gains: tuple[Gain, ...] = ()
     seed: int = 0
 
     def of(self, joint: int) -> tuple[Told, ...]:
