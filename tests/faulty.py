@@ -182,6 +182,7 @@ LAWS: dict[str, tuple[Fault, Formula]] = {
             plant("skewed_friction", coefficient=0.3, centre=0.4),
             lambda x: {1: 0.3 * (x.q[:, 1] - 0.4) * x.v[:, 1]},
         ),
+        (plant("load_wave", amplitude=0.1, torque=2.0), lambda x: {1: 0.1 * np.cos(x.load[:, 1] / 2)}),
         (
             plant("crossed_torque", partner="joint_3", amplitude=0.3, frequency=3.0),
             lambda x: {1: 0.3 * np.sin(3 * x.q[:, 1]) * np.cos(3 * x.q[:, 2])},

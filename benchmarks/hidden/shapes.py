@@ -130,11 +130,12 @@ LAWS: Mapping[str, Callable[[Draw], Values]] = {
     "torque_in_time": lambda d: {"amplitude": d.torque, "frequency": d.within(0.6, 1.4), "phase": d.turn},
     "velocity_wave": lambda d: {"amplitude": d.torque, "velocity": 0.25 * d.speed},
     "skewed_friction": lambda d: {"coefficient": d.torque / d.speed, "centre": d.middle},
+    "load_wave": lambda d: {"amplitude": d.torque, "torque": 0.5 * d.torque},
     "crossed_torque": lambda d: {"partner": d.partner(), "amplitude": d.torque, "frequency": 3.0},
 }
 
-SHAPE = (  # numbers that do not grow with the fault
-    *("velocity", "distance", "frequency", "phase", "rest", "centre", "start", "end", "time", "free", "partner"),
+SHAPE = tuple(  # numbers that do not grow with the fault
+    "velocity distance frequency phase rest centre start end time free torque partner".split()
 )
 
 

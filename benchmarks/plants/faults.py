@@ -57,6 +57,7 @@ FOREIGN: Mapping[str, tuple[str, ...]] = {  # no effect of signid; torques.py ha
     "torque_in_time": ("amplitude", "frequency", "phase"),
     "velocity_wave": ("amplitude", "velocity"),
     "skewed_friction": ("coefficient", "centre"),
+    "load_wave": ("amplitude", "torque"),
     "crossed_torque": ("partner", "amplitude", "frequency"),
 }
 

@@ -124,6 +124,11 @@ def skewed_torque(x: Moment, coefficient: float, centre: float) -> float:
     return coefficient * (x.q - centre) * x.v
 
 
+def load_wave_torque(x: Moment, amplitude: float, torque: float) -> float:
+    """A cos(load / tau0)."""
+    return amplitude * cos(x.load / torque)
+
+
 def crossed_torque(q: float, other: float, amplitude: float, frequency: float) -> float:
     """A sin(k q) cos(k q'), of this joint and another."""
     return amplitude * sin(frequency * q) * cos(frequency * other)
@@ -169,6 +174,7 @@ TORQUES = {
     "torque_in_time": time_torque,
     "velocity_wave": velocity_wave_torque,
     "skewed_friction": skewed_torque,
+    "load_wave": load_wave_torque,
 }
 MEMORIES = {"presliding_friction": dahl, "lugre_friction": lugre}
-LOADED = ("load_friction", "root_load_friction")  # need the load
+LOADED = ("load_friction", "root_load_friction", "load_wave")  # need the load

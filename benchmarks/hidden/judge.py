@@ -1,0 +1,118 @@
+"""One diagnosis held against what was concealed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .names import Truth, is_lead, is_right, is_twin, truths
+from .numbers import error
+
+SURE = 0.95
+LEADS = ("right", "stated", "lead")
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What became of one session."""
+
+    suite: str
+    robot: str
+    joints: int
+    effect: str  # all that is concealed
+    size: float
+    key: str
+    outcome: str  # right stated twin lead unknown missed wrong; of healthy robots right or alarm; of pairs both one none
+    first: str  # the first cause that is named, "unknown", or "nothing"
+    sure: bool  # wrong, and said with P > .95
+    spurious: int  # causes that are none
+    names: tuple[tuple[float, bool], ...]  # probability of each cause, and whether it is right
+    errors: tuple[tuple[str, float], ...]  # of the numbers of what is named rightly
+    after: float  # residual over the noise floor, rms over joints
+    cpu: float  # s
+    hard: bool
+
+
+def judge(answer: Mapping[str, Any], result: Mapping[str, Any]) -> Verdict:
+    """The outcome of a session, from its answer and the stored document (design of diagnosis.json)."""
+    document, hidden = result["document"], truths(answer)
+    causes = [x for x in document["findings"] if x["role"] == "cause"] if document["verdict"] == "named" else []
+    right = [any(is_right(cause, truth) for truth in hidden) for cause in causes]
+    outcome = _outcome(answer, document, causes, hidden)
+    sure = bool(causes) and not right[0] and float(causes[0]["probability"]) > SURE
+    first = causes[0]["effect"] if causes else {"unknown": "unknown"}.get(document["verdict"], "nothing")
+    return Verdict(
+        suite=answer["suite"],
+        robot=answer["robot"],
+        joints=len(answer["joints"]),
+        effect="+".join(answer["effects"]),
+        size=answer["size"],
+        key=answer["key"],
+        outcome=outcome,
+        first=first,
+        sure=sure,
+        spurious=max(right.count(False) - (outcome in ("stated", "twin", "wrong")), 0),
+        names=tuple((float(c["probability"]), ok) for c, ok in zip(causes, right, strict=True)),
+        errors=tuple(_errors(causes, hidden, answer)),
+        after=_after(document["fit"]["after"]),
+        cpu=float(result["cpu"]),
+        hard=bool(answer["hard"]),
+    )
+
+
+def _outcome(
+    answer: Mapping[str, Any], document: Mapping[str, Any], causes: Sequence[Mapping[str, Any]], hidden: Sequence[Truth]
+) -> str:
+    suite, verdict = answer["suite"], document["verdict"]
+    if suite == "none":
+        return "right" if verdict == "nothing_missing" else "alarm"
+    if suite == "pairs":
+        named = sum(any(is_right(cause, truth) for cause in causes) for truth in hidden)
+        return ("none", "one", "both")[named]
+    (truth,) = hidden
+    if suite in ("absent", "removed") and verdict == "unknown":
+        return "right" if is_lead(document, truth) else "unknown"
+    if verdict == "unknown":
+        told = any(is_right(name, truth) for name in _told(document["findings"]))
+        return "lead" if told or is_lead(document, truth) else "unknown"
+    if not causes:
+        return "missed"
+    if suite == "removed":
+        return "twin" if is_twin(causes[0], truth, answer["joints"]) else "wrong"
+    if is_right(causes[0], truth):
+        return "right"
+    if any(is_right(name, truth) for name in _told(causes)):
+        return "stated"
+    return "twin" if is_twin(causes[0], truth, answer["joints"]) else "wrong"
+
+
+def _told(findings: Sequence[Mapping[str, Any]]) -> Iterator[Mapping[str, Any]]:
+    """Findings and what stands beside them."""
+    for finding in findings:
+        yield finding
+        yield from finding["alternatives"]
+
+
+def _errors(
+    causes: Sequence[Mapping[str, Any]], hidden: Sequence[Truth], answer: Mapping[str, Any]
+) -> Iterator[tuple[str, float]]:
+    """Of each cause that is right, of a law that the library has in the same words."""
+    if answer["suite"] in ("foreign", "absent"):
+        return
+    for truth in hidden:
+        for cause in causes:
+            if is_right(cause, truth):
+                found = error(truth.effects[0], cause["parameters"], truth.parameters, len(answer["joints"]))
+                if math.isfinite(found):
+                    yield truth.effects[0], found
+
+
+def _after(fit: Mapping[str, Any]) -> float:
+    """Rms over the joints of what is left on held-out data over the noise floor; NaN where there is no floor."""
+    pairs = zip(fit["held_out_rms"], fit["noise_floor"], strict=True)
+    ratios = [float(x) / float(floor) for x, floor in pairs if x is not None and floor]
+    return float(np.sqrt(np.mean(np.square(ratios)))) if ratios else math.nan
