@@ -119,6 +119,7 @@ def test_the_terminal_tells_counts_and_doubt() -> None:
         (Proof(True, 0.0, 0, True), "eigenvalues alone"),
         (Proof(True, 0.0, 1), "a search of 1 node."),
         (Proof(False, 0.031, 20000), "by 3 % at most"),
+        (Proof(False, 1.0, 122), "not proved: 122 nodes"),
         (Proof(False, np.inf, 122), "not proved: 122 nodes"),
     ],
 )

@@ -9,12 +9,12 @@ from signid.errors import RecordingError
 from signid.signs.observed import Observed
 from signid.signs.problem import Segment
 from signid.signs.segments import cut_by_signs, minimum_cuts, split_impure, threshold_runs
-from signid.types import Array
+from signid.types import Array, Mask
 
 PERIOD = 0.01  # s
 
 
-def seen(torque: Array, first: tuple[int, ...] = (0,)) -> Observed:
+def seen(torque: Array, first: tuple[int, ...] = (0,), moving: Mask | None = None) -> Observed:
     """One joint whose absolute torque (N,) is all there is."""
     count = len(torque)
     begins = np.isin(np.arange(count), first)
@@ -32,7 +32,7 @@ def seen(torque: Array, first: tuple[int, ...] = (0,)) -> Observed:
         torque=np.abs(torque)[:, None],
         signed=np.array([False]),
         known=np.array([True]),
-        steady=np.ones((count, 1), dtype=bool),
+        steady=np.ones((count, 1), dtype=bool) if moving is None else moving[:, None],
         period=PERIOD,
     )
 
@@ -104,3 +104,11 @@ def test_segments_are_cut_where_samples_change_sign() -> None:
 def test_torque_without_a_segment_is_refused(torque: Array, told: str) -> None:
     with pytest.raises(RecordingError, match=told):
         threshold_runs(seen(torque))
+
+
+def test_a_joint_that_rests_is_not_told_to_move_more_slowly() -> None:
+    for moving in (np.zeros(1000, dtype=bool), np.arange(1000) % 250 < 4):
+        with pytest.raises(RecordingError) as caught:
+            threshold_runs(seen(wave(), moving=moving))
+        assert f"clearly moves in {100 * moving.mean():.0f} % of the samples only" in str(caught.value)
+        assert "finer positions" in str(caught.value) and "slowly" not in str(caught.value)

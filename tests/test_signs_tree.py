@@ -168,7 +168,7 @@ def test_seeds_decide_the_starts() -> None:
 def test_a_search_that_ends_early_is_said() -> None:
     told = arm()
     got = search_tree(told.problem, told.base, told.prior, **(QUICK | {"budget": 3}))
-    assert any("give it more evaluations" in note for note in got.notes)
+    assert any("--signs exact needs no such search" in note for note in got.notes)
 
 
 def test_parameters_that_no_segment_shows_do_not_count() -> None:

@@ -83,7 +83,7 @@ def proof_sentence(signs: Signs) -> str:
     best = "No other signs of these segments explain the torque better"
     if proof.optimal:
         return f"{best}: proved by {'eigenvalues alone' if proof.certified else f'a search of {nodes}'}."
-    if isfinite(proof.gap):
+    if proof.tells:
         told = f"Other signs of these segments could lower what is left unexplained by {share(proof.gap)} at most"
         return f"{told}; the search looked at {nodes}."
     return f"Whether other signs of these segments explain the torque better is not proved: {nodes} were looked at."

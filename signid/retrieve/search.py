@@ -197,7 +197,8 @@ def _notes(found: _Found, cost: Cost, labels: tuple[Label, ...]) -> tuple[str, .
         )
     ]
     if not run.converged:
-        notes.append(f"the search did not converge within {run.evaluations} evaluations; give it more, or fit by cone")
+        spent = f"the search did not converge within {run.evaluations} evaluations"
+        notes.append(f"{spent}; try another --local-algorithm, or --method convex")
     if not run.feasible:
         notes.append("no real robot could have these parameters: the search found none in the box that one could")
     if edge:

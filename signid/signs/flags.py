@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import shorten
 from ..rows import Task
-from ..types import Indices
+from ..types import Indices, Robot
 from .believed import alone
 from .infer import Inferred
 from .observed import Observed
@@ -29,7 +29,7 @@ def raise_flags(task: Task, observed: Observed, inferred: Inferred) -> tuple[str
         *_undecided(observed, inferred),
         *_rectified(task, observed, inferred),
         *_unexplained(observed, inferred),
-        *_coarse(observed),
+        *_coarse(task.robot, observed),
         *_impure(observed, inferred),
     )
 
@@ -37,7 +37,8 @@ def raise_flags(task: Task, observed: Observed, inferred: Inferred) -> tuple[str
 def _unproved(inferred: Inferred) -> Iterator[str]:
     proof = inferred.proof
     if not proof.optimal:
-        yield f"the signs are the best that were found, not proved to be the best there are (gap {proof.gap:.2g})"
+        told = f"gap {proof.gap:.2g}" if proof.tells else "nothing is proved of others"
+        yield f"the signs are the best that were found, not proved to be the best there are ({told})"
     elif not inferred.complete:
         yield "more choices of signs are nearly as good as the best than could be counted: confidences may be too high"
 
@@ -76,8 +77,9 @@ def _rectified(task: Task, observed: Observed, inferred: Inferred) -> Iterator[s
         offset, friction = inferred.refined.value[[k, i]]
         if abs(offset) - RECTIFIED * max(friction, 0.0) > DEVIATIONS * (std[k] + std[i]):
             yield (
-                f"the torque offset of {observed.joints[joint]} ({offset:.2g}) is large beside its Coulomb friction "
-                f"({friction:.2g}): friction of the wrong sign looks like that; move it both ways, at many speeds"
+                f"the torque offset of {observed.joints[joint]} ({offset:.2g} {_unit(task.robot, joint)}) is large "
+                f"beside its Coulomb friction ({friction:.2g} {_unit(task.robot, joint)}): friction of the wrong sign "
+                f"looks like that; move it both ways, at many speeds"
             )
 
 
@@ -88,17 +90,17 @@ def _unexplained(observed: Observed, inferred: Inferred) -> Iterator[str]:
         told = ", ".join(f"{observed.joints[j]} ({100 * share[j]:.0f} %)" for j in bad)
         yield (
             f"the model leaves much of the torque unexplained, and not as noise, at {told}: physics that it lacks may "
-            f"have turned signs round; add effects such as friction, or filter the positions less"
+            f"have turned signs round; try more laws (--effects) or a higher --cutoff"
         )
 
 
-def _coarse(observed: Observed) -> Iterator[str]:
+def _coarse(robot: Robot, observed: Observed) -> Iterator[str]:
     for joint in observed.hidden:
         levels = np.unique(np.abs(observed.torque[:, joint]))
         step = float(np.median(np.diff(levels))) if len(levels) > 1 else 0.0
         if len(levels) < len(observed) / 4 and step > COARSE * scales(observed)[joint]:
             yield (
-                f"the torque of {observed.joints[joint]} is recorded in steps of {step:.2g}, "
+                f"the torque of {observed.joints[joint]} is recorded in steps of {step:.2g} {_unit(robot, joint)}, "
                 f"{100 * step / scales(observed)[joint]:.0f} % of its rms: too coarse to tell signs where it is small"
             )
 
@@ -110,3 +112,7 @@ def _impure(observed: Observed, inferred: Inferred) -> Iterator[str]:
             yield (
                 f"the torque of {observed.joints[joint]} changes its sign within {count} of its segments: record faster"
             )
+
+
+def _unit(robot: Robot, joint: int) -> str:
+    return "N" if robot.prismatic[joint] else "N.m"

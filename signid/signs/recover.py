@@ -169,7 +169,7 @@ def _result(
         threshold=inferred.threshold,
         proof=inferred.proof,
         flags=raise_flags(task, observed, inferred),
-        notes=_notes(inferred, judged),
+        notes=_notes(observed, inferred, judged),
         value=inferred.refined.value,
         noise=inferred.refined.sigma,
         inflation=inferred.inflation,
@@ -195,12 +195,14 @@ def _told(observed: Observed, inferred: Inferred, k: int) -> Told:
     )
 
 
-def _notes(inferred: Inferred, judged: bool) -> tuple[str, ...]:
+def _notes(observed: Observed, inferred: Inferred, judged: bool) -> tuple[str, ...]:
     notes = [*inferred.notes]
     if not judged:
         notes.append("signs were searched in the whole recording, also in what is held out of the fit")
     if inferred.finer:
         notes.append("segments above the threshold hid changes of sign: stretches between low minima were searched")
     for joint, count in inferred.impure.items():
-        notes.append(f"{count} segments of joint {joint + 1} were cut where the torque changes its sign inside them")
+        told, them = ("1 segment", "was") if count == 1 else (f"{count} segments", "were")
+        inside = "inside it" if count == 1 else "inside them"
+        notes.append(f"{told} of {observed.joints[joint]} {them} cut where the torque changes its sign {inside}")
     return tuple(notes)

@@ -9,6 +9,8 @@ import numpy as np
 
 from ..types import Array, Frozen, Indices
 
+NOTHING = 0.995  # gap from which on nothing is proved
+
 
 class Proof(NamedTuple):
     """Whether the signs of the segments are the best there are."""
@@ -17,6 +19,11 @@ class Proof(NamedTuple):
     gap: float  # share by which better signs could lower the loss at most, 0 where optimal
     nodes: int  # of the tree that were looked at
     certified: bool = False  # by eigenvalues alone, without the tree
+
+    @property
+    def tells(self) -> bool:
+        """Whether anything is known about signs that were not looked at."""
+        return self.gap < NOTHING
 
 
 class Told(NamedTuple):

@@ -16,6 +16,7 @@ SHORTEST, FEWEST = 0.2, 5  # [s] of a segment, and samples where that would leav
 MOST = 0.5  # of the samples above the threshold
 STANDS = 0.1  # [s] without certain motion after which a joint counts as at rest
 LOW, LOWEST = 0.5, 0.02  # of the rms: minima below the first are cut, samples below the second belong to no segment
+RESTS = 0.1  # share of the samples in motion below which a joint counts as one that hardly moves
 CLEAR, TURN = 3.0, 3  # standard deviations and samples by which a model must have the other sign inside a segment
 
 
@@ -154,7 +155,11 @@ def _need_torque(observed: Observed, joint: int, magnitude: Array) -> None:
 def _too_short(observed: Observed, joint: int, runs: Sequence[Segment]) -> str:
     longest = max((run.stop - run.start for run in runs), default=0)
     have = f"the longest has {longest} sample{'' if longest == 1 else 's'}, {FEWEST} are needed"
-    return (
-        f"|torque| of {observed.joints[joint]} stays above its threshold nowhere for long ({have}): its sign may "
-        f"change from sample to sample; record faster, or move more slowly"
-    )
+    told = f"|torque| of {observed.joints[joint]} stays above its threshold nowhere for long ({have})"
+    moves = float(in_motion(observed, joint).mean())
+    if moves < RESTS:
+        return (
+            f"{told}: the joint clearly moves in {100 * moves:.0f} % of the samples only, else it rests, or its "
+            f"positions come in steps too coarse to tell; move it more and for longer, or record finer positions"
+        )
+    return f"{told}: its sign may change from sample to sample; record faster, or move more slowly"

@@ -134,7 +134,7 @@ def _loss_notes(problem: Problem, signs: Array, node: Node) -> Iterator[str]:
     if node.loss > (1 + FAR) * least + SLIGHT * problem.energies.sum():
         yield (
             f"the search at the last node ended at a loss of {node.loss:.3g}, where least squares with its signs "
-            f"reaches {least:.3g}: its signs may be wrong for that alone; give it more evaluations"
+            f"reaches {least:.3g}: its signs may be wrong for that alone; --signs exact needs no such search"
         )
 
 

@@ -1,0 +1,68 @@
+"""When signs are not to be trusted: each flag and note names joints, units and options that there are."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from signless import Lost, lost
+
+from signid.signs.believed import alone
+from signid.signs.flags import raise_flags
+from signid.signs.infer import Inferred, infer
+from signid.signs.recover import _notes
+from signid.signs.result import Proof
+
+
+@cache
+def inferred() -> tuple[Lost, Inferred]:
+    made = lost(0.02)
+    return made, infer(made.task, made.observed)
+
+
+def test_nothing_is_said_where_all_is_well() -> None:
+    made, found = inferred()
+    assert raise_flags(made.task, made.observed, found) == ()
+    assert _notes(made.observed, found, judged=True) == ()
+
+
+def test_cut_segments_are_counted_by_the_name_of_their_joint() -> None:
+    made, found = inferred()
+    one, more = _notes(made.observed, replace(found, impure={0: 1, 2: 3}), judged=True)
+    first, _, last = made.observed.joints
+    assert one == f"1 segment of {first} was cut where the torque changes its sign inside it"
+    assert more == f"3 segments of {last} were cut where the torque changes its sign inside them"
+
+
+@pytest.mark.parametrize(("prismatic", "unit"), [(False, "N.m"), (True, "N")])
+def test_numbers_have_units(prismatic: bool, unit: str) -> None:
+    made, found = inferred()
+    place = {law: k for k, law in alone(made.task).items()}
+    value = found.refined.value.copy()
+    value[place["torque_offset", 1]] = 100.0
+    robot = replace(made.task.robot, prismatic=np.full(3, prismatic))
+    task = replace(made.task, robot=robot)
+    (flag,) = raise_flags(task, made.observed, replace(found, refined=replace(found.refined, value=value)))
+    assert f"offset of {made.observed.joints[1]} (1e+02 {unit}) is large" in flag
+    steps = 0.5 * np.sqrt(np.mean(made.observed.torque**2, axis=0))
+    coarse = replace(made.observed, torque=steps * np.round(made.observed.torque / steps))
+    told = [flag for flag in raise_flags(task, coarse, found) if "recorded in steps" in flag]
+    assert len(told) == 3 and f"steps of {steps[0]:.2g} {unit}, " in told[0]
+
+
+def test_what_is_not_explained_may_be_by_options_that_there_are() -> None:
+    made, found = inferred()
+    large = replace(
+        found, refined=replace(found.refined, sigma=10 * made.torque.std(axis=0)), inflation=np.full(3, 9.0)
+    )
+    (flag,) = raise_flags(made.task, made.observed, large)
+    assert "much of the torque unexplained" in flag and flag.endswith("try more laws (--effects) or a higher --cutoff")
+
+
+@pytest.mark.parametrize(("gap", "words"), [(0.03, "(gap 0.03)"), (1.0, "nothing is proved"), (np.inf, "nothing is")])
+def test_a_gap_of_all_proves_nothing(gap: float, words: str) -> None:
+    made, found = inferred()
+    (flag,) = raise_flags(made.task, made.observed, replace(found, proof=Proof(False, gap, 10)))
+    assert words in flag and ("gap" in flag) == (gap < 1)
