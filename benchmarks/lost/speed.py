@@ -55,19 +55,20 @@ class Race:
         return Verdict(told, None if self.least is None else self.times >= self.least)
 
 
-def races(done: Sequence[Row]) -> Iterator[Race]:
+def races(done: Sequence[Row], tree: bool = True) -> Iterator[Race]:
     """Both arms of the paper against the tree by NLopt, a Panda against the tree by pseudo-inverses.
 
     Args:
         done: rows that need not be run again.
+        tree: whether to race against the tree by NLopt.
     """
-    arms = [row for row in done if row.group == "3R" and "anew" not in row.case]
-    if not any(row.method == "tree" for row in arms):
+    arms = [row for row in done if row.group == "3R" and "anew" not in row.case] if tree else []
+    if tree and not any(row.method == "tree" for row in arms):
         puzzles = [puzzle for puzzle in paper.puzzles(anew=False) if puzzle.group == "3R"]
         arms = [attempt(puzzle, method) for puzzle in puzzles for method in ("exact", "tree")]
-    for exact, tree in zip(arms[::2], arms[1::2], strict=True):
-        right = [f"{row.right}/{row.segments}" for row in (exact, tree)]
-        yield Race(f"3R {exact.case}", "tree by NLopt", exact.whole, tree.whole, right[0], right[1], TIMES)
+    for exact, other in zip(arms[::2], arms[1::2], strict=True):
+        right = [f"{row.right}/{row.segments}" for row in (exact, other)]
+        yield Race(f"3R {exact.case}", "tree by NLopt", exact.whole, other.whole, right[0], right[1], TIMES)
     yield from beaten(real.panda(Path(os.environ["SIGNID_DATA"])))
 
 
