@@ -16,19 +16,27 @@ library without the effect). `--base 100` draws other seeds than those that some
 from __future__ import annotations
 
 import argparse
+import json
 import os
+import platform
 import sys
 import tempfile
+from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 
 from rich.console import Console
 from rich.progress import Progress
 
 from .hidden.cases import SIZES, SUITES, Case, cases, sample
+from .hidden.judge import Verdict, judge
 from .hidden.robots import ROBOTS
-from .hidden.work import process_all
+from .hidden.show import tables, targets_table
+from .hidden.summary import Target, cells, confusion, reliability, targets
+from .hidden.work import judged, process_all
 
 ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+SLOW = ("backlash", "load_friction", "presliding_friction", "friction_drift")  # to record
 USUAL = ("1r", "3r", "ur5", "panda", "kinova", "xarm7")
 
 
@@ -57,25 +65,63 @@ def parse() -> argparse.Namespace:
 
 def chosen(options: argparse.Namespace) -> list[Case]:
     """The cases that are asked for."""
+    if options.quick:
+        return quick()
     seeds = range(options.base, options.base + options.seeds)
     found = cases(options.only, options.robots, options.sizes, seeds, options.plant)
     found = [case for case in found if not options.effects or set(case.effects) & set(options.effects)]
     return found if options.sample is None else sample(found, options.sample, options.base)
 
 
+def quick() -> list[Case]:
+    """The same few cases every time: each effect of two dozen once, at 15 %, and two healthy robots."""
+    found = cases(("exact",), ("3r",), SIZES[-1:], (0,))
+    return [case for case in found if case.effects[0] not in SLOW] + cases(("none",), ("3r",), SIZES, (0,))[:2]
+
+
+def told(verdicts: Sequence[Verdict], found: Sequence[Target]) -> dict[str, object]:
+    """All numbers, as JSON has them."""
+    machine = {"python": platform.python_version(), "processor": platform.machine()}
+    return {
+        "machine": machine,
+        "targets": [{**asdict(target), "met": target.met} for target in found],
+        "cells": [cell._asdict() for cell in cells(verdicts)],
+        "confusion": confusion(verdicts),
+        "reliability": [one._asdict() for one in reliability(verdicts)],
+        "sessions": [asdict(verdict) for verdict in verdicts],
+    }
+
+
+def record(wanted: Sequence[Case], cache: Path, options: argparse.Namespace, console: Console) -> int:
+    """Record and diagnose; how often something went wrong."""
+    wrong = 0
+    with Progress(console=Console(stderr=True), disable=not sys.stderr.isatty()) as progress:
+        for reason in process_all(wanted, cache, options.workers, progress, not options.make_only, options.again):
+            console.print(reason, style="red", highlight=False, soft_wrap=True)
+            wrong += 1
+    return wrong
+
+
 def main() -> None:
-    """Record, diagnose, judge, print; exit 1 when a target is missed."""
+    """Record, diagnose, judge, print; exit 1 when a target is missed or a case could not be tried."""
     if any(os.environ.get(key) != value for key, value in ONE_THREAD.items()):
         os.execve(sys.executable, [sys.executable, *sys.orig_argv[1:]], {**os.environ, **ONE_THREAD})
     options, console = parse(), Console(width=150)
     with tempfile.TemporaryDirectory() as spare:
-        cache = options.cache or Path(spare)
-        wanted = chosen(options)
-        if not options.judge_only:
-            with Progress(console=Console(stderr=True)) as progress:
-                diagnose = not options.make_only
-                for wrong in process_all(wanted, cache, options.workers, progress, diagnose, options.again):
-                    console.print(wrong, style="red", highlight=False, soft_wrap=True)
+        cache, wanted = options.cache or Path(spare), chosen(options)
+        wrong = 0 if options.judge_only else record(wanted, cache, options, console)
+        if options.make_only:
+            sys.exit(bool(wrong))
+        verdicts = [judge(answer, result) for answer, result in judged(wanted, cache)]
+    found = list(targets(verdicts))
+    for table in (*tables(verdicts), targets_table(found)):
+        console.print(table)
+    console.print(f"{len(verdicts)} of {len(wanted)} sessions judged", highlight=False)
+    if options.json:
+        from .signs import plain
+
+        options.json.write_text(json.dumps(plain(told(verdicts, found)), indent=1, allow_nan=False))
+    sys.exit(bool(wrong) or any(target.met is False for target in found))
 
 
 if __name__ == "__main__":

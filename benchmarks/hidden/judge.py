@@ -26,7 +26,9 @@ class Verdict:
     effect: str  # all that is concealed
     size: float
     key: str
-    outcome: str  # right stated twin lead unknown missed wrong; of healthy robots right or alarm; of pairs both one none
+    outcome: (
+        str  # right stated twin lead unknown missed wrong; of healthy robots right or alarm; of pairs both one none
+    )
     first: str  # the first cause that is named, "unknown", or "nothing"
     sure: bool  # wrong, and said with P > .95
     spurious: int  # causes that are none
