@@ -12,7 +12,7 @@ LEVELS = (
     "robot formats effects optimisers",
     "recording sampling filters cutoff rigid motion regressor basis residual rows",
     "factors session prepare fit estimate excitation consistent retrieve laws model standard simulate rollout excite "
-    "signs",
+    "signs gross",
     "identify check inspect diagnose",
     "report replay export fleet",
     "cli",

@@ -1,0 +1,107 @@
+"""Evidence -> factors between recorded torques and the model's: units of all, a gain of one."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..motion import Motion
+from ..types import Array, Mask
+from .correction import Correction
+from .evidence import Evidence, Signals
+from .fits import Columns
+
+FITS, RIGID = 0.15, 3.0  # unexplained at most; times as much is left without the model's prediction
+SMALL, MOVES = 0.03, 0.05  # of the strongest predicted torque, of the fastest joint: less is not told from friction
+ALL, LONE = 1.9, 3.0  # times: a factor of several joints, or of the only one, that no model is off by
+ALIKE = 1.5  # times that factors may differ from their median and be called one
+ROTOR = 300.0  # times a torque without gravity may be too large: geared rotors weigh more than what they move
+ONE = 1.65  # times that one joint's factor may differ from the others'
+RIVAL = 0.6  # of what the best change of one body leaves: what the gain may leave
+
+
+class Gains(NamedTuple):
+    """Factors, and which of them are gross."""
+
+    factor: Array  # (n,) [1] recorded over predicted torque; NaN where it is not told
+    spread: Array  # (n,) [1] standard error of its logarithm
+    common: float  # [1] of all joints; 1 where it may be the model
+    lone: tuple[int, ...]  # joints whose factor is theirs alone
+
+
+def judge_gains(evidence: Evidence, done: Correction) -> Gains:
+    """Factors of the torques after what was corrected.
+
+    Args:
+        evidence: the recordings.
+        done: what was corrected.
+    """
+    x, n = evidence.corrected(done), len(done.lag)
+    factor, spread = np.full(n, np.nan), np.full(n, np.nan)
+    strongest = np.sqrt(np.mean(x.predicted**2, axis=0)).max(initial=0.0)
+    speed = np.sqrt(np.mean(x.v**2, axis=0))
+    tells = evidence.signed & (np.std(x.predicted, axis=0) >= SMALL * strongest) & (speed >= MOVES * speed.max())
+    for j in np.flatnonzero(tells).tolist():
+        with_it, without = Columns(x, j).fit(x.torque[:, j]), Columns(x, j, predicted=False).fit(x.torque[:, j])
+        if with_it.unexplained <= FITS and without.unexplained >= max(FITS, RIGID * with_it.unexplained):
+            factor[j], spread[j] = with_it.gain, _spread(evidence, x, j, with_it.gain)
+    sure = factor[np.isfinite(factor)]
+    if not len(sure):
+        return Gains(factor, spread, _inertial(evidence, x), ())
+    middle, least = float(np.median(sure)), ALL if len(sure) > 1 else LONE
+    alike = np.mean(np.abs(np.log(sure / middle)) <= np.log(ALIKE)) > 0.5
+    common = middle if alike and abs(np.log(middle)) >= np.log(least) else 1.0
+    return Gains(factor, spread, common, _lone(evidence, done, x, factor, middle))
+
+
+def _spread(evidence: Evidence, x: Signals, joint: int, gain: float) -> float:
+    """Standard error of a gain's logarithm, from leaving out one block after another."""
+    blocks = np.unique(evidence.block)
+    gains = []
+    for k in blocks:
+        kept = evidence.block != k
+        rows = Signals(*(signal[kept] for signal in x))
+        gains.append(Columns(rows, joint).fit(rows.torque[:, joint]).gain)
+    return float(np.sqrt((len(blocks) - 1) * np.mean((np.array(gains) - gain) ** 2)) / max(gain, 1e-300))
+
+
+def _inertial(evidence: Evidence, x: Signals) -> float:
+    """The factor of a robot that gravity does not tell of: of its strongest joint, rotors taken for none."""
+    size = np.where(evidence.signed, np.std(x.predicted, axis=0), 0.0)
+    joint = int(np.argmax(size))
+    if size[joint] == 0:
+        return 1.0
+    fit = Columns(x, joint, rotor=False).fit(x.torque[:, joint])
+    without = Columns(x, joint, predicted=False, rotor=False).fit(x.torque[:, joint])
+    tells = fit.unexplained <= FITS and without.unexplained >= max(FITS, RIGID * fit.unexplained)
+    return fit.gain if tells and not 1 / LONE < fit.gain < ROTOR else 1.0
+
+
+def _lone(evidence: Evidence, done: Correction, x: Signals, factor: Array, middle: float) -> tuple[int, ...]:
+    """Joints whose gain is off, where no single body's wrong inertials would explain it as well."""
+    told = np.isfinite(factor)
+    apart = told & (np.abs(np.log(np.where(told, factor, 1.0) / middle)) >= np.log(ONE))
+    if not apart.any() or told.sum() < 2 or apart.sum() > told.sum() / 2:
+        return ()
+    scaled = x._replace(predicted=x.predicted * middle)
+    own = x._replace(predicted=x.predicted * np.where(apart, np.nan_to_num(factor, nan=1.0), middle))
+    q, v, a = evidence.moved(done)
+    motion = Motion(evidence.robot, np.arange(len(q), dtype=float), q, v, a)
+    rival = min(_left(scaled, told, motion.body_columns(body)) for body in range(len(factor)))
+    return tuple(np.flatnonzero(apart).tolist()) if _left(own, told) <= RIVAL * rival else ()
+
+
+def _left(x: Signals, told: Mask, shared: Array | None = None) -> float:
+    """[1] what prediction, friction and other inertials of a body, columns (K, n, 10), leave unexplained, summed."""
+    rows = []
+    for j in np.flatnonzero(told):
+        own = np.stack([x.v[:, j], x.direction[:, j], x.a[:, j], np.ones(len(x.v))], axis=1)
+        rest = (x.torque[:, j] - x.predicted[:, j])[:, None]
+        free = rest if shared is None else np.column_stack([shared[:, j], rest])
+        basis = np.linalg.qr(own)[0]
+        rows.append((free - basis @ (basis.T @ free)) / np.std(x.torque[:, j]))
+    columns, y = np.split(np.concatenate(rows), [-1], axis=1)
+    scaled = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    fitted = scaled @ np.linalg.lstsq(scaled, y, rcond=1e-6)[0] if scaled.shape[1] else 0.0
+    return float(np.sum((y - fitted) ** 2)) / len(x.v)
