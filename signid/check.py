@@ -14,6 +14,7 @@ from .factors import Factors
 from .prepare import prepare
 from .sampling import Sampling
 from .session import Options, Progress, Session
+from .signs import Signs, recover
 from .types import Array, BaseMap, Frozen, Recording, Robot
 
 WELL, BARELY = 0.3, 1.0  # expected standard deviation over how far the parameter may be off beforehand
@@ -36,11 +37,12 @@ class Check(Frozen):
     excitation: Excitation
     advice: tuple[str, ...]
     notes: tuple[str, ...]
+    signs: Signs | None = None  # where torque was recorded without them
 
     @property
     def flags(self) -> tuple[str, ...]:
         """What makes the recordings insufficient; empty when they are good."""
-        return self.excitation.sentences
+        return (*(self.signs.flags if self.signs else ()), *self.excitation.sentences)
 
 
 def check(
@@ -50,15 +52,17 @@ def check(
     options: Options | None = None,
     progress: Progress | None = None,
 ) -> Check:
-    """The verdict on recordings, all of them taken together.
+    """The verdict on recordings, all of them taken together; torques without a sign get it back first.
 
     Raises:
         InputError: a recording or an option cannot be used; the sentence says which and why.
     """
     options = options or Options()
-    session = prepare(robot, recordings, recordings, options)
+    recovered = recover(robot, recordings, options=options, progress=progress)
+    session = prepare(robot, recovered.expected, recovered.expected, options)
     factors = session.reduce(session.train, progress=progress)
     found = estimate(factors, session.task.base, whiten=options.whiten)
+    found = recovered.widen(found, factors, session.task.base, options.whiten)
     excitation = judge_excitation(session.task, factors, found, options.seed)
     used = np.array([f.counts[0] / f.rows if f.rows else 0.0 for f in factors.joints])
     weak = {name for group in excitation.weak for name in group}
@@ -77,7 +81,8 @@ def check(
         verdicts,
         excitation,
         _advice(session, factors, used),
-        session.notes,
+        (*recovered.notes, *session.notes),
+        recovered.signs,
     )
 
 

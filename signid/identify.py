@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -98,6 +98,7 @@ def identify(
     parameters = chosen.parameters
     base_value = session.task.base.combination @ parameters.values
     fit = judge_fit(session, train, test, base_value)
+    notes = (*recovered.notes, *_judged_by_itself(recordings, held_out), *session.notes, *found.notes)
     return Identification(
         robot=session.robot,
         base=session.task.base,
@@ -113,7 +114,7 @@ def identify(
         signs=recovered.signs,
         recordings=(*recovered.recordings, *recovered.held_out),
         flags=(*recovered.flags, *excitation.sentences, *chosen.flags),
-        notes=(*recovered.notes, *session.notes, *found.notes, *chosen.notes, *fit.sentences),
+        notes=(*notes, *chosen.notes, *fit.sentences),
         cutoff=session.task.band.cutoff,
         position_cutoff=session.task.band.position_cutoff,
         seed=options.seed,
@@ -139,6 +140,16 @@ def _huber(found: Estimate, factors: Factors) -> Weigh:
         return np.asarray(np.minimum(1.0, HUBER / np.maximum(size, 1e-12)))
 
     return weigh
+
+
+def _judged_by_itself(recordings: Sequence[Recording], held_out: Sequence[Recording]) -> Iterator[str]:
+    """Where the model chose the signs of the torque that it is judged by."""
+    if not all(r.signed.all() for r in held_out or recordings[-1:]):
+        whole = "" if held_out or len(recordings) > 1 else ", in a search that saw it"
+        yield (
+            f"the model itself gave the torque that is held out its signs{whole}: R2 held out is too good where they "
+            f"are wrong; give --held-out a recording with signs if there is one"
+        )
 
 
 def _only_once(recordings: Sequence[Recording], held_out: Sequence[Recording]) -> None:

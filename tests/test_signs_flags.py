@@ -25,12 +25,12 @@ def inferred() -> tuple[Lost, Inferred]:
 def test_nothing_is_said_where_all_is_well() -> None:
     made, found = inferred()
     assert raise_flags(made.task, made.observed, found) == ()
-    assert _notes(made.observed, found, judged=True) == ()
+    assert _notes(made.observed, found) == ()
 
 
 def test_cut_segments_are_counted_by_the_name_of_their_joint() -> None:
     made, found = inferred()
-    one, more = _notes(made.observed, replace(found, impure={0: 1, 2: 3}), judged=True)
+    one, more = _notes(made.observed, replace(found, impure={0: 1, 2: 3}))
     first, _, last = made.observed.joints
     assert one == f"1 segment of {first} was cut where the torque changes its sign inside it"
     assert more == f"3 segments of {last} were cut where the torque changes its sign inside them"

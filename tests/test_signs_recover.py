@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose
 import signid
 from signid.cli import run
 from signid.identify import Identification
-from signid.types import Array, Robot
+from signid.types import Array, Recording, Robot
 
 ROBOTS = Path(__file__).parents[1] / "robots"
 
@@ -97,6 +97,31 @@ def test_what_is_held_out_takes_no_part_in_the_search(arm: Robot, made: Trial) -
     assert_allclose(by_hand.fit.held_out_rms, signed.fit.held_out_rms, rtol=0.02)
 
 
+def test_a_check_is_that_with_signs(arm: Robot, made: Trial) -> None:
+    torque = noisy(made)
+    wanted = signid.check(arm, [made.recording(tau=torque)])
+    found = signid.check(arm, [signid.read_recording(lost(made, torque), arm)])
+    assert wanted.signs is None and found.signs is not None and found.signs.is_certain()
+    assert found.flags == wanted.flags == ()
+    assert found.verdicts == wanted.verdicts
+    assert_allclose(found.std, wanted.std, rtol=0.05)
+
+
+def test_what_judges_itself_is_said_to(arm: Robot, made: Trial) -> None:
+    torque, other = noisy(made), trial(arm, seed=3, seconds=12)
+    learn, signed = signid.read_recording(lost(made, torque), arm), made.recording(tau=torque)
+    judges = signid.read_recording(lost(other, other.torque), arm), other.recording(tau=other.torque)
+
+    def told(*recordings: Recording, judge: Recording | None = None) -> list[str]:
+        notes = signid.identify(arm, recordings, held_out=[judge] if judge else []).notes
+        return [note for note in notes if "R2 held out is too good" in note]
+
+    assert "in a search that saw it" in told(learn)[0]
+    for (note,) in (told(learn, judges[0]), told(learn, judge=judges[0]), told(signed, judge=judges[0])):
+        assert "saw it" not in note
+    assert told(learn, judges[1]) == told(learn, judge=judges[1]) == told(signed) == []
+
+
 def test_a_sign_that_nothing_decides_is_said_to_be_open() -> None:
     """A pendulum that only swings slowly: its weight on the other side would look the same."""
     robot, t = signid.load_robot("1r"), np.arange(0, 40, 0.01)
@@ -127,6 +152,8 @@ def test_the_command_line_finds_signs_and_writes_them(
     document = json.loads((Path("one") / "identification.json").read_text())
     assert document["signs"]["proof"]["optimal"] is True
     assert set(document["signs"]["segments"][0]) >= {"joint", "start", "end", "sign", "confidence"}
+    assert run(["check", "3r", str(file), "--unsigned"]) == 0
+    assert "22 told, 3 weak, 0 not told" in capsys.readouterr().out
     recorded = signid.read_recording(file, signid.load_robot("3r")).read()
     with (Path("one") / "signed.csv").open() as stream:
         rows = list(table.DictReader(stream))

@@ -101,15 +101,19 @@ def check(
     derivatives: Derivatives = "auto",
     no_instruments: NoInstruments = False,
     white: White = False,
+    unsigned: Unsigned = False,
     seed: Seed = 0,
     json: Json = False,
 ) -> int:
-    """What recordings can and cannot tell, and what would help, before anything is fitted."""
+    """What recordings can and cannot tell, and what would help, before a model is fitted.
+
+    Torques without a sign (abs_tau_J, abs_current_J or --unsigned) get it back first, as in identify.
+    """
     from ..check import check as judge
     from ..report import Screen, check_document, check_tables, to_json
 
     described = given_robot(robot, joints, lock, actuators, package_dir)
-    given = [given_recording(path, described, columns) for path in recordings]
+    given = [given_recording(path, described, columns, unsigned) for path in recordings]
     options = given_options(effects, cutoff, derivatives, no_instruments, white, seed)
     with bars(json) as progress:
         found = judge(described, given, options=options, progress=progress)
@@ -137,7 +141,10 @@ def identify(
     columns: Columns = None,
     effects: Effects = None,
     method: Annotated[
-        str | None, typer.Option(metavar="HOW", help="convex (physically consistent; default), wls or pbrp.")
+        str | None,
+        typer.Option(
+            metavar="HOW", help="convex (default; possible inertials), wls, or pbrp (default of --signs tree)."
+        ),
     ] = None,
     cutoff: Cutoff = None,
     derivatives: Derivatives = "auto",

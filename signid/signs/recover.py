@@ -118,7 +118,7 @@ def recover(
         tuple(signed.get(r, (r,))[0] for r in recordings),
         tuple(signed.get(r, (r,))[0] for r in held_out),
         tuple(signed.get(r, (r,))[-1] for r in recordings),
-        _result(session.task, observed, inferred, tuple(traced.values()), method, bool(judges), options.seed),
+        _result(session.task, observed, inferred, tuple(traced.values()), method, options.seed),
     )
 
 
@@ -157,7 +157,7 @@ def _with(task: Task, part: Part, trace: Trace, inferred: Inferred) -> tuple[Rec
 
 
 def _result(
-    task: Task, observed: Observed, inferred: Inferred, traces: tuple[Trace, ...], method: str, judged: bool, seed: int
+    task: Task, observed: Observed, inferred: Inferred, traces: tuple[Trace, ...], method: str, seed: int
 ) -> Signs:
     order = sorted(range(len(inferred.segments)), key=lambda k: _place(observed, inferred, k))
     told = [_told(observed, inferred, k) for k in order]
@@ -169,7 +169,7 @@ def _result(
         threshold=inferred.threshold,
         proof=inferred.proof,
         flags=raise_flags(task, observed, inferred),
-        notes=_notes(observed, inferred, judged),
+        notes=_notes(observed, inferred),
         value=inferred.refined.value,
         noise=inferred.refined.sigma,
         inflation=inferred.inflation,
@@ -195,10 +195,8 @@ def _told(observed: Observed, inferred: Inferred, k: int) -> Told:
     )
 
 
-def _notes(observed: Observed, inferred: Inferred, judged: bool) -> tuple[str, ...]:
+def _notes(observed: Observed, inferred: Inferred) -> tuple[str, ...]:
     notes = [*inferred.notes]
-    if not judged:
-        notes.append("signs were searched in the whole recording, also in what is held out of the fit")
     if inferred.finer:
         notes.append("segments above the threshold hid changes of sign: stretches between low minima were searched")
     for joint, count in inferred.impure.items():
