@@ -153,8 +153,8 @@ def _in_words(robot: Robot, base: BaseMap, which: Iterable[int]) -> tuple[str, .
 
 def _groups(robot: Robot, factors: Factors, speed: Array) -> tuple[tuple[str, ...], ...]:
     """Joints whose velocities are proportional, in groups."""
-    size = np.maximum(speed, 1e-300)
-    alike = np.abs(factors.velocity / factors.rows / np.outer(size, size)) > IN_STEP
+    size = np.where(speed > 0, speed, np.inf)
+    alike = np.abs(factors.velocity / factors.rows / size[:, None] / size) > IN_STEP
     groups: list[tuple[str, ...]] = []
     for j in range(len(speed)):
         group = tuple(robot.joints[k] for k in np.flatnonzero(alike[j]) if speed[k] > AT_REST * speed.max())

@@ -116,6 +116,15 @@ def test_joints_in_step_are_named(arm: Robot) -> None:
     assert verdict.in_step == (("joint_2", "joint_3"),)
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_a_joint_that_stands_at_zero_is_named_without_a_warning(arm: Robot) -> None:
+    made = trial(arm)
+    still = made.q * [1.0, 0.0, 1.0]
+    session, found = solve(made, Options(), q=still)
+    verdict = judge_excitation(session.task, session.reduce(session.train), found)
+    assert verdict.resting == ("joint_2",) and verdict.in_step == ()
+
+
 def test_good_motion_is_not_flagged(arm: Robot) -> None:
     session, found = solve(trial(arm), Options())
     verdict = judge_excitation(session.task, session.reduce(session.train), found)
