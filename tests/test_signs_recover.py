@@ -13,7 +13,9 @@ from numpy.testing import assert_allclose
 
 import signid
 from signid.cli import run
+from signid.errors import RecordingError
 from signid.identify import Identification
+from signid.signs import recover
 from signid.types import Array, Recording, Robot
 
 ROBOTS = Path(__file__).parents[1] / "robots"
@@ -163,3 +165,28 @@ def test_the_command_line_finds_signs_and_writes_them(
     same = np.sign(tau) == np.sign(recorded.tau)
     assert np.mean(same) > 0.99  # noise is 2 %
     assert np.mean(same[np.abs(tau) > 0.1 * np.sqrt(np.mean(tau**2, axis=0))]) > 0.999
+
+
+def test_recordings_with_and_without_signs_go_together(arm: Robot, made: Trial) -> None:
+    other, judge = trial(arm, seed=3, seconds=12), trial(arm, seed=5, seconds=12)
+    bare = signid.read_recording(lost(other, noisy(other, seed=1)), arm)
+    judges = [judge.recording(tau=judge.torque)]
+    for learn in ([made.recording(tau=noisy(made)), bare], [bare, made.recording(tau=noisy(made))]):
+        found = signid.identify(arm, learn, held_out=judges)
+        assert np.all(found.fit.held_out_r2 > 0.999)
+        assert found.signs is not None and found.signs.hidden == (0, 1, 2)
+        assert any("joint_1, joint_2, joint_3, which some recordings have" in note for note in found.notes)
+
+
+def test_a_torque_that_one_recording_lacks(arm: Robot, made: Trial) -> None:
+    other, hidden = trial(arm, seed=3, seconds=12), (0, 1)
+    for column, refused in (("abs_tau_2", True), ("tau_3", False)):
+        less = {key: x for key, x in lost(other, noisy(other), hidden).items() if key != column}
+        for learn in ([lost(made, noisy(made), hidden), less], [less, lost(made, noisy(made), hidden)]):
+            recordings = [signid.read_recording(columns, arm) for columns in learn]
+            if refused:
+                with pytest.raises(RecordingError, match="one recording has torque of joint_2, another has none"):
+                    recover(arm, recordings, [made.recording()])
+            else:
+                signs = recover(arm, recordings, [made.recording()]).signs
+                assert signs is not None and signs.hidden == hidden and signs.is_certain()

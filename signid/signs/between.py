@@ -45,10 +45,11 @@ def place_jumps(task: Task, part: Part, step: int, thinned: Signed, magnitude: A
         part: the recording.
         step: samples for one of the thinned.
         thinned: M samples and their signs.
-        magnitude: (M, n) their absolute torque [N.m or N].
+        magnitude: (M, n) their absolute torque [N.m or N]; NaN where none is recorded.
         value: (b,) base parameters [units of base].
     """
-    large = magnitude > LARGE * np.sqrt(np.nanmean(magnitude**2, axis=0))
+    size = np.nan_to_num(magnitude)
+    large = size > LARGE * np.sqrt(np.mean(size**2, axis=0))
     turning = (thinned.signs[1:] != thinned.signs[:-1]) & large[1:] & large[:-1]
     turning[thinned.first[1:] - 1] = False
     signs, after, t, inner = thinned.signs.copy(), [], [], []

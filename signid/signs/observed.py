@@ -38,8 +38,8 @@ class Observed(Frozen):
     count: int  # b, base parameters
     joints: tuple[str, ...]  # n names
     torque: Array  # (N, n) [N.m or N] as recorded: absolute where the sign is lost, 0 where there is none
-    signed: Mask  # (n,) whether the recorded torque has its sign
-    known: Mask  # (n,) whether torque is recorded at all
+    signed: Mask  # (n,) whether the recorded torque has its sign, in all recordings
+    known: Mask  # (n,) whether torque is recorded, in all recordings
     steady: Mask  # (N, n) far enough from a reversal for friction to be certain, and from the ends for the filter
     period: float  # [s] between neighbours of a span
 
@@ -93,7 +93,7 @@ def observe(task: Task, parts: Sequence[Part], most: int = MOST) -> Observed:
     wanted = [task.base.independent[task.seen(j)] for j in range(len(task.robot.joints))]
     rows = [base_rows(_thin(motion, step), task.laws, wanted) for _, _, motion, _ in pieces]
     recorded = np.concatenate([_recorded(motion)[::step] for _, _, motion, _ in pieces])
-    known = np.asarray(~np.isnan(recorded).all(0))
+    known = ~np.isnan(recorded).any(0)
     lengths = [len(motion.t[::step]) for _, _, motion, _ in pieces]
     first = np.zeros(sum(lengths), dtype=bool)
     first[np.cumsum([0, *lengths[:-1]])] = [begins for _, begins, _, _ in pieces]
@@ -107,8 +107,8 @@ def observe(task: Task, parts: Sequence[Part], most: int = MOST) -> Observed:
         seen=tuple(task.seen(j) for j in range(len(wanted))),
         count=task.base.rank,
         joints=task.robot.joints,
-        torque=np.nan_to_num(recorded),
-        signed=np.asarray(parts[0][0].signed),
+        torque=np.where(known, recorded, 0.0),
+        signed=np.all([recording.signed for recording, _ in parts], axis=0),
         known=known,
         steady=np.concatenate([steady[::step] for *_, steady in pieces]),
         period=step / task.band.rate,

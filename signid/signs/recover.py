@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..errors import OptionError
+from ..errors import OptionError, RecordingError, shorten
 from ..factors import Factors
 from ..prepare import prepare
 from ..recording import with_signs
@@ -88,7 +88,8 @@ def recover(
 
     Raises:
         OptionError: there is no such method, or a torque constant is neither known nor told.
-        RecordingError: a recording cannot be used, or a torque has no stretch of one sign.
+        RecordingError: a recording cannot be used, or lacks a torque that another has without its sign, or a torque has
+            no stretch of one sign.
     """
     if method not in METHODS:
         raise OptionError(f"signs {method!r} is none of {', '.join(METHODS)}")
@@ -105,11 +106,13 @@ def recover(
     session = prepare(robot, recordings, held_out, options)
     parts = {r: (r, survey(r, session.robot)) for r in everything}
     learn = [parts[r] for r in recordings if r not in judges]
+    _same_torques([recording for recording, _ in learn])
     if progress is not None:
         progress("searching signs in", 0.0)
     observed = observe(session.task, learn)
     choose = by_tree(session.task, options.seed, progress) if method == "tree" else None
     inferred = infer(session.task, observed, options.seed, choose)
+    notes = (*_notes(observed, inferred), *_unused(observed, learn))
     traced = _traces(observed, learn, inferred, inferred.refined.signs)
     for part in (parts[r] for r in judges if not r.signed.all()):
         traced |= _followed(session.task, part, inferred)
@@ -118,8 +121,21 @@ def recover(
         tuple(signed.get(r, (r,))[0] for r in recordings),
         tuple(signed.get(r, (r,))[0] for r in held_out),
         tuple(signed.get(r, (r,))[-1] for r in recordings),
-        _result(session.task, observed, inferred, tuple(traced.values()), method, options.seed),
+        _result(session.task, observed, inferred, notes, tuple(traced.values()), method, options.seed),
     )
+
+
+def _same_torques(recordings: Sequence[Recording]) -> None:
+    """Where a torque lacks its sign, all recordings must have that torque."""
+    for j, joint in enumerate(recordings[0].joints):
+        has = [bool(r.columns["tau"][j]) for r in recordings]
+        if any(not r.signed[j] for r in recordings) and not all(has):
+            one = recordings[has.index(True)].path or "one recording"
+            other = recordings[has.index(False)].path or "another"
+            raise RecordingError(
+                f"{one} has torque of {joint}, {other} has none; where signs are lost, use recordings with torque of "
+                f"the same joints together, or leave the column out"
+            )
 
 
 def _traces(observed: Observed, parts: Sequence[Part], inferred: Inferred, signs: Array) -> dict[Recording, Trace]:
@@ -157,7 +173,13 @@ def _with(task: Task, part: Part, trace: Trace, inferred: Inferred) -> tuple[Rec
 
 
 def _result(
-    task: Task, observed: Observed, inferred: Inferred, traces: tuple[Trace, ...], method: str, seed: int
+    task: Task,
+    observed: Observed,
+    inferred: Inferred,
+    notes: tuple[str, ...],
+    traces: tuple[Trace, ...],
+    method: str,
+    seed: int,
 ) -> Signs:
     order = sorted(range(len(inferred.segments)), key=lambda k: _place(observed, inferred, k))
     told = [_told(observed, inferred, k) for k in order]
@@ -169,7 +191,7 @@ def _result(
         threshold=inferred.threshold,
         proof=inferred.proof,
         flags=raise_flags(task, observed, inferred),
-        notes=_notes(observed, inferred),
+        notes=notes,
         value=inferred.refined.value,
         noise=inferred.refined.sigma,
         inflation=inferred.inflation,
@@ -204,3 +226,10 @@ def _notes(observed: Observed, inferred: Inferred) -> tuple[str, ...]:
         inside = "inside it" if count == 1 else "inside them"
         notes.append(f"{told} of {observed.joints[joint]} {them} cut where the torque changes its sign {inside}")
     return tuple(notes)
+
+
+def _unused(observed: Observed, parts: Sequence[Part]) -> tuple[str, ...]:
+    """Signs that some recordings have and others have not."""
+    some = [observed.joints[j] for j in observed.hidden if any(recording.signed[j] for recording, _ in parts)]
+    told = f"signs of {shorten(some)}, which some recordings have, took no part in the search: others lack them"
+    return (told,) if some else ()
