@@ -162,7 +162,9 @@ def test_the_command_line_finds_signs_and_writes_them(
     assert len(rows) == len(recorded.t)
     tau = np.array([[float(row[f"tau_joint_{j}"]) for j in (1, 2, 3)] for row in rows])
     assert_allclose(np.abs(tau), np.abs(recorded.tau))
+    sure = np.array([[float(row[f"sure_joint_{j}"]) for j in (1, 2, 3)] for row in rows])
     same = np.sign(tau) == np.sign(recorded.tau)
+    assert 0.6 < np.mean(sure > 0.999) < 0.9 and np.all(same[sure > 0.999])
     assert np.mean(same) > 0.99  # noise is 2 %
     assert np.mean(same[np.abs(tau) > 0.1 * np.sqrt(np.mean(tau**2, axis=0))]) > 0.999
 

@@ -151,17 +151,35 @@ def test_signed_torque_as_a_table_has_the_recordings_own_rows(chunk: int, monkey
     signs = np.column_stack([np.where(tau < 0, -1, 1), np.ones(50)]).astype(np.int8)
     signs[9, 0] = 0
     recording = with_signs(read_recording(columns, robot), signs)
-    lines = list(csv.reader(io.StringIO("".join(signed_csv(recording)))))
-    assert lines[0] == ["t", "tau_shoulder", "tau_elbow, the second"] and len(lines) == 51
-    assert lines[1 + 4][2] == "" and lines[1 + 9][1] == "" and lines[1 + 3][1] == "0.0"
+    lines = list(csv.reader(io.StringIO("".join(signed_csv(recording, found(), 0)))))
+    assert lines[0] == ["t", "tau_shoulder", "sure_shoulder", "tau_elbow, the second", "sure_elbow, the second"]
+    assert len(lines) == 51 and lines[1 + 4][3] == "" and lines[1 + 9][1] == "" and lines[1 + 3][1] == "0.0"
     read = np.array([[float(cell or "nan") for cell in line] for line in lines[1:]])
     tau[9, 0] = np.nan
-    np.testing.assert_array_equal(read, np.column_stack([columns["t"], tau[:, 0], 0.7 * tau[:, 1]]))
+    np.testing.assert_array_equal(read[:, [0, 1, 3]], np.column_stack([columns["t"], tau[:, 0], 0.7 * tau[:, 1]]))
+
+
+@pytest.mark.parametrize("chunk", [65_536, 7])
+def test_rows_are_as_sure_as_their_segment(chunk: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(REPORT, "CHUNK", chunk)
+    t = 0.1 * np.arange(10)
+    columns = {"t": t, "q": np.ones((10, 3)), "abs_tau": np.ones((10, 3))}
+    signs = np.ones((10, 3), np.int8)
+    signs[5:8] = -1
+    recording = with_signs(read_recording(columns, arm()), signs)
+    told = (Told(0, 0, t[5], t[8], -1, 0.75), Told(0, 0, t[1], t[3], 1, 0.9995), Told(1, 0, t[0], t[9], 1, 1.0))
+    rows = "".join(signed_csv(recording, found(segments=(*told, Told(0, 2, t[6], t[6], -1, 0.5))), 0)).splitlines()
+    sure = np.array([[float(cell) for cell in row.split(",")[2::2]] for row in rows[1:]]).T
+    assert rows[0] == "t,tau_shoulder,sure_shoulder,tau_elbow,sure_elbow,tau_wrist,sure_wrist"
+    one = 0.9995
+    assert sure[0].tolist() == [0, one, one, one, 0, 0.75, 0.75, 0.75, 0, 0]  # the last of a segment has turned round
+    assert sure[1].tolist() == [1] * 10  # its torque had its sign
+    assert sure[2].tolist() == [0] * 6 + [0.5] + [0] * 3
 
 
 def test_a_table_is_written_in_pieces(tmp_path: Path) -> None:
     columns, tau = signed_columns(50)
     recording = with_signs(read_recording(columns, arm(constants=1.0)), np.ones((50, 3), np.int8))
-    (path,) = write_files(tmp_path, {"signed.csv": signed_csv(recording)})
-    assert path.read_text() == "".join(signed_csv(recording)) and path.read_text().count("\n") == 51
+    (path,) = write_files(tmp_path, {"signed.csv": signed_csv(recording, found(), 0)})
+    assert path.read_text() == "".join(signed_csv(recording, found(), 0)) and path.read_text().count("\n") == 51
     assert [file.name for file in tmp_path.iterdir()] == ["signed.csv"]

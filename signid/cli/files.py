@@ -46,13 +46,14 @@ def deliver(result: Identification, inputs: Sequence[tuple[str, str]], output: s
 
 
 def signed_files(result: Identification) -> dict[str, str | Iterator[str]]:
-    """A table for each recording that lacked signs (signed.csv, signed_2.csv, ...), and a page that shows them."""
+    """A table for each recording of which signs were found (signed.csv, signed_2.csv, ...), and a page of them."""
     from ..report import signed_csv, signs_page
 
     if result.signs is None:
         return {}
-    lacked = {trace.path for trace in result.signs.traces}
-    tables = [signed_csv(recording) for recording in result.recordings if recording.path in lacked]
+    part = {trace.path: k for k, trace in enumerate(result.signs.traces)}
+    found = [recording for recording in result.recordings if recording.path in part]
+    tables = [signed_csv(recording, result.signs, part[recording.path]) for recording in found]
     names = ["signed.csv", *(f"signed_{k + 2}.csv" for k in range(len(tables) - 1))]
     units = ["N" if prismatic else "N.m" for prismatic in result.robot.prismatic]
     return {**dict(zip(names, tables, strict=True)), "signs.html": signs_page(result.signs, units)}

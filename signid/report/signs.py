@@ -11,7 +11,7 @@ import polars as pl
 from rich.console import RenderableType
 
 from ..signs import Signs, Told
-from ..types import Recording
+from ..types import Array, Recording
 from .layout import heading, new_table, paragraph, plural
 from .numbers import figure, share, with_interval
 
@@ -61,20 +61,29 @@ def signs_tables(signs: Signs) -> list[RenderableType]:
     return [heading("Signs of torque"), table, paragraph(proof_sentence(signs)), *_gains(signs)]
 
 
-def signed_csv(recording: Recording) -> Iterator[str]:
-    """The text of signed.csv, piece by piece: the recording's own rows, t [s] and tau of each joint [N.m or N].
+def signed_csv(recording: Recording, signs: Signs, part: int) -> Iterator[str]:
+    """The text of signed.csv, piece by piece: the recording's own rows, t [s], and tau [N.m or N], sure [1] of joints.
 
-    Numbers read back as they are; what is missing is an empty cell.
+    `sure_J` is the confidence of the segment that a row lies in, 0 outside of segments, where the sign follows the
+    model or is a guess, and 1 where torque had its sign. Numbers read back as they are; a missing one is an empty cell.
+
+    Args:
+        recording: with the signs that were found.
+        signs: what is known about them.
+        part: which of its traces is the recording's.
     """
     columns = recording.columns["tau"]
     joints = [j for j, column in enumerate(columns) if column]
     names = [*recording.columns["t"], *(columns[j] for j in joints)]
-    heads = ["t", *(f"tau_{recording.joints[j]}" for j in joints)]
     scale = np.array([1.0, *recording.torque_per_unit[joints]])
     for start in range(0, max(1, len(recording)), CHUNK):
         values = recording.table.read(names, start, start + CHUNK) * scale + 0.0  # no -0
-        frame = pl.DataFrame(dict(zip(heads, np.ascontiguousarray(values.T), strict=True)))
-        yield frame.fill_nan(None).write_csv(include_header=start == 0)
+        t, *torques = np.ascontiguousarray(values.T)
+        cells = {"t": t}
+        for j, tau in zip(joints, torques, strict=True):
+            name = recording.joints[j]
+            cells |= {f"tau_{name}": tau, f"sure_{name}": _sure(signs, part, j, t, tau)}
+        yield pl.DataFrame(cells).fill_nan(None).write_csv(include_header=start == 0)
 
 
 def proof_sentence(signs: Signs) -> str:
@@ -103,6 +112,16 @@ def confidence(value: float) -> str:
 def part_name(signs: Signs, part: int) -> str:
     """The path of a recording, or its number where it has none."""
     return signs.traces[part].path or f"recording {part + 1}"
+
+
+def _sure(signs: Signs, part: int, joint: int, t: Array, torque: Array) -> Array:
+    """(N,) confidence of the segment that each row lies in, if it has its sign [1]."""
+    if joint not in signs.hidden:
+        return np.ones(len(t))
+    own = sorted((told.start, told.end, told.sign, told.confidence) for told in signs.of(joint) if told.part == part)
+    start, end, sign, sure = np.array([(-np.inf, -np.inf, 0.0, 0.0), *own]).T
+    at = np.searchsorted(start, t, side="right") - 1
+    return np.where((t <= end[at]) & (torque * sign[at] >= 0), sure[at], 0.0)
 
 
 def _segment(signs: Signs, told: Told) -> dict[str, Any]:
