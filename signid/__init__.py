@@ -11,6 +11,7 @@ from .version import __version__ as __version__
 
 if TYPE_CHECKING:
     from .check import check as check
+    from .diagnose import diagnose as diagnose
     from .excite import excite as excite, separate as separate  # isort: skip
     from .identify import identify as identify
     from .inspect import inspect as inspect
@@ -21,10 +22,9 @@ if TYPE_CHECKING:
     from .session import Options as Options
     from .simulate import Sensors as Sensors, record as record, simulate as simulate, track as track  # isort: skip
 
-HOMES = {"check": "check", "identify": "identify", "inspect": "inspect", "load_model": "model", "Options": "session",
-         "read_recording": "recording", "load_robot": "robot", "urdf_from_dh": "robot",
-         "excite": "excite", "separate": "excite", "Sensors": "simulate", "record": "simulate", "simulate": "simulate",
-         "track": "simulate", "roll_out": "rollout"}  # fmt: skip
+NAMES = {"check": "check", "diagnose": "diagnose", "excite": "excite separate", "identify": "identify",
+         "inspect": "inspect", "model": "load_model", "recording": "read_recording", "robot": "load_robot urdf_from_dh",
+         "rollout": "roll_out", "session": "Options", "simulate": "Sensors record simulate track"}  # fmt: skip
 
 
 class _Package(ModuleType):
@@ -35,6 +35,6 @@ def _public(name: str, home: str) -> property:
     return property(lambda _: getattr(import_module(f"{__name__}.{home}"), name), lambda _, module: None)
 
 
-for _name, _home in HOMES.items():
+for _name, _home in [(name, home) for home, names in NAMES.items() for name in names.split()]:
     setattr(_Package, _name, _public(_name, _home))
 sys.modules[__name__].__class__ = _Package

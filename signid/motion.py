@@ -87,9 +87,14 @@ class Motion(Frozen):
         """Of the rigid-body torque to position, velocity and acceleration."""
         return sensitivity(self.robot, self.configuration, *self.rates)
 
+    @cached_property
+    def bodies(self) -> Array:
+        """(N, n, nb, 10) regressor of all bodies [N.m or N per kg, kg.m, kg.m2]."""
+        return body_regressor(self.robot, self.configuration, *self.rates)
+
     def body_columns(self, joint: int) -> Array:
         """(N, n, 10) regressor of the body that a joint moves [N.m or N per kg, kg.m, kg.m2]."""
-        return body_regressor(self.robot, self.configuration, *self.rates, body=carried(self.robot, joint))
+        return np.asarray(self.bodies[:, :, carried(self.robot, joint)])
 
     def gravity_torque(self, gravity: Array) -> Array:
         """(N, n) torque that holds the robot in a gravity field [N.m or N].

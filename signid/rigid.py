@@ -82,22 +82,20 @@ def sensitivity(robot: Robot, q: Array, v: Array, a: Array) -> Sensitivity:
     return Sensitivity(*(drive.T @ out @ drive))
 
 
-def body_regressor(robot: Robot, q: Array, v: Array, a: Array, body: int) -> Array:
-    """Columns (N, n, 10) of the regressor for one body's inertial parameters, in Pinocchio's order.
+def body_regressor(robot: Robot, q: Array, v: Array, a: Array) -> Array:
+    """Regressor (N, n, nb, 10) of the bodies' inertial parameters, in Pinocchio's order.
 
     Args:
         robot: the robot.
         q: (N, nq) [rad, m or 1].
         v: (N, nv) [rad/s or m/s].
         a: (N, nv) [rad/s2 or m/s2].
-        body: its place in the model, from 0.
     """
     model, data = robot.model, robot.model.createData()
-    own = slice(10 * body, 10 * body + 10)
-    out = np.empty((len(q), model.nv, 10))
+    out = np.empty((len(q), model.nv, 10 * (model.njoints - 1)))
     for i, state in enumerate(zip(q, v, a, strict=True)):
-        out[i] = np.reshape(pin.computeJointTorqueRegressor(model, data, *state), (model.nv, -1))[:, own]
-    return np.asarray(robot.drive.T @ out)
+        out[i] = np.reshape(pin.computeJointTorqueRegressor(model, data, *state), (model.nv, -1))
+    return np.asarray(robot.drive.T @ out).reshape(len(q), robot.drive.shape[1], -1, 10)
 
 
 def gravity_torque(robot: Robot, q: Array, gravity: Sequence[float] | Array) -> Array:

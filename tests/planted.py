@@ -120,7 +120,7 @@ PLANTED: dict[str, tuple[Effect, str]] = {
         BODIES,
     ),
     "axes of a first moment exchanged": (
-        wrong("link_inertia", columns=lambda own, x: [own(x)[k] for k in (0, 2, 1, 3)]),
+        wrong("link_inertia", columns=lambda own, x: [own(x)[k] for k in (0, 2, 1, *range(3, 10))]),
         EQUATION,
     ),
     "tilted the other way": (wrong("base_tilt", columns=negated), EQUATION),

@@ -25,11 +25,11 @@ def diagnose_session(folder: Path, skip: Sequence[str] = ()) -> dict[str, Any]:
         skip: effects that the library is without.
     """
     import signid
+    from signid.report import diagnosis_document
 
-    recordings = sorted(folder.glob("recording_*.parquet"))
-    robot = signid.load_robot(folder / "robot.urdf")
-    found: dict[str, Any] = signid.diagnose(robot, recordings, seed=0, skip=tuple(skip)).document()  # type: ignore[attr-defined]
-    return found
+    model = signid.load_model(folder / "robot.urdf")
+    recordings = [signid.read_recording(path, model.robot) for path in sorted(folder.glob("recording_*.parquet"))]
+    return diagnosis_document(signid.diagnose(model, recordings, skip=tuple(skip)))
 
 
 def process(case: Case, cache: Path, diagnose: bool, again: bool) -> str:

@@ -36,6 +36,8 @@ class Effect:
     reverses: ClassVar[bool] = False  # jumps where the direction of motion changes
     twins: ClassVar[tuple[str, ...]] = ()  # effects that some motion, or no motion, tells apart
 
+    common: ClassVar[float] = 1.0  # how often it is what a simulation lacks, beside the others
+
     columns: Callable[..., list[Array]]
     """The law, columns(x: View, **shape): arrays (..., m), one a coefficient [torque per unit]; link, tip: (N, n)."""
 
@@ -61,6 +63,10 @@ class Effect:
         """The shape among some parameters."""
         shaped = [key for key, p in self.parameters.items() if isinstance(p, Shape)]
         return {key: parameters[key] for key in shaped if key in parameters}
+
+    def possible(self, x: View, **shape: float) -> bool:
+        """Whether the motion allows the law with this shape at all, before its columns are tried."""
+        return True
 
     def shapes(self, x: View) -> Iterator[dict[str, float]]:
         """Shape values worth trying on this motion."""
@@ -171,11 +177,12 @@ class RecordingLaw(Effect):
     def _columns(self, x: View, **shape: float) -> list[Array]:
         zero = dict.fromkeys(self.linear(), 0.0)
         trials = [({**zero, key: self.step}, self.step) for key in zero] or [({}, 1.0)]
-        return [self._change(x, **parameters, **shape) / step for parameters, step in trials]
+        return [self.change(x, **parameters, **shape) / step for parameters, step in trials]
 
     columns = _columns
 
-    def _change(self, x: View, **parameters: float) -> Array:
+    def change(self, x: View, **parameters: float) -> Array:
+        """What the law adds to the torque (..., m) [N.m or N] that seems to belong to the motion."""
         moved = self.recorded_q(x, **parameters) - x.q
         if moved.any():
             return np.asarray(-x.whole.shift(x.joints[0], moved[:, 0]))

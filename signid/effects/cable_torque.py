@@ -16,6 +16,7 @@ class CableTorque(TorqueLaw):
         "Lin, Sadeghi Esfahlani, Kazanzides, Zheng, Gravity compensation with nonlinear cable forces, IEEE RA-L 2019"
     )
     typical = "some per cent of the rated torque at the ends of travel"
+    common = 0.3
     parameters = {"cubic": Coefficient("N.m/rad3"), "centre": Coefficient("rad")}
     example = {"cubic": 6.0, "centre": 0.3}
 

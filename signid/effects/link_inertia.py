@@ -1,35 +1,36 @@
-"""Link inertia: mass and first moment of one link differ from the drawing."""
+"""Link inertia: mass, first moment and inertia of one link differ from the drawing."""
 
 from typing import Any
 
 from ..types import Array, Coefficient, View
-from .base import BodyLaw, add_body
+from .base import BodyLaw, Numbers, add_body
+from .payload import INERTIA, MOMENT
 
 
 class LinkInertia(BodyLaw):
     """A correction about the frame of the joint that moves the link; masses alone seldom show."""
 
-    name, equation = "link_inertia", "body[:, :4] @ array([mass, first_moment_x, first_moment_y, first_moment_z])"
+    name, equation = "link_inertia", f"body @ array([mass, {', '.join([*MOMENT, *INERTIA])}])"
     source = "Atkeson, An, Hollerbach, Inertial parameters of loads and links, Int. J. Robotics Research 5(3), 1986"
     typical = "5 to 20 % of the link: cables, covers and motors that the drawing lacks"
-    parameters = {
-        "mass": Coefficient("kg"),
-        "first_moment_x": Coefficient("kg.m"),
-        "first_moment_y": Coefficient("kg.m"),
-        "first_moment_z": Coefficient("kg.m"),
-    }
-    example = {"mass": 0.5, "first_moment_x": 0.1, "first_moment_y": 0.02, "first_moment_z": 0.03}
+    parameters = {"mass": Coefficient("kg"), **dict.fromkeys(MOMENT, Coefficient("kg.m")),
+                  **dict.fromkeys(INERTIA, Coefficient("kg.m2"))}  # fmt: skip
+    optional = tuple(INERTIA)
+    example = {**dict(zip(["mass", *MOMENT], (0.5, 0.1, 0.02, 0.03), strict=True)), **dict.fromkeys(INERTIA, 0.0)}
     scope = "link"
     twins = ("payload", "armature", "counterbalance", "encoder_offset", "torque_gain")
 
     def columns(self, x: View) -> list[Array]:
-        """Of the regressor of the link: mass and first moment, (N, n) each [N.m or N per kg, and per kg.m]."""
-        link = x.whole.body_columns(x.joints[0])
-        return [link[..., k] for k in range(4)]
+        """Of the regressor of the link, ten of (N, n) [N.m or N per kg, kg.m, kg.m2]."""
+        return list(x.whole.body_columns(x.joints[0]).transpose(2, 0, 1))
+
+    def filled(self, parameters: Numbers) -> dict[str, float]:
+        """With the inertia about the frame as it was, where none is given."""
+        return {**dict.fromkeys(INERTIA, 0.0), **parameters}
 
     def reshape(self, model: Any, row: int, body: int, **parameters: float) -> None:
-        """Add mass and first moment to the link; the inertia about the frame stays."""
-        add_body(model, body, [parameters[key] for key in self.parameters])
+        """Add the numbers to those of the link."""
+        add_body(model, body, self.coefficients(parameters))
 
 
 PLUGIN = LinkInertia()

@@ -12,6 +12,7 @@ class PositionFriction(TorqueLaw):
     name, equation = "position_friction", "amplitude * sin(frequency * q + phase) * sign(v)"
     source = "Bittencourt, Wernholt, Sander-Tavallaey, Brogardh, An extended friction model, IEEE/RSJ IROS 2010"
     typical = "5 to 30 % of Coulomb friction, once or twice a turn of the joint"
+    common = 0.3
     parameters = {
         "amplitude": Coefficient("N.m"),
         "phase": Coefficient("rad", angle=True),

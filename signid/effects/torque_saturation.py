@@ -12,8 +12,15 @@ class TorqueSaturation(ActuatorLaw):
     name, equation = "torque_saturation", "clip(torque, -limit, limit)"
     source = "Astrom, Murray, Feedback Systems, Princeton University Press, 2008, section 10.4 (windup)"
     typical = "the effort limit of the description, or less when hot"
-    parameters = {"limit": Shape("N.m", tuple(np.linspace(0.6, 2.2, 17).tolist()), of="torque")}
+    parameters = {"limit": Shape("N.m", tuple(np.linspace(0.6, 4.0, 35).tolist()), of="torque")}
     example = {"limit": 42.0}
+
+    def possible(self, x: View, limit: float) -> bool:
+        """Whether the request is often beyond the limit by more than noise, and what the motion takes hardly is."""
+        beyond = np.abs(x.recorded) - limit
+        noise = 1.5 * float(np.median(np.abs(x.recorded - x.torque)))
+        often = np.sum(beyond > 0) >= 8 and np.sqrt(np.mean(np.maximum(beyond[beyond > 0], 0) ** 2)) > 3 * noise
+        return bool(often and np.quantile(np.abs(x.torque), 0.99) < 1.2 * limit)
 
     def applied_torque(self, x: View, limit: float) -> Array:
         """Clipped."""

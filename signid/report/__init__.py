@@ -1,5 +1,6 @@
 """What is found, in words and numbers: tables for the eye, JSON for programs, files that are never half-written."""
 
+from .diagnosis import diagnosis_document
 from .documents import check_document, identification_document, inspection_document, to_json
 from .effects import effects_document, effects_tables
 from .motions import excitation_document, excitation_tables
@@ -16,6 +17,7 @@ __all__ = [
     "Screen",
     "check_document",
     "check_tables",
+    "diagnosis_document",
     "effects_document",
     "effects_tables",
     "excitation_document",

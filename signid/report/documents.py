@@ -47,7 +47,7 @@ def identification_document(result: Identification, inputs: Sequence[Input] = ()
         "moved": float(result.moved),
         "effects": _effects(result),
         "signs": signs_document(result.signs),
-        "fit": _fit(result.fit),
+        "fit": fit_document(result.fit),
         "excitation": _excitation(result.excitation),
         "method": result.method,
         "estimator": result.estimate.method,
@@ -143,7 +143,8 @@ def _effects(result: Identification) -> list[Document]:
     ]
 
 
-def _fit(fit: Fit) -> Document:
+def fit_document(fit: Fit) -> Document:
+    """How well torque is predicted, per joint."""
     return {
         "joints": list(fit.joints),
         "unit": list(fit.unit),

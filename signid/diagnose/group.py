@@ -1,0 +1,99 @@
+"""Columns that belong together: what is refitted in any case, and hypotheses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..effects.law import coefficient_count, law_columns
+from ..model import Model
+from ..motion import Motion
+from ..types import Array, Law
+from .hypothesis import Hypothesis, refits
+
+MASS, CENTRE, INERTIA = 0.05, 0.005, 0.1  # tolerance of inertials: share, [m], share
+LEAST_MASS = 0.05  # [kg] to which a tolerance is a share at least
+SOFT = 0.7  # of dry friction: how far its law near reversals may be off
+EARLY = 0.008  # [s] that friction may turn before the motion does
+WIDTHS = (0.3, 3.0)  # of a reversal, of the width that is presumed
+
+
+@dataclass(frozen=True)
+class Group:
+    """`size` consecutive columns from `start` on, and what they mean."""
+
+    start: int
+    size: int
+    hypothesis: Hypothesis | None = None  # None: refitted in any case
+    bodies: bool = False  # whether it counts only where inertials are not trusted
+    deviation: tuple[float, ...] = ()  # (size,) prior standard deviations [of each coefficient]; inf: not known at all
+
+    @property
+    def place(self) -> slice:
+        """Where its columns stand."""
+        return slice(self.start, self.start + self.size)
+
+
+def nuisances(model: Model, motion: Motion) -> Iterator[tuple[dict[int, Array], bool, list[float]]]:
+    """What is refitted beside every hypothesis: columns per joint, whether they are of bodies, prior deviations.
+
+    Laws that the simulation has (flat), how its dry friction turns near a reversal, and all inertials within their
+    tolerance.
+
+    Args:
+        model: the simulation.
+        motion: along which columns are made.
+    """
+    for law in model.laws:
+        if refits(law):
+            rows, columns = law_columns(law, motion)
+            yield {j: columns[:, k] for k, j in enumerate(rows)}, False, [np.inf] * columns.shape[2]
+    for law in model.laws:
+        if law.effect.reverses and law.effect.scope == "joint":
+            j = law.joints[0]
+            yield {j: _turning(motion, j)}, False, [SOFT * _dry(law) + 1e-12] * 3
+    spread = tolerance(model).ravel().tolist()
+    yield {j: motion.bodies[:, j].reshape(len(motion), -1) for j in range(len(motion.robot.joints))}, True, spread
+
+
+def tolerance(model: Model) -> Array:
+    """(nb, 10) how far inertial parameters of a drawing are usually off [kg, kg.m, kg.m2]."""
+    out = []
+    for inertia in list(model.bodies().inertias)[1:]:
+        mass, lever = max(inertia.mass, LEAST_MASS), np.abs(inertia.lever)
+        moment = INERTIA * float(np.max(np.abs(np.diag(inertia.inertia)) + mass * (lever @ lever)))
+        half = moment / 2
+        first = np.hypot(MASS * mass * lever, CENTRE * mass)
+        out.append([MASS * mass, *first, moment, half, moment, half, half, moment])
+    return np.array(out)
+
+
+def _turning(motion: Motion, joint: int) -> Array:
+    """(N, 3) friction that turns more steeply, more softly, and earlier than presumed, less the presumed [1]."""
+    assert motion.slow is not None, "a diagnosed motion knows how wide a reversal is"
+    v, slow, usual = motion.v[:, joint], motion.slow[joint], motion.direction[:, joint]
+    ahead = max(1, round(EARLY / motion.dt))
+    early = np.append(usual[ahead:], np.full(ahead, usual[-1]))
+    return np.column_stack([*(np.clip(v / (w * slow), -1, 1) - usual for w in WIDTHS), early - usual])
+
+
+def _dry(law: Law) -> float:
+    """Largest dry friction of a law [N.m or N]."""
+    keys = [key for key, kind in law.effect.linear().items() if kind.unit == "N.m"]
+    return max((abs(law.parameters[key]) for key in keys), default=0.0)
+
+
+def lay_out(model: Model, motion: Motion, hypotheses: Sequence[Hypothesis]) -> list[Group]:
+    """Where the columns of everything stand: what is refitted first, then hypotheses in their order."""
+    out, at = list[Group](), 0
+    for columns, bodies, spread in nuisances(model, motion):
+        size = next(iter(columns.values())).shape[1]
+        out.append(Group(at, size, None, bodies, tuple(spread)))
+        at += size
+    for hypothesis in hypotheses:
+        size = sum(coefficient_count(law) for law in hypothesis.laws) or len(hypothesis.knots) - 1
+        out.append(Group(at, size, hypothesis))
+        at += size
+    return out

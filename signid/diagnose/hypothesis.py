@@ -1,0 +1,159 @@
+"""What may be missing: every law of the library at every place and shape, and torque that depends on one variable."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..effects import EFFECTS
+from ..effects.base import TorqueLaw
+from ..effects.law import hypotheses, law_columns
+from ..model import Model
+from ..motion import Motion
+from ..types import Array, Law
+
+FRICTION = ("viscous_friction", "coulomb_friction")
+VARIABLES = ("position", "velocity", "acceleration", "torque", "time")
+KNOTS = 8
+Key = tuple[str, tuple[int, ...]]  # effect and joints: members of one grid of shapes share it
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """Laws that are missing together, mostly one, with their shapes; without laws, an unknown dependence.
+
+    An unknown is a piecewise linear function of one variable of one joint.
+    """
+
+    laws: tuple[Law, ...] = ()
+    finite: bool = False  # a law of the record at the size that its parameters state, not as small
+    joint: int = 0  # of an unknown
+    variable: str = ""  # of an unknown
+    knots: tuple[float, ...] = ()  # of an unknown [unit of the variable]
+
+    @property
+    def unknown(self) -> bool:
+        """Whether no law is named."""
+        return not self.laws
+
+    @property
+    def key(self) -> Key:
+        """What it says, whatever the shape."""
+        if self.unknown:
+            return self.variable, (self.joint,)
+        joints = tuple(sorted({j for law in self.laws for j in law.joints}))
+        names = dict.fromkeys(law.effect.name for law in self.laws)
+        return "+".join(names), self.laws[0].joints if len(self.laws) == 1 else joints
+
+    def columns(self, motion: Motion) -> dict[int, Array]:
+        """Per joint whose torque it changes, (N, k) columns [torque per coefficient]."""
+        if self.unknown:
+            return {self.joint: hats(variable(motion, self.joint, self.variable), self.knots)}
+        made = [_secant(law, motion) if self.finite else law_columns(law, motion) for law in self.laws]
+        width, start, out = sum(columns.shape[2] for _, columns in made), 0, dict[int, Array]()
+        for rows, columns in made:
+            for k, j in enumerate(rows):
+                out.setdefault(j, np.zeros((len(motion), width)))
+                out[j][:, start : start + columns.shape[2]] = columns[:, k]
+            start += columns.shape[2]
+        return out
+
+
+def propose(model: Model, motion: Motion, skip: Sequence[str] = ()) -> list[Hypothesis]:
+    """Everything worth trying.
+
+    Args:
+        model: what is known already; its laws are no hypotheses at their places.
+        motion: gives the shapes worth trying.
+        skip: effects that are left out.
+    """
+    known = {(law.effect.name, law.joints) for law in model.laws if refits(law) and not _shaped(law)}
+    n = len(motion.robot.joints)
+    found = [
+        Hypothesis((law,))
+        for effect in EFFECTS
+        if effect.name not in skip
+        for law in hypotheses(effect, motion, n)
+        if (effect.name, law.joints) not in known
+        and not _hidden(law, n, skip)
+        and law.effect.possible(motion.at(law.joints), **law.parameters)
+    ]
+    return [*found, *_friction(known, n, skip), *_unknown(motion)]
+
+
+def pooled(motions: Sequence[Motion]) -> Motion:
+    """All samples of some motions in a row, for what counts them only."""
+
+    def joined(name: str) -> Array:
+        return np.concatenate([getattr(motion, name) for motion in motions])
+
+    one = motions[0]
+    t, q, v, a, recorded, predicted = (joined(name) for name in ("t", "q", "v", "a", "recorded", "predicted"))
+    return Motion(one.robot, t, q, v, a, recorded=recorded, predicted=predicted, slow=one.slow)
+
+
+def variable(motion: Motion, joint: int, name: str) -> Array:
+    """(N,) what an unknown may depend on."""
+    if name == "time":
+        return motion.t
+    signal = {"position": motion.q, "velocity": motion.v, "acceleration": motion.a, "torque": motion.predicted}[name]
+    assert signal is not None, "a diagnosed motion carries predicted torque"
+    return np.asarray(signal[:, joint])
+
+
+def hats(x: Array, knots: Sequence[float]) -> Array:
+    """(N, k - 1) piecewise linear functions of x, without the first, which a constant would give.
+
+    Args:
+        x: (N,) [any unit].
+        knots: (k,) [the same].
+    """
+    return np.column_stack([np.interp(x, knots, row) for row in np.eye(len(knots))[1:]])
+
+
+def _secant(law: Law, motion: Motion) -> tuple[tuple[int, ...], Array]:
+    """What a law of the record with one coefficient changes at its full size, over that size."""
+    (key,) = law.effect.linear()
+    change = law.effect.change(motion.at(law.joints), **law.parameters) / law.parameters[key]
+    return tuple(range(change.shape[1])) if law.effect.scope == "link" else law.joints, change[..., None]
+
+
+def refits(law: Law) -> bool:
+    """Whether the coefficients of a law that the simulation has are refitted in any case.
+
+    Rotors and bodies count as they are stated; that they are wrong is a hypothesis.
+    """
+    return isinstance(law.effect, TorqueLaw) and law.effect.name != "armature"
+
+
+def _shaped(law: Law) -> bool:
+    return bool(law.effect.shape(law.parameters))
+
+
+def _hidden(law: Law, n: int, skip: Sequence[str]) -> bool:
+    """The last link is spoken of as payload."""
+    return law.effect.name == "link_inertia" and law.joints == (n - 1,) and "payload" not in skip
+
+
+def _friction(known: set[Key], n: int, skip: Sequence[str]) -> Iterator[Hypothesis]:
+    """Both kinds together, at joints that have neither, and at all of these at once."""
+    bare = [j for j in range(n) if not any((name, (j,)) in known for name in FRICTION)]
+    if set(FRICTION) & set(skip):
+        return
+    for joints in dict.fromkeys([*((j,) for j in bare), tuple(bare)]):
+        if joints:
+            yield Hypothesis(tuple(Law(EFFECTS[name], (j,)) for j in joints for name in FRICTION))
+
+
+def _unknown(motion: Motion) -> Iterator[Hypothesis]:
+    for joint in range(len(motion.robot.joints)):
+        for name in VARIABLES:
+            x = variable(motion, joint, name)
+            knots = np.quantile(x, np.linspace(0.002, 0.998, KNOTS))
+            if name == "velocity":
+                knots = np.append(knots, np.std(x) * np.array([-0.2, -0.06, 0, 0.06, 0.2]))
+            knots = np.unique(knots)
+            if len(knots) > 2:
+                yield Hypothesis(joint=joint, variable=name, knots=tuple(knots.tolist()))

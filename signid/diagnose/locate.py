@@ -1,0 +1,81 @@
+"""Torque over a motion -> where it is: which variable it depends on, and the region that holds most of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from ..types import Array, Mask
+from .hypothesis import VARIABLES, hats
+from .table import Table
+
+KNOTS = 9
+SHARES = (0.1, 0.2, 0.33, 0.5)  # of the rows, that a region may hold
+DIGITS = 2
+UNITS = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s2", "torque": "N.m", "time": "s"}
+
+
+class Place(NamedTuple):
+    """Where torque is."""
+
+    joint: int
+    variable: str
+    region: str  # "below 0.05 rad/s"
+    share: float  # of the torque's sum of squares in that region [1]
+    explained: float  # of it by any function of the variable [1]
+
+
+def locate(table: Table, joint: int, torque: Array, prismatic: bool = False) -> Place:
+    """The variable of a joint that torque depends on most, and the region in which it stands out.
+
+    Args:
+        table: rows.
+        joint: whose variables.
+        torque: (M,) residual, or the torque of an effect [N.m or N].
+        prismatic: whether the joint slides.
+    """
+    told = {name: _explained(table.variable(joint, name), torque) for name in VARIABLES}
+    best = max(told, key=lambda name: told[name])
+    x = table.variable(joint, best)
+    power = torque**2 / max(float(np.sum(torque**2)), 1e-300)
+    unit = UNITS[best].replace("N.m", "N").replace("rad", "m") if prismatic else UNITS[best]
+    regions = [(float(power[inside].sum()), float(inside.mean()), text) for text, inside in _regions(best, x, unit)]
+    share, _, region = max(regions, key=lambda r: r[0] - r[1])
+    return Place(joint, best, region, share, told[best])
+
+
+def _explained(x: Array, torque: Array) -> float:
+    """Share of the sum of squares that a piecewise linear function of x explains, less what chance would [1]."""
+    knots = np.unique(np.quantile(x, np.linspace(0, 1, KNOTS)))
+    if len(knots) < 3:
+        return 0.0
+    columns = np.column_stack([np.ones_like(x), hats(x, knots.tolist())])
+    left = torque - columns @ np.linalg.lstsq(columns, torque, rcond=1e-9)[0]
+    whole = float(torque @ torque)
+    free = max(len(x) - columns.shape[1], 1) / len(x)
+    return 1 - float(left @ left) / whole / free if whole > 0 else 0.0
+
+
+def _regions(name: str, x: Array, unit: str) -> Iterator[tuple[str, Mask]]:
+    """Parts of the range of a variable, in words."""
+    if name in ("velocity", "acceleration", "torque"):
+        size = np.abs(x)
+        yield f"above 0 {unit}", x > 0
+        yield f"below 0 {unit}", x < 0
+        for share in SHARES:
+            low, high = np.quantile(size, [share, 1 - share])
+            yield (
+                f"slower than {low:.{DIGITS}g} {unit}" if name == "velocity" else f"within {low:.{DIGITS}g} {unit}",
+                (size <= low),
+            )
+            yield (
+                f"faster than {high:.{DIGITS}g} {unit}" if name == "velocity" else f"beyond {high:.{DIGITS}g} {unit}",
+                (size >= high),
+            )
+        return
+    for share in SHARES:
+        edges = np.quantile(x, np.arange(0, 1 + 1e-9, share))
+        for low, high in zip(edges[:-1], edges[1:], strict=True):
+            yield f"{low:.{DIGITS + 1}g} to {high:.{DIGITS + 1}g} {unit}", (x >= low) & (x <= high)

@@ -1,0 +1,124 @@
+"""Residuals -> what is noise in them: its size and its correlation in time, per joint."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..effects.base import ActuatorLaw
+from ..types import Array, Frozen, Indices
+from .table import Table
+
+ORDER = 4  # of the autoregressive model
+RANK = 1e-4  # of the largest singular value: directions that count, columns scaled
+FREE = 3.0  # rows for a column, at least
+MARGIN = 1.06  # replicates leave out the loudest stretches
+QUIET = 0.85  # share of the stretches that count
+STRETCHES = 8  # of a piece
+FEW = 6  # shapes of one hypothesis
+
+
+@dataclass(frozen=True, eq=False)
+class Noise(Frozen):
+    """Per joint an autoregressive model of what no hypothesis explains."""
+
+    floor: Array  # (n,) [N.m or N] rms
+    coefficients: Array  # (n, 4) [1] of the last four values
+    innovation: Array  # (n,) [N.m or N] standard deviation of what is new in each row
+
+
+def measure_noise(table: Table, periods: Sequence[float | None], rate: float) -> Noise:
+    """From the residual of everything together; from repetitions of the motion where they tell less.
+
+    Args:
+        table: rows.
+        periods: [s] of the motion in each recording, None where it does not repeat.
+        rate: of the rows [Hz].
+
+    Source: autoregressive prewhitening as in Ljung, System Identification, 1999, section 14.4.
+    """
+    found = [_of_joint(table, j, periods, rate) for j in range(table.joints)]
+    return Noise(*(np.array(x) for x in zip(*found, strict=True)))
+
+
+def whiten(x: Array, coefficients: Array, innovation: float, piece: Indices) -> Array:
+    """(M', c) rows in units of what is new in each; the first four of a piece are lost.
+
+    Args:
+        x: (M, c) [N.m or N].
+        coefficients: (4,) [1].
+        innovation: [N.m or N].
+        piece: (M,) which piece a row is of.
+    """
+    order = len(coefficients)
+    out = x[order:] - sum(c * x[order - 1 - k : len(x) - 1 - k] for k, c in enumerate(coefficients))
+    return np.asarray(out[piece[order:] == piece[:-order]] / innovation)
+
+
+def _of_joint(table: Table, joint: int, periods: Sequence[float | None], rate: float) -> tuple[float, Array, float]:
+    rest = [_saturated(table, joint)]
+    again = _repeated(table, joint, periods, rate)
+    choices = [_fit(rest[0][0], rest[0][1])]
+    if again:
+        choices.append(_fit(again, MARGIN))
+    return min(choices, key=lambda choice: choice[0])
+
+
+def _saturated(table: Table, joint: int) -> tuple[list[Array], float]:
+    """What is left of the residual by all columns that are not too many, and how much the fit took of the noise."""
+    x, y = _usual(table, joint), table.residual[:, joint]
+    size = np.sqrt(np.mean(x**2, axis=0))
+    x = x[:, size > 1e-9 * size.max(initial=1e-300)] / size[size > 1e-9 * size.max(initial=1e-300)]
+    left, singular, _ = np.linalg.svd(x, full_matrices=False)
+    left = left[:, singular > RANK * singular[0]]
+    left = left[:, : max(1, int(len(y) / FREE))]
+    rest = y - left @ (left.T @ y)
+    return _split(rest, table.piece), float(np.sqrt(len(y) / max(len(y) - left.shape[1], 1)))
+
+
+def _usual(table: Table, joint: int) -> Array:
+    """Columns of the joint, of large grids of shapes a few, none that is made of measured torque."""
+    place, seen, kept = table.place[joint], dict[object, int](), list[int]()
+    for group in table.groups:
+        key = None if group.hypothesis is None else group.hypothesis.key
+        seen[key] = seen.get(key, 0) + 1
+        measured = group.hypothesis is not None and any(
+            isinstance(x.effect, ActuatorLaw) for x in group.hypothesis.laws
+        )
+        if not measured and (key is None or seen[key] <= FEW):
+            kept.extend(range(group.start, group.start + group.size))
+    return np.asarray(table.columns[joint][:, np.isin(place, kept)])
+
+
+def _repeated(table: Table, joint: int, periods: Sequence[float | None], rate: float) -> list[Array]:
+    """Half the difference between one period and the next, without its loudest stretches."""
+    out = list[Array]()
+    for k in np.unique(table.piece):
+        rows = np.flatnonzero(table.piece == k)
+        period = periods[int(table.recording[rows[0]])]
+        lag = 0 if period is None else round(period * rate)
+        if lag and len(rows) >= lag + 4 * ORDER:
+            y = table.residual[rows, joint]
+            count = min(STRETCHES, (len(y) - lag) // (4 * ORDER))
+            out.extend(np.array_split((y[:-lag] - y[lag:]) / np.sqrt(2), count))
+    if not out:
+        return []
+    loud = np.array([np.mean(x**2) for x in out])
+    return [x for x, size in zip(out, loud, strict=True) if size <= np.quantile(loud, QUIET)]
+
+
+def _fit(pieces: Sequence[Array], factor: float) -> tuple[float, Array, float]:
+    long = [x for x in pieces if len(x) > 2 * ORDER]
+    before = np.concatenate([np.column_stack([x[ORDER - 1 - k : len(x) - 1 - k] for k in range(ORDER)]) for x in long])
+    after = np.concatenate([x[ORDER:] for x in long])
+    coefficients = np.linalg.lstsq(before, after, rcond=None)[0]
+    new = float(np.std(after - before @ coefficients))
+    floor = float(np.sqrt(np.mean(np.concatenate(long) ** 2)))
+    least = 1e-9 * max(floor, 1e-300) + 1e-12
+    return factor * floor + least, coefficients, factor * new + least
+
+
+def _split(x: Array, piece: Indices) -> list[Array]:
+    return [x[piece == k] for k in np.unique(piece)]

@@ -1,0 +1,114 @@
+"""Coefficients -> the numbers of laws as they are spoken of, with their standard deviations."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from ..effects.law import law_columns, law_torque
+from ..motion import Motion
+from ..types import Array, Coefficient, Law
+from .group import Group
+from .hypothesis import Hypothesis
+from .odds import Judge
+from .search import Found, spread, without
+from .setting import Setting
+from .sizes import Sizes
+
+STEP = 1e-3  # of a number, for derivatives
+
+
+def read_laws(group: Group, value: Array) -> tuple[Law, ...]:
+    """The laws of a hypothesis with all their numbers.
+
+    Args:
+        group: the hypothesis.
+        value: (size,) coefficients [of each].
+    """
+    hypothesis = group.hypothesis
+    assert hypothesis is not None, "what is refitted is no hypothesis"
+    out, at = list[Law](), 0
+    for law in hypothesis.laws:
+        effect = law.effect
+        count = len(effect.coefficients(dict.fromkeys(effect.parameters, 1.0)))
+        own = value[at : at + count]
+        numbers = effect.physical(own.tolist(), effect.shape(law.parameters)) if effect.linear() else law.parameters
+        out.append(Law(effect, law.joints, dict(numbers)))
+        at += count
+    return tuple(out)
+
+
+def deviations(
+    setting: Setting, judge: Judge, found: Found, group: Group, laws: tuple[Law, ...]
+) -> list[dict[str, float]]:
+    """Standard deviation of every number of some laws, shapes too, while everything else is fitted beside.
+
+    Args:
+        setting: gives the motions.
+        judge: gives what is fitted beside.
+        found: what is taken for true.
+        group: whose laws.
+        laws: with all their numbers.
+    """
+    keys = [(k, key) for k, law in enumerate(laws) for key in law.parameters]
+    slopes = {j: x for j, x in _slopes(setting, laws, keys).items() if x.any()}
+    rest = without(judge, found, group)
+    dispersion = spread(judge, found)
+    fit, data = judge.evidence.fit(rest.true, dispersion, found.trust), judge.evidence.data
+    d = len(keys)
+    own, across = np.zeros((d, d)), np.zeros((len(fit.which), d))
+    for j, x in setting.whiten(slopes).items():
+        here = np.isin(fit.which, data.place[j])
+        beside = data.columns[j][:, np.searchsorted(data.place[j], fit.which[here])]
+        own += x.T @ x / dispersion[j]
+        across[here] += beside.T @ x / dispersion[j]
+    across = solve_triangular(fit.lower, across / fit.size[:, None], lower=True)
+    information = own - across.T @ across
+    size = np.sqrt(np.maximum(np.diag(own), 1e-300))
+    covariance = np.linalg.pinv(information / size / size[:, None], rcond=1e-8, hermitian=True) / size / size[:, None]
+    told = np.diag(information) > 1e-8 * np.diag(own)
+    std = np.where(told, np.sqrt(np.maximum(np.diag(covariance), 0)), np.inf)
+    out = [dict[str, float]() for _ in laws]
+    for (k, key), s in zip(keys, std, strict=True):
+        out[k][key] = float(s)
+    return out
+
+
+def _slopes(setting: Setting, laws: tuple[Law, ...], keys: list[tuple[int, str]]) -> dict[int, Array]:
+    """Per joint, (M, d) change of torque with each number [torque per unit of the number]."""
+    n = setting.table.joints
+    made = []
+    for piece in setting.pieces:
+        whole = np.zeros((n, len(piece.motion), len(keys)))
+        for i, (k, key) in enumerate(keys):
+            law, x = laws[k], laws[k].parameters[key]
+            step = STEP * max(abs(x), _least(law, key))
+            ahead, behind = (Law(law.effect, law.joints, {**law.parameters, key: x + s}) for s in (step, -step))
+            rows = torque_of(ahead, piece.motion)
+            for j, y in torque_of(behind, piece.motion).items():
+                whole[j, :, i] = (rows[j] - y) / (2 * step)
+        made.append(dict(enumerate(whole)))
+    return setting.thinned(made)
+
+
+def torque_of(law: Law, motion: Motion) -> dict[int, Array]:
+    """Per joint, (N,) [N.m or N] what a law with all its numbers adds."""
+    if not law.effect.linear():
+        rows, columns = law_columns(law, motion)
+        return {j: columns[:, k, 0] for k, j in enumerate(rows)}
+    rows, torque = law_torque(law, motion)
+    return {j: torque[:, k] for k, j in enumerate(rows)}
+
+
+def _least(law: Law, key: str) -> float:
+    kind = law.effect.parameters[key]
+    return 1e-3 if isinstance(kind, Coefficient) else 1e-6
+
+
+def fitted(sizes: Sizes, found: Found) -> Mapping[Group, tuple[Law, ...]]:
+    """The laws of everything that is taken for true."""
+    return {
+        group: read_laws(group, sizes.value[group]) for group in found.true if isinstance(group.hypothesis, Hypothesis)
+    }

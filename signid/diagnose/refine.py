@@ -1,0 +1,117 @@
+"""Hypotheses on a grid of shapes -> the shapes that explain most."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from ..effects import EFFECTS
+from ..effects.base import RecordingLaw
+from ..optimisers import OPTIMISERS, Problem
+from ..types import Array, Law
+from .evidence import Evidence, Fitted
+from .group import Group
+from .hypothesis import Hypothesis
+from .odds import Judge
+from .prior import believe
+from .search import Found, spread, without
+from .setting import Setting, append
+from .sizes import measure_sizes
+from .whitened import mean_products
+
+EVALUATIONS = 30  # for each shape
+REACH = 1.6  # by which a shape may be changed, as a factor
+WINDOW = 0.5  # [s] by which the ends of a window may be moved
+ALGORITHM = "LN_BOBYQA"
+
+
+def refine(setting: Setting, judge: Judge, found: Found) -> tuple[Judge, Found]:
+    """What is taken for true, each with its best shape; laws of the record are taken at their size, not as small.
+
+    Args:
+        setting: gives the motions.
+        judge: library and evidence.
+        found: what is taken for true.
+    """
+    for group in found.true:
+        options = _options(group)
+        if not options:
+            continue
+        rest = without(judge, found, group)
+        dispersion = spread(judge, rest)
+        fit = judge.evidence.fit(rest.true, dispersion, found.trust)
+        tried = [_polish(setting, judge, group, option, (rest, fit, dispersion)) for option in options]
+        _, best, columns = max(tried, key=lambda t: t[0])
+        data, new = append(setting, judge.evidence.data, best, columns)
+        judge = replace(judge, evidence=Evidence(data))
+        true = tuple(new if g is group else g for g in found.true)
+        log = {(new if g is group else g): x for g, x in found.log_odds.items()}
+        found = replace(found, true=true, log_odds=log)
+    return judge, found
+
+
+def _options(group: Group) -> list[Hypothesis]:
+    """What may stand in the place of a hypothesis: itself with other shapes, or a twin in the record."""
+    hypothesis = group.hypothesis
+    if hypothesis is None or hypothesis.unknown or len(hypothesis.laws) > 1:
+        return []
+    law = hypothesis.laws[0]
+    if isinstance(law.effect, RecordingLaw):
+        if len(law.effect.linear()) != 1:
+            return []
+        twins = [EFFECTS[name] for name in law.effect.twins if isinstance(EFFECTS[name], RecordingLaw)]
+        return [
+            Hypothesis((Law(effect, law.joints, {key: 0.0}),), finite=True)
+            for effect in (law.effect, *twins)
+            for key in [next(iter(effect.linear()))]
+        ]
+    return [hypothesis] if law.effect.shape(law.parameters) else []
+
+
+Beside = tuple[Found, Fitted, Array]  # the others that are taken for true, their fit, the dispersion (n,) [1]
+
+
+def _polish(
+    setting: Setting, judge: Judge, group: Group, option: Hypothesis, beside: Beside
+) -> tuple[float, Hypothesis, dict[int, Array]]:
+    """The best numbers of a law, what they explain, and its columns (M, d) per joint."""
+    law, (rest, fit, dispersion) = option.laws[0], beside
+    start = _start(judge, group, option, rest, dispersion)
+    keys = list(start)
+    moved = [_reach(key) for key in keys]
+
+    def hypothesis(x: Array) -> Hypothesis:
+        numbers = {key: move(start[key], float(v)) for key, move, v in zip(keys, moved, x, strict=True)}
+        return replace(option, laws=(Law(law.effect, law.joints, {**law.parameters, **numbers}),))
+
+    def cost(x: Array) -> float:
+        told = setting.columns(hypothesis(x))
+        belief = believe(option, mean_products(told, judge.evidence.data.scale))
+        if belief is None:
+            return 0.0
+        return -judge.evidence.ask(fit, dispersion, belief, setting.whiten(told))
+
+    zero = np.zeros(len(keys))
+    problem = Problem(cost, zero - 1, zero + 1, zero)
+    best = OPTIMISERS["nlopt"].minimise(problem, algorithm=ALGORITHM, budget_evaluations=EVALUATIONS * len(keys))
+    chosen = hypothesis(best.x)
+    return -best.value, chosen, setting.columns(chosen)
+
+
+def _start(judge: Judge, group: Group, option: Hypothesis, rest: Found, dispersion: Array) -> dict[str, float]:
+    """Numbers to begin with: the shape on its grid, or the size that the small law suggests."""
+    law = option.laws[0]
+    if not option.finite:
+        return dict(law.effect.shape(law.parameters))
+    sizes = measure_sizes(judge.evidence, (*rest.true, group), dispersion, rest.trust)
+    (key,) = law.effect.linear()
+    return {key: float(sizes.value[group][0])}
+
+
+def _reach(key: str) -> Callable[[float, float], float]:
+    """How a number follows a step from -1 to 1: ends of windows by addition, all else by a factor."""
+    if key in ("start", "end"):
+        return lambda x, step: x + WINDOW * step
+    return lambda x, step: float(x * REACH**step)

@@ -1,0 +1,188 @@
+"""A simulation and recordings -> what the simulation lacks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..effects import EFFECTS
+from ..errors import OptionError, RecordingError
+from ..gross import examine
+from ..model import Model
+from ..prepare import prepare
+from ..rollout import RollOut, roll_out
+from ..rollout.joints import restrict_joints
+from ..session import Options, Part, Progress, Session, longest_piece
+from ..signs import recover
+from ..types import Array, Recording
+from .contact import NAME as CONTACT
+from .contact import find_contact
+from .evidence import Evidence
+from .findings import find
+from .group import lay_out
+from .hypothesis import pooled, propose
+from .noise import measure_noise
+from .odds import Judge
+from .period import find_period
+from .prove import predict_fit
+from .refine import refine
+from .result import Diagnosis
+from .sample import pieces
+from .search import Found, search, spread
+from .setting import Setting, append
+from .sizes import measure_sizes
+from .slots import judge_slots
+from .table import tabulate
+from .verdict import decide
+from .whitened import Whitened, whitened
+
+WIDE = 8.0  # [Hz] to which the band goes if encoder noise allows it
+HORIZON = 0.5  # [s] of roll-outs
+NOISE_ERROR, DISCREPANCY = 1.3, 0.003  # of the noise's variance; of torque, in which every simulation is wrong
+AGAIN = 1.6  # of the dispersion that was expected: more, and the search is done again with what was found
+WINDOWS = 10  # of contact that are looked at, for each row
+
+
+def diagnose(
+    model: Model,
+    recordings: Sequence[Recording],
+    *,
+    held_out: Sequence[Recording] = (),
+    reference: Sequence[Recording] = (),
+    skip: Sequence[str] = (),
+    options: Options | None = None,
+    progress: Progress | None = None,
+) -> Diagnosis:
+    """Where a simulation and recordings differ: located, named, modelled, and judged on held-out recordings.
+
+    Args:
+        model: the simulation, as `load_model` gives it.
+        recordings: of the robot.
+        held_out: to judge by; without any, the last of several recordings or the last 30 % of the only one.
+        reference: recordings of the same robot without the mismatch: what the simulation lacks there is no finding.
+        skip: effects that are left out of the library.
+        options: cut-off and the like; its effects do not count.
+        progress: told what is being done and how far it is.
+
+    Raises:
+        OptionError: an effect that is left out does not exist, or an option is unknown.
+        RecordingError: a recording cannot be used; the sentence says which and why.
+    """
+    for name in skip:
+        EFFECTS[name]
+    told, options = progress or _silent, replace(options or Options(), effects=())
+    known = diagnose(model, reference, skip=skip, options=options, progress=progress) if reference else None
+    recovered = recover(model.robot, recordings, held_out, options=Options(seed=options.seed), progress=progress)
+    model, notes = restrict_joints(known.model if known else model, [*recordings, *held_out])
+    session = _prepare(model, recovered.recordings, recovered.held_out, options)
+    told("looking for gross faults", 0.1)
+    gross = examine(model, session)
+    if gross.refusal:
+        raise RecordingError(gross.refusal)
+    told("building hypotheses", 0.2)
+    setting, data = _build(model, session, skip)
+    told("searching", 0.4)
+    judge, found = _explain(setting, Judge(Evidence(data), len(list(EFFECTS)), len(skip)), skip, known)
+    told("judging", 0.7)
+    slots = judge_slots(judge, found)
+    verdict = decide(judge, found, slots)
+    result = find(setting, session, judge, found, slots, verdict, options.seed)
+    told("rolling out", 0.9)
+    rolled = _roll_out(session, model, result.model)
+    return Diagnosis(
+        robot=session.robot,
+        verdict=verdict.name,
+        **result.parts(),
+        before=predict_fit(session, model, setting.noise.floor),
+        after=predict_fit(session, result.model, setting.noise.floor),
+        rollout_before=rolled[0],
+        rollout_after=rolled[1],
+        trust=found.trust,
+        signs=recovered.signs,
+        inputs=tuple(dict.fromkeys((r.path, r.sha256) for r in (*recordings, *held_out, *reference))),
+        flags=(*recovered.flags, *gross.flags, *result.flags),
+        notes=(*recovered.notes, *notes, *session.notes, *gross.notes, *rolled[2]),
+        cutoff=session.task.band.cutoff,
+        seed=options.seed,
+    )
+
+
+def _silent(what: str, share: float) -> None:
+    """Nobody is told."""
+
+
+def _prepare(model: Model, recordings: Sequence[Recording], held_out: Sequence[Recording], options: Options) -> Session:
+    """A session whose band is wide where encoder noise allows it: laws differ most where torque is fast."""
+    session = prepare(model.robot, recordings, held_out, options)
+    band = session.task.band
+    allowed = min(WIDE, float(np.min(band.per_joint)))
+    if options.cutoff is None and band.filtered and band.cutoff < 0.95 * allowed:
+        session = prepare(model.robot, recordings, held_out, replace(options, cutoff=allowed))
+    return session
+
+
+def _build(model: Model, session: Session, skip: Sequence[str]) -> tuple[Setting, Whitened]:
+    task, parts = session.task, session.train
+    reach = len(task.band.taps)
+    made = tuple(p for p in pieces(task, model, parts) if len(p.motion) > reach)
+    if not made:
+        raise RecordingError(
+            f"no stretch of the recordings is as long as the filter for {task.band.cutoff:.3g} Hz; record for longer, "
+            f"or raise the cut-off"
+        )
+    hypotheses = propose(model, pooled([p.motion for p in made]), (*skip, CONTACT))
+    table = tabulate(task, model, lay_out(model, made[0].motion, hypotheses), made)
+    rate = task.band.rate / task.band.factor
+    noise = measure_noise(table, [_period(part) for part in parts], rate)
+    setting = Setting(task, model, made, table, noise)
+    return setting, whitened(table, noise)
+
+
+def _period(part: Part) -> float | None:
+    return find_period(longest_piece(part).q, 1 / part[1].period)
+
+
+def _explain(setting: Setting, judge: Judge, skip: Sequence[str], known: Diagnosis | None) -> tuple[Judge, Found]:
+    """Search; where more is left than expected, again with dispersions that say so; then for a contact."""
+    data = judge.evidence.data
+    expected = NOISE_ERROR * (1 + (DISCREPANCY * data.scale / data.floor) ** 2)
+    if known is not None:
+        expected = np.maximum(expected, (known.after.train_rms / known.after.noise_floor) ** 2)
+    found = search(judge, expected)
+    left = measure_sizes(judge.evidence, found.true, spread(judge, found), found.trust).left
+    if np.any(left > AGAIN * expected):
+        found = search(judge, np.maximum(expected, NOISE_ERROR * left))
+    if CONTACT not in skip:
+        judge, found = _touched(setting, judge, found)
+    return refine(setting, judge, found)
+
+
+def _touched(setting: Setting, judge: Judge, found: Found) -> tuple[Judge, Found]:
+    """Once more, with a window of contact where there is one."""
+    window = find_contact(setting, judge.evidence.data, _left(judge, found), found.base)
+    if window is None:
+        return judge, found
+    data, group = append(setting, judge.evidence.data, window, setting.columns(window))
+    wider = replace(judge, evidence=Evidence(data))
+    odds, _ = wider.odds(found.true, spread(wider, found))
+    likely = odds[window.key].log > np.log(WINDOWS * len(data))
+    return (wider, search(wider, found.base)) if likely else (judge, found)
+
+
+def _left(judge: Judge, found: Found) -> Array:
+    """(n, M) whitened residual after what is taken for true [1]."""
+    data = judge.evidence.data
+    fit = judge.evidence.fit(found.true, found.base, found.trust)
+    whole = np.zeros(data.count)
+    whole[fit.which] = fit.value
+    return np.array([data.residual[j] - data.columns[j] @ whole[data.place[j]] for j in range(data.joints)])
+
+
+def _roll_out(session: Session, before: Model, after: Model) -> tuple[RollOut | None, RollOut | None, tuple[str, ...]]:
+    try:
+        first, last = (roll_out(m, session, (HORIZON,)) for m in (before, after))
+    except (OptionError, RecordingError) as error:
+        return None, None, (f"no roll-out was made: {error}",)
+    return first, last, ()

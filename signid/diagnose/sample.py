@@ -1,0 +1,62 @@
+"""Recordings -> motions with the torque that the simulation predicts for them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.ndimage import convolve1d
+
+from ..filters import lowpass
+from ..model import Model
+from ..motion import Motion, build_motion, margin
+from ..rows import Task
+from ..sampling import samples
+from ..session import Part
+from ..types import Array
+
+LONG = 2**14  # samples of the recording at a time
+
+
+class Piece(NamedTuple):
+    """Consecutive samples of a recording at full rate."""
+
+    recording: int
+    motion: Motion  # as it was, with predicted torque; recorded torque is low-passed, for laws that look at it
+    residual: Array  # (N, n) [N.m or N] measured - predicted, not filtered; NaN where no torque is recorded
+
+
+def pieces(task: Task, model: Model, parts: Sequence[Part]) -> Iterator[Piece]:
+    """All spans of recordings, long ones cut.
+
+    Args:
+        task: gives the band and the width of a reversal.
+        model: the simulation.
+        parts: recordings and their sampling.
+    """
+    bodies = model.bodies()
+    bodies.armature = np.zeros(bodies.nv)  # rotors are no load
+    robot = replace(model.robot, model=bodies)
+    edge = margin(task.band, task.recorded_derivatives)
+    for k, (recording, sampling) in enumerate(parts):
+        for span in sampling.spans:
+            total = sampling.length(span) - 2 * edge
+            count = -(-total // LONG)
+            cuts = np.linspace(0, total, count + 1).astype(int).tolist() if total > 0 else []
+            for start, stop in zip(cuts[:-1], cuts[1:], strict=True):
+                window = samples(recording, sampling, span, start, stop + 2 * edge)
+                motion = build_motion(
+                    model.robot, window, task.band, sampling.period, task.recorded_derivatives, task.slow
+                )
+                yield _piece(task, replace(model, robot=model.robot), replace(motion, robot=model.robot), robot, k)
+
+
+def _piece(task: Task, model: Model, motion: Motion, robot: object, k: int) -> Piece:
+    predicted = model.inverse(motion)
+    acted, recorded = model.acted(motion), motion.recorded
+    assert recorded is not None, "windows carry torque"
+    calm = convolve1d(recorded, lowpass(task.band.rate, 2 * task.band.cutoff), axis=0, mode="nearest")
+    shown = replace(acted, robot=robot, recorded=np.nan_to_num(calm), predicted=predicted)  # type: ignore[arg-type]
+    return Piece(k, shown, recorded - predicted)

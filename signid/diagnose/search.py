@@ -1,0 +1,172 @@
+"""Odds -> the hypotheses that together explain the recordings: one after another, exchanged, dropped."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..effects.base import ActuatorLaw
+from ..types import Array, Frozen
+from .group import Group
+from .hypothesis import Hypothesis, Key
+from .odds import Judge, Odds
+from .sizes import Sizes, measure_sizes
+
+FIRST, NEXT = 4.0, 3.0  # log odds needed
+DISTRUST, LOOKALIKE = 5.0, 8.0  # the same where inertials are not trusted, and of what inertials imitate
+IMITATED = 0.9  # share of an effect that inertials can make, from which on it looks like them
+MOST = 8  # hypotheses altogether
+CROWDED = 16  # hypotheses looked at in one step
+LEAST = 0.007  # share of some joint's torque that an effect needs
+SHAPE_ERROR = 0.05  # of an effect that is taken for true: what its law leaves of it
+BETTER = 2.0  # log odds by which another hypothesis must be better to take a place
+APPROXIMATE, CLIPPED = (0.3, 2.0), (0.6, 1.5)  # coefficients of laws that are there (1) or not
+
+
+@dataclass(frozen=True, eq=False)
+class Found(Frozen):
+    """Hypotheses that are taken for true, with what they were accepted by."""
+
+    true: tuple[Group, ...]
+    log_odds: Mapping[Group, float]
+    base: Array  # (n,) dispersion that no effect explains [1]
+    trust: float  # of the tolerance of inertials
+    first: Mapping[Key, Odds] = field(default_factory=dict)  # odds before anything was taken for true
+
+
+def search(judge: Judge, base: Array, told: Callable[[str], None] = lambda _: None) -> Found:
+    """Forward steps, after each an exchange: nothing stays that another hypothesis explains better.
+
+    Args:
+        judge: library and evidence.
+        base: (n,) dispersion that no effect explains [1].
+        told: is told each step.
+    """
+    state = Found((), {}, base, judge.evidence.trust((), base))
+    first = dict[Key, Odds]()
+    for step in range(MOST):
+        odds, trusted = judge.odds(state.true, spread(judge, state))
+        first = odds if step == 0 else first
+        chosen = _pick(judge, state, odds, trusted, FIRST if step == 0 else NEXT)
+        if chosen is None:
+            break
+        told(f"{chosen.best.hypothesis.key if chosen.best.hypothesis else ''} {chosen.log:.1f}")
+        state = _with(judge, state, chosen)
+        if len(state.true) > 1:
+            state = _exchanged(judge, state, BETTER, told)
+    for _ in range(2):
+        before, state = state.true, _exchanged(judge, state, BETTER / 2, told)
+        if before == state.true:
+            break
+    return Found(state.true, state.log_odds, base, state.trust, first)
+
+
+def spread(judge: Judge, state: Found) -> Array:
+    """(n,) dispersion [1] that the shape errors of what is taken for true add to."""
+    if not state.true:
+        return state.base
+    sizes = measure_sizes(judge.evidence, state.true, state.base, state.trust)
+    return np.asarray(state.base + SHAPE_ERROR**2 * sum(sizes.energy.values()))
+
+
+def without(judge: Judge, state: Found, group: Group) -> Found:
+    """What is left when one hypothesis is taken out."""
+    rest = tuple(g for g in state.true if g is not group)
+    return Found(rest, state.log_odds, state.base, judge.evidence.trust(rest, state.base), state.first)
+
+
+def needed(judge: Judge, group: Group, trusted: float, count: int, usual: float) -> float:
+    """Log odds that a hypothesis needs beside `count` others."""
+    if trusted >= 0.5:
+        return usual
+    if imitated(judge, group) > IMITATED:
+        return max(usual, LOOKALIKE)
+    return max(usual, DISTRUST) if count == 0 else usual
+
+
+def imitated(judge: Judge, group: Group) -> float:
+    """Share of a hypothesis's torque that wrong inertials and the other refitted terms can make [1]."""
+    data = judge.evidence.data
+    key = group
+    if key not in _IMITATED.setdefault(id(data), {}):
+        left = whole = 0.0
+        for j in range(data.joints):
+            x = data.part(j, group)
+            beside = np.column_stack([data.part(j, g) for g in data.refitted])
+            size = np.linalg.norm(beside, axis=0)
+            beside = beside[:, size > 0] / size[size > 0]
+            x = x[:, :1] if group.size == 1 else x @ np.ones((group.size, 1))
+            rest = x - beside @ np.linalg.lstsq(beside, x, rcond=1e-9)[0]
+            left, whole = left + float(np.sum(rest**2)), whole + float(np.sum(x**2))
+        _IMITATED[id(data)][key] = 1 - left / whole if whole > 0 else 0.0
+    return _IMITATED[id(data)][key]
+
+
+_IMITATED: dict[int, dict[Group, float]] = {}
+
+
+def _pick(judge: Judge, state: Found, odds: Mapping[Key, Odds], trusted: float, usual: float) -> Odds | None:
+    ranked = sorted((o for o in odds.values() if not _of(o.best).unknown), key=lambda o: -o.log)
+    for candidate in ranked[:CROWDED]:
+        if candidate.log < usual:
+            return None
+        enough = candidate.log >= needed(judge, candidate.best, trusted, len(state.true), usual)
+        if enough and _is_sound(judge, state, candidate.best):
+            return candidate
+    return None
+
+
+def _is_sound(judge: Judge, state: Found, group: Group) -> bool:
+    """Whether an effect is large enough, has the sign that physics wants, and is near 1 where it has no number."""
+    true = (*state.true, group)
+    trust = judge.evidence.trust(true, state.base)
+    sizes = measure_sizes(judge.evidence, true, state.base, trust)
+    belief, value = judge.evidence.beliefs[group], sizes.value[group]
+    assert belief is not None, "hypotheses have beliefs"
+    if sizes.share[group].max() < LEAST:
+        return False
+    if belief.mean:
+        low, high = CLIPPED if isinstance(_of(group).laws[0].effect, ActuatorLaw) else APPROXIMATE
+        return bool(low < value[0] < high)
+    if belief.positive < 0 or value[belief.positive] > 0:
+        return True
+    fit = judge.evidence.fit(true, state.base, trust)
+    at = len(fit.which) - group.size + belief.positive
+    return group.size > 1 and bool(value[belief.positive] > -2 * np.sqrt(fit.covariance[at, at]))
+
+
+def _with(judge: Judge, state: Found, chosen: Odds) -> Found:
+    true = (*state.true, chosen.best)
+    log = {**state.log_odds, chosen.best: chosen.log}
+    return Found(true, log, state.base, judge.evidence.trust(true, state.base), state.first)
+
+
+def _exchanged(judge: Judge, state: Found, better: float, told: Callable[[str], None]) -> Found:
+    """Each hypothesis in turn against all others that could stand in its place."""
+    for group in state.true:
+        rest = without(judge, state, group)
+        odds, trusted = judge.odds(rest.true, spread(judge, rest))
+        own = odds.get(_of(group).key)
+        log = own.log if own is not None else -np.inf
+        rival = _pick(judge, rest, odds, trusted, NEXT)
+        if rival is not None and _of(rival.best).key != _of(group).key and rival.log > log + better:
+            told(f"{_of(group).key} -> {_of(rival.best).key} {rival.log - log:.1f}")
+            state = _with(judge, rest, rival)
+        elif log < needed(judge, group, trusted, len(rest.true), NEXT):
+            told(f"without {_of(group).key} {log:.1f}")
+            state = rest
+        elif own is not None and own.best is not group:
+            state = _with(judge, rest, own)
+    return state
+
+
+def _of(group: Group) -> Hypothesis:
+    assert group.hypothesis is not None, "what is refitted is no hypothesis"
+    return group.hypothesis
+
+
+def energies(sizes: Sizes, true: Sequence[Group]) -> Array:
+    """(n,) whitened energy of all hypotheses [1]."""
+    return np.asarray(sum(sizes.energy[group] for group in true))

@@ -1,0 +1,106 @@
+"""Two laws -> the motion that would tell them apart, in a sentence."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..effects import EFFECTS
+from ..effects.law import law_columns
+from ..excite.draw import random_parameters, sample
+from ..excite.fourier import Fourier
+from ..excite.limits import build_limits
+from ..model import Model
+from ..motion import Motion
+from ..types import Array, Law
+from .numbers import torque_of
+
+MOTIONS, DURATION, RATE = 6, 8.0, 50.0  # random ones, [s], [Hz]
+INDEPENDENT = 20.0  # [Hz] samples of torque with independent errors
+HARMONICS, AMPLITUDE = 5, (0.3, 0.9)  # least and most share of the limits
+STRUCTURAL = 1e-6  # of a law's sum of squares: less is the same law
+REVERSAL = 0.01  # [rad/s or m/s]
+BESIDE = ("viscous_friction", "coulomb_friction", "torque_offset")
+
+
+def tell_apart(model: Model, law: Law, rival: Law, floor: Array, seed: int) -> str:
+    """Along which of some random motions a rival explains least of a law.
+
+    Args:
+        model: the simulation.
+        law: with all its numbers.
+        rival: with its shape.
+        floor: (n,) noise of torque [N.m or N].
+        seed: of the motions.
+
+    Source: T-optimality, Atkinson, Fedorov, Biometrika 62(1), 1975.
+    """
+    tried = [(*_left(model, law, rival, floor, motion), motion) for motion in _motions(model, seed)]
+    left, share, motion = max(tried, key=lambda t: t[0])
+    if max(s for _, s, _ in tried) < STRUCTURAL:
+        return "no motion can tell them apart; another sensor or a known load is needed"
+    joint = _widest(model, motion, (*law.joints, *rival.joints))
+    names = ",".join(_written(model, x) for x in (law, rival))
+    return (
+        f"{model.robot.joints[joint]} from {motion.q[:, joint].min():.2g} to {motion.q[:, joint].max():.2g} "
+        f"at up to {np.abs(motion.v[:, joint]).max():.2g}, all joints moving: a random motion of {DURATION:g} s sets "
+        f"them {np.sqrt(left):.2g} standard deviations apart; signid excite --separate {names} finds a better one"
+    )
+
+
+def _motions(model: Model, seed: int) -> list[Motion]:
+    robot, rng = model.robot, np.random.default_rng(seed)
+    limits, t = build_limits(robot), np.arange(int(DURATION * RATE)) / RATE
+    family, out = Fourier(DURATION, HARMONICS, 1 / DURATION), list[Motion]()
+    basis = family.basis(t)
+    for _ in range(MOTIONS):
+        drawn = sample(family, robot.joints, random_parameters(basis, limits, rng, AMPLITUDE), t)
+        slow = np.full(len(robot.joints), REVERSAL)
+        motion = Motion(robot, drawn.t, drawn.q, drawn.v, drawn.a, slow=slow)
+        torque = model.inverse(motion)
+        out.append(replace(motion, recorded=torque, predicted=torque))
+    return out
+
+
+def _left(model: Model, law: Law, rival: Law, floor: Array, motion: Motion) -> tuple[float, float]:
+    """Sum of squares over noise that the rival and the usual laws leave of a law's torque, and its share."""
+    n = len(model.robot.joints)
+    torque = np.zeros((len(motion), n))
+    for j, x in torque_of(law, motion).items():
+        torque[:, j] = x
+    columns = [_wide(rival, motion, n)]
+    columns += [
+        _wide(Law(EFFECTS[name], (j,)), motion, n) for name in BESIDE if name != law.effect.name for j in law.joints
+    ]
+    y = (torque / floor).ravel()
+    x = np.concatenate(columns, axis=2) / floor[:, None]
+    x = x.reshape(len(y), -1)
+    size = np.linalg.norm(x, axis=0)
+    x = x[:, size > 0] / size[size > 0]
+    rest = y - x @ np.linalg.lstsq(x, y, rcond=1e-9)[0]
+    left, whole = float(rest @ rest), float(y @ y)
+    return left * INDEPENDENT / RATE, left / whole if whole > 0 else 0.0
+
+
+def _wide(law: Law, motion: Motion, n: int) -> Array:
+    rows, columns = law_columns(law, motion)
+    out = np.zeros((len(motion), n, columns.shape[2]))
+    out[:, list(rows)] = columns
+    return out
+
+
+def _widest(model: Model, motion: Motion, joints: tuple[int, ...]) -> int:
+    """Of some joints the one that moves most of its range."""
+    few = joints if len(joints) < len(model.robot.joints) else range(len(model.robot.joints))
+    return max(few, key=lambda j: float(np.ptp(motion.q[:, j])))
+
+
+def _written(model: Model, law: Law) -> str:
+    where = (
+        ""
+        if law.effect.scope in ("robot", "tip", "any") and len(law.joints) > 1
+        else f"@{model.robot.joints[law.joints[0]]}"
+    )
+    pair = f":partner={model.robot.joints[law.joints[1]]}" if law.effect.scope == "pair" else ""
+    return f"{law.effect.name}{where}{pair}"

@@ -1,0 +1,89 @@
+"""What a diagnosis works on, from full-rate motions to whitened rows; more columns can be asked of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ..effects.law import coefficient_count
+from ..filters import Decimator
+from ..model import Model
+from ..rows import Task
+from ..types import Array, Frozen
+from .group import Group
+from .hypothesis import Hypothesis
+from .noise import Noise, whiten
+from .sample import Piece
+from .table import Table
+from .whitened import Whitened
+
+
+@dataclass(frozen=True, eq=False)
+class Setting(Frozen):
+    """Recordings, the simulation, and the rows made of them."""
+
+    task: Task
+    model: Model
+    pieces: tuple[Piece, ...]  # those that are long enough for the filter
+    table: Table
+    noise: Noise
+
+    @cached_property
+    def thin(self) -> Decimator:
+        """The low-pass of columns and torque."""
+        return Decimator(self.task.band.taps, self.task.band.factor)
+
+    def thinned(self, columns: Sequence[Mapping[int, Array]]) -> dict[int, Array]:
+        """Per joint, rows (M, k) [torque per coefficient] of columns that were made at full rate.
+
+        Args:
+            columns: piece by piece, per joint (N, k) [torque per coefficient].
+        """
+        joints = columns[0].keys()
+        return {j: np.concatenate([self.thin(made[j]) for made in columns]) for j in joints}
+
+    def columns(self, hypothesis: Hypothesis) -> dict[int, Array]:
+        """Per joint, rows (M, k) [torque per coefficient] of a hypothesis."""
+        return self.thinned([hypothesis.columns(piece.motion) for piece in self.pieces])
+
+    def whiten(self, columns: Mapping[int, Array]) -> dict[int, Array]:
+        """Per joint, (M', k) in units of the noise.
+
+        Args:
+            columns: per joint (M, k) [torque per coefficient].
+        """
+        noise, piece = self.noise, self.table.piece
+        return {j: whiten(x, noise.coefficients[j], float(noise.innovation[j]), piece) for j, x in columns.items()}
+
+
+def append(
+    setting: Setting, data: Whitened, hypothesis: Hypothesis, columns: Mapping[int, Array]
+) -> tuple[Whitened, Group]:
+    """The rows with one more hypothesis.
+
+    Args:
+        setting: gives the noise.
+        data: whitened rows.
+        hypothesis: what the columns mean.
+        columns: per joint (M, k) [torque per coefficient].
+    """
+    size = sum(coefficient_count(law) for law in hypothesis.laws)
+    group, white = Group(data.count, size, hypothesis), setting.whiten(columns)
+    place, torque, made = list(data.place), list(data.torque), list(data.columns)
+    sizes = np.pad(data.sizes, ((0, 0), (0, size)))
+    for j, x in columns.items():
+        place[j] = np.append(place[j], range(group.start, group.start + size)).astype(np.intp)
+        torque[j], made[j] = np.column_stack([torque[j], x]), np.column_stack([made[j], white[j]])
+        sizes[j, group.place] = np.sqrt(np.mean(x**2, axis=0)) / data.scale[j]
+    return replace(
+        data,
+        groups=(*data.groups, group),
+        count=data.count + size,
+        place=tuple(place),
+        torque=tuple(torque),
+        columns=tuple(made),
+        sizes=sizes,
+    ), group

@@ -1,0 +1,91 @@
+"""Hypotheses that are taken for true -> how sure each is, and what else could stand in its place."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..types import Array, Frozen
+from .group import Group
+from .hypothesis import Key
+from .odds import Judge, Odds
+from .search import Found, spread, without
+from .sizes import Sizes, measure_sizes
+
+TOLD = 0.03  # probability from which on a rival is listed
+SAME = 4.0  # variance units: what a rival leaves of an effect, up to which nothing tells them apart
+
+
+@dataclass(frozen=True, eq=False)
+class Slot(Frozen):
+    """One hypothesis beside the others, and its rivals."""
+
+    group: Group
+    probability: float
+    unknown: float  # probability that no law of the library is behind it
+    rivals: Mapping[Key, tuple[float, Group]]  # probability of each, and its likeliest shape
+
+
+def judge_slots(judge: Judge, found: Found) -> tuple[Slot, ...]:
+    """Each in turn against all others in its place; what a rival would gain beside it anyway does not count for it.
+
+    The shape error of what is taken for true makes rivals that are nearly as good be listed.
+    """
+    wide = spread(judge, found)
+    beside, _ = judge.odds(found.true, wide)
+    sizes = measure_sizes(judge.evidence, found.true, wide, found.trust)
+    return tuple(_slot(judge, found, group, wide, beside, sizes) for group in found.true)
+
+
+def _slot(judge: Judge, found: Found, group: Group, wide: Array, beside: Mapping[Key, Odds], sizes: Sizes) -> Slot:
+    rest = without(judge, found, group)
+    odds, _ = judge.odds(rest.true, wide)
+    logs = {key: o.log - max(0.0, beside[key].log if key in beside else 0.0) for key, o in odds.items()}
+    assert group.hypothesis is not None, "what is refitted is no hypothesis"
+    own = group.hypothesis.key
+    highest = max(logs.values())
+    share = {key: float(np.exp(x - highest)) for key, x in logs.items()}
+    nothing = 1 / (1 + float(np.exp(min(found.log_odds[group], 500.0))))
+    total = sum(share.values())
+    probability = {key: (1 - nothing) * x / total for key, x in share.items()}
+    alike = _alike(judge, group, odds, sizes)
+    rivals = {
+        key: (p, odds[key].best)
+        for key, p in sorted(probability.items(), key=lambda item: -item[1])
+        if key != own and not _unknown(odds[key].best) and (p > TOLD or key in alike)
+    }
+    unknown = sum(p for key, p in probability.items() if _unknown(odds[key].best))
+    return Slot(group, probability.get(own, 0.0), unknown, rivals)
+
+
+def _alike(judge: Judge, group: Group, odds: Mapping[Key, Odds], sizes: Sizes) -> set[Key]:
+    """Hypotheses that leave nothing of an effect's torque that noise would not hide."""
+    data, joints = judge.evidence.data, judge.evidence.data.rows(group)
+    torque = {j: data.part(j, group) @ sizes.value[group] for j in range(data.joints)}
+    known = [g for g in data.refitted if not g.bodies]
+    out = set[Key]()
+    for key, rival in odds.items():
+        own = data.rows(rival.best)
+        if _unknown(rival.best) or not set(joints) & set(own):
+            continue
+        left = sum(float(x @ x) for j, x in torque.items() if j not in own)
+        if left < SAME and _left(judge, rival.best, torque, known) + left < SAME:
+            out.add(key)
+    return out
+
+
+def _left(judge: Judge, rival: Group, torque: Mapping[int, Array], known: list[Group]) -> float:
+    """Sum of squares that a rival and the refitted laws leave of some torque, on the rival's joints."""
+    data = judge.evidence.data
+    joints = data.rows(rival)
+    beside = [np.concatenate([data.part(j, group) for j in joints]) for group in (*known, rival)]
+    x, y = np.concatenate(beside, axis=1), np.concatenate([torque[j] for j in joints])
+    size = np.linalg.norm(x, axis=0)
+    x = x[:, size > 0] / size[size > 0]
+    return float(np.sum((y - x @ np.linalg.lstsq(x, y, rcond=1e-9)[0]) ** 2))
+
+
+def _unknown(group: Group) -> bool:
+    return group.hypothesis is None or group.hypothesis.unknown

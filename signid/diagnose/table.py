@@ -1,0 +1,122 @@
+"""Motions -> filtered, thinned rows: per joint the residual and the columns of all that may explain it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..filters import Decimator
+from ..model import Model
+from ..rows import Task
+from ..types import Array, Frozen, Indices
+from .group import Group, nuisances
+from .sample import Piece
+
+
+@dataclass(frozen=True, eq=False)
+class Table(Frozen):
+    """M rows of n joints, piece after piece."""
+
+    groups: tuple[Group, ...]
+    count: int  # p, columns altogether
+    piece: Indices  # (M,) which piece a row is of
+    recording: Indices  # (M,) which recording
+    t: Array  # (M,) [s]
+    q: Array  # (M, n) [rad or m]
+    v: Array  # (M, n) [rad/s or m/s]
+    a: Array  # (M, n) [rad/s2 or m/s2]
+    torque: Array  # (M, n) [N.m or N] measured
+    predicted: Array  # (M, n) [N.m or N]
+    residual: Array  # (M, n) [N.m or N] measured - predicted
+    known: tuple[bool, ...]  # (n,) whether torque is recorded
+    place: tuple[Indices, ...]  # per joint (m_j,) the columns that it has
+    columns: tuple[Array, ...]  # per joint (M, m_j) [torque per coefficient]
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    @property
+    def joints(self) -> int:
+        """How many: n."""
+        return int(self.residual.shape[1])
+
+    @property
+    def scale(self) -> Array:
+        """(n,) [N.m or N] rms torque of each joint, at least a share of the largest."""
+        rms = np.sqrt(np.mean(self.torque**2, axis=0))
+        return np.asarray(np.maximum(np.maximum(rms, FAINT * rms.max()), 1e-300))
+
+    def variable(self, joint: int, name: str) -> Array:
+        """(M,) what torque may depend on [rad, rad/s, rad/s2, N.m or s, or with m and N]."""
+        if name == "time":
+            return self.t
+        signals = {"position": self.q, "velocity": self.v, "acceleration": self.a, "torque": self.predicted}
+        return np.asarray(signals[name][:, joint])
+
+
+FAINT = 0.02  # of the largest rms torque: no joint's counts as smaller
+
+
+def tabulate(task: Task, model: Model, groups: Sequence[Group], pieces: Sequence[Piece]) -> Table:
+    """Columns at full rate, through the same low-pass as the torque, at twice its cut-off.
+
+    Args:
+        task: gives the band.
+        model: the simulation.
+        groups: what columns are made of, as laid out.
+        pieces: motions with residuals.
+    """
+    thin = Decimator(task.band.taps, task.band.factor)
+    long = [piece for piece in pieces if len(piece.motion) > 2 * thin.half]
+    made = [_thinned(model, groups, piece, thin) for piece in long]
+    n, lengths = len(model.robot.joints), [len(rows[0][1]) for rows in made]
+
+    def joined(k: int) -> tuple[Indices, Array]:
+        return made[0][k][0], np.concatenate([rows[k][1] for rows in made])
+
+    def rows(name: str) -> Array:
+        signals = [getattr(piece.motion, name) for piece in long]
+        return np.concatenate([x[thin.half : len(x) - thin.half : thin.factor] for x in signals])
+
+    columns = [joined(j) for j in range(n)]
+    signals = [thin(np.column_stack([np.nan_to_num(p.residual), _measured(p)])) for p in long]
+    residual, torque = np.split(np.concatenate(signals), 2, axis=1)
+    return Table(
+        groups=tuple(groups),
+        count=groups[-1].start + groups[-1].size,
+        piece=np.repeat(np.arange(len(long)), lengths),
+        recording=np.repeat([p.recording for p in long], lengths),
+        t=rows("t"),
+        q=rows("q"),
+        v=rows("v"),
+        a=rows("a"),
+        torque=torque,
+        predicted=torque - residual,
+        residual=residual,
+        known=tuple(not all(np.isnan(p.residual[:, j]).all() for p in pieces) for j in range(n)),
+        place=tuple(index for index, _ in columns),
+        columns=tuple(x for _, x in columns),
+    )
+
+
+def _measured(piece: Piece) -> Array:
+    assert piece.motion.predicted is not None, "a diagnosed motion carries predicted torque"
+    return np.nan_to_num(piece.residual + piece.motion.predicted)
+
+
+def _thinned(model: Model, groups: Sequence[Group], piece: Piece, thin: Decimator) -> list[tuple[Indices, Array]]:
+    """Per joint, which columns it has and their rows."""
+    n = len(model.robot.joints)
+    place, columns = [list[int]() for _ in range(n)], [list[Array]() for _ in range(n)]
+    for group, made in zip(groups, _columns(model, groups, piece), strict=True):
+        for j, x in made.items():
+            place[j].extend(range(group.start, group.start + group.size))
+            columns[j].append(thin(x))
+    return [(np.array(p, dtype=np.intp), np.concatenate(c, axis=1)) for p, c in zip(place, columns, strict=True)]
+
+
+def _columns(model: Model, groups: Sequence[Group], piece: Piece) -> Iterator[dict[int, Array]]:
+    yield from (columns for columns, _, _ in nuisances(model, piece.motion))
+    yield from (group.hypothesis.columns(piece.motion) for group in groups if group.hypothesis is not None)

@@ -1,0 +1,113 @@
+"""Odds, sizes and what is left -> whether something is missing, and whether it could be named."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..effects.base import ActuatorLaw, RecordingLaw, TorqueLaw, TransmissionLaw
+from ..types import Array, Frozen, Mask
+from .group import Group
+from .odds import Judge
+from .search import Found, spread
+from .sizes import Sizes, measure_sizes
+from .slots import Slot
+
+CAUSE = 0.05  # of the largest energy: less is a small correction
+EXPLAINED, ROUGHLY = 0.75, 0.5  # of the excess, of plain laws and of those whose shape is approximate
+NOTICED = 4.0  # standard deviations of a mean square
+DISCREPANCY = 0.006  # of torque, in which every simulation is wrong
+FAINT = 0.1  # of the largest rms torque: no joint's counts as smaller
+CROWD, MOST_OF_IT = 3, 0.6  # causes; share of the excess that the first of so many must explain
+LEFT = 0.1  # of the largest excess: less does not matter
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict(Frozen):
+    """What the recordings say as a whole."""
+
+    name: str  # nothing_missing, named or unknown
+    causes: tuple[Group, ...]
+    secondary: tuple[Group, ...]
+    before: Array  # (n,) excess of the whitened sum of squares [1]
+    after: Array  # (n,) [1]
+    threshold: Array  # (n,) of the excess [1]
+    sizes: Sizes
+
+
+def decide(judge: Judge, found: Found, slots: Sequence[Slot]) -> Verdict:
+    """Named, unknown, or nothing missing.
+
+    Args:
+        judge: library and evidence.
+        found: what is taken for true.
+        slots: how sure each is.
+    """
+    data = judge.evidence.data
+    sizes = measure_sizes(judge.evidence, found.true, spread(judge, found), found.trust)
+    bare = measure_sizes(judge.evidence, (), found.base, judge.evidence.trust((), found.base))
+    count = len(data)
+    after, before = (sizes.left - 1) * count, (bare.left - 1) * count
+    scale = np.maximum(data.scale, FAINT * data.scale.max())
+    threshold = NOTICED * np.sqrt(2 * count) + count * (DISCREPANCY * scale / data.floor) ** 2
+    energy = {group: float(sizes.energy[group].sum()) for group in found.true}
+    largest = max(energy.values(), default=0.0)
+    ranked = sorted(found.true, key=lambda group: -energy[group])
+    causes = tuple(group for group in ranked if energy[group] >= CAUSE * largest)
+    secondary = tuple(group for group in ranked if group not in causes)
+    told = {slot.group: slot for slot in slots}
+    if not causes:
+        name = "unknown" if np.any(after > threshold) else "nothing_missing"
+    elif _abstains(data.joints, causes, before, after, threshold, told[causes[0]], energy):
+        name = "unknown"
+    else:
+        name = "named"
+    return Verdict(name, causes, secondary, before, after, threshold, sizes)
+
+
+def _abstains(
+    joints: int,
+    causes: Sequence[Group],
+    before: Array,
+    after: Array,
+    threshold: Array,
+    first: Slot,
+    energy: dict[Group, float],
+) -> bool:
+    concerned = np.zeros(joints, dtype=bool)
+    for group in causes:
+        concerned |= _concerned(group, before > threshold)
+    left, whole = np.maximum(after, 0)[concerned].sum(), np.maximum(before, 0)[concerned].sum()
+    needed = ROUGHLY if _approximate(causes[0]) else EXPLAINED
+    loud = concerned & (after > threshold) & (after > LEFT * before.max())
+    if 1 - left / max(whole, 1e-9) < needed and loud.any():
+        return True
+    crowded = len(causes) >= CROWD and np.any(after > threshold)
+    return first.unknown > 0.5 or bool(crowded and energy[causes[0]] < MOST_OF_IT * max(float(before.sum()), 1e-9))
+
+
+def _concerned(group: Group, loud: Mask) -> Mask:
+    """(n,) the joints whose residual an effect should explain."""
+    assert group.hypothesis is not None, "a cause is a hypothesis"
+    out = np.zeros(len(loud), dtype=bool)
+    for law in group.hypothesis.laws:
+        if law.effect.scope != "joint":
+            out |= loud
+        out[list(law.joints) if len(law.joints) <= 2 else []] = True
+    return out
+
+
+def _approximate(group: Group) -> bool:
+    """Whether the shape of a law is never quite that of the robot's."""
+    assert group.hypothesis is not None, "a cause is a hypothesis"
+    law = group.hypothesis.laws[0]
+    if isinstance(law.effect, TorqueLaw):
+        return law.effect.memory or law.effect.name in ROUGH
+    return isinstance(law.effect, TransmissionLaw | ActuatorLaw) or (
+        isinstance(law.effect, RecordingLaw) and not law.effect.linear()
+    )
+
+
+ROUGH = ("torque_ripple", "external_contact")

@@ -1,0 +1,133 @@
+"""Rows and noise -> whitened rows, and the products that every later question needs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..types import Array, Frozen, Indices
+from .group import Group
+from .noise import Noise, whiten
+from .table import Table
+
+
+@dataclass(frozen=True, eq=False)
+class Whitened(Frozen):
+    """M rows of n joints in units of their noise; p columns altogether, of which a joint has some."""
+
+    groups: tuple[Group, ...]
+    count: int  # p
+    place: tuple[Indices, ...]  # per joint (m_j,) the columns that it has
+    columns: tuple[Array, ...]  # per joint (M, m_j) [1 per coefficient]
+    residual: Array  # (n, M) [1]
+    recording: Indices  # (M,)
+    sizes: Array  # (n, p) rms of each column over the joint's rms torque, not whitened [1 per coefficient]
+    torque: tuple[Array, ...]  # per joint (N, m_j) [torque per coefficient] not whitened
+    scale: Array  # (n,) [N.m or N] rms torque
+    floor: Array  # (n,) [N.m or N]
+
+    def __len__(self) -> int:
+        return int(self.residual.shape[1])
+
+    @property
+    def joints(self) -> int:
+        """How many: n."""
+        return len(self.place)
+
+    @cached_property
+    def refitted(self) -> tuple[Group, ...]:
+        """What is refitted beside every hypothesis."""
+        return tuple(group for group in self.groups if group.hypothesis is None)
+
+    @cached_property
+    def right(self) -> Array:
+        """(n, p) columns times residual, per joint [1 per coefficient]."""
+        out = np.zeros((self.joints, self.count))
+        for j in range(self.joints):
+            out[j, self.place[j]] = self.columns[j].T @ self.residual[j]
+        return out
+
+    @cached_property
+    def energy(self) -> Array:
+        """(n,) sum of the squared residual [1]."""
+        return np.asarray(np.sum(self.residual**2, axis=1))
+
+    def gram(self, which: Indices) -> Array:
+        """(n, k, p) products of some columns with all, per joint.
+
+        Args:
+            which: (k,) columns.
+        """
+        out = np.zeros((self.joints, len(which), self.count))
+        for j in range(self.joints):
+            here = np.isin(which, self.place[j])
+            own = self.columns[j][:, np.searchsorted(self.place[j], which[here])]
+            block = np.zeros((int(here.sum()), self.count))
+            block[:, self.place[j]] = own.T @ self.columns[j]
+            out[j, here] = block
+        return out
+
+    @cached_property
+    def refitted_gram(self) -> Array:
+        """(n, k, p) of the columns that are refitted."""
+        return self.gram(columns_of(self.refitted))
+
+    def part(self, joint: int, group: Group) -> Array:
+        """(M, size) columns of a group on one joint [1 per coefficient]; zero where it has none."""
+        return _part(self.columns[joint], self.place[joint], group)
+
+    def rows(self, group: Group) -> list[int]:
+        """The joints on which a group acts."""
+        return [j for j in range(self.joints) if group.start in self.place[j]]
+
+    def raw(self, joint: int, group: Group) -> Array:
+        """(M', size) columns of a group on one joint [torque per coefficient]; zero where it has none."""
+        return _part(self.torque[joint], self.place[joint], group)
+
+
+def mean_products(columns: Mapping[int, Array], scale: Array) -> Array:
+    """(d, d) mean products of columns, summed over joints, in units of their rms torque [1 per coefficient, squared].
+
+    Args:
+        columns: per joint (M, d) [torque per coefficient].
+        scale: (n,) rms torque [N.m or N].
+    """
+    return np.asarray(sum(x.T @ x / len(x) / scale[j] ** 2 for j, x in columns.items()))
+
+
+def whitened(table: Table, noise: Noise) -> Whitened:
+    """Rows through the joints' own autoregressive filters."""
+    n, order = table.joints, noise.coefficients.shape[1]
+    told = [(noise.coefficients[j], float(noise.innovation[j]), table.piece) for j in range(n)]
+    scale, sizes = table.scale, np.zeros((n, table.count))
+    for j in range(n):
+        sizes[j, table.place[j]] = np.sqrt(np.mean(table.columns[j] ** 2, axis=0)) / scale[j]
+    alive = table.piece[order:] == table.piece[:-order]
+    return Whitened(
+        groups=table.groups,
+        count=table.count,
+        place=table.place,
+        columns=tuple(whiten(table.columns[j], *told[j]) for j in range(n)),
+        residual=np.array([whiten(table.residual[:, j, None], *told[j])[:, 0] for j in range(n)]),
+        recording=table.recording[order:][alive],
+        sizes=sizes,
+        torque=table.columns,
+        scale=scale,
+        floor=noise.floor,
+    )
+
+
+def columns_of(groups: Sequence[Group]) -> Indices:
+    """Their columns, in order."""
+    spans = [np.arange(group.start, group.start + group.size) for group in groups]
+    return np.concatenate(spans).astype(np.intp) if spans else np.zeros(0, dtype=np.intp)
+
+
+def _part(columns: Array, place: Indices, group: Group) -> Array:
+    at = int(np.searchsorted(place, group.start))
+    if at < len(place) and place[at] == group.start:
+        return np.asarray(columns[:, at : at + group.size])
+    return np.zeros((len(columns), group.size))

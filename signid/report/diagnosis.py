@@ -1,0 +1,110 @@
+"""A diagnosis as JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from ..diagnose import Alternative, Diagnosis, Finding
+from ..laws import placed
+from ..types import Coefficient, Law, Robot
+from .documents import Document, Input, fit_document, provenance
+from .signs import signs_document
+
+
+def diagnosis_document(result: Diagnosis, inputs: Sequence[Input] = ()) -> Document:
+    """diagnosis.json (design 3.5).
+
+    Args:
+        result: the diagnosis.
+        inputs: path and sha256 of what was read besides the recordings; the robot's description if none is given.
+    """
+    robot, before, after = result.robot, result.rollout_before, result.rollout_after
+    return {
+        "schema": "signid.diagnosis/1",
+        "robot": robot.name,
+        "joints": list(robot.joints),
+        "verdict": result.verdict,
+        "tolerance": result.tolerance,
+        "findings": [_finding(robot, finding) for finding in result.findings],
+        "unexplained": [
+            {
+                "joint": robot.joints[left.joint],
+                "depends_on": left.place.variable,
+                "share": left.share,
+                "region": left.place.region,
+            }
+            for left in result.unexplained
+        ],
+        "located": [
+            {
+                "joint": robot.joints[place.joint],
+                "depends_on": place.variable,
+                "region": place.region,
+                "share": place.share,
+                "explained": place.explained,
+            }
+            for place in result.located
+        ],
+        "fit": {"before": fit_document(result.before), "after": fit_document(result.after)},
+        "rollout": None if before is None or after is None else after.document(before),
+        "inertials": {"off": result.trust},
+        "signs": signs_document(result.signs),
+        "cutoff": {"torque": result.cutoff, "unit": "Hz"},
+        "flags": list(result.flags),
+        "notes": list(result.notes),
+        **provenance(result.inputs, inputs or [(robot.path, robot.sha256)], result.seed),
+    }
+
+
+def _finding(robot: Robot, finding: Finding) -> Document:
+    joint, _ = placed(finding.law, robot)
+    where = finding.where
+    return {
+        "effect": finding.law.effect.name,
+        "joint": joint,
+        "role": finding.role,
+        "probability": finding.probability,
+        "parameters": _parameters(robot, finding),
+        "torque_share": {
+            name: float(share) for name, share in zip(robot.joints, finding.torque_share, strict=True) if share > 0
+        },
+        "where": {
+            "joint": robot.joints[where.joint],
+            "variable": where.variable,
+            "region": where.region,
+            "share": where.share,
+        },
+        "evidence": {
+            "statistic": finding.statistic,
+            "threshold": finding.threshold,
+            "held_out_gain": finding.held_out_gain,
+        },
+        "alternatives": [_alternative(robot, rival) for rival in finding.alternatives],
+    }
+
+
+def _parameters(robot: Robot, finding: Finding) -> Document:
+    law = finding.law
+    _, values = placed(law, robot)
+    out: dict[str, Any] = {}
+    for key, value in values.items():
+        unit = "" if key == "partner" else _unit(robot, law, key)
+        out[key] = {"value": value, "std": finding.std.get(key), "unit": unit}
+    return out
+
+
+def _unit(robot: Robot, law: Law, key: str) -> str:
+    kind, one = law.effect.parameters[key], len(law.joints) == 1
+    prismatic = one and bool(robot.prismatic[law.joints[0]])
+    return str(kind.unit_at(prismatic)) if isinstance(kind, Coefficient) or one else str(kind.unit)
+
+
+def _alternative(robot: Robot, rival: Alternative) -> Document:
+    joint, _ = placed(rival.law, robot)
+    return {
+        "effect": rival.law.effect.name,
+        "joint": joint,
+        "probability": rival.probability,
+        "separating_motion": rival.separating_motion,
+    }
