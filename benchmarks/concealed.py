@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import platform
 import sys
@@ -24,19 +25,19 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.progress import Progress
 
-from .hidden.cases import SIZES, SUITES, Case, cases, sample
+from .hidden.cases import SIZES, SUITES, Case, cases, quick, sample
 from .hidden.judge import Verdict, judge
 from .hidden.robots import ROBOTS
 from .hidden.show import tables, targets_table
-from .hidden.summary import Target, cells, confusion, reliability, targets
+from .hidden.summary import Target, by_robot, by_size, cells, confusion, reliability, targets
 from .hidden.work import judged, process_all
 
 ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-SLOW = ("backlash", "load_friction", "presliding_friction", "friction_drift")  # to record
 USUAL = ("1r", "3r", "ur5", "panda", "kinova", "xarm7")
 
 
@@ -58,6 +59,7 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--cache", type=Path, metavar="DIR", help="keep sessions and diagnoses there")
     parser.add_argument("--make-only", action="store_true", help="record, and diagnose nothing")
     parser.add_argument("--judge-only", action="store_true", help="diagnose nothing anew")
+    parser.add_argument("--list", action="store_true", help="name every session that was not judged right")
     parser.add_argument("--again", action="store_true", help="diagnose anew what was diagnosed before")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers there")
     return parser.parse_args()
@@ -73,23 +75,26 @@ def chosen(options: argparse.Namespace) -> list[Case]:
     return found if options.sample is None else sample(found, options.sample, options.base)
 
 
-def quick() -> list[Case]:
-    """The same few cases every time: each effect of two dozen once, at 15 %, and two healthy robots."""
-    found = cases(("exact",), ("3r",), SIZES[-1:], (0,))
-    return [case for case in found if case.effects[0] not in SLOW] + cases(("none",), ("3r",), SIZES, (0,))[:2]
-
-
 def told(verdicts: Sequence[Verdict], found: Sequence[Target]) -> dict[str, object]:
     """All numbers, as JSON has them."""
     machine = {"python": platform.python_version(), "processor": platform.machine()}
     return {
         "machine": machine,
         "targets": [{**asdict(target), "met": target.met} for target in found],
-        "cells": [cell._asdict() for cell in cells(verdicts)],
+        "cells": [cell._asdict() for by in (by_size, by_robot) for cell in cells(verdicts, by)],
         "confusion": confusion(verdicts),
         "reliability": [one._asdict() for one in reliability(verdicts)],
         "sessions": [asdict(verdict) for verdict in verdicts],
     }
+
+
+def finite(x: Any) -> Any:
+    """The same without numbers that JSON has no word for."""
+    if isinstance(x, dict):
+        return {key: finite(value) for key, value in x.items()}
+    if isinstance(x, list | tuple):
+        return [finite(value) for value in x]
+    return None if isinstance(x, float) and not math.isfinite(x) else x
 
 
 def record(wanted: Sequence[Case], cache: Path, options: argparse.Namespace, console: Console) -> int:
@@ -116,11 +121,12 @@ def main() -> None:
     found = list(targets(verdicts))
     for table in (*tables(verdicts), targets_table(found)):
         console.print(table)
+    for v in verdicts if options.list else ():
+        if v.outcome not in ("right", "both") or v.spurious:
+            console.print(f"{v.name} {v.key}: {v.outcome}, {v.first}, {v.spurious} spurious", highlight=False)
     console.print(f"{len(verdicts)} of {len(wanted)} sessions judged", highlight=False)
     if options.json:
-        from .signs import plain
-
-        options.json.write_text(json.dumps(plain(told(verdicts, found)), indent=1, allow_nan=False))
+        options.json.write_text(json.dumps(finite(told(verdicts, found)), indent=1, allow_nan=False))
     sys.exit(bool(wrong) or any(target.met is False for target in found))
 
 

@@ -16,7 +16,7 @@ pytest.importorskip("mujoco", reason="MuJoCo is not installed; pip install 'sign
 
 import signid  # noqa: E402
 from benchmarks.hidden import motion, size, work  # noqa: E402
-from benchmarks.hidden.cases import ABSENT, FAMILIES, SIZES, SUITES, Case, cases, sample  # noqa: E402
+from benchmarks.hidden.cases import ABSENT, FAMILIES, SIZES, SUITES, Case, cases, quick, sample  # noqa: E402
 from benchmarks.hidden.judge import Verdict, judge  # noqa: E402
 from benchmarks.hidden.numbers import EACH, TOGETHER, error  # noqa: E402
 from benchmarks.hidden.robots import ROBOTS, described, mistaken  # noqa: E402
@@ -45,6 +45,7 @@ def test_every_law_has_a_case_and_every_robot_health() -> None:
     assert len(FAMILIES) >= 8 and len(ABSENT) >= 5 and set(FAMILIES) | set(ABSENT) == set(FOREIGN)
     assert set(EACH) | set(TOGETHER) | {"counterbalance", "link_inertia", "torque_sign", "channel_swap"} == set(EFFECTS)
     assert sample(found, 20, 1) == sample(found, 20, 1) != sample(found, 20, 2)
+    assert len(quick()) == 25 and {case.suite for case in quick()} == {"exact", "hard", "none", "foreign", "absent"}
     assert {case.plant for case in cases(["exact"], ["3r"], SIZES, [0], "bullet")} == {"bullet"}
 
 
@@ -225,7 +226,7 @@ def test_verdicts_add_up() -> None:
     first = told["exact, 3 joints and more, 5%: effect and joint first"]
     assert (first.share, first.of, first.met) == (pytest.approx(40 / 42), 42, False)
     assert told["wrong and sure (P > .95)"].met is False
-    assert told["median error of numbers at 5 %, plain laws: worst is spring"].share == pytest.approx(0.04)
+    assert told["exact, median error of numbers at 5 %, plain laws: worst is spring"].share == pytest.approx(0.04)
     assert told["false alarms"].met is None and told["residual after, over the noise floor: median"].met
 
 

@@ -34,6 +34,16 @@ SIZES = (0.02, 0.05, 0.15)
 MEDIUM = (0.05, 0.15)  # of foreign and absent laws
 PAIR, PAIRS = 0.05, 12  # size of either of two, and pairs a robot and seed
 HEALTHY = 6  # a robot and seed; every other one hard
+QUICK: Mapping[str, tuple[str, ...]] = {
+    "exact": (
+        *("viscous_friction", "coulomb_friction", "armature", "torque_offset", "spring", "counterbalance"),
+        *("torque_gain", "torque_ripple", "joint_elasticity", "encoder_offset", "time_delay", "payload", "base_tilt"),
+        *("joint_coupling", "torque_saturation", "external_contact", "channel_swap"),
+    ),
+    "hard": ("viscous_friction", "spring", "payload"),
+    "foreign": ("soft_stop", "double_ripple"),
+    "absent": ("velocity_wave",),
+}
 REMOVED = tuple(name for name in EFFECTS if name not in UNSIZED)
 HARD_ERROR = 0.05  # of masses; inertias twice, centres 5 mm
 
@@ -84,6 +94,13 @@ def cases(
                 for case in made.get(suite, _others)(suite, robot, sizes, seed):
                     found.append(Case(**{**vars(case), "plant": plant}))
     return [case for case in found if _possible(case)]
+
+
+def quick() -> list[Case]:
+    """The same few cases every time, of the arm of three joints at 15 %, and two healthy ones."""
+    found = cases(tuple(QUICK), ("3r",), SIZES[-1:], (0,))
+    healthy = cases(("none",), ("3r",), SIZES, (0,))[:2]
+    return [*(case for case in found if set(case.effects) & set(QUICK[case.suite])), *healthy]
 
 
 def sample(found: Sequence[Case], number: int, seed: int) -> list[Case]:

@@ -26,6 +26,7 @@ class Verdict:
     effect: str  # all that is concealed
     size: float
     key: str
+    name: str  # of its folder
     outcome: (
         str  # right stated twin lead unknown missed wrong; of healthy robots right or alarm; of pairs both one none
     )
@@ -54,6 +55,7 @@ def judge(answer: Mapping[str, Any], result: Mapping[str, Any]) -> Verdict:
         effect="+".join(answer["effects"]),
         size=answer["size"],
         key=answer["key"],
+        name=answer["name"],
         outcome=outcome,
         first=first,
         sure=sure,

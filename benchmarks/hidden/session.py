@@ -31,7 +31,7 @@ PARTS = ("viscous_friction", "coulomb_friction", "asymmetric_friction")  # stand
 MODULATED = {"position_friction": "amplitude", "friction_drift": "change"}
 MARGIN = 1.05  # of dry friction over what takes some of it away
 LOST = 1.5  # rad that a robot may be off its motion
-ATTEMPTS = 5
+ATTEMPTS = 12
 
 
 def make(case: Case, cache: Path) -> Path:

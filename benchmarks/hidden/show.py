@@ -9,7 +9,7 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from .judge import Verdict
-from .summary import PRINTED, Bin, Cell, Target, cells, confusion, errors, reliability
+from .summary import PRINTED, Bin, Cell, Target, by_robot, by_size, cells, confusion, errors, reliability
 
 WORDS = {True: ("met", ""), False: ("NOT MET", "red"), None: ("not tried", "dim")}
 OUTCOMES = ("right", "both", "one", "stated", "twin", "lead", "unknown", "missed", "none", "wrong", "alarm")
@@ -25,7 +25,8 @@ def frame(title: str, *names: str, left: int = 1) -> Table:
 
 def tables(verdicts: Sequence[Verdict]) -> Iterator[Table]:
     """All there is to tell but the targets."""
-    yield _cells(cells(verdicts))
+    yield _cells(cells(verdicts, by_size))
+    yield _cells(cells(verdicts, by_robot))
     table = frame("what was not right: concealed, and named first", "suite", "concealed", "named", "times", left=3)
     for suite, effect, first, n in confusion(verdicts):
         table.add_row(suite, effect, first, str(n))
@@ -37,11 +38,10 @@ def tables(verdicts: Sequence[Verdict]) -> Iterator[Table]:
 
 def _cells(found: Sequence[Cell]) -> Table:
     seen = [name for name in OUTCOMES if any(cell.outcomes[name] for cell in found)]
-    table = frame("sessions", "suite", "robot", "size", "", *seen, "wrong, sure", "spurious", left=2)
+    table = frame("sessions", "suite", "", "", *seen, "wrong, sure", "spurious", left=2)
     for cell in found:
-        counts = [str(cell.outcomes[name] or "") for name in seen]
-        rest = [str(cell.sure or ""), str(cell.spurious or "")]
-        table.add_row(cell.suite, cell.robot, f"{cell.size:.0%}" if cell.size else "", str(cell.number), *counts, *rest)
+        counts = [cell.number, *(cell.outcomes[name] for name in seen), cell.sure, cell.spurious]
+        table.add_row(*cell.kind, *(str(n or "") for n in counts))
     return table
 
 
@@ -56,11 +56,13 @@ def _bins(bins: Sequence[Bin]) -> Table:
 
 
 def _errors(verdicts: Sequence[Verdict]) -> Table:
-    table = frame(f"errors of numbers, all sizes and at {PRINTED:.0%}", "effect", "named", "median", "90 %", "at 5 %")
-    usual = errors(verdicts)
-    for effect, x in sorted(errors(verdicts, None).items()):
-        at = f"{np.median(usual[effect]):.1%}" if effect in usual else ""
-        table.add_row(effect, str(len(x)), f"{np.median(x):.1%}", f"{np.quantile(x, 0.9):.1%}", at)
+    kinds = [(suite, size) for suite in ("exact", "hard") for size in (PRINTED, None)]
+    names = [f"{suite}, {'all sizes' if size is None else f'{size:.0%}'}" for suite, size in kinds]
+    table = frame("errors of numbers, median and 90 %", "effect", *names)
+    columns = [errors(verdicts, *kind) for kind in kinds]
+    for effect in sorted(set().union(*columns)):
+        told = [column.get(effect, []) for column in columns]
+        table.add_row(effect, *(f"{np.median(x):.1%} {np.quantile(x, 0.9):.1%} of {len(x)}" if x else "" for x in told))
     return table
 
 

@@ -13,8 +13,9 @@ from .motion import PERIOD
 from .scene import Scene, rms
 from .shapes import SPREAD, UNSIZED, draw, scaled
 
-ATTEMPTS, TURNS, CLOSE, CLOSE_ENOUGH = 20, 8, 0.01, 0.15  # draws, steps of scaling, errors of size
+ATTEMPTS, TURNS, CLOSE, CLOSE_ENOUGH = 6, 8, 0.01, 0.15  # draws, steps of scaling, errors of size
 PUSH = 2.0  # of a contact, which is short: its torque while it lasts, over the size
+NOTHING, HALF = 1e-6, 0.5  # sizes that do not grow, and what must be reached of the size asked for
 TILT, ASTRAY = 0.5, 0.3  # rad at most
 LOG = 500.0  # Hz of a trial
 SMOOTH = 25  # rows of a trial over which torque is averaged
@@ -61,19 +62,21 @@ def _sized(scene: Scene, fault: Fault, size: float) -> tuple[Fault, float] | Non
     turns, close = (3, CLOSE_ENOUGH) if fault.effect == "backlash" else (TURNS, CLOSE)
     found = judge(scene, fault)
     for _ in range(turns):
+        if found < NOTHING:
+            return None
         if abs(found / size - 1) < close:
             break
         fault = scaled(fault, float(np.clip(size / max(found, 1e-12), 1e-4, 1e4)))
         found = judge(scene, fault)
     if fault.effect == "encoder_offset" and abs(fault.numbers["offset"]) > ASTRAY:
         fault = scaled(fault, ASTRAY / abs(fault.numbers["offset"]))
-        return fault, judge(scene, fault)
+        found = judge(scene, fault)
     if fault.effect == "base_tilt" and np.hypot(fault.numbers["x"], fault.numbers["y"]) > TILT:
         return None
-    return fault, found
+    return (fault, found) if found > HALF * size else None
 
 
-def _clipped(scene: Scene, fault: Fault, size: float) -> tuple[Fault, float]:
+def _clipped(scene: Scene, fault: Fault, size: float) -> tuple[Fault, float] | None:
     """Between no limit and none left, by halves."""
     low, high = 0.0, 1.0
     for _ in range(30):
@@ -81,7 +84,7 @@ def _clipped(scene: Scene, fault: Fault, size: float) -> tuple[Fault, float]:
         limit = middle * float(np.abs(scene.whole[:, scene.body.joints.index(str(fault.joint))]).max())
         trial = Fault(fault.effect, fault.joint, {"limit": limit})
         low, high = (low, middle) if (found := measure(scene, trial)) < size else (middle, high)
-    return trial, found
+    return (trial, found) if found > (1 - CLOSE) * size else None
 
 
 def _tried(scene: Scene, fault: Fault) -> float:

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .cases import SUITES
 from .judge import Verdict
 from .numbers import ROUGH
 
@@ -24,12 +25,10 @@ BY_NAME = ("exact", "hard", "foreign")
 class Cell(NamedTuple):
     """Sessions of one kind."""
 
-    suite: str
-    robot: str
-    size: float
+    kind: tuple[str, str]
     outcomes: Counter[str]
-    sure: int
     spurious: int
+    sure: int
 
     @property
     def number(self) -> int:
@@ -74,16 +73,32 @@ class Target:
         return self.share <= self.bound + 1e-12 if self.most else self.share >= self.bound - 1e-12
 
 
-def cells(verdicts: Sequence[Verdict]) -> list[Cell]:
-    """By suite, robot and size; healthy robots that are hard apart."""
-    groups: dict[tuple[str, str, float], list[Verdict]] = {}
+def cells(verdicts: Iterable[Verdict], by: Callable[[Verdict], str]) -> list[Cell]:
+    """By suite, healthy robots that are hard apart, and by something else."""
+    groups: dict[tuple[str, str], list[Verdict]] = {}
     for v in verdicts:
         suite = "none, hard" if v.suite == "none" and v.hard else v.suite
-        groups.setdefault((suite, v.robot, v.size), []).append(v)
+        groups.setdefault((suite, by(v)), []).append(v)
     return [
-        Cell(*key, Counter(v.outcome for v in some), sum(v.sure for v in some), sum(v.spurious for v in some))
-        for key, some in groups.items()
+        Cell(key, Counter(v.outcome for v in some), sum(v.spurious for v in some), sum(v.sure for v in some))
+        for key, some in sorted(groups.items(), key=lambda x: (_place(x[0][0]), x[1][0].joints > 1, x[1][0].size, x[0]))
     ]
+
+
+def _place(suite: str) -> tuple[int, str]:
+    """Of a suite among the others."""
+    return SUITES.index(suite.partition(",")[0]), suite
+
+
+def by_size(v: Verdict) -> str:
+    """Robots of one joint apart."""
+    joints = "one joint" if v.joints == 1 else f"{LARGE} joints and more"
+    return f"{joints}, {v.size:.0%}" if v.size else joints
+
+
+def by_robot(v: Verdict) -> str:
+    """Its name."""
+    return v.robot
 
 
 def confusion(verdicts: Iterable[Verdict]) -> list[tuple[str, str, str, int]]:
@@ -105,11 +120,11 @@ def reliability(verdicts: Iterable[Verdict]) -> list[Bin]:
     return found
 
 
-def errors(verdicts: Iterable[Verdict], size: float | None = PRINTED) -> dict[str, list[float]]:
-    """Relative errors of the numbers of each effect that was named rightly alone, at a size."""
+def errors(verdicts: Iterable[Verdict], suite: str = "exact", size: float | None = PRINTED) -> dict[str, list[float]]:
+    """Relative errors of the numbers of each effect that was named rightly, at a size or any."""
     found: dict[str, list[float]] = {}
     for v in verdicts:
-        if v.suite in ("exact", "hard") and (size is None or v.size == size):
+        if v.suite == suite and size in (None, v.size):
             for effect, error in v.errors:
                 found.setdefault(effect, []).append(error)
     return found
@@ -145,7 +160,9 @@ def _numbers(verdicts: Sequence[Verdict]) -> Iterator[Target]:
     for words, rough, bound in (("plain laws", False, 0.05), ("laws hard to tell", True, 0.15)):
         medians = [(float(np.median(x)), name) for name, x in errors(verdicts).items() if (name in ROUGH) == rough]
         worst, name = max(medians, default=(math.nan, ""))
-        yield Target(f"median error of numbers at 5 %, {words}: worst is {name}", worst, bound, len(medians), True)
+        yield Target(
+            f"exact, median error of numbers at 5 %, {words}: worst is {name}", worst, bound, len(medians), True
+        )
     left = [v.after for v in verdicts if v.suite in ("exact", "hard", "pairs") and not math.isnan(v.after)]
     yield Target("residual after, over the noise floor: median", _quantile(left, 0.5), 1.08, len(left), True)
     slow = [v.cpu for v in verdicts if v.joints >= SLOWEST]
