@@ -41,10 +41,11 @@ def judge_channels(parts: Sequence[Part]) -> list[Fault]:
 
 def _faults(q: Array, tau: Array, period: float, joint: int, signed: bool) -> Iterator[Fault]:
     if np.all(np.isfinite(tau)) and len(np.unique(tau)) >= LEVELS:
-        for side in (1.0, -1.0)[: 1 + signed]:
-            if count := _clipped(side * tau, q):
+        sides = [(_clipped(side * tau, q), side) for side in (1.0, -1.0)[: 1 + signed]]
+        for count, side in sides:
+            if count:
                 yield Fault("clipping", joint, count, float(np.max(side * tau)))
-        if stands := _stuck(tau, q, period):
+        if not any(count for count, _ in sides) and (stands := _stuck(tau, q, period)):
             yield Fault("stuck torque", joint, stands, stands * period)
     if skips := _skips(q, period):
         yield Fault("skipping position", joint, len(skips), max(skips) * period)

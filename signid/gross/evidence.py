@@ -43,6 +43,7 @@ class Evidence(Frozen):
 
     robot: Robot  # with the model's bodies
     signed: Mask  # (n,) whether torque is recorded, with its sign
+    rotors: Mask  # (n,) whether the model knows of a rotor at the joint
     q: Array  # (K, n) [rad or m]
     plain: Signals  # as recorded
     torques: tuple[tuple[Array, Array], ...]  # of each recording, moments (M,) [s] and torque (M, n) [N.m or N]
@@ -109,10 +110,12 @@ def gather(model: Model, session: Session, parts: Sequence[Part]) -> Evidence | 
     rows = [_Piece(*(x[edge : len(x) - edge : every] for x in piece)) for piece in pieces]
     sizes, each = [len(piece.t) for piece in rows], -(-BLOCKS // len(rows))
     q, *signals = (np.concatenate(x) for x in list(zip(*rows, strict=True))[1:])
+    bodies = model.bodies()
     recorded = [recording.signed & np.array([bool(c) for c in recording.columns["tau"]]) for recording, _ in parts]
     return Evidence(
-        replace(task.robot, model=model.bodies()),
+        replace(task.robot, model=bodies),
         np.asarray(np.all(recorded, axis=0)),
+        np.asarray(bodies.armature @ np.abs(task.robot.drive) > 0),
         q,
         Signals(*signals),
         tuple((piece.t, piece.torque) for piece in pieces),

@@ -18,7 +18,7 @@ from .correction import Correction
 from .evidence import Evidence, Signals, gather
 from .fits import Columns, unexplained
 from .gains import Gains, judge_gains
-from .lag import GROSS, Lags, judge_lags
+from .lag import Lags, judge_lags
 from .limits import judge_amount, judge_limits
 from .result import Finding, Gross
 from .search import Claim, search, telling
@@ -107,7 +107,7 @@ def _told_of_torque(evidence: Evidence, seen: _Seen) -> Iterator[Finding]:
     robot, joints = evidence.robot, evidence.robot.joints
     blocks = len(np.unique(evidence.block))
     yield from tell_claims(seen.claims, joints, blocks)
-    yield from tell_lags(seen.lags, seen.done, GROSS, joints)
+    yield from tell_lags(seen.lags, seen.done, joints)
     yield from tell_factors(seen.gains, robot)
     x = evidence.corrected(seen.done)
     speed = np.sqrt(np.mean(x.v**2, axis=0))

@@ -12,9 +12,11 @@ from .correction import Correction
 from .evidence import Evidence, Signals
 from .fits import Columns
 
-FITS, RIGID = 0.15, 3.0  # unexplained at most; times as much is left without the model's prediction
+FITS, RIGID, LEAST = 0.15, 3.0, 0.03  # unexplained at most; times as much, and at least, without the prediction
+SURE = 0.1  # standard error of a factor's logarithm
 SMALL, MOVES = 0.03, 0.05  # of the strongest predicted torque, of the fastest joint: less is not told from friction
 ALL, LONE = 1.9, 3.0  # times: a factor of several joints, or of the only one, that no model is off by
+BEYOND = 5.0  # times: no single body is off by so much
 ALIKE = 1.5  # times that factors may differ from their median and be called one
 ROTOR = 300.0  # times a torque without gravity may be too large: geared rotors weigh more than what they move
 ONE = 1.65  # times that one joint's factor may differ from the others'
@@ -43,26 +45,52 @@ def judge_gains(evidence: Evidence, done: Correction) -> Gains:
     speed = np.sqrt(np.mean(x.v**2, axis=0))
     tells = evidence.signed & (np.std(x.predicted, axis=0) >= SMALL * strongest) & (speed >= MOVES * speed.max())
     for j in np.flatnonzero(tells).tolist():
-        with_it, without = Columns(x, j).fit(x.torque[:, j]), Columns(x, j, predicted=False).fit(x.torque[:, j])
-        if with_it.unexplained <= FITS and without.unexplained >= max(FITS, RIGID * with_it.unexplained):
-            factor[j], spread[j] = with_it.gain, _spread(evidence, x, j, with_it.gain)
-    sure = factor[np.isfinite(factor)]
-    if not len(sure):
+        rotor = not evidence.rotors[j]
+        fit, without = (Columns(x, j, own, rotor).fit(x.torque[:, j]) for own in (True, False))
+        if fit.unexplained <= FITS and without.unexplained >= max(LEAST, RIGID * fit.unexplained):
+            spread[j] = _spread(evidence, x, j, fit.gain, rotor)
+            factor[j] = fit.gain if spread[j] <= SURE else np.nan
+    told = np.isfinite(factor)
+    if not told.any():
         return Gains(factor, spread, _inertial(evidence, x), ())
-    middle, least = float(np.median(sure)), ALL if len(sure) > 1 else LONE
-    alike = np.mean(np.abs(np.log(sure / middle)) <= np.log(ALIKE)) > 0.5
-    common = middle if alike and abs(np.log(middle)) >= np.log(least) else 1.0
-    return Gains(factor, spread, common, _lone(evidence, done, x, factor, middle))
+    middle, least = float(np.median(factor[told])), ALL if told.sum() > 1 else LONE
+    rivals = _Rivals(evidence, done, x, factor)
+    alike = np.mean(np.abs(np.log(factor[told] / middle)) <= np.log(ALIKE)) > 0.5
+    off = abs(np.log(middle))
+    common = alike and (off >= np.log(BEYOND) or (off >= np.log(least) and rivals.beaten(1.0, np.full(n, middle))))
+    apart = told & (np.abs(np.log(np.where(told, factor, 1.0) / middle)) >= np.log(ONE))
+    lone = apart.any() and told.sum() > 1 and apart.sum() <= told.sum() / 2
+    own = np.where(apart, factor, middle)
+    chosen = np.flatnonzero(apart).tolist() if lone and rivals.beaten(middle, own) else []
+    return Gains(factor, spread, middle if common else 1.0, tuple(chosen))
 
 
-def _spread(evidence: Evidence, x: Signals, joint: int, gain: float) -> float:
+class _Rivals(NamedTuple):
+    """Other inertials of a single body, that may explain what a factor does."""
+
+    evidence: Evidence
+    done: Correction
+    x: Signals
+    factor: Array  # (n,) [1]
+
+    def beaten(self, factor: float, own: Array) -> bool:
+        """Whether factors of the joints' own (n,) leave far less than one factor and other inertials of any body."""
+        x, told = self.x, np.isfinite(self.factor)
+        q, v, a = self.evidence.moved(self.done)
+        motion = Motion(self.evidence.robot, np.arange(len(q), dtype=float), q, v, a)
+        scaled = x._replace(predicted=x.predicted * factor)
+        rival = min(_left(scaled, told, motion.body_columns(body)) for body in range(len(own)))
+        return _left(x._replace(predicted=x.predicted * own), told) <= RIVAL * rival
+
+
+def _spread(evidence: Evidence, x: Signals, joint: int, gain: float, rotor: bool) -> float:
     """Standard error of a gain's logarithm, from leaving out one block after another."""
     blocks = np.unique(evidence.block)
     gains = []
     for k in blocks:
         kept = evidence.block != k
         rows = Signals(*(signal[kept] for signal in x))
-        gains.append(Columns(rows, joint).fit(rows.torque[:, joint]).gain)
+        gains.append(Columns(rows, joint, rotor=rotor).fit(rows.torque[:, joint]).gain)
     return float(np.sqrt((len(blocks) - 1) * np.mean((np.array(gains) - gain) ** 2)) / max(gain, 1e-300))
 
 
@@ -74,22 +102,8 @@ def _inertial(evidence: Evidence, x: Signals) -> float:
         return 1.0
     fit = Columns(x, joint, rotor=False).fit(x.torque[:, joint])
     without = Columns(x, joint, predicted=False, rotor=False).fit(x.torque[:, joint])
-    tells = fit.unexplained <= FITS and without.unexplained >= max(FITS, RIGID * fit.unexplained)
+    tells = fit.unexplained <= FITS and without.unexplained >= max(LEAST, RIGID * fit.unexplained)
     return fit.gain if tells and not 1 / LONE < fit.gain < ROTOR else 1.0
-
-
-def _lone(evidence: Evidence, done: Correction, x: Signals, factor: Array, middle: float) -> tuple[int, ...]:
-    """Joints whose gain is off, where no single body's wrong inertials would explain it as well."""
-    told = np.isfinite(factor)
-    apart = told & (np.abs(np.log(np.where(told, factor, 1.0) / middle)) >= np.log(ONE))
-    if not apart.any() or told.sum() < 2 or apart.sum() > told.sum() / 2:
-        return ()
-    scaled = x._replace(predicted=x.predicted * middle)
-    own = x._replace(predicted=x.predicted * np.where(apart, np.nan_to_num(factor, nan=1.0), middle))
-    q, v, a = evidence.moved(done)
-    motion = Motion(evidence.robot, np.arange(len(q), dtype=float), q, v, a)
-    rival = min(_left(scaled, told, motion.body_columns(body)) for body in range(len(factor)))
-    return tuple(np.flatnonzero(apart).tolist()) if _left(own, told) <= RIVAL * rival else ()
 
 
 def _left(x: Signals, told: Mask, shared: Array | None = None) -> float:

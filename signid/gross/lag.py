@@ -12,8 +12,12 @@ from .evidence import LAG, Evidence
 from .fits import Columns
 
 STEPS = 25  # to either side
-GROSS = 0.25  # of the torque's deviation: what a lag changes, more than a mild one
-HALVES, GAINS = 0.5, 0.02  # of what is left unexplained, and of the variance: what a lag must save to be told
+GROSS, LATE = 0.25, 0.08  # of the rms torque, what a lag changes; s: a lag of neither is a mild one
+HALVES, GAINS, LEFT = (
+    0.5,
+    0.02,
+    0.15,
+)  # of what is left unexplained, of the variance: what a lag must save, and may leave
 TOGETHER, FLOOR = 1.5, 0.01  # times what the joint's own best lag leaves: so little, and a common lag is its own
 EDGE = 0.9  # of the longest lag: beyond, no minimum was found
 
@@ -23,7 +27,8 @@ class Lags(NamedTuple):
 
     own: Array  # (n,) [s], NaN where a joint does not tell
     common: float  # [s] of all that tell, NaN where they differ or none tells
-    share: Array  # (n,) [1] of the torque's deviation that the lag changes
+    share: Array  # (n,) [1] of the rms torque that the lag changes; 0 where it saves little
+    gross: Mask  # (n,) whether that is more than a mild delay
 
 
 def lag_table(evidence: Evidence, done: Correction) -> tuple[Array, Array]:
@@ -49,22 +54,31 @@ def judge_lags(evidence: Evidence, done: Correction, told: Mask) -> Lags:
     best = np.array([_minimum(lags, column) for column in left.T])
     zero, least = left[len(lags) // 2], left.min(axis=0)
     tells = told & (np.abs(best) < EDGE * LAG) & (least <= zero)
-    saves = tells & (least <= HALVES * zero) & (zero - least >= GAINS)
+    saves = tells & (least <= np.minimum(HALVES * zero, LEFT)) & (zero - least >= GAINS)
     own = np.where(tells, best, np.nan)
     if not saves.any():
-        return Lags(own, np.nan, np.zeros(len(told)))
+        return Lags(own, np.nan, np.zeros(len(told)), saves)
     common = _minimum(lags, np.log(np.maximum(left[:, saves], FLOOR)).sum(axis=1))
     at = np.array([np.interp(common, lags, column) for column in left.T])
-    together = bool(np.all(at[saves] <= TOGETHER * least[saves] + FLOOR)) and abs(common) < EDGE * LAG
-    return Lags(own, common if together else np.nan, np.where(saves, _share(evidence, done, best), 0.0))
+    together = bool(np.all(at[told] <= TOGETHER * least[told] + FLOOR)) and abs(common) < EDGE * LAG
+    changed, size = _change(evidence, done, best), np.maximum(_rms(evidence.corrected(done).torque), 1e-300)
+    share = np.where(saves, changed / size, 0.0)
+    if together:  # one clock: what it changes of all torques counts, not of a joint that gravity leaves alone
+        much = float(np.linalg.norm(changed[saves]) / np.linalg.norm(size[saves])) >= GROSS or abs(common) >= LATE
+        return Lags(own, common, share, saves & much)
+    return Lags(own, np.nan, share, saves & ((share >= GROSS) | (np.abs(best) >= LATE)))
 
 
-def _share(evidence: Evidence, done: Correction, lag: Array) -> Array:
+def _change(evidence: Evidence, done: Correction, lag: Array) -> Array:
+    """(n,) [N.m or N] rms of what a lag of each joint changes."""
+    places = list(done.tau_from)
     late = np.zeros_like(lag)
-    late[list(done.tau_from)] = lag
-    torque = evidence.late(done.lag)
-    changed = np.std(evidence.late(done.lag + late) - torque, axis=0) / np.maximum(np.std(torque, axis=0), 1e-300)
-    return np.asarray(changed[list(done.tau_from)])
+    late[places] = lag
+    return _rms(evidence.late(done.lag + late) - evidence.late(done.lag))[places]
+
+
+def _rms(x: Array) -> Array:
+    return np.asarray(np.sqrt(np.mean(x**2, axis=0)))
 
 
 def _minimum(x: Array, y: Array) -> float:

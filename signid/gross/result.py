@@ -19,6 +19,7 @@ class Finding:
     severity: str  # "refuse": nothing that follows would mean anything; "warn"; "note"
     measures: Mapping[str, float]
     sentence: str
+    alternatives: tuple[tuple[str, tuple[str, ...]], ...] = ()  # kinds and joints that explain it as well
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,7 @@ from .gains import Gains
 from .lag import Lags
 from .limits import Amount, Beyond
 from .result import NOTE, REFUSE, WARN, Finding, named, percent
-from .search import Claim, Trial
+from .search import Claim
 
 KINDS = {  # what is said of joints, what would be done, and how to mend it
     "torque sign": ("the torque of {} has the wrong sign", "negated", "negate the column"),
@@ -36,7 +36,7 @@ KINDS = {  # what is said of joints, what would be done, and how to mend it
 MEANT = ("torque sign", "torque order", "lag")  # a diagnosis can go on from these: it has laws for them
 UNITS = {1e3: "mN.m", 1e-3: "kN.m", 10.197: "kgf.cm", 141.61: "ozf.in", 8.851: "lbf.in"}
 NEAR = log(1.35)  # a factor so near a unit's is told as that unit
-GROSS = 5.0  # times: units off by more leave nothing to diagnose
+GROSS, FAR = 5.0, 1.5  # times: units off by more leave nothing to diagnose; torques beyond limits are worth a flag
 
 
 def tell_claims(claims: Sequence[Claim], joints: Sequence[str], blocks: int) -> Iterator[Finding]:
@@ -47,41 +47,40 @@ def tell_claims(claims: Sequence[Claim], joints: Sequence[str], blocks: int) -> 
             groups.setdefault((claim.kind, k if "order" in claim.kind else -1), []).append(claim)
     for (kind, _), group in groups.items():
         about = tuple(joints[j] for j in sorted({j for claim in group for j in claim.joints}))
-        rivals = [] if len(group) > 1 else list(group[0].rivals)
+        rivals = [] if len(group) > 1 else [(r.kind, tuple(joints[j] for j in r.joints)) for r in group[0].rivals]
         before, after = (float(np.mean([getattr(c, key) for c in group])) for key in ("before", "after"))
         sure = min(claim.agreement for claim in group)
         what, how, mend = KINDS[kind]
         told = f"model and friction explain {percent(1 - after)} of the torque instead of {percent(1 - before)}"
         better = f"better in {round(sure * blocks)} of {blocks} parts of the recordings"
-        sentence = f"{what.format(named(about))}: {how}, {told} ({better}); {mend}{_or(rivals, joints)}"
-        mild = kind in MEANT or any(rival.kind in MEANT for rival in rivals)
+        sentence = f"{what.format(named(about))}: {how}, {told} ({better}); {mend}{_or(rivals)}"
+        mild = kind in MEANT or any(rival in MEANT for rival, _ in rivals)
         measures = {"explained_before": 1 - before, "explained_after": 1 - after, "agreement": sure}
-        yield Finding(kind, about, WARN if mild else REFUSE, measures, sentence)
+        yield Finding(kind, about, WARN if mild else REFUSE, measures, sentence, tuple(rivals))
 
 
-def _or(rivals: Sequence[Trial], joints: Sequence[str]) -> str:
-    others = [KINDS[r.kind][0].format(named([joints[j] for j in r.joints])) for r in rivals if r.kind != "lag"]
+def _or(rivals: Sequence[tuple[str, tuple[str, ...]]]) -> str:
+    others = [KINDS[kind][0].format(named(about)) for kind, about in rivals if kind != "lag"]
     return f" (as likely: {'; '.join(others[:3])})" if others else ""
 
 
-def tell_lags(lags: Lags, done: Correction, gross: float, joints: Sequence[str]) -> Iterator[Finding]:
+def tell_lags(lags: Lags, done: Correction, joints: Sequence[str]) -> Iterator[Finding]:
     """Lags of all joints as one finding, of single joints one each."""
     before = done.lag[list(done.tau_from)]
-    odd = np.flatnonzero((before != 0) | (lags.share >= gross))
-    if not len(odd):
-        return
-    total = before + np.where(lags.share > 0, np.nan_to_num(lags.own), 0.0)
-    alike = isfinite(lags.common) and not before.any() or len(set(before.tolist())) == 1
-    for group in [odd.tolist()] if alike and len(odd) > 1 or len(joints) == 1 else [[int(j)] for j in odd]:
-        lag = float(np.median(total[group]))
-        who = "all joints" if len(group) > 1 else named([joints[group[0]]])
+    odd = np.flatnonzero((before != 0) | lags.gross).tolist()
+    one_clock = len(set(before.tolist())) == 1 and (before[0] != 0 or isfinite(lags.common))
+    rest = np.where(lags.share > 0, np.nan_to_num(lags.own), 0.0)
+    for group in [odd] if odd and one_clock and len(joints) > 1 else [[j] for j in odd]:
+        lag = float(before[group[0]] + (lags.common if isfinite(lags.common) else np.median(rest[group])))
+        who, about = (
+            ("all joints", tuple(joints))
+            if one_clock and len(joints) > 1
+            else (named([joints[group[0]]]), (joints[group[0]],))
+        )
         side = "late" if lag > 0 else "early"
         told = f"the torque of {who} is recorded {1e3 * abs(lag):.0f} ms {side} against the motion"
-        shares = lags.share[group]
-        much = f", which is {percent(float(shares.max()))} of it" if shares.max() > 0 else ""
-        about = tuple(joints) if len(group) > 1 else (joints[group[0]],)
-        sentence = f"{told}{much}; record both with one clock, or shift the columns by that much"
-        yield Finding("lag", about, WARN, {"lag": lag, "share": float(shares.max())}, sentence)
+        mend = "record both with one clock, or shift the columns by that much"
+        yield Finding("lag", about, WARN, {"lag": lag, "share": float(lags.share[group].max())}, f"{told}; {mend}")
 
 
 def tell_factors(gains: Gains, robot: Robot) -> Iterator[Finding]:
@@ -164,6 +163,6 @@ def tell_beyond(found: Beyond, robot: Robot) -> Finding:
     told = f"the {found.kind} of joint {joint} reaches {found.value:.4g} {units[found.kind][slides]}, beyond its limit"
     mend = "check its unit" if found.kind == "torque" else "check its zero and unit" if found.kind == "position" else ""
     advice = f"{mend}, or correct the description" if mend else "check time and unit, or correct the description"
-    severity = WARN if found.kind == "torque" else NOTE
+    severity = WARN if found.kind == "torque" and found.value >= FAR * found.limit else NOTE
     measures = {"value": found.value, "limit": found.limit}
     return Finding(f"{found.kind} limit", (joint,), severity, measures, f"{told} of {found.limit:.4g}; {advice}")

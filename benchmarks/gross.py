@@ -1,0 +1,241 @@
+"""Gross faults of recordings, found and not: `python -m benchmarks.gross [--quick] [--cache DIR] [--json FILE]`.
+
+Healthy robots of the blind benchmark move in MuJoCo (every other one with inertials 5 % wrong and dry friction
+that creeps); faults are planted in the columns of their recordings. Every fault must be found, at its joints and else
+nothing; the recordings as they are, and those of robots with an effect of 15 % of torque (`--effects`), must pass.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ[_name] = "1"
+
+import numpy as np  # noqa: E402
+import polars as pl  # noqa: E402
+from numpy.typing import NDArray  # noqa: E402
+from rich.console import Console  # noqa: E402
+from rich.table import Table  # noqa: E402
+
+from signid.gross import Finding, Gross, examine  # noqa: E402
+from signid.model import Model, load_model  # noqa: E402
+from signid.prepare import prepare  # noqa: E402
+from signid.recording import read_recording  # noqa: E402
+
+from .hidden.cases import Case, cases  # noqa: E402
+from .hidden.session import make  # noqa: E402
+
+Array = NDArray[np.float64]
+Columns = dict[str, Array]
+Spoil = Callable[[list[Columns], tuple[int, ...], np.random.Generator], list[Columns]]
+
+ROBOTS = ("1r", "3r", "ur5", "panda", "kinova", "xarm7")
+STRONG = 0.1  # of the largest torque's deviation: joints that faults are planted at
+MEANT = ("torque_sign", "channel_swap")  # effects that are gross faults themselves
+FOUND, MISSED, FALSE = 0.9, 0.0, 0.01  # shares: at least found, at most called something else, at most false
+
+
+@dataclass(frozen=True)
+class Row:
+    """One recording session that was examined."""
+
+    fault: str
+    robot: str
+    seed: int
+    joints: tuple[str, ...]
+    outcome: str  # "found", "or": as an alternative, "more": and something else, "other", "silent"
+    said: tuple[str, ...]
+    seconds: float
+
+
+def each(change: Callable[[Columns], Columns]) -> Callable[[list[Columns]], list[Columns]]:
+    """The same in every recording."""
+    return lambda recordings: [{**columns, **change(columns)} for columns in recordings]
+
+
+def scaled(key: str, factor: float) -> Spoil:
+    """Columns of the joints times a factor."""
+    return lambda logs, js, rng: each(lambda c: {f"{k}_{j}": factor * c[f"{k}_{j}"] for k in key.split() for j in js})(
+        logs
+    )
+
+
+def exchanged(key: str) -> Spoil:
+    """Columns of two joints exchanged."""
+    return lambda logs, js, rng: each(
+        lambda c: {f"{k}_{a}": c[f"{k}_{b}"] for k in key.split() for a, b in zip(js, js[::-1], strict=True)}
+    )(logs)
+
+
+def late(logs: list[Columns], js: tuple[int, ...], rng: np.random.Generator) -> list[Columns]:
+    """Torques 90 to 150 ms late."""
+    lag = rng.uniform(0.09, 0.15)
+    return each(lambda c: {f"tau_{j}": np.interp(c["t"] - lag, c["t"], c[f"tau_{j}"]) for j in js})(logs)
+
+
+def currents(logs: list[Columns], js: tuple[int, ...], rng: np.random.Generator) -> list[Columns]:
+    """Torques over constants of 7 to 12 N.m/A."""
+    constant = dict(zip(js, rng.uniform(7, 12, len(js)), strict=True))
+    return each(lambda c: {f"tau_{j}": c[f"tau_{j}"] / constant[j] for j in js})(logs)
+
+
+def clipped(logs: list[Columns], js: tuple[int, ...], rng: np.random.Generator) -> list[Columns]:
+    """Torque beyond 70 % of its greatest value is cut."""
+    most = {j: 0.7 * max(np.abs(c[f"tau_{j}"]).max() for c in logs) for j in js}
+    return each(lambda c: {f"tau_{j}": np.clip(c[f"tau_{j}"], -most[j], most[j]) for j in js})(logs)
+
+
+def stuck(logs: list[Columns], js: tuple[int, ...], rng: np.random.Generator) -> list[Columns]:
+    """Torque stands for a second."""
+    at = int(rng.integers(200, len(logs[0]["t"]) - 400))
+
+    def hold(x: Array) -> Array:
+        return np.where((np.arange(len(x)) >= at) & (np.arange(len(x)) < at + 125), x[at], x)
+
+    return each(lambda c: {f"tau_{j}": hold(c[f"tau_{j}"]) for j in js})(logs[:1]) + logs[1:]
+
+
+def short(logs: list[Columns], js: tuple[int, ...], rng: np.random.Generator) -> list[Columns]:
+    """Four seconds of one recording, eight of seven joints."""
+    rows = 1000 if len(logs[0]) > 14 else 500
+    return [{key: x[:rows] for key, x in logs[0].items()}]
+
+
+FAULTS: Mapping[str, tuple[str, int, Spoil]] = {  # kind that must be told, joints (0: all), what is done
+    "torque sign": ("torque sign", 1, scaled("tau", -1.0)),
+    "position sign": ("position sign", 1, scaled("q", -1.0)),
+    "axis": ("axis", 1, scaled("q tau", -1.0)),
+    "torque order": ("torque order", 2, exchanged("tau")),
+    "position order": ("position order", 2, exchanged("q")),
+    "joint order": ("joint order", 2, exchanged("q tau")),
+    "degrees": ("degrees", 0, scaled("q", 180 / np.pi)),
+    "late": ("lag", 0, late),
+    "one late": ("lag", 1, late),
+    "mN.m": ("units", 0, scaled("tau", 1000.0)),
+    "currents": ("units", 0, currents),
+    "gain 2.5": ("gain", 1, scaled("tau", 2.5)),
+    "gain 0.4": ("gain", 1, scaled("tau", 0.4)),
+    "clipped": ("clipping", 1, clipped),
+    "stuck": ("stuck torque", 1, stuck),
+    "4 or 8 s": ("too little data", 0, short),
+}
+ALONE = ("torque order", "position order", "joint order", "gain 2.5", "gain 0.4", "4 or 8 s")  # not of a single joint
+
+
+def spoiled(fault: str, logs: list[Columns], joints: Sequence[str], rng: np.random.Generator):  # type: ignore[no-untyped-def]
+    """The recordings with a fault, and the names of its joints."""
+    _, count, spoil = FAULTS[fault]
+    n = len(joints)
+    size = np.array([np.std(np.concatenate([c[f"tau_{j + 1}"] for c in logs])) for j in range(n)])
+    strong = np.flatnonzero(size >= STRONG * size.max())
+    if count > len(strong):
+        return None
+    chosen = sorted((rng.choice(strong, count, replace=False) if count else np.arange(n)).tolist())
+    return spoil(logs, tuple(j + 1 for j in chosen), rng), tuple(joints[j] for j in chosen) if count else ()
+
+
+def judged(model: Model, logs: Sequence[Columns]) -> tuple[Gross | None, str, float]:
+    """What is said of recordings; or the sentence that refuses them before."""
+    start = time.process_time()
+    try:
+        recordings = [read_recording(columns, model.robot) for columns in logs]
+        session = prepare(model.robot, recordings, recordings)
+        return examine(model, session), "", time.process_time() - start
+    except ValueError as error:
+        return None, str(error), time.process_time() - start
+
+
+def outcome(found: Gross | None, error: str, kind: str, about: tuple[str, ...]) -> tuple[str, tuple[str, ...]]:
+    """Whether a fault was found, and the kinds of all that was said."""
+    if found is None:
+        return ("found" if kind in error or (kind == "too little data" and "short" in error) else "other"), (error,)
+    flagged = [f for f in found.findings if f.severity != "note" and f.kind not in ("excitation", "torque limit")]
+    said = tuple(f"{f.kind} {' '.join(f.joints)}" for f in flagged)
+
+    def matches(finding: Finding) -> bool:
+        return finding.kind == kind and (not about or finding.joints == about)
+
+    if any(matches(f) for f in flagged):
+        return "found" if len(flagged) == 1 else "more", said
+    if any((kind, about) in f.alternatives for f in flagged):
+        return "or", said
+    return "other" if flagged else "silent", said
+
+
+def rows(case: Case, cache: Path, faults: Sequence[str]) -> Iterator[Row]:
+    """A session as it is (`""`), and with each of the faults."""
+    folder = make(case, cache)
+    model = load_model(folder / "robot.urdf", folder / "actuators.toml")
+    logs = [dict(pl.read_parquet(path).to_dict(as_series=False)) for path in sorted(folder.glob("*.parquet"))]
+    whole = [{key: np.array(x) for key, x in columns.items()} for columns in logs]
+    name = case.effects[0] if case.effects else "healthy"
+    for fault in faults:
+        rng = np.random.default_rng([case.number % 2**32, len(fault)])
+        planted = (whole, ()) if not fault else spoiled(fault, whole, model.robot.joints, rng)
+        if planted is None or (fault in ALONE and len(model.robot.joints) == 1):
+            continue
+        found, error, seconds = judged(model, planted[0])
+        kind = FAULTS[fault][0] if fault else ""
+        verdict, said = outcome(found, error, kind, planted[1])
+        yield Row(fault or name, case.robot, case.seed, planted[1], verdict, said, seconds)
+
+
+def show(found: Sequence[Row]) -> Table:
+    """Counts of outcomes by fault."""
+    table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
+    heads = ("found", "or", "more", "other", "silent")
+    for head in ("fault", "sessions", *heads, "s"):
+        table.add_column(head, justify="left" if head == "fault" else "right")
+    for fault in dict.fromkeys(row.fault for row in found):
+        own = [row for row in found if row.fault == fault]
+        counts = [sum(row.outcome == head for row in own) for head in heads]
+        mean = np.mean([row.seconds for row in own])
+        table.add_row(fault, str(len(own)), *(str(c) if c else "" for c in counts), f"{mean:.2f}")
+    return table
+
+
+def main() -> None:
+    """Examine all sessions, print the table, write the numbers, exit with 1 where a target is missed."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.gross", description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="3r and ur5, two sessions each")
+    parser.add_argument("--effects", action="store_true", help="also robots with an effect of 15 %% of torque")
+    parser.add_argument("--robots", nargs="+", choices=ROBOTS, default=ROBOTS)
+    parser.add_argument("--cache", type=Path, metavar="DIR", help="keep sessions there")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers there")
+    options = parser.parse_args()
+    robots = ("3r", "ur5") if options.quick else options.robots
+    console, found = Console(), []
+    with tempfile.TemporaryDirectory() as folder:
+        healthy = [c for c in cases(("none",), robots, (0.15,), (0,)) if not options.quick or c.seed < 2]
+        others = cases(("exact",), robots, (0.15,), (0,)) if options.effects else []
+        work = [(c, ("", *FAULTS)) for c in healthy] + [(c, ("",)) for c in others if c.effects[0] not in MEANT]
+        for case, faults in work:
+            with console.status(case.key):
+                found += list(rows(case, options.cache or Path(folder), faults))
+    console.print(show(found))
+    for row in found:
+        if row.outcome in ("more", "other") or (row.outcome == "silent" and row.fault in FAULTS):
+            about = " ".join(row.joints)
+            console.print(
+                f"{row.fault} {about}, {row.robot} {row.seed}: {'; '.join(row.said) or 'nothing'}", highlight=False
+            )
+    if options.json:
+        options.json.write_text(json.dumps([asdict(row) for row in found], indent=1))
+    planted = [row for row in found if row.fault in FAULTS]
+    right = np.mean([row.outcome in ("found", "or") for row in planted])
+    wrong = np.mean([row.outcome == "other" for row in planted])
+    alarms = np.mean([row.outcome != "silent" for row in found if row.fault not in FAULTS])
+    console.print(f"found {right:.1%}, called something else {wrong:.1%}, false alarms {alarms:.1%}", highlight=False)
+    raise SystemExit(0 if right >= FOUND and alarms <= FALSE else 1)
+
+
+if __name__ == "__main__":
+    main()
