@@ -182,7 +182,9 @@ def _left(judge: Judge, found: Found) -> Array:
 
 def _roll_out(session: Session, before: Model, after: Model) -> tuple[RollOut | None, RollOut | None, tuple[str, ...]]:
     try:
-        first, last = (roll_out(m, session, (HORIZON,)) for m in (before, after))
+        first, last = (
+            roll_out(m, session, (HORIZON,), beside=other) for m, other in ((before, after), (after, before))
+        )
     except (OptionError, RecordingError) as error:
         return None, None, (f"no roll-out was made: {error}",)
     return first, last, ()

@@ -31,6 +31,7 @@ def roll_out(
     band: Band | None = None,
     step: float = STEP,
     integrator: str = "semi-implicit",
+    beside: Model | None = None,
 ) -> RollOut:
     """How far a model strays from a robot within short horizons: from measured states, under recorded torque.
 
@@ -46,6 +47,7 @@ def roll_out(
         band: of the filter on positions; None: as the recordings themselves suggest.
         step: of the simulation, at most [s].
         integrator: `semi-implicit`, positions centred between velocities, or `rk4`.
+        beside: another model of the same joints that is rolled out over the same windows.
 
     Raises:
         OptionError: a horizon, a number of windows or a step cannot be used, or a recording's torque has no sign.
@@ -62,7 +64,9 @@ def roll_out(
         band = choose_band([longest_piece(part) for part in parts], common_rate(parts, "roll out each by itself"))
     lengths = np.array([sampling.duration for _, sampling in parts])
     counts = np.maximum(1, np.rint(windows * lengths / lengths.sum())).astype(int).tolist()
-    cuts = [cut_windows(model, part, band, max(horizons), k, step) for part, k in zip(parts, counts, strict=True)]
+    cuts = [
+        cut_windows(model, part, band, max(horizons), k, step, beside) for part, k in zip(parts, counts, strict=True)
+    ]
     errors = [_simulate(model, cut, integrator) for cut in cuts]
     samples_each = min(error.shape[1] for error in errors)
     robot, first = model.robot, cuts[0]

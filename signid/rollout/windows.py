@@ -36,7 +36,9 @@ class Windows(Frozen):
     told: Mask  # (n,) whether the joint's torque is recorded
 
 
-def cut_windows(model: Model, part: Part, band: Band, length: float, count: int, step: float) -> Windows:
+def cut_windows(
+    model: Model, part: Part, band: Band, length: float, count: int, step: float, beside: Model | None = None
+) -> Windows:
     """Windows that start evenly over what can be used of a recording, apart from each other where it is long enough.
 
     Args:
@@ -46,6 +48,7 @@ def cut_windows(model: Model, part: Part, band: Band, length: float, count: int,
         length: of a window [s].
         count: of windows.
         step: the longest one [s].
+        beside: another model whose memories the windows leave room for.
 
     Raises:
         RecordingError: no stretch of the recording is long enough.
@@ -54,10 +57,10 @@ def cut_windows(model: Model, part: Part, band: Band, length: float, count: int,
     period = sampling.period
     stride, parts = max(1, int(step / period * (1 + 1e-9))), max(1, int(np.ceil(period / step * (1 - 1e-9))))
     size = stride * max(1, round(length / (stride * period)))
-    remembers = any(getattr(law.effect, "memory", isinstance(law.effect, TransmissionLaw)) for law in model.laws)
-    before = int(np.ceil(BEFORE / period)) if remembers else 0
-    after = int(np.ceil(AFTER / period)) if model.of(RecordingLaw) else 0
-    edge, lead = margin(band), max(before, after)
+    before, after = _reach(model, period)
+    more = _reach(model if beside is None else beside, period)
+    edge, after = margin(band), max(after, more[1])
+    lead = max(before, after, *more)
     whole = edge + lead + size + after + edge + 1
     places = _places(sampling, whole, count)
     if not places:
@@ -84,6 +87,13 @@ def cut_windows(model: Model, part: Part, band: Band, length: float, count: int,
         before=v[:, lead - before : lead],
         told=np.array([bool(c) for c in recording.columns["tau"]]),
     )
+
+
+def _reach(model: Model, period: float) -> tuple[int, int]:
+    """Samples before a window that memories are run along, and that records reach ahead."""
+    remembers = any(getattr(law.effect, "memory", isinstance(law.effect, TransmissionLaw)) for law in model.laws)
+    before = int(np.ceil(BEFORE / period)) if remembers else 0
+    return before, int(np.ceil(AFTER / period)) if model.of(RecordingLaw) else 0
 
 
 def _places(sampling: Sampling, whole: int, count: int) -> list[tuple[Span, int]]:
