@@ -182,6 +182,8 @@ def test_other_suites_are_judged() -> None:
     unknown = document(verdict="unknown", left=["joint_2"])
     assert tell(absent, unknown, wave).outcome == "right"
     assert tell(absent, document(cause("spring", "joint_2")), wave).outcome == "wrong"
+    crossed = ("crossed_torque", "joint_1", {"partner": "joint_2"})
+    assert tell(absent, unknown, crossed).outcome == "unknown"
     removed = replace(SINGLE, suite="removed", skip=("time_delay",))
     assert tell(removed, document(cause("torque_lag", None)), late).outcome == "twin"
     assert tell(removed, unknown, SPRING).outcome == "right"

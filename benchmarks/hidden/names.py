@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from .cases import FAMILIES
 
-ALL_JOINTS = ("time_delay", "torque_lag")
+MUTUAL = ("joint_coupling", "channel_swap")  # told from either joint
 ALONE = (  # one and the same on a single joint
     {"counterbalance", "base_tilt", "encoder_offset", "payload", "link_inertia"},
     {"quadratic_friction", "fluid_drag"},
@@ -31,10 +31,12 @@ def truths(answer: Mapping[str, Any]) -> list[Truth]:
     found = []
     for fault in answer["faults"]:
         effect, joint, partner = fault["effect"], fault["joint"], fault["parameters"].get("partner")
-        joints = (joint,) if partner is None else (joint, partner)
+        joints = (joint, partner) if effect in MUTUAL else (joint,)
         if len(answer["joints"]) == 1:
             joints = (None, answer["joints"][0])
-        found.append(Truth(FAMILIES.get(effect, (effect,)), joints, partner, fault["parameters"]))
+        found.append(
+            Truth(FAMILIES.get(effect, (effect,)), joints, partner if effect in MUTUAL else None, fault["parameters"])
+        )
     return found
 
 
