@@ -11,6 +11,8 @@ from .cutoff import Band
 from .estimate import estimate
 from .excitation import Excitation, judge_excitation
 from .factors import Factors
+from .gross import Gross, examine
+from .model import Model, stated_inertials, stated_laws
 from .prepare import prepare
 from .sampling import Sampling
 from .session import Options, Progress, Session
@@ -35,6 +37,7 @@ class Check(Frozen):
     std: Array  # (b,) [units of base] standard deviation to expect
     verdicts: tuple[str, ...]  # (b,)
     excitation: Excitation
+    gross: Gross
     advice: tuple[str, ...]
     notes: tuple[str, ...]
     signs: Signs | None = None  # where torque was recorded without them
@@ -42,7 +45,8 @@ class Check(Frozen):
     @property
     def flags(self) -> tuple[str, ...]:
         """What makes the recordings insufficient; empty when they are good."""
-        return (*(self.signs.flags if self.signs else ()), *self.excitation.sentences)
+        lost = self.signs.flags if self.signs else ()
+        return tuple(dict.fromkeys((*lost, *self.excitation.sentences, *self.gross.flags)))
 
 
 def check(
@@ -54,6 +58,8 @@ def check(
 ) -> Check:
     """The verdict on recordings, all of them taken together; torques without a sign get it back first.
 
+    What is grossly wrong is judged by the bodies that the description states.
+
     Raises:
         InputError: a recording or an option cannot be used; the sentence says which and why.
     """
@@ -64,6 +70,8 @@ def check(
     found = estimate(factors, session.task.base, whiten=options.whiten)
     found = recovered.widen(found, factors, session.task.base, options.whiten)
     excitation = judge_excitation(session.task, factors, found, options.seed)
+    stated = Model(session.robot, stated_inertials(session.robot), stated_laws(session.robot))
+    gross = examine(stated, session, excitation, np.all([recording.signed for recording in recordings], axis=0))
     used = np.array([f.counts[0] / f.rows if f.rows else 0.0 for f in factors.joints])
     weak = {name for group in excitation.weak for name in group}
     verdicts = tuple(
@@ -80,8 +88,9 @@ def check(
         found.std,
         verdicts,
         excitation,
+        gross,
         _advice(session, factors, used),
-        (*recovered.notes, *session.notes),
+        tuple(dict.fromkeys((*recovered.notes, *session.notes, *gross.notes))),
         recovered.signs,
     )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -52,7 +53,7 @@ class _Seen(NamedTuple):
     gains: Gains
 
 
-def examine(model: Model, session: Session, excitation: Excitation | None = None) -> Gross:
+def examine(model: Model, session: Session, excitation: Excitation | None = None, signed: Mask | None = None) -> Gross:
     """What is grossly wrong with recordings of a robot, judged by a simulation of it.
 
     Order, signs, units of angle and lags are claimed where a correction lets a passive joint with the model's bodies
@@ -63,6 +64,7 @@ def examine(model: Model, session: Session, excitation: Excitation | None = None
         model: of the session's joints.
         session: the recordings, as `prepare` gives them.
         excitation: of the same recordings, if it was judged already.
+        signed: (n,) joints whose torque was recorded with its sign, where the session's may have recovered ones.
 
     Raises:
         OptionError: the model is of other joints.
@@ -73,6 +75,8 @@ def examine(model: Model, session: Session, excitation: Excitation | None = None
         raise OptionError(f"{told}; give a simulation of the joints that were recorded")
     parts = list({id(recording): (recording, s) for recording, s in (*session.held_out, *session.train)}.values())
     evidence = gather(model, session, parts)
+    if evidence is not None and signed is not None:
+        evidence = replace(evidence, signed=evidence.signed & signed)
     seen = None if evidence is None else _see(evidence)
     findings = [*_told_of_recordings(session, parts, evidence, excitation)]
     if evidence is not None and seen is not None:

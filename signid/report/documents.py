@@ -12,6 +12,7 @@ import numpy as np
 from ..check import Check
 from ..excitation import Excitation
 from ..fit import Fit
+from ..gross import Gross
 from ..identify import Identification
 from ..inspect import Inspection
 from ..model import standard_parameters
@@ -83,6 +84,7 @@ def check_document(found: Check, inputs: Sequence[Input] = (), seed: int = 0) ->
         "cutoff": {"torque": band.cutoff, "position": band.position_cutoff, "unit": "Hz"},
         "base_parameters": [{**base, "std": float(std), "verdict": verdict} for base, std, verdict in verdicts],
         "excitation": _excitation(found.excitation),
+        "gross": _gross(found.gross),
         "advice": list(found.advice),
         "flags": list(found.flags),
         "notes": list(found.notes),
@@ -175,6 +177,34 @@ def _excitation(found: Excitation) -> Document:
         "resting": list(found.resting),
         "in_step": [list(joints) for joints in found.in_step],
         "too_small": list(found.small),
+    }
+
+
+def _gross(found: Gross) -> Document:
+    columns = (found.joints, found.explained, found.factor, found.lag, found.signs, found.order)
+    return {
+        "joints": [
+            {
+                "name": joint,
+                "explained": float(share),
+                "factor": float(factor),
+                "lag": float(lag),
+                "sign": s,
+                "order": o,
+            }
+            for joint, share, factor, lag, s, o in zip(*columns, strict=True)
+        ],
+        "findings": [
+            {
+                "kind": finding.kind,
+                "joints": list(finding.joints),
+                "severity": finding.severity,
+                "measures": dict(finding.measures),
+                "sentence": finding.sentence,
+                "alternatives": [{"kind": kind, "joints": list(joints)} for kind, joints in finding.alternatives],
+            }
+            for finding in found.findings
+        ],
     }
 
 

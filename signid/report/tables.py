@@ -12,6 +12,7 @@ from rich.text import Text
 from ..check import Check
 from ..excitation import ENOUGH, Excitation
 from ..fit import Fit
+from ..gross import Gross
 from ..identify import Identification
 from ..inspect import Inspection
 from ..sampling import Sampling
@@ -23,6 +24,7 @@ from .quantities import LawNumber, law_numbers, rigid_rows
 from .signs import signs_tables
 
 WIDE = 4  # kinds of numbers side by side, at most
+VERDICTS = {"right": "green", "cannot tell": "yellow", "wrong": "red"}
 STYLES = {"told": "green", "weak": "yellow", "not told": "red"}
 
 
@@ -76,12 +78,24 @@ def check_tables(found: Check) -> list[RenderableType]:
         heading("What encoder noise allows"),
         joints,
         paragraph(f"{_cutoffs(found.band.cutoff, found.band.position_cutoff)}."),
+        heading("What the description says of the torque"),
+        _gross(found.gross),
         heading(f"{found.base.rank} base parameters: {counts}"),
         told,
         paragraph(_excited(found.excitation)),
         *(paragraph(f"advice: {sentence}") for sentence in found.advice),
         *note_lines(found.notes),
     ]
+
+
+def _gross(found: Gross) -> Table:
+    """How much of each joint's torque the stated bodies with any friction explain, and whether all is in its place."""
+    table = new_table("joint", "explained>", "factor>", "sign", "order")
+    columns = (found.joints, found.explained, found.factor, found.signs, found.order)
+    for joint, explained, factor, *verdicts in zip(*columns, strict=True):
+        texts = (Text(str(verdict), VERDICTS[str(verdict)]) for verdict in verdicts)
+        table.add_row(joint, share(float(explained)), figure(float(factor), 2), *texts)
+    return table
 
 
 def identification_tables(result: Identification) -> list[RenderableType]:
