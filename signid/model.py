@@ -91,6 +91,11 @@ class Model(Frozen):
             "robot": {"name": robot.name, "kind": robot.kind, "description": robot.document},
             "joints": list(robot.joints),
             "held": held_positions(robot),
+            "torque_constants": {
+                joint: float(x)
+                for joint, x in zip(robot.joints, robot.actuators.torque_constant, strict=True)
+                if np.isfinite(x)
+            },
             "standard_parameters": standard_parameters(robot, self.inertials),
             "effects": [
                 {"effect": law.effect.name, "joint": joint, "parameters": parameters}
@@ -158,6 +163,9 @@ def _read(path: Path) -> Model:
             raise RobotError(f"{path} holds {content['schema']!r}; expected {SCHEMA!r} as `signid identify` writes it")
         described: Mapping[str, str] = content["robot"]
         robot = robot_from_text(described["description"], described["kind"], described["name"], lock=content["held"])
+        known: Mapping[str, float] = content.get("torque_constants", {})
+        constants = np.array([float(known.get(joint, np.nan)) for joint in robot.joints])
+        robot = replace(robot, actuators=replace(robot.actuators, torque_constant=constants))
         inertials = [_inertial(content["standard_parameters"][link]) for link in robot.links]
         laws = tuple(
             law_at(EFFECTS[entry["effect"]], robot, entry["joint"], entry["parameters"]) for entry in content["effects"]
@@ -166,7 +174,7 @@ def _read(path: Path) -> Model:
         raise RobotError(f"cannot read {path}: {error.strerror}") from None
     except SignidError:
         raise
-    except (KeyError, TypeError, ValueError) as error:
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise RobotError(f"{path} is no model.json as `signid identify` writes it ({error!r})") from None
     return Model(robot, np.array(inertials), laws)
 

@@ -20,7 +20,7 @@ from signid.cli import run
 from signid.effects import EFFECT_NAMES
 
 ROOT = Path(__file__).parents[1]
-COMMANDS = ("inspect", "check", "identify", "effects", "excite", "simulate")
+COMMANDS = ("inspect", "check", "identify", "diagnose", "effects", "excite", "simulate")
 OUTPUTS = ["identification.json", "model.json", "robot.urdf"]
 
 

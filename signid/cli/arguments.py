@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from ..types import Recording, Robot
 
 RobotName = Annotated[str, typer.Argument(metavar="ROBOT", help="A URDF, xacro or MJCF file, or a name such as panda.")]
+SimulationName = Annotated[
+    str, typer.Argument(metavar="SIMULATION", help="A model.json, a URDF, xacro or MJCF file, or a name such as panda.")
+]
 Files = Annotated[list[str], typer.Argument(metavar="RECORDING", help="CSV, CSV.gz, Parquet or NPZ files.")]
 Joints = Annotated[str | None, typer.Option(metavar="A,B", help="Joints that move; all others are held.")]
 Lock = Annotated[list[str] | None, typer.Option(metavar="J=VALUE", help="Hold a joint [rad or m]. Repeatable.")]
@@ -41,6 +44,21 @@ NoInstruments = Annotated[bool, typer.Option("--no-instruments", help="Leave q_d
 White = Annotated[bool, typer.Option("--white", help="Take the noise of torques to be white.")]
 Seed = Annotated[int, typer.Option(metavar="N", min=0, help="Seed of everything random.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON and nothing else.")]
+
+
+def check_folder(output: str | None, json: bool) -> None:
+    """Find out at once whether results can be written.
+
+    Raises:
+        OptionError: no folder was named.
+        OutputError: it cannot be written to.
+    """
+    from ..report import probe_folder
+
+    if output == "" or (output is None and not json):
+        raise OptionError("no folder for the results was named; add -o DIR, or --json to print them instead")
+    if output is not None:
+        probe_folder(output)
 
 
 def given_robot(

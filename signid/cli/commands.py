@@ -6,7 +6,6 @@ from typing import Annotated
 
 import typer
 
-from ..errors import OptionError
 from ..version import __version__
 from .arguments import (
     Actuators,
@@ -29,6 +28,7 @@ from .arguments import (
     TotalMass,
     Unsigned,
     White,
+    check_folder,
     given_effects,
     given_inputs,
     given_options,
@@ -166,12 +166,9 @@ def identify(
     a sign (abs_tau_J, abs_current_J or --unsigned) get it back first: signed.csv and signs.html show it.
     """
     from ..identify import identify as learn
-    from ..report import probe_folder
     from .files import deliver
 
-    _need_somewhere(output, json)
-    if output is not None:
-        probe_folder(output)
+    check_folder(output, json)
     described = given_robot(robot, joints, lock, actuators, package_dir)
     given, judges = (
         [given_recording(p, described, columns, unsigned) for p in paths] for paths in (recordings, held_out or [])
@@ -190,8 +187,3 @@ def identify(
             progress=progress,
         )
     return deliver(result, given_inputs(robot, described, actuators, columns), output, json)
-
-
-def _need_somewhere(output: str | None, json: bool) -> None:
-    if output == "" or (output is None and not json):
-        raise OptionError("no folder for the results was named; add -o DIR, or --json to print them instead")

@@ -1,8 +1,8 @@
-"""What an identification leaves: files in a folder, and what the terminal shows."""
+"""What an identification or a diagnosis leaves: files in a folder, and what the terminal shows."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -12,12 +12,21 @@ from ..errors import RobotError
 from .show import tell_flags
 
 if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    from ..diagnose import Diagnosis
     from ..identify import Identification
-    from ..types import Array
+    from ..report import Content
+    from ..signs import Signs
+    from ..types import Array, Law, Recording, Robot
+
+
+BODIES = ("payload", "link_inertia")  # laws that a URDF holds as inertials
+FRICTION = ("viscous_friction", "coulomb_friction")
 
 
 def deliver(result: Identification, inputs: Sequence[tuple[str, str]], output: str | None, json: bool) -> int:
-    """Writes the files, prints the tables or the document, and tells the exit code.
+    """Writes what an identification leaves, prints its tables or its document, and tells the exit code.
 
     Args:
         result: the identification.
@@ -25,54 +34,108 @@ def deliver(result: Identification, inputs: Sequence[tuple[str, str]], output: s
         output: folder of the files, if any.
         json: whether the document is printed instead of the tables.
     """
-    from ..report import Screen, identification_document, identification_tables, to_json, write_files
+    from ..report import identification_document, identification_tables, to_json
 
-    files: dict[str, str | Iterator[str]] = {}
+    files: dict[str, Content] = {}
     if output is not None:
-        result, described = with_urdf(result)
-        files = {**described, **signed_files(result)}
+        described, notes = _urdf(result.robot, _told_bodies(result), result.model.laws)
+        result = replace(result, notes=(*result.notes, *notes))
+        files = {**described, **_signed(result.signs, result.recordings, result.robot)}
     document = to_json(identification_document(result, inputs))
     files = {"identification.json": document, "model.json": to_json(result.model.document()), **files}
+    return _hand_over(document, files, identification_tables(result), result.flags, output, json)
+
+
+def deliver_diagnosis(
+    result: Diagnosis,
+    recordings: Sequence[Recording],
+    inputs: Sequence[tuple[str, str]],
+    output: str | None,
+    json: bool,
+) -> int:
+    """Writes what a diagnosis leaves, prints its tables or its document, and tells the exit code.
+
+    Args:
+        result: the diagnosis.
+        recordings: all of them, with the signs that were found.
+        inputs: path and sha256 of what was read besides the recordings.
+        output: folder of the files, if any.
+        json: whether the document is printed instead of the tables.
+    """
+    from ..report import diagnosis_document, diagnosis_page, diagnosis_tables, to_json
+
+    files: dict[str, Content] = {}
+    if output is not None:
+        described, notes = _extended_urdf(result)
+        result = replace(result, notes=(*result.notes, *notes))
+        files = {**described, "report.html": diagnosis_page(result), **_signed(result.signs, recordings, result.robot)}
+    document = to_json(diagnosis_document(result, inputs))
+    files = {"diagnosis.json": document, "model.json": to_json(result.model.document()), **files}
+    return _hand_over(document, files, diagnosis_tables(result), result.flags, output, json)
+
+
+def _hand_over(
+    document: str,
+    files: Mapping[str, Content],
+    tables: Sequence[RenderableType],
+    flags: Sequence[str],
+    output: str | None,
+    json: bool,
+) -> int:
+    from ..report import Screen, write_files
+
     written = [] if output is None else write_files(output, files)
     screen = Screen()
     if json:
         screen.write(document)
     else:
-        screen.print(*identification_tables(result), sep="\n")
-    code = tell_flags(result.flags)
+        screen.print(*tables, sep="\n")
+    code = tell_flags(flags)
     if written and not json:
         screen.write("\n".join(["", "written:", *(f"  {path}" for path in written), ""]))
     return code
 
 
-def signed_files(result: Identification) -> dict[str, str | Iterator[str]]:
+def _signed(signs: Signs | None, recordings: Sequence[Recording], robot: Robot) -> dict[str, Content]:
     """A table for each recording of which signs were found (signed.csv, signed_2.csv, ...), and a page of them."""
     from ..report import signed_csv, signs_page
 
-    if result.signs is None:
+    if signs is None:
         return {}
-    part = {trace.path: k for k, trace in enumerate(result.signs.traces)}
-    found = [recording for recording in result.recordings if recording.path in part]
-    tables = [signed_csv(recording, result.signs, part[recording.path]) for recording in found]
+    part = {trace.path: k for k, trace in enumerate(signs.traces)}
+    found = [recording for recording in recordings if recording.path in part]
+    tables = [signed_csv(recording, signs, part[recording.path]) for recording in found]
     names = ["signed.csv", *(f"signed_{k + 2}.csv" for k in range(len(tables) - 1))]
-    units = ["N" if prismatic else "N.m" for prismatic in result.robot.prismatic]
-    return {**dict(zip(names, tables, strict=True)), "signs.html": signs_page(result.signs, units)}
+    units = ["N" if prismatic else "N.m" for prismatic in robot.prismatic]
+    return {**dict(zip(names, tables, strict=True)), "signs.html": signs_page(signs, units)}
 
 
-def with_urdf(result: Identification) -> tuple[Identification, dict[str, str]]:
-    """The robot's URDF with what was identified, as a file; where there is none, the result's notes say why."""
+def _urdf(robot: Robot, bodies: Array, laws: Sequence[Law]) -> tuple[dict[str, Content], tuple[str, ...]]:
+    """The robot's URDF with what was found, as a file; where there is none, a note that says why."""
     from ..export import urdf_with
 
-    robot = result.robot
     if robot.kind != "urdf":
         why = f"the robot comes from {robot.kind.upper()}"
     else:
         try:
-            friction = (_friction(result, name) for name in ("viscous_friction", "coulomb_friction"))
-            return result, {"robot.urdf": urdf_with(robot, _told_bodies(result), *friction)}
+            return {"robot.urdf": urdf_with(robot, bodies, *(_friction(robot, laws, name) for name in FRICTION))}, ()
         except RobotError as error:
             why = str(error)
-    return replace(result, notes=(*result.notes, f"robot.urdf is not written: {why}")), {}
+    return {}, (f"robot.urdf is not written: {why}",)
+
+
+def _extended_urdf(result: Diagnosis) -> tuple[dict[str, Content], tuple[str, ...]]:
+    """The URDF of a simulation with its bodies as they are, payloads among them; links that did not change stay."""
+    from ..model import stated_inertials
+
+    model = result.model
+    bodies = np.array([body.toDynamicParameters() for body in list(model.bodies().inertias)[1:]]).reshape(-1, 10)
+    same = np.isclose(bodies, stated_inertials(model.robot), rtol=1e-9, atol=1e-12).all(axis=1)
+    files, notes = _urdf(model.robot, np.where(same[:, None], np.nan, bodies), model.laws)
+    found = dict.fromkeys(finding.law.effect.name for finding in result.findings)
+    beyond = [name for name in found if name not in (*BODIES, *FRICTION)]
+    told = f"a URDF cannot hold {', '.join(beyond)}: robot.urdf lacks what model.json has"
+    return files, (*notes, *([told] if files and beyond else []))
 
 
 def _told_bodies(result: Identification) -> Array:
@@ -85,10 +148,10 @@ def _told_bodies(result: Identification) -> Array:
     return bodies
 
 
-def _friction(result: Identification, effect: str) -> Array:
+def _friction(robot: Robot, laws: Sequence[Law], effect: str) -> Array:
     """(n,) the coefficient of a law [N.m.s/rad or N.m], NaN at joints without it; none less than nothing."""
-    values = np.full(len(result.robot.joints), np.nan)
-    for law in result.model.laws:
+    values = np.full(len(robot.joints), np.nan)
+    for law in laws:
         if law.effect.name == effect:
             values[list(law.joints)] = max(0.0, *law.parameters.values())
     return values

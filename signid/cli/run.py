@@ -13,6 +13,8 @@ import typer
 from typer.main import get_command
 
 from ..errors import SignidError
+
+from . import diagnosis as diagnosis  # isort: skip (help lists commands in this order)
 from . import catalogue as catalogue
 from . import excitation as excitation
 from . import simulation as simulation

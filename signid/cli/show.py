@@ -23,8 +23,8 @@ def complain(sentence: str) -> None:
 
 
 @contextmanager
-def bars(quiet: bool) -> Iterator[Progress | None]:
-    """A bar on standard error, if a person looks at it."""
+def bars(quiet: bool, one: bool = False) -> Iterator[Progress | None]:
+    """Bars on standard error, if a person looks at it: one for each thing that is done, or a single one for all."""
     if quiet or not sys.stderr.isatty():
         yield None
         return
@@ -36,9 +36,10 @@ def bars(quiet: bool) -> Iterator[Progress | None]:
         tasks: dict[str, Any] = {}
 
         def show(what: str, share: float) -> None:
-            if what not in tasks:
-                tasks[what] = bars.add_task(what, total=1.0)
-            bars.update(tasks[what], completed=share)
+            which = "" if one else what
+            if which not in tasks:
+                tasks[which] = bars.add_task(what, total=1.0)
+            bars.update(tasks[which], completed=share, description=what)
 
         yield show
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .arguments import Actuators, Joints, Json, Lock, PackageDir, Seed
+from .arguments import Actuators, Joints, Json, Lock, PackageDir, Seed, SimulationName
 from .commands import app
 from .motions import Loop, Source, check_output, given_drive, given_model, write_columns
 from .show import DONE, bars
@@ -18,9 +18,6 @@ if TYPE_CHECKING:
     from ..simulate import Sensors
     from ..simulate.control import Drive
 
-SimulationName = Annotated[
-    str, typer.Argument(metavar="SIMULATION", help="A model.json, a URDF, xacro or MJCF file, or a name such as panda.")
-]
 Output = Annotated[
     str | None,
     typer.Option("--output", "-o", metavar="FILE", help="The recording: .csv, .csv.gz, .parquet or .npz."),

@@ -1,6 +1,8 @@
 """What is found, in words and numbers: tables for the eye, JSON for programs, files that are never half-written."""
 
 from .diagnosis import diagnosis_document
+from .diagnosis_page import diagnosis_page
+from .diagnosis_tables import diagnosis_tables
 from .documents import check_document, identification_document, inspection_document, to_json
 from .effects import effects_document, effects_tables
 from .motions import excitation_document, excitation_tables
@@ -10,14 +12,17 @@ from .signs import signed_csv, signs_document, signs_tables
 from .signs_plot import signs_page
 from .simulation import Run, simulation_document, simulation_tables
 from .tables import check_tables, identification_tables, inspection_tables
-from .write import probe_folder, write_files
+from .write import Content, probe_folder, write_files
 
 __all__ = [
+    "Content",
     "Run",
     "Screen",
     "check_document",
     "check_tables",
     "diagnosis_document",
+    "diagnosis_page",
+    "diagnosis_tables",
     "effects_document",
     "effects_tables",
     "excitation_document",

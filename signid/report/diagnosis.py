@@ -65,7 +65,7 @@ def _finding(robot: Robot, finding: Finding) -> Document:
         "joint": joint,
         "role": finding.role,
         "probability": finding.probability,
-        "parameters": _parameters(robot, finding),
+        "parameters": finding_numbers(robot, finding),
         "torque_share": {
             name: float(share) for name, share in zip(robot.joints, finding.torque_share, strict=True) if share > 0
         },
@@ -84,7 +84,8 @@ def _finding(robot: Robot, finding: Finding) -> Document:
     }
 
 
-def _parameters(robot: Robot, finding: Finding) -> Document:
+def finding_numbers(robot: Robot, finding: Finding) -> Document:
+    """By key: value, standard deviation (None where it is not known) and unit; the value of a partner is its name."""
     law = finding.law
     _, values = placed(law, robot)
     out: dict[str, Any] = {}

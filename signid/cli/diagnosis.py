@@ -1,0 +1,109 @@
+"""The command `diagnose`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from .arguments import (
+    Actuators,
+    Columns,
+    Cutoff,
+    Files,
+    Joints,
+    Json,
+    Lock,
+    PackageDir,
+    Seed,
+    SimulationName,
+    Unsigned,
+    check_folder,
+)
+from .commands import app
+from .motions import Source, given_model
+from .show import bars
+
+if TYPE_CHECKING:
+    from ..session import Options, Progress
+    from ..signs import Recovered
+    from ..types import Recording, Robot
+
+Paths = list[str] | None
+
+
+@app.command(epilog="Example: signid diagnose 3r recording.csv -o diagnosis")
+def diagnose(
+    simulation: SimulationName,
+    recordings: Files,
+    output: Annotated[
+        str | None, typer.Option("--output", "-o", metavar="DIR", help="Where results are written.")
+    ] = None,
+    held_out: Annotated[Paths, typer.Option(metavar="RECORDING", help="To judge by. Repeatable.")] = None,
+    reference: Annotated[
+        Paths, typer.Option(metavar="RECORDING", help="Of the robot when all was well. Repeatable.")
+    ] = None,
+    skip: Annotated[Paths, typer.Option(metavar="EFFECT", help="A law to leave out of account. Repeatable.")] = None,
+    joints: Joints = None,
+    lock: Lock = None,
+    actuators: Actuators = None,
+    package_dir: PackageDir = None,
+    columns: Columns = None,
+    cutoff: Cutoff = None,
+    unsigned: Unsigned = False,
+    seed: Seed = 0,
+    json: Json = False,
+) -> int:
+    """Why a simulation is wrong: where it differs from recordings, which physics it lacks, and how sure that is.
+
+    DIR gets diagnosis.json, report.html, and the simulation with what it lacked as model.json and robot.urdf. Without
+    --held-out the last of several recordings, or the last 30 % of the only one, is held out. What the simulation lacks
+    in --reference recordings, too, is no finding. Torques without a sign get it back first, as in identify.
+    """
+    from ..diagnose import diagnose as search
+    from ..session import Options
+    from .files import deliver_diagnosis
+
+    check_folder(output, json)
+    source = Source(simulation, joints, lock, actuators, package_dir)
+    model, _ = given_model(source)
+    given, judges, healthy = (
+        _read(paths, model.robot, columns, unsigned) for paths in (recordings, held_out, reference)
+    )
+    options = Options(cutoff=cutoff, seed=seed)
+    with bars(json, one=True) as progress:
+        signed = _signed(model.robot, given, judges, options, progress)
+        result = search(
+            model,
+            signed.recordings,
+            held_out=signed.held_out,
+            reference=healthy,
+            skip=skip or (),
+            options=options,
+            progress=progress,
+        )
+    result = replace(
+        result,
+        signs=signed.signs,
+        flags=(*signed.flags, *result.flags),
+        notes=(*signed.notes, *result.notes),
+    )
+    every = (*signed.recordings, *signed.held_out)
+    return deliver_diagnosis(result, every, source.inputs(model.robot, columns), output, json)
+
+
+def _read(paths: Paths, robot: Robot, columns: str | None, unsigned: bool) -> list[Recording]:
+    from .arguments import given_recording
+
+    return [given_recording(path, robot, columns, unsigned) for path in paths or ()]
+
+
+def _signed(
+    robot: Robot, recordings: list[Recording], held_out: list[Recording], options: Options, progress: Progress | None
+) -> Recovered:
+    """The recordings with the signs of all torques: kept here, as files show them."""
+    from ..session import Options
+    from ..signs import recover
+
+    return recover(robot, recordings, held_out, options=Options(seed=options.seed), progress=progress)

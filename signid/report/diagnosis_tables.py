@@ -1,0 +1,90 @@
+"""A diagnosis for the eye: what is missing, where, how sure, and how much better the simulation is with it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from rich.console import RenderableType
+from rich.padding import Padding
+from rich.table import Table
+from rich.text import Text
+
+from ..diagnose import Diagnosis
+from .diagnosis_words import (
+    ROLES,
+    alternative_words,
+    finding_words,
+    law_words,
+    place_words,
+    trust_words,
+    unexplained_words,
+    verdict_words,
+)
+from .layout import heading, new_table, note_lines, paragraph
+from .numbers import determination, figure
+from .signs import signs_tables
+
+COLOURS = {"nothing_missing": "bold green", "named": "bold", "unknown": "bold yellow"}
+
+
+def diagnosis_tables(result: Diagnosis) -> list[RenderableType]:
+    """Verdict, where the residual is, findings, their alternatives, what is left, and the proof on held-out data."""
+    left = unexplained_words(result)
+    return [
+        Text(f"{result.robot.name}: {verdict_words(result)}", COLOURS[result.verdict]),
+        heading("Where simulation and recordings differ"),
+        *map(paragraph, place_words(result)),
+        *_findings(result),
+        *map(paragraph, trust_words(result)),
+        *_alternatives(result),
+        *([heading("Left unexplained"), *map(paragraph, left)] if left else []),
+        *([] if result.signs is None else signs_tables(result.signs)),
+        heading("Held out: rms of the torque left unexplained"),
+        _fit(result),
+        *_rolled(result),
+        *note_lines(result.notes),
+    ]
+
+
+def _findings(result: Diagnosis) -> Iterator[RenderableType]:
+    for role, title in ROLES.items():
+        some = [finding_words(result.robot, finding) for finding in result.findings if finding.role == role]
+        if some:
+            table = new_table("law and its numbers, ± 95 %", "probability>", "of torque", "mostly")
+            table.columns[0].no_wrap = True
+            for law, numbers, *cells in some:
+                table.add_row("\n  ".join([law, *numbers]), *cells)
+            yield heading(title)
+            yield table
+
+
+def _alternatives(result: Diagnosis) -> Iterator[RenderableType]:
+    told = [(finding, alternative_words(result.robot, finding)) for finding in result.findings]
+    if any(words for _, words in told):
+        yield heading("What explains the recordings as well, or nearly")
+    for finding, words in told:
+        if words:
+            yield paragraph(law_words(result.robot, finding.law))
+            yield from (Padding(paragraph(line), (0, 0, 0, 2)) for line in words)
+
+
+def _fit(result: Diagnosis) -> Table:
+    table = new_table("joint", "before>", "after>", "noise floor>", "unit", "R2 before>", "R2 after>")
+    before, after = result.before, result.after
+    for j, joint in enumerate(before.joints):
+        rms = (figure(float(x[j])) for x in (before.held_out_rms, after.held_out_rms))
+        r2 = (determination(float(fit.held_out_r2[j])) for fit in (before, after))
+        table.add_row(joint, *rms, figure(float(before.noise_floor[j]), 2), before.unit[j], *r2)
+    return table
+
+
+def _rolled(result: Diagnosis) -> Iterator[RenderableType]:
+    before, after = result.rollout_before, result.rollout_after
+    if before is None or after is None:
+        return
+    horizon = max(before.horizons)
+    table = new_table("joint", "before>", "after>", "unit")
+    for joint, unit, *rms in zip(before.joints, before.unit, before.rms(horizon), after.rms(horizon), strict=True):
+        table.add_row(joint, *(figure(float(x)) for x in rms), unit)
+    yield heading(f"Simulated for {horizon:g} s from measured states: rms error of position at the end")
+    yield table
