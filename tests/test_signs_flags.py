@@ -9,6 +9,9 @@ import numpy as np
 import pytest
 from signless import Lost, lost
 
+from signid.recording import read_recording
+from signid.robot import load_robot
+from signid.signs import recover
 from signid.signs.believed import alone
 from signid.signs.flags import raise_flags
 from signid.signs.infer import Inferred, infer
@@ -66,3 +69,15 @@ def test_a_gap_of_all_proves_nothing(gap: float, words: str) -> None:
     made, found = inferred()
     (flag,) = raise_flags(made.task, made.observed, replace(found, proof=Proof(False, gap, 10)))
     assert words in flag and ("gap" in flag) == (gap < 1)
+
+
+@pytest.mark.parametrize("offset", [True, False])
+def test_torque_without_a_trace_of_the_bodies(offset: bool) -> None:
+    """Of constant size: as an offset it keeps its sign, as Coulomb friction it does not."""
+    t = np.arange(0, 30, 0.01)
+    q, v = np.sin(1.1 * t) + 0.3 * np.sin(2.3 * t), 1.1 * np.cos(1.1 * t) + 0.69 * np.cos(2.3 * t)
+    torque = np.where(offset, 1.0, np.sign(v)) + 0.02 * np.random.default_rng(0).standard_normal(len(t))
+    robot = load_robot("1r")
+    signs = recover(robot, [read_recording({"t": t, "q_1": q, "abs_tau_1": np.abs(torque)}, robot)]).signs
+    assert signs is not None and not signs.is_certain()
+    assert any("nothing of the robot's bodies shows in the torque of joint_1" in flag for flag in signs.flags)

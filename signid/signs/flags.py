@@ -10,12 +10,15 @@ from ..errors import shorten
 from ..rows import Task
 from ..types import Indices, Robot
 from .believed import alone
+from .climb import ascend
+from .confidence import WINDOW
 from .infer import Inferred
 from .observed import Observed
-from .weigh import scales
+from .weigh import friction_patterns, scales
 
 DOUBT = 1e-3  # probability that a joint's signs are all the other way round, at most
 RECTIFIED = 1.9  # times the Coulomb friction: an offset so large may be friction of the wrong sign
+BARE = 0.02  # rms of what bodies and rotors add to the torque, over its rms, below which they do not show
 LARGE, SYSTEMATIC = 0.15, 3.0  # residual over torque; samples for one that is independent: noise alone makes 1
 COARSE = 0.15  # steps of the recorded torque over its rms
 IMPURE = 0.1  # share of a joint's segments in which torque changed its sign
@@ -28,6 +31,7 @@ def raise_flags(task: Task, observed: Observed, inferred: Inferred) -> tuple[str
         *_unproved(inferred),
         *_undecided(observed, inferred),
         *_rectified(task, observed, inferred),
+        *_bare(task, observed, inferred),
         *_unexplained(observed, inferred),
         *_coarse(task.robot, observed),
         *_impure(observed, inferred),
@@ -80,6 +84,24 @@ def _rectified(task: Task, observed: Observed, inferred: Inferred) -> Iterator[s
                 f"the torque offset of {observed.joints[joint]} ({offset:.2g} {_unit(task.robot, joint)}) is large "
                 f"beside its Coulomb friction ({friction:.2g} {_unit(task.robot, joint)}): friction of the wrong sign "
                 f"looks like that; move it both ways, at many speeds"
+            )
+
+
+def _bare(task: Task, observed: Observed, inferred: Inferred) -> Iterator[str]:
+    problem, bodies = inferred.problem, inferred.refined.value.copy()
+    bodies[list(alone(task))] = 0.0
+    share = np.std(observed.predict(bodies), axis=0) / scales(observed)
+    signs = np.append(inferred.signs, np.ones(problem.count - len(inferred.signs)))
+    for move in friction_patterns(problem, observed, inferred.segments):
+        own = move != 0
+        joint = int(problem.joints[own][0])
+        others = ascend(problem, np.where(own, [signs * move, -signs * move], signs), joints=False)
+        rivals = [problem.loss(other) for other in others if np.any(other[own] != signs[own])]
+        if share[joint] < BARE and min(rivals, default=np.inf) < problem.loss(signs) + WINDOW:
+            yield (
+                f"nothing of the robot's bodies shows in the torque of {observed.joints[joint]}: Coulomb friction and "
+                f"an offset explain it alike, and its signs rest on the belief that friction is the larger; accelerate "
+                f"harder, and make sure that the column holds what was measured"
             )
 
 
