@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -104,14 +104,19 @@ class Motion(Frozen):
         """
         return gravity_torque(self.robot, self.configuration, gravity)
 
-    def shift(self, joint: int, change: Array) -> Array:
-        """(N, n) change of torque when the link of a joint moved at q + change, not at q, to first order [N.m or N].
+    def shift(self, joint: int, change: Array, *, exactly: bool = False) -> Array:
+        """Change of torque when the link of a joint moved at q + change, not at q: (N, n) [N.m or N].
 
         Args:
             joint: whose link moved otherwise.
             change: (N,) [rad or m].
+            exactly: not to first order; of what is recorded, moved back, the change has the other sign.
         """
         first, second = _derivatives(change, self.dt)
+        if exactly:
+            one = np.eye(self.q.shape[1])[joint]
+            back = [x - np.outer(d, one) for x, d in zip((self.q, self.v, self.a), (change, first, second), strict=True)]
+            return self.load - replace(self, q=back[0], v=back[1], a=back[2]).load
         along = self.sensitivity
         return np.asarray(
             along.position[:, :, joint] * change[:, None]

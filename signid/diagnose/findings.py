@@ -18,7 +18,7 @@ from .odds import Judge
 from .prove import residuals
 from .result import Alternative, Finding, Unexplained
 from .sample import pieces
-from .search import FIRST, NEXT, Found, needed, spread
+from .search import FIRST, NEXT, Found, needed
 from .separate import tell_apart
 from .setting import Setting
 from .slots import Slot
@@ -60,7 +60,7 @@ def find(
     """
     order = [*verdict.causes, *verdict.secondary]
     laws = {group: read_laws(group, verdict.sizes.value[group]) for group in order}
-    fit = judge.evidence.fit(found.true, spread(judge, found), found.trust)
+    fit = judge.evidence.fit(found.true, found.base, found.trust)
     model = extend(setting.model, judge.evidence.data.refitted, fit, [law for group in order for law in laws[group]])
     gains = _held_out_gains(session, model, [law for group in order for law in laws[group]])
     findings = list[Finding]()

@@ -76,9 +76,7 @@ def propose(model: Model, motion: Motion, skip: Sequence[str] = ()) -> list[Hypo
         for effect in EFFECTS
         if effect.name not in skip
         for law in hypotheses(effect, motion, n)
-        if (effect.name, law.joints) not in known
-        and not _hidden(law, n, skip)
-        and law.effect.possible(motion.at(law.joints), **law.parameters)
+        if (effect.name, law.joints) not in known and law.effect.possible(motion.at(law.joints), **law.parameters)
     ]
     return [*found, *_friction(known, n, skip), *_unknown(motion)]
 
@@ -116,8 +114,9 @@ def hats(x: Array, knots: Sequence[float]) -> Array:
 def _secant(law: Law, motion: Motion) -> tuple[tuple[int, ...], Array]:
     """What a law of the record with one coefficient changes at its full size, over that size."""
     (key,) = law.effect.linear()
-    change = law.effect.change(motion.at(law.joints), **law.parameters) / law.parameters[key]
-    return tuple(range(change.shape[1])) if law.effect.scope == "link" else law.joints, change[..., None]
+    change = law.effect.change(motion.at(law.joints), law.parameters, exactly=True) / law.parameters[key]
+    wide = change.shape[1] != len(law.joints) or law.effect.scope == "link"
+    return tuple(range(change.shape[1])) if wide else law.joints, change[..., None]
 
 
 def refits(law: Law) -> bool:
@@ -130,11 +129,6 @@ def refits(law: Law) -> bool:
 
 def _shaped(law: Law) -> bool:
     return bool(law.effect.shape(law.parameters))
-
-
-def _hidden(law: Law, n: int, skip: Sequence[str]) -> bool:
-    """The last link is spoken of as payload."""
-    return law.effect.name == "link_inertia" and law.joints == (n - 1,) and "payload" not in skip
 
 
 def _friction(known: set[Key], n: int, skip: Sequence[str]) -> Iterator[Hypothesis]:

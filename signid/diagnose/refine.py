@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..effects import EFFECTS
-from ..effects.base import RecordingLaw
+from ..effects.base import Effect, RecordingLaw
 from ..optimisers import OPTIMISERS, Problem
 from ..types import Array, Law
 from .evidence import Evidence, Fitted
@@ -21,7 +21,7 @@ from .setting import Setting, append
 from .sizes import measure_sizes
 from .whitened import mean_products
 
-EVALUATIONS = 30  # for each shape
+EVALUATIONS = 20  # for each shape
 REACH = 1.6  # by which a shape may be changed, as a factor
 WINDOW = 0.5  # [s] by which the ends of a window may be moved
 ALGORITHM = "LN_BOBYQA"
@@ -36,13 +36,13 @@ def refine(setting: Setting, judge: Judge, found: Found) -> tuple[Judge, Found]:
         found: what is taken for true.
     """
     for group in found.true:
-        options = _options(group)
+        options = _options(judge, group)
         if not options:
             continue
         rest = without(judge, found, group)
         dispersion = spread(judge, rest)
         fit = judge.evidence.fit(rest.true, dispersion, found.trust)
-        tried = [_polish(setting, judge, group, option, (rest, fit, dispersion)) for option in options]
+        tried = [_polish(setting, judge, option, (rest, fit, dispersion)) for option in options]
         _, best, columns = max(tried, key=lambda t: t[0])
         data, new = append(setting, judge.evidence.data, best, columns)
         judge = replace(judge, evidence=Evidence(data))
@@ -52,58 +52,69 @@ def refine(setting: Setting, judge: Judge, found: Found) -> tuple[Judge, Found]:
     return judge, found
 
 
-def _options(group: Group) -> list[Hypothesis]:
-    """What may stand in the place of a hypothesis: itself with other shapes, or a twin in the record."""
+def _options(judge: Judge, group: Group) -> list[tuple[Hypothesis, Group]]:
+    """What may stand in the place of a hypothesis, each with where to begin: itself, and twins in the record."""
     hypothesis = group.hypothesis
     if hypothesis is None or hypothesis.unknown or len(hypothesis.laws) > 1:
         return []
     law = hypothesis.laws[0]
-    if isinstance(law.effect, RecordingLaw):
-        if len(law.effect.linear()) != 1:
-            return []
-        twins = [EFFECTS[name] for name in law.effect.twins if isinstance(EFFECTS[name], RecordingLaw)]
-        return [
-            Hypothesis((Law(effect, law.joints, {key: 0.0}),), finite=True)
-            for effect in (law.effect, *twins)
-            for key in [next(iter(effect.linear()))]
-        ]
-    return [hypothesis] if law.effect.shape(law.parameters) else []
+    twins = [
+        (_at_size(EFFECTS[name], law.joints), judge.evidence.data.groups[judge.keys[name, law.joints][0]])
+        for name in law.effect.twins
+        if _is_small(EFFECTS[name]) and (name, law.joints) in judge.keys
+    ]
+    if _is_small(law.effect):
+        return [(_at_size(law.effect, law.joints), group), *twins]
+    if isinstance(law.effect, RecordingLaw) or not (twins or law.effect.shape(law.parameters)):
+        return []
+    return [(hypothesis, group), *twins]
+
+
+def _at_size(effect: Effect, joints: tuple[int, ...]) -> Hypothesis:
+    """A law of the record whose number is still to be found."""
+    return Hypothesis((Law(effect, joints, dict.fromkeys(effect.linear(), 0.0)),), finite=True)
+
+
+def _is_small(effect: Effect) -> bool:
+    """Whether an effect changes the record by one number that may be small."""
+    return isinstance(effect, RecordingLaw) and len(effect.linear()) == 1
 
 
 Beside = tuple[Found, Fitted, Array]  # the others that are taken for true, their fit, the dispersion (n,) [1]
 
 
 def _polish(
-    setting: Setting, judge: Judge, group: Group, option: Hypothesis, beside: Beside
+    setting: Setting, judge: Judge, option: tuple[Hypothesis, Group], beside: Beside
 ) -> tuple[float, Hypothesis, dict[int, Array]]:
     """The best numbers of a law, what they explain, and its columns (M, d) per joint."""
-    law, (rest, fit, dispersion) = option.laws[0], beside
-    start = _start(judge, group, option, rest, dispersion)
-    keys = list(start)
-    moved = [_reach(key) for key in keys]
+    known, (rest, fit, dispersion) = option[0], beside
+    law, start = known.laws[0], _start(judge, option, rest, dispersion)
+    keys, moved = list(start), [_reach(key) for key in start]
 
     def hypothesis(x: Array) -> Hypothesis:
         numbers = {key: move(start[key], float(v)) for key, move, v in zip(keys, moved, x, strict=True)}
-        return replace(option, laws=(Law(law.effect, law.joints, {**law.parameters, **numbers}),))
+        return replace(known, laws=(Law(law.effect, law.joints, {**law.parameters, **numbers}),))
 
     def cost(x: Array) -> float:
         told = setting.columns(hypothesis(x))
-        belief = believe(option, mean_products(told, judge.evidence.data.scale))
+        belief = believe(known, mean_products(told, judge.evidence.data.scale))
         if belief is None:
             return 0.0
-        return -judge.evidence.ask(fit, dispersion, belief, setting.whiten(told))
+        return -judge.priors[known.key] - judge.evidence.ask(fit, dispersion, belief, setting.whiten(told))
 
     zero = np.zeros(len(keys))
+    if not keys:
+        return -cost(zero), known, setting.columns(known)
     problem = Problem(cost, zero - 1, zero + 1, zero)
     best = OPTIMISERS["nlopt"].minimise(problem, algorithm=ALGORITHM, budget_evaluations=EVALUATIONS * len(keys))
     chosen = hypothesis(best.x)
     return -best.value, chosen, setting.columns(chosen)
 
 
-def _start(judge: Judge, group: Group, option: Hypothesis, rest: Found, dispersion: Array) -> dict[str, float]:
+def _start(judge: Judge, option: tuple[Hypothesis, Group], rest: Found, dispersion: Array) -> dict[str, float]:
     """Numbers to begin with: the shape on its grid, or the size that the small law suggests."""
-    law = option.laws[0]
-    if not option.finite:
+    (known, group), law = option, option[0].laws[0]
+    if not known.finite:
         return dict(law.effect.shape(law.parameters))
     sizes = measure_sizes(judge.evidence, (*rest.true, group), dispersion, rest.trust)
     (key,) = law.effect.linear()

@@ -151,7 +151,7 @@ def _explain(setting: Setting, judge: Judge, skip: Sequence[str], known: Diagnos
     if known is not None:
         expected = np.maximum(expected, (known.after.train_rms / known.after.noise_floor) ** 2)
     found = search(judge, expected)
-    left = measure_sizes(judge.evidence, found.true, spread(judge, found), found.trust).left
+    left = measure_sizes(judge.evidence, found.true, expected, found.trust).left
     if np.any(left > AGAIN * expected):
         found = search(judge, np.maximum(expected, NOISE_ERROR * left))
     if CONTACT not in skip:

@@ -11,7 +11,7 @@ from ..effects.base import ActuatorLaw, RecordingLaw, TorqueLaw, TransmissionLaw
 from ..types import Array, Frozen, Mask
 from .group import Group
 from .odds import Judge
-from .search import Found, spread
+from .search import Found
 from .sizes import Sizes, measure_sizes
 from .slots import Slot
 
@@ -46,7 +46,7 @@ def decide(judge: Judge, found: Found, slots: Sequence[Slot]) -> Verdict:
         slots: how sure each is.
     """
     data = judge.evidence.data
-    sizes = measure_sizes(judge.evidence, found.true, spread(judge, found), found.trust)
+    sizes = measure_sizes(judge.evidence, found.true, found.base, found.trust)
     bare = measure_sizes(judge.evidence, (), found.base, judge.evidence.trust((), found.base))
     count = len(data)
     after, before = (sizes.left - 1) * count, (bare.left - 1) * count

@@ -64,9 +64,13 @@ class Effect:
         shaped = [key for key, p in self.parameters.items() if isinstance(p, Shape)]
         return {key: parameters[key] for key in shaped if key in parameters}
 
-    def possible(self, x: View, **shape: float) -> bool:
-        """Whether the motion allows the law with this shape at all, before its columns are tried."""
+    possible: Callable[..., bool]
+    """possible(x, **shape): whether the motion allows the law at all, before its columns are tried."""
+
+    def _possible(self, x: View, **shape: float) -> bool:
         return True
+
+    possible = _possible
 
     def shapes(self, x: View) -> Iterator[dict[str, float]]:
         """Shape values worth trying on this motion."""
@@ -177,15 +181,15 @@ class RecordingLaw(Effect):
     def _columns(self, x: View, **shape: float) -> list[Array]:
         zero = dict.fromkeys(self.linear(), 0.0)
         trials = [({**zero, key: self.step}, self.step) for key in zero] or [({}, 1.0)]
-        return [self.change(x, **parameters, **shape) / step for parameters, step in trials]
+        return [self.change(x, {**parameters, **shape}) / step for parameters, step in trials]
 
     columns = _columns
 
-    def change(self, x: View, **parameters: float) -> Array:
+    def change(self, x: View, parameters: Numbers, exactly: bool = False) -> Array:
         """What the law adds to the torque (..., m) [N.m or N] that seems to belong to the motion."""
         moved = self.recorded_q(x, **parameters) - x.q
         if moved.any():
-            return np.asarray(-x.whole.shift(x.joints[0], moved[:, 0]))
+            return np.asarray(-x.whole.shift(x.joints[0], moved[:, 0], exactly=exactly))
         return self.recorded_torque(x, **parameters) - x.torque
 
 
