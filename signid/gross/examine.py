@@ -24,6 +24,7 @@ from .limits import judge_amount, judge_limits
 from .result import Finding, Gross
 from .search import Claim, search, telling
 from .sentences import (
+    KINDS,
     tell_amount,
     tell_beyond,
     tell_claims,
@@ -38,7 +39,8 @@ from .sentences import (
 UNTOLD = 0.6  # share of a joint's torque that stays unexplained: it does not belong to the motion
 MOVES = 0.05  # of the fastest joint's rms velocity
 CLEAR = 0.2  # of the variance by which the right sign or order does better than a wrong one
-KINDS = ("torque sign", "position sign", "axis"), ("torque order", "position order", "joint order")
+SIGNS, ORDERS = ("torque sign", "position sign", "axis"), ("torque order", "position order", "joint order")
+REASONS = (*KINDS, "units", "gain", "unexplained torque")  # for torque beyond limits and for much noise
 UNSIGNED = (0.1, 100.0)  # of the model's rms torque: sizes between may be friction
 
 
@@ -78,9 +80,8 @@ def examine(model: Model, session: Session, excitation: Excitation | None = None
     if evidence is not None and signed is not None:
         evidence = replace(evidence, signed=evidence.signed & signed)
     seen = None if evidence is None else _see(evidence)
-    findings = [*_told_of_recordings(session, parts, evidence, excitation)]
-    if evidence is not None and seen is not None:
-        findings += _told_of_torque(evidence, seen)
+    causes = _causes(session, parts, evidence, seen)
+    findings = [*causes, *_effects(session, parts, evidence, excitation, causes)]
     return _gross(robot.joints, evidence, seen, findings)
 
 
@@ -92,33 +93,40 @@ def _see(evidence: Evidence) -> _Seen:
     return _Seen(told, claims, done, left, judge_lags(evidence, done, told), judge_gains(evidence, done))
 
 
-def _told_of_recordings(
-    session: Session, parts: Sequence[Part], evidence: Evidence | None, excitation: Excitation | None
-) -> Iterator[Finding]:
-    joints = session.robot.joints
+def _causes(session: Session, parts: Sequence[Part], evidence: Evidence | None, seen: _Seen | None) -> list[Finding]:
     amount = judge_amount(session, parts)
-    if not amount.enough:
-        yield tell_amount(amount, len(joints))
-    if evidence is not None:
-        yield from tell_excitation(_excitation(session) if excitation is None else excitation)
-    for fault in judge_channels(parts):
-        yield tell_fault(fault, session.robot)
+    found = [] if amount.enough else [tell_amount(amount, len(session.robot.joints))]
+    if evidence is not None and seen is not None:
+        found += _told_of_torque(evidence, seen)
+    return [*found, *(tell_fault(fault, session.robot) for fault in judge_channels(parts))]
+
+
+def _effects(
+    session: Session,
+    parts: Sequence[Part],
+    evidence: Evidence | None,
+    excitation: Excitation | None,
+    causes: Sequence[Finding],
+) -> Iterator[Finding]:
+    """What lies beyond limits or was not excited, where no graver fault is its reason."""
+    reasons = {joint for f in causes if f.kind in REASONS for joint in f.joints or session.robot.joints}
     for beyond in judge_limits(evidence, parts, session):
-        yield tell_beyond(beyond, session.robot)
+        if session.robot.joints[beyond.joint] not in reasons:
+            yield tell_beyond(beyond, session.robot)
+    if evidence is not None and not reasons:
+        yield from tell_excitation(_excitation(session) if excitation is None else excitation)
 
 
 def _told_of_torque(evidence: Evidence, seen: _Seen) -> Iterator[Finding]:
-    robot, joints = evidence.robot, evidence.robot.joints
-    blocks = len(np.unique(evidence.block))
-    yield from tell_claims(seen.claims, joints, blocks)
+    robot, joints, x = evidence.robot, evidence.robot.joints, evidence.corrected(seen.done)
+    yield from tell_claims(seen.claims, joints, len(np.unique(evidence.block)))
     yield from tell_lags(seen.lags, seen.done, joints)
     yield from tell_factors(seen.gains, robot)
-    x = evidence.corrected(seen.done)
     speed = np.sqrt(np.mean(x.v**2, axis=0))
     lost = seen.told & (seen.left >= UNTOLD) & (speed >= MOVES * speed.max())
     yield from (tell_unexplained(joints[j], 1 - float(seen.left[j])) for j in np.flatnonzero(lost))
     size, expected = (np.sqrt(np.mean(signal**2, axis=0)) for signal in (x.torque, x.predicted))
-    silent = ~evidence.signed & (size > 0) & (expected >= UNSIGNED[0] * expected.max(initial=0.0)) & (expected > 0)
+    silent = ~evidence.signed & (size > 0) & (expected > 0) & (expected >= UNSIGNED[0] * expected.max(initial=0.0))
     if silent.any():
         ratio = size[silent] / expected[silent]
         if ratio.max() < UNSIGNED[0] or ratio.min() > UNSIGNED[1]:
@@ -145,7 +153,7 @@ def _gross(
 def _verdicts(x: Signals, seen: _Seen) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """On signs and on order, by how much worse any other would do."""
     n, columns = len(seen.told), [Columns(x, j) for j in range(len(seen.told))]
-    wrong = [{j for c in seen.claims if c.kind in kinds for j in c.joints} for kinds in KINDS]
+    wrong = [{j for c in seen.claims if c.kind in kinds for j in c.joints} for kinds in (SIGNS, ORDERS)]
     signs: list[str] = []
     order: list[str] = []
     for j in range(n):

@@ -19,6 +19,7 @@ HALVES, GAINS, LEFT = (
     0.15,
 )  # of what is left unexplained, of the variance: what a lag must save, and may leave
 TOGETHER, FLOOR = 1.5, 0.01  # times what the joint's own best lag leaves: so little, and a common lag is its own
+TINY = 1e-3  # unexplained share below which lags do not compete
 EDGE = 0.9  # of the longest lag: beyond, no minimum was found
 
 
@@ -56,17 +57,15 @@ def judge_lags(evidence: Evidence, done: Correction, told: Mask) -> Lags:
     tells = told & (np.abs(best) < EDGE * LAG) & (least <= zero)
     saves = tells & (least <= np.minimum(HALVES * zero, LEFT)) & (zero - least >= GAINS)
     own = np.where(tells, best, np.nan)
-    if not saves.any():
-        return Lags(own, np.nan, np.zeros(len(told)), saves)
-    common = _minimum(lags, np.log(np.maximum(left[:, saves], FLOOR)).sum(axis=1))
+    common = _minimum(lags, np.log(np.maximum(left[:, told], TINY)).sum(axis=1)) if told.any() else EDGE * LAG
     at = np.array([np.interp(common, lags, column) for column in left.T])
     together = bool(np.all(at[told] <= TOGETHER * least[told] + FLOOR)) and abs(common) < EDGE * LAG
     changed, size = _change(evidence, done, best), np.maximum(_rms(evidence.corrected(done).torque), 1e-300)
     share = np.where(saves, changed / size, 0.0)
-    if together:  # one clock: what it changes of all torques counts, not of a joint that gravity leaves alone
+    if together and saves.any():  # one clock: what it changes of all torques counts, not of a joint without gravity
         much = float(np.linalg.norm(changed[saves]) / np.linalg.norm(size[saves])) >= GROSS or abs(common) >= LATE
         return Lags(own, common, share, saves & much)
-    return Lags(own, np.nan, share, saves & ((share >= GROSS) | (np.abs(best) >= LATE)))
+    return Lags(own, common if together else np.nan, share, saves & (share >= GROSS) & (np.abs(best) >= LATE))
 
 
 def _change(evidence: Evidence, done: Correction, lag: Array) -> Array:

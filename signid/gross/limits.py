@@ -13,7 +13,8 @@ from ..session import Part, Session
 from ..types import Array, Indices
 from .evidence import Evidence
 
-PER_UNKNOWN = 2.5  # filtered rows per unknown of the joint that sees most of them; noise cannot be told from fewer
+PER_UNKNOWN = 2.5  # rows per unknown of the joint that sees most of them; noise cannot be told from fewer
+MOTION = 6.25  # [Hz] up to which rows count: the motion says nothing new faster than that, whatever the cut-off
 FAR = 0.05  # of the range, or rad or m: positions so little beyond are the description's rounding
 STRONG, FAST = 1.05, 1.2  # times the limits of torque and of velocity
 
@@ -30,7 +31,7 @@ class Beyond(NamedTuple):
 class Amount(NamedTuple):
     """How much was recorded."""
 
-    rows: int  # filtered, of all recordings
+    rows: int  # filtered, of all recordings, as far as they say something new
     unknowns: int  # of the joint that sees most
     seconds: float  # that were recorded
     needed: float  # [s] of recordings as long as these for `PER_UNKNOWN`
@@ -65,14 +66,13 @@ def judge_limits(evidence: Evidence | None, parts: Sequence[Part], session: Sess
 
 def judge_amount(session: Session, parts: Sequence[Part]) -> Amount:
     """Filtered rows against unknowns."""
-    task = session.task
-    reach = 2 * (margin(task.band, task.recorded_derivatives) + Decimator(task.band.taps, task.band.factor).half)
+    band, task = session.task.band, session.task
+    reach = 2 * (margin(band, task.recorded_derivatives) + Decimator(band.taps, band.factor).half)
     lengths = [s.length(span) for _, s in parts for span in s.spans]
-    rows = sum(max(0, (length - reach - 1) // task.band.factor + 1) for length in lengths)
+    density, lost = 2 * min(band.cutoff, MOTION), len(lengths) * reach / band.rate
+    rows = sum(int(max(0, length - reach) / band.rate * density) for length in lengths)
     unknowns = max((len(task.seen(j)) for j in range(len(task.robot.joints))), default=0)
-    lost = len(lengths) * reach / task.band.rate
-    needed = PER_UNKNOWN * unknowns * task.band.factor / task.band.rate + lost
-    return Amount(rows, unknowns, sum(s.duration for _, s in parts), needed)
+    return Amount(rows, unknowns, sum(s.duration for _, s in parts), PER_UNKNOWN * unknowns / density + lost)
 
 
 def _over(value: Array, limit: Array, factor: float) -> Indices:

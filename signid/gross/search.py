@@ -16,7 +16,7 @@ from .evidence import Evidence, Signals
 from .fits import Columns, fit_joints, unexplained
 from .lag import lag_table
 
-WELL, CLOSELY = 0.1, 0.01  # unexplained share of the variance that passes for a good fit, and that settles ties
+WELL, CLOSELY = 0.05, 0.01  # unexplained share of the variance that passes for a good fit, and that settles ties
 WORTH, NEARLY = 0.8, 0.3  # nats of unexplained variance that a claim needs; by which a rival may do less
 LEFT, BETTER = 0.35, 0.5  # unexplained at most afterwards, and at most that share of what it was, on some joint
 AGREE = 0.8  # of the blocks
