@@ -24,7 +24,6 @@ from signid.report import check_document
 from signid.session import Options
 from signid.types import Array, Robot
 
-ACTUATORS = Path(__file__).parents[1] / "robots" / "ur10e" / "actuators.toml"
 JOINTS = tuple(f"{name}_joint" for name in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"))
 Spoil = Callable[[Trial, Array, Array], dict[str, Array]]
 
@@ -245,57 +244,3 @@ def test_check_tells_and_exits_3(tmp_path: Path, capfd: pytest.CaptureFixture[st
     document = check_document(check(whole.robot, [signid.read_recording(columns, whole.robot)]))
     assert [joint["sign"] for joint in document["gross"]["joints"]] == ["right", "wrong", "right"]
     assert [finding["kind"] for finding in document["gross"]["findings"]] == ["torque sign"]
-
-
-REAL = {
-    "emps": ("emps_janot/emps.urdf", "emps_janot/emps_train", "emps_janot/emps_pulses"),
-    "panda": ("panda_gaz2019/panda.urdf", "panda_gaz2019/exciting_traj_1"),
-    "tx40": ("staubli_tx40/tx40.urdf", "staubli_tx40/exciting_traj"),
-    "lwr4": ("kuka_lwr4_flobaroid/kuka_lwr4.urdf", *(f"kuka_lwr4_flobaroid/measurements_{k}" for k in (1, 2, 3))),
-    "ur10e": (
-        "ur10e_mamedov/ur10e.urdf",
-        *(
-            f"ur10e_mamedov/{name}"
-            for name in (
-                "identification_data__20_01_31_unload",
-                "identification_data__20_02_12_40sec_12harm",
-                "identification_data__20_02_19_14harm50sec",
-                "identification_data__20_02_19_14harm50secLoad",
-                "validation_data__20_01_17_ptp_10_points",
-            )
-        ),
-    ),
-}
-
-
-@pytest.mark.parametrize("name", REAL)
-def test_real_recordings_pass(data: Path, name: str) -> None:
-    described, *paths = REAL[name]
-    robot = signid.load_robot(data / described, actuators=ACTUATORS if name == "ur10e" else None)
-    for path in paths:
-        recording = signid.read_recording(data / f"{path}.csv.gz", robot)
-        session = prepare(robot, [recording], [recording])
-        found = examine(Model(session.robot, stated_inertials(session.robot), ()), session)
-        assert [f.sentence for f in found.findings if f.kind != "excitation"] == [], path
-        assert ("excitation" in {f.kind for f in found.findings}) == (name == "lwr4")
-
-
-def test_signless_hobby_servos_pass(data: Path) -> None:
-    joints = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll")
-    robot = signid.load_robot(data / "so101_sage" / "so101.urdf", joints=joints)
-    kinds = {"q": "q", "abs_tau": "tau_abs"}
-    columns = {f"{a}_{name}": f"{b}_{k}" for k, name in enumerate(joints, 1) for a, b in kinds.items()}
-    recording = signid.read_recording(data / "so101_sage" / "multisine.csv.gz", robot, columns=columns)
-    session = prepare(robot, [recording], [recording])
-    found = examine(Model(session.robot, stated_inertials(session.robot), ()), session)
-    assert {f.kind for f in found.findings} <= {"excitation"}
-
-
-@pytest.mark.parametrize(("first", "second"), [(3, 4), (4, 5)])
-def test_exchanged_wrists_of_a_real_robot_are_told(data: Path, first: int, second: int) -> None:
-    robot = signid.load_robot(data / "ur10e_mamedov" / "ur10e.urdf", actuators=ACTUATORS)
-    path = data / "ur10e_mamedov" / "identification_data__20_02_12_50sec_12harm.csv.gz"
-    rows = signid.read_recording(path, robot).read()
-    found = look(robot, {"t": rows.t, "q": rows.q, "tau": exchanged(rows.tau, first, second)})
-    (finding,) = found.findings
-    assert finding.kind == "torque order" and finding.joints == (robot.joints[first], robot.joints[second])

@@ -10,14 +10,13 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
 
+from ..effects.base import BodyLaw, TorqueLaw
 from ..filters import Decimator
 from ..model import Model
-from ..motion import build_motion, margin
-from ..rigid import rigid_torque
-from ..robot import configuration
+from ..motion import Motion, build_motion, margin
 from ..rows import Task
 from ..session import Part, Session, longest_piece
-from ..types import Array, Frozen, Indices, Mask, Robot
+from ..types import Array, Frozen, Indices, Law, Mask, Robot
 from .correction import Correction
 
 SAMPLES = 2**16  # that are looked at, of all recordings together
@@ -41,7 +40,7 @@ class Signals(NamedTuple):
 class Evidence(Frozen):
     """K rows of n joints, and the recorded torque at the moments around them."""
 
-    robot: Robot  # with the model's bodies
+    model: Model  # its bodies and the laws that a row alone tells, without friction
     signed: Mask  # (n,) whether torque is recorded, with its sign
     rotors: Mask  # (n,) whether the model knows of a rotor at the joint
     q: Array  # (K, n) [rad or m]
@@ -50,6 +49,11 @@ class Evidence(Frozen):
     moments: tuple[Array, ...]  # of each recording, (K_r,) of its rows [s]
     block: Indices  # (K,) which part of the recordings a row belongs to
 
+    @property
+    def robot(self) -> Robot:
+        """With the joints that were recorded."""
+        return self.model.robot
+
     def corrected(self, correction: Correction) -> Signals:
         """What the signals would be."""
         plain, torque = self.plain, self.late(correction.lag)[:, list(correction.tau_from)] * correction.tau_sign
@@ -57,8 +61,11 @@ class Evidence(Frozen):
             return plain._replace(torque=torque)
         q, v, a = self.moved(correction)
         direction = plain.direction[:, list(correction.q_from)] * np.sign(correction.q_scale)
-        other = plain.predicted - self._rigid(self.q, plain.v, plain.a)
-        return Signals(v, a, direction, self._rigid(q, v, a) + other, torque)
+        return Signals(v, a, direction, self.model.inverse(self.along(correction)), torque)
+
+    def along(self, correction: Correction) -> Motion:
+        """The motion, rows for samples."""
+        return Motion(self.robot, np.concatenate(self.moments), *self.moved(correction))
 
     def moved(self, correction: Correction) -> tuple[Array, Array, Array]:
         """What positions, velocities and accelerations would be, (K, n) each [rad or m, per s, per s2]."""
@@ -85,10 +92,6 @@ class Evidence(Frozen):
     def _curves(self) -> list[BSpline]:
         return [make_interp_spline(t, torque) for t, torque in self.torques]
 
-    def _rigid(self, q: Array, v: Array, a: Array) -> Array:
-        drive = self.robot.drive.T
-        return rigid_torque(self.robot, configuration(self.robot, q), v @ drive, a @ drive)
-
 
 def gather(model: Model, session: Session, parts: Sequence[Part]) -> Evidence | None:
     """The evidence of some recordings; None where all are too short.
@@ -110,12 +113,12 @@ def gather(model: Model, session: Session, parts: Sequence[Part]) -> Evidence | 
     rows = [_Piece(*(x[edge : len(x) - edge : every] for x in piece)) for piece in pieces]
     sizes, each = [len(piece.t) for piece in rows], -(-BLOCKS // len(rows))
     q, *signals = (np.concatenate(x) for x in list(zip(*rows, strict=True))[1:])
-    bodies = model.bodies()
+    rotors = model.bodies().armature @ np.abs(task.robot.drive)
     recorded = [recording.signed & np.array([bool(c) for c in recording.columns["tau"]]) for recording, _ in parts]
     return Evidence(
-        replace(task.robot, model=bodies),
+        replace(frictionless, laws=tuple(law for law in frictionless.laws if _is_plain(law))),
         np.asarray(np.all(recorded, axis=0)),
-        np.asarray(bodies.armature @ np.abs(task.robot.drive) > 0),
+        np.asarray(rotors > 0),
         q,
         Signals(*signals),
         tuple((piece.t, piece.torque) for piece in pieces),
@@ -132,6 +135,10 @@ class _Piece(NamedTuple):
     direction: Array
     predicted: Array
     torque: Array
+
+
+def _is_plain(law: Law) -> bool:
+    return isinstance(law.effect, BodyLaw | TorqueLaw) and not getattr(law.effect, "memory", False)
 
 
 def _piece(model: Model, task: Task, part: Part, thin: Decimator, most: int) -> _Piece | None:

@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..motion import Motion
 from ..types import Array, Mask
 from .correction import Correction
 from .evidence import Evidence, Signals
@@ -76,8 +75,7 @@ class _Rivals(NamedTuple):
     def beaten(self, factor: float, own: Array) -> bool:
         """Whether factors of the joints' own (n,) leave far less than one factor and other inertials of any body."""
         x, told = self.x, np.isfinite(self.factor)
-        q, v, a = self.evidence.moved(self.done)
-        motion = Motion(self.evidence.robot, np.arange(len(q), dtype=float), q, v, a)
+        motion = self.evidence.along(self.done)
         scaled = x._replace(predicted=x.predicted * factor)
         rival = min(_left(scaled, told, motion.body_columns(body)) for body in range(len(own)))
         return _left(x._replace(predicted=x.predicted * own), told) <= RIVAL * rival
