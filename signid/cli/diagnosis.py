@@ -44,7 +44,7 @@ def diagnose(
     reference: Annotated[
         Paths, typer.Option(metavar="RECORDING", help="Of the robot when all was well. Repeatable.")
     ] = None,
-    skip: Annotated[Paths, typer.Option(metavar="EFFECT", help="A law to leave out of account. Repeatable.")] = None,
+    skip: Annotated[Paths, typer.Option(metavar="EFFECT", help="A law that cannot be. Repeatable.")] = None,
     joints: Joints = None,
     lock: Lock = None,
     actuators: Actuators = None,
@@ -79,7 +79,7 @@ def diagnose(
             signed.recordings,
             held_out=signed.held_out,
             reference=healthy,
-            skip=skip or (),
+            skip=[name.strip() for text in skip or () for name in text.split(",")],
             options=options,
             progress=progress,
         )

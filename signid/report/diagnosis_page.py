@@ -11,11 +11,11 @@ import numpy as np
 from ..diagnose import Diagnosis
 from ..types import Array
 from .diagnosis_words import (
-    ROLES,
     alternative_words,
     finding_words,
     law_words,
     place_words,
+    role_words,
     trust_words,
     unexplained_words,
     verdict_words,
@@ -93,7 +93,7 @@ def _section(title: str, sentences: Sequence[str]) -> list[str]:
 
 def _findings(result: Diagnosis) -> Iterator[str]:
     """A table for each role, and below it the rivals of what stands in it."""
-    for role, title in ROLES.items():
+    for role, title in role_words(result).items():
         some = [finding for finding in result.findings if finding.role == role]
         if not some:
             continue

@@ -11,11 +11,11 @@ from rich.text import Text
 
 from ..diagnose import Diagnosis
 from .diagnosis_words import (
-    ROLES,
     alternative_words,
     finding_words,
     law_words,
     place_words,
+    role_words,
     trust_words,
     unexplained_words,
     verdict_words,
@@ -24,6 +24,7 @@ from .layout import heading, new_table, note_lines, paragraph
 from .numbers import determination, figure
 from .signs import signs_tables
 
+WORSE = 1.02  # times the error before
 COLOURS = {"nothing_missing": "bold green", "named": "bold", "unknown": "bold yellow"}
 
 
@@ -47,7 +48,7 @@ def diagnosis_tables(result: Diagnosis) -> list[RenderableType]:
 
 
 def _findings(result: Diagnosis) -> Iterator[RenderableType]:
-    for role, title in ROLES.items():
+    for role, title in role_words(result).items():
         some = [finding_words(result.robot, finding) for finding in result.findings if finding.role == role]
         if some:
             table = new_table("law and its numbers, ± 95 %", "probability>", "of torque", "mostly")
@@ -72,7 +73,7 @@ def _fit(result: Diagnosis) -> Table:
     table = new_table("joint", "before>", "after>", "noise floor>", "unit", "R2 before>", "R2 after>")
     before, after = result.before, result.after
     for j, joint in enumerate(before.joints):
-        rms = (figure(float(x[j])) for x in (before.held_out_rms, after.held_out_rms))
+        rms = _change(float(before.held_out_rms[j]), float(after.held_out_rms[j]))
         r2 = (determination(float(fit.held_out_r2[j])) for fit in (before, after))
         table.add_row(joint, *rms, figure(float(before.noise_floor[j]), 2), before.unit[j], *r2)
     return table
@@ -85,6 +86,11 @@ def _rolled(result: Diagnosis) -> Iterator[RenderableType]:
     horizon = max(before.horizons)
     table = new_table("joint", "before>", "after>", "unit")
     for joint, unit, *rms in zip(before.joints, before.unit, before.rms(horizon), after.rms(horizon), strict=True):
-        table.add_row(joint, *(figure(float(x)) for x in rms), unit)
+        table.add_row(joint, *_change(*map(float, rms)), unit)
     yield heading(f"Simulated for {horizon:g} s from measured states: rms error of position at the end")
     yield table
+
+
+def _change(before: float, after: float) -> tuple[Text, Text]:
+    """An error before and after; after in red where it is clearly larger."""
+    return Text(figure(before)), Text(figure(after), "red" if after > WORSE * before else "")

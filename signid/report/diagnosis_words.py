@@ -19,7 +19,6 @@ NOISE = 1.08  # of the noise floor: so much residual is noise
 NEGLIGIBLE = 0.001  # probability
 LITTLE = 0.3  # share that a variable explains: less is as good as nothing
 GONE = 0.005  # of torque: less is not shown as a share
-ROLES = {"cause": "Missing", "secondary": "Small corrections beside it"}
 
 
 class FindingWords(NamedTuple):
@@ -43,6 +42,12 @@ def verdict_words(result: Diagnosis) -> str:
         return f"the simulation lacks {causes}{sure}"
     lead = f"; nearest to it: {causes}" if causes else ""
     return f"the simulation lacks something that no law explains{lead}"
+
+
+def role_words(result: Diagnosis) -> dict[str, str]:
+    """What stands above the findings of each role."""
+    causes = "Nearest to what is missing" if result.verdict == "unknown" else "Missing"
+    return {"cause": causes, "secondary": "Small corrections beside it"}
 
 
 def place_words(result: Diagnosis) -> list[str]:
@@ -126,13 +131,11 @@ def _numbers(robot: Robot, finding: Finding) -> tuple[str, ...]:
     numbers = finding_numbers(robot, finding)
     optional = {key: number for key, number in numbers.items() if key in finding.law.effect.optional}
     hidden = [key for key, x in optional.items() if x["std"] is not None and abs(x["value"]) < TWO_SIDED * x["std"]]
-    told = [_number(key, **number) for key, number in numbers.items() if key not in hidden]
+    told = [_number(key, **number) for key, number in numbers.items() if key not in (*hidden, "partner")]
     return (*told, *([f"{plural(len(hidden), 'more number')}: could be zero"] if hidden else []))
 
 
-def _number(key: str, value: float | str, std: float | None, unit: str) -> str:
-    if isinstance(value, str):
-        return f"{key} {value}"
+def _number(key: str, value: float, std: float | None, unit: str) -> str:
     told = (figure(value), "-") if std is None else with_interval(value, std)
     return f"{key} {' ± '.join(text for text in told if text != '-')} {unit if unit != '1' else ''}".rstrip()
 

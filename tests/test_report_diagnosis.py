@@ -1,0 +1,222 @@
+"""A diagnosis as JSON, on the terminal and as a page."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from test_report import shown
+from test_signs_page import Page, values
+
+import signid
+from signid.diagnose import Alternative, Diagnosis, Finding, Unexplained
+from signid.diagnose.locate import Place
+from signid.fit import Fit
+from signid.laws import parse_law
+from signid.report import diagnosis_document, diagnosis_page, diagnosis_tables, to_json
+from signid.rollout import RollOut
+
+ROBOT = signid.load_robot("3r")
+APART = "joint_2 from -1 to 1 at up to 2; signid excite --separate a@joint_2,b@joint_2 finds a better one"
+NEVER = "no motion can tell them apart; another sensor or a known load is needed"
+FLAG = "payload <of> joint_3 is one of several & more"
+BEFORE, AFTER, FLOOR = np.array([0.05, 0.8, 0.2]), np.array([0.05, 0.04, 0.3]), np.array([0.05, 0.04, 0.01])
+
+
+def fit(rms: np.ndarray) -> Fit:
+    return Fit(ROBOT.joints, ("N.m",) * 3, rms, rms, FLOOR, 1 - rms)
+
+
+def rolled(size: float) -> RollOut:
+    error = np.full((4, 5, 3), size) * np.array([1, 2, 3])
+    t = np.arange(1, 6) * 0.1
+    return RollOut(ROBOT.joints, ("rad",) * 3, (0.5,), t, np.zeros(4, int), np.arange(4.0), error, 1e-3)
+
+
+def finding(law: str, std: dict[str, float], **changes: Any) -> Finding:
+    usual = Finding(
+        law=parse_law(law, ROBOT),
+        std=std,
+        role="cause",
+        probability=0.9994,
+        torque_share=np.array([0.0, 0.26, 0.0]),
+        where=Place(1, "velocity", "slower than 0.05 rad/s", 0.83, 0.9),
+        statistic=120.0,
+        threshold=4.0,
+        held_out_gain=0.98,
+        alternatives=(),
+    )
+    return replace(usual, **changes)
+
+
+def rival(law: str, probability: float, motion: str) -> Alternative:
+    return Alternative(parse_law(law, ROBOT), probability, motion)
+
+
+RIVALS = (
+    rival("viscous_friction@2", 0.02, APART),
+    rival("asymmetric_friction@2", 1e-6, NEVER),
+    rival("spring@1", 1e-9, APART),
+)
+FINDINGS = (
+    finding("coulomb_friction@2:level=0.8", {"level": 0.01}, alternatives=RIVALS),
+    finding(
+        "payload:mass=0.3,first_moment_x=0.03,inertia_xx=0.001",
+        {"mass": 0.02, "first_moment_x": 0.002, "first_moment_y": 0.002, "first_moment_z": 0.002, "inertia_xx": 0.01},
+        probability=0.8,
+        torque_share=np.array([0.1, 0.2, 0.3]),
+    ),
+    finding("base_tilt:x=0.01,y=0", {"x": 0.001, "y": 0.001}, role="secondary"),
+    finding(
+        "joint_coupling@2:partner=3,inertia=0.1,viscous=0.2,coulomb=0.3",
+        {"inertia": 0.01, "viscous": 0.01, "coulomb": 0.01},
+        role="secondary",
+    ),
+)
+
+
+def made(**changes: Any) -> Diagnosis:
+    """The simulation of an arm lacks two laws, and needs two more."""
+    usual = Diagnosis(
+        robot=ROBOT,
+        verdict="named",
+        findings=FINDINGS,
+        unexplained=(Unexplained(2, Place(2, "time", "3 to 4 s", 0.4, 0.1), 0.05),),
+        located=tuple(Place(j, "velocity", "slower than 0.05 rad/s", 0.83, 0.9) for j in range(3)),
+        tolerance=0.01,
+        before=fit(BEFORE),
+        after=fit(AFTER),
+        rollout_before=rolled(0.5),
+        rollout_after=rolled(0.01),
+        model=signid.load_model("3r"),
+        trust=0.0,
+        signs=None,
+        inputs=(("x.csv", "0" * 64),),
+        flags=(FLAG,),
+        notes=("a <note>",),
+        cutoff=8.0,
+        seed=7,
+    )
+    return replace(usual, **changes)
+
+
+def told(result: Diagnosis) -> str:
+    """As the terminal shows it, 100 columns wide."""
+    return shown(diagnosis_tables(result))
+
+
+def test_the_document_is_the_contract() -> None:
+    document = json.loads(to_json(diagnosis_document(made(), [("3r", "1" * 64)])))
+    assert (document["schema"], document["verdict"], document["seed"]) == ("signid.diagnosis/1", "named", 7)
+    assert [entry["path"] for entry in document["inputs"]] == ["x.csv", "3r"]
+    places = [(entry["effect"], entry["joint"], entry["role"]) for entry in document["findings"]]
+    assert places == [
+        ("coulomb_friction", "joint_2", "cause"),
+        ("payload", "joint_3", "cause"),
+        ("base_tilt", None, "secondary"),
+        ("joint_coupling", "joint_2", "secondary"),
+    ]
+    first = document["findings"][0]
+    assert first["parameters"] == {"level": {"value": 0.8, "std": 0.01, "unit": "N.m"}}
+    assert first["torque_share"] == {"joint_2": 0.26}
+    assert {"joint": "joint_2", "variable": "velocity", "region": "slower than 0.05 rad/s"}.items() <= first[
+        "where"
+    ].items()
+    assert first["evidence"] == {"statistic": 120.0, "threshold": 4.0, "held_out_gain": 0.98}
+    assert [set(entry) for entry in first["alternatives"]] == [
+        {"effect", "joint", "probability", "separating_motion"}
+    ] * 3
+    assert document["findings"][3]["parameters"]["partner"]["value"] == "joint_3"
+    assert {"joint": "joint_3", "depends_on": "time", "share": 0.05}.items() <= document["unexplained"][0].items()
+    for when, rms in (("before", BEFORE), ("after", AFTER)):
+        assert document["fit"][when]["held_out_rms"] == rms.tolist()
+    assert document["rollout"] == {
+        "horizon": 0.5,
+        "before_rms": pytest.approx([0.5, 1, 1.5]),
+        "after_rms": pytest.approx([0.01, 0.02, 0.03]),
+        "unit": ["rad"] * 3,
+    }
+    nothing = diagnosis_document(made(rollout_before=None, rollout_after=None))
+    assert nothing["rollout"] is None
+
+
+@pytest.mark.parametrize(
+    ("verdict", "findings", "words"),
+    [
+        ("named", FINDINGS, "3r: the simulation lacks coulomb_friction of joint_2; payload\n"),
+        ("named", FINDINGS[:1], "3r: the simulation lacks coulomb_friction of joint_2 (probability >0.999)\n"),
+        ("unknown", FINDINGS[:1], "something that no law explains; nearest to it: coulomb_friction of joint_2\n"),
+        ("unknown", (), "3r: the simulation lacks something that no law explains\n"),
+        ("nothing_missing", (), "3r: nothing is missing, within 1 % of torque\n"),
+    ],
+)
+def test_the_verdict_is_a_sentence(verdict: str, findings: tuple[Finding, ...], words: str) -> None:
+    text = told(made(verdict=verdict, findings=findings))
+    assert words in text and ("Missing" in text) == (verdict == "named")
+
+
+def test_laws_of_all_joints_are_said_in_one_breath() -> None:
+    laws = [f"{name}@{j}" for j in (1, 2, 3) for name in ("viscous_friction", "coulomb_friction")]
+    text = told(made(findings=tuple(finding(law, {}) for law in laws)))
+    assert "the simulation lacks viscous_friction, coulomb_friction of all joints\n" in text
+
+
+def test_the_terminal_says_what_matters() -> None:
+    text = told(made())
+    flat = " ".join(text.split())
+    assert max(map(len, text.splitlines())) <= 100
+    assert "joint_2 slower than 0.05 rad/s: 83 % of its unexplained torque; velocity explains 90 %" in flat
+    assert "joint_1: nothing but noise" in flat
+    for words in ("level 0.800 ± 0.020 N.m", "mass 0.300 ± 0.039 kg", "26 %", "30 % of joint_3", "0.800"):
+        assert words in flat, words
+    assert "inertia_xx" not in flat and "1 more number: could be zero" in flat and "partner" not in flat
+    assert "joint_coupling of joint_2 and joint_3" in flat and "base_tilt" in flat.partition("Small corrections")[2]
+    assert f"or viscous_friction of joint_2, probability 0.020: {APART}" in flat
+    assert f"or asymmetric_friction of joint_2, probability <0.001: {NEVER}" in flat
+    assert "spring" not in flat and "1 more with a probability below 0.001" in flat
+    assert "joint_3: 5 % of its torque, 40 % of that 3 to 4 s; no single variable explains it" in flat
+    assert "Simulated for 0.5 s" in flat and "note: a <note>" in flat and "refitted" not in flat
+    assert "inertials of the simulation were refitted" in told(made(trust=2.0))
+
+
+def test_a_joint_that_got_worse_is_red() -> None:
+    (table,) = [part for part in diagnosis_tables(made()) if "noise floor" in shown([part])]
+    after = [str(cell.style) for cell in table.columns[2].cells]  # type: ignore[union-attr]
+    assert after == ["", "", "red"]
+
+
+def test_the_page_says_the_same_and_loads_nothing() -> None:
+    page = diagnosis_page(made())
+    read = Page(page)
+    text = " ".join(" ".join(read.texts).split())
+    for words in ("3r: the simulation lacks", FLAG, "a <note>", NEVER, APART, "level 0.800 ± 0.020 N.m", "x.csv"):
+        assert words in text, words
+    assert "of" not in read.tags and "note" not in read.tags and read.tags.count("script") == 2
+    assert page == diagnosis_page(made())
+    for result in (made(verdict="unknown"), made(verdict="nothing_missing", findings=(), unexplained=(), flags=())):
+        assert f'<h1 class="{result.verdict}">' in diagnosis_page(result)
+
+
+@pytest.mark.parametrize("flown", [False, True])
+def test_the_page_shows_every_joint_before_and_after(flown: bool) -> None:
+    result = made(rollout_before=rolled(np.inf)) if flown else made()
+    script = next(s for s in Page(diagnosis_page(result)).scripts if "Plotly.newPlot(" in s and '"residual"' in s)
+    match = re.search(r'Plotly\.newPlot\(\s*"residual",\s*(?=\[)', script)
+    assert match
+    data, _ = json.JSONDecoder().raw_decode(script, match.end())
+    marks = {(trace["xaxis"], trace["name"]): trace for trace in data if trace.get("mode") == "markers"}
+    assert len(marks) == 4 and all(trace["y"] == list(ROBOT.joints) for trace in marks.values())
+    np.testing.assert_allclose(values(marks["x", "before"]["x"]), BEFORE / FLOOR)
+    np.testing.assert_allclose(values(marks["x", "with what was lacking"]["x"]), AFTER / FLOOR)
+    assert marks["x", "before"]["customdata"] == ["0.0500 N.m", "0.800 N.m", "0.200 N.m"]
+    before = marks["x2", "before"]["x"]
+    assert before == [None] * 3 if flown else np.allclose(values(before), [0.5, 1, 1.5])
+
+
+def test_without_a_roll_out_a_single_panel_is_drawn() -> None:
+    page = diagnosis_page(made(rollout_before=None, rollout_after=None))
+    assert "of simulation [" not in page and "times the noise floor" in page
