@@ -1,0 +1,1 @@
+"""Real recordings diagnosed by simulations from which known physics was left out."""
