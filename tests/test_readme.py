@@ -17,13 +17,20 @@ ROOT = Path(__file__).parents[1]
 
 def readme(start: str, language: str = "") -> list[str]:
     """Lines of the first block of the README whose first line begins so."""
-    blocks = re.findall(rf"^```{language}\n(.*?)^```$", (ROOT / "README.md").read_text(), re.MULTILINE | re.DOTALL)
-    return next(block for block in blocks if block.startswith(start)).splitlines()
+    blocks = re.findall(r"^```(\w*)\n(.*?)^```$", (ROOT / "README.md").read_text(), re.MULTILINE | re.DOTALL)
+    return next(block for kind, block in blocks if kind == language and block.startswith(start)).splitlines()
 
 
-@pytest.mark.parametrize("start", ["$ signid identify 3r robots", "$ signid identify 3r recording.csv --unsigned"])
+@pytest.mark.parametrize(
+    ("start", "code"),
+    [
+        ("$ signid identify 3r robots", 0),
+        ("$ signid diagnose 3r recording.csv", 3),
+        ("$ signid identify 3r recording.csv --unsigned", 0),
+    ],
+)
 def test_the_extract_in_the_readme_is_what_is_printed(
-    start: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+    start: str, code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     def form(text: str) -> str:
         return " ".join(re.sub(r"(?<![\w.])-?\d[\d.]*", "#", text).split())
@@ -36,7 +43,7 @@ def test_the_extract_in_the_readme_is_what_is_printed(
         for line in "\n".join(readme("signid excite", "sh")).replace("\\\n", "").splitlines():
             assert run(line.split()[1:]) == 0
         capfd.readouterr()
-    assert run(command.split()[2:]) == 0
+    assert run(command.split()[2:]) == code
     printed, at = form(capfd.readouterr().out), 0
     for line in extract:
         if line != "...":
@@ -45,12 +52,15 @@ def test_the_extract_in_the_readme_is_what_is_printed(
 
 
 def test_the_python_in_the_readme_runs() -> None:
-    code = "\n".join(readme("import signid", "python") + readme("lost = ", "python") + readme("model = ", "python"))
+    starts = ("import signid", "lost = ", "model = ", "found = ")
+    code = "\n".join(line for start in starts for line in readme(start, "python"))
     there = {**os.environ, "PYTHONPATH": str(ROOT)}
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, env=there, check=False
     )
-    assert (done.returncode, done.stderr, len(done.stdout.splitlines())) == (0, "", 27)
+    *lines, verdict = done.stdout.splitlines()
+    assert (done.returncode, done.stderr) == (0, "") and len(lines) >= 28, "27 lines and the causes"
+    assert all("friction" in line and "probability" in line for line in lines[27:]) and verdict.startswith("named")
 
 
 def test_the_readme_lists_the_commands(capfd: pytest.CaptureFixture[str]) -> None:
