@@ -37,7 +37,8 @@ Array = NDArray[np.float64]
 Columns = dict[str, Array]
 Spoil = Callable[[list[Columns], tuple[int, ...], np.random.Generator], list[Columns]]
 
-ROBOTS = ("1r", "3r", "ur5", "panda", "kinova", "xarm7")
+ROBOTS = ("1r", "3r", "ur5", "panda", "kinova", "xarm7", "z1")
+COMMANDED = "torque_saturation"  # records what was commanded: to say that it does not follow is right
 STRONG = 0.1  # of the largest torque's deviation: joints that faults are planted at
 MEANT = ("torque_sign", "channel_swap")  # effects that are gross faults themselves
 FOUND, MISSED, FALSE = 0.9, 0.0, 0.01  # shares: at least found, at most called something else, at most false
@@ -127,7 +128,15 @@ FAULTS: Mapping[str, tuple[str, int, Spoil]] = {  # kind that must be told, join
     "stuck": ("stuck torque", 1, stuck),
     "4 or 8 s": ("too little data", 0, short),
 }
-ALONE = ("torque order", "position order", "joint order", "gain 2.5", "gain 0.4", "4 or 8 s")  # not of a single joint
+ALONE = (
+    "torque order",
+    "position order",
+    "joint order",
+    "gain 2.5",
+    "gain 0.4",
+    "4 or 8 s",
+    "axis",
+)  # a single joint shows none
 
 
 def spoiled(fault: str, logs: list[Columns], joints: Sequence[str], rng: np.random.Generator):  # type: ignore[no-untyped-def]
@@ -188,6 +197,11 @@ def rows(case: Case, cache: Path, faults: Sequence[str]) -> Iterator[Row]:
         yield Row(fault or name, case.robot, case.seed, planted[1], verdict, said, seconds)
 
 
+def false_alarm(row: Row) -> bool:
+    """Whether something was said that is not so."""
+    return any(not (row.fault == COMMANDED and kind.startswith("unexplained torque")) for kind in row.said)
+
+
 def show(found: Sequence[Row]) -> Table:
     """Counts of outcomes by fault."""
     table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
@@ -208,14 +222,15 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="3r and ur5, two sessions each")
     parser.add_argument("--effects", action="store_true", help="also robots with an effect of 15 %% of torque")
     parser.add_argument("--robots", nargs="+", choices=ROBOTS, default=ROBOTS)
+    parser.add_argument("--seed", type=int, default=0, help="of motions, noise and what is planted")
     parser.add_argument("--cache", type=Path, metavar="DIR", help="keep sessions there")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers there")
     options = parser.parse_args()
     robots = ("3r", "ur5") if options.quick else options.robots
     console, found = Console(), []
     with tempfile.TemporaryDirectory() as folder:
-        healthy = [c for c in cases(("none",), robots, (0.15,), (0,)) if not options.quick or c.seed < 2]
-        others = cases(("exact",), robots, (0.15,), (0,)) if options.effects else []
+        healthy = [c for c in cases(("none",), robots, (0.15,), (options.seed,)) if not options.quick or c.seed % 6 < 2]
+        others = cases(("exact",), robots, (0.15,), (options.seed,)) if options.effects else []
         work = [(c, ("", *FAULTS)) for c in healthy] + [(c, ("",)) for c in others if c.effects[0] not in MEANT]
         for case, faults in work:
             with console.status(case.key):
@@ -232,7 +247,7 @@ def main() -> None:
     planted = [row for row in found if row.fault in FAULTS]
     right = np.mean([row.outcome in ("found", "or") for row in planted])
     wrong = np.mean([row.outcome == "other" for row in planted])
-    alarms = np.mean([row.outcome != "silent" for row in found if row.fault not in FAULTS])
+    alarms = np.mean([false_alarm(row) for row in found if row.fault not in FAULTS])
     console.print(f"found {right:.1%}, called something else {wrong:.1%}, false alarms {alarms:.1%}", highlight=False)
     raise SystemExit(0 if right >= FOUND and alarms <= FALSE else 1)
 

@@ -36,7 +36,7 @@ from .sentences import (
     tell_unsigned_units,
 )
 
-UNTOLD = 0.6  # share of a joint's torque that stays unexplained: it does not belong to the motion
+UNTOLD, STRONG = 0.6, 0.05  # share of a joint's torque that stays unexplained, where it is so much of the largest
 MOVES = 0.05  # of the fastest joint's rms velocity
 CLEAR = 0.2  # of the variance by which the right sign or order does better than a wrong one
 SIGNS, ORDERS = ("torque sign", "position sign", "axis"), ("torque order", "position order", "joint order")
@@ -123,7 +123,8 @@ def _told_of_torque(evidence: Evidence, seen: _Seen) -> Iterator[Finding]:
     yield from tell_lags(seen.lags, seen.done, joints)
     yield from tell_factors(seen.gains, robot)
     speed = np.sqrt(np.mean(x.v**2, axis=0))
-    lost = seen.told & (seen.left >= UNTOLD) & (speed >= MOVES * speed.max())
+    deviation = np.where(evidence.signed, np.std(x.torque, axis=0), 0.0)
+    lost = seen.told & (seen.left >= UNTOLD) & (speed >= MOVES * speed.max()) & (deviation >= STRONG * deviation.max())
     yield from (tell_unexplained(joints[j], 1 - float(seen.left[j])) for j in np.flatnonzero(lost))
     size, expected = (np.sqrt(np.mean(signal**2, axis=0)) for signal in (x.torque, x.predicted))
     silent = ~evidence.signed & (size > 0) & (expected > 0) & (expected >= UNSIGNED[0] * expected.max(initial=0.0))

@@ -62,7 +62,9 @@ def judge_lags(evidence: Evidence, done: Correction, told: Mask) -> Lags:
     together = bool(np.all(at[told] <= TOGETHER * least[told] + FLOOR)) and abs(common) < EDGE * LAG
     changed, size = _change(evidence, done, best), np.maximum(_rms(evidence.corrected(done).torque), 1e-300)
     share = np.where(saves, changed / size, 0.0)
-    if together and saves.any():  # one clock: what it changes of all torques counts, not of a joint without gravity
+    if together and 2 * saves.sum() >= max(
+        1, told.sum()
+    ):  # one clock: what it changes of all torques counts, not of a joint without gravity
         much = float(np.linalg.norm(changed[saves]) / np.linalg.norm(size[saves])) >= GROSS or abs(common) >= LATE
         return Lags(own, common, share, saves & much)
     return Lags(own, common if together else np.nan, share, saves & (share >= GROSS) & (np.abs(best) >= LATE))

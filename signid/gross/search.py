@@ -14,11 +14,12 @@ from ..types import Array, Frozen, Indices, Mask
 from .correction import Correction
 from .evidence import Evidence, Signals
 from .fits import Columns, fit_joints, unexplained
-from .lag import lag_table
+from .lag import LATE, lag_table
 
 WELL, CLOSELY = 0.05, 0.01  # unexplained share of the variance that passes for a good fit, and that settles ties
 WORTH, NEARLY = 0.8, 0.3  # nats of unexplained variance that a claim needs; by which a rival may do less
 LEFT, BETTER = 0.35, 0.5  # unexplained at most afterwards, and at most that share of what it was, on some joint
+WORSE = 0.25  # of the variance that is left more on any joint: the correction is none
 AGREE = 0.8  # of the blocks
 WEAK, STEADY = 0.03, 0.05  # of the second strongest torque's deviation, of the joint's rms torque: less tells nothing
 UNITS = {"degrees": np.pi / 180, "revolutions": 2 * np.pi, "millimetres": 1e-3}
@@ -91,9 +92,15 @@ def _next(evidence: Evidence, done: Correction, told: Mask) -> Claim | None:
     judged = []
     for trial in _trials(evidence, done, told):
         left = unexplained(evidence.corrected(trial.correction))
+        if np.any((left - before)[evidence.signed] > WORSE):
+            continue
         judged.append(Judged(trial, left, (_nats(left, told), _nats(left, told, CLOSELY))))
+    if not judged:
+        return None
     judged.sort(key=lambda j: (round(j.rank[0], 1), j.rank[1]))
     best, gained = judged[0], _nats(before, told) - judged[0].rank[0]
+    if best.trial.kind == "lag" and np.abs(best.trial.correction.lag - done.lag).max() < LATE:
+        return None
     betters = np.flatnonzero(told & (best.left <= BETTER * before))
     if gained < WORTH or not np.any(best.left[betters] <= LEFT):
         return None
