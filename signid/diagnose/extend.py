@@ -9,9 +9,9 @@ import numpy as np
 
 from ..model import Model
 from ..types import INERTIAL, Array, Law, pseudo_inertia
-from .evidence import Fitted
 from .group import Group
 from .hypothesis import refits
+from .linear import Fitted
 
 HALVINGS = 8  # of a correction of inertials until a real body could have them
 

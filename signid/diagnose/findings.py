@@ -76,7 +76,7 @@ def find(
         findings=tuple(findings),
         unexplained=tuple(_unexplained(setting, session, model, verdict)),
         located=tuple(_place(setting, j, setting.table.residual[:, j]) for j in range(setting.table.joints)),
-        tolerance=float(np.max(np.sqrt(verdict.threshold / len(judge.evidence.data)) * floor / scale)),
+        tolerance=float(np.max(np.sqrt(verdict.threshold / judge.evidence.data.counts) * floor / scale)),
         flags=tuple(_flags(setting, findings, verdict)),
     )
 
@@ -145,7 +145,7 @@ def _held_out_gains(session: Session, model: Model, laws: Sequence[Law]) -> list
 
 
 def _unexplained(setting: Setting, session: Session, model: Model, verdict: Verdict) -> Iterator[Unexplained]:
-    rest, torque = residuals(session.task, model, session.train)
+    rest, torque = (np.nan_to_num(x) for x in residuals(session.task, model, session.train))
     for joint in np.flatnonzero(verdict.after > verdict.threshold).tolist():
         share = float(np.sqrt(np.mean(rest[:, joint] ** 2) / max(float(np.mean(torque[:, joint] ** 2)), 1e-300)))
         yield Unexplained(joint, _place(setting, joint, rest[:, joint]), share)

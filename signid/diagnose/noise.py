@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..effects.base import ActuatorLaw
-from ..types import Array, Frozen, Indices
+from ..types import Array, Frozen, Indices, Mask
 from .table import Table
 
 ORDER = 4  # of the autoregressive model
@@ -17,6 +17,7 @@ FREE = 3.0  # rows for a column, at least
 MARGIN = 1.06  # replicates leave out the loudest stretches
 QUIET = 0.85  # share of the stretches that count
 STRETCHES = 8  # of a piece
+LEAST = 50  # rows in motion
 FEW = 6  # shapes of one hypothesis
 
 
@@ -68,14 +69,16 @@ def _of_joint(table: Table, joint: int, periods: Sequence[float | None], rate: f
 
 def _saturated(table: Table, joint: int) -> tuple[list[Array], float]:
     """What is left of the residual by all columns that are not too many, and how much the fit took of the noise."""
-    x, y = _usual(table, joint), table.residual[:, joint]
+    goes = ~table.rests[:, joint]
+    goes = goes if goes.sum() > LEAST else np.ones_like(goes)
+    x, y, run = _usual(table, joint)[goes], table.residual[goes, joint], _runs(table, goes)
     size = np.sqrt(np.mean(x**2, axis=0))
     x = x[:, size > 1e-9 * size.max(initial=1e-300)] / size[size > 1e-9 * size.max(initial=1e-300)]
     left, singular, _ = np.linalg.svd(x, full_matrices=False)
     left = left[:, singular > RANK * singular[0]]
     left = left[:, : max(1, int(len(y) / FREE))]
     rest = y - left @ (left.T @ y)
-    return _split(rest, table.piece), float(np.sqrt(len(y) / max(len(y) - left.shape[1], 1)))
+    return _split(rest, run), float(np.sqrt(len(y) / max(len(y) - left.shape[1], 1)))
 
 
 def _usual(table: Table, joint: int) -> Array:
@@ -100,7 +103,7 @@ def _repeated(table: Table, joint: int, periods: Sequence[float | None], rate: f
         period = periods[int(table.recording[rows[0]])]
         lag = 0 if period is None else round(period * rate)
         if lag and len(rows) >= lag + 4 * ORDER:
-            y = table.residual[rows, joint]
+            y = np.where(table.rests[rows, joint], 0.0, table.residual[rows, joint])
             count = min(STRETCHES, (len(y) - lag) // (4 * ORDER))
             out.extend(np.array_split((y[:-lag] - y[lag:]) / np.sqrt(2), count))
     if not out:
@@ -118,6 +121,12 @@ def _fit(pieces: Sequence[Array], factor: float) -> tuple[float, Array, float]:
     floor = float(np.sqrt(np.mean(np.concatenate(long) ** 2)))
     least = 1e-9 * max(floor, 1e-300) + 1e-12
     return factor * floor + least, coefficients, factor * new + least
+
+
+def _runs(table: Table, goes: Mask) -> Indices:
+    """(M',) which run of rows in motion, of one piece, a row is of."""
+    starts = (np.diff(table.piece, prepend=-1) != 0) | (np.diff(goes.astype(np.intp), prepend=0) != 0)
+    return np.cumsum(starts)[goes]
 
 
 def _split(x: Array, piece: Indices) -> list[Array]:

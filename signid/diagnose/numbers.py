@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from ..effects.law import law_columns, law_torque
 from ..motion import Motion
@@ -53,18 +52,14 @@ def deviations(
         laws: with all their numbers.
     """
     keys = [(k, key) for k, law in enumerate(laws) for key in law.parameters]
+    if not keys:
+        return [{} for _ in laws]
     slopes = {j: x for j, x in _slopes(setting, laws, keys).items() if x.any()}
     rest = without(judge, found, group)
     dispersion = spread(judge, found)
-    fit, data = judge.evidence.fit(rest.true, dispersion, found.trust), judge.evidence.data
-    d = len(keys)
-    own, across = np.zeros((d, d)), np.zeros((len(fit.which), d))
-    for j, x in setting.whiten(slopes).items():
-        here = np.isin(fit.which, data.place[j])
-        beside = data.columns[j][:, np.searchsorted(data.place[j], fit.which[here])]
-        own += x.T @ x / dispersion[j]
-        across[here] += beside.T @ x / dispersion[j]
-    across = solve_triangular(fit.lower, across / fit.size[:, None], lower=True)
+    fit = judge.evidence.fit(rest.true, dispersion, found.trust)
+    own, _, across = judge.evidence.data.products(fit.which, dispersion, setting.whiten(slopes))
+    across = fit.below(across)
     information = own - across.T @ across
     size = np.sqrt(np.maximum(np.diag(own), 1e-300))
     covariance = np.linalg.pinv(information / size / size[:, None], rcond=1e-8, hermitian=True) / size / size[:, None]

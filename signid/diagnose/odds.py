@@ -41,6 +41,18 @@ class Judge(Frozen):
                 out.setdefault(group.hypothesis.key, []).append(k)
         return out
 
+    def parts(self, group: Group) -> tuple[Group, ...]:
+        """The hypotheses of its single laws, where it has several."""
+        laws = _hypothesis(group).laws
+        alone = {
+            (law.effect.name, law.joints): self.evidence.data.groups[which[0]]
+            for name, which in self.keys.items()
+            for law in _hypothesis(self.evidence.data.groups[which[0]]).laws
+            if len(_hypothesis(self.evidence.data.groups[which[0]]).laws) == 1
+        }
+        own = [(law.effect.name, law.joints) for law in laws]
+        return tuple(alone[key] for key in own) if len(laws) > 1 and set(own) <= set(alone) else (group,)
+
     @cached_property
     def priors(self) -> dict[Key, float]:
         """Log prior probability of each."""

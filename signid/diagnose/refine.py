@@ -11,9 +11,10 @@ from ..effects import EFFECTS
 from ..effects.base import Effect, RecordingLaw
 from ..optimisers import OPTIMISERS, Problem
 from ..types import Array, Law
-from .evidence import Evidence, Fitted
+from .evidence import Evidence
 from .group import Group
 from .hypothesis import Hypothesis
+from .linear import Fitted
 from .odds import Judge
 from .prior import believe
 from .search import Found, spread, without
@@ -25,6 +26,7 @@ EVALUATIONS = 20  # for each shape
 REACH = 1.6  # by which a shape may be changed, as a factor
 WINDOW = 0.5  # [s] by which the ends of a window may be moved
 ALGORITHM = "LN_BOBYQA"
+FAR = {"rad": 0.7, "s": 0.3}  # from which on no record is off
 
 
 def refine(setting: Setting, judge: Judge, found: Found) -> tuple[Judge, Found]:
@@ -42,7 +44,10 @@ def refine(setting: Setting, judge: Judge, found: Found) -> tuple[Judge, Found]:
         rest = without(judge, found, group)
         dispersion = spread(judge, rest)
         fit = judge.evidence.fit(rest.true, dispersion, found.trust)
-        tried = [_polish(setting, judge, option, (rest, fit, dispersion)) for option in options]
+        beside = (rest, fit, dispersion)
+        tried = [_polish(setting, judge, option, beside) for option in options if _fits(judge, option, beside)]
+        if not tried:
+            continue
         _, best, columns = max(tried, key=lambda t: t[0])
         data, new = append(setting, judge.evidence.data, best, columns)
         judge = replace(judge, evidence=Evidence(data))
@@ -109,6 +114,16 @@ def _polish(
     best = OPTIMISERS["nlopt"].minimise(problem, algorithm=ALGORITHM, budget_evaluations=EVALUATIONS * len(keys))
     chosen = hypothesis(best.x)
     return -best.value, chosen, setting.columns(chosen)
+
+
+def _fits(judge: Judge, option: tuple[Hypothesis, Group], beside: Beside) -> bool:
+    """Whether a law of the record would have a size that a record can have."""
+    known, (rest, _, dispersion) = option[0], beside
+    if not known.finite:
+        return True
+    units = {kind.unit for kind in known.laws[0].effect.linear().values()}
+    size = max(abs(x) for x in _start(judge, option, rest, dispersion).values())
+    return size < min(FAR.get(unit, np.inf) for unit in units)
 
 
 def _start(judge: Judge, option: tuple[Hypothesis, Group], rest: Found, dispersion: Array) -> dict[str, float]:

@@ -16,7 +16,7 @@ from ..rollout import RollOut, roll_out
 from ..rollout.joints import restrict_joints
 from ..session import Options, Part, Progress, Session, longest_piece
 from ..signs import recover
-from ..types import Array, Recording
+from ..types import Recording
 from .contact import NAME as CONTACT
 from .contact import find_contact
 from .evidence import Evidence
@@ -161,7 +161,8 @@ def _explain(setting: Setting, judge: Judge, skip: Sequence[str], known: Diagnos
 
 def _touched(setting: Setting, judge: Judge, found: Found) -> tuple[Judge, Found]:
     """Once more, with a window of contact where there is one."""
-    window = find_contact(setting, judge.evidence.data, _left(judge, found), found.base)
+    rest = measure_sizes(judge.evidence, found.true, found.base, found.trust).rest
+    window = find_contact(setting, judge.evidence.data, rest, found.base)
     if window is None:
         return judge, found
     data, group = append(setting, judge.evidence.data, window, setting.columns(window))
@@ -169,15 +170,6 @@ def _touched(setting: Setting, judge: Judge, found: Found) -> tuple[Judge, Found
     odds, _ = wider.odds(found.true, spread(wider, found))
     likely = odds[window.key].log > np.log(WINDOWS * len(data))
     return (wider, search(wider, found.base)) if likely else (judge, found)
-
-
-def _left(judge: Judge, found: Found) -> Array:
-    """(n, M) whitened residual after what is taken for true [1]."""
-    data = judge.evidence.data
-    fit = judge.evidence.fit(found.true, found.base, found.trust)
-    whole = np.zeros(data.count)
-    whole[fit.which] = fit.value
-    return np.array([data.residual[j] - data.columns[j] @ whole[data.place[j]] for j in range(data.joints)])
 
 
 def _roll_out(session: Session, before: Model, after: Model) -> tuple[RollOut | None, RollOut | None, tuple[str, ...]]:

@@ -9,10 +9,11 @@ import numpy as np
 
 from ..effects.base import ActuatorLaw
 from ..types import Array, Frozen
+from .cross import gain_unseen
 from .group import Group
 from .hypothesis import Hypothesis, Key
 from .odds import Judge, Odds
-from .sizes import Sizes, measure_sizes
+from .sizes import energies, measure_sizes
 
 FIRST, NEXT = 4.0, 3.0  # log odds needed
 DISTRUST, LOOKALIKE = 5.0, 8.0  # the same where inertials are not trusted, and of what inertials imitate
@@ -21,6 +22,7 @@ MOST = 8  # hypotheses altogether
 CROWDED = 16  # hypotheses looked at in one step
 LEAST = 0.007  # share of some joint's torque that an effect needs
 SHAPE_ERROR = 0.05  # of an effect that is taken for true: what its law leaves of it
+SPANNED = 1e-3  # of a hypothesis's columns that others leave: it says nothing new
 BETTER = 2.0  # log odds by which another hypothesis must be better to take a place
 APPROXIMATE, CLIPPED = (0.3, 2.0), (0.6, 1.5)  # coefficients of laws that are there (1) or not
 
@@ -67,8 +69,9 @@ def spread(judge: Judge, state: Found) -> Array:
     """(n,) dispersion [1] that the shape errors of what is taken for true add to."""
     if not state.true:
         return state.base
-    sizes = measure_sizes(judge.evidence, state.true, state.base, state.trust)
-    return np.asarray(state.base + SHAPE_ERROR**2 * sum(sizes.energy.values()))
+    left = measure_sizes(judge.evidence, state.true, state.base, state.trust).left
+    energy = energies(judge.evidence, state.true, state.base, state.trust, left)
+    return np.asarray(state.base + SHAPE_ERROR**2 * sum(energy.values()))
 
 
 def without(judge: Judge, state: Found, group: Group) -> Found:
@@ -125,7 +128,9 @@ def _is_sound(judge: Judge, state: Found, group: Group) -> bool:
     sizes = measure_sizes(judge.evidence, true, state.base, trust)
     belief, value = judge.evidence.beliefs[group], sizes.value[group]
     assert belief is not None, "hypotheses have beliefs"
-    if sizes.share[group].max() < LEAST:
+    if sizes.share[group].max() < LEAST or _is_redundant(judge, state.true, group):
+        return False
+    if not _happens_once(group) and gain_unseen(judge.evidence, state.true, group, state.base, trust) <= 0:
         return False
     if belief.mean:
         low, high = CLIPPED if isinstance(_of(group).laws[0].effect, ActuatorLaw) else APPROXIMATE
@@ -137,9 +142,30 @@ def _is_sound(judge: Judge, state: Found, group: Group) -> bool:
     return group.size > 1 and bool(value[belief.positive] > -2 * np.sqrt(fit.covariance[at, at]))
 
 
+def _is_redundant(judge: Judge, true: Sequence[Group], group: Group) -> bool:
+    """Whether what is taken for true can make all that a hypothesis could."""
+    if not true:
+        return False
+    data = judge.evidence.data
+    joints = data.rows(group)
+    x = np.concatenate([data.part(j, group) for j in joints])
+    beside = np.concatenate([np.column_stack([data.part(j, g) for g in true]) for j in joints])
+    size, scale = np.linalg.norm(beside, axis=0), np.linalg.norm(x, axis=0)
+    beside, x = beside[:, size > 0] / size[size > 0], x[:, scale > 0] / scale[scale > 0]
+    rest = x - beside @ np.linalg.lstsq(beside, x, rcond=1e-9)[0]
+    return bool(np.sum(rest**2) < SPANNED * np.sum(x**2))
+
+
+def _happens_once(group: Group) -> bool:
+    """Whether the blocks of a recording cannot foretell a hypothesis."""
+    return {"start", "end"} <= set(_of(group).laws[0].effect.parameters)
+
+
 def _with(judge: Judge, state: Found, chosen: Odds) -> Found:
-    true = (*state.true, chosen.best)
-    log = {**state.log_odds, chosen.best: chosen.log}
+    """The hypothesis as well; laws that are missing together become hypotheses of their own, which may be dropped."""
+    parts = judge.parts(chosen.best)
+    true = (*state.true, *parts)
+    log = {**state.log_odds, **dict.fromkeys(parts, chosen.log)}
     return Found(true, log, state.base, judge.evidence.trust(true, state.base), state.first)
 
 
@@ -165,8 +191,3 @@ def _exchanged(judge: Judge, state: Found, better: float, told: Callable[[str], 
 def _of(group: Group) -> Hypothesis:
     assert group.hypothesis is not None, "what is refitted is no hypothesis"
     return group.hypothesis
-
-
-def energies(sizes: Sizes, true: Sequence[Group]) -> Array:
-    """(n,) whitened energy of all hypotheses [1]."""
-    return np.asarray(sum(sizes.energy[group] for group in true))

@@ -12,13 +12,13 @@ from ..effects.law import coefficient_count
 from ..filters import Decimator
 from ..model import Model
 from ..rows import Task
-from ..types import Array, Frozen
+from ..types import Array, Frozen, Mask
 from .group import Group
 from .hypothesis import Hypothesis
 from .noise import Noise, whiten
 from .sample import Piece
 from .table import Table
-from .whitened import Whitened
+from .whitened import Whitened, moving
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,8 +55,16 @@ class Setting(Frozen):
         Args:
             columns: per joint (M, k) [torque per coefficient].
         """
-        noise, piece = self.noise, self.table.piece
-        return {j: whiten(x, noise.coefficients[j], float(noise.innovation[j]), piece) for j, x in columns.items()}
+        noise, piece, moves = self.noise, self.table.piece, self.moves
+        return {
+            j: whiten(x, noise.coefficients[j], float(noise.innovation[j]), piece) * moves[:, j, None]
+            for j, x in columns.items()
+        }
+
+    @cached_property
+    def moves(self) -> Mask:
+        """(M', n) whitened rows that count."""
+        return moving(self.table, self.noise.coefficients.shape[1])
 
 
 def append(

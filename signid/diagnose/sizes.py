@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..types import Array
+from ..types import Array, Indices
 from .evidence import Evidence
 from .group import Group
 
@@ -16,9 +16,9 @@ class Sizes(NamedTuple):
     """Of hypotheses that are taken for true."""
 
     value: Mapping[Group, Array]  # (size,) [units of the coefficients] of each
-    energy: Mapping[Group, Array]  # (n,) whitened energy of each on every joint [1]
     share: Mapping[Group, Array]  # (n,) rms torque of each over the rms torque of every joint [1]
     left: Array  # (n,) mean square of the whitened residual [1]
+    rest: Array  # (n, M) whitened residual [1]
 
 
 def measure_sizes(evidence: Evidence, true: Sequence[Group], dispersion: Array, trust: float) -> Sizes:
@@ -33,13 +33,40 @@ def measure_sizes(evidence: Evidence, true: Sequence[Group], dispersion: Array, 
     data, fit = evidence.data, evidence.fit(true, dispersion, trust)
     whole = np.zeros(data.count)
     whole[fit.which] = fit.value
-    left = np.array([
-        np.mean((data.residual[j] - data.columns[j] @ whole[data.place[j]]) ** 2) for j in range(data.joints)
-    ])  # fmt: skip
-    value, energy, share = {}, {}, {}
+    rest = _rest(evidence, whole, fit.which)
+    value, share = {}, {}
     for group in true:
         value[group] = theta = whole[group.place]
-        energy[group] = np.array([np.sum((data.part(j, group) @ theta) ** 2) for j in range(data.joints)])
         raw = [np.sqrt(np.mean((data.raw(j, group) @ theta) ** 2)) for j in range(data.joints)]
         share[group] = np.array(raw) / data.scale
-    return Sizes(value, energy, share, left)
+    return Sizes(value, share, np.sum(rest**2, axis=1) / data.counts, rest)
+
+
+def energies(
+    evidence: Evidence, true: Sequence[Group], dispersion: Array, trust: float, left: Array
+) -> dict[Group, Array]:
+    """Per hypothesis, by how much the residual of each joint grows without it while all else is refitted: (n,) [1].
+
+    Args:
+        evidence: rows.
+        true: hypotheses that are taken for true.
+        dispersion: (n,) variance of the whitened residual [1].
+        trust: of the tolerance of inertials, how far they are off.
+        left: (n,) mean square of the whitened residual with all of them [1].
+    """
+    data, out = evidence.data, dict[Group, Array]()
+    for group in true:
+        fit = evidence.fit([g for g in true if g is not group], dispersion, trust)
+        whole = np.zeros(data.count)
+        whole[fit.which] = fit.value
+        out[group] = np.maximum(np.sum(_rest(evidence, whole, fit.which) ** 2, axis=1) - left * data.counts, 0.0)
+    return out
+
+
+def _rest(evidence: Evidence, whole: Array, which: Indices) -> Array:
+    """(n, M) whitened residual after coefficients (p,) of which only some are not zero."""
+    data, out = evidence.data, evidence.data.residual.copy()
+    for j in range(data.joints):
+        own = np.flatnonzero(np.isin(data.place[j], which))
+        out[j] -= data.columns[j][:, own] @ whole[data.place[j][own]]
+    return out

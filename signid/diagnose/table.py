@@ -6,11 +6,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from ..filters import Decimator
 from ..model import Model
+from ..motion import Motion
 from ..rows import Task
-from ..types import Array, Frozen, Indices
+from ..types import Array, Frozen, Indices, Mask
 from .group import Group, nuisances
 from .sample import Piece
 
@@ -30,6 +32,7 @@ class Table(Frozen):
     torque: Array  # (M, n) [N.m or N] measured
     predicted: Array  # (M, n) [N.m or N]
     residual: Array  # (M, n) [N.m or N] measured - predicted
+    rests: Mask  # (M, n) whether a joint stands still so near that the filter feels it: there friction is anything
     known: tuple[bool, ...]  # (n,) whether torque is recorded
     place: tuple[Indices, ...]  # per joint (m_j,) the columns that it has
     columns: tuple[Array, ...]  # per joint (M, m_j) [torque per coefficient]
@@ -56,7 +59,18 @@ class Table(Frozen):
         return np.asarray(signals[name][:, joint])
 
 
+STILL, WHILE = 2.0, 0.3  # widths of a reversal that a joint at rest is slower than, and for how long [s]
 FAINT = 0.02  # of the largest rms torque: no joint's counts as smaller
+
+
+def stands_still(motion: Motion, thin: Decimator) -> Array:
+    """(N, n) 1 where a joint stands still for a while, or does so near that the filter feels it, else 0."""
+    assert motion.slow is not None, "a diagnosed motion knows how wide a reversal is"
+    slow = (np.abs(motion.v) < STILL * motion.slow).astype(np.float64)
+    width = max(3, 2 * round(WHILE / 2 / motion.dt) + 1)
+    opened = minimum_filter1d(slow, width, axis=0, mode="nearest")
+    opened = maximum_filter1d(opened, width, axis=0, mode="nearest")
+    return np.asarray(maximum_filter1d(opened, 2 * (thin.half // 2) + 1, axis=0, mode="nearest"))
 
 
 def tabulate(task: Task, model: Model, groups: Sequence[Group], pieces: Sequence[Piece]) -> Table:
@@ -76,8 +90,7 @@ def tabulate(task: Task, model: Model, groups: Sequence[Group], pieces: Sequence
     def joined(k: int) -> tuple[Indices, Array]:
         return made[0][k][0], np.concatenate([rows[k][1] for rows in made])
 
-    def rows(name: str) -> Array:
-        signals = [getattr(piece.motion, name) for piece in long]
+    def inner(signals: Sequence[Array]) -> Array:
         return np.concatenate([x[thin.half : len(x) - thin.half : thin.factor] for x in signals])
 
     columns = [joined(j) for j in range(n)]
@@ -88,10 +101,11 @@ def tabulate(task: Task, model: Model, groups: Sequence[Group], pieces: Sequence
         count=groups[-1].start + groups[-1].size,
         piece=np.repeat(np.arange(len(long)), lengths),
         recording=np.repeat([p.recording for p in long], lengths),
-        t=rows("t"),
-        q=rows("q"),
-        v=rows("v"),
-        a=rows("a"),
+        t=inner([piece.motion.t for piece in long]),
+        q=inner([piece.motion.q for piece in long]),
+        v=inner([piece.motion.v for piece in long]),
+        a=inner([piece.motion.a for piece in long]),
+        rests=inner([stands_still(piece.motion, thin) for piece in long]) > 0,
         torque=torque,
         predicted=torque - residual,
         residual=residual,

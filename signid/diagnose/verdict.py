@@ -12,7 +12,7 @@ from ..types import Array, Frozen, Mask
 from .group import Group
 from .odds import Judge
 from .search import Found
-from .sizes import Sizes, measure_sizes
+from .sizes import Sizes, energies, measure_sizes
 from .slots import Slot
 
 CAUSE = 0.05  # of the largest energy: less is a small correction
@@ -48,11 +48,12 @@ def decide(judge: Judge, found: Found, slots: Sequence[Slot]) -> Verdict:
     data = judge.evidence.data
     sizes = measure_sizes(judge.evidence, found.true, found.base, found.trust)
     bare = measure_sizes(judge.evidence, (), found.base, judge.evidence.trust((), found.base))
-    count = len(data)
+    count = data.counts
     after, before = (sizes.left - 1) * count, (bare.left - 1) * count
     scale = np.maximum(data.scale, FAINT * data.scale.max())
     threshold = NOTICED * np.sqrt(2 * count) + count * (DISCREPANCY * scale / data.floor) ** 2
-    energy = {group: float(sizes.energy[group].sum()) for group in found.true}
+    gone = energies(judge.evidence, found.true, found.base, found.trust, sizes.left)
+    energy = {group: float(gone[group].sum()) for group in found.true}
     largest = max(energy.values(), default=0.0)
     ranked = sorted(found.true, key=lambda group: -energy[group])
     causes = tuple(group for group in ranked if energy[group] >= CAUSE * largest)
@@ -110,4 +111,4 @@ def _approximate(group: Group) -> bool:
     )
 
 
-ROUGH = ("torque_ripple", "external_contact")
+ROUGH = ("torque_ripple", "external_contact", "position_friction")

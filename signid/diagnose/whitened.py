@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..types import Array, Frozen, Indices
+from ..types import Array, Frozen, Indices, Mask
 from .group import Group
 from .noise import Noise, whiten
 from .table import Table
@@ -23,6 +23,7 @@ class Whitened(Frozen):
     place: tuple[Indices, ...]  # per joint (m_j,) the columns that it has
     columns: tuple[Array, ...]  # per joint (M, m_j) [1 per coefficient]
     residual: Array  # (n, M) [1]
+    moves: Mask  # (M, n) rows that count: the joint does not stand still
     recording: Indices  # (M,)
     sizes: Array  # (n, p) rms of each column over the joint's rms torque, not whitened [1 per coefficient]
     torque: tuple[Array, ...]  # per joint (N, m_j) [torque per coefficient] not whitened
@@ -31,6 +32,11 @@ class Whitened(Frozen):
 
     def __len__(self) -> int:
         return int(self.residual.shape[1])
+
+    @cached_property
+    def counts(self) -> Array:
+        """(n,) rows of each joint that count."""
+        return np.asarray(np.maximum(self.moves.sum(axis=0), 1), dtype=np.float64)
 
     @property
     def joints(self) -> int:
@@ -70,6 +76,24 @@ class Whitened(Frozen):
             out[j, here] = block
         return out
 
+    def products(self, which: Indices, dispersion: Array, columns: Mapping[int, Array]) -> tuple[Array, Array, Array]:
+        """Of columns that are not among its own: with each other (d, d), with the residual (d,), with some own (k, d).
+
+        Args:
+            which: (k,) own columns.
+            dispersion: (n,) variance of the whitened residual [1].
+            columns: per joint (M, d) whitened [1 per coefficient].
+        """
+        d = next(iter(columns.values())).shape[1]
+        own, right, across = np.zeros((d, d)), np.zeros(d), np.zeros((len(which), d))
+        for j, x in columns.items():
+            here = np.isin(which, self.place[j])
+            beside = self.columns[j][:, np.searchsorted(self.place[j], which[here])]
+            own += x.T @ x / dispersion[j]
+            right += x.T @ self.residual[j] / dispersion[j]
+            across[here] += beside.T @ x / dispersion[j]
+        return own, right, across
+
     @cached_property
     def refitted_gram(self) -> Array:
         """(n, k, p) of the columns that are refitted."""
@@ -106,18 +130,26 @@ def whitened(table: Table, noise: Noise) -> Whitened:
     for j in range(n):
         sizes[j, table.place[j]] = np.sqrt(np.mean(table.columns[j] ** 2, axis=0)) / scale[j]
     alive = table.piece[order:] == table.piece[:-order]
+    moves = moving(table, order)
     return Whitened(
         groups=table.groups,
         count=table.count,
         place=table.place,
-        columns=tuple(whiten(table.columns[j], *told[j]) for j in range(n)),
-        residual=np.array([whiten(table.residual[:, j, None], *told[j])[:, 0] for j in range(n)]),
+        columns=tuple(whiten(table.columns[j], *told[j]) * moves[:, j, None] for j in range(n)),
+        residual=np.array([whiten(table.residual[:, j, None], *told[j])[:, 0] * moves[:, j] for j in range(n)]),
+        moves=moves,
         recording=table.recording[order:][alive],
         sizes=sizes,
         torque=table.columns,
         scale=scale,
         floor=noise.floor,
     )
+
+
+def moving(table: Table, order: int) -> Mask:
+    """(M, n) which whitened rows no standstill touches."""
+    still = np.asarray(np.array([table.rests[order - k : len(table) - k] for k in range(order + 1)]).any(axis=0))
+    return np.asarray(~still[table.piece[order:] == table.piece[:-order]])
 
 
 def columns_of(groups: Sequence[Group]) -> Indices:

@@ -18,7 +18,7 @@ class TorqueSaturation(ActuatorLaw):
     def possible(self, x: View, limit: float) -> bool:
         """Whether the request is often beyond the limit by more than noise, and what the motion takes hardly is."""
         beyond = np.abs(x.recorded) - limit
-        noise = 1.5 * float(np.median(np.abs(x.recorded - x.torque)))
+        noise = 8 * float(np.quantile(np.abs(x.recorded - x.torque), 0.1))  # of what is not clipped
         often = np.sum(beyond > 0) >= 8 and np.sqrt(np.mean(np.maximum(beyond[beyond > 0], 0) ** 2)) > 3 * noise
         return bool(often and np.quantile(np.abs(x.torque), 0.99) < 1.2 * limit)
 

@@ -1,0 +1,161 @@
+"""Whitened rows -> everything that is refitted or taken for true, fitted together under its prior."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from ..types import Array, Frozen, Indices
+from .group import Group
+from .prior import WIDE, Belief, believe
+from .whitened import Whitened, columns_of, mean_products
+
+FLAT = 1e-6  # of the Gram's diagonal: prior precision of what is not known at all
+
+
+class Fitted(NamedTuple):
+    """What is refitted and what is taken for true, at one trust in the inertials."""
+
+    which: Indices  # (k,) columns
+    lower: Array  # (k, k) [1] Cholesky factor of Gram and prior, scaled
+    size: Array  # (k,) [1 per coefficient] the scale
+    told: Array  # (k,) [1] lower^-1 right side
+    log_evidence: float
+
+    @property
+    def value(self) -> Array:
+        """(k,) the likeliest coefficients."""
+        return np.asarray(solve_triangular(self.lower, self.told, lower=True, trans="T") / self.size)
+
+    @property
+    def covariance(self) -> Array:
+        """(k, k) of the coefficients."""
+        inverse = solve_triangular(self.lower, np.eye(len(self.size)), lower=True) / self.size
+        return np.asarray(inverse.T @ inverse)
+
+    def below(self, rows: Array) -> Array:
+        """(k, m) lower^-1 of some rows (k, m) [1 per coefficient, squared]."""
+        return np.asarray(solve_triangular(self.lower, rows / self.size[:, None], lower=True))
+
+
+@dataclass(frozen=True, eq=False)
+class Linear(Frozen):
+    """The rows' normal equations; products are made once for each hypothesis that is taken for true."""
+
+    data: Whitened
+
+    @cached_property
+    def beliefs(self) -> dict[Group, Belief | None]:
+        """Of every hypothesis."""
+        data = self.data
+        return {
+            group: believe(
+                group.hypothesis, mean_products({j: data.raw(j, group) for j in data.rows(group)}, data.scale)
+            )
+            for group in data.groups
+            if group.hypothesis is not None
+        }
+
+    def fit(self, true: Sequence[Group], dispersion: Array, trust: float) -> Fitted:
+        """Everything that is refitted, and some hypotheses that are taken for true.
+
+        Args:
+            true: hypotheses.
+            dispersion: (n,) variance of the whitened residual [1].
+            trust: of the tolerance of inertials, how far they are off.
+        """
+        which, rows = self.columns(true, trust), self._which_rows(true, trust)
+        gram = np.tensordot(1 / dispersion, self._square(tuple(true)), axes=1)[np.ix_(rows, rows)]
+        right = (self.data.right[:, which] / dispersion[:, None]).sum(0)
+        precision = self.precision(true, np.diag(gram), trust)
+        return solve(which, gram, right, precision)
+
+    def across(self, true: Sequence[Group], dispersion: Array, trust: float) -> Array:
+        """(k, p) products of the columns that are fitted with all [1 per coefficient, squared].
+
+        Args:
+            true: hypotheses.
+            dispersion: (n,) variance of the whitened residual [1].
+            trust: of the tolerance of inertials, how far they are off.
+        """
+        parts = [self.data.refitted_gram, *(self._gram_of(group) for group in true)]
+        whole = np.concatenate([np.tensordot(1 / dispersion, part, axes=1) for part in parts])
+        return np.asarray(whole[self._which_rows(true, trust)])
+
+    def columns(self, true: Sequence[Group], trust: float) -> Indices:
+        """(k,) columns that are fitted."""
+        return columns_of([*self.refitted(trust), *true])
+
+    def refitted(self, trust: float) -> list[Group]:
+        """What is refitted: inertials where they are not trusted."""
+        return [group for group in self.data.refitted if trust > 0 or not group.bodies]
+
+    def precision(self, true: Sequence[Group], diagonal: Array, trust: float) -> Array:
+        """(k, k) [1 per coefficient, squared] of the prior.
+
+        Args:
+            true: hypotheses that are taken for true.
+            diagonal: (k,) of the Gram [1 per coefficient, squared].
+            trust: of the tolerance of inertials, how far they are off.
+        """
+        spread = [np.array(g.deviation) * (trust if g.bodies else 1.0) for g in self.refitted(trust)]
+        deviation = np.concatenate([*spread, np.zeros(0)])
+        at, out = len(deviation), np.zeros((len(diagonal), len(diagonal)))
+        flat = FLAT * np.maximum(diagonal[:at], 1e-12)
+        out[range(at), range(at)] = np.where(np.isinf(deviation), flat, np.maximum(deviation, 1e-150) ** -2.0)
+        for group in true:
+            belief = self.beliefs[group]
+            assert belief is not None, "what does not show is never taken for true"
+            covariance = (1.0 if belief.mean else WIDE**2) * belief.spread @ belief.spread.T
+            scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+            inverse = np.linalg.inv(covariance / scale / scale[:, None] + 1e-9 * np.eye(group.size))
+            out[at : at + group.size, at : at + group.size] = inverse / scale / scale[:, None]
+            at += group.size
+        return out
+
+    def _which_rows(self, true: Sequence[Group], trust: float) -> Indices:
+        """(k,) places of the columns that are fitted among those that could be."""
+        return np.flatnonzero(np.isin(columns_of([*self.data.refitted, *true]), self.columns(true, trust)))
+
+    def _square(self, true: tuple[Group, ...]) -> Array:
+        """(n, k, k) products of all that could be refitted and some hypotheses."""
+        if true not in self._seen_squares:
+            which = columns_of([*self.data.refitted, *true])
+            parts = [self.data.refitted_gram, *(self._gram_of(group) for group in true)]
+            self._seen_squares[true] = np.concatenate([part[:, :, which] for part in parts], axis=1)
+        return self._seen_squares[true]
+
+    def _gram_of(self, group: Group) -> Array:
+        if group not in self._seen:
+            self._seen[group] = self.data.gram(columns_of([group]))
+        return self._seen[group]
+
+    @cached_property
+    def _seen(self) -> dict[Group, Array]:
+        return {}
+
+    @cached_property
+    def _seen_squares(self) -> dict[tuple[Group, ...], Array]:
+        return {}
+
+
+def solve(which: Indices, gram: Array, right: Array, precision: Array) -> Fitted:
+    """The likeliest coefficients under a prior, and how likely the rows are.
+
+    Args:
+        which: (k,) columns.
+        gram: (k, k) [1 per coefficient, squared].
+        right: (k,) [1 per coefficient].
+        precision: (k, k) [1 per coefficient, squared] of the prior.
+    """
+    whole = gram + precision
+    size = np.asarray(np.sqrt(np.diag(whole)))
+    lower = np.asarray(np.linalg.cholesky(whole / size / size[:, None] + 1e-11 * np.eye(len(size))))
+    told = np.asarray(solve_triangular(lower, right / size, lower=True))
+    half = np.linalg.slogdet(precision)[1] / 2 - float(np.sum(np.log(np.diag(lower)) + np.log(size)))
+    return Fitted(which, lower, size, told, float(told @ told) / 2 + half)
