@@ -41,6 +41,7 @@ def extend(model: Model, refitted: Sequence[Group], fit: Fitted, laws: Sequence[
             [_possible(x, dx) for x, dx in zip(inertials, bodies[0].reshape(-1, len(INERTIAL)), strict=True)]
         )
     for law in laws:
+        law, own = _folded(law, own)
         same = [k for k, other in enumerate(own) if _adds(law, other)]
         if same:
             numbers = {key: own[same[0]].parameters[key] + x for key, x in law.parameters.items()}
@@ -48,6 +49,19 @@ def extend(model: Model, refitted: Sequence[Group], fit: Fitted, laws: Sequence[
         else:
             own.append(law)
     return Model(model.robot, inertials, tuple(own))
+
+
+def _folded(law: Law, own: list[Law]) -> tuple[Law, list[Law]]:
+    """A law with the numbers of plainer ones at its joints that it contains, and the laws without those."""
+    numbers, rest = dict(law.parameters), list[Law]()
+    for other in own:
+        keys = law.effect.contains.get(other.effect.name, {})
+        if keys and other.joints == law.joints:
+            (value,) = other.parameters.values()
+            numbers = {key: x + value * keys.get(key, 0) for key, x in numbers.items()}
+        else:
+            rest.append(other)
+    return replace(law, parameters=numbers), rest
 
 
 def _steps(refitted: Sequence[Group], fit: Fitted) -> list[Array | None]:

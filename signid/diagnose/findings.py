@@ -69,7 +69,7 @@ def find(
         stds = deviations(setting, judge, found, group, laws[group])
         for law, std in zip(laws[group], stds, strict=True):
             gain = gains[len(findings)]
-            findings.append(_finding(setting, judge, found, slot, law, std, verdict, gain, seed))
+            findings.append(_finding(setting, judge, found, slot, law, std, verdict, gain, model, seed))
     floor, scale = judge.evidence.data.floor, judge.evidence.data.scale
     return Result(
         model=model,
@@ -90,6 +90,7 @@ def _finding(
     std: dict[str, float],
     verdict: Verdict,
     gain: float,
+    model: Model,
     seed: int,
 ) -> Finding:
     torque = setting.thinned([
@@ -101,7 +102,7 @@ def _finding(
     loudest = max(torque, key=lambda j: share[j])
     joint = law.joints[0] if len(law.joints) <= 2 and law.joints[0] in torque else loudest
     return Finding(
-        law=law,
+        law=_whole(law, model),
         std=std,
         role="cause" if slot.group in verdict.causes else "secondary",
         probability=slot.probability,
@@ -112,6 +113,12 @@ def _finding(
         held_out_gain=gain,
         alternatives=tuple(_alternatives(setting, judge, slot, law, seed)),
     )
+
+
+def _whole(law: Law, model: Model) -> Law:
+    """The law with all that the simulation had of plainer ones that it contains."""
+    same = [other for other in model.laws if (other.effect.name, other.joints) == (law.effect.name, law.joints)]
+    return same[0] if same and law.effect.contains else law
 
 
 def _alternatives(setting: Setting, judge: Judge, slot: Slot, law: Law, seed: int) -> Iterator[Alternative]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,7 +21,7 @@ EARLY = 0.008  # [s] that friction may turn before the motion does
 WIDTHS = (0.3, 3.0)  # of a reversal, of the width that is presumed
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Group:
     """`size` consecutive columns from `start` on, and what they mean."""
 
@@ -28,6 +29,7 @@ class Group:
     size: int
     hypothesis: Hypothesis | None = None  # None: refitted in any case
     bodies: bool = False  # whether it counts only where inertials are not trusted
+    law: Law | None = None  # that the simulation has, where it is refitted
     deviation: tuple[float, ...] = ()  # (size,) prior standard deviations [of each coefficient]; inf: not known at all
 
     @property
@@ -36,8 +38,17 @@ class Group:
         return slice(self.start, self.start + self.size)
 
 
-def nuisances(model: Model, motion: Motion) -> Iterator[tuple[dict[int, Array], bool, list[float]]]:
-    """What is refitted beside every hypothesis: columns per joint, whether they are of bodies, prior deviations.
+class Nuisance(NamedTuple):
+    """What is refitted beside every hypothesis."""
+
+    columns: dict[int, Array]  # per joint (N, k) [torque per coefficient]
+    deviation: list[float]  # (k,) prior standard deviations [of each coefficient]
+    law: Law | None = None  # that the simulation has
+    bodies: bool = False
+
+
+def nuisances(model: Model, motion: Motion) -> Iterator[Nuisance]:
+    """What is refitted beside every hypothesis.
 
     Laws that the simulation has (flat), how its dry friction turns near a reversal, and all inertials within their
     tolerance.
@@ -49,13 +60,14 @@ def nuisances(model: Model, motion: Motion) -> Iterator[tuple[dict[int, Array], 
     for law in model.laws:
         if refits(law):
             rows, columns = law_columns(law, motion)
-            yield {j: columns[:, k] for k, j in enumerate(rows)}, False, [np.inf] * columns.shape[2]
+            yield Nuisance({j: columns[:, k] for k, j in enumerate(rows)}, [np.inf] * columns.shape[2], law)
     for law in model.laws:
         if law.effect.reverses and law.effect.scope == "joint":
             j = law.joints[0]
-            yield {j: _turning(motion, j)}, False, [SOFT * _dry(law) + 1e-12] * 3
+            yield Nuisance({j: _turning(motion, j)}, [SOFT * _dry(law) + 1e-12] * 3)
     spread = tolerance(model).ravel().tolist()
-    yield {j: motion.bodies[:, j].reshape(len(motion), -1) for j in range(len(motion.robot.joints))}, True, spread
+    whole = {j: motion.bodies[:, j].reshape(len(motion), -1) for j in range(len(motion.robot.joints))}
+    yield Nuisance(whole, spread, bodies=True)
 
 
 def tolerance(model: Model) -> Array:
@@ -88,9 +100,9 @@ def _dry(law: Law) -> float:
 def lay_out(model: Model, motion: Motion, hypotheses: Sequence[Hypothesis]) -> list[Group]:
     """Where the columns of everything stand: what is refitted first, then hypotheses in their order."""
     out, at = list[Group](), 0
-    for columns, bodies, spread in nuisances(model, motion):
-        size = next(iter(columns.values())).shape[1]
-        out.append(Group(at, size, None, bodies, tuple(spread)))
+    for found in nuisances(model, motion):
+        size = len(found.deviation)
+        out.append(Group(at, size, None, found.bodies, found.law, tuple(found.deviation)))
         at += size
     for hypothesis in hypotheses:
         size = sum(coefficient_count(law) for law in hypothesis.laws) or len(hypothesis.knots) - 1

@@ -11,10 +11,12 @@ from ..motion import Motion
 from ..types import Array, Coefficient, Law
 from .group import Group
 from .hypothesis import Hypothesis
+from .linear import Fitted, solve
 from .odds import Judge
-from .search import Found, spread, without
+from .search import Found, spread
 from .setting import Setting
 from .sizes import Sizes
+from .whitened import columns_of
 
 STEP = 1e-3  # of a number, for derivatives
 
@@ -55,9 +57,8 @@ def deviations(
     if not keys:
         return [{} for _ in laws]
     slopes = {j: x for j, x in _slopes(setting, laws, keys).items() if x.any()}
-    rest = without(judge, found, group)
     dispersion = spread(judge, found)
-    fit = judge.evidence.fit(rest.true, dispersion, found.trust)
+    fit = _beside(judge, found, group, laws, dispersion)
     own, _, across = judge.evidence.data.products(fit.which, dispersion, setting.whiten(slopes))
     across = fit.below(across)
     information = own - across.T @ across
@@ -69,6 +70,23 @@ def deviations(
     for (k, key), s in zip(keys, std, strict=True):
         out[k][key] = float(s)
     return out
+
+
+def _beside(judge: Judge, found: Found, group: Group, laws: tuple[Law, ...], dispersion: Array) -> Fitted:
+    """Everything else, but the plain laws that these contain: their numbers are in those of the laws."""
+    held = {(name, law.joints) for law in laws for name in law.effect.contains}
+    evidence, rest = judge.evidence, [g for g in found.true if g is not group]
+    refitted = [
+        g for g in evidence.refitted(found.trust) if g.law is None or (g.law.effect.name, g.law.joints) not in held
+    ]
+    kept = np.isin(evidence.columns(rest, found.trust), columns_of([*refitted, *rest]))
+    which = evidence.columns(rest, found.trust)[kept]
+    gram = np.tensordot(1 / dispersion, evidence.data.gram(which)[:, :, which], axes=1)
+    whole = np.zeros(len(kept))
+    whole[kept] = np.diag(gram)
+    precision = evidence.precision(rest, whole, found.trust)[np.ix_(kept, kept)]
+    right = (evidence.data.right[:, which] / dispersion[:, None]).sum(0)
+    return solve(which, gram, right, precision)
 
 
 def _slopes(setting: Setting, laws: tuple[Law, ...], keys: list[tuple[int, str]]) -> dict[int, Array]:

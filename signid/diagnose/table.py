@@ -132,5 +132,5 @@ def _thinned(model: Model, groups: Sequence[Group], piece: Piece, thin: Decimato
 
 
 def _columns(model: Model, groups: Sequence[Group], piece: Piece) -> Iterator[dict[int, Array]]:
-    yield from (columns for columns, _, _ in nuisances(model, piece.motion))
+    yield from (found.columns for found in nuisances(model, piece.motion))
     yield from (group.hypothesis.columns(piece.motion) for group in groups if group.hypothesis is not None)

@@ -16,6 +16,11 @@ class AsymmetricFriction(TorqueLaw):
     )
     source = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994, section 2"
     typical = "the two directions differ by some per cent"
+    contains = {
+        "viscous_friction": {"viscous_positive": 1, "viscous_negative": 1},
+        "coulomb_friction": {"coulomb_positive": 1, "coulomb_negative": 1},
+        "torque_offset": {"coulomb_positive": 1, "coulomb_negative": -1},
+    }
     parameters = {
         "viscous_positive": Coefficient("N.m.s/rad", positive=True),
         "viscous_negative": Coefficient("N.m.s/rad", positive=True),
