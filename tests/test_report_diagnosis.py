@@ -155,8 +155,15 @@ def test_the_document_is_the_contract() -> None:
     ],
 )
 def test_the_verdict_is_a_sentence(verdict: str, findings: tuple[Finding, ...], words: str) -> None:
-    text = told(made(verdict=verdict, findings=findings))
+    text = told(made(verdict=verdict, findings=findings, after=fit(AFTER if findings else BEFORE)))
     assert words in text and ("Missing" in text) == (verdict == "named")
+
+
+def test_numbers_that_were_wrong_are_no_law_and_still_said() -> None:
+    text = told(made(verdict="nothing_missing", findings=()))
+    assert (
+        "3r: no law is missing, within 1 % of torque, but numbers that it states are wrong: refitted at joint_2" in text
+    )
 
 
 def test_laws_of_all_joints_are_said_in_one_breath() -> None:
@@ -173,7 +180,12 @@ def test_the_terminal_says_what_matters() -> None:
     assert "joint_1: nothing but noise" in flat
     for words in ("level 0.800 ± 0.020 N.m", "mass 0.300 ± 0.039 kg", "26 %", "30 % of joint_3", "0.800"):
         assert words in flat, words
-    assert "inertia_xx" not in flat and "1 more number: could be zero" in flat and "partner" not in flat
+    assert (
+        "not told" not in flat
+        and "inertia_xx" not in flat
+        and "1 more number: could be zero" in flat
+        and "partner" not in flat
+    )
     assert "joint_coupling of joint_2 and joint_3" in flat and "base_tilt" in flat.partition("Small corrections")[2]
     assert f"or viscous_friction of joint_2, probability 0.020: {APART}" in flat
     assert f"or asymmetric_friction of joint_2, probability <0.001: {NEVER}" in flat
@@ -181,6 +193,11 @@ def test_the_terminal_says_what_matters() -> None:
     assert "joint_3: 5 % of its torque, 40 % of that 3 to 4 s; no single variable explains it" in flat
     assert "Simulated for 0.5 s" in flat and "note: a <note>" in flat and "refitted" not in flat
     assert "inertials of the simulation were refitted" in told(made(trust=2.0))
+
+
+def test_a_number_without_an_interval_says_so() -> None:
+    text = told(made(findings=(finding("spring@1:stiffness=3,rest=1", {"stiffness": np.inf}),)))
+    assert "stiffness not told" in text and "not told N" not in text and "rest 1.00 rad" in text
 
 
 def test_a_joint_that_got_worse_is_red() -> None:

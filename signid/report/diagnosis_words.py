@@ -17,6 +17,7 @@ from .signs import confidence
 
 NOISE = 1.08  # of the noise floor: so much residual is noise
 NEGLIGIBLE = 0.001  # probability
+BETTER = 0.8  # held-out residual over what it was: less is no chance
 LITTLE = 0.3  # share that a variable explains: less is as good as nothing
 GONE = 0.005  # of torque: less is not shown as a share
 
@@ -35,7 +36,9 @@ def verdict_words(result: Diagnosis) -> str:
     """The verdict in a sentence."""
     causes = _together(result.robot, [finding.law for finding in result.causes])
     if result.verdict == "nothing_missing":
-        return f"nothing is missing, within {share(result.tolerance)} of torque"
+        better = [joint for joint, gain in zip(result.robot.joints, result.gain, strict=True) if gain < BETTER]
+        refit = f", but numbers that it states are wrong (at {shorten(better)})" if better else ""
+        return f"{'no law' if better else 'nothing'} is missing, within {share(result.tolerance)} of torque{refit}"
     if result.verdict == "named":
         alone = len(result.causes) == 1
         sure = f" (probability {confidence(result.causes[0].probability)})" if alone else ""
@@ -136,8 +139,9 @@ def _numbers(robot: Robot, finding: Finding) -> tuple[str, ...]:
 
 
 def _number(key: str, value: float, std: float | None, unit: str) -> str:
-    told = (figure(value), "-") if std is None else with_interval(value, std)
-    return f"{key} {' ± '.join(text for text in told if text != '-')} {unit if unit != '1' else ''}".rstrip()
+    told, half = (figure(value), "-") if std is None else with_interval(value, std)
+    known = std is None or half != "-"
+    return " ".join([key, told, *(["±", half] if half != "-" else []), *([unit] if known and unit != "1" else [])])
 
 
 def _together(robot: Robot, laws: Sequence[Law]) -> str:
