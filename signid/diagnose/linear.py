@@ -18,6 +18,14 @@ from .whitened import Whitened, columns_of, mean_products
 FLAT = 1e-6  # of the Gram's diagonal: prior precision of what is not known at all
 
 
+class Known(NamedTuple):
+    """Information on the bodies' inertial parameters from other recordings; friction may differ from day to day."""
+
+    which: Indices  # (k,) columns
+    information: Array  # (k, k) [1 per coefficient, squared]
+    right: Array  # (k,) [1 per coefficient]
+
+
 class Fitted(NamedTuple):
     """What is refitted and what is taken for true, at one trust in the inertials."""
 
@@ -48,6 +56,7 @@ class Linear(Frozen):
     """The rows' normal equations; products are made once for each hypothesis that is taken for true."""
 
     data: Whitened
+    known: Known | None = None  # what other recordings tell of the bodies
 
     @cached_property
     def beliefs(self) -> dict[Group, Belief | None]:
@@ -72,6 +81,10 @@ class Linear(Frozen):
         which, rows = self.columns(true, trust), self._which_rows(true, trust)
         gram = np.tensordot(1 / dispersion, self._square(tuple(true)), axes=1)[np.ix_(rows, rows)]
         right = (self.data.right[:, which] / dispersion[:, None]).sum(0)
+        if self.known is not None and trust > 0:
+            here = np.searchsorted(which, self.known.which)
+            gram[np.ix_(here, here)] += self.known.information
+            right[here] += self.known.right
         precision = self.precision(true, np.diag(gram), trust)
         return solve(which, gram, right, precision)
 

@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import logsumexp
 
 from ..types import Array, Frozen
 from .evidence import Evidence
@@ -81,8 +80,9 @@ class Judge(Frozen):
             if key in taken or not np.isfinite(told).any():
                 continue
             told = np.where(np.isfinite(told), told, -np.inf)
-            log = float(logsumexp(told)) - np.log(len(told)) + self.priors[key] - np.log(NOTHING)
-            out[key] = Odds(log, self.evidence.data.groups[which[int(np.argmax(told))]])
+            best = int(np.argmax(told))
+            mean = told[best] + np.log(np.mean(np.exp(told - told[best])))
+            out[key] = Odds(float(mean + self.priors[key] - np.log(NOTHING)), self.evidence.data.groups[which[best]])
         return out, float(trust[0])
 
 

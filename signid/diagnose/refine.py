@@ -11,7 +11,6 @@ from ..effects import EFFECTS
 from ..effects.base import Effect, RecordingLaw
 from ..optimisers import OPTIMISERS, Problem
 from ..types import Array, Law
-from .evidence import Evidence
 from .group import Group
 from .hypothesis import Hypothesis
 from .linear import Fitted
@@ -50,7 +49,7 @@ def refine(setting: Setting, judge: Judge, found: Found) -> tuple[Judge, Found]:
             continue
         _, best, columns = max(tried, key=lambda t: t[0])
         data, new = append(setting, judge.evidence.data, best, columns)
-        judge = replace(judge, evidence=Evidence(data))
+        judge = replace(judge, evidence=replace(judge.evidence, data=data))
         true = tuple(new if g is group else g for g in found.true)
         log = {(new if g is group else g): x for g, x in found.log_odds.items()}
         found = replace(found, true=true, log_odds=log)

@@ -23,10 +23,13 @@ from .evidence import Evidence
 from .findings import find
 from .group import lay_out
 from .hypothesis import pooled, propose
+from .linear import Known
 from .noise import measure_noise
 from .odds import Judge
 from .period import find_period
 from .prove import predict_fit
+from .prune import prune
+from .reference import learn_bodies
 from .refine import refine
 from .result import Diagnosis
 from .sample import pieces
@@ -84,8 +87,10 @@ def diagnose(
     told("building hypotheses", 0.2)
     setting, data = _build(model, session, skip)
     told("searching", 0.4)
-    judge, found = _explain(setting, Judge(Evidence(data), len(list(EFFECTS)), len(skip)), skip, known)
+    other = _learn(model, reference, session, skip, options) if known else None
+    judge, found = _explain(setting, Judge(Evidence(data, other), len(list(EFFECTS)), len(skip)), skip, known)
     told("judging", 0.7)
+    found = prune(setting, session, judge, found)
     slots = judge_slots(judge, found)
     verdict = decide(judge, found, slots)
     result = find(setting, session, judge, found, slots, verdict, options.seed)
@@ -140,6 +145,15 @@ def _build(model: Model, session: Session, skip: Sequence[str]) -> tuple[Setting
     return setting, whitened(table, noise)
 
 
+def _learn(
+    model: Model, reference: Sequence[Recording], session: Session, skip: Sequence[str], options: Options
+) -> Known:
+    """What the reference tells of the bodies of its own extended simulation."""
+    same = replace(options, cutoff=session.task.band.cutoff)
+    _, data = _build(model, prepare(model.robot, reference, reference, same), skip)
+    return learn_bodies(Judge(Evidence(data), len(list(EFFECTS)), len(skip)))
+
+
 def _period(part: Part) -> float | None:
     return find_period(longest_piece(part).q, 1 / part[1].period)
 
@@ -166,7 +180,7 @@ def _touched(setting: Setting, judge: Judge, found: Found) -> tuple[Judge, Found
     if window is None:
         return judge, found
     data, group = append(setting, judge.evidence.data, window, setting.columns(window))
-    wider = replace(judge, evidence=Evidence(data))
+    wider = replace(judge, evidence=replace(judge.evidence, data=data))
     odds, _ = wider.odds(found.true, spread(wider, found))
     likely = odds[window.key].log > np.log(WINDOWS * len(data))
     return (wider, search(wider, found.base)) if likely else (judge, found)

@@ -1,0 +1,57 @@
+"""What is taken for true -> what of it the extended simulation is better with, run as it is."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..session import Session
+from ..types import Array
+from .extend import extend
+from .group import Group
+from .numbers import read_laws, torque_of
+from .odds import Judge
+from .prove import residuals
+from .search import Found, without
+from .setting import Setting
+from .sizes import measure_sizes
+
+
+def prune(setting: Setting, session: Session, judge: Judge, found: Found) -> Found:
+    """Without hypotheses whose law makes the extended simulation worse on the recordings it was learned from.
+
+    Columns are made with the simulation as it was given; a law of the load is another one once a payload is known.
+
+    Args:
+        setting: motions and rows.
+        session: recordings.
+        judge: library and evidence.
+        found: what is taken for true.
+    """
+    while found.true:
+        worst, harm = max(((g, h) for g, h in _harms(setting, session, judge, found).items()), key=lambda item: item[1])
+        if harm <= 0:
+            return found
+        found = without(judge, found, worst)
+    return found
+
+
+def _harms(setting: Setting, session: Session, judge: Judge, found: Found) -> dict[Group, float]:
+    """By how much each hypothesis's law makes the squared residual larger, over that of the simulation as given [1]."""
+    sizes = measure_sizes(judge.evidence, found.true, found.base, found.trust)
+    fit = judge.evidence.fit(found.true, found.base, found.trust)
+    laws = {group: read_laws(group, sizes.value[group]) for group in found.true}
+    model = extend(setting.model, judge.evidence.data.refitted, fit, [law for own in laws.values() for law in own])
+    rest, _ = residuals(session.task, model, session.train)
+    floor, out = judge.evidence.data.floor, dict[Group, float]()
+    for group, own in laws.items():
+        torque = np.zeros_like(rest)
+        for law in own:
+            made = [{j: x[:, None] for j, x in torque_of(law, piece.motion).items()} for piece in setting.pieces]
+            for j, x in setting.thinned(made).items():
+                torque[:, j] += x[:, 0]
+        out[group] = _square(rest, floor) - _square(rest + torque, floor)
+    return out
+
+
+def _square(x: Array, floor: Array) -> float:
+    return float(np.nansum((x / floor) ** 2))
