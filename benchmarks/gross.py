@@ -16,8 +16,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ[_name] = "1"
+os.environ |= dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 import numpy as np  # noqa: E402
 import polars as pl  # noqa: E402
@@ -236,10 +235,8 @@ def main() -> None:
     console.print(show(found))
     for row in found:
         if row.outcome in ("more", "other") or (row.outcome == "silent" and row.fault in FAULTS):
-            about = " ".join(row.joints)
-            console.print(
-                f"{row.fault} {about}, {row.robot} {row.seed}: {'; '.join(row.said) or 'nothing'}", highlight=False
-            )
+            told = f"{row.fault} {' '.join(row.joints)}, {row.robot} {row.seed}: {'; '.join(row.said) or 'nothing'}"
+            console.print(told, highlight=False)
     if options.json:
         options.json.write_text(json.dumps([asdict(row) for row in found], indent=1))
     planted = [row for row in found if row.fault in FAULTS]
