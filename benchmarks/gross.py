@@ -223,8 +223,7 @@ def main() -> None:
     parser.add_argument("--cache", type=Path, metavar="DIR", help="keep sessions there")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers there")
     options = parser.parse_args()
-    robots = ("3r", "ur5") if options.quick else options.robots
-    console, found = Console(), []
+    console, found, robots = Console(), [], ("3r", "ur5") if options.quick else options.robots
     with tempfile.TemporaryDirectory() as folder:
         healthy = [c for c in cases(("none",), robots, (0.15,), (options.seed,)) if not options.quick or c.seed % 6 < 2]
         others = cases(("exact",), robots, (0.15,), (options.seed,)) if options.effects else []
