@@ -19,7 +19,7 @@ from signid.model import Model
 
 def repeat(name: str, first: str, value: float, std: float) -> Repeat:
     """A recording that names something, and a number."""
-    return Repeat("arm", "nothing", name, "named", first, 1.0, {"number": (value, std)}, 1.0)
+    return Repeat("arm", "nothing", name, "named", first, first, 1.0, {"number": (value, std)}, 1.0)
 
 
 def test_a_number_is_within_its_share() -> None:

@@ -21,6 +21,10 @@ WATCHED = {  # effect, joint, parameter
     "load friction of the elbow": ("load_friction", 2, "coefficient"),
     "load friction of the shoulder": ("load_friction", 1, "coefficient"),
 }
+DRIVE = {
+    key.replace("_", " "): ("asymmetric_friction", 0, key)
+    for key in ("viscous_positive", "viscous_negative", "coulomb_positive", "coulomb_negative")
+}
 
 
 @dataclass(frozen=True)
@@ -31,7 +35,8 @@ class Repeat:
     concealed: str
     recording: str
     verdict: str
-    first: str
+    effect: str  # the first cause
+    first: str  # with its joints
     probability: float
     watched: dict[str, tuple[float, float] | None]  # value and standard deviation of what all should say
     seconds: float
@@ -75,7 +80,7 @@ def agree(rows: Sequence[Repeat]) -> Agreement:
         value, std = told.T
         mean = np.average(value, weights=std**-2.0)
         within[key] = bool(np.all(np.abs(value - mean) <= WIDE * std))
-    return Agreement(rows[0].robot, rows[0].concealed, len({row.first for row in rows}) == 1, within)
+    return Agreement(rows[0].robot, rows[0].concealed, len({row.effect for row in rows}) == 1, within)
 
 
 def _each(robot: str, concealed: str, model: Model, logs: dict[str, Recording]) -> Iterator[Repeat]:
@@ -87,6 +92,7 @@ def _each(robot: str, concealed: str, model: Model, logs: dict[str, Recording]) 
             concealed,
             name,
             row.verdict,
+            first.effect if first else "nothing",
             first.place if first else "nothing",
             first.probability if first else float("nan"),
             {} if told is None else _watched(told, concealed),
@@ -95,7 +101,7 @@ def _each(robot: str, concealed: str, model: Model, logs: dict[str, Recording]) 
 
 
 def _watched(told: Diagnosis, concealed: str) -> dict[str, tuple[float, float] | None]:
-    wanted = dict(WATCHED) if len(told.robot.joints) > 1 else {}
+    wanted = dict(WATCHED) if len(told.robot.joints) > 1 else dict(DRIVE)
     if "Coulomb" in concealed:
         wanted |= {f"Coulomb friction of {told.robot.joints[j]}": ("coulomb_friction", j, "level") for j in range(6)}
     out: dict[str, tuple[float, float] | None] = {}
