@@ -115,7 +115,9 @@ class Motion(Frozen):
         first, second = _derivatives(change, self.dt)
         if exactly:
             one = np.eye(self.q.shape[1])[joint]
-            back = [x - np.outer(d, one) for x, d in zip((self.q, self.v, self.a), (change, first, second), strict=True)]
+            back = [
+                x - np.outer(d, one) for x, d in zip((self.q, self.v, self.a), (change, first, second), strict=True)
+            ]
             return self.load - replace(self, q=back[0], v=back[1], a=back[2]).load
         along = self.sensitivity
         return np.asarray(

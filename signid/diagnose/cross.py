@@ -11,13 +11,13 @@ from .evidence import Evidence
 from .group import Group
 from .linear import solve
 
-BLOCKS = 4
+BLOCKS = 8
 
 
 def gain_unseen(evidence: Evidence, true: Sequence[Group], group: Group, dispersion: Array, trust: float) -> float:
     """By how much a hypothesis lessens the squared whitened residual of blocks that it was not fitted to [1].
 
-    Blocks are whole recordings where there are several, else quarters of the only one.
+    Blocks are whole recordings where there are several, else eighths of the only one.
 
     Args:
         evidence: rows.

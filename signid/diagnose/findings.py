@@ -12,13 +12,14 @@ from ..model import Model
 from ..session import Session
 from ..types import Array, Law
 from .extend import extend
+from .found import Found
 from .locate import Place, locate
 from .numbers import deviations, read_laws, torque_of
 from .odds import Judge
 from .prove import residuals
 from .result import Alternative, Finding, Unexplained
 from .sample import pieces
-from .search import FIRST, NEXT, Found, needed
+from .search import FIRST, NEXT, needed
 from .separate import tell_apart
 from .setting import Setting
 from .slots import Slot

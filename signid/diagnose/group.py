@@ -13,11 +13,13 @@ from ..model import Model
 from ..motion import Motion
 from ..types import Array, Law
 from .hypothesis import Hypothesis, refits
+from .sample import Piece
 
 MASS, CENTRE, INERTIA = 0.05, 0.005, 0.1  # tolerance of inertials: share, [m], share
 LEAST_MASS = 0.05  # [kg] to which a tolerance is a share at least
 SOFT = 0.7  # of dry friction: how far its law near reversals may be off
 EARLY = 0.008  # [s] that friction may turn before the motion does
+STRIDE = 8  # samples of which one tells how large friction is, roughly
 WIDTHS = (0.3, 3.0)  # of a reversal, of the width that is presumed
 
 
@@ -47,7 +49,7 @@ class Nuisance(NamedTuple):
     bodies: bool = False
 
 
-def nuisances(model: Model, motion: Motion) -> Iterator[Nuisance]:
+def nuisances(model: Model, motion: Motion, dry: Array) -> Iterator[Nuisance]:
     """What is refitted beside every hypothesis.
 
     Laws that the simulation has (flat), how its dry friction turns near a reversal, and all inertials within their
@@ -56,15 +58,14 @@ def nuisances(model: Model, motion: Motion) -> Iterator[Nuisance]:
     Args:
         model: the simulation.
         motion: along which columns are made.
+        dry: (n,) dry friction of each joint [N.m or N].
     """
     for law in model.laws:
         if refits(law):
             rows, columns = law_columns(law, motion)
             yield Nuisance({j: columns[:, k] for k, j in enumerate(rows)}, [np.inf] * columns.shape[2], law)
-    for law in model.laws:
-        if law.effect.reverses and law.effect.scope == "joint":
-            j = law.joints[0]
-            yield Nuisance({j: _turning(motion, j)}, [SOFT * _dry(law) + 1e-12] * 3)
+    for j in np.flatnonzero(dry > 0).tolist():
+        yield Nuisance({j: _turning(motion, j)}, [SOFT * float(dry[j])] * 3)
     spread = tolerance(model).ravel().tolist()
     whole = {j: motion.bodies[:, j].reshape(len(motion), -1) for j in range(len(motion.robot.joints))}
     yield Nuisance(whole, spread, bodies=True)
@@ -97,10 +98,37 @@ def _dry(law: Law) -> float:
     return max((abs(law.parameters[key]) for key in keys), default=0.0)
 
 
-def lay_out(model: Model, motion: Motion, hypotheses: Sequence[Hypothesis]) -> list[Group]:
-    """Where the columns of everything stand: what is refitted first, then hypotheses in their order."""
+def dry_friction(model: Model, pieces: Sequence[Piece]) -> Array:
+    """(n,) dry friction of each joint [N.m or N]: what the simulation has, or roughly what the residual shows."""
+    found = np.zeros(len(model.robot.joints))
+    for law in (law for law in model.laws if law.effect.reverses and law.effect.scope == "joint"):
+        found[law.joints[0]] += _dry(law)
+    for j in np.flatnonzero(found == 0).tolist():
+        rows = [np.column_stack([_plain(p.motion, j), p.residual[:, j]])[::STRIDE] for p in pieces]
+        x = np.concatenate(rows)
+        x = x[np.isfinite(x).all(axis=1)]
+        if len(x):
+            found[j] = max(float(np.linalg.lstsq(x[:, :-1], x[:, -1], rcond=1e-6)[0][0]), 0.0)
+    return found
+
+
+def _plain(motion: Motion, joint: int) -> Array:
+    """(N, k) direction, velocity, a constant and the bodies."""
+    bodies = motion.bodies[:, joint].reshape(len(motion), -1)
+    return np.column_stack([motion.direction[:, joint], motion.v[:, joint], np.ones(len(motion)), bodies])
+
+
+def lay_out(model: Model, motion: Motion, hypotheses: Sequence[Hypothesis], dry: Array) -> list[Group]:
+    """Where the columns of everything stand: what is refitted first, then hypotheses in their order.
+
+    Args:
+        model: the simulation.
+        motion: any that is to be diagnosed.
+        hypotheses: what may be missing.
+        dry: (n,) dry friction of each joint [N.m or N].
+    """
     out, at = list[Group](), 0
-    for found in nuisances(model, motion):
+    for found in nuisances(model, motion, dry):
         size = len(found.deviation)
         out.append(Group(at, size, None, found.bodies, found.law, tuple(found.deviation)))
         at += size

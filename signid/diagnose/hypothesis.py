@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..effects import EFFECTS
-from ..effects.base import TorqueLaw
+from ..effects.base import BodyLaw, TorqueLaw
 from ..effects.law import hypotheses, law_columns
 from ..model import Model
 from ..motion import Motion
@@ -46,6 +46,12 @@ class Hypothesis:
         joints = tuple(sorted({j for law in self.laws for j in law.joints}))
         names = dict.fromkeys(law.effect.name for law in self.laws)
         return "+".join(names), self.laws[0].joints if len(self.laws) == 1 else joints
+
+    @property
+    def bodies(self) -> set[int]:
+        """The joints that move the links whose bodies it changes."""
+        links = [law for law in self.laws if isinstance(law.effect, BodyLaw) and law.effect.scope in ("link", "tip")]
+        return {law.joints[0] for law in links}
 
     def columns(self, motion: Motion) -> dict[int, Array]:
         """Per joint whose torque it changes, (N, k) columns [torque per coefficient]."""
@@ -122,9 +128,10 @@ def _secant(law: Law, motion: Motion) -> tuple[tuple[int, ...], Array]:
 def refits(law: Law) -> bool:
     """Whether the coefficients of a law that the simulation has are refitted in any case.
 
-    Rotors and bodies count as they are stated; that they are wrong is a hypothesis.
+    Rotors, bodies and laws of size zero count as they are stated; that they are wrong is a hypothesis.
     """
-    return isinstance(law.effect, TorqueLaw) and law.effect.name != "armature"
+    there = any(law.effect.coefficients(law.parameters))
+    return there and isinstance(law.effect, TorqueLaw) and law.effect.name != "armature"
 
 
 def _shaped(law: Law) -> bool:

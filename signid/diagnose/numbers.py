@@ -9,11 +9,12 @@ import numpy as np
 from ..effects.law import law_columns, law_torque
 from ..motion import Motion
 from ..types import Array, Coefficient, Law
+from .found import Found
 from .group import Group
 from .hypothesis import Hypothesis
 from .linear import Fitted, solve
 from .odds import Judge
-from .search import Found, spread
+from .search import spread
 from .setting import Setting
 from .sizes import Sizes
 from .whitened import columns_of

@@ -30,6 +30,7 @@ class Judge(Frozen):
     evidence: Evidence
     kinds: int  # effects of the library, those left out too
     skipped: int
+    carried: tuple[int, ...]  # (n,) which body each joint moves
 
     @cached_property
     def keys(self) -> dict[Key, list[int]]:
@@ -43,14 +44,12 @@ class Judge(Frozen):
     def parts(self, group: Group) -> tuple[Group, ...]:
         """The hypotheses of its single laws, where it has several."""
         laws = _hypothesis(group).laws
-        alone = {
-            (law.effect.name, law.joints): self.evidence.data.groups[which[0]]
-            for name, which in self.keys.items()
-            for law in _hypothesis(self.evidence.data.groups[which[0]]).laws
-            if len(_hypothesis(self.evidence.data.groups[which[0]]).laws) == 1
-        }
-        own = [(law.effect.name, law.joints) for law in laws]
-        return tuple(alone[key] for key in own) if len(laws) > 1 and set(own) <= set(alone) else (group,)
+        found = self.alone([(law.effect.name, law.joints) for law in laws])
+        return found if len(laws) > 1 and len(found) == len(laws) else (group,)
+
+    def alone(self, keys: Sequence[Key]) -> tuple[Group, ...]:
+        """The hypotheses of single laws without a shape at some places, as far as there are."""
+        return tuple(self.evidence.data.groups[self.keys[key][0]] for key in keys if key in self.keys)
 
     @cached_property
     def priors(self) -> dict[Key, float]:

@@ -7,11 +7,12 @@ import numpy as np
 from ..session import Session
 from ..types import Array
 from .extend import extend
+from .found import Found
 from .group import Group
 from .numbers import read_laws, torque_of
 from .odds import Judge
 from .prove import residuals
-from .search import Found, without
+from .search import without
 from .setting import Setting
 from .sizes import measure_sizes
 

@@ -11,12 +11,13 @@ from ..effects import EFFECTS
 from ..effects.base import Effect, RecordingLaw
 from ..optimisers import OPTIMISERS, Problem
 from ..types import Array, Law
+from .found import Found
 from .group import Group
 from .hypothesis import Hypothesis
 from .linear import Fitted
 from .odds import Judge
 from .prior import believe
-from .search import Found, spread, without
+from .search import spread, without
 from .setting import Setting, append
 from .sizes import measure_sizes
 from .whitened import mean_products

@@ -12,6 +12,7 @@ from ..errors import OptionError, RecordingError
 from ..gross import examine
 from ..model import Model
 from ..prepare import prepare
+from ..rigid import carried
 from ..rollout import RollOut, roll_out
 from ..rollout.joints import restrict_joints
 from ..session import Options, Part, Progress, Session, longest_piece
@@ -21,7 +22,8 @@ from .contact import NAME as CONTACT
 from .contact import find_contact
 from .evidence import Evidence
 from .findings import find
-from .group import lay_out
+from .found import Found
+from .group import dry_friction, lay_out
 from .hypothesis import pooled, propose
 from .linear import Known
 from .noise import measure_noise
@@ -33,10 +35,10 @@ from .reference import learn_bodies
 from .refine import refine
 from .result import Diagnosis
 from .sample import pieces
-from .search import Found, search, spread
+from .search import search, spread
 from .setting import Setting, append
 from .sizes import measure_sizes
-from .slots import judge_slots
+from .slots import settle
 from .table import tabulate
 from .verdict import decide
 from .whitened import Whitened, whitened
@@ -88,10 +90,9 @@ def diagnose(
     setting, data = _build(model, session, skip)
     told("searching", 0.4)
     other = _learn(model, reference, session, skip, options) if known else None
-    judge, found = _explain(setting, Judge(Evidence(data, other), len(list(EFFECTS)), len(skip)), skip, known)
+    judge, found = _explain(setting, _judge(model, Evidence(data, other), skip), skip, known)
     told("judging", 0.7)
-    found = prune(setting, session, judge, found)
-    slots = judge_slots(judge, found)
+    found, slots = settle(judge, prune(setting, session, judge, found))
     verdict = decide(judge, found, slots)
     result = find(setting, session, judge, found, slots, verdict, options.seed)
     told("rolling out", 0.9)
@@ -138,7 +139,8 @@ def _build(model: Model, session: Session, skip: Sequence[str]) -> tuple[Setting
             f"or raise the cut-off"
         )
     hypotheses = propose(model, pooled([p.motion for p in made]), (*skip, CONTACT))
-    table = tabulate(task, model, lay_out(model, made[0].motion, hypotheses), made)
+    dry = dry_friction(model, made)
+    table = tabulate(task, model, lay_out(model, made[0].motion, hypotheses, dry), made, dry)
     rate = task.band.rate / task.band.factor
     noise = measure_noise(table, [_period(part) for part in parts], rate)
     setting = Setting(task, model, made, table, noise)
@@ -151,7 +153,12 @@ def _learn(
     """What the reference tells of the bodies of its own extended simulation."""
     same = replace(options, cutoff=session.task.band.cutoff)
     _, data = _build(model, prepare(model.robot, reference, reference, same), skip)
-    return learn_bodies(Judge(Evidence(data), len(list(EFFECTS)), len(skip)))
+    return learn_bodies(_judge(model, Evidence(data), skip))
+
+
+def _judge(model: Model, evidence: Evidence, skip: Sequence[str]) -> Judge:
+    bodies = tuple(carried(model.robot, j) for j in range(len(model.robot.joints)))
+    return Judge(evidence, len(list(EFFECTS)), len(skip), bodies)
 
 
 def _period(part: Part) -> float | None:

@@ -3,39 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 
 from ..effects.base import ActuatorLaw
-from ..types import Array, Frozen
+from ..types import Array
 from .cross import gain_unseen
+from .found import Found
 from .group import Group
 from .hypothesis import Hypothesis, Key
 from .odds import Judge, Odds
 from .sizes import energies, measure_sizes
+from .strain import strained_links
 
 FIRST, NEXT = 4.0, 3.0  # log odds needed
 DISTRUST, LOOKALIKE = 5.0, 8.0  # the same where inertials are not trusted, and of what inertials imitate
 IMITATED = 0.9  # share of an effect that inertials can make, from which on it looks like them
-MOST = 8  # hypotheses altogether
+MOST = 14  # hypotheses altogether
 CROWDED = 16  # hypotheses looked at in one step
 LEAST = 0.007  # share of some joint's torque that an effect needs
 SHAPE_ERROR = 0.05  # of an effect that is taken for true: what its law leaves of it
+WORSE = 2.0  # log odds: by so many squared deviations may unseen rows grow by chance
 SPANNED = 1e-3  # of a hypothesis's columns that others leave: it says nothing new
 BETTER = 2.0  # log odds by which another hypothesis must be better to take a place
 APPROXIMATE, CLIPPED = (0.3, 2.0), (0.6, 1.5)  # coefficients of laws that are there (1) or not
-
-
-@dataclass(frozen=True, eq=False)
-class Found(Frozen):
-    """Hypotheses that are taken for true, with what they were accepted by."""
-
-    true: tuple[Group, ...]
-    log_odds: Mapping[Group, float]
-    base: Array  # (n,) dispersion that no effect explains [1]
-    trust: float  # of the tolerance of inertials
-    first: Mapping[Key, Odds] = field(default_factory=dict)  # odds before anything was taken for true
 
 
 def search(judge: Judge, base: Array, told: Callable[[str], None] = lambda _: None) -> Found:
@@ -47,7 +38,7 @@ def search(judge: Judge, base: Array, told: Callable[[str], None] = lambda _: No
         told: is told each step.
     """
     state = Found((), {}, base, judge.evidence.trust((), base))
-    first = dict[Key, Odds]()
+    first, seen = dict[Key, Odds](), list[set[Group]]()
     for step in range(MOST):
         odds, trusted = judge.odds(state.true, spread(judge, state))
         first = odds if step == 0 else first
@@ -55,23 +46,28 @@ def search(judge: Judge, base: Array, told: Callable[[str], None] = lambda _: No
         if chosen is None:
             break
         told(f"{chosen.best.hypothesis.key if chosen.best.hypothesis else ''} {chosen.log:.1f}")
-        state = _with(judge, state, chosen)
+        state = larger = _with(judge, state, chosen)
         if len(state.true) > 1:
-            state = _exchanged(judge, state, BETTER, told)
+            state = _exchanged(judge, _plainer(judge, state, told), BETTER, told)
+        state = larger if set(state.true) in seen else state  # the exchange would go in circles
+        if set(state.true) in seen:
+            break
+        seen.append(set(state.true))
     for _ in range(2):
-        before, state = state.true, _exchanged(judge, state, BETTER / 2, told)
+        before, state = state.true, _exchanged(judge, _plainer(judge, state, told), BETTER / 2, told)
         if before == state.true:
             break
     return Found(state.true, state.log_odds, base, state.trust, first)
 
 
-def spread(judge: Judge, state: Found) -> Array:
-    """(n,) dispersion [1] that the shape errors of what is taken for true add to."""
+def spread(judge: Judge, state: Found, most: float = 1.3) -> Array:
+    """(n,) dispersion [1] that the shape errors of what is taken for true add to: at most `most` times what is left."""
     if not state.true:
         return state.base
     left = measure_sizes(judge.evidence, state.true, state.base, state.trust).left
     energy = energies(judge.evidence, state.true, state.base, state.trust, left)
-    return np.asarray(state.base + SHAPE_ERROR**2 * sum(energy.values()))
+    wide = state.base + SHAPE_ERROR**2 * sum(energy.values())
+    return np.maximum(state.base, np.minimum(wide, most * left))
 
 
 def without(judge: Judge, state: Found, group: Group) -> Found:
@@ -111,18 +107,21 @@ _IMITATED: dict[int, dict[Group, float]] = {}
 
 
 def _pick(judge: Judge, state: Found, odds: Mapping[Key, Odds], trusted: float, usual: float) -> Odds | None:
-    ranked = sorted((o for o in odds.values() if not _of(o.best).unknown), key=lambda o: -o.log)
+    taken = {key for group in state.true for key in _laws_of(group)}
+    open_ = (o for o in odds.values() if not _of(o.best).unknown and not taken & _laws_of(o.best))
+    strained = strained_links(judge, state)
+    ranked = sorted(open_, key=lambda o: (not _of(o.best).bodies & strained, -o.log))
     for candidate in ranked[:CROWDED]:
         if candidate.log < usual:
-            return None
+            continue
         enough = candidate.log >= needed(judge, candidate.best, trusted, len(state.true), usual)
-        if enough and _is_sound(judge, state, candidate.best):
+        if enough and is_sound(judge, state, candidate.best, candidate.log):
             return candidate
     return None
 
 
-def _is_sound(judge: Judge, state: Found, group: Group) -> bool:
-    """Whether an effect is large enough, has the sign that physics wants, and is near 1 where it has no number."""
+def is_sound(judge: Judge, state: Found, group: Group, log: float) -> bool:
+    """Whether an effect is large enough, has the sign that physics wants, foretells, and is near 1 without a number."""
     true = (*state.true, group)
     trust = judge.evidence.trust(true, state.base)
     sizes = measure_sizes(judge.evidence, true, state.base, trust)
@@ -130,7 +129,7 @@ def _is_sound(judge: Judge, state: Found, group: Group) -> bool:
     assert belief is not None, "hypotheses have beliefs"
     if sizes.share[group].max() < LEAST or _is_redundant(judge, state.true, group):
         return False
-    if not _happens_once(group) and gain_unseen(judge.evidence, state.true, group, state.base, trust) <= 0:
+    if not _happens_once(group) and gain_unseen(judge.evidence, state.true, group, state.base, trust) < -WORSE * log:
         return False
     if belief.mean:
         low, high = CLIPPED if isinstance(_of(group).laws[0].effect, ActuatorLaw) else APPROXIMATE
@@ -140,6 +139,11 @@ def _is_sound(judge: Judge, state: Found, group: Group) -> bool:
     fit = judge.evidence.fit(true, state.base, trust)
     at = len(fit.which) - group.size + belief.positive
     return group.size > 1 and bool(value[belief.positive] > -2 * np.sqrt(fit.covariance[at, at]))
+
+
+def _laws_of(group: Group) -> set[Key]:
+    """Effect and joints of each law of a hypothesis."""
+    return {(law.effect.name, law.joints) for law in _of(group).laws}
 
 
 def _is_redundant(judge: Judge, true: Sequence[Group], group: Group) -> bool:
@@ -163,7 +167,7 @@ def _happens_once(group: Group) -> bool:
 
 def _with(judge: Judge, state: Found, chosen: Odds) -> Found:
     """The hypothesis as well; laws that are missing together become hypotheses of their own, which may be dropped."""
-    parts = judge.parts(chosen.best)
+    parts = tuple(part for part in judge.parts(chosen.best) if part not in state.true)
     true = (*state.true, *parts)
     log = {**state.log_odds, **dict.fromkeys(parts, chosen.log)}
     return Found(true, log, state.base, judge.evidence.trust(true, state.base), state.first)
@@ -176,7 +180,8 @@ def _exchanged(judge: Judge, state: Found, better: float, told: Callable[[str], 
         odds, trusted = judge.odds(rest.true, spread(judge, rest))
         own = odds.get(_of(group).key)
         log = own.log if own is not None else -np.inf
-        rival = _pick(judge, rest, odds, trusted, NEXT)
+        alone = {key: o for key, o in odds.items() if len(_of(o.best).laws) == 1}
+        rival = _pick(judge, rest, alone, trusted, NEXT)
         if rival is not None and _of(rival.best).key != _of(group).key and rival.log > log + better:
             told(f"{_of(group).key} -> {_of(rival.best).key} {rival.log - log:.1f}")
             state = _with(judge, rest, rival)
@@ -185,6 +190,25 @@ def _exchanged(judge: Judge, state: Found, better: float, told: Callable[[str], 
             state = rest
         elif own is not None and own.best is not group:
             state = _with(judge, rest, own)
+    return state
+
+
+def _plainer(judge: Judge, state: Found, told: Callable[[str], None]) -> Found:
+    """The plain laws that a law contains in its place, where together they are as likely."""
+    for group in state.true:
+        law = _of(group).laws[0]
+        plain = tuple(
+            g for g in judge.alone([(name, law.joints) for name in law.effect.contains]) if g not in state.true
+        )
+        if not plain:
+            continue
+        other = (*(g for g in state.true if g is not group), *plain)
+        trust = judge.evidence.trust(other, state.base)
+        now, then = (judge.evidence.fit(t, state.base, k) for t, k in ((state.true, state.trust), (other, trust)))
+        if then.log_evidence >= now.log_evidence:
+            told(f"{_of(group).key} -> {[_of(g).key for g in plain]}")
+            log = {**state.log_odds, **dict.fromkeys(plain, state.log_odds[group])}
+            state = Found(other, log, state.base, trust, state.first)
     return state
 
 

@@ -8,13 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..types import Array, Frozen
+from .found import Found
 from .group import Group
 from .hypothesis import Key
 from .odds import Judge, Odds
-from .search import Found, spread, without
+from .search import is_sound, spread, without
 from .sizes import Sizes, measure_sizes
 
 TOLD = 0.03  # probability from which on a rival is listed
+WIDE = 4.0  # times what is left: the shape error of what is taken for true, where rivals are weighed
+ROUNDS, DOUBT, LIKELY = 4, 0.2, 0.5  # of settling; probability of what goes, and of what takes its place
 SAME = 4.0  # variance units: what a rival leaves of an effect, up to which nothing tells them apart
 
 
@@ -33,17 +36,41 @@ def judge_slots(judge: Judge, found: Found) -> tuple[Slot, ...]:
 
     The shape error of what is taken for true makes rivals that are nearly as good be listed.
     """
-    wide = spread(judge, found)
+    wide = spread(judge, found, WIDE)
     beside, _ = judge.odds(found.true, wide)
     sizes = measure_sizes(judge.evidence, found.true, wide, found.trust)
     return tuple(_slot(judge, found, group, wide, beside, sizes) for group in found.true)
 
 
+def settle(judge: Judge, found: Found) -> tuple[Found, tuple[Slot, ...]]:
+    """Without hypotheses that hardly anything speaks for; the likeliest rival in the place of each, where there is one.
+
+    Args:
+        judge: library and evidence.
+        found: what is taken for true.
+    """
+    for _ in range(ROUNDS):
+        slots = judge_slots(judge, found)
+        weak = [slot for slot in slots if slot.probability < DOUBT]
+        if not weak:
+            return found, slots
+        worst = min(weak, key=lambda slot: slot.probability)
+        rest, rivals = without(judge, found, worst.group), list(worst.rivals.values())
+        better = [
+            group for p, group in rivals[:1] if p > LIKELY and is_sound(judge, rest, group, found.log_odds[worst.group])
+        ]
+        true = (*rest.true, *better)
+        log = {**found.log_odds, **dict.fromkeys(better, found.log_odds[worst.group])}
+        found = Found(true, log, found.base, judge.evidence.trust(true, found.base), found.first)
+    return found, judge_slots(judge, found)
+
+
 def _slot(judge: Judge, found: Found, group: Group, wide: Array, beside: Mapping[Key, Odds], sizes: Sizes) -> Slot:
     rest = without(judge, found, group)
     odds, _ = judge.odds(rest.true, wide)
-    logs = {key: o.log - max(0.0, beside[key].log if key in beside else 0.0) for key, o in odds.items()}
     assert group.hypothesis is not None, "what is refitted is no hypothesis"
+    odds = {key: o for key, o in odds.items() if key == group.hypothesis.key or _is_alone(o.best)}
+    logs = {key: o.log - max(0.0, beside[key].log if key in beside else 0.0) for key, o in odds.items()}
     own = group.hypothesis.key
     highest = max(logs.values())
     share = {key: float(np.exp(x - highest)) for key, x in logs.items()}
@@ -85,6 +112,11 @@ def _left(judge: Judge, rival: Group, torque: Mapping[int, Array], known: list[G
     size = np.linalg.norm(x, axis=0)
     x = x[:, size > 0] / size[size > 0]
     return float(np.sum((y - x @ np.linalg.lstsq(x, y, rcond=1e-9)[0]) ** 2))
+
+
+def _is_alone(group: Group) -> bool:
+    """Whether a hypothesis is of one law at most: several together are no rival of one of them."""
+    return group.hypothesis is not None and len(group.hypothesis.laws) <= 1
 
 
 def _unknown(group: Group) -> bool:

@@ -73,7 +73,7 @@ def stands_still(motion: Motion, thin: Decimator) -> Array:
     return np.asarray(maximum_filter1d(opened, 2 * (thin.half // 2) + 1, axis=0, mode="nearest"))
 
 
-def tabulate(task: Task, model: Model, groups: Sequence[Group], pieces: Sequence[Piece]) -> Table:
+def tabulate(task: Task, model: Model, groups: Sequence[Group], pieces: Sequence[Piece], dry: Array) -> Table:
     """Columns at full rate, through the same low-pass as the torque, at twice its cut-off.
 
     Args:
@@ -81,10 +81,11 @@ def tabulate(task: Task, model: Model, groups: Sequence[Group], pieces: Sequence
         model: the simulation.
         groups: what columns are made of, as laid out.
         pieces: motions with residuals.
+        dry: (n,) dry friction of each joint [N.m or N].
     """
     thin = Decimator(task.band.taps, task.band.factor)
     long = [piece for piece in pieces if len(piece.motion) > 2 * thin.half]
-    made = [_thinned(model, groups, piece, thin) for piece in long]
+    made = [_thinned(model, groups, piece, thin, dry) for piece in long]
     n, lengths = len(model.robot.joints), [len(rows[0][1]) for rows in made]
 
     def joined(k: int) -> tuple[Indices, Array]:
@@ -120,17 +121,19 @@ def _measured(piece: Piece) -> Array:
     return np.nan_to_num(piece.residual + piece.motion.predicted)
 
 
-def _thinned(model: Model, groups: Sequence[Group], piece: Piece, thin: Decimator) -> list[tuple[Indices, Array]]:
+def _thinned(
+    model: Model, groups: Sequence[Group], piece: Piece, thin: Decimator, dry: Array
+) -> list[tuple[Indices, Array]]:
     """Per joint, which columns it has and their rows."""
     n = len(model.robot.joints)
     place, columns = [list[int]() for _ in range(n)], [list[Array]() for _ in range(n)]
-    for group, made in zip(groups, _columns(model, groups, piece), strict=True):
+    for group, made in zip(groups, _columns(model, groups, piece, dry), strict=True):
         for j, x in made.items():
             place[j].extend(range(group.start, group.start + group.size))
             columns[j].append(thin(x))
     return [(np.array(p, dtype=np.intp), np.concatenate(c, axis=1)) for p, c in zip(place, columns, strict=True)]
 
 
-def _columns(model: Model, groups: Sequence[Group], piece: Piece) -> Iterator[dict[int, Array]]:
-    yield from (found.columns for found in nuisances(model, piece.motion))
+def _columns(model: Model, groups: Sequence[Group], piece: Piece, dry: Array) -> Iterator[dict[int, Array]]:
+    yield from (found.columns for found in nuisances(model, piece.motion, dry))
     yield from (group.hypothesis.columns(piece.motion) for group in groups if group.hypothesis is not None)

@@ -9,9 +9,9 @@ import numpy as np
 
 from ..effects.base import ActuatorLaw, RecordingLaw, TorqueLaw, TransmissionLaw
 from ..types import Array, Frozen, Mask
+from .found import Found
 from .group import Group
 from .odds import Judge
-from .search import Found
 from .sizes import Sizes, energies, measure_sizes
 from .slots import Slot
 
@@ -52,7 +52,8 @@ def decide(judge: Judge, found: Found, slots: Sequence[Slot]) -> Verdict:
     after, before = (sizes.left - 1) * count, (bare.left - 1) * count
     scale = np.maximum(data.scale, FAINT * data.scale.max())
     threshold = NOTICED * np.sqrt(2 * count) + count * (DISCREPANCY * scale / data.floor) ** 2
-    gone = energies(judge.evidence, found.true, found.base, found.trust, sizes.left)
+    exact = measure_sizes(judge.evidence, found.true, found.base, 0.0)  # a payload is what tolerances could imitate
+    gone = energies(judge.evidence, found.true, found.base, 0.0, exact.left)
     energy = {group: float(gone[group].sum()) for group in found.true}
     largest = max(energy.values(), default=0.0)
     ranked = sorted(found.true, key=lambda group: -energy[group])
@@ -85,7 +86,7 @@ def _abstains(
     loud = concerned & (after > threshold) & (after > LEFT * before.max())
     if 1 - left / max(whole, 1e-9) < needed and loud.any():
         return True
-    crowded = len(causes) >= CROWD and np.any(after > threshold)
+    crowded = len(causes) >= CROWD and np.any(after > threshold) and left > LEFT * whole
     return first.unknown > 0.5 or bool(crowded and energy[causes[0]] < MOST_OF_IT * max(float(before.sum()), 1e-9))
 
 

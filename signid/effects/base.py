@@ -36,7 +36,9 @@ class Effect:
     reverses: ClassVar[bool] = False  # jumps where the direction of motion changes
     twins: ClassVar[tuple[str, ...]] = ()  # effects that some motion, or no motion, tells apart
 
-    contains: ClassVar[Mapping[str, Mapping[str, float]]] = {}  # plainer effects, and how often theirs is in each number
+    contains: ClassVar[
+        Mapping[str, Mapping[str, float]]
+    ] = {}  # plainer effects, and how often theirs is in each number
     common: ClassVar[float] = 1.0  # how often it is what a simulation lacks, beside the others
 
     columns: Callable[..., list[Array]]

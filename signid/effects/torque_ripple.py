@@ -20,6 +20,10 @@ class TorqueRipple(TorqueLaw):
     example = {"amplitude": 2.0, "phase": 0.5, "frequency": 12.1}
     coefficients, physical = sine_cosine, amplitude_phase
 
+    def possible(self, x: View, frequency: float) -> bool:
+        """Whether the travel is a whole wave or more: less is any smooth function of position."""
+        return bool(frequency * np.ptp(x.q) > 2 * np.pi)
+
     def columns(self, x: View, frequency: float) -> list[Array]:
         """Sine and cosine of so many times the position, (..., m) [1]."""
         return [np.sin(frequency * x.q), np.cos(frequency * x.q)]

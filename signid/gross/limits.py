@@ -14,6 +14,7 @@ from ..types import Array, Indices
 from .evidence import Evidence
 
 PER_UNKNOWN = 2.5  # rows per unknown of the joint that sees most of them; noise cannot be told from fewer
+BEYOND = 3.0  # times what the motion holds, at most, the cut-off is
 MOTION = 6.25  # [Hz] up to which rows count: the motion says nothing new faster than that, whatever the cut-off
 FAR = 0.05  # of the range, or rad or m: positions so little beyond are the description's rounding
 STRONG, FAST = 1.05, 1.2  # times the limits of torque and of velocity
@@ -69,7 +70,7 @@ def judge_amount(session: Session, parts: Sequence[Part]) -> Amount:
     band, task = session.task.band, session.task
     reach = 2 * (margin(band, task.recorded_derivatives) + Decimator(band.taps, band.factor).half)
     lengths = [s.length(span) for _, s in parts for span in s.spans]
-    density, lost = 2 * min(band.cutoff, MOTION), len(lengths) * reach / band.rate
+    density, lost = 2 * min(band.cutoff, max(MOTION, band.cutoff / BEYOND)), len(lengths) * reach / band.rate
     rows = sum(int(max(0, length - reach) / band.rate * density) for length in lengths)
     unknowns = max((len(task.seen(j)) for j in range(len(task.robot.joints))), default=0)
     return Amount(rows, unknowns, sum(s.duration for _, s in parts), PER_UNKNOWN * unknowns / density + lost)
