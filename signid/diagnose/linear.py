@@ -21,7 +21,6 @@ FLAT = 1e-6  # of the Gram's diagonal: prior precision of what is not known at a
 class Known(NamedTuple):
     """Information on the bodies' inertial parameters from other recordings; friction may differ from day to day."""
 
-    which: Indices  # (k,) columns
     information: Array  # (k, k) [1 per coefficient, squared]
     right: Array  # (k,) [1 per coefficient]
 
@@ -82,7 +81,7 @@ class Linear(Frozen):
         gram = np.tensordot(1 / dispersion, self._square(tuple(true)), axes=1)[np.ix_(rows, rows)]
         right = (self.data.right[:, which] / dispersion[:, None]).sum(0)
         if self.known is not None and trust > 0:
-            here = np.searchsorted(which, self.known.which)
+            here = np.searchsorted(which, columns_of([group for group in self.data.refitted if group.bodies]))
             gram[np.ix_(here, here)] += self.known.information
             right[here] += self.known.right
         precision = self.precision(true, np.diag(gram), trust)

@@ -37,4 +37,4 @@ def learn_bodies(judge: Judge) -> Known:
     own = gram[np.ix_(laws, laws)] + np.diag(precision[laws])
     solved = np.linalg.solve(own, np.column_stack([across, right[laws]]))
     information = gram[np.ix_(bodies, bodies)] - across.T @ solved[:, :-1]
-    return Known(which[bodies], information, right[bodies] - across.T @ solved[:, -1])
+    return Known(information, right[bodies] - across.T @ solved[:, -1])

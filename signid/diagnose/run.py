@@ -80,7 +80,8 @@ def diagnose(
     told, options = progress or _silent, replace(options or Options(), effects=())
     known = diagnose(model, reference, skip=skip, options=options, progress=progress) if reference else None
     recovered = recover(model.robot, recordings, held_out, options=Options(seed=options.seed), progress=progress)
-    model, notes = restrict_joints(known.model if known else model, [*recordings, *held_out])
+    given, notes = restrict_joints(model, [*recordings, *held_out])
+    model = restrict_joints(known.model, [*recordings, *held_out])[0] if known else given
     session = _prepare(model, recovered.recordings, recovered.held_out, options)
     told("looking for gross faults", 0.1)
     gross = examine(model, session)
@@ -96,12 +97,12 @@ def diagnose(
     verdict = decide(judge, found, slots)
     result = find(setting, session, judge, found, slots, verdict, options.seed)
     told("rolling out", 0.9)
-    rolled = _roll_out(session, model, result.model)
+    rolled = _roll_out(session, given, result.model)
     return Diagnosis(
         robot=session.robot,
         verdict=verdict.name,
         **result.parts(),
-        before=predict_fit(session, model, setting.noise.floor),
+        before=predict_fit(session, given, setting.noise.floor),
         after=predict_fit(session, result.model, setting.noise.floor),
         rollout_before=rolled[0],
         rollout_after=rolled[1],

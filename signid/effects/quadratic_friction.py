@@ -11,8 +11,8 @@ class QuadraticFriction(TorqueLaw):
 
     name, equation = "quadratic_friction", "coefficient * v * abs(v)"
     source = "Bittencourt, Gunnarsson, ASME J. Dynamic Systems, Measurement, and Control 134(5), 2012"
-    typical = "up to 10 % of the friction at full speed"
-    parameters = {"coefficient": Coefficient("N.m.s2/rad2", positive=True)}
+    typical = "up to 10 % of the friction at full speed; negative where grease thins at speed"
+    parameters = {"coefficient": Coefficient("N.m.s2/rad2")}
     example = {"coefficient": 1.5}
     dissipative = True
     twins = ("fluid_drag",)
