@@ -1,0 +1,224 @@
+"""The closed-form evidence of hypotheses, against numerical integration and dense normal distributions."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from plant import law
+from scipy.special import logsumexp
+from scipy.stats import multivariate_normal
+
+from signid.diagnose.cross import gain_unseen
+from signid.diagnose.evidence import TRUST, TRUST_PRIOR, Evidence
+from signid.diagnose.group import Group
+from signid.diagnose.hypothesis import Hypothesis
+from signid.diagnose.linear import Known
+from signid.diagnose.prior import SIZES, WIDE, Belief
+from signid.diagnose.whitened import Whitened, columns_of
+from signid.types import Array, Law
+
+ROWS, JOINTS = 40, 2
+DISPERSION = np.array([1.3, 2.0])
+FRICTION = Group(0, 1, law=law("viscous_friction", 0), deviation=(np.inf,))
+BODIES = Group(1, 2, bodies=True, deviation=(0.4, 0.2))
+VISCOUS = Group(3, 1, Hypothesis((law("viscous_friction", 1),)))  # one coefficient, positive
+OFFSET = Group(4, 1, Hypothesis((law("torque_offset", 0),)))  # one, of either sign
+SPRING = Group(5, 2, Hypothesis((law("spring", 0),)))  # two, the first positive
+WAVE = Group(7, 2, Hypothesis((law("counterbalance", 1),)))  # two, of either sign
+SWAP = Group(9, 1, Hypothesis((law("channel_swap", 0, 1),)))  # there or not
+GROUPS = (FRICTION, BODIES, VISCOUS, OFFSET, SPRING, WAVE, SWAP)
+PLACE = (np.array([0, 1, 2, 4, 5, 6, 9]), np.array([1, 2, 3, 7, 8, 9]))
+TOLD = [VISCOUS, OFFSET, SPRING, WAVE, SWAP]
+
+
+@cache
+def rows(seed: int = 0, size: float = 0.3, bodies: float = 0.0, count: int = ROWS, blocks: int = 1) -> Evidence:
+    """Random columns; the residual holds some viscous friction, something of the bodies, and noise."""
+    rng = np.random.default_rng(seed)
+    columns = tuple(rng.standard_normal((count, len(place))) for place in PLACE)
+    theta = np.zeros(10)
+    theta[[1, 2]], theta[VISCOUS.start] = bodies, size
+    noise = np.sqrt(DISPERSION)[:, None] * rng.standard_normal((JOINTS, count))
+    residual = noise + np.array([x @ theta[place] for x, place in zip(columns, PLACE, strict=True)])
+    return Evidence(table(columns, residual, np.arange(count) * blocks // count))
+
+
+def table(columns: tuple[Array, ...], residual: Array, recording: Array) -> Whitened:
+    moves = np.ones((residual.shape[1], JOINTS), dtype=bool)
+    one = np.ones(JOINTS)
+    return Whitened(
+        GROUPS, 10, PLACE, columns, residual, moves, recording, np.ones((JOINTS, 10)), columns, 3 * one, one
+    )
+
+
+def dense(evidence: Evidence, which: Array) -> Array:
+    """(joints rows, k) columns, joint after joint."""
+    data = evidence.data
+    out = np.zeros((JOINTS, len(data), len(which)))
+    for j in range(JOINTS):
+        here = np.isin(which, data.place[j])
+        out[j][:, here] = data.columns[j][:, np.searchsorted(data.place[j], which[here])]
+    return out.reshape(-1, len(which))
+
+
+def covariance(evidence: Evidence, true: tuple[Group, ...], trust: float) -> Array:
+    """Of all rows, coefficients that are fitted integrated out under their prior."""
+    which = evidence.columns(true, trust)
+    x, noise = dense(evidence, which), np.diag(np.repeat(DISPERSION, len(evidence.data)))
+    gram = x.T @ np.linalg.solve(noise, x)
+    return noise + x @ np.linalg.inv(evidence.precision(true, np.diag(gram), trust)) @ x.T
+
+
+def log_normal(y: Array, spread: Array) -> float:
+    return float(multivariate_normal.logpdf(y, np.zeros(len(y)), spread))
+
+
+def integrated(evidence: Evidence, true: tuple[Group, ...], trust: float, group: Group, size: float) -> float:
+    """Log Bayes factor of a hypothesis at one size of its prior: a sum over a fine grid of its coefficients."""
+    belief = evidence.beliefs[group]
+    assert belief is not None
+    y, spread = evidence.data.residual.ravel(), covariance(evidence, true, trust)
+    x, factor = dense(evidence, columns_of([group])), np.linalg.cholesky(spread)
+    white, told = np.linalg.solve(factor, x), np.linalg.solve(factor, y)
+    scale = belief.spread * (1.0 if belief.mean else size)
+    count = 40001 if group.size == 1 else 501
+    u, step = np.linspace(-8, 8, count, retstep=True)  # coefficients = mean + scale @ u, u unit normal
+    grid = np.stack(np.meshgrid(*[u] * group.size, indexing="ij"), axis=-1).reshape(-1, group.size)
+    theta = belief.mean + grid @ scale.T
+    misfit = np.array(
+        told @ told - 2 * theta @ (white.T @ told) + np.einsum("ki,ij,kj->k", theta, white.T @ white, theta)
+    )
+    log = -misfit / 2 + told @ told / 2 - np.sum(grid**2, axis=1) / 2 + group.size * np.log(step / np.sqrt(2 * np.pi))
+    if belief.positive >= 0:
+        first = theta[:, belief.positive]
+        log = log + np.where(first > 1e-12, np.log(2), np.where(first < -1e-12, -np.inf, 0.0))  # half of the edge
+    return float(logsumexp(log))
+
+
+def by_hand(evidence: Evidence, true: tuple[Group, ...], group: Group) -> float:
+    """Sizes and trusts averaged."""
+    y = evidence.data.residual.ravel()
+    weight = TRUST_PRIOR + [log_normal(y, covariance(evidence, true, trust)) for trust in TRUST]
+    factors = [
+        logsumexp([integrated(evidence, true, trust, group, size) for size in SIZES]) - np.log(len(SIZES))
+        for trust in TRUST
+    ]
+    return float(logsumexp(weight - logsumexp(weight) + factors))
+
+
+@pytest.mark.parametrize("group", TOLD, ids=lambda g: g.hypothesis.key[0])
+@pytest.mark.parametrize("size", (0.0, 0.25, -0.4))
+def test_the_bayes_factor_is_the_integral(group: Group, size: float) -> None:
+    evidence = rows(1, size)
+    factors, _ = evidence.weigh((), DISPERSION)
+    assert factors[GROUPS.index(group)] == pytest.approx(by_hand(evidence, (), group), abs=2e-3)
+
+
+@pytest.mark.parametrize("group", (OFFSET, SPRING, WAVE), ids=lambda g: g.hypothesis.key[0])
+def test_the_bayes_factor_beside_what_is_taken_for_true(group: Group) -> None:
+    evidence = rows(2, 0.5)
+    factors, _ = evidence.weigh((VISCOUS,), DISPERSION)
+    assert factors[GROUPS.index(group)] == pytest.approx(by_hand(evidence, (VISCOUS,), group), abs=2e-3)
+    assert np.isnan(factors[[0, 1, GROUPS.index(VISCOUS)]]).all()
+
+
+def test_what_the_sign_forbids_is_unlikely_and_what_is_there_likely() -> None:
+    at, swap = GROUPS.index(VISCOUS), GROUPS.index(SWAP)
+    told = {size: rows(3, size, count=400).weigh((), DISPERSION)[0] for size in (-0.5, 0.0, 0.5)}
+    assert told[0.5][at] > 20 > 0 > told[0.0][at] > told[-0.5][at]
+    assert told[0.0][swap] < -20  # of a law that is there or not, that is not there: 1 / (2 x 0.15^2) against
+
+
+@pytest.mark.parametrize("trust", TRUST)
+@pytest.mark.parametrize("true", ((), (VISCOUS,), (SPRING, OFFSET), (SWAP,)), ids=len)
+def test_the_evidence_is_the_marginal_likelihood(trust: float, true: tuple[Group, ...]) -> None:
+    evidence = rows(4)
+    y, noise = evidence.data.residual.ravel(), np.diag(np.repeat(DISPERSION, ROWS))
+    fit = evidence.fit(true, DISPERSION, trust)
+    other = log_normal(y, covariance(evidence, true, trust)) - log_normal(y, noise)
+    assert fit.log_evidence == pytest.approx(other, abs=1e-3)
+    x = dense(evidence, fit.which)
+    gram = x.T @ np.linalg.solve(noise, x)
+    whole = gram + evidence.precision(true, np.diag(gram), trust)
+    np.testing.assert_allclose(fit.value, np.linalg.solve(whole, x.T @ np.linalg.solve(noise, y)), rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(
+        fit.covariance, np.linalg.inv(whole), rtol=1e-5, atol=1e-8 * np.abs(fit.covariance).max()
+    )
+
+
+def test_prior_precisions_are_of_what_is_believed() -> None:
+    evidence = rows(4)
+    diagonal = np.full(4, 7.0)
+    precision = evidence.precision((VISCOUS,), diagonal, 2.0)
+    belief = evidence.beliefs[VISCOUS]
+    assert isinstance(belief, Belief)
+    expected = [7e-6, 1 / 0.8**2, 1 / 0.4**2, 1 / (WIDE * belief.spread[0, 0]) ** 2]
+    np.testing.assert_allclose(np.diag(precision), expected, rtol=1e-6)
+    assert BODIES not in evidence.refitted(0.0) and BODIES in evidence.refitted(1.0)
+
+
+def test_trust_follows_from_the_rows() -> None:
+    for bodies, likely in ((0.0, 0.0), (0.3, 1.0), (0.9, 2.0)):
+        evidence = rows(5, 0.0, bodies, count=400)
+        _, weight = evidence.weigh((), DISPERSION)
+        y = evidence.data.residual.ravel()
+        whole = [log_normal(y, covariance(evidence, (), trust)) for trust in TRUST] + TRUST_PRIOR
+        np.testing.assert_allclose(weight, np.exp(whole - logsumexp(whole)), atol=1e-3)
+        assert evidence.trust((), DISPERSION) == likely == TRUST[np.argmax(weight)]
+        assert weight.sum() == pytest.approx(1)
+
+
+@pytest.mark.parametrize("true", ((), (VISCOUS,)), ids=len)
+def test_asking_is_weighing(true: tuple[Group, ...]) -> None:
+    evidence = rows(6, 0.4)
+    factors, weight = evidence.weigh(true, DISPERSION)
+    for group in (g for g in TOLD if g not in true):
+        belief = evidence.beliefs[group]
+        assert belief is not None
+        own = {j: evidence.data.part(j, group) for j in evidence.data.rows(group)}
+        told = [evidence.ask(evidence.fit(true, DISPERSION, trust), DISPERSION, belief, own) for trust in TRUST]
+        assert logsumexp(np.log(weight) + told) == pytest.approx(factors[GROUPS.index(group)], abs=1e-6)
+
+
+def test_what_is_known_of_the_bodies_is_as_good_as_its_rows() -> None:
+    evidence, other = rows(7), rows(8, 0.0, 0.4)
+    which = columns_of([BODIES])
+    x, y = dense(other, which), other.data.residual.ravel() / np.repeat(DISPERSION, ROWS)
+    known = Known(x.T @ (x / np.repeat(DISPERSION, ROWS)[:, None]), x.T @ y)
+    fit = Evidence(evidence.data, known).fit((), DISPERSION, 1.0)
+    both = [dense(e, fit.which) for e in (evidence, other)]
+    both[1][:, fit.which == FRICTION.start] = 0  # friction is another one from day to day
+    stack, noise = np.concatenate(both), np.tile(np.repeat(DISPERSION, ROWS), 2)
+    target = np.concatenate([evidence.data.residual.ravel(), other.data.residual.ravel()])
+    gram = stack.T @ (stack / noise[:, None])
+    prior = evidence.precision((), np.diag(gram), 1.0)
+    np.testing.assert_allclose(fit.value, np.linalg.solve(gram + prior, stack.T @ (target / noise)), rtol=1e-4)
+
+
+def test_unseen_blocks_tell_a_law_from_a_chance() -> None:
+    true = [gain_unseen(rows(k, 0.8, count=160, blocks=4), (), VISCOUS, DISPERSION, 0.0) for k in range(12)]
+    chance = [gain_unseen(rows(k, 0.4, count=160, blocks=4), (), WAVE, DISPERSION, 0.0) for k in range(12)]
+    assert np.mean(chance) < 0 and min(true) > 2 * max(chance)
+    assert gain_unseen(rows(0, 0.8, count=160), (), VISCOUS, DISPERSION, 0.0) > 3  # eighths of one recording
+
+
+def test_what_happens_in_one_recording_only_is_not_foretold() -> None:
+    evidence = rows(9, 0.0, count=160, blocks=4)
+    data = evidence.data
+    residual = data.residual.copy()
+    there = (data.recording == 2).astype(float) - (data.recording == 1)
+    residual[0] += 1.5 * there * data.columns[0][:, np.searchsorted(PLACE[0], OFFSET.start)]
+    spoilt = Evidence(table(data.columns, residual, data.recording))
+    assert gain_unseen(spoilt, (), OFFSET, DISPERSION, 0.0) < -5
+
+
+def test_a_law_of_the_rows_is_read_by_its_place() -> None:
+    assert [isinstance(g.law, Law) for g in GROUPS] == [True] + [False] * 6
+    data = rows().data
+    assert data.rows(SWAP) == [0, 1] and data.rows(SPRING) == [0] and not data.part(1, SPRING).any()
+    np.testing.assert_array_equal(data.part(0, SPRING), data.columns[0][:, 4:6])
+    np.testing.assert_allclose(
+        data.gram(columns_of([SPRING]))[0][:, [5, 6]], data.part(0, SPRING).T @ data.part(0, SPRING)
+    )
