@@ -1,0 +1,225 @@
+"""What is noise in a residual, when a motion repeats, and where torque is, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from signid.diagnose.group import Group
+from signid.diagnose.hypothesis import hats
+from signid.diagnose.locate import locate
+from signid.diagnose.noise import MARGIN, measure_noise, whiten
+from signid.diagnose.period import find_period
+from signid.diagnose.table import Table
+from signid.types import Array
+
+RATE = 20.0  # Hz
+AR = np.array([1.1, -0.5, 0.2, -0.1])  # of the last four values, stable
+KEEP = Group(0, 3, deviation=(np.inf,) * 3)
+Rule = Callable[[Array], Array]
+
+
+def table(residual: Array, columns: Array, pieces: int = 1, rests: Array | None = None, **signals: Array) -> Table:
+    """Rows of one joint."""
+    count = len(residual)
+    piece = np.arange(count) * pieces // count
+    usual = {name: np.zeros((count, 1)) for name in ("q", "v", "a", "torque", "predicted")}
+    still = np.zeros((count, 1), dtype=bool) if rests is None else rests[:, None]
+    t = signals.pop("t", np.arange(count) / RATE)
+    given = {name: x[:, None] for name, x in signals.items()}
+    groups = (KEEP,) if columns.shape[1] == 3 else (Group(0, columns.shape[1], deviation=(np.inf,)),)
+    place = (np.arange(columns.shape[1]),)
+    whole = {**usual, **given}
+    return Table(
+        groups,
+        columns.shape[1],
+        piece,
+        piece,
+        t,
+        whole["q"],
+        whole["v"],
+        whole["a"],
+        whole["torque"],
+        whole["predicted"],
+        residual[:, None],
+        still,
+        (True,),
+        place,
+        (columns,),
+    )
+
+
+def coloured(count: int, seed: int) -> Array:
+    rng = np.random.default_rng(seed)
+    return np.asarray(lfilter([1.0], np.r_[1.0, -AR], rng.standard_normal(count + 200))[200:])
+
+
+def waves(count: int, seed: int = 9) -> Array:
+    """(N, 3) columns of a motion that never repeats."""
+    w = np.array([0.31, 0.77, 1.3]) * (1 + 0.1 * seed)
+    return np.sin(np.arange(count)[:, None] / RATE * w)
+
+
+def test_correlation_and_size_are_those_of_the_noise() -> None:
+    noise, columns = 0.3 * coloured(12000, 1), waves(12000)
+    found = measure_noise(table(noise + columns @ [1.0, -2.0, 0.5], columns), [None], RATE)
+    np.testing.assert_allclose(found.coefficients[0], AR, atol=0.04)
+    assert found.innovation[0] == pytest.approx(0.3, rel=0.03)
+    assert found.floor[0] == pytest.approx(noise.std(), rel=0.03)
+    white = whiten(noise[:, None], found.coefficients[0], float(found.innovation[0]), np.zeros(12000, dtype=np.intp))
+    assert len(white) == 12000 - 4 and white.std() == pytest.approx(1, rel=0.04)
+    own = white[:, 0] / white.std()
+    for lag in range(1, 8):
+        assert abs(np.mean(own[lag:] * own[:-lag])) < 4 / np.sqrt(len(own))
+
+
+def test_many_columns_do_not_make_noise_look_small() -> None:
+    rng, count = np.random.default_rng(2), 600
+    columns, noise = rng.standard_normal((count, 150)), coloured(count, 3)
+    found = measure_noise(table(noise, columns), [None], RATE)
+    assert found.floor[0] == pytest.approx(noise.std(), rel=0.15)
+
+
+def test_no_filter_reaches_over_the_end_of_a_piece() -> None:
+    x, piece = np.arange(20.0)[:, None], np.repeat([0, 1], 10)
+    out = whiten(x, np.array([1.0, 0.0, 0.0, 0.0]), 2.0, piece)
+    np.testing.assert_array_equal(out[:, 0], np.full(12, 0.5))
+    steps = np.where(piece == 0, 0.0, 1e6)[:, None]
+    assert not whiten(steps, np.array([1.0, 0.0, 0.0, 0.0]), 1.0, piece).any()
+
+
+def test_repetitions_tell_noise_from_physics() -> None:
+    count, period = 4000, 10.0
+    rng, phase = np.random.default_rng(4), np.arange(count) / RATE * 2 * np.pi / period
+    physics, noise = np.sign(np.sin(7 * phase + 0.1)) + np.cos(11 * phase), 0.1 * rng.standard_normal(count)
+    rows = table(physics + noise, waves(count), pieces=2)
+    alone, again = (measure_noise(rows, told, RATE) for told in ([None, None], [period, period]))
+    assert alone.floor[0] > 0.5 and again.floor[0] == pytest.approx(0.1 * MARGIN, rel=0.08)
+    one = measure_noise(rows, [period, None], RATE)  # one of two recordings repeats
+    assert one.floor[0] == pytest.approx(0.1 * MARGIN, rel=0.1)
+
+
+def test_a_contact_in_one_period_is_no_noise() -> None:
+    count, period = 4000, 10.0
+    rng, t = np.random.default_rng(5), np.arange(count) / RATE
+    noise = 0.1 * rng.standard_normal(count) + 3.0 * ((t > 33) & (t < 36))
+    found = measure_noise(table(noise, waves(count), pieces=2), [period, period], RATE)
+    assert found.floor[0] == pytest.approx(0.1 * MARGIN, rel=0.1)
+
+
+def test_friction_at_rest_is_no_noise() -> None:
+    count = 4000
+    noise, rests = 0.1 * np.random.default_rng(6).standard_normal(count), np.arange(count) % 400 < 100
+    found = measure_noise(table(noise + 5.0 * rests, waves(count), rests=rests), [None], RATE)
+    assert found.floor[0] == pytest.approx(0.1, rel=0.08)
+
+
+def test_a_residual_without_noise_has_a_floor() -> None:
+    found = measure_noise(table(np.zeros(500), waves(500)), [None], RATE)
+    assert 0 < found.floor[0] < 1e-9 and 0 < found.innovation[0] < 1e-9 and np.isfinite(found.coefficients).all()
+
+
+def series(orders: tuple[int, ...], period: float, seconds: float, rate: float, joints: int = 2) -> Array:
+    rng, t = np.random.default_rng(7), np.arange(0, seconds, 1 / rate)
+    angle = 2 * np.pi / period * t[:, None, None] * np.array(orders)[:, None] + rng.uniform(0, 6, (len(orders), joints))
+    return np.asarray(np.sin(angle).sum(1))
+
+
+@pytest.mark.parametrize(("period", "seconds", "rate"), [(8.0, 16.0, 125.0), (10.0, 45.0, 100.0), (2.5, 20.0, 1000.0)])
+def test_a_period_is_found(period: float, seconds: float, rate: float) -> None:
+    found = find_period(series((1, 2, 3, 5), period, seconds, rate), rate)
+    assert found == pytest.approx(period, abs=1.5 / rate)
+
+
+@pytest.mark.parametrize("bits", (12, 17))
+def test_a_period_is_found_through_encoders_and_noise(bits: int) -> None:
+    count, rng = 2 * np.pi / 2**bits, np.random.default_rng(8)
+    q = series((1, 2, 3, 5), 8.0, 20.0, 100.0)
+    q = np.round((q + 2e-4 * rng.standard_normal(q.shape)) / count) * count + 0.3
+    assert find_period(q, 100.0) == pytest.approx(8.0, abs=0.015)
+
+
+def test_all_joints_must_repeat() -> None:
+    one, other = series((1, 2), 4.0, 24.0, 100.0, 1), series((1, 2), 6.0, 24.0, 100.0, 1)
+    assert find_period(np.hstack([one, other]), 100.0) == pytest.approx(12.0, abs=0.015)
+    assert find_period(np.hstack([one, 0 * other]), 100.0) == pytest.approx(4.0, abs=0.015)  # one stands still
+
+
+@pytest.mark.parametrize(
+    ("name", "q"),
+    [
+        ("once", series((1, 2, 3, 5), 8.0, 12.0, 100.0)),
+        ("never", series((1, 2), 8.0, 40.0, 100.0) + series((1, 2), 8.0 * np.sqrt(2), 40.0, 100.0)),
+        ("further every time", series((1, 2), 5.0, 40.0, 100.0) + 0.2 * np.arange(4000)[:, None] / 100),
+        ("ever smaller", series((1, 2), 5.0, 40.0, 100.0) * np.exp(-np.arange(4000) / 2000)[:, None]),
+        ("at rest", np.full((4000, 2), 0.3)),
+        ("short", series((1,), 0.5, 1.0, 100.0)),
+        ("ramp", np.arange(4000.0)[:, None]),
+    ],
+)
+def test_no_period_where_there_is_none(name: str, q: Array) -> None:
+    assert find_period(q, 100.0) is None, name
+
+
+COUNT = 4000
+RANDOM = np.random.default_rng(11)
+SIGNALS = {name: size * RANDOM.standard_normal(COUNT) for name, size in (("q", 1.0), ("v", 0.8), ("a", 3.0))}
+SIGNALS["predicted"] = 5 * RANDOM.standard_normal(COUNT)
+T = np.arange(COUNT) / RATE
+
+
+@pytest.mark.parametrize(
+    ("variable", "region", "torque"),
+    [
+        ("velocity", "slower than 0.1 rad/s", lambda s: np.abs(s["v"]) < 0.1),
+        ("velocity", "faster than 1 rad/s", lambda s: np.abs(s["v"]) * s["v"] * (np.abs(s["v"]) > 1.03)),
+        ("velocity", "above 0 rad/s", lambda s: 1.0 * (s["v"] > 0)),
+        ("velocity", "below 0 rad/s", lambda s: 1.0 * (s["v"] < 0)),
+        ("acceleration", "beyond 3.9 rad/s2", lambda s: s["a"] * (np.abs(s["a"]) > 3.84)),
+        ("torque", "beyond 6.4 N.m", lambda s: np.abs(s["predicted"]) * (np.abs(s["predicted"]) > 6.4)),
+        ("position", "0.84", lambda s: 1.0 * (s["q"] > 0.84)),
+        ("time", "100 to 120 s", lambda s: 1.0 * ((T >= 100) & (T < 120))),
+    ],
+)
+def test_torque_is_where_it_was_put(variable: str, region: str, torque: Callable[[dict[str, Array]], Array]) -> None:
+    own = np.asarray(torque(SIGNALS), dtype=float)
+    noise = 0.03 * np.sqrt(np.mean(own**2)) * RANDOM.standard_normal(COUNT)
+    place = locate(table(own, waves(COUNT), t=T, **SIGNALS), 0, own + noise)
+    assert (place.joint, place.variable) == (0, variable)
+    words = place.region.split()
+    if variable in ("position", "time"):
+        low, high = float(words[0]), float(words[2])
+        wanted = (100, 120) if variable == "time" else (0.84, SIGNALS["q"].max())
+        assert low == pytest.approx(wanted[0], abs=0.02) and high == pytest.approx(wanted[1], rel=0.01)
+    else:
+        assert words[:-2] == region.split()[:-2] and words[-1] == region.split()[-1]
+        assert float(words[-2]) == pytest.approx(float(region.split()[-2]), rel=0.25)
+    assert place.share > 0.8 and 0.5 < place.explained <= 1
+
+
+def test_a_sliding_joint_is_told_in_metres() -> None:
+    own = SIGNALS["v"] * (np.abs(SIGNALS["v"]) > 1)
+    rows = table(own, waves(COUNT), t=T, **SIGNALS)
+    assert locate(rows, 0, own).region.endswith("rad/s") and locate(rows, 0, own, prismatic=True).region.endswith(
+        " m/s"
+    )
+    load = SIGNALS["predicted"] * (np.abs(SIGNALS["predicted"]) > 6)
+    assert locate(rows, 0, load, prismatic=True).region.endswith(" N")
+
+
+def test_noise_depends_on_nothing() -> None:
+    noise = RANDOM.standard_normal(COUNT)
+    place = locate(table(noise, waves(COUNT), t=T, **SIGNALS), 0, noise)
+    assert place.explained < 0.02 and place.share < 0.7
+    assert locate(table(0 * noise, waves(COUNT), t=T, **SIGNALS), 0, 0 * noise).share == 0
+
+
+def test_hats_make_any_piecewise_linear_function() -> None:
+    x, knots = np.linspace(-2, 3, 200), [-1.0, 0.0, 0.5, 2.0]
+    columns = np.column_stack([np.ones(200), hats(x, knots)])
+    wanted = np.interp(x, knots, [3.0, -1.0, 0.5, 2.0])
+    assert columns.shape == (200, 4)
+    assert np.linalg.norm(wanted - columns @ np.linalg.lstsq(columns, wanted, rcond=None)[0]) < 1e-12
