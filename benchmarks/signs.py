@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import Any
 
 import mujoco
-import pybullet
 from rich.console import Console
 from rich.table import Table
 
@@ -168,6 +167,8 @@ def main() -> None:
     bench = Bench(options.quick, options.workers)
     run(bench, options.only or CASES, console)
     if options.json:
+        import pybullet  # not a dependency of the tests
+
         versions = {"mujoco": mujoco.__version__, "pybullet": pybullet.getAPIVersion()}
         machine = {"python": platform.python_version(), "processor": platform.machine(), **versions}
         groups = summarise([row for row in bench.rows if "noise" in row.group or row.group in simulated.FAILURES])

@@ -173,7 +173,11 @@ def test_laws_are_told_apart_or_not(capfd: pytest.CaptureFixture[str]) -> None:
     found = told(f"excite 1r -o m.csv --duration 4 --harmonics 3 --separate {both}", capfd)
     assert found["purpose"] == "separate" and found["enough"] and not found["structural"]
     assert [law["effect"] for law in found["laws"]] == ["viscous_friction", "spring"]
-    same = {"quadratic_friction@1,fluid_drag": "no motion", "payload,link_inertia@1": "only where payload is true"}
+    same = {
+        "quadratic_friction@1,fluid_drag": "no motion",
+        "payload,link_inertia@1": "no motion",
+        "asymmetric_friction@1,coulomb_friction@1": "only where asymmetric_friction is true",
+    }
     for laws, words in same.items():
         assert run(["excite", "1r", "-o", "n.csv", "--duration", "4", "--harmonics", "3", "--separate", laws]) == 3
         out, err = capfd.readouterr()

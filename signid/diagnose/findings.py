@@ -10,9 +10,10 @@ import numpy as np
 from ..filters import Decimator
 from ..model import Model
 from ..session import Session
-from ..types import Array, Law
+from ..types import Array, Law, Shape
 from .extend import extend
 from .found import Found
+from .hypothesis import VARIABLES
 from .locate import Place, locate
 from .numbers import deviations, read_laws, torque_of
 from .odds import Judge
@@ -108,7 +109,7 @@ def _finding(
         role="cause" if slot.group in verdict.causes else "secondary",
         probability=slot.probability,
         torque_share=share,
-        where=_place(setting, joint, torque[joint][:, 0]),
+        where=_place(setting, joint, torque[joint][:, 0], VARIABLES if _passes(law) else VARIABLES[:-1]),
         statistic=float(found.log_odds[slot.group]),
         threshold=needed(judge, slot.group, float(found.trust == 0), 0, FIRST if len(found.true) == 1 else NEXT),
         held_out_gain=gain,
@@ -131,8 +132,13 @@ def _alternatives(setting: Setting, judge: Judge, slot: Slot, law: Law, seed: in
             yield Alternative(rival, probability, motion)
 
 
-def _place(setting: Setting, joint: int, torque: Array) -> Place:
-    return locate(setting.table, joint, torque, bool(setting.model.robot.prismatic[joint]))
+def _place(setting: Setting, joint: int, torque: Array, variables: Sequence[str] = VARIABLES) -> Place:
+    return locate(setting.table, joint, torque, bool(setting.model.robot.prismatic[joint]), variables)
+
+
+def _passes(law: Law) -> bool:
+    """Whether a law changes with time by itself."""
+    return any(kind.unit == "s" for kind in law.effect.parameters.values() if isinstance(kind, Shape))
 
 
 def _held_out_gains(session: Session, model: Model, laws: Sequence[Law]) -> list[float]:

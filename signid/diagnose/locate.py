@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -27,7 +27,9 @@ class Place(NamedTuple):
     explained: float  # of it by any function of the variable [1]
 
 
-def locate(table: Table, joint: int, torque: Array, prismatic: bool = False) -> Place:
+def locate(
+    table: Table, joint: int, torque: Array, prismatic: bool = False, variables: Sequence[str] = VARIABLES
+) -> Place:
     """The variable of a joint that torque depends on most, and the region in which it stands out.
 
     Args:
@@ -35,8 +37,9 @@ def locate(table: Table, joint: int, torque: Array, prismatic: bool = False) -> 
         joint: whose variables.
         torque: (M,) residual, or the torque of an effect [N.m or N].
         prismatic: whether the joint slides.
+        variables: of which.
     """
-    told = {name: _explained(table.variable(joint, name), torque) for name in VARIABLES}
+    told = {name: _explained(table.variable(joint, name), torque) for name in variables}
     best = max(told, key=lambda name: told[name])
     x = table.variable(joint, best)
     power = torque**2 / max(float(np.sum(torque**2)), 1e-300)
