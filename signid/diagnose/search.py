@@ -180,9 +180,9 @@ def _exchanged(judge: Judge, state: Found, better: float, told: Callable[[str], 
         odds, trusted = judge.odds(rest.true, spread(judge, rest))
         own = odds.get(_of(group).key)
         log = own.log if own is not None else -np.inf
-        alone = {key: o for key, o in odds.items() if len(_of(o.best).laws) == 1}
-        rival = _pick(judge, rest, alone, trusted, NEXT)
-        if rival is not None and _of(rival.best).key != _of(group).key and rival.log > log + better:
+        alone = {key: o for key, o in odds.items() if len(_of(o.best).laws) == 1 and o.log > log + better}
+        rival = _pick(judge, rest, alone, trusted, NEXT) if alone else None
+        if rival is not None:
             told(f"{_of(group).key} -> {_of(rival.best).key} {rival.log - log:.1f}")
             state = _with(judge, rest, rival)
         elif log < needed(judge, group, trusted, len(rest.true), NEXT):

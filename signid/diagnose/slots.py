@@ -18,6 +18,7 @@ from .sizes import Sizes, measure_sizes
 TOLD = 0.03  # probability from which on a rival is listed
 WIDE = 4.0  # times what is left: the shape error of what is taken for true, where rivals are weighed
 ROUNDS, DOUBT, LIKELY = 4, 0.2, 0.5  # of settling; probability of what goes, and of what takes its place
+FAR = 40.0  # log odds behind an effect that no rival falls that leaves nothing of it
 SAME = 4.0  # variance units: what a rival leaves of an effect, up to which nothing tells them apart
 
 
@@ -92,10 +93,12 @@ def _alike(judge: Judge, group: Group, odds: Mapping[Key, Odds], sizes: Sizes) -
     data, joints = judge.evidence.data, judge.evidence.data.rows(group)
     torque = {j: data.part(j, group) @ sizes.value[group] for j in range(data.joints)}
     known = [g for g in data.refitted if not g.bodies]
+    assert group.hypothesis is not None, "what is refitted is no hypothesis"
+    least = odds[group.hypothesis.key].log - FAR if group.hypothesis.key in odds else -np.inf
     out = set[Key]()
     for key, rival in odds.items():
         own = data.rows(rival.best)
-        if _unknown(rival.best) or not set(joints) & set(own):
+        if _unknown(rival.best) or not set(joints) & set(own) or rival.log < least:
             continue
         left = sum(float(x @ x) for j, x in torque.items() if j not in own)
         if left < SAME and _left(judge, rival.best, torque, known) + left < SAME:
