@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,9 +15,16 @@ from benchmarks.plants.bodies import Drives
 from benchmarks.plants.faults import Fault
 from benchmarks.plants.mujoco_ import log, simulate
 from signid.diagnose import Diagnosis
+from signid.diagnose.evidence import Evidence
+from signid.diagnose.found import Found
+from signid.diagnose.group import Group
+from signid.diagnose.odds import Judge
+from signid.diagnose.run import _build, _judge, _prepare
+from signid.diagnose.setting import Setting
 from signid.effects import EFFECTS
 from signid.model import Model, stated_inertials
 from signid.robot import load_robot
+from signid.session import Options, Session
 from signid.types import Law, Recording
 
 MOTIONS, SECONDS, RATE, NOISE = 4, 8.0, 100.0, 0.02
@@ -30,13 +38,20 @@ Planted = tuple[str, str | None, tuple[tuple[str, float | str], ...]]  # effect,
 
 
 @cache
-def recorded(robot: str, *faults: Planted, seed: int = 0, motions: int = MOTIONS) -> tuple[Columns, ...]:
-    """Eight seconds of each motion at 100 Hz, with encoders and noise, by the session's clock."""
-    body, out = described(robot), list[Columns]()
+def recorded(
+    robot: str,
+    *faults: Planted,
+    seed: int = 0,
+    motions: int = MOTIONS,
+    seconds: float = SECONDS,
+    heavier: tuple[tuple[str, float], ...] = (),
+) -> tuple[Columns, ...]:
+    """Some seconds of each motion, which returns after eight, at 100 Hz with encoders and noise, one after another."""
+    body, out = replace(described(robot), heavier=dict(heavier)), list[Columns]()
     planted = [Fault(effect, joint, dict(parameters)) for effect, joint, parameters in faults]
     rng = np.random.default_rng([7, seed])
     for k in range(motions):
-        track = simulate(body, DRIVES[robot], draw(ROBOTS[robot], rng), SECONDS, RATE, planted, k * SECONDS)
+        track = simulate(body, DRIVES[robot], draw(ROBOTS[robot], rng), seconds, RATE, planted, k * seconds)
         out.append(log(track, int(rng.integers(2**31)), white=NOISE, coloured=0.4 * NOISE))
     return tuple(out)
 
@@ -46,14 +61,15 @@ def fault(effect: str, joint: int | None = None, **parameters: float | str) -> P
     return effect, None if joint is None else f"joint_{joint}", tuple(parameters.items())
 
 
-def simulation(robot: str, stated: tuple[str, ...] = STATED) -> Model:
-    """What is known of a robot: its bodies, rotors and friction, or some of these."""
+def simulation(robot: str, stated: tuple[str, ...] = STATED, without: tuple[tuple[str, int], ...] = ()) -> Model:
+    """What is known of a robot: its bodies, rotors and friction, or some of these, not at some joints."""
     described = load_robot(robot)
     keys = [next(iter(EFFECTS[name].parameters)) for name in stated]
     laws = [
         Law(EFFECTS[name], (j,), {key: float(x)})
         for name, key in zip(stated, keys, strict=True)
         for j, x in enumerate(getattr(DRIVES[robot], name))
+        if (name, j + 1) not in without
     ]
     return Model(described, stated_inertials(described), tuple(laws))
 
@@ -66,11 +82,46 @@ def read(robot: str, made: tuple[Columns, ...], unsigned: bool = False) -> list[
 
 
 @cache
-def look(robot: str, *faults: Planted, seed: int = 0, stated: tuple[str, ...] = STATED, **options: Any) -> Diagnosis:
-    """What the simulation lacks by the recordings of a robot with these faults."""
-    return signid.diagnose(simulation(robot, stated), read(robot, recorded(robot, *faults, seed=seed)), **options)
+def look(
+    robot: str,
+    *faults: Planted,
+    seed: int = 0,
+    stated: tuple[str, ...] = STATED,
+    without: tuple[tuple[str, int], ...] = (),
+    skip: tuple[str, ...] = (),
+    **made: Any,
+) -> Diagnosis:
+    """What a simulation lacks by the recordings of a robot with these faults."""
+    recordings = read(robot, recorded(robot, *faults, seed=seed, **made))
+    return signid.diagnose(simulation(robot, stated, without), recordings, skip=skip)
 
 
 def named(found: Diagnosis) -> list[tuple[str, tuple[int, ...]]]:
     """Effects and joints of its causes."""
     return [(finding.law.effect.name, finding.law.joints) for finding in found.causes]
+
+
+class Posed(NamedTuple):
+    """A question to the search, before it begins."""
+
+    session: Session
+    setting: Setting
+    judge: Judge
+
+    def group(self, effect: str, *joints: int) -> Group:
+        """A hypothesis, of a grid of shapes the first."""
+        return self.judge.evidence.data.groups[self.judge.keys[effect, joints][0]]
+
+    def found(self, *true: Group) -> Found:
+        """With these taken for true, at the noise's own dispersion."""
+        base = np.full(self.judge.evidence.data.joints, 1.3)
+        return Found(true, dict.fromkeys(true, 100.0), base, self.judge.evidence.trust(true, base))
+
+
+@cache
+def posed(robot: str, *faults: Planted, heavier: tuple[tuple[str, float], ...] = ()) -> Posed:
+    """What the search of a diagnosis is given."""
+    model, recordings = simulation(robot), read(robot, recorded(robot, *faults, heavier=heavier))
+    session = _prepare(model, recordings, (), Options(effects=()))
+    setting, data = _build(model, session, ())
+    return Posed(session, setting, _judge(model, Evidence(data), ()))

@@ -1,0 +1,224 @@
+"""What is found becomes a simulation, what makes it no better is left out, and twins are said to be twins."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from diagnosed import DRIVES, fault, look, named, posed, simulation
+from plant import law
+
+from signid.diagnose.extend import extend
+from signid.diagnose.group import Group, tolerance
+from signid.diagnose.hypothesis import propose, refits
+from signid.diagnose.linear import Fitted, solve
+from signid.diagnose.prune import prune
+from signid.diagnose.separate import tell_apart
+from signid.diagnose.sizes import energies, measure_sizes
+from signid.diagnose.strain import strained_links
+from signid.model import Model, stated_inertials
+from signid.robot import load_robot
+from signid.types import Array, Law, pseudo_inertia
+
+ARM = load_robot("3r")
+BODIES = 30  # numbers of its inertials
+FLOOR = np.full(3, 0.01)
+NEVER = "no motion can tell them apart; another sensor or a known load is needed"
+
+
+def simulated(*laws: Law) -> Model:
+    return Model(ARM, stated_inertials(ARM), laws)
+
+
+def refitted(model: Model, steps: dict[int, float], bodies: Array | None = None) -> tuple[list[Group], Fitted]:
+    """Groups as they are laid out, and a fit that says each law's first coefficient is off by so much."""
+    groups, at, value = list[Group](), 0, list[float]()
+    for k, one in enumerate(x for x in model.laws if refits(x)):
+        size = len(one.effect.coefficients(one.parameters))
+        groups.append(Group(at, size, law=one, deviation=(np.inf,) * size))
+        value += [steps.get(k, 0.0), *[0.0] * (size - 1)]
+        at += size
+    groups.append(Group(at, BODIES, bodies=True, deviation=(1.0,) * BODIES))
+    value += [0.0] * BODIES if bodies is None else bodies.tolist()
+    which = np.arange(len(value) if bodies is not None else at)
+    told = np.array(value)[: len(which)]
+    return groups, solve(which, 1e12 * np.eye(len(which)), 1e12 * told, 1e-12 * np.eye(len(which)))
+
+
+def numbers(model: Model, effect: str, *joints: int) -> dict[str, float]:
+    (one,) = [x for x in model.laws if (x.effect.name, x.joints) == (effect, joints)]
+    return dict(one.parameters)
+
+
+def test_a_law_that_is_there_already_becomes_the_sum() -> None:
+    model = simulated(law("viscous_friction", 0, coefficient=0.5), law("armature", 1, inertia=0.2))
+    groups, fit = refitted(model, {0: 0.1})
+    wider = extend(model, groups, fit, [law("armature", 1, inertia=0.05), law("armature", 2, inertia=0.01)])
+    assert len(wider.laws) == 3
+    assert numbers(wider, "viscous_friction", 0)["coefficient"] == pytest.approx(0.6)  # refitted
+    assert numbers(wider, "armature", 1)["inertia"] == pytest.approx(0.25)  # stated, and what is missing
+    assert numbers(wider, "armature", 2)["inertia"] == 0.01
+    assert numbers(model, "armature", 1) == {"inertia": 0.2}  # the simulation as given stays
+
+
+def test_friction_is_never_less_than_none() -> None:
+    model = simulated(law("coulomb_friction", 0, level=0.5), law("torque_offset", 1, offset=0.2))
+    groups, fit = refitted(model, {0: -0.7, 1: -0.5})
+    wider = extend(model, groups, fit, [])
+    assert numbers(wider, "coulomb_friction", 0) == {"level": 0}
+    assert numbers(wider, "torque_offset", 1)["offset"] == pytest.approx(-0.3)
+
+
+def test_laws_that_another_contains_are_folded_into_it() -> None:
+    plain = (
+        law("viscous_friction", 0, coefficient=0.5),
+        law("coulomb_friction", 0, level=0.3),
+        law("torque_offset", 0, offset=0.1),
+    )
+    other = law("coulomb_friction", 1, level=0.7)
+    model = simulated(*plain, other)
+    more = law("asymmetric_friction", 0, viscous_positive=0.2, viscous_negative=0.1, coulomb_positive=0.05,
+               coulomb_negative=-0.05)  # fmt: skip
+    wider = extend(model, *refitted(model, {}), [more])
+    assert [(x.effect.name, x.joints) for x in wider.laws] == [
+        ("coulomb_friction", (1,)),
+        ("asymmetric_friction", (0,)),
+    ]
+    expected = {"viscous_positive": 0.7, "viscous_negative": 0.6, "coulomb_positive": 0.45, "coulomb_negative": 0.15}
+    assert numbers(wider, "asymmetric_friction", 0) == pytest.approx(expected)
+
+
+def test_two_laws_with_shapes_stay_two() -> None:
+    one, other = (law("stribeck_friction", 0, level=0.3, velocity=v) for v in (0.1, 0.2))
+    model = simulated(one)
+    wider = extend(model, *refitted(model, {}), [other])
+    assert [x.parameters["velocity"] for x in wider.laws] == [0.1, 0.2]
+
+
+@pytest.mark.parametrize("size", (0.1, 1.0, 30.0))
+def test_bodies_stay_possible(size: float) -> None:
+    model = simulated()
+    step = size * tolerance(model).ravel() * np.random.default_rng(3).standard_normal(BODIES)
+    wider = extend(model, *refitted(model, {}, step), [])
+    for body in wider.inertials:
+        assert np.linalg.eigvalsh(pseudo_inertia(body)).min() > 0
+    moved = (wider.inertials - model.inertials).ravel()
+    assert moved @ step > 0
+
+
+def test_bodies_that_are_trusted_do_not_move() -> None:
+    model = simulated(law("viscous_friction", 0, coefficient=0.5))
+    wider = extend(model, *refitted(model, {0: 0.1}), [])
+    np.testing.assert_array_equal(wider.inertials, model.inertials)
+
+
+def test_tolerances_are_shares_of_the_bodies() -> None:
+    spread, masses = tolerance(simulated()), np.array([10, 1.125, 0.75])
+    np.testing.assert_allclose(spread[:, 0], 0.05 * masses)
+    lever = np.array([[0, 0, 0.15], [0.15, 0, -0.15], [0.1, 0, 0]])
+    np.testing.assert_allclose(spread[:, 1:4], masses[:, None] * np.hypot(0.05 * lever, 0.005))
+    assert spread[2, 9] == pytest.approx(0.1 * (0.0026565 + 0.75 * 0.01)) and spread[2, 5] == spread[2, 9] / 2
+
+
+SPRING = fault("spring", 2, stiffness=1.0, rest=0.2)
+
+
+def test_what_is_there_already_is_no_hypothesis() -> None:
+    one = posed("3r")
+    motion = one.setting.pieces[0].motion
+    keys = {h.key for h in propose(one.setting.model, motion, ("spring",))}
+    bare = {h.key for h in propose(simulation("3r", ()), motion)}
+    assert ("viscous_friction", (0,)) not in keys and ("viscous_friction", (0,)) in bare
+    assert ("armature", (0,)) in keys and not any(name == "spring" for name, _ in keys)
+    assert ("viscous_friction+coulomb_friction", (0, 1, 2)) in bare and ("time", (2,)) in keys
+
+
+def test_a_law_that_makes_the_simulation_no_better_is_pruned() -> None:
+    one = posed("3r", SPRING)
+    spring, ripple = one.group("spring", 1), one.group("torque_ripple", 0)
+    kept = prune(one.setting, one.session, one.judge, one.found(spring, ripple))
+    assert kept.true == (spring,)
+    assert prune(one.setting, one.session, one.judge, one.found(ripple)).true == ()
+    assert prune(one.setting, one.session, one.judge, one.found()).true == ()
+
+
+def test_energy_is_what_a_law_takes_away() -> None:
+    one = posed("3r", SPRING)
+    spring, offset = one.group("spring", 1), one.group("torque_offset", 0)
+    found = one.found(spring, offset)
+    sizes = measure_sizes(one.judge.evidence, found.true, found.base, 0.0)
+    gone = energies(one.judge.evidence, found.true, found.base, 0.0, sizes.left)
+    assert sizes.value[spring][0] == pytest.approx(1.0, rel=0.05) and sizes.share[spring][1] > 0.05
+    assert gone[spring][1] > 1000 and gone[spring][0] < 1 and gone[offset].max() < 20
+    assert np.all(sizes.left < 1.6)
+
+
+def test_a_link_beyond_any_tolerance_is_strained() -> None:
+    assert strained_links(posed("3r").judge, posed("3r").found()) == set()
+    heavy = posed("3r", heavier=(("link_3", 1.5),))
+    found = heavy.found()
+    assert found.trust > 0 and 2 in strained_links(heavy.judge, found)
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        (law("armature", 0, inertia=0.1), law("link_inertia", 0)),
+        (law("payload", 2), law("link_inertia", 2)),
+        (law("encoder_offset", 2, offset=1e-3), law("link_inertia", 2)),
+    ],
+    ids=lambda x: x.effect.name,
+)
+def test_twins_are_told_apart_by_no_motion(one: Law, other: Law) -> None:
+    assert tell_apart(simulation("3r"), one, other, FLOOR, 0) == NEVER
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "where"),
+    [
+        (law("spring", 1, stiffness=2.0, rest=0.1), law("counterbalance", 1), "joint_2"),
+        (law("armature", 1, inertia=0.1), law("viscous_friction", 1), "joint_2"),
+        (law("load_friction", 2, coefficient=0.1), law("coulomb_friction", 2), "joint_3"),
+        (law("time_delay", 0, 1, 2, delay=0.01), law("torque_lag", 0, 1, 2), "joint"),
+        (law("joint_coupling", 1, 2, inertia=0.02, viscous=0.1, coulomb=0.1), law("viscous_friction", 1), "joint"),
+    ],
+    ids=lambda x: x.effect.name if isinstance(x, Law) else "",
+)
+def test_the_motion_that_tells_two_laws_apart(one: Law, other: Law, where: str) -> None:
+    told = tell_apart(simulation("3r"), one, other, FLOOR, 0)
+    assert told.startswith(where) and " from " in told and "standard deviations apart" in told
+    assert "signid excite --separate" in told and one.effect.name in told and other.effect.name in told
+    assert told == tell_apart(simulation("3r"), one, other, FLOOR, 0)
+    louder = tell_apart(simulation("3r"), one, other, 100 * FLOOR, 0)
+    assert _apart(louder) == pytest.approx(_apart(told) / 100, rel=0.1)  # noise makes it harder
+
+
+def _apart(told: str) -> float:
+    return float(told.split("sets them ")[1].split()[0])
+
+
+@pytest.mark.parametrize(
+    ("robot", "planted", "own", "twin"),
+    [
+        ("3r", fault("armature", 1, inertia=0.03), "armature", ("link_inertia", (0,))),
+        ("3r", fault("encoder_offset", 3, offset=0.05), "encoder_offset", ("link_inertia", (2,))),
+        ("3r", fault("link_inertia", 3, mass=0.1, first_moment_x=0.02, first_moment_y=0.0, first_moment_z=0.0),
+         "payload", ("link_inertia", (2,))),
+        ("1r", fault("quadratic_friction", 1, coefficient=0.5), "fluid_drag", ("quadratic_friction", (0,))),
+        ("1r", fault("encoder_offset", 1, offset=0.2), "encoder_offset", ("counterbalance", (0,))),
+    ],
+)  # fmt: skip
+def test_structural_twins_are_listed(robot: str, planted: Any, own: str, twin: tuple[str, tuple[int, ...]]) -> None:
+    found = look(robot, planted)
+    listed = {(a.law.effect.name, a.law.joints): a for a in found.findings[0].alternatives}
+    together = {*listed, named(found)[0]}
+    assert twin in together and own in {name for name, _ in together} and found.verdict == "named"
+    assert listed.get(twin, next(iter(listed.values()))).separating_motion == NEVER
+    assert all(0 <= a.probability <= 1 for a in listed.values())
+    assert sum(a.probability for a in listed.values()) + found.findings[0].probability <= 1 + 1e-9
+
+
+def test_drives_of_these_tests_are_stated() -> None:
+    stated = simulation("3r").laws
+    assert [x.parameters["inertia"] for x in stated if x.effect.name == "armature"] == list(DRIVES["3r"].armature)
