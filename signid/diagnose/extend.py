@@ -7,16 +7,18 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..basis import build_base
 from ..model import Model
-from ..types import INERTIAL, Array, Law, pseudo_inertia
+from ..types import Array, BaseMap, Law
+from .bodies import move_bodies
 from .group import Group
 from .hypothesis import refits
 from .linear import Fitted
 
-HALVINGS = 8  # of a correction of inertials until a real body could have them
 
-
-def extend(model: Model, refitted: Sequence[Group], fit: Fitted, laws: Sequence[Law]) -> Model:
+def extend(
+    model: Model, refitted: Sequence[Group], fit: Fitted, laws: Sequence[Law], base: BaseMap | None = None
+) -> Model:
     """The simulation with its own numbers refitted, and more laws.
 
     A law that the simulation has at the same joints becomes the sum of both. Inertials move where the recordings say
@@ -27,19 +29,15 @@ def extend(model: Model, refitted: Sequence[Group], fit: Fitted, laws: Sequence[
         refitted: what was refitted, as laid out.
         fit: the fit.
         laws: to be added, with all their numbers.
+        base: which combinations of inertial parameters torque shows; of the robot's rigid bodies.
     """
     own, inertials, steps = list[Law](), model.inertials, iter(_steps(refitted, fit))
     for law in model.laws:
         own.append(_moved(law, next(steps)) if refits(law) else law)
-    bodies = [
-        np.zeros(0) if step is None else step
-        for group, step in zip(refitted, _steps(refitted, fit), strict=True)
-        if group.bodies
-    ]
-    if bodies and len(bodies[0]):
-        inertials = np.array(
-            [_possible(x, dx) for x, dx in zip(inertials, bodies[0].reshape(-1, len(INERTIAL)), strict=True)]
-        )
+    for group in (group for group in refitted if group.bodies and group.start in fit.which):
+        own_place = np.searchsorted(fit.which, range(group.start, group.start + group.size))
+        step, spread = fit.value[own_place].reshape(inertials.shape), fit.covariance[np.ix_(own_place, own_place)]
+        inertials = move_bodies(base or build_base(model.robot), inertials, step, spread)
     for law in laws:
         law, own = _folded(law, own)
         same = [k for k, other in enumerate(own) if _adds(law, other)]
@@ -92,14 +90,3 @@ def _adds(law: Law, other: Law) -> bool:
         and list(effect.linear()) == list(effect.parameters)
         and effect.coefficients(effect.example) == [effect.filled(effect.example)[key] for key in effect.linear()]
     )
-
-
-def _possible(inertial: Array, step: Array) -> Array:
-    """The body moved by the step, or by half of it and so on, until a real body could have it."""
-    before = float(np.linalg.eigvalsh(pseudo_inertia(inertial)).min())
-    for _ in range(HALVINGS):
-        moved = inertial + step
-        if np.linalg.eigvalsh(pseudo_inertia(moved)).min() > min(0.0, before):
-            return moved
-        step = step / 2
-    return inertial

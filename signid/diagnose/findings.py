@@ -63,7 +63,13 @@ def find(
     order = [*verdict.causes, *verdict.secondary]
     laws = {group: read_laws(group, verdict.sizes.value[group]) for group in order}
     fit = judge.evidence.fit(found.true, found.base, found.trust)
-    model = extend(setting.model, judge.evidence.data.refitted, fit, [law for group in order for law in laws[group]])
+    model = extend(
+        setting.model,
+        judge.evidence.data.refitted,
+        fit,
+        [law for group in order for law in laws[group]],
+        session.task.base,
+    )
     gains = _held_out_gains(session, model, [law for group in order for law in laws[group]])
     findings = list[Finding]()
     for group in order:

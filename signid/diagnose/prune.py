@@ -64,7 +64,13 @@ def _harms(setting: Setting, session: Session, judge: Judge, found: Found) -> di
     sizes = measure_sizes(judge.evidence, found.true, found.base, found.trust)
     fit = judge.evidence.fit(found.true, found.base, found.trust)
     laws = {group: read_laws(group, sizes.value[group]) for group in found.true}
-    model = extend(setting.model, judge.evidence.data.refitted, fit, [law for own in laws.values() for law in own])
+    model = extend(
+        setting.model,
+        judge.evidence.data.refitted,
+        fit,
+        [law for own in laws.values() for law in own],
+        session.task.base,
+    )
     rest, _ = residuals(session.task, model, session.train)
     floor, out = judge.evidence.data.floor, dict[Group, float]()
     for group, own in laws.items():

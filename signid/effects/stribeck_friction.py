@@ -11,9 +11,9 @@ class StribeckFriction(TorqueLaw):
 
     name, equation = "stribeck_friction", "level * exp(-((v / velocity) ** 2)) * sign(v)"
     source = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994, section 2"
-    typical = "level 0.2 to 1 times that of Coulomb friction (below 0: it builds up), velocity 0.01 to 0.2 rad/s"
+    typical = "level 0.2 to 1 times that of Coulomb friction, velocity 0.01 to 0.2 rad/s"
     parameters = {
-        "level": Coefficient("N.m"),
+        "level": Coefficient("N.m", positive=True),
         "velocity": Shape("rad/s", (0.12, 0.25, 0.5), of="speed"),
     }
     example = {"level": 3.0, "velocity": 0.3}
