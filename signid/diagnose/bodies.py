@@ -17,7 +17,7 @@ def move_bodies(base: BaseMap, inertials: Array, step: Array, covariance: Array)
         base: which combinations of inertial parameters torque shows.
         inertials: (nb, 10) in Pinocchio's order [kg, kg.m, kg.m2].
         step: (nb, 10) of each [kg, kg.m, kg.m2].
-        covariance: (10 nb, 10 nb) of the step [the same, squared].
+        covariance: (k, k) of the k = 10 nb numbers of the step [products of their units].
     """
     moved = inertials + step
     if np.all(_least(moved) > np.minimum(0.0, _least(inertials))):
