@@ -48,8 +48,10 @@ def refine(setting: Setting, judge: Judge, found: Found) -> tuple[Judge, Found]:
         tried = [_polish(setting, judge, option, beside) for option in options if _fits(judge, option, beside)]
         if not tried:
             continue
-        _, best, columns = max(tried, key=lambda t: t[0])
-        data, new = append(setting, judge.evidence.data, best, columns)
+        tried.sort(key=lambda t: -t[0])
+        data, new = append(setting, judge.evidence.data, *tried[0][1:])
+        for _, rival, columns in tried[1:]:  # at its size too, so that both are weighed alike
+            data, _ = append(setting, data, rival, columns)
         judge = replace(judge, evidence=replace(judge.evidence, data=data))
         true = tuple(new if g is group else g for g in found.true)
         log = {(new if g is group else g): x for g, x in found.log_odds.items()}
