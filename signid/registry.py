@@ -19,9 +19,10 @@ class Registry(Generic[Plugin]):
     A plug-in module ends in `PLUGIN = ...`; its name in the registry is the module's, without a trailing underscore.
     """
 
-    def __init__(self, kind: str, package: str, names: str) -> None:
+    def __init__(self, kind: str, package: str, names: str, unlisted: str = "") -> None:
         self.kind, self.package = kind, package
         self.modules = {name.rstrip("_"): name for name in names.split()}
+        self.unlisted = {name.rstrip("_"): name for name in unlisted.split()}  # found by name, offered nowhere
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -34,8 +35,8 @@ class Registry(Generic[Plugin]):
         Raises:
             OptionError: when neither the tree nor an installed package has it.
         """
-        if name in self.modules:
-            return cast(Plugin, import_module(f"{self.package}.{self.modules[name]}").PLUGIN)
+        if module := {**self.modules, **self.unlisted}.get(name):
+            return cast(Plugin, import_module(f"{self.package}.{module}").PLUGIN)
         for point in entry_points(group=f"signid.{self.kind}"):
             if point.name == name:
                 return cast(Plugin, point.load())

@@ -43,7 +43,7 @@ class Result(NamedTuple):
 
     def parts(self) -> dict[str, Any]:
         """What a diagnosis takes over as it is."""
-        return {key: getattr(self, key) for key in ("model", "findings", "unexplained", "located", "tolerance")}
+        return {key: getattr(self, key) for key in ("findings", "located", "tolerance")}
 
 
 def find(
@@ -166,7 +166,9 @@ def _held_out_gains(session: Session, model: Model, laws: Sequence[Law]) -> list
 
 def _unexplained(setting: Setting, session: Session, model: Model, verdict: Verdict) -> Iterator[Unexplained]:
     rest, torque = (np.nan_to_num(x) for x in residuals(session.task, model, session.train))
-    for joint in np.flatnonzero(verdict.after > verdict.threshold).tolist():
+    floor, count = setting.noise.floor, len(rest)
+    excess = count * (np.mean(rest**2, axis=0) / floor**2 - 1)
+    for joint in np.flatnonzero(excess > verdict.threshold).tolist():
         share = float(np.sqrt(np.mean(rest[:, joint] ** 2) / max(float(np.mean(torque[:, joint] ** 2)), 1e-300)))
         yield Unexplained(joint, _place(setting, joint, rest[:, joint]), share)
 

@@ -103,6 +103,9 @@ def _polish(
         return replace(known, laws=(Law(law.effect, law.joints, {**law.parameters, **numbers}),))
 
     def cost(x: Array) -> float:
+        tried = hypothesis(x).laws[0]
+        if not any(tried.effect.possible(p.motion.at(tried.joints), **_shape(tried)) for p in setting.pieces):
+            return 0.0
         told = setting.columns(hypothesis(x))
         belief = believe(known, mean_products(told, judge.evidence.data.scale))
         if belief is None:
@@ -126,6 +129,10 @@ def _fits(judge: Judge, option: tuple[Hypothesis, Group], beside: Beside) -> boo
     units = {kind.unit for kind in known.laws[0].effect.linear().values()}
     size = max(abs(x) for x in _start(judge, option, rest, dispersion).values())
     return size < min(FAR.get(unit, np.inf) for unit in units)
+
+
+def _shape(law: Law) -> dict[str, float]:
+    return dict(law.effect.shape(law.parameters))
 
 
 def _start(judge: Judge, option: tuple[Hypothesis, Group], rest: Found, dispersion: Array) -> dict[str, float]:

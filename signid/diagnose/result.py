@@ -47,7 +47,8 @@ class Unexplained:
     joint: int
     place: Place
     share: float  # rms over the rms of the joint's measured torque [1]
-    before: bool = False
+    held_out_gain: float = 0.0  # share of the held-out sum of squares that a function of the variable takes away [1]
+    modelled: bool = False  # whether the extended simulation has that function, as `empirical` torque
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,6 +20,7 @@ from ..signs import recover
 from ..types import Recording
 from .contact import NAME as CONTACT
 from .contact import find_contact
+from .empirical import model_rest
 from .evidence import Evidence
 from .findings import find
 from .found import Found
@@ -96,14 +97,17 @@ def diagnose(
     found, slots = settle(judge, prune(setting, session, judge, found))
     verdict = decide(judge, found, slots)
     result = find(setting, session, judge, found, slots, verdict, options.seed)
+    extended, left = model_rest(session, result.model, result.unexplained)
     told("rolling out", 0.9)
-    rolled = _roll_out(session, given, result.model)
+    rolled = _roll_out(session, given, extended)
     return Diagnosis(
         robot=session.robot,
         verdict=verdict.name,
         **result.parts(),
+        model=extended,
+        unexplained=left,
         before=predict_fit(session, given, setting.noise.floor),
-        after=predict_fit(session, result.model, setting.noise.floor),
+        after=predict_fit(session, extended, setting.noise.floor),
         rollout_before=rolled[0],
         rollout_after=rolled[1],
         trust=found.trust,

@@ -22,6 +22,10 @@ class PositionFriction(TorqueLaw):
     reverses = True
     coefficients, physical = sine_cosine, amplitude_phase
 
+    def possible(self, x: View, frequency: float) -> bool:
+        """Whether the travel is a quarter of a wave or more: less is hardly more than Coulomb friction."""
+        return bool(frequency * np.ptp(x.q) > np.pi / 2)
+
     def columns(self, x: View, frequency: float) -> list[Array]:
         """Sine and cosine of position in the direction of motion, (..., m) [1]."""
         return [np.sin(frequency * x.q) * x.direction, np.cos(frequency * x.q) * x.direction]

@@ -33,6 +33,8 @@ def diagnosis_document(result: Diagnosis, inputs: Sequence[Input] = ()) -> Docum
                 "depends_on": left.place.variable,
                 "share": left.share,
                 "region": left.place.region,
+                "held_out_gain": left.held_out_gain,
+                "empirical": left.modelled,
             }
             for left in result.unexplained
         ],

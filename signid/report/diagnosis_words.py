@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from ..diagnose import Alternative, Diagnosis, Finding
+from ..diagnose import Alternative, Diagnosis, Finding, Unexplained
 from ..diagnose.locate import Place
 from ..errors import shorten
 from ..laws import placed
@@ -97,9 +97,18 @@ def unexplained_words(result: Diagnosis) -> list[str]:
     """What is left of each joint that no law explains."""
     return [
         f"{result.robot.joints[left.joint]}: {share(left.share)} of its torque, {share(left.place.share)} of that "
-        f"{left.place.region}; {_follows(left.place)}"
+        f"{left.place.region}; {_follows(left.place)}{_modelled(left)}"
         for left in result.unexplained
     ]
+
+
+def _modelled(left: Unexplained) -> str:
+    """Whether the extended simulation has it all the same."""
+    if not left.modelled:
+        return ""
+    return (
+        f"; the extended simulation has it as empirical torque, which takes away {share(left.held_out_gain)} held out"
+    )
 
 
 def trust_words(result: Diagnosis) -> list[str]:

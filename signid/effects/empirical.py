@@ -1,0 +1,31 @@
+"""Empirical torque: a piecewise linear function of one variable, measured, with no physics behind it."""
+
+import numpy as np
+
+from ..types import Array, Coefficient, Shape, View
+from .base import TorqueLaw
+
+VARIABLES = ("position", "velocity", "acceleration", "torque")
+PLACES = range(1, 9)
+
+
+class Empirical(TorqueLaw):
+    """What a diagnosis could not name, kept where it holds on recordings that it was not fitted to."""
+
+    name, equation = "empirical", "interp(variable, knots, values)"
+    source = "de Boor, A Practical Guide to Splines, Springer, 1978, chapter III (broken lines)"
+    typical = "some per cent of torque"
+    parameters = {
+        "variable": Shape("1", ()),
+        **{f"knot_{k}": Shape("1", ()) for k in PLACES},
+        **{f"value_{k}": Coefficient("N.m") for k in PLACES},
+    }
+    example = {"variable": 1.0, **{f"knot_{k}": k - 4.5 for k in PLACES}, **{f"value_{k}": 0.1 * k for k in PLACES}}
+
+    def columns(self, x: View, variable: float, **knots: float) -> list[Array]:
+        """One for each knot, 1 there and 0 at the others, (..., m) [1]."""
+        signal = (x.q, x.v, x.a, x.load)[int(variable)]
+        return [np.asarray(np.interp(signal, list(knots.values()), row)) for row in np.eye(len(knots))]
+
+
+PLUGIN = Empirical()
