@@ -9,7 +9,7 @@ import numpy as np
 
 from ..effects import EFFECTS
 from ..errors import OptionError, RecordingError
-from ..gross import examine
+from ..gross import Gross, examine
 from ..model import Model
 from ..prepare import prepare
 from ..rigid import carried
@@ -85,9 +85,7 @@ def diagnose(
     model = restrict_joints(known.model, [*recordings, *held_out])[0] if known else given
     session = _prepare(model, recovered.recordings, recovered.held_out, options)
     told("looking for gross faults", 0.1)
-    gross = examine(model, session)
-    if gross.refusal:
-        raise RecordingError(gross.refusal)
+    gross = _examined(model, session)
     told("building hypotheses", 0.2)
     setting, data = _build(model, session, skip)
     told("searching", 0.4)
@@ -118,6 +116,14 @@ def diagnose(
         cutoff=session.task.band.cutoff,
         seed=options.seed,
     )
+
+
+def _examined(model: Model, session: Session) -> Gross:
+    """Gross faults of the recordings, if they can be diagnosed all the same."""
+    gross = examine(model, session)
+    if gross.refusal:
+        raise RecordingError(gross.refusal)
+    return gross
 
 
 def _silent(what: str, share: float) -> None:
