@@ -1,5 +1,7 @@
 """Empirical torque: a piecewise linear function of one variable, measured, with no physics behind it."""
 
+from itertools import pairwise
+
 import numpy as np
 
 from ..types import Array, Coefficient, Shape, View
@@ -24,8 +26,11 @@ class Empirical(TorqueLaw):
 
     def columns(self, x: View, variable: float, **knots: float) -> list[Array]:
         """One for each knot, 1 there and 0 at the others, (..., m) [1]."""
-        signal = (x.q, x.v, x.a, x.load)[int(variable)]
-        return [np.asarray(np.interp(signal, list(knots.values()), row)) for row in np.eye(len(knots))]
+        signal = np.select([np.equal(variable, k) for k in range(3)], [x.q, x.v, x.a], x.load)
+        k = list(knots.values())
+        up = [1.0, *((signal - low) / (high - low) for low, high in pairwise(k))]
+        down = [*((high - signal) / (high - low) for low, high in pairwise(k)), 1.0]
+        return [np.asarray(np.clip(np.minimum(a, b), 0, 1)) for a, b in zip(up, down, strict=True)]
 
 
 PLUGIN = Empirical()
