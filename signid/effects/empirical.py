@@ -28,8 +28,9 @@ class Empirical(TorqueLaw):
         """One for each knot, 1 there and 0 at the others, (..., m) [1]."""
         signal = np.select([np.equal(variable, k) for k in range(3)], [x.q, x.v, x.a], x.load)
         k = list(knots.values())
-        up = [1.0, *((signal - low) / (high - low) for low, high in pairwise(k))]
-        down = [*((high - signal) / (high - low) for low, high in pairwise(k)), 1.0]
+        one = np.ones_like(signal)
+        up = [one, *((signal - low) / (high - low) for low, high in pairwise(k))]
+        down = [*((high - signal) / (high - low) for low, high in pairwise(k)), one]
         return [np.asarray(np.clip(np.minimum(a, b), 0, 1)) for a, b in zip(up, down, strict=True)]
 
 
