@@ -20,6 +20,7 @@ from ..signs import recover
 from ..types import Recording
 from .contact import NAME as CONTACT
 from .contact import find_contact
+from .doubt import doubts
 from .empirical import model_rest
 from .evidence import Evidence
 from .findings import find
@@ -97,6 +98,7 @@ def diagnose(
     result = find(setting, session, judge, found, slots, verdict, options.seed)
     extended, left = model_rest(session, result.model, result.unexplained)
     told("rolling out", 0.9)
+    before, after = (predict_fit(session, m, setting.noise.floor) for m in (given, extended))
     rolled = _roll_out(session, given, extended)
     return Diagnosis(
         robot=session.robot,
@@ -104,14 +106,14 @@ def diagnose(
         **result.parts(),
         model=extended,
         unexplained=left,
-        before=predict_fit(session, given, setting.noise.floor),
-        after=predict_fit(session, extended, setting.noise.floor),
+        before=before,
+        after=after,
         rollout_before=rolled[0],
         rollout_after=rolled[1],
         trust=found.trust,
         signs=recovered.signs,
         inputs=tuple(dict.fromkeys((r.path, r.sha256) for r in (*recordings, *held_out, *reference))),
-        flags=(*recovered.flags, *gross.flags, *result.flags),
+        flags=(*recovered.flags, *gross.flags, *result.flags, *doubts(before, after)),
         notes=(*recovered.notes, *notes, *session.notes, *gross.notes, *rolled[2]),
         cutoff=session.task.band.cutoff,
         seed=options.seed,
