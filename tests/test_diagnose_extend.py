@@ -9,6 +9,7 @@ import pytest
 from diagnosed import DRIVES, fault, look, named, posed, simulation
 from plant import law
 
+from signid.basis import build_base
 from signid.diagnose.extend import extend
 from signid.diagnose.group import Group, tolerance
 from signid.diagnose.hypothesis import propose, refits
@@ -103,8 +104,21 @@ def test_bodies_stay_possible(size: float) -> None:
     wider = extend(model, *refitted(model, {}, step), [])
     for body in wider.inertials:
         assert np.linalg.eigvalsh(pseudo_inertia(body)).min() > 0
-    moved = (wider.inertials - model.inertials).ravel()
-    assert moved @ step > 0
+
+
+def test_bodies_that_torque_cannot_tell_from_real_ones_become_real() -> None:
+    model, base = simulated(), build_base(ARM)
+    real = model.inertials * np.array([1.0, 1.1, 0.9])[:, None]
+    step = (real - model.inertials).ravel()
+    hidden = np.linalg.svd(base.combination)[2][base.rank :]
+    beside = 10 * hidden.T @ (hidden @ np.random.default_rng(4).standard_normal(BODIES))  # no torque shows it
+    moved = (step + beside + model.inertials.ravel()).reshape(-1, 10)
+    assert min(np.linalg.eigvalsh(pseudo_inertia(body)).min() for body in moved) < 0
+    for change, share in ((step, 1e-9), (step + beside, 0.02)):
+        wider = extend(model, *refitted(model, {}, change), [])
+        off = base.combination @ (wider.inertials - real).ravel()
+        assert np.linalg.norm(off) < share * np.linalg.norm(base.combination @ step)
+        assert all(np.linalg.eigvalsh(pseudo_inertia(body)).min() > 0 for body in wider.inertials)
 
 
 def test_bodies_that_are_trusted_do_not_move() -> None:

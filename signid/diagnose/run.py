@@ -85,8 +85,7 @@ def diagnose(
     given, notes = restrict_joints(model, [*recordings, *held_out])
     model = restrict_joints(known.model, [*recordings, *held_out])[0] if known else given
     session = _prepare(model, recovered.recordings, recovered.held_out, options)
-    told("looking for gross faults", 0.1)
-    gross = _examined(model, session)
+    gross = _examined(model, session, told)
     told("building hypotheses", 0.2)
     setting, data = _build(model, session, skip)
     told("searching", 0.4)
@@ -120,8 +119,9 @@ def diagnose(
     )
 
 
-def _examined(model: Model, session: Session) -> Gross:
+def _examined(model: Model, session: Session, told: Progress) -> Gross:
     """Gross faults of the recordings, if they can be diagnosed all the same."""
+    told("looking for gross faults", 0.1)
     gross = examine(model, session)
     if gross.refusal:
         raise RecordingError(gross.refusal)
