@@ -132,10 +132,9 @@ def test_the_same_recordings_give_the_same_bytes() -> None:
 
 @pytest.mark.parametrize(
     "planted",
-    [GAIN, fault("torque_ripple", 2, amplitude=0.3, frequency=15.0, phase=0.3), fault("position_friction", 2,
-     amplitude=0.2, frequency=3.0, phase=0.3)],
+    [GAIN, fault("torque_ripple", 2, amplitude=0.3, frequency=15.0, phase=0.3)],
     ids=effect,
-)  # fmt: skip
+)
 def test_without_its_law_a_fault_is_not_named_with_certainty(planted: Any) -> None:
     found = look("3r", planted, skip=(effect(planted),))
     assert all(finding.law.effect.name != effect(planted) for finding in found.findings)

@@ -1,0 +1,143 @@
+"""diagnosis.json key by key, and that silence keeps its word."""
+
+from __future__ import annotations
+
+import json
+from math import isfinite
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("mujoco", reason="MuJoCo is not installed; pip install 'signid[bench]'")
+
+from diagnosed import Planted, fault, look  # noqa: E402
+
+from signid.diagnose import Diagnosis  # noqa: E402
+from signid.effects import EFFECTS  # noqa: E402
+from signid.report import diagnosis_document, to_json  # noqa: E402
+
+NAMES = {effect.name for effect in EFFECTS}
+VARIABLES = ("velocity", "position", "acceleration", "torque", "time")
+FIT = {"joints", "unit", "train_rms", "held_out_rms", "noise_floor", "held_out_r2"}
+PAYLOAD = fault("payload", mass=0.2, first_moment_x=0.03, first_moment_y=0.0, first_moment_z=0.0)
+COUPLING = fault("joint_coupling", 2, partner="joint_3", inertia=0.02, viscous=0.1, coulomb=0.1)
+
+
+@pytest.fixture(scope="module", params=["healthy", "payload", "coupling", "unknown", "friction", "contact", "pendulum"])
+def found(request: pytest.FixtureRequest) -> Diagnosis:
+    """Diagnoses of every verdict, of laws of one joint, of two, and of all."""
+    contact = fault("external_contact", force_x=3.0, force_y=-2.0, force_z=4.0, start=11.0, end=13.0)
+    cases = {
+        "healthy": lambda: look("3r"),
+        "payload": lambda: look("3r", PAYLOAD),
+        "coupling": lambda: look("3r", COUPLING),
+        "unknown": lambda: look("3r", fault("torque_gain", 2, error=0.1), skip=("torque_gain",)),
+        "friction": lambda: look("3r", stated=("armature",)),
+        "contact": lambda: look("3r", contact),
+        "pendulum": lambda: look("1r", fault("encoder_offset", 1, offset=0.2)),
+    }
+    return cases[request.param]()
+
+
+def number(x: Any) -> bool:
+    return isinstance(x, float) and isfinite(x)
+
+
+def share(x: Any) -> bool:
+    return number(x) and -1e-12 <= x <= 1 + 1e-12
+
+
+def written(found: Diagnosis) -> Any:
+    """As it comes back from the file."""
+    text = to_json(diagnosis_document(found))
+    return json.loads(text, parse_constant=lambda word: pytest.fail(f"{word} is no JSON"))
+
+
+def test_the_document(found: Diagnosis) -> None:
+    told = written(found)
+    joints = list(found.robot.joints)
+    assert told["schema"] == "signid.diagnosis/1" and told["verdict"] in ("nothing_missing", "named", "unknown")
+    wanted = {"schema", "verdict", "findings", "unexplained", "fit", "rollout", "inputs", "seed", "version"}
+    assert wanted <= set(told) and told["seed"] == 0 and isinstance(told["version"], str)
+    for when in ("before", "after"):
+        fit = told["fit"][when]
+        assert set(fit) >= FIT and fit["joints"] == joints and fit["unit"] == ["N.m"] * len(joints)
+        for key in FIT - {"joints", "unit"}:
+            assert len(fit[key]) == len(joints) and all(map(number, fit[key])), key
+        assert min(fit["noise_floor"]) > 0 and max(fit["held_out_r2"]) <= 1
+    rolled = told["rollout"]
+    assert rolled["horizon"] == 0.5 and rolled["unit"] == ["rad"] * len(joints)
+    assert all(number(x) and x >= 0 for key in ("before_rms", "after_rms") for x in rolled[key])
+    for entry in told["inputs"]:
+        assert set(entry) == {"path", "sha256"} and len(entry["sha256"]) == 64
+    for left in told["unexplained"]:
+        assert left["joint"] in joints and left["depends_on"] in VARIABLES and share(left["share"])
+    if told["verdict"] != "named":
+        assert told["verdict"] == "unknown" or told["findings"] == [] == told["unexplained"]
+    else:
+        assert told["findings"][0]["role"] == "cause"
+
+
+def test_every_finding(found: Diagnosis) -> None:
+    joints = list(found.robot.joints)
+    for one in written(found)["findings"]:
+        effect = EFFECTS[one["effect"]]
+        assert one["joint"] in joints if effect.scope in ("joint", "link", "pair", "tip") else one["joint"] is None
+        assert one["role"] in ("cause", "secondary") and share(one["probability"])
+        keys = set(effect.parameters) | ({"partner"} if effect.scope == "pair" else set())
+        assert set(one["parameters"]) == keys
+        for key, entry in one["parameters"].items():
+            assert set(entry) == {"value", "std", "unit"}
+            if key == "partner":
+                assert entry["value"] in joints and entry["unit"] == ""
+                continue
+            assert number(entry["value"]) and isinstance(entry["unit"], str)
+            assert entry["std"] is None or number(entry["std"]) and entry["std"] >= 0
+        assert set(one["torque_share"]) <= set(joints) and all(
+            number(x) and x > 0 for x in one["torque_share"].values()
+        )
+        where, evidence = one["where"], one["evidence"]
+        assert where["joint"] in joints and where["variable"] in VARIABLES and where["region"]
+        assert all(number(evidence[key]) for key in ("statistic", "threshold", "held_out_gain"))
+        assert evidence["statistic"] >= evidence["threshold"] and evidence["held_out_gain"] <= 1
+        for other in one["alternatives"]:
+            assert set(other) >= {"effect", "joint", "probability", "separating_motion"}
+            assert other["effect"] in NAMES and other["joint"] in (None, *joints) and share(other["probability"])
+            assert isinstance(other["separating_motion"], str)
+            assert (other["effect"], other["joint"]) != (one["effect"], one["joint"])
+        assert one["probability"] + sum(x["probability"] for x in one["alternatives"]) <= 1 + 1e-9
+
+
+def test_the_likeliest_alternatives_come_first_and_are_told_apart(found: Diagnosis) -> None:
+    for one in written(found)["findings"]:
+        chances = [other["probability"] for other in one["alternatives"]]
+        assert chances == sorted(chances, reverse=True)
+        assert all(other["separating_motion"] for other in one["alternatives"][:4])
+
+
+def test_the_shares_are_those_of_the_laws(found: Diagnosis) -> None:
+    torque = {key: np.array(x) for key, x in written(found)["fit"]["before"].items() if key.endswith("rms")}
+    for finding in found.causes:
+        on = finding.torque_share > 0.02
+        if found.verdict == "named" and len(found.findings) == 1 and on.any():
+            gone = found.before.train_rms**2 - found.after.train_rms**2
+            assert np.all(gone[on] > -0.1 * found.before.train_rms[on] ** 2)
+    assert all(len(x) == len(found.robot.joints) for x in torque.values())
+
+
+SILENT: list[tuple[str, Planted, tuple[str, ...]]] = [
+    ("1r", fault("payload", mass=1.0, first_moment_x=0.2, first_moment_y=0.0, first_moment_z=-0.5), ()),
+    ("3r", fault("link_inertia", 2, mass=0.3, first_moment_x=0.05, first_moment_y=0.0, first_moment_z=0.0), ()),
+    ("3r", fault("spring", 2, stiffness=1.0, rest=0.2), ("spring",)),
+]
+
+
+@pytest.mark.parametrize(("robot", "planted", "skip"), SILENT, ids=[f[1][0] for f in SILENT])
+def test_silence_means_that_the_simulation_is_as_good_as_said(robot: str, planted: Any, skip: tuple[str, ...]) -> None:
+    """What inertials within their tolerance explain is in the extended simulation, or the verdict is another."""
+    told = look(robot, planted, skip=skip)
+    if told.verdict == "nothing_missing":
+        assert np.all(told.after.train_rms < 1.6 * told.after.noise_floor)
+    else:
+        assert told.findings or told.unexplained
