@@ -108,7 +108,8 @@ _IMITATED: dict[int, dict[Group, float]] = {}
 
 def _pick(judge: Judge, state: Found, odds: Mapping[Key, Odds], trusted: float, usual: float) -> Odds | None:
     taken = {key for group in state.true for key in _laws_of(group)}
-    open_ = (o for o in odds.values() if not _of(o.best).unknown and not taken & _laws_of(o.best))
+    there = taken | {(g.law.effect.name, g.law.joints) for g in judge.evidence.data.refitted if g.law is not None}
+    open_ = (o for o in odds.values() if not taken & _laws_of(o.best) and _is_founded(o.best, there))
     strained = strained_links(judge, state)
     ranked = sorted(open_, key=lambda o: (not _of(o.best).bodies & strained, -o.log))
     for candidate in ranked[:CROWDED]:
@@ -139,6 +140,14 @@ def is_sound(judge: Judge, state: Found, group: Group, log: float) -> bool:
     fit = judge.evidence.fit(true, state.base, trust)
     at = len(fit.which) - group.size + belief.positive
     return group.size > 1 and bool(value[belief.positive] > -2 * np.sqrt(fit.covariance[at, at]))
+
+
+def _is_founded(group: Group, there: set[Key]) -> bool:
+    """Whether a hypothesis names laws, and what each changes is there."""
+    laws = _of(group).laws
+    return bool(laws) and all(
+        not law.effect.changes or any((name, law.joints) in there for name in law.effect.changes) for law in laws
+    )
 
 
 def _laws_of(group: Group) -> set[Key]:

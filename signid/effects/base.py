@@ -39,6 +39,7 @@ class Effect:
     contains: ClassVar[
         Mapping[str, Mapping[str, float]]
     ] = {}  # plainer effects, and how often theirs is in each number
+    changes: ClassVar[tuple[str, ...]] = ()  # effects of which one must be at the joint: it is a change of them
     common: ClassVar[float] = 1.0  # how often it is what a simulation lacks, beside the others
 
     columns: Callable[..., list[Array]]

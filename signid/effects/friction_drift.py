@@ -14,6 +14,7 @@ class FrictionDrift(TorqueLaw):
         "Simoni, Beschi, Legnani, Visioli, Modelling the temperature in joint friction, doi 10.1017/S0263574717000509"
     )
     typical = "-30 to -50 % of cold friction within tens of minutes"
+    changes = ("coulomb_friction", "asymmetric_friction", "presliding_friction")
     parameters = {"change": Coefficient("N.m"), "time_constant": Shape("s", (0.25, 0.5, 1.0), of="duration")}
     example = {"change": 2.0, "time_constant": 4.0}
     reverses = True

@@ -13,6 +13,7 @@ class PositionFriction(TorqueLaw):
     source = "Bittencourt, Wernholt, Sander-Tavallaey, Brogardh, An extended friction model, IEEE/RSJ IROS 2010"
     typical = "5 to 30 % of Coulomb friction, once or twice a turn of the joint"
     common = 0.3
+    changes = ("coulomb_friction", "asymmetric_friction", "presliding_friction")
     parameters = {
         "amplitude": Coefficient("N.m"),
         "phase": Coefficient("rad", angle=True),
