@@ -125,9 +125,8 @@ def test_the_extended_simulation_lacks_nothing_more(planted: Any) -> None:
 
 
 def test_the_same_recordings_give_the_same_bytes() -> None:
-    made = recorded("3r", SPRING)
-    texts = {to_json(diagnosis_document(signid.diagnose(simulation("3r"), read("3r", made)))) for _ in range(2)}
-    assert len(texts) == 1
+    again = signid.diagnose(simulation("3r"), read("3r", recorded("3r", SPRING)))
+    assert to_json(diagnosis_document(again)) == to_json(diagnosis_document(look("3r", SPRING)))
 
 
 @pytest.mark.parametrize(
@@ -155,7 +154,6 @@ def test_what_no_law_explains_is_unknown_and_said_where() -> None:
     ("planted", "family"),
     [
         (fault("tustin_friction", 2, level=0.5, velocity=0.2), "stribeck_friction"),
-        (fault("double_ripple", 2, amplitude=0.3, second=0.2, frequency=8.0, phase=0.1), "torque_ripple"),
     ],
     ids=effect,
 )

@@ -83,7 +83,7 @@ def integrated(evidence: Evidence, true: tuple[Group, ...], trust: float, group:
     x, factor = dense(evidence, columns_of([group])), np.linalg.cholesky(spread)
     white, told = np.linalg.solve(factor, x), np.linalg.solve(factor, y)
     scale = belief.spread * (1.0 if belief.mean else size)
-    count = 40001 if group.size == 1 else 501
+    count = 40001 if group.size == 1 else 401
     u, step = np.linspace(-8, 8, count, retstep=True)  # coefficients = mean + scale @ u, u unit normal
     grid = np.stack(np.meshgrid(*[u] * group.size, indexing="ij"), axis=-1).reshape(-1, group.size)
     theta = belief.mean + grid @ scale.T
