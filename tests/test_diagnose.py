@@ -34,7 +34,6 @@ FAULTS: list[tuple[Planted | tuple[tuple[str, int], ...], tuple[int, ...], dict[
     (fault("torque_lag", time_constant=0.03), ALL, {"time_constant": 0.03}, 0.05),
     (fault("encoder_offset", 3, offset=0.05), (2,), {"offset": 0.05}, 0.03),
     (fault("base_tilt", x=0.05, y=0.03), ALL, {"x": 0.05, "y": 0.03}, 0.05),
-    (fault("joint_elasticity", 2, stiffness=100.0), (1,), {"stiffness": 100.0}, 0.05),
     (fault("joint_coupling", 2, partner="joint_3", inertia=0.02, viscous=0.1, coulomb=0.1), (1, 2),
      {"inertia": 0.02, "viscous": 0.1, "coulomb": 0.1}, 0.05),
     (fault("torque_sign", 2), (1,), {}, 0.0),
@@ -68,7 +67,7 @@ def test_a_fault_is_named_with_its_numbers(
     assert set(on) <= {j for j in ALL if j in joints or first.law.effect.scope != "joint"} and len(on)
 
 
-@pytest.mark.parametrize("planted", [f[0] for f in FAULTS[:12]], ids=[effect(f[0]) for f in FAULTS[:12]])
+@pytest.mark.parametrize("planted", [f[0] for f in FAULTS[:11]], ids=[effect(f[0]) for f in FAULTS[:11]])
 def test_the_extended_simulation_is_as_good_as_noise_allows(planted: Any) -> None:
     found = examine(planted)
     floor = found.after.noise_floor
@@ -110,7 +109,7 @@ def test_delay_and_lag_are_alternatives_while_they_are_short() -> None:
 
 
 def test_gross_faults_are_flagged_too() -> None:
-    for planted, words in ((fault("torque_sign", 2), "wrong sign"), (FAULTS[13][0], "exchanged")):
+    for planted, words in ((fault("torque_sign", 2), "wrong sign"), (FAULTS[12][0], "exchanged")):
         found = examine(planted)
         assert any(words in flag and "joint_2" in flag for flag in found.flags)
 
@@ -129,18 +128,11 @@ def test_the_same_recordings_give_the_same_bytes() -> None:
     assert to_json(diagnosis_document(again)) == to_json(diagnosis_document(look("3r", SPRING)))
 
 
-@pytest.mark.parametrize(
-    "planted",
-    [GAIN, fault("torque_ripple", 2, amplitude=0.3, frequency=15.0, phase=0.3)],
-    ids=effect,
-)
-def test_without_its_law_a_fault_is_not_named_with_certainty(planted: Any) -> None:
-    found = look("3r", planted, skip=(effect(planted),))
-    assert all(finding.law.effect.name != effect(planted) for finding in found.findings)
-    assert found.verdict != "named" or found.findings[0].probability < 0.95
-    if found.verdict == "unknown":
-        assert any("no effect of the library explains" in flag for flag in found.flags)
-        assert [left.joint for left in found.unexplained] == [1]
+def test_without_its_law_a_fault_is_not_named() -> None:
+    found = look("3r", GAIN, skip=("torque_gain",))
+    assert found.verdict == "unknown" and all(one.law.effect.name != "torque_gain" for one in found.findings)
+    assert any("no effect of the library explains" in flag for flag in found.flags)
+    assert [left.joint for left in found.unexplained] == [1]
 
 
 def test_what_no_law_explains_is_unknown_and_said_where() -> None:

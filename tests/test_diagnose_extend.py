@@ -217,7 +217,7 @@ def _apart(told: str) -> float:
     [
         ("3r", fault("armature", 1, inertia=0.03), "armature", ("link_inertia", (0,))),
         ("3r", fault("encoder_offset", 3, offset=0.05), "encoder_offset", ("link_inertia", (2,))),
-        ("3r", fault("link_inertia", 3, mass=0.1, first_moment_x=0.02, first_moment_y=0.0, first_moment_z=0.0),
+        ("3r", fault("payload", mass=0.2, first_moment_x=0.03, first_moment_y=0.0, first_moment_z=0.0),
          "payload", ("link_inertia", (2,))),
         ("1r", fault("quadratic_friction", 1, coefficient=0.5), "fluid_drag", ("quadratic_friction", (0,))),
         ("1r", fault("encoder_offset", 1, offset=0.2), "encoder_offset", ("counterbalance", (0,))),
