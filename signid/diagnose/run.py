@@ -19,12 +19,11 @@ from ..session import Options, Part, Progress, Session, longest_piece
 from ..signs import recover
 from ..types import Recording
 from .contact import NAME as CONTACT
-from .contact import find_contact
 from .doubt import doubts
 from .empirical import model_rest
 from .evidence import Evidence
+from .explain import explain
 from .findings import find
-from .found import Found
 from .group import dry_friction, lay_out
 from .hypothesis import pooled, propose
 from .linear import Known
@@ -34,12 +33,9 @@ from .period import find_period
 from .prove import predict_fit
 from .prune import prune
 from .reference import learn_bodies
-from .refine import refine
 from .result import Diagnosis
 from .sample import pieces
-from .search import search, spread
-from .setting import Setting, append
-from .sizes import measure_sizes
+from .setting import Setting
 from .slots import settle
 from .table import tabulate
 from .verdict import decide
@@ -47,9 +43,6 @@ from .whitened import Whitened, whitened
 
 WIDE = 8.0  # [Hz] to which the band goes if encoder noise allows it
 HORIZON = 0.5  # [s] of roll-outs
-NOISE_ERROR, DISCREPANCY = 1.3, 0.003  # of the noise's variance; of torque, in which every simulation is wrong
-AGAIN = 1.6  # of the dispersion that was expected: more, and the search is done again with what was found
-WINDOWS = 10  # of contact that are looked at, for each row
 
 
 def diagnose(
@@ -77,8 +70,7 @@ def diagnose(
         OptionError: an effect that is left out does not exist, or an option is unknown.
         RecordingError: a recording cannot be used; the sentence says which and why.
     """
-    for name in skip:
-        EFFECTS[name]
+    _check(recordings, skip)
     told, options = progress or _silent, replace(options or Options(), effects=())
     known = diagnose(model, reference, skip=skip, options=options, progress=progress) if reference else None
     recovered = recover(model.robot, recordings, held_out, options=Options(seed=options.seed), progress=progress)
@@ -90,7 +82,7 @@ def diagnose(
     setting, data = _build(model, session, skip)
     told("searching", 0.4)
     other = _learn(model, reference, session, skip, options) if known else None
-    judge, found = _explain(setting, _judge(model, Evidence(data, other), skip), skip, known)
+    setting, judge, found = explain(setting, _judge(model, Evidence(data, other), skip), skip, known)
     told("judging", 0.7)
     found, slots = settle(judge, prune(setting, session, judge, found))
     verdict = decide(judge, found, slots)
@@ -117,6 +109,13 @@ def diagnose(
         cutoff=session.task.band.cutoff,
         seed=options.seed,
     )
+
+
+def _check(recordings: Sequence[Recording], skip: Sequence[str]) -> None:
+    if not recordings:
+        raise OptionError("no recording was given; at least one is needed")
+    for name in skip:
+        EFFECTS[name]
 
 
 def _examined(model: Model, session: Session, told: Progress) -> Gross:
@@ -154,10 +153,9 @@ def _build(model: Model, session: Session, skip: Sequence[str]) -> tuple[Setting
     hypotheses = propose(model, pooled([p.motion for p in made]), (*skip, CONTACT))
     dry = dry_friction(model, made)
     table = tabulate(task, model, lay_out(model, made[0].motion, hypotheses, dry), made, dry)
-    rate = task.band.rate / task.band.factor
-    noise = measure_noise(table, [_period(part) for part in parts], rate)
-    setting = Setting(task, model, made, table, noise)
-    return setting, whitened(table, noise)
+    periods = tuple(_period(part) for part in parts)
+    noise = measure_noise(table, periods, task.band.rate / task.band.factor)
+    return Setting(task, model, made, periods, table, noise), whitened(table, noise)
 
 
 def _learn(
@@ -176,34 +174,6 @@ def _judge(model: Model, evidence: Evidence, skip: Sequence[str]) -> Judge:
 
 def _period(part: Part) -> float | None:
     return find_period(longest_piece(part).q, 1 / part[1].period)
-
-
-def _explain(setting: Setting, judge: Judge, skip: Sequence[str], known: Diagnosis | None) -> tuple[Judge, Found]:
-    """Search; where more is left than expected, again with dispersions that say so; then for a contact."""
-    data = judge.evidence.data
-    expected = NOISE_ERROR * (1 + (DISCREPANCY * data.scale / data.floor) ** 2)
-    if known is not None:
-        expected = np.maximum(expected, (known.after.train_rms / known.after.noise_floor) ** 2)
-    found = search(judge, expected)
-    left = measure_sizes(judge.evidence, found.true, expected, found.trust).left
-    if np.any(left > AGAIN * expected):
-        found = search(judge, np.maximum(expected, NOISE_ERROR * left))
-    if CONTACT not in skip:
-        judge, found = _touched(setting, judge, found)
-    return refine(setting, judge, found)
-
-
-def _touched(setting: Setting, judge: Judge, found: Found) -> tuple[Judge, Found]:
-    """Once more, with a window of contact where there is one."""
-    rest = measure_sizes(judge.evidence, found.true, found.base, found.trust).rest
-    window = find_contact(setting, judge.evidence.data, rest, found.base)
-    if window is None:
-        return judge, found
-    data, group = append(setting, judge.evidence.data, window, setting.columns(window))
-    wider = replace(judge, evidence=replace(judge.evidence, data=data))
-    odds, _ = wider.odds(found.true, spread(wider, found))
-    likely = odds[window.key].log > np.log(WINDOWS * len(data))
-    return (wider, search(wider, found.base)) if likely else (judge, found)
 
 
 def _roll_out(session: Session, before: Model, after: Model) -> tuple[RollOut | None, RollOut | None, tuple[str, ...]]:

@@ -28,6 +28,7 @@ class Setting(Frozen):
     task: Task
     model: Model
     pieces: tuple[Piece, ...]  # those that are long enough for the filter
+    periods: tuple[float | None, ...]  # [s] of the motion in each recording, None where it does not repeat
     table: Table
     noise: Noise
 

@@ -52,18 +52,25 @@ def settle(judge: Judge, found: Found) -> tuple[Found, tuple[Slot, ...]]:
     """
     for _ in range(ROUNDS):
         slots = judge_slots(judge, found)
-        weak = [slot for slot in slots if slot.probability < DOUBT]
+        weak = [slot for slot in slots if slot.probability < max(DOUBT, _best_rival(slot))]
         if not weak:
             return found, slots
         worst = min(weak, key=lambda slot: slot.probability)
         rest, rivals = without(judge, found, worst.group), list(worst.rivals.values())
-        better = [
-            group for p, group in rivals[:1] if p > LIKELY and is_sound(judge, rest, group, found.log_odds[worst.group])
-        ]
+        log = found.log_odds[worst.group]
+        better = [group for p, group in rivals[:1] if p > LIKELY and is_sound(judge, rest, group, log)]
+        if not better and worst.probability > DOUBT:
+            return found, slots
         true = (*rest.true, *better)
-        log = {**found.log_odds, **dict.fromkeys(better, found.log_odds[worst.group])}
-        found = Found(true, log, found.base, judge.evidence.trust(true, found.base), found.first)
+        log_odds = {**found.log_odds, **dict.fromkeys(better, log)}
+        found = Found(true, log_odds, found.base, judge.evidence.trust(true, found.base), found.first)
     return found, judge_slots(judge, found)
+
+
+def _best_rival(slot: Slot) -> float:
+    """Probability of the likeliest rival, where it is likelier than all else together."""
+    best = max((p for p, _ in slot.rivals.values()), default=0.0)
+    return best if best > LIKELY else 0.0
 
 
 def _slot(judge: Judge, found: Found, group: Group, wide: Array, beside: Mapping[Key, Odds], sizes: Sizes) -> Slot:

@@ -21,6 +21,8 @@ NOTICED = 4.0  # standard deviations of a mean square
 DISCREPANCY = 0.006  # of torque, in which every simulation is wrong
 FAINT = 0.1  # of the largest rms torque: no joint's counts as smaller
 CROWD, MOST_OF_IT = 3, 0.6  # causes; share of the excess that the first of so many must explain
+PLAIN = 3.0  # times the threshold, from which on something is missing though it depends on no variable
+STAYS = 0.25  # of a joint's excess that causes at other joints leave: they are not what is missing there
 LEFT = 0.1  # of the largest excess: less does not matter
 
 
@@ -61,7 +63,8 @@ def decide(judge: Judge, found: Found, slots: Sequence[Slot]) -> Verdict:
     secondary = tuple(group for group in ranked if group not in causes)
     told = {slot.group: slot for slot in slots}
     if not causes:
-        name = "unknown" if np.any(after > threshold) else "nothing_missing"
+        depends = any(o.log > 0 for o in found.first.values() if o.best.hypothesis and o.best.hypothesis.unknown)
+        name = "unknown" if np.any(after > threshold * (1 if depends else PLAIN)) else "nothing_missing"
     elif _abstains(data.joints, causes, before, after, threshold, told[causes[0]], energy):
         name = "unknown"
     else:
@@ -85,6 +88,9 @@ def _abstains(
     needed = ROUGHLY if _approximate(causes[0]) else EXPLAINED
     loud = concerned & (after > threshold) & (after > LEFT * before.max())
     if 1 - left / max(whole, 1e-9) < needed and loud.any():
+        return True
+    elsewhere = ~concerned & (after > threshold) & (after > LEFT * before.max()) & (after > STAYS * before)
+    if elsewhere.any():
         return True
     crowded = len(causes) >= CROWD and np.any(after > threshold) and left > LEFT * whole
     return first.unknown > 0.5 or bool(crowded and energy[causes[0]] < MOST_OF_IT * max(float(before.sum()), 1e-9))

@@ -22,6 +22,7 @@ LEFT, BETTER = 0.35, 0.5  # unexplained at most afterwards, and at most that sha
 WORSE = 0.25  # of the variance that is left more on any joint: the correction is none
 AGREE = 0.8  # of the blocks
 WEAK, STEADY = 0.03, 0.05  # of the second strongest torque's deviation, of the joint's rms torque: less tells nothing
+WIDE = 2 * np.pi  # of a travel: less are radians, or a motion of a few degrees
 UNITS = {"degrees": np.pi / 180, "revolutions": 2 * np.pi, "millimetres": 1e-3}
 
 
@@ -132,7 +133,8 @@ def _trials(evidence: Evidence, done: Correction, told: Mask) -> Iterator[Trial]
     for unit, scale in UNITS.items():
         which = tuple(np.flatnonzero(prismatic == (unit == "millimetres")).tolist())
         for joints in sorted({which, *((j,) for j in which)} - {()}):
-            yield Trial(unit, joints, done.scale(joints, position=scale))
+            if unit != "degrees" or np.ptp(evidence.q[:, list(joints)], axis=0).max() > WIDE:
+                yield Trial(unit, joints, done.scale(joints, position=scale))
     yield from _lags(evidence, done, told)
 
 

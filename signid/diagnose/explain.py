@@ -1,0 +1,80 @@
+"""Evidence -> what is taken for true: searched, with dispersions and noise that what was found tells."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from .contact import NAME as CONTACT
+from .contact import find_contact
+from .evidence import Evidence
+from .found import Found
+from .noise import measure_noise
+from .odds import Judge
+from .refine import refine
+from .result import Diagnosis
+from .search import search, spread
+from .setting import Setting, append
+from .sizes import measure_sizes
+from .whitened import whitened
+
+NOISE_ERROR, DISCREPANCY = 1.3, 0.003  # of the noise's variance; of torque, in which every simulation is wrong
+AGAIN = 1.6  # of the dispersion that was expected: more, and the search is done again with what was found
+WINDOWS = 10  # of contact that are looked at, for each row
+QUIET, QUIETER = 0.5, 0.8  # variance left, and share of the noise: less, and a fault was taken for noise
+
+
+def explain(
+    setting: Setting, judge: Judge, skip: Sequence[str], known: Diagnosis | None
+) -> tuple[Setting, Judge, Found]:
+    """What is taken for true; where that shows that noise is less than it seemed, once more with the noise that it is.
+
+    Args:
+        setting: motions and rows.
+        judge: library and evidence.
+        skip: effects that are left out.
+        known: a diagnosis of recordings without the mismatch, if there is one.
+    """
+    judge_, found = _search(setting, judge, skip, known)
+    sizes = measure_sizes(judge_.evidence, found.true, found.base, found.trust)
+    if not found.true or not np.any(sizes.left < QUIET):
+        return setting, judge_, found
+    data, table, band = judge_.evidence.data, setting.table, setting.task.band
+    named = [sum(data.raw(j, group) @ sizes.value[group] for group in found.true) for j in range(data.joints)]
+    rest = replace(table, residual=table.residual - np.column_stack(named))
+    noise = measure_noise(rest, setting.periods, band.rate / band.factor)
+    if not np.any(noise.floor < QUIETER * setting.noise.floor):
+        return setting, judge_, found
+    setting = replace(setting, noise=noise)
+    judge = replace(judge, evidence=Evidence(whitened(table, noise), judge.evidence.known))
+    return setting, *_search(setting, judge, skip, known)
+
+
+def _search(setting: Setting, judge: Judge, skip: Sequence[str], known: Diagnosis | None) -> tuple[Judge, Found]:
+    """Search; where more is left than expected, again with dispersions that say so; then for a contact."""
+    data = judge.evidence.data
+    expected = NOISE_ERROR * (1 + (DISCREPANCY * data.scale / data.floor) ** 2)
+    if known is not None:
+        expected = np.maximum(expected, (known.after.train_rms / known.after.noise_floor) ** 2)
+    found = search(judge, expected)
+    left = measure_sizes(judge.evidence, found.true, expected, found.trust).left
+    if np.any(left > AGAIN * expected):
+        found = search(judge, np.maximum(expected, NOISE_ERROR * left))
+    if CONTACT not in skip:
+        judge, found = _touched(setting, judge, found)
+    return refine(setting, judge, found)
+
+
+def _touched(setting: Setting, judge: Judge, found: Found) -> tuple[Judge, Found]:
+    """Once more, with a window of contact where there is one."""
+    rest = measure_sizes(judge.evidence, found.true, found.base, found.trust).rest
+    window = find_contact(setting, judge.evidence.data, rest, found.base)
+    if window is None:
+        return judge, found
+    data, group = append(setting, judge.evidence.data, window, setting.columns(window))
+    wider = replace(judge, evidence=replace(judge.evidence, data=data))
+    odds, _ = wider.odds(found.true, spread(wider, found))
+    likely = odds[window.key].log > np.log(WINDOWS * len(data))
+    return (wider, search(wider, found.base)) if likely else (judge, found)
