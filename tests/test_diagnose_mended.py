@@ -1,0 +1,51 @@
+"""Diagnoses that went wrong once: a spring taken for degrees, a contact for noise, worse joints for causes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from diagnosed import fault, look, named, read, recorded, simulation
+
+import signid
+from signid.errors import OptionError
+
+CONTACT = fault("external_contact", force_x=3.0, force_y=-2.0, force_z=4.0, start=11.0, end=13.0)
+
+
+@pytest.mark.parametrize("stiffness", (0.5, 1.0))
+def test_a_spring_is_no_degrees(stiffness: float) -> None:
+    assert named(look("3r", fault("spring", 3, stiffness=stiffness, rest=0.2))) == [("spring", (2,))]
+
+
+def test_the_floor_is_noise_once_a_contact_is_named() -> None:
+    found = look("3r", CONTACT)
+    healthy = look("3r").after.noise_floor
+    assert np.all(found.after.noise_floor < 2 * healthy) and found.tolerance < 0.03
+
+
+def test_causes_make_held_out_torque_better() -> None:
+    planted = fault("crossed_torque", 2, partner="joint_3", amplitude=0.5, frequency=3.0)
+    found = look("3r", planted, seconds=16.0)
+    assert np.all(found.after.held_out_rms < 1.05 * found.before.held_out_rms) or not found.findings
+
+
+def test_no_recording_is_a_sentence() -> None:
+    with pytest.raises(OptionError, match="at least one"):
+        signid.diagnose(simulation("3r"), [])
+
+
+def test_the_limit_of_a_drive() -> None:
+    found = signid.diagnose(simulation("3r"), read("3r", recorded("3r", fault("torque_saturation", 2, limit=5.0))))
+    assert named(found) == [("torque_saturation", (1,))]
+    assert found.findings[0].law.parameters["limit"] == pytest.approx(5.0, rel=0.15)
+
+
+def test_what_no_law_explains_becomes_empirical_torque() -> None:
+    planted = fault("velocity_wave", 2, amplitude=1.0, velocity=0.25)
+    found = look("3r", planted, seconds=16.0)
+    assert found.verdict == "unknown" and [one.joint for one in found.unexplained if one.modelled] == [1]
+    assert [law.joints for law in found.model.laws if law.effect.name == "empirical"] == [(1,)]
+    assert found.after.held_out_rms[1] < 0.9 * found.before.held_out_rms[1]
+    text = found.model.document()
+    (entry,) = [one for one in text["effects"] if one["effect"] == "empirical"]
+    assert entry["joint"] == "joint_2" and set(entry["parameters"]) >= {"variable", "knot_1", "value_8"}
