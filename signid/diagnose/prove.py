@@ -27,7 +27,7 @@ def predict_fit(session: Session, model: Model, floor: Array) -> Fit:
     robot = model.robot
     learned, judged = (residuals(session.task, model, parts) for parts in (session.train, session.held_out))
     residual, torque = judged
-    spread = np.nansum((torque - np.nanmean(torque, axis=0)) ** 2, axis=0)
+    spread = np.nansum((torque - _mean(torque)) ** 2, axis=0)
     return Fit(
         joints=robot.joints,
         unit=tuple("N" if prismatic else "N.m" for prismatic in robot.prismatic),
@@ -53,4 +53,10 @@ def residuals(task: Task, model: Model, parts: Sequence[Part]) -> tuple[Array, A
 
 
 def _rms(x: Array) -> Array:
-    return np.asarray(np.sqrt(np.nanmean(x**2, axis=0)))
+    return np.asarray(np.sqrt(_mean(x**2)))
+
+
+def _mean(x: Array) -> Array:
+    """(n,) of the rows that count; NaN where none does."""
+    count = np.sum(np.isfinite(x), axis=0)
+    return np.asarray(np.nansum(x, axis=0) / np.where(count > 0, count, np.nan))

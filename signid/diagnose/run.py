@@ -85,7 +85,7 @@ def diagnose(
     setting, judge, found = explain(setting, _judge(model, Evidence(data, other), skip), skip, known)
     told("judging", 0.7)
     found, slots = settle(judge, prune(setting, session, judge, found))
-    verdict = decide(judge, found, slots)
+    verdict = decide(judge, found, slots).doubted(any(one.kind == "excitation" for one in gross.findings))
     result = find(setting, session, judge, found, slots, verdict, options.seed)
     extended, left = model_rest(session, result.model, result.unexplained)
     told("rolling out", 0.9)

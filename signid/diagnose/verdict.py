@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -37,6 +37,12 @@ class Verdict(Frozen):
     after: Array  # (n,) [1]
     threshold: Array  # (n,) of the excess [1]
     sizes: Sizes
+
+    def doubted(self, excitation: bool) -> Verdict:
+        """Without causes where the motion tells too little to name any: they are leads."""
+        if not excitation or not self.causes:
+            return self
+        return replace(self, name="unknown", causes=(), secondary=(*self.causes, *self.secondary))
 
 
 def decide(judge: Judge, found: Found, slots: Sequence[Slot]) -> Verdict:

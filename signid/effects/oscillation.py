@@ -29,6 +29,8 @@ def oscillate(x: View, stiffness: float, damping: float) -> Array:
         _middle(signal)
         for signal in (x.inertia[:, 0], damping + along.velocity[:, j, j], stiffness + along.position[:, j, j])
     )
+    if m.min() <= 0:  # a description without inertia: nothing swings
+        return np.zeros((len(m) + 1, 1))
     turns = np.arange(len(m)) * dt * np.sqrt(abs(k / m)) / (2 * np.pi)
     c = c + 2 * np.sqrt(m * abs(k)) * np.clip(1 - turns / SETTLING, 0, 1) ** 2
     force = -x.load[:, 0]
