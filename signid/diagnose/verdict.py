@@ -95,7 +95,7 @@ def _abstains(
     loud = concerned & (after > threshold) & (after > LEFT * before.max())
     if 1 - left / max(whole, 1e-9) < needed and loud.any():
         return True
-    elsewhere = ~concerned & (after > threshold) & (after > LEFT * before.max()) & (after > STAYS * before)
+    elsewhere = ~concerned & (after > PLAIN * threshold) & (after > LEFT * before.max()) & (after > STAYS * before)
     if elsewhere.any():
         return True
     crowded = len(causes) >= CROWD and np.any(after > threshold) and left > LEFT * whole
