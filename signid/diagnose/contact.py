@@ -9,6 +9,7 @@ import numpy as np
 from ..effects import EFFECTS
 from ..types import Array, Indices, Law
 from .hypothesis import Hypothesis
+from .noise import whole
 from .setting import Setting
 from .whitened import Whitened
 
@@ -44,7 +45,7 @@ def find_contact(setting: Setting, data: Whitened, residual: Array, dispersion: 
     rest = residual / np.sqrt(dispersion)[:, None]
     variance = SIZE**2 / 3 / max(float(np.mean(np.sum(jacobian**2 / data.scale**2, axis=2))), 1e-300)
     order = setting.noise.coefficients.shape[1]
-    alive = np.flatnonzero(setting.table.piece[order:] == setting.table.piece[:-order]) + order
+    alive = np.flatnonzero(whole(setting.table.piece, order)) + order
     rate, best = setting.task.band.rate / setting.task.band.factor, _Window(0.0, 0, 0, 0)
     for k in np.unique(setting.table.piece[alive]):
         own = np.flatnonzero(setting.table.piece[alive] == k)
@@ -64,8 +65,8 @@ def find_contact(setting: Setting, data: Whitened, residual: Array, dispersion: 
 def _jacobian(setting: Setting) -> Array:
     """(M, 3, n) [m/rad or 1]."""
     n = setting.table.joints
-    whole = [piece.motion.jacobian.reshape(len(piece.motion), -1) for piece in setting.pieces]
-    return np.concatenate([setting.thin(x) for x in whole]).reshape(-1, 3, n)
+    full = [piece.motion.jacobian.reshape(len(piece.motion), -1) for piece in setting.pieces]
+    return np.concatenate([setting.thin(x) for x in full]).reshape(-1, 3, n)
 
 
 def _best(square: Array, right: Array, variance: float, rate: float) -> _Window:

@@ -28,7 +28,6 @@ from .verdict import Verdict
 
 UNSURE = 0.95  # probability below which a cause is flagged
 LISTED = 4  # rivals whose separating motion is sought
-EXCESS = 1.08  # residual over noise floor from which on something is left
 
 
 class Result(NamedTuple):

@@ -55,14 +55,22 @@ def whiten(x: Array, coefficients: Array, innovation: float, piece: Indices) -> 
     """
     order = len(coefficients)
     out = x[order:] - sum(c * x[order - 1 - k : len(x) - 1 - k] for k, c in enumerate(coefficients))
-    return np.asarray(out[piece[order:] == piece[:-order]] / innovation)
+    return np.asarray(out[whole(piece, order)] / innovation)
+
+
+def whole(piece: Indices, order: int) -> Mask:
+    """(M - order,) of the rows from the `order`-th on, whether all before that whitening takes are of the same piece.
+
+    Args:
+        piece: (M,) which piece a row is of.
+        order: of the autoregressive model.
+    """
+    return np.asarray(piece[order:] == piece[:-order])
 
 
 def _of_joint(table: Table, joint: int, periods: Sequence[float | None], rate: float) -> tuple[float, Array, float]:
-    rest = [_saturated(table, joint)]
-    again = _repeated(table, joint, periods, rate)
-    choices = [_fit(rest[0][0], rest[0][1])]
-    if again:
+    choices = [_fit(*_saturated(table, joint))]
+    if again := _repeated(table, joint, periods, rate):
         choices.append(_fit(again, MARGIN))
     return min(choices, key=lambda choice: choice[0])
 
@@ -73,7 +81,8 @@ def _saturated(table: Table, joint: int) -> tuple[list[Array], float]:
     goes = goes if goes.sum() > LEAST else np.ones_like(goes)
     x, y, run = _usual(table, joint)[goes], table.residual[goes, joint], _runs(table, goes)
     size = np.sqrt(np.mean(x**2, axis=0))
-    x = x[:, size > 1e-9 * size.max(initial=1e-300)] / size[size > 1e-9 * size.max(initial=1e-300)]
+    shown = size > 1e-9 * size.max(initial=1e-300)
+    x = x[:, shown] / size[shown]
     left, singular, _ = np.linalg.svd(x, full_matrices=False)
     left = left[:, singular > RANK * singular[0]]
     left = left[:, : max(1, int(len(y) / FREE))]

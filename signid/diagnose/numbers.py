@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
-from ..effects.law import law_columns, law_torque
+from ..effects.law import coefficient_count, law_torque
 from ..motion import Motion
 from ..types import Array, Coefficient, Law
 from .found import Found
 from .group import Group
-from .hypothesis import Hypothesis
 from .linear import Fitted, solve
 from .odds import Judge
 from .search import spread
 from .setting import Setting
-from .sizes import Sizes
 from .whitened import columns_of
 
 STEP = 1e-3  # of a number, for derivatives
@@ -34,7 +30,7 @@ def read_laws(group: Group, value: Array) -> tuple[Law, ...]:
     out, at = list[Law](), 0
     for law in hypothesis.laws:
         effect = law.effect
-        count = len(effect.coefficients(dict.fromkeys(effect.parameters, 1.0)))
+        count = coefficient_count(law)
         own = value[at : at + count]
         numbers = effect.physical(own.tolist(), effect.shape(law.parameters)) if effect.linear() else law.parameters
         out.append(Law(effect, law.joints, dict(numbers)))
@@ -109,9 +105,6 @@ def _slopes(setting: Setting, laws: tuple[Law, ...], keys: list[tuple[int, str]]
 
 def torque_of(law: Law, motion: Motion) -> dict[int, Array]:
     """Per joint, (N,) [N.m or N] what a law with all its numbers adds."""
-    if not law.effect.linear():
-        rows, columns = law_columns(law, motion)
-        return {j: columns[:, k, 0] for k, j in enumerate(rows)}
     rows, torque = law_torque(law, motion)
     return {j: torque[:, k] for k, j in enumerate(rows)}
 
@@ -119,10 +112,3 @@ def torque_of(law: Law, motion: Motion) -> dict[int, Array]:
 def _least(law: Law, key: str) -> float:
     kind = law.effect.parameters[key]
     return 1e-3 if isinstance(kind, Coefficient) else 1e-6
-
-
-def fitted(sizes: Sizes, found: Found) -> Mapping[Group, tuple[Law, ...]]:
-    """The laws of everything that is taken for true."""
-    return {
-        group: read_laws(group, sizes.value[group]) for group in found.true if isinstance(group.hypothesis, Hypothesis)
-    }

@@ -15,7 +15,7 @@ from ..motion import Motion, build_motion, margin
 from ..rows import Task
 from ..sampling import samples
 from ..session import Part
-from ..types import Array
+from ..types import Array, Robot
 
 LONG = 2**14  # samples of the recording at a time
 
@@ -50,13 +50,13 @@ def pieces(task: Task, model: Model, parts: Sequence[Part]) -> Iterator[Piece]:
                 motion = build_motion(
                     model.robot, window, task.band, sampling.period, task.recorded_derivatives, task.slow
                 )
-                yield _piece(task, replace(model, robot=model.robot), replace(motion, robot=model.robot), robot, k)
+                yield _piece(task, model, motion, robot, k)
 
 
-def _piece(task: Task, model: Model, motion: Motion, robot: object, k: int) -> Piece:
+def _piece(task: Task, model: Model, motion: Motion, robot: Robot, k: int) -> Piece:
     predicted = model.inverse(motion)
     acted, recorded = model.acted(motion), motion.recorded
     assert recorded is not None, "windows carry torque"
     calm = convolve1d(recorded, lowpass(task.band.rate, 2 * task.band.cutoff), axis=0, mode="nearest")
-    shown = replace(acted, robot=robot, recorded=np.nan_to_num(calm), predicted=predicted)  # type: ignore[arg-type]
+    shown = replace(acted, robot=robot, recorded=np.nan_to_num(calm), predicted=predicted)
     return Piece(k, shown, recorded - predicted)

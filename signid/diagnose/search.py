@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -29,13 +29,12 @@ BETTER = 2.0  # log odds by which another hypothesis must be better to take a pl
 APPROXIMATE, CLIPPED = (0.3, 2.0), (0.6, 1.5)  # coefficients of laws that are there (1) or not
 
 
-def search(judge: Judge, base: Array, told: Callable[[str], None] = lambda _: None) -> Found:
+def search(judge: Judge, base: Array) -> Found:
     """Forward steps, after each an exchange: nothing stays that another hypothesis explains better.
 
     Args:
         judge: library and evidence.
         base: (n,) dispersion that no effect explains [1].
-        told: is told each step.
     """
     state = Found((), {}, base, judge.evidence.trust((), base))
     first, seen = dict[Key, Odds](), list[set[Group]]()
@@ -45,16 +44,15 @@ def search(judge: Judge, base: Array, told: Callable[[str], None] = lambda _: No
         chosen = _pick(judge, state, odds, trusted, FIRST if step == 0 else NEXT)
         if chosen is None:
             break
-        told(f"{chosen.best.hypothesis.key if chosen.best.hypothesis else ''} {chosen.log:.1f}")
         state = larger = _with(judge, state, chosen)
         if len(state.true) > 1:
-            state = _exchanged(judge, _plainer(judge, state, told), BETTER, told)
+            state = _exchanged(judge, _plainer(judge, state), BETTER)
         state = larger if set(state.true) in seen else state  # the exchange would go in circles
         if set(state.true) in seen:
             break
         seen.append(set(state.true))
     for _ in range(2):
-        before, state = state.true, _exchanged(judge, _plainer(judge, state, told), BETTER / 2, told)
+        before, state = state.true, _exchanged(judge, _plainer(judge, state), BETTER / 2)
         if before == state.true:
             break
     return Found(state.true, state.log_odds, base, state.trust, first)
@@ -182,7 +180,7 @@ def _with(judge: Judge, state: Found, chosen: Odds) -> Found:
     return Found(true, log, state.base, judge.evidence.trust(true, state.base), state.first)
 
 
-def _exchanged(judge: Judge, state: Found, better: float, told: Callable[[str], None]) -> Found:
+def _exchanged(judge: Judge, state: Found, better: float) -> Found:
     """Each hypothesis in turn against all others that could stand in its place."""
     for group in state.true:
         rest = without(judge, state, group)
@@ -192,17 +190,15 @@ def _exchanged(judge: Judge, state: Found, better: float, told: Callable[[str], 
         alone = {key: o for key, o in odds.items() if len(_of(o.best).laws) == 1 and o.log > log + better}
         rival = _pick(judge, rest, alone, trusted, NEXT) if alone else None
         if rival is not None:
-            told(f"{_of(group).key} -> {_of(rival.best).key} {rival.log - log:.1f}")
             state = _with(judge, rest, rival)
         elif log < needed(judge, group, trusted, len(rest.true), NEXT):
-            told(f"without {_of(group).key} {log:.1f}")
             state = rest
         elif own is not None and own.best is not group:
             state = _with(judge, rest, own)
     return state
 
 
-def _plainer(judge: Judge, state: Found, told: Callable[[str], None]) -> Found:
+def _plainer(judge: Judge, state: Found) -> Found:
     """The plain laws that a law contains in its place, where together they are as likely."""
     for group in state.true:
         law = _of(group).laws[0]
@@ -215,7 +211,6 @@ def _plainer(judge: Judge, state: Found, told: Callable[[str], None]) -> Found:
         trust = judge.evidence.trust(other, state.base)
         now, then = (judge.evidence.fit(t, state.base, k) for t, k in ((state.true, state.trust), (other, trust)))
         if then.log_evidence >= now.log_evidence:
-            told(f"{_of(group).key} -> {[_of(g).key for g in plain]}")
             log = {**state.log_odds, **dict.fromkeys(plain, state.log_odds[group])}
             state = Found(other, log, state.base, trust, state.first)
     return state

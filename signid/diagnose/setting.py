@@ -82,11 +82,9 @@ def append(
     size = sum(coefficient_count(law) for law in hypothesis.laws)
     group, white = Group(data.count, size, hypothesis), setting.whiten(columns)
     place, torque, made = list(data.place), list(data.torque), list(data.columns)
-    sizes = np.pad(data.sizes, ((0, 0), (0, size)))
     for j, x in columns.items():
         place[j] = np.append(place[j], range(group.start, group.start + size)).astype(np.intp)
         torque[j], made[j] = np.column_stack([torque[j], x]), np.column_stack([made[j], white[j]])
-        sizes[j, group.place] = np.sqrt(np.mean(x**2, axis=0)) / data.scale[j]
     return replace(
         data,
         groups=(*data.groups, group),
@@ -94,5 +92,4 @@ def append(
         place=tuple(place),
         torque=tuple(torque),
         columns=tuple(made),
-        sizes=sizes,
     ), group

@@ -33,7 +33,6 @@ class Table(Frozen):
     predicted: Array  # (M, n) [N.m or N]
     residual: Array  # (M, n) [N.m or N] measured - predicted
     rests: Mask  # (M, n) whether a joint stands still so near that the filter feels it: there friction is anything
-    known: tuple[bool, ...]  # (n,) whether torque is recorded
     place: tuple[Indices, ...]  # per joint (m_j,) the columns that it has
     columns: tuple[Array, ...]  # per joint (M, m_j) [torque per coefficient]
 
@@ -110,7 +109,6 @@ def tabulate(task: Task, model: Model, groups: Sequence[Group], pieces: Sequence
         torque=torque,
         predicted=torque - residual,
         residual=residual,
-        known=tuple(not all(np.isnan(p.residual[:, j]).all() for p in pieces) for j in range(n)),
         place=tuple(index for index, _ in columns),
         columns=tuple(x for _, x in columns),
     )

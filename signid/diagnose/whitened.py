@@ -10,7 +10,7 @@ import numpy as np
 
 from ..types import Array, Frozen, Indices, Mask
 from .group import Group
-from .noise import Noise, whiten
+from .noise import Noise, whiten, whole
 from .table import Table
 
 
@@ -25,7 +25,6 @@ class Whitened(Frozen):
     residual: Array  # (n, M) [1]
     moves: Mask  # (M, n) rows that count: the joint does not stand still
     recording: Indices  # (M,)
-    sizes: Array  # (n, p) rms of each column over the joint's rms torque, not whitened [1 per coefficient]
     torque: tuple[Array, ...]  # per joint (N, m_j) [torque per coefficient] not whitened
     scale: Array  # (n,) [N.m or N] rms torque
     floor: Array  # (n,) [N.m or N]
@@ -55,11 +54,6 @@ class Whitened(Frozen):
         for j in range(self.joints):
             out[j, self.place[j]] = self.columns[j].T @ self.residual[j]
         return out
-
-    @cached_property
-    def energy(self) -> Array:
-        """(n,) sum of the squared residual [1]."""
-        return np.asarray(np.sum(self.residual**2, axis=1))
 
     def gram(self, which: Indices) -> Array:
         """(n, k, p) products of some columns with all, per joint.
@@ -126,10 +120,6 @@ def whitened(table: Table, noise: Noise) -> Whitened:
     """Rows through the joints' own autoregressive filters."""
     n, order = table.joints, noise.coefficients.shape[1]
     told = [(noise.coefficients[j], float(noise.innovation[j]), table.piece) for j in range(n)]
-    scale, sizes = table.scale, np.zeros((n, table.count))
-    for j in range(n):
-        sizes[j, table.place[j]] = np.sqrt(np.mean(table.columns[j] ** 2, axis=0)) / scale[j]
-    alive = table.piece[order:] == table.piece[:-order]
     moves = moving(table, order)
     return Whitened(
         groups=table.groups,
@@ -138,10 +128,9 @@ def whitened(table: Table, noise: Noise) -> Whitened:
         columns=tuple(whiten(table.columns[j], *told[j]) * moves[:, j, None] for j in range(n)),
         residual=np.array([whiten(table.residual[:, j, None], *told[j])[:, 0] * moves[:, j] for j in range(n)]),
         moves=moves,
-        recording=table.recording[order:][alive],
-        sizes=sizes,
+        recording=table.recording[order:][whole(table.piece, order)],
         torque=table.columns,
-        scale=scale,
+        scale=table.scale,
         floor=noise.floor,
     )
 
@@ -149,7 +138,7 @@ def whitened(table: Table, noise: Noise) -> Whitened:
 def moving(table: Table, order: int) -> Mask:
     """(M, n) which whitened rows no standstill touches."""
     still = np.asarray(np.array([table.rests[order - k : len(table) - k] for k in range(order + 1)]).any(axis=0))
-    return np.asarray(~still[table.piece[order:] == table.piece[:-order]])
+    return np.asarray(~still[whole(table.piece, order)])
 
 
 def columns_of(groups: Sequence[Group]) -> Indices:
