@@ -84,6 +84,18 @@ def test_signs_of_every_row_are_given_back(arm: Robot, made: Trial) -> None:
     assert np.mean(np.sign(signed) == np.sign(torque)) > 0.99
 
 
+def test_a_sample_is_missing_between_thinned_ones(arm: Robot) -> None:
+    """The spans on either side of it are nearer to each other than thinned samples are."""
+    made = trial(arm, seconds=12, rate=1000.0)
+    torque = noisy(made)
+    columns = lost(made, torque)
+    columns["abs_tau_1"][6003] = np.nan
+    (recording,) = recover(arm, [signid.read_recording(columns, arm)]).recordings
+    signed = recording.read().tau
+    assert np.flatnonzero(np.isnan(signed).any(axis=1)).tolist() == [6003]
+    assert np.mean(np.sign(signed) == np.sign(torque)) > 0.999
+
+
 def test_what_is_held_out_takes_no_part_in_the_search(arm: Robot, made: Trial) -> None:
     other = trial(arm, seed=3, seconds=12)
     learn = signid.read_recording(lost(made, noisy(made)), arm)

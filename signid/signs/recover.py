@@ -12,7 +12,6 @@ from ..factors import Factors
 from ..prepare import prepare
 from ..recording import with_signs
 from ..rows import Task
-from ..sampling import survey
 from ..session import Options, Part, Progress
 from ..types import Array, BaseMap, Estimate, Recording, Robot
 from .apply import spread
@@ -23,7 +22,7 @@ from .expect import expect_signs
 from .flags import raise_flags
 from .gains import Gains, find_gains
 from .infer import Inferred, infer
-from .observed import Observed, observe
+from .observed import Observed, observe, thinning
 from .result import Signs, Told, Trace
 from .shared import count_constants
 from .weigh import scales
@@ -103,8 +102,8 @@ def recover(
         scaled = [[gains.scale(r) for r in some] for some in (recordings, held_out)]
         found = recover(robot, *scaled, method=method, options=options, progress=progress)
         return replace(found, signs=found.signs and gains.tell(found.signs), gains=gains)
-    session = prepare(robot, recordings, held_out, options)
-    parts = {r: (r, survey(r, session.robot)) for r in everything}
+    session = prepare(robot, recordings, judges or recordings, options)  # all parts are whole
+    parts = {part[0]: part for part in (*session.train, *session.held_out)}
     learn = [parts[r] for r in recordings if r not in judges]
     _same_torques([recording for recording, _ in learn])
     if progress is not None:
@@ -116,7 +115,8 @@ def recover(
     traced = _traces(observed, learn, inferred, inferred.refined.signs)
     for part in (parts[r] for r in judges if not r.signed.all()):
         traced |= _followed(session.task, part, inferred)
-    signed = {r: _with(session.task, parts[r], trace, inferred) for r, trace in traced.items()}
+    steps = {r: thinning(session.task, [parts[r]] if r in judges else learn) for r in traced}
+    signed = {r: _with(session.task, parts[r], trace, steps[r], inferred) for r, trace in traced.items()}
     return Recovered(
         tuple(signed.get(r, (r,))[0] for r in recordings),
         tuple(signed.get(r, (r,))[0] for r in held_out),
@@ -161,11 +161,10 @@ def _followed(task: Task, part: Part, inferred: Inferred) -> dict[Recording, Tra
     return _traces(observed, [part], inferred, told.signs)
 
 
-def _with(task: Task, part: Part, trace: Trace, inferred: Inferred) -> tuple[Recording, Recording]:
+def _with(task: Task, part: Part, trace: Trace, step: int, inferred: Inferred) -> tuple[Recording, Recording]:
     """The recording with the signs found, and with their expectations."""
     recording, sampling = part
     thinned, refined = Signed(trace.t, trace.first, trace.signs), inferred.refined
-    step = round(float(np.min(np.diff(trace.t))) / sampling.period) if len(trace.t) > 1 else 1
     told = place_jumps(task, part, step, thinned, trace.magnitude, refined.value)
     signs = spread(recording, sampling, told.t, told.first, told.signs.astype(np.int8))
     expected = expect_signs(task, part, refined.value, refined.sigma, signs)
