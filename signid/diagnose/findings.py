@@ -131,8 +131,7 @@ def _whole(law: Law, model: Model) -> Law:
 def _alternatives(setting: Setting, judge: Judge, slot: Slot, law: Law, seed: int) -> Iterator[Alternative]:
     floor = judge.evidence.data.floor
     for k, (probability, group) in enumerate(slot.rivals.values()):
-        assert group.hypothesis is not None, "a rival is a hypothesis"
-        for rival in group.hypothesis.laws[:1]:
+        for rival in group.claim.laws[:1]:
             motion = "" if k >= LISTED else tell_apart(setting.model, law, rival, floor, seed)
             yield Alternative(rival, probability, motion)
 

@@ -35,6 +35,12 @@ class Group:
     deviation: tuple[float, ...] = ()  # (size,) prior standard deviations [of each coefficient]; inf: not known at all
 
     @property
+    def claim(self) -> Hypothesis:
+        """The hypothesis that its columns are of; nothing that is refitted in any case is asked for it."""
+        assert self.hypothesis is not None, "what is refitted is no hypothesis"
+        return self.hypothesis
+
+    @property
     def place(self) -> slice:
         """Where its columns stand."""
         return slice(self.start, self.start + self.size)

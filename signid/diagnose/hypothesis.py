@@ -48,6 +48,11 @@ class Hypothesis:
         return "+".join(names), self.laws[0].joints if len(self.laws) == 1 else joints
 
     @property
+    def names(self) -> set[Key]:
+        """Effect and joints of each of its laws."""
+        return {(law.effect.name, law.joints) for law in self.laws}
+
+    @property
     def bodies(self) -> set[int]:
         """The joints that move the links whose bodies it changes."""
         links = [law for law in self.laws if isinstance(law.effect, BodyLaw) and law.effect.scope in ("link", "tip")]

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import solve_triangular
 
+from ..residual import leave
 from ..types import Array, Frozen, Indices
 from .group import Group
 from .prior import WIDE, Belief, believe
@@ -129,6 +130,22 @@ class Linear(Frozen):
             out[at : at + group.size, at : at + group.size] = inverse / scale / scale[:, None]
             at += group.size
         return out
+
+    def imitated(self, group: Group) -> float:
+        """Share of a hypothesis's torque that wrong inertials and the other refitted terms can make [1]."""
+        if group not in self._imitated:
+            data, left, whole = self.data, 0.0, 0.0
+            for j in range(data.joints):
+                x = data.part(j, group)
+                x = x[:, :1] if group.size == 1 else x @ np.ones((group.size, 1))
+                rest = leave(x, np.column_stack([data.part(j, other) for other in data.refitted]))
+                left, whole = left + float(np.sum(rest**2)), whole + float(np.sum(x**2))
+            self._imitated[group] = 1 - left / whole if whole > 0 else 0.0
+        return self._imitated[group]
+
+    @cached_property
+    def _imitated(self) -> dict[Group, float]:
+        return {}
 
     def _which_rows(self, true: Sequence[Group], trust: float) -> Indices:
         """(k,) places of the columns that are fitted among those that could be."""

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..residual import leave
 from ..types import Array, Mask
 from .hypothesis import VARIABLES, hats
 from .table import Table
@@ -55,7 +56,7 @@ def _explained(x: Array, torque: Array) -> float:
     if len(knots) < 3:
         return 0.0
     columns = np.column_stack([np.ones_like(x), hats(x, knots.tolist())])
-    left = torque - columns @ np.linalg.lstsq(columns, torque, rcond=1e-9)[0]
+    left = leave(torque, columns)
     whole = float(torque @ torque)
     free = max(len(x) - columns.shape[1], 1) / len(x)
     return 1 - float(left @ left) / whole / free if whole > 0 else 0.0

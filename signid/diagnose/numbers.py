@@ -25,10 +25,8 @@ def read_laws(group: Group, value: Array) -> tuple[Law, ...]:
         group: the hypothesis.
         value: (size,) coefficients [of each].
     """
-    hypothesis = group.hypothesis
-    assert hypothesis is not None, "what is refitted is no hypothesis"
     out, at = list[Law](), 0
-    for law in hypothesis.laws:
+    for law in group.claim.laws:
         effect = law.effect
         count = coefficient_count(law)
         own = value[at : at + count]

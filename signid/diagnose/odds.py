@@ -12,7 +12,7 @@ import numpy as np
 from ..types import Array, Frozen
 from .evidence import Evidence
 from .group import Group
-from .hypothesis import Hypothesis, Key
+from .hypothesis import Key
 from .prior import NOTHING, likely
 
 
@@ -43,7 +43,7 @@ class Judge(Frozen):
 
     def parts(self, group: Group) -> tuple[Group, ...]:
         """The hypotheses of its single laws, where it has several."""
-        laws = _hypothesis(group).laws
+        laws = group.claim.laws
         found = self.alone([(law.effect.name, law.joints) for law in laws])
         return found if len(laws) > 1 and len(found) == len(laws) else (group,)
 
@@ -55,12 +55,12 @@ class Judge(Frozen):
     def priors(self) -> dict[Key, float]:
         """Log prior probability of each."""
         groups = self.evidence.data.groups
-        unknowns = sum(_hypothesis(groups[which[0]]).unknown for which in self.keys.values())
+        unknowns = sum(groups[which[0]].claim.unknown for which in self.keys.values())
         places = dict[str, int]()
         for name, _ in self.keys:
             places[name] = places.get(name, 0) + 1
         return {
-            key: likely(_hypothesis(groups[which[0]]), places[key[0]], self.skipped, self.kinds, max(unknowns, 1))
+            key: likely(groups[which[0]].claim, places[key[0]], self.skipped, self.kinds, max(unknowns, 1))
             for key, which in self.keys.items()
         }
 
@@ -72,7 +72,7 @@ class Judge(Frozen):
             dispersion: (n,) variance of the whitened residual [1].
         """
         factors, trust = self.evidence.weigh(true, dispersion)
-        taken = {_hypothesis(group).key for group in true}
+        taken = {group.claim.key for group in true}
         out = dict[Key, Odds]()
         for key, which in self.keys.items():
             told = factors[which]
@@ -83,8 +83,3 @@ class Judge(Frozen):
             mean = told[best] + np.log(np.mean(np.exp(told - told[best])))
             out[key] = Odds(float(mean + self.priors[key] - np.log(NOTHING)), self.evidence.data.groups[which[best]])
         return out, float(trust[0])
-
-
-def _hypothesis(group: Group) -> Hypothesis:
-    assert group.hypothesis is not None, "what is refitted is no hypothesis"
-    return group.hypothesis

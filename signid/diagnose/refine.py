@@ -61,8 +61,8 @@ def refine(setting: Setting, judge: Judge, found: Found) -> tuple[Judge, Found]:
 
 def _options(judge: Judge, group: Group) -> list[tuple[Hypothesis, Group]]:
     """What may stand in the place of a hypothesis, each with where to begin: itself, and twins in the record."""
-    hypothesis = group.hypothesis
-    if hypothesis is None or hypothesis.unknown or len(hypothesis.laws) > 1:
+    hypothesis = group.claim
+    if len(hypothesis.laws) != 1:
         return []
     law = hypothesis.laws[0]
     twins = [

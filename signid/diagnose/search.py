@@ -7,11 +7,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ..effects.base import ActuatorLaw
+from ..residual import leave
 from ..types import Array
 from .cross import gain_unseen
 from .found import Found
 from .group import Group
-from .hypothesis import Hypothesis, Key
+from .hypothesis import Key
 from .odds import Judge, Odds
 from .sizes import energies, measure_sizes
 from .strain import strained_links
@@ -78,38 +79,17 @@ def needed(judge: Judge, group: Group, trusted: float, count: int, usual: float)
     """Log odds that a hypothesis needs beside `count` others."""
     if trusted >= 0.5:
         return usual
-    if imitated(judge, group) > IMITATED:
+    if judge.evidence.imitated(group) > IMITATED:
         return max(usual, LOOKALIKE)
     return max(usual, DISTRUST) if count == 0 else usual
 
 
-def imitated(judge: Judge, group: Group) -> float:
-    """Share of a hypothesis's torque that wrong inertials and the other refitted terms can make [1]."""
-    data = judge.evidence.data
-    key = group
-    if key not in _IMITATED.setdefault(id(data), {}):
-        left = whole = 0.0
-        for j in range(data.joints):
-            x = data.part(j, group)
-            beside = np.column_stack([data.part(j, g) for g in data.refitted])
-            size = np.linalg.norm(beside, axis=0)
-            beside = beside[:, size > 0] / size[size > 0]
-            x = x[:, :1] if group.size == 1 else x @ np.ones((group.size, 1))
-            rest = x - beside @ np.linalg.lstsq(beside, x, rcond=1e-9)[0]
-            left, whole = left + float(np.sum(rest**2)), whole + float(np.sum(x**2))
-        _IMITATED[id(data)][key] = 1 - left / whole if whole > 0 else 0.0
-    return _IMITATED[id(data)][key]
-
-
-_IMITATED: dict[int, dict[Group, float]] = {}
-
-
 def _pick(judge: Judge, state: Found, odds: Mapping[Key, Odds], trusted: float, usual: float) -> Odds | None:
-    taken = {key for group in state.true for key in _laws_of(group)}
+    taken = {key for group in state.true for key in group.claim.names}
     there = taken | {(g.law.effect.name, g.law.joints) for g in judge.evidence.data.refitted if g.law is not None}
-    open_ = (o for o in odds.values() if not taken & _laws_of(o.best) and _is_founded(o.best, there))
+    open_ = (o for o in odds.values() if not taken & o.best.claim.names and _is_founded(o.best, there))
     strained = strained_links(judge, state)
-    ranked = sorted(open_, key=lambda o: (not _of(o.best).bodies & strained, -o.log))
+    ranked = sorted(open_, key=lambda o: (not o.best.claim.bodies & strained, -o.log))
     for candidate in ranked[:CROWDED]:
         if candidate.log < usual:
             continue
@@ -131,7 +111,7 @@ def is_sound(judge: Judge, state: Found, group: Group, log: float) -> bool:
     if not _happens_once(group) and gain_unseen(judge.evidence, state.true, group, state.base, trust) < -WORSE * log:
         return False
     if belief.mean:
-        low, high = CLIPPED if isinstance(_of(group).laws[0].effect, ActuatorLaw) else APPROXIMATE
+        low, high = CLIPPED if isinstance(group.claim.laws[0].effect, ActuatorLaw) else APPROXIMATE
         return bool(low < value[0] < high)
     if belief.positive < 0 or value[belief.positive] > 0:
         return True
@@ -142,15 +122,10 @@ def is_sound(judge: Judge, state: Found, group: Group, log: float) -> bool:
 
 def _is_founded(group: Group, there: set[Key]) -> bool:
     """Whether a hypothesis names laws, and what each changes is there."""
-    laws = _of(group).laws
+    laws = group.claim.laws
     return bool(laws) and all(
         not law.effect.changes or any((name, law.joints) in there for name in law.effect.changes) for law in laws
     )
-
-
-def _laws_of(group: Group) -> set[Key]:
-    """Effect and joints of each law of a hypothesis."""
-    return {(law.effect.name, law.joints) for law in _of(group).laws}
 
 
 def _is_redundant(judge: Judge, true: Sequence[Group], group: Group) -> bool:
@@ -161,15 +136,15 @@ def _is_redundant(judge: Judge, true: Sequence[Group], group: Group) -> bool:
     joints = data.rows(group)
     x = np.concatenate([data.part(j, group) for j in joints])
     beside = np.concatenate([np.column_stack([data.part(j, g) for g in true]) for j in joints])
-    size, scale = np.linalg.norm(beside, axis=0), np.linalg.norm(x, axis=0)
-    beside, x = beside[:, size > 0] / size[size > 0], x[:, scale > 0] / scale[scale > 0]
-    rest = x - beside @ np.linalg.lstsq(beside, x, rcond=1e-9)[0]
+    scale = np.linalg.norm(x, axis=0)
+    x = x[:, scale > 0] / scale[scale > 0]
+    rest = leave(x, beside)
     return bool(np.sum(rest**2) < SPANNED * np.sum(x**2))
 
 
 def _happens_once(group: Group) -> bool:
     """Whether the blocks of a recording cannot foretell a hypothesis."""
-    return {"start", "end"} <= set(_of(group).laws[0].effect.parameters)
+    return {"start", "end"} <= set(group.claim.laws[0].effect.parameters)
 
 
 def _with(judge: Judge, state: Found, chosen: Odds) -> Found:
@@ -185,9 +160,9 @@ def _exchanged(judge: Judge, state: Found, better: float) -> Found:
     for group in state.true:
         rest = without(judge, state, group)
         odds, trusted = judge.odds(rest.true, spread(judge, rest))
-        own = odds.get(_of(group).key)
+        own = odds.get(group.claim.key)
         log = own.log if own is not None else -np.inf
-        alone = {key: o for key, o in odds.items() if len(_of(o.best).laws) == 1 and o.log > log + better}
+        alone = {key: o for key, o in odds.items() if len(o.best.claim.laws) == 1 and o.log > log + better}
         rival = _pick(judge, rest, alone, trusted, NEXT) if alone else None
         if rival is not None:
             state = _with(judge, rest, rival)
@@ -201,7 +176,7 @@ def _exchanged(judge: Judge, state: Found, better: float) -> Found:
 def _plainer(judge: Judge, state: Found) -> Found:
     """The plain laws that a law contains in its place, where together they are as likely."""
     for group in state.true:
-        law = _of(group).laws[0]
+        law = group.claim.laws[0]
         plain = tuple(
             g for g in judge.alone([(name, law.joints) for name in law.effect.contains]) if g not in state.true
         )
@@ -214,8 +189,3 @@ def _plainer(judge: Judge, state: Found) -> Found:
             log = {**state.log_odds, **dict.fromkeys(plain, state.log_odds[group])}
             state = Found(other, log, state.base, trust, state.first)
     return state
-
-
-def _of(group: Group) -> Hypothesis:
-    assert group.hypothesis is not None, "what is refitted is no hypothesis"
-    return group.hypothesis

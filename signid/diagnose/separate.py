@@ -13,6 +13,7 @@ from ..excite.fourier import Fourier
 from ..excite.limits import build_limits
 from ..model import Model
 from ..motion import Motion
+from ..residual import leave
 from ..types import Array, Law
 from .numbers import torque_of
 
@@ -76,9 +77,7 @@ def _left(model: Model, law: Law, rival: Law, floor: Array, motion: Motion) -> t
     y = (torque / floor).ravel()
     x = np.concatenate(columns, axis=2) / floor[:, None]
     x = x.reshape(len(y), -1)
-    size = np.linalg.norm(x, axis=0)
-    x = x[:, size > 0] / size[size > 0]
-    rest = y - x @ np.linalg.lstsq(x, y, rcond=1e-9)[0]
+    rest = leave(y, x)
     left, whole = float(rest @ rest), float(y @ y)
     return left * INDEPENDENT / RATE, left / whole if whole > 0 else 0.0
 

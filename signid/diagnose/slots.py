@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..residual import leave
 from ..types import Array, Frozen
 from .found import Found
 from .group import Group
@@ -76,10 +77,9 @@ def _best_rival(slot: Slot) -> float:
 def _slot(judge: Judge, found: Found, group: Group, wide: Array, beside: Mapping[Key, Odds], sizes: Sizes) -> Slot:
     rest = without(judge, found, group)
     odds, _ = judge.odds(rest.true, wide)
-    assert group.hypothesis is not None, "what is refitted is no hypothesis"
-    odds = {key: o for key, o in odds.items() if key == group.hypothesis.key or _is_alone(o.best)}
+    odds = {key: o for key, o in odds.items() if key == group.claim.key or len(o.best.claim.laws) <= 1}
     logs = {key: o.log - max(0.0, beside[key].log if key in beside else 0.0) for key, o in odds.items()}
-    own = group.hypothesis.key
+    own = group.claim.key
     highest = max(logs.values())
     share = {key: float(np.exp(x - highest)) for key, x in logs.items()}
     nothing = 1 / (1 + float(np.exp(min(found.log_odds[group], 500.0))))
@@ -89,9 +89,9 @@ def _slot(judge: Judge, found: Found, group: Group, wide: Array, beside: Mapping
     rivals = {
         key: (p, odds[key].best)
         for key, p in sorted(probability.items(), key=lambda item: -item[1])
-        if key != own and not _unknown(odds[key].best) and (p > TOLD or key in alike)
+        if key != own and not odds[key].best.claim.unknown and (p > TOLD or key in alike)
     }
-    unknown = sum(p for key, p in probability.items() if _unknown(odds[key].best))
+    unknown = sum(p for key, p in probability.items() if odds[key].best.claim.unknown)
     return Slot(group, probability.get(own, 0.0), unknown, rivals)
 
 
@@ -100,12 +100,11 @@ def _alike(judge: Judge, group: Group, odds: Mapping[Key, Odds], sizes: Sizes) -
     data, joints = judge.evidence.data, judge.evidence.data.rows(group)
     torque = {j: data.part(j, group) @ sizes.value[group] for j in range(data.joints)}
     known = [g for g in data.refitted if not g.bodies]
-    assert group.hypothesis is not None, "what is refitted is no hypothesis"
-    least = odds[group.hypothesis.key].log - FAR if group.hypothesis.key in odds else -np.inf
+    least = odds[group.claim.key].log - FAR if group.claim.key in odds else -np.inf
     out = set[Key]()
     for key, rival in odds.items():
         own = data.rows(rival.best)
-        if _unknown(rival.best) or not set(joints) & set(own) or rival.log < least:
+        if rival.best.claim.unknown or not set(joints) & set(own) or rival.log < least:
             continue
         left = sum(float(x @ x) for j, x in torque.items() if j not in own)
         if left < SAME and _left(judge, rival.best, torque, known) + left < SAME:
@@ -119,15 +118,4 @@ def _left(judge: Judge, rival: Group, torque: Mapping[int, Array], known: list[G
     joints = data.rows(rival)
     beside = [np.concatenate([data.part(j, group) for j in joints]) for group in (*known, rival)]
     x, y = np.concatenate(beside, axis=1), np.concatenate([torque[j] for j in joints])
-    size = np.linalg.norm(x, axis=0)
-    x = x[:, size > 0] / size[size > 0]
-    return float(np.sum((y - x @ np.linalg.lstsq(x, y, rcond=1e-9)[0]) ** 2))
-
-
-def _is_alone(group: Group) -> bool:
-    """Whether a hypothesis is of one law at most: several together are no rival of one of them."""
-    return group.hypothesis is not None and len(group.hypothesis.laws) <= 1
-
-
-def _unknown(group: Group) -> bool:
-    return group.hypothesis is None or group.hypothesis.unknown
+    return float(np.sum(leave(y, x) ** 2))

@@ -69,7 +69,7 @@ def decide(judge: Judge, found: Found, slots: Sequence[Slot]) -> Verdict:
     secondary = tuple(group for group in ranked if group not in causes)
     told = {slot.group: slot for slot in slots}
     if not causes:
-        depends = any(o.log > 0 for o in found.first.values() if o.best.hypothesis and o.best.hypothesis.unknown)
+        depends = any(o.log > 0 for o in found.first.values() if o.best.claim.unknown)
         name = "unknown" if np.any(after > threshold * (1 if depends else PLAIN)) else "nothing_missing"
     elif _abstains(data.joints, causes, before, after, threshold, told[causes[0]], energy):
         name = "unknown"
@@ -104,9 +104,8 @@ def _abstains(
 
 def _concerned(group: Group, loud: Mask) -> Mask:
     """(n,) the joints whose residual an effect should explain."""
-    assert group.hypothesis is not None, "a cause is a hypothesis"
     out = np.zeros(len(loud), dtype=bool)
-    for law in group.hypothesis.laws:
+    for law in group.claim.laws:
         if law.effect.scope != "joint":
             out |= loud
         out[list(law.joints) if len(law.joints) <= 2 else []] = True
@@ -115,8 +114,7 @@ def _concerned(group: Group, loud: Mask) -> Mask:
 
 def _approximate(group: Group) -> bool:
     """Whether the shape of a law is never quite that of the robot's."""
-    assert group.hypothesis is not None, "a cause is a hypothesis"
-    law = group.hypothesis.laws[0]
+    law = group.claim.laws[0]
     if isinstance(law.effect, TorqueLaw):
         return law.effect.memory or law.effect.name in ROUGH
     return isinstance(law.effect, TransmissionLaw | ActuatorLaw) or (

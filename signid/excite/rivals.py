@@ -11,10 +11,9 @@ import numpy as np
 from ..effects.law import law_columns
 from ..model import Model
 from ..motion import Motion
+from ..residual import leave
 from ..types import Array, Frozen, Law, Trajectory
 from .setting import DIRECTION, Setting
-
-RANK = 1e-9  # of the largest singular value, columns scaled
 
 
 class Distance(NamedTuple):
@@ -93,9 +92,7 @@ def _shaped(law: Law, motion: Motion) -> Iterator[Law]:
 
 def _rest(torque: Array, columns: Array) -> float:
     """Sum of squares that the columns leave of a torque."""
-    size = np.linalg.norm(columns, axis=0)
-    scaled = columns[:, size > 0] / size[size > 0]
-    left = torque - scaled @ np.linalg.lstsq(scaled, torque, rcond=RANK)[0]
+    left = leave(torque, columns)
     return float(left @ left)
 
 

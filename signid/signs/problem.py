@@ -88,18 +88,28 @@ def pose(observed: Observed, segments: Sequence[Segment], weights: Array, known:
         segments: of the joints whose torque has no sign; samples near reversals in them are left out.
         weights: (n,) [1/N.m or 1/N] of each joint's torque.
         known: rows with a known right side.
-
-    Source: the elimination of z is that of variable projection: Golub, Pereyra, SIAM J. Numer. Anal. 10(2), 1973.
     """
     cut = [_inside(observed, s) for s in segments]
     rows = [observed.rows(s.joint, at) * weights[s.joint] for s, at in zip(segments, cut, strict=True)]
     right = [np.abs(observed.torque[at, s.joint]) * weights[s.joint] for s, at in zip(segments, cut, strict=True)]
     if known is not None and len(known.target):
         rows, right = [*rows, known.matrix], [*right, known.target]
+    return eliminate(rows, right, [s.joint for s in segments] + [-1] * (len(rows) - len(segments)))
+
+
+def eliminate(rows: Sequence[Array], right: Sequence[Array], joints: Sequence[int]) -> Problem:
+    """The problem of segments by their rows.
+
+    Args:
+        rows: S of (k, b) each [standard deviations per unit of base].
+        right: S of (k,) each [standard deviations] absolute torque, or what is known.
+        joints: S of them, the last -1 where its right side is known.
+
+    Source: the elimination of z is that of variable projection: Golub, Pereyra, SIAM J. Numer. Anal. 10(2), 1973.
+    """
     stacked = np.concatenate(rows)
     orthonormal, back = orthonormalise(stacked)
     parts = np.split(orthonormal, np.cumsum([len(r) for r in right])[:-1])
-    joints = [s.joint for s in segments] + [-1] * (len(rows) - len(segments))
     return Problem(
         projections=np.column_stack([u.T @ r for u, r in zip(parts, right, strict=True)]),
         energies=np.array([r @ r for r in right]),
