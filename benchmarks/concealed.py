@@ -17,15 +17,12 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
-import os
 import platform
 import sys
 import tempfile
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 from rich.progress import Progress
@@ -36,8 +33,9 @@ from .hidden.robots import ROBOTS
 from .hidden.show import tables, targets_table
 from .hidden.summary import Target, by_robot, by_size, cells, confusion, reliability, targets
 from .hidden.work import judged, process_all
+from .one_thread import one_thread
+from .told import finite
 
-ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 USUAL = ("1r", "3r", "ur5", "panda", "kinova", "xarm7")
 
 
@@ -88,15 +86,6 @@ def told(verdicts: Sequence[Verdict], found: Sequence[Target]) -> dict[str, obje
     }
 
 
-def finite(x: Any) -> Any:
-    """The same without numbers that JSON has no word for."""
-    if isinstance(x, dict):
-        return {key: finite(value) for key, value in x.items()}
-    if isinstance(x, list | tuple):
-        return [finite(value) for value in x]
-    return None if isinstance(x, float) and not math.isfinite(x) else x
-
-
 def record(wanted: Sequence[Case], cache: Path, options: argparse.Namespace, console: Console) -> int:
     """Record and diagnose; how often something went wrong."""
     wrong = 0
@@ -109,8 +98,7 @@ def record(wanted: Sequence[Case], cache: Path, options: argparse.Namespace, con
 
 def main() -> None:
     """Record, diagnose, judge, print; exit 1 when a target is missed or a case could not be tried."""
-    if any(os.environ.get(key) != value for key, value in ONE_THREAD.items()):
-        os.execve(sys.executable, [sys.executable, *sys.orig_argv[1:]], {**os.environ, **ONE_THREAD})
+    one_thread()
     options, console = parse(), Console(width=150)
     with tempfile.TemporaryDirectory() as spare:
         cache, wanted = options.cache or Path(spare), chosen(options)

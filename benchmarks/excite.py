@@ -11,9 +11,7 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import platform
-import sys
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
@@ -34,11 +32,12 @@ from signid.excite.safe import make_safe
 from signid.model import Model, stated_inertials, stated_laws
 from signid.robot import load_robot
 
+from .one_thread import one_thread
+
 JOINTS = {"panda": [f"panda_joint{i}" for i in range(1, 8)], "ur5": None}
 DURATION, RATE, GRID = 20.0, 100.0, 0.01  # [s], [Hz], [s] on which random motions are scaled
 USUAL = 5  # harmonics
 RATIO, SECONDS = 0.6, 60.0  # at most
-ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 
 @dataclass(frozen=True)
@@ -128,8 +127,7 @@ def show(rows: Sequence[Row], runs: Sequence[Run]) -> Table:
 
 def main() -> None:
     """Measure, print the table, write the numbers; exit 1 when a target is missed."""
-    if any(os.environ.get(key) != value for key, value in ONE_THREAD.items()):
-        os.execve(sys.executable, [sys.executable, *sys.orig_argv[1:]], {**os.environ, **ONE_THREAD})
+    one_thread()
     parser = argparse.ArgumentParser(prog="python -m benchmarks.excite", description=__doc__)
     parser.add_argument("--robot", choices=list(JOINTS), action="append", help="only this one")
     parser.add_argument("--count", type=int, default=100, help="random motions of each sort (100)")

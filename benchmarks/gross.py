@@ -9,28 +9,26 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-os.environ |= dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table
 
-import numpy as np  # noqa: E402
-import polars as pl  # noqa: E402
-from numpy.typing import NDArray  # noqa: E402
-from rich.console import Console  # noqa: E402
-from rich.table import Table  # noqa: E402
+from signid.gross import Gross, examine
+from signid.model import Model, load_model
+from signid.prepare import prepare
+from signid.recording import read_recording
 
-from signid.gross import Gross, examine  # noqa: E402
-from signid.model import Model, load_model  # noqa: E402
-from signid.prepare import prepare  # noqa: E402
-from signid.recording import read_recording  # noqa: E402
-
-from .hidden.cases import Case, cases  # noqa: E402
-from .hidden.session import make  # noqa: E402
+from .hidden.cases import Case, cases
+from .hidden.session import make
+from .one_thread import one_thread
 
 Array = NDArray[np.float64]
 Columns = dict[str, Array]
@@ -127,15 +125,10 @@ FAULTS: Mapping[str, tuple[str, int, Spoil]] = {  # kind that must be told, join
     "stuck": ("stuck torque", 1, stuck),
     "4 or 8 s": ("too little data", 0, short),
 }
-ALONE = (
-    "torque order",
-    "position order",
-    "joint order",
-    "gain 2.5",
-    "gain 0.4",
-    "4 or 8 s",
-    "axis",
-)  # a single joint shows none
+ALONE = (  # not of a single joint
+    *("torque order", "position order", "joint order"),
+    *("gain 2.5", "gain 0.4", "4 or 8 s", "axis"),
+)
 
 
 def spoiled(
@@ -169,7 +162,6 @@ def outcome(found: Gross | None, error: str, kind: str, about: tuple[str, ...]) 
         return ("found" if kind in error or (kind == "too little data" and "short" in error) else "other"), (error,)
     flagged = [f for f in found.findings if f.severity != "note" and f.kind not in ("excitation", "torque limit")]
     said = tuple(f"{f.kind} {' '.join(f.joints)}" for f in flagged)
-
     if any(f.kind == kind and (not about or f.joints == about) for f in flagged):
         return "found" if len(flagged) == 1 else "more", said
     if any((kind, about) in f.alternatives for f in flagged):
@@ -215,6 +207,7 @@ def show(found: Sequence[Row]) -> Table:
 
 def main() -> None:
     """Examine all sessions, print the table, write the numbers, exit with 1 where a target is missed."""
+    one_thread()
     parser = argparse.ArgumentParser(prog="python -m benchmarks.gross", description=__doc__)
     parser.add_argument("--quick", action="store_true", help="3r and ur5, two sessions each")
     parser.add_argument("--effects", action="store_true", help="also robots with an effect of 15 %% of torque")

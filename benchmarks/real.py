@@ -16,14 +16,12 @@ from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from pathlib import Path
 
-for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ[_name] = "1"
+from rich.console import Console
 
-from rich.console import Console  # noqa: E402
-
-from .recorded import others, repeat, ur  # noqa: E402
-from .recorded.row import Row  # noqa: E402
-from .recorded.show import show_left, show_repeats, show_rows, show_targets  # noqa: E402
+from .one_thread import one_thread
+from .recorded import others, repeat, ur
+from .recorded.row import Row
+from .recorded.show import show_left, show_repeats, show_rows, show_targets
 
 CASES: dict[str, Callable[[], Iterator[Row]]] = {
     "ur10e": ur.payload,
@@ -47,6 +45,7 @@ def parse() -> argparse.Namespace:
 
 def main() -> int:
     """Every case, tables, and 1 where a target is missed."""
+    one_thread()
     options, console = parse(), Console(width=200)
     if not os.environ.get("SIGNID_DATA"):
         sys.exit("SIGNID_DATA is unset: real recordings are not part of the repository")

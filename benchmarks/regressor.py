@@ -12,7 +12,6 @@ import argparse
 import json
 import os
 import platform
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -38,13 +37,13 @@ from signid.rows import read_rows
 from signid.session import Options, Session
 from signid.types import Recording, Robot
 
+from .one_thread import one_thread
 from .peers.job import RATE, ROBOTS, SAMPLES, Array, Track, bare_urdf, drives, load, move
 from .peers.plain import plain
 
 BARE = Options(cutoff=np.inf, derivatives="recorded", whiten=False)  # what the plain loop does
 TOKEN = 200  # samples held out: judging is not what is timed
 LIMIT, FASTER, AGREE = 1.5, 10.0, 1e-9  # times the floor at most; times figaroh's speed at least; relative error
-ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 PEER = Path(__file__).parent / "peers" / "figaroh_.py"
 LOOP, PLAIN = "Pinocchio's loop alone", "floor: + least squares"
 SAME, READY, DEFAULT, WHOLE = "signid, same job", "signid, + prepare()", "signid, by default", "signid, identify()"
@@ -188,8 +187,7 @@ def show(robot: str, rows: Sequence[Row]) -> Table:
 
 def main() -> None:
     """Measure, print the table, write the numbers; exit 1 when a target is missed."""
-    if any(os.environ.get(key) != value for key, value in ONE_THREAD.items()):
-        os.execve(sys.executable, [sys.executable, *sys.orig_argv[1:]], {**os.environ, **ONE_THREAD})
+    one_thread()
     parser = argparse.ArgumentParser(prog="python -m benchmarks.regressor", description=__doc__)
     parser.add_argument("--figaroh-python", default=os.environ.get("SIGNID_FIGAROH_PYTHON", ""), metavar="PATH")
     parser.add_argument("--turns", type=int, default=7, help="best of so many (7)")

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import os
 import platform
 import sys
@@ -27,6 +26,8 @@ from signid.errors import SignidError
 from .lost import bullet, constants, hobby, paper, real, show, simulated, speed, verdicts
 from .lost.row import Row, Verdict
 from .lost.summary import reliability, summarise
+from .one_thread import one_thread
+from .told import finite
 
 NEED_DATA = ("paper", "real", "hobby", "speed")
 Told = tuple[Table, ...]
@@ -119,7 +120,6 @@ class Bench:
         return (show.show_bins(bins),)
 
 
-ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 WORDS = {True: ("met", ""), False: ("NOT MET", "red"), None: ("told", "")}
 CASES = ("table", "paper", "bullet", "real", "hobby", "simulated", "constants", "speed")
 
@@ -145,19 +145,9 @@ def run(bench: Bench, cases: Sequence[str], console: Console) -> None:
         console.print(f"{name}: {time.perf_counter() - start:.1f} s\n", highlight=False, style="dim")
 
 
-def plain(x: Any) -> Any:
-    """The same without numbers that JSON has no word for."""
-    if isinstance(x, dict):
-        return {key: plain(value) for key, value in x.items()}
-    if isinstance(x, list | tuple):
-        return [plain(value) for value in x]
-    return None if isinstance(x, float) and not math.isfinite(x) else x
-
-
 def main() -> None:
     """Run, print, write; exit 1 when a target is missed."""
-    if any(os.environ.get(key) != value for key, value in ONE_THREAD.items()):
-        os.execve(sys.executable, [sys.executable, *sys.orig_argv[1:]], {**os.environ, **ONE_THREAD})
+    one_thread()
     parser = argparse.ArgumentParser(prog="python -m benchmarks.signs", description=__doc__)
     parser.add_argument("--only", nargs="+", choices=CASES, metavar="CASE", help=f"some of {', '.join(CASES)}")
     parser.add_argument("--quick", action="store_true", help="fewer motions, and no tree")
@@ -180,7 +170,7 @@ def main() -> None:
             "verdicts": [verdict._asdict() for verdict in bench.verdicts],
             **bench.more,
         }
-        options.json.write_text(json.dumps(plain(told), indent=1, allow_nan=False))
+        options.json.write_text(json.dumps(finite(told), indent=1, allow_nan=False))
     sys.exit(any(verdict.met is False for verdict in bench.verdicts))
 
 

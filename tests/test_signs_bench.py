@@ -14,7 +14,7 @@ from benchmarks.lost.simulated import logged
 from benchmarks.lost.trial import Puzzle, forget, identify, planted, tell
 from benchmarks.lost.truth import Truth, judge, measured
 from benchmarks.plants.control import Track
-from benchmarks.signs import plain
+from benchmarks.told import finite
 from signid.session import Options
 from signid.signs.result import Proof, Signs, Told, Trace
 
@@ -197,4 +197,4 @@ def test_constants_are_counted() -> None:
 
 
 def test_json_has_no_word_for_what_is_no_number() -> None:
-    assert plain({"a": [np.nan, (1.0, float("inf"))], "b": "c"}) == {"a": [None, [1.0, None]], "b": "c"}
+    assert finite({"a": [np.nan, (1.0, float("inf"))], "b": "c"}) == {"a": [None, [1.0, None]], "b": "c"}

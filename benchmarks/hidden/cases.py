@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from hashlib import sha256
 
 import numpy as np
@@ -91,8 +91,7 @@ def cases(
     for suite in suites:
         for robot in robots:
             for seed in seeds:
-                for case in made.get(suite, _others)(suite, robot, sizes, seed):
-                    found.append(Case(**{**vars(case), "plant": plant}))
+                found += [replace(case, plant=plant) for case in made.get(suite, _others)(suite, robot, sizes, seed)]
     return [case for case in found if _possible(case)]
 
 

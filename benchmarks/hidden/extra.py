@@ -57,8 +57,8 @@ def _rigid(scene: Scene, fault: Fault) -> Array:
 
 
 def _driven(scene: Scene, fault: Fault) -> Array:
-    zero = (0.0,) * len(scene.body.joints)
-    own, (_, v, a) = drive(Drives(zero, zero, zero, zero), scene.body.joints, [fault]), scene.asked
+    joints, (_, v, a) = scene.body.joints, scene.asked
+    own = drive(Drives.none(len(joints)), joints, [fault])
     rubbing = own.viscous_friction * v + own.coulomb_friction * np.sign(v)
     return np.asarray(own.armature * a + rubbing + own.torque_offset)
 

@@ -13,7 +13,6 @@ from .names import Truth, is_lead, is_right, is_twin, truths
 from .numbers import error
 
 SURE = 0.95
-LEADS = ("right", "stated", "lead")
 
 
 @dataclass(frozen=True)
@@ -27,9 +26,7 @@ class Verdict:
     size: float
     key: str
     name: str  # of its folder
-    outcome: (
-        str  # right stated twin lead unknown missed wrong; of healthy robots right or alarm; of pairs both one none
-    )
+    outcome: str  # right stated twin lead unknown missed wrong; of healthy robots right alarm; of pairs both one none
     first: str  # the first cause that is named, "unknown", or "nothing"
     sure: bool  # wrong, and said with P > .95
     spurious: int  # causes that are none
@@ -47,7 +44,7 @@ def judge(answer: Mapping[str, Any], result: Mapping[str, Any]) -> Verdict:
     right = [any(is_right(cause, truth) for truth in hidden) for cause in causes]
     outcome = _outcome(answer, document, causes, hidden)
     sure = bool(causes) and not right[0] and float(causes[0]["probability"]) > SURE
-    first = causes[0]["effect"] if causes else {"unknown": "unknown"}.get(document["verdict"], "nothing")
+    first = causes[0]["effect"] if causes else "unknown" if document["verdict"] == "unknown" else "nothing"
     return Verdict(
         suite=answer["suite"],
         robot=answer["robot"],

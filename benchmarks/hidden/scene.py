@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..plants.bodies import Body, Drives
 from ..plants.faults import Fault
-from ..plants.mujoco_model import build, dofs
+from ..plants.mujoco_model import build, dofs, inverse, mean_inertia
 from .motion import PERIOD, PERIODS, Fourier
 
 Array = NDArray[np.float64]
@@ -44,22 +44,13 @@ class Scene:
     @cached_property
     def inertia(self) -> Array:
         """(n,) [kg.m2] diagonal of the links' mass matrix, on average."""
-        zero = (0.0,) * len(self.body.joints)
-        model = build(self.body, Drives(zero, zero, zero, zero))
-        data, at, full = mujoco.MjData(model), dofs(model, self.body.joints), np.zeros((model.nv, model.nv))
-        found = []
-        for q in self.asked[0][:: round(RATE)]:
-            data.qpos[at] = q
-            mujoco.mj_forward(model, data)
-            mujoco.mj_fullM(model, data, full)
-            found.append(np.diag(full)[at])
-        return np.asarray(np.mean(found, axis=0))
+        model = build(self.body, Drives.none(len(self.body.joints)))
+        return mean_inertia(model, self.body.joints, self.asked[0][:: round(RATE)])
 
     @cached_property
     def rotors(self) -> Drives:
         """The drives without friction."""
-        zero = (0.0,) * len(self.body.joints)
-        return Drives(tuple(ROTOR * self.inertia), zero, zero, zero)
+        return replace(Drives.none(len(self.body.joints)), armature=tuple(ROTOR * self.inertia))
 
     @cached_property
     def bodies(self) -> Array:
@@ -88,13 +79,7 @@ class Scene:
     def inverse(self, q: Array, v: Array, a: Array, faults: Sequence[Fault] = ()) -> Array:
         """(N, n) [N.m] that links and rotors take along (N, n) [rad, rad/s, rad/s2], some of them wrong."""
         model = build(self.body, self.rotors, frictionless=True, faults=faults)
-        data, at = mujoco.MjData(model), dofs(model, self.body.joints)
-        torque = np.zeros_like(q)
-        for k, (x, y, z) in enumerate(zip(q, v, a, strict=True)):
-            data.qpos[at], data.qvel[at], data.qacc[at] = x, y, z
-            mujoco.mj_inverse(model, data)
-            torque[k] = data.qfrc_inverse[at]
-        return torque
+        return inverse(model, self.body.joints, q, v, a)
 
     @cached_property
     def jacobians(self) -> Array:

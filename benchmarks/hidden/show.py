@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
+from ..told import frame
 from .judge import Verdict
 from .summary import PRINTED, Bin, Cell, Target, by_robot, by_size, cells, confusion, errors, reliability
 
@@ -15,19 +15,11 @@ WORDS = {True: ("met", ""), False: ("NOT MET", "red"), None: ("not tried", "dim"
 OUTCOMES = ("right", "both", "one", "stated", "twin", "lead", "unknown", "missed", "none", "wrong", "alarm")
 
 
-def frame(title: str, *names: str, left: int = 1) -> Table:
-    """An empty table in the house's style; the first columns are of text."""
-    table = Table(box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True, title=title)
-    for k, name in enumerate(names):
-        table.add_column(name, justify="left" if k < left else "right", no_wrap=True)
-    return table
-
-
 def tables(verdicts: Sequence[Verdict]) -> Iterator[Table]:
     """All there is to tell but the targets."""
     yield _cells(cells(verdicts, by_size))
     yield _cells(cells(verdicts, by_robot))
-    table = frame("what was not right: concealed, and named first", "suite", "concealed", "named", "times", left=3)
+    table = frame("what was not right: concealed, and named first", ("suite", "concealed", "named", "times"), left=3)
     for suite, effect, first, n in confusion(verdicts):
         table.add_row(suite, effect, first, str(n))
     yield table
@@ -38,7 +30,7 @@ def tables(verdicts: Sequence[Verdict]) -> Iterator[Table]:
 
 def _cells(found: Sequence[Cell]) -> Table:
     seen = [name for name in OUTCOMES if any(cell.outcomes[name] for cell in found)]
-    table = frame("sessions", "suite", "", "", *seen, "wrong, sure", "spurious", left=2)
+    table = frame("sessions", ("suite", "", "", *seen, "wrong, sure", "spurious"), left=2)
     for cell in found:
         counts = [cell.number, *(cell.outcomes[name] for name in seen), cell.sure, cell.spurious]
         table.add_row(*cell.kind, *(str(n or "") for n in counts))
@@ -46,7 +38,7 @@ def _cells(found: Sequence[Cell]) -> Table:
 
 
 def _bins(bins: Sequence[Bin]) -> Table:
-    table = frame("stated probability of causes", "P", "names", "said", "right", "")
+    table = frame("stated probability of causes", ("P", "names", "said", "right", ""))
     for one in bins:
         share = [f"{one.said:.3f}", f"{one.right / one.names:.3f}"] if one.names else ["", ""]
         table.add_row(
@@ -58,7 +50,7 @@ def _bins(bins: Sequence[Bin]) -> Table:
 def _errors(verdicts: Sequence[Verdict]) -> Table:
     kinds = [(suite, size) for suite in ("exact", "hard") for size in (PRINTED, None)]
     names = [f"{suite}, {'all sizes' if size is None else f'{size:.0%}'}" for suite, size in kinds]
-    table = frame("errors of numbers, median and 90 %", "effect", *names)
+    table = frame("errors of numbers, median and 90 %", ("effect", *names))
     columns = [errors(verdicts, *kind) for kind in kinds]
     for effect in sorted(set().union(*columns)):
         told = [column.get(effect, []) for column in columns]
@@ -68,7 +60,7 @@ def _errors(verdicts: Sequence[Verdict]) -> Table:
 
 def _times(verdicts: Sequence[Verdict]) -> Table:
     names = ("joints", "sessions", "CPU, s: median", "most", "left / floor: median", "90 %")
-    table = frame("time, and what is left", *names)
+    table = frame("time, and what is left", names)
     for n in sorted({v.joints for v in verdicts}):
         some = [v for v in verdicts if v.joints == n]
         cpu, left = ([getattr(v, key) for v in some] for key in ("cpu", "after"))
@@ -79,7 +71,7 @@ def _times(verdicts: Sequence[Verdict]) -> Table:
 
 def targets_table(found: Sequence[Target]) -> Table:
     """What was asked for, and what came of it."""
-    table = frame("targets", "", "", "got", "asked", "of", left=2)
+    table = frame("targets", ("", "", "got", "asked", "of"), left=2)
     for target in found:
         word, style = WORDS[target.met]
         small = target.bound <= 1

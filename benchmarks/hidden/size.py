@@ -92,8 +92,9 @@ def _tried(scene: Scene, fault: Fault) -> float:
     j = scene.body.joints.index(str(fault.joint))
     drives, motion = scene.rotors, scene.motions[0]
     track = simulate(scene.body, drives, motion, PERIOD, LOG, [fault])
-    v, a = np.gradient(track.q, track.t, axis=0), np.gradient(np.gradient(track.q, track.t, axis=0), track.t, axis=0)
+    v = np.gradient(track.q, track.t, axis=0)
+    a = np.gradient(v, track.t, axis=0)
     rest = (track.tau - scene.inverse(track.q, v, a))[:, j]
     window = np.hanning(2 * SMOOTH + 1)
     rest = np.convolve(rest, window / window.sum(), "valid")
-    return float(np.sqrt(np.mean(rest**2)) / scene.scale[j])
+    return float(rms(rest) / scene.scale[j])

@@ -19,7 +19,6 @@ ENOUGH = 30  # names in a bin that is judged
 DOUBT = 2.0  # standard deviations that a bin may be off
 LARGE, SMALLEST, PRINTED, SLOWEST = 3, 0.05, 0.05, 7  # joints; sizes; joints of the robots whose time counts
 IN_LIBRARY = ("exact", "hard", "none", "pairs")
-BY_NAME = ("exact", "hard", "foreign")
 
 
 class Cell(NamedTuple):

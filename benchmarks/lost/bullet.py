@@ -41,8 +41,8 @@ def record(seed: int) -> Track:
     """What truly happens in the middle periods of a motion under PD control."""
     from ..plants import pybullet_  # a process of its own
 
-    robot, zero = signid.load_robot("3r"), (0.0,) * len(CENTRE)
-    body, still = Body(robot.document, robot.joints), Drives(zero, zero, zero, zero)
+    robot, still = signid.load_robot("3r"), Drives.none(len(CENTRE))
+    body = Body(robot.document, robot.joints)
     track = pybullet_.simulate(body, still, draw_motion(CENTRE, seed), PERIODS / FUNDAMENTAL, RATE)
     kept = slice(*(round(x / FUNDAMENTAL * RATE) for x in MIDDLE))
     return Track(*(x[kept] for x in track))

@@ -10,7 +10,6 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-import mujoco
 import numpy as np
 import polars as pl
 
@@ -19,10 +18,10 @@ from signid.session import Options
 from signid.types import BaseMap, Robot
 
 from ..plants.bodies import Body, Drives
-from ..plants.mujoco_model import build, dofs
+from ..plants.mujoco_model import build, inverse
 from .coefficients import TRUE_1R, TRUE_3R, arm_map, pendulum_map
 from .row import Row, Target
-from .trial import Puzzle, attempt
+from .trial import Puzzle, attempt, planted
 from .truth import Array, Truth
 
 OPTIONS = Options(effects=(), derivatives="recorded", cutoff=np.inf)
@@ -70,12 +69,8 @@ def puzzle(group: str, name: str, robot: Robot, sources: list[dict[str, Array]],
         true = TRUE_1R if group == "1R" else own if anew else TRUE_3R
         return float(np.linalg.norm(at(base) @ value - true))
 
-    def value(base: BaseMap, laws: object) -> Array:
-        bodies = [body.toDynamicParameters() for body in list(robot.model.inertias)[1:]]
-        return np.asarray(base.combination @ np.concatenate(bodies))
-
     base = signid.inspect(robot, effects=()).base
-    own = at(base) @ value(base, ())
+    own = at(base) @ planted(robot)(base, ())
     torques = [np.column_stack([s[f"tau_{j + 1}"] for j in range(n)]) for s in sources]
     truths = tuple(Truth(s["t"], tau, tau) for s, tau in zip(sources, torques, strict=True))
     case = name.partition("_")[2] + (", anew" if anew else "")
@@ -103,14 +98,9 @@ def unseen(robot: Robot) -> dict[str, Array]:
 
 def torqued(robot: Robot, motion: dict[str, Array]) -> dict[str, Array]:
     """The motion with the torque that MuJoCo's inverse dynamics give it, in double precision."""
-    zero, n = [0.0] * len(robot.joints), len(robot.joints)
-    model = build(Body(robot.document, robot.joints), Drives(zero, zero, zero, zero), frictionless=True)
-    data, at = mujoco.MjData(model), dofs(model, robot.joints)
-    q, v, a = (np.column_stack([motion[f"{key}_{j + 1}"] for j in range(n)]) for key in ("q", "dq", "ddq"))
-    torque = np.zeros_like(q)
-    for k in range(len(q)):
-        data.qpos[at], data.qvel[at], data.qacc[at] = q[k], v[k], a[k]
-        mujoco.mj_inverse(model, data)
-        torque[k] = data.qfrc_inverse[at]
+    n = len(robot.joints)
+    model = build(Body(robot.document, robot.joints), Drives.none(n), frictionless=True)
+    states = (np.column_stack([motion[f"{key}_{j + 1}"] for j in range(n)]) for key in ("q", "dq", "ddq"))
+    torque = inverse(model, robot.joints, *states)
     kept = {key: x for key, x in motion.items() if key != "sin_q_1"}
     return kept | {f"tau_{j + 1}": torque[:, j] for j in range(n)}

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
+from ..told import frame
 from .coefficients import IDENTIFIABLE, PUBLISHED, QUOTED, Arm, coefficients, entries, identifiable
 from .constants import Kind
 from .hobby import Report
@@ -41,14 +41,6 @@ COLUMNS: dict[str, Column] = {
     "nodes": ("nodes", lambda r: str(r.nodes)),
     "flags": ("flags", lambda r: str(len(r.flags) or "")),
 }
-
-
-def frame(title: str, names: Sequence[str], left: int = 1) -> Table:
-    """An empty table in the house's style; the first columns are of text."""
-    table = Table(box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True, title=title)
-    for k, name in enumerate(names):
-        table.add_column(name, justify="left" if k < left else "right", no_wrap=True)
-    return table
 
 
 def show_rows(

@@ -112,8 +112,8 @@ def draw(name: str, seed: int) -> Scene:
 
 def draw_drives(body: Body, motion: Motion, seed: int) -> Drives:
     """Rotors and friction in proportion to the torque that the bodies take along a motion."""
-    rng, zero = np.random.default_rng(seed), [0.0] * len(body.joints)
-    track = simulate(body, Drives(zero, zero, zero, zero), motion, 10.0, RATE)
+    rng = np.random.default_rng(seed)
+    track = simulate(body, Drives.none(len(body.joints)), motion, 10.0, RATE)
     torque = np.sqrt(np.mean(track.tau**2, axis=0))
     _, v, a = (np.sqrt(np.mean(x**2, axis=0)) for x in motion.at(track.t))
     return Drives(

@@ -20,9 +20,9 @@ from signid.signs.problem import Segment, pose
 from signid.signs.segments import threshold_runs
 from signid.types import Indices
 
+from ..told import frame
 from . import paper, real
 from .row import Row, Verdict
-from .show import frame
 from .trial import Puzzle, attempt
 from .truth import Array, majority
 

@@ -23,6 +23,12 @@ class Drives:
     coulomb_friction: Sequence[float]
     torque_offset: Sequence[float]
 
+    @classmethod
+    def none(cls, n: int) -> Drives:
+        """Of n joints that neither rub nor have rotors."""
+        zero = (0.0,) * n
+        return cls(zero, zero, zero, zero)
+
 
 @dataclass(frozen=True)
 class Body:

@@ -17,7 +17,7 @@ from .bodies import Body, Drives, drive
 from .control import COMMAND, KNOWN, STEP, Motion, Reference, Track, clock, draw_motion, gains
 from .faults import Fault, check
 from .laws import Laws
-from .mujoco_model import Gear, build, dofs, gears
+from .mujoco_model import Gear, build, dofs, gears, inverse, mean_inertia
 from .record import log, misplaced, misread
 
 __all__ = ["STEP", "Body", "Drives", "Motion", "Track", "draw_motion", "inertials", "log", "simulate"]
@@ -57,7 +57,7 @@ def simulate(
     t, every = clock(start, duration, rate)
     desired, velocity, acceleration = motion.at(t)
     known = build(body, drives, frictionless=True, weigh=False)
-    stiffness, damping = gains(_mean_inertia(known, body.joints, desired[:: max(len(t) // 20, 1)]))
+    stiffness, damping = gains(mean_inertia(known, body.joints, desired[:: max(len(t) // 20, 1)]))
     forward = _feed_forward(known, body.joints, motion, t)
     command = forward + stiffness * desired + damping * velocity
     astray = misplaced(body.joints, faults)
@@ -81,8 +81,7 @@ def simulate(
 
 def inertials(body: Body) -> dict[str, tuple[float, Array, Array]]:
     """Per moving link its mass [kg], first moment (3,) [kg.m] and inertia (3, 3) [kg.m2] about the joint's frame."""
-    zero = [0.0] * len(body.joints)
-    model = build(body, Drives(zero, zero, zero, zero))
+    model = build(body, Drives.none(len(body.joints)))
     found = {}
     for joint in body.joints:
         i = int(model.joint(joint).bodyid[0])
@@ -95,27 +94,10 @@ def inertials(body: Body) -> dict[str, tuple[float, Array, Array]]:
     return found
 
 
-def _mean_inertia(model: Any, joints: Sequence[str], positions: Array) -> Array:
-    """(n,) [kg.m2] diagonal of the mass matrix, on average."""
-    data, at = mujoco.MjData(model), dofs(model, joints)
-    full, diagonal = np.zeros((model.nv, model.nv)), np.zeros((len(positions), len(at)))
-    for k, q in enumerate(positions):
-        data.qpos[at] = q
-        mujoco.mj_forward(model, data)
-        mujoco.mj_fullM(model, data, full)
-        diagonal[k] = np.diag(full)[at]
-    return np.asarray(diagonal.mean(0))
-
-
 def _feed_forward(model: Any, joints: Sequence[str], motion: Reference, t: Array) -> Array:
     """(N, n) [N.m] at times (N,) [s]."""
-    data, at = mujoco.MjData(model), dofs(model, joints)
     coarse = t[::COMMAND]
-    torque = np.zeros((len(coarse), len(at)))
-    for k, (q, v, a) in enumerate(zip(*motion.at(coarse), strict=True)):
-        data.qpos[at], data.qvel[at], data.qacc[at] = q, v, a
-        mujoco.mj_inverse(model, data)
-        torque[k] = data.qfrc_inverse[at]
+    torque = inverse(model, joints, *motion.at(coarse))
     return KNOWN * np.column_stack([np.interp(t, coarse, column) for column in torque.T])
 
 

@@ -91,6 +91,29 @@ def dofs(model: Any, joints: Sequence[str]) -> list[int]:
     return [int(model.joint(name).dofadr[0]) for name in joints]
 
 
+def mean_inertia(model: Any, joints: Sequence[str], positions: Array) -> Array:
+    """(n,) [kg.m2] diagonal of the mass matrix, on average over positions (N, n) [rad]."""
+    data, at = mujoco.MjData(model), dofs(model, joints)
+    full, diagonal = np.zeros((model.nv, model.nv)), np.zeros((len(positions), len(at)))
+    for k, q in enumerate(positions):
+        data.qpos[at] = q
+        mujoco.mj_forward(model, data)
+        mujoco.mj_fullM(model, data, full)
+        diagonal[k] = np.diag(full)[at]
+    return np.asarray(diagonal.mean(0))
+
+
+def inverse(model: Any, joints: Sequence[str], q: Array, v: Array, a: Array) -> Array:
+    """(N, n) [N.m] that a motion takes, (N, n) each [rad, rad/s, rad/s2]."""
+    data, at = mujoco.MjData(model), dofs(model, joints)
+    torque = np.zeros_like(q)
+    for k in range(len(q)):
+        data.qpos[at], data.qvel[at], data.qacc[at] = q[k], v[k], a[k]
+        mujoco.mj_inverse(model, data)
+        torque[k] = data.qfrc_inverse[at]
+    return torque
+
+
 def gears(model: Any, body: Body, faults: Sequence[Fault]) -> list[Gear]:
     """The soft and loose gears; where a loose one is pressed it is as stiff as steps allow.
 

@@ -1,0 +1,27 @@
+"""What benchmarks tell alike: tables in the house's style, and numbers as JSON has them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
+
+
+def frame(title: str, names: Sequence[str], left: int = 1) -> Table:
+    """An empty table; the first columns are of text."""
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True, title=title)
+    for k, name in enumerate(names):
+        table.add_column(name, justify="left" if k < left else "right", no_wrap=True)
+    return table
+
+
+def finite(x: Any) -> Any:
+    """The same without numbers that JSON has no word for."""
+    if isinstance(x, dict):
+        return {key: finite(value) for key, value in x.items()}
+    if isinstance(x, list | tuple):
+        return [finite(value) for value in x]
+    return None if isinstance(x, float) and not math.isfinite(x) else x
