@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from itertools import product
 
 import numpy as np
@@ -10,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import nnls
 
-from signid.signs.problem import Problem, orthonormalise
+from signid.signs.problem import Problem, eliminate
 from signid.types import Array
 
 CLOSE = 1e-9  # share of the total energy
@@ -27,19 +26,6 @@ class Facets:
         return float(move @ move), z + move
 
 
-def stated(rows: Sequence[Array], right: Sequence[Array], joints: Sequence[int]) -> Problem:
-    """The problem of segments with these rows and absolute torques."""
-    orthonormal, back = orthonormalise(np.concatenate(rows))
-    parts = np.split(orthonormal, np.cumsum([len(r) for r in right])[:-1])
-    return Problem(
-        projections=np.column_stack([u.T @ r for u, r in zip(parts, right, strict=True)]),
-        energies=np.array([r @ r for r in right]),
-        grams=np.array([u.T @ u for u in parts]),
-        joints=np.array(joints, dtype=np.intp),
-        back=back,
-    )
-
-
 def drawn(rng: np.random.Generator, count: int, noise: float, anchored: bool = False, columns: int = 4) -> Problem:
     """S segments of two joints, of 1 to 6 samples; with noise of many times the torque nothing is explained."""
     joints = np.sort(rng.integers(0, 2, count)).tolist()
@@ -48,7 +34,7 @@ def drawn(rng: np.random.Generator, count: int, noise: float, anchored: bool = F
     right = [r @ truth * rng.choice([-1, 1]) + noise * rng.normal(size=len(r)) for r in rows]
     if anchored:
         rows, right, joints = [*rows, np.eye(columns)], [*right, rng.normal(size=columns)], [*joints, -1]
-    return stated(rows, right, joints)
+    return eliminate(rows, right, joints)
 
 
 def every(problem: Problem) -> Array:

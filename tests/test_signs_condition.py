@@ -10,24 +10,15 @@ import pytest
 
 from signid.signs.beam import beam
 from signid.signs.condition import condition_order
-from signid.signs.problem import Problem, orthonormalise
+from signid.signs.problem import Problem, eliminate
 from signid.types import Array
 
 
 def toy(blocks: Sequence[Array], known: int = 0, joints: Sequence[int] | None = None) -> Problem:
     """Segments with these rows, the last of them of known sign, where there is one."""
     rng = np.random.default_rng(0)
-    orthonormal, back = orthonormalise(np.concatenate(blocks))
-    parts = np.split(orthonormal, np.cumsum([len(b) for b in blocks])[:-1])
     right = [rng.uniform(1, 2, len(b)) for b in blocks]
-    owners = list(joints or [0] * (len(blocks) - known)) + [-1] * known
-    return Problem(
-        np.column_stack([u.T @ r for u, r in zip(parts, right, strict=True)]),
-        np.array([r @ r for r in right]),
-        np.array([u.T @ u for u in parts]),
-        np.array(owners, dtype=np.intp),
-        back,
-    )
+    return eliminate(blocks, right, list(joints or [0] * (len(blocks) - known)) + [-1] * known)
 
 
 def random_blocks(count: int, columns: int, rows: int = 2, seed: int = 1) -> list[Array]:

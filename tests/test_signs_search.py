@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from boolean import CLOSE, Facets, drawn, every, half, losses, problems, stated
+from boolean import CLOSE, Facets, drawn, every, half, losses, problems
 from numpy.testing import assert_allclose, assert_array_equal
 
 from signid.signs import exact
 from signid.signs.exact import enumerate_near, search
-from signid.signs.problem import Problem
+from signid.signs.problem import Problem, eliminate
 from signid.signs.result import Proof
 from signid.types import Array
 
@@ -94,7 +94,7 @@ def test_truth_without_noise_is_certain() -> None:
     joints = [0] * 15 + [1] * 15
     rows = [rng.normal(size=(20, 8)) for _ in joints]
     truth, model = rng.choice([-1.0, 1.0], 30), rng.normal(size=8)
-    problem = stated(rows, [s * (r @ model) for s, r in zip(truth, rows, strict=True)], joints)
+    problem = eliminate(rows, [s * (r @ model) for s, r in zip(truth, rows, strict=True)], joints)
     found = search(problem)
     assert found.loss <= 1e-12 * problem.energies.sum()
     assert found.proof.optimal
@@ -112,7 +112,7 @@ def test_segments_that_tell_little(anchored: bool) -> None:
     joints = [0, 0, 0, 1, 1, 1]
     if anchored:
         rows, right, joints = [*rows, np.eye(3)], [*right, np.array([-1.0, -2.0, -3.0])], [*joints, -1]
-    problem = stated(rows, right, joints)
+    problem = eliminate(rows, right, joints)
     found = search(problem)
     assert found.proof.optimal
     assert_allclose(found.loss, losses(problem, every(problem)).min())
@@ -122,8 +122,8 @@ def test_segments_that_tell_little(anchored: bool) -> None:
 
 
 def test_segments_that_tell_nothing() -> None:
-    nowhere = stated([np.zeros((4, 2)), np.zeros((3, 2))], [np.ones(4), np.ones(3)], [0, 1])
-    silent = stated([np.ones((4, 1)), np.ones((3, 1))], [np.zeros(4), np.zeros(3)], [0, 1])
+    nowhere = eliminate([np.zeros((4, 2)), np.zeros((3, 2))], [np.ones(4), np.ones(3)], [0, 1])
+    silent = eliminate([np.ones((4, 1)), np.ones((3, 1))], [np.zeros(4), np.zeros(3)], [0, 1])
     for problem, left in ((nowhere, 7.0), (silent, 0.0)):
         found = search(problem, Facets(np.ones((1, len(problem.projections)))))
         assert found.proof.optimal
@@ -132,7 +132,7 @@ def test_segments_that_tell_nothing() -> None:
 
 
 def test_one_segment() -> None:
-    problem = stated([np.ones((5, 1))], [np.arange(5.0)], [0])
+    problem = eliminate([np.ones((5, 1))], [np.arange(5.0)], [0])
     assert search(problem).proof == Proof(True, 0.0, 0, True)
     found = search(problem, Facets(-np.sign(problem.projections.T)))
     assert_array_equal(found.signs, [-1])
@@ -146,7 +146,7 @@ def friction(cases: int = 10) -> tuple[Problem, Array, Facets]:
     joints = np.repeat([0, 1], cases)
     rows = [np.repeat(np.kron(np.eye(2)[j], [v, 1.0])[None], 8, axis=0) for v, j in zip(forward, joints, strict=True)]
     right = [1.0 + j + 0.01 * rng.normal(size=8) for j in joints]
-    problem = stated(rows, right, joints.tolist())
+    problem = eliminate(rows, right, joints.tolist())
     told = np.kron(np.eye(2), [[1.0, 0.0], [2.0, 1.0], [2.0, -1.0]]) @ problem.back
     return problem, forward, Facets(told)
 
@@ -163,7 +163,7 @@ def test_friction_is_not_taken_for_an_offset(helped: bool) -> None:
 
 def test_a_move_may_leave_the_known_segment_out() -> None:
     problem, forward, cone = friction(4)
-    known = stated(
+    known = eliminate(
         [*np.split(np.repeat(np.eye(4), 8, axis=0), 8), np.eye(4)],
         [*np.full((8, 4), 2.0), np.ones(4)],
         [*problem.joints.tolist(), -1],
@@ -176,7 +176,7 @@ def test_many_joints_flip_alone_and_in_pairs() -> None:
     rng = np.random.default_rng(5)
     joints = list(range(12))
     rows = [rng.normal(size=(4, 5)) for _ in joints]
-    problem = stated(rows, [np.abs(r @ np.ones(5)) for r in rows], joints)
+    problem = eliminate(rows, [np.abs(r @ np.ones(5)) for r in rows], joints)
     cone = half(problem, rng)
     found = search(problem, cone)
     assert found.proof.optimal

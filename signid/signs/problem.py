@@ -43,7 +43,7 @@ class Problem(Frozen):
     grams: Array  # (S, r, r) A [1]
     joints: Indices  # (S,) joint of each segment, -1: known
     back: Array  # (b, r) base parameters = back @ z [units of base]
-    forward: Array | None = None  # (r, b) z = forward @ base parameters [standard deviations per unit of base]
+    forward: Array  # (r, b) z = forward @ base parameters [standard deviations per unit of base]
 
     @property
     def count(self) -> int:
