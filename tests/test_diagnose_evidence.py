@@ -48,9 +48,7 @@ def rows(seed: int = 0, size: float = 0.3, bodies: float = 0.0, count: int = ROW
 def table(columns: tuple[Array, ...], residual: Array, recording: Array) -> Whitened:
     moves = np.ones((residual.shape[1], JOINTS), dtype=bool)
     one = np.ones(JOINTS)
-    return Whitened(
-        GROUPS, 10, PLACE, columns, residual, moves, recording, np.ones((JOINTS, 10)), columns, 3 * one, one
-    )
+    return Whitened(GROUPS, 10, PLACE, columns, residual, moves, recording, columns, 3 * one, one)
 
 
 def dense(evidence: Evidence, which: Array) -> Array:

@@ -46,7 +46,6 @@ def table(residual: Array, columns: Array, pieces: int = 1, rests: Array | None 
         whole["predicted"],
         residual[:, None],
         still,
-        (True,),
         place,
         (columns,),
     )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,50 +9,47 @@ import numpy as np
 from ..effects import EFFECTS
 from ..effects.empirical import PLACES, VARIABLES
 from ..effects.law import law_columns
-from ..filters import Decimator
-from ..model import Model
-from ..session import Part, Session
+from ..session import Session
 from ..types import Array, Law
-from .prove import residuals
+from .findings import Result
+from .prove import Rows, show
 from .result import Unexplained
-from .sample import pieces
 
 ENOUGH = 0.05  # share of the held-out sum of squares that such a function must take away
 RIDGE = 1e-6  # of the Gram's largest diagonal
 
 
-def model_rest(session: Session, model: Model, left: Sequence[Unexplained]) -> tuple[Model, tuple[Unexplained, ...]]:
-    """The simulation with what no law explains, as far as it holds on what was held out; and how far it does.
+def model_rest(session: Session, result: Result) -> Result:
+    """The same with what no law explains in the simulation, as far as it holds on what was held out.
 
     Args:
         session: recordings.
-        model: the extended simulation.
-        left: joints and what their torque depends on.
+        result: the extended simulation, and the joints where it leaves torque.
     """
-    out, laws = list[Unexplained](), list[Law]()
-    rest, judged = (residuals(session.task, model, parts)[0] for parts in (session.train, session.held_out))
-    for one in left:
+    shown, out, laws = result.shown, list[Unexplained](), list[Law]()
+    for one in result.unexplained:
         if one.place.variable not in VARIABLES:
             out.append(one)
             continue
-        law = _shape(session, model, one)
-        x, y = _columns(session, model, session.train, law), np.nan_to_num(rest[:, one.joint])
+        law = _shape(shown.learned, one)
+        x, y = _columns(shown.learned, law), np.nan_to_num(shown.learned.rest[:, one.joint])
         gram = x.T @ x
         value = np.linalg.solve(gram + RIDGE * np.eye(len(gram)) * gram.diagonal().max(), x.T @ y)
-        unseen = np.nan_to_num(judged[:, one.joint])
-        after = unseen - _columns(session, model, session.held_out, law) @ value
+        unseen = np.nan_to_num(shown.judged.rest[:, one.joint])
+        after = unseen - _columns(shown.judged, law) @ value
         gain = 1 - float(after @ after) / max(float(unseen @ unseen), 1e-300)
         if gain > ENOUGH:
             values = {f"value_{k}": float(v) for k, v in zip(PLACES, value, strict=True)}
             laws.append(replace(law, parameters={**law.parameters, **values}))
         out.append(replace(one, held_out_gain=gain, modelled=gain > ENOUGH))
-    return replace(model, laws=(*model.laws, *laws)), tuple(out)
+    wider = replace(shown.model, laws=(*shown.model.laws, *laws))
+    return result._replace(shown=show(session, wider) if laws else shown, unexplained=tuple(out))
 
 
-def _shape(session: Session, model: Model, one: Unexplained) -> Law:
+def _shape(rows: Rows, one: Unexplained) -> Law:
     """The law with knots where the variable is."""
     index = VARIABLES.index(one.place.variable)
-    motions = [piece.motion for piece in pieces(session.task, model, session.train)]
+    motions = [piece.motion for piece in rows.pieces]
     signal = np.concatenate([(m.q, m.v, m.a, m.load)[index][:, one.joint] for m in motions])
     knots = np.quantile(signal, np.linspace(0, 1, len(PLACES)))
     knots = knots + np.arange(len(knots)) * 1e-9 * max(float(np.ptp(signal)), 1e-9)  # none twice
@@ -61,8 +57,6 @@ def _shape(session: Session, model: Model, one: Unexplained) -> Law:
     return Law(EFFECTS["empirical"], (one.joint,), {"variable": float(index), **shape})
 
 
-def _columns(session: Session, model: Model, parts: Sequence[Part], law: Law) -> Array:
+def _columns(rows: Rows, law: Law) -> Array:
     """(M, k) [1] of the law at the joint, through the filter of the rows."""
-    thin = Decimator(session.task.band.taps, session.task.band.factor)
-    found = [p.motion for p in pieces(session.task, model, parts) if len(p.motion) > 2 * thin.half]
-    return np.concatenate([thin(law_columns(law, motion)[1][:, 0]) for motion in found])
+    return np.concatenate([rows.thin(law_columns(law, piece.motion)[1][:, 0]) for piece in rows.pieces])

@@ -11,9 +11,29 @@ from ..basis import build_base
 from ..model import Model
 from ..types import Array, BaseMap, Law
 from .bodies import move_bodies
+from .found import Found
 from .group import Group
 from .hypothesis import refits
 from .linear import Fitted
+from .numbers import read_laws
+from .odds import Judge
+
+
+def extended(
+    model: Model, base: BaseMap, judge: Judge, found: Found, order: Sequence[Group]
+) -> tuple[dict[Group, tuple[Law, ...]], Model]:
+    """The laws of what is taken for true, and the simulation with them.
+
+    Args:
+        model: the simulation.
+        base: which combinations of inertial parameters torque shows.
+        judge: library and evidence.
+        found: what is taken for true.
+        order: the same hypotheses, in the order in which the simulation gets their laws.
+    """
+    fit = judge.evidence.fit(found.true, found.base, found.trust)
+    laws = {group: read_laws(group, fit.value[fit.place(group)]) for group in order}
+    return laws, extend(model, judge.evidence.data.refitted, fit, [law for own in laws.values() for law in own], base)
 
 
 def extend(
@@ -31,12 +51,11 @@ def extend(
         laws: to be added, with all their numbers.
         base: which combinations of inertial parameters torque shows; of the robot's rigid bodies.
     """
-    own, inertials, steps = list[Law](), model.inertials, iter(_steps(refitted, fit))
-    for law in model.laws:
-        own.append(_moved(law, next(steps)) if refits(law) else law)
+    steps = iter([fit.value[fit.place(group)] for group in refitted if group.law is not None])
+    own, inertials = [_moved(law, next(steps)) if refits(law) else law for law in model.laws], model.inertials
     for group in (group for group in refitted if group.bodies and group.start in fit.which):
-        own_place = np.searchsorted(fit.which, range(group.start, group.start + group.size))
-        step, spread = fit.value[own_place].reshape(inertials.shape), fit.covariance[np.ix_(own_place, own_place)]
+        own_place = fit.place(group)
+        step, spread = fit.value[own_place].reshape(inertials.shape), fit.covariance[own_place, own_place]
         inertials = move_bodies(base or build_base(model.robot), inertials, step, spread)
     for law in laws:
         law, own = _folded(law, own)
@@ -62,18 +81,7 @@ def _folded(law: Law, own: list[Law]) -> tuple[Law, list[Law]]:
     return replace(law, parameters=numbers), rest
 
 
-def _steps(refitted: Sequence[Group], fit: Fitted) -> list[Array | None]:
-    """What each refitted group's coefficients change by, None where it took no part."""
-    value = dict(zip(fit.which.tolist(), fit.value.tolist(), strict=True))
-    return [
-        np.array([value[k] for k in range(group.start, group.start + group.size)]) if group.start in value else None
-        for group in refitted
-    ]
-
-
-def _moved(law: Law, step: Array | None) -> Law:
-    if step is None:
-        return law
+def _moved(law: Law, step: Array) -> Law:
     coefficients = np.array(law.effect.coefficients(law.parameters)) + step
     numbers = law.effect.physical(coefficients.tolist(), law.effect.shape(law.parameters))
     for key, kind in law.effect.linear().items():

@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from ..filters import Decimator
 from ..model import Model
 from ..session import Session
 from ..types import Array, Law, Shape
-from .extend import extend
+from .extend import extended
 from .found import Found
 from .hypothesis import VARIABLES
 from .locate import Place, locate
-from .numbers import deviations, read_laws, torque_of
+from .numbers import deviations
 from .odds import Judge
-from .prove import residuals
+from .prove import Shown, show
 from .result import Alternative, Finding, Unexplained
-from .sample import pieces
+from .sample import torque_rows
 from .search import FIRST, NEXT, needed
 from .separate import tell_apart
 from .setting import Setting
@@ -33,16 +32,12 @@ LISTED = 4  # rivals whose separating motion is sought
 class Result(NamedTuple):
     """What there is to be told."""
 
-    model: Model
+    shown: Shown  # of the extended simulation
     findings: tuple[Finding, ...]
     unexplained: tuple[Unexplained, ...]
     located: tuple[Place, ...]
     tolerance: float
     flags: tuple[str, ...]
-
-    def parts(self) -> dict[str, Any]:
-        """What a diagnosis takes over as it is."""
-        return {key: getattr(self, key) for key in ("findings", "located", "tolerance")}
 
 
 def find(
@@ -60,16 +55,9 @@ def find(
         seed: of motions that tell laws apart.
     """
     order = [*verdict.causes, *verdict.secondary]
-    laws = {group: read_laws(group, verdict.sizes.value[group]) for group in order}
-    fit = judge.evidence.fit(found.true, found.base, found.trust)
-    model = extend(
-        setting.model,
-        judge.evidence.data.refitted,
-        fit,
-        [law for group in order for law in laws[group]],
-        session.task.base,
-    )
-    gains = _held_out_gains(session, model, [law for group in order for law in laws[group]])
+    laws, model = extended(setting.model, session.task.base, judge, found, order)
+    shown = show(session, model)
+    gains = [_held_out_gain(shown, law) for group in order for law in laws[group]]
     findings = list[Finding]()
     for group in order:
         slot = next(s for s in slots if s.group is group)
@@ -79,9 +67,9 @@ def find(
             findings.append(_finding(setting, judge, found, slot, law, std, verdict, gain, model, seed))
     floor, scale = judge.evidence.data.floor, judge.evidence.data.scale
     return Result(
-        model=model,
+        shown=shown,
         findings=tuple(findings),
-        unexplained=tuple(_unexplained(setting, session, model, verdict)),
+        unexplained=tuple(_unexplained(setting, shown, verdict)),
         located=tuple(_place(setting, j, setting.table.residual[:, j]) for j in range(setting.table.joints)),
         tolerance=float(np.max(np.sqrt(verdict.threshold / judge.evidence.data.counts) * floor / scale)),
         flags=tuple(_flags(setting, findings, verdict)),
@@ -100,9 +88,7 @@ def _finding(
     model: Model,
     seed: int,
 ) -> Finding:
-    torque = setting.thinned([
-        {j: x[:, None] for j, x in torque_of(law, piece.motion).items()} for piece in setting.pieces
-    ])  # fmt: skip
+    torque = torque_rows(setting.thin, setting.pieces, law)
     share = np.zeros(setting.table.joints)
     for j, x in torque.items():
         share[j] = np.sqrt(np.mean(x**2)) / judge.evidence.data.scale[j]
@@ -114,7 +100,7 @@ def _finding(
         role="cause" if slot.group in verdict.causes else "secondary",
         probability=slot.probability,
         torque_share=share,
-        where=_place(setting, joint, torque[joint][:, 0], VARIABLES if _passes(law) else VARIABLES[:-1]),
+        where=_place(setting, joint, torque[joint], VARIABLES if _passes(law) else VARIABLES[:-1]),
         statistic=float(found.log_odds[slot.group]),
         threshold=needed(judge, slot.group, float(found.trust == 0), 0, FIRST if len(found.true) == 1 else NEXT),
         held_out_gain=gain,
@@ -145,25 +131,16 @@ def _passes(law: Law) -> bool:
     return any(kind.unit == "s" for kind in law.effect.parameters.values() if isinstance(kind, Shape))
 
 
-def _held_out_gains(session: Session, model: Model, laws: Sequence[Law]) -> list[float]:
-    """Share of the held-out sum of squares, on its joints, that each law takes away."""
-    if not laws:
-        return []
-    task, out = session.task, list[float]()
-    made = [p for p in pieces(task, model, session.held_out) if len(p.motion) > len(task.band.taps)]
-    rest, _ = residuals(task, model, session.held_out)
-    thin = Decimator(task.band.taps, task.band.factor)
-    for law in laws:
-        torque = [torque_of(law, piece.motion) for piece in made]
-        joints = list(torque[0])
-        own = np.concatenate([thin(np.column_stack([t[j] for j in joints])) for t in torque])
-        after, before = float(np.nansum(rest[:, joints] ** 2)), float(np.nansum((rest[:, joints] + own) ** 2))
-        out.append(1 - after / before if before > 0 else 0.0)
-    return out
+def _held_out_gain(shown: Shown, law: Law) -> float:
+    """Share of the held-out sum of squares, on its joints, that a law takes away."""
+    told = torque_rows(shown.judged.thin, shown.judged.pieces, law)
+    rest, own = shown.judged.rest[:, list(told)], np.column_stack(list(told.values()))
+    after, before = float(np.nansum(rest**2)), float(np.nansum((rest + own) ** 2))
+    return 1 - after / before if before > 0 else 0.0
 
 
-def _unexplained(setting: Setting, session: Session, model: Model, verdict: Verdict) -> Iterator[Unexplained]:
-    rest, torque = (np.nan_to_num(x) for x in residuals(session.task, model, session.train))
+def _unexplained(setting: Setting, shown: Shown, verdict: Verdict) -> Iterator[Unexplained]:
+    rest, torque = np.nan_to_num(shown.learned.rest), np.nan_to_num(shown.learned.torque)
     floor, count = setting.noise.floor, len(rest)
     excess = count * (np.mean(rest**2, axis=0) / floor**2 - 1)
     for joint in np.flatnonzero(excess > verdict.threshold).tolist():

@@ -40,6 +40,11 @@ class Fitted(NamedTuple):
         """(k,) the likeliest coefficients."""
         return np.asarray(solve_triangular(self.lower, self.told, lower=True, trans="T") / self.size)
 
+    def place(self, group: Group) -> slice:
+        """Where the coefficients of a group that took part stand among those that are fitted."""
+        at = int(np.flatnonzero(self.which == group.start)[0])
+        return slice(at, at + group.size)
+
     @property
     def covariance(self) -> Array:
         """(k, k) of the coefficients."""

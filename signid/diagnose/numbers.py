@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..effects.law import coefficient_count, law_torque
-from ..motion import Motion
+from ..effects.law import coefficient_count
 from ..types import Array, Coefficient, Law
 from .found import Found
 from .group import Group
 from .linear import Fitted, solve
 from .odds import Judge
+from .sample import torque_of
 from .search import spread
 from .setting import Setting
 from .whitened import columns_of
@@ -99,12 +99,6 @@ def _slopes(setting: Setting, laws: tuple[Law, ...], keys: list[tuple[int, str]]
                 whole[j, :, i] = (rows[j] - y) / (2 * step)
         made.append(dict(enumerate(whole)))
     return setting.thinned(made)
-
-
-def torque_of(law: Law, motion: Motion) -> dict[int, Array]:
-    """Per joint, (N,) [N.m or N] what a law with all its numbers adds."""
-    rows, torque = law_torque(law, motion)
-    return {j: torque[:, k] for k, j in enumerate(rows)}
 
 
 def _least(law: Law, key: str) -> float:

@@ -1,8 +1,9 @@
-"""Two simulations -> how much of the torque each predicts, on what was learned from and on what was held out."""
+"""A simulation, recordings -> how much torque it predicts, on what was learned from and on what was held out."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,44 +13,70 @@ from ..model import Model
 from ..rows import Task
 from ..session import Part, Session
 from ..types import Array
-from .sample import pieces
+from .sample import Piece, pieces
 from .table import stands_still
 
 
-def predict_fit(session: Session, model: Model, floor: Array) -> Fit:
-    """Residual rms of a simulation in training and held out, through the filter of the rows.
+class Rows(NamedTuple):
+    """M rows of some recordings, through the filter of the rows; NaN where none counts."""
+
+    pieces: tuple[Piece, ...]
+    thin: Decimator
+    rest: Array  # (M, n) [N.m or N] measured - predicted
+    torque: Array  # (M, n) [N.m or N] measured
+
+
+class Shown(NamedTuple):
+    """What a simulation predicts of the recordings of a session."""
+
+    model: Model
+    learned: Rows
+    judged: Rows  # held out
+
+
+def show(session: Session, model: Model) -> Shown:
+    """Rows of a simulation in training and held out.
 
     Args:
         session: recordings and band.
         model: the simulation.
+    """
+    return Shown(model, *(residuals(session.task, model, parts) for parts in (session.train, session.held_out)))
+
+
+def fit_of(shown: Shown, floor: Array) -> Fit:
+    """Residual rms of a simulation in training and held out.
+
+    Args:
+        shown: what it predicts.
         floor: (n,) noise of the rows [N.m or N].
     """
-    robot = model.robot
-    learned, judged = (residuals(session.task, model, parts) for parts in (session.train, session.held_out))
-    residual, torque = judged
+    robot, (_, _, residual, torque) = shown.model.robot, shown.judged
     spread = np.nansum((torque - _mean(torque)) ** 2, axis=0)
     return Fit(
         joints=robot.joints,
         unit=tuple("N" if prismatic else "N.m" for prismatic in robot.prismatic),
-        train_rms=_rms(learned[0]),
+        train_rms=_rms(shown.learned.rest),
         held_out_rms=_rms(residual),
         noise_floor=floor,
         held_out_r2=1 - np.nansum(residual**2, axis=0) / np.where(spread > 0, spread, np.nan),
     )
 
 
-def residuals(task: Task, model: Model, parts: Sequence[Part]) -> tuple[Array, Array]:
-    """Measured - predicted torque and measured torque, (M, n) each [N.m or N]; NaN where none counts.
+def residuals(task: Task, model: Model, parts: Sequence[Part]) -> Rows:
+    """What a simulation leaves of some recordings. Where a joint stands still, friction may be anything.
 
-    Where a joint stands still, friction may be anything.
+    Args:
+        task: gives the band and the width of a reversal.
+        model: the simulation.
+        parts: recordings and their sampling.
     """
-    thin = Decimator(task.band.taps, task.band.factor)
-    found = [piece for piece in pieces(task, model, parts) if len(piece.motion) > 2 * thin.half]
+    thin, found = Decimator(task.band.taps, task.band.factor), tuple(pieces(task, model, parts))
     rest = np.concatenate([thin(piece.residual) for piece in found])
     predicted = np.concatenate([thin(np.asarray(piece.motion.predicted)) for piece in found])
     still = [stands_still(p.motion, thin)[thin.half : len(p.motion) - thin.half : thin.factor] for p in found]
     rest = np.where(np.concatenate(still) > 0, np.nan, rest)
-    return rest, rest + predicted
+    return Rows(found, thin, rest, rest + predicted)
 
 
 def _rms(x: Array) -> Array:

@@ -6,15 +6,14 @@ import numpy as np
 
 from ..session import Session
 from ..types import Array
-from .extend import extend
+from .extend import extended
 from .found import Found
 from .group import Group
-from .numbers import read_laws, torque_of
 from .odds import Judge
 from .prove import residuals
+from .sample import torque_rows
 from .search import without
 from .setting import Setting
-from .sizes import measure_sizes
 
 SEEN = 4.0  # squared standard deviations, for each number
 
@@ -44,14 +43,12 @@ def _told(judge: Judge, found: Found) -> Found:
     while found.true:
         fit = judge.evidence.fit(found.true, found.base, found.trust)
         value, covariance, told = fit.value, fit.covariance, dict[Group, float]()
-        at = len(value) - sum(group.size for group in found.true)
         for group in found.true:
-            own = slice(at, at + group.size)
+            own = fit.place(group)
             theta, spread = value[own], covariance[own, own]
             size = np.sqrt(np.diag(spread))
             turned = np.linalg.lstsq(spread / size / size[:, None], theta / size, rcond=1e-8)[0]
             told[group] = float(turned @ (theta / size)) / group.size
-            at += group.size
         least = min(told, key=lambda group: told[group])
         if told[least] > SEEN:
             break
@@ -61,24 +58,14 @@ def _told(judge: Judge, found: Found) -> Found:
 
 def _harms(setting: Setting, session: Session, judge: Judge, found: Found) -> dict[Group, float]:
     """By how much each hypothesis's law makes the squared residual larger, over that of the simulation as given [1]."""
-    sizes = measure_sizes(judge.evidence, found.true, found.base, found.trust)
-    fit = judge.evidence.fit(found.true, found.base, found.trust)
-    laws = {group: read_laws(group, sizes.value[group]) for group in found.true}
-    model = extend(
-        setting.model,
-        judge.evidence.data.refitted,
-        fit,
-        [law for own in laws.values() for law in own],
-        session.task.base,
-    )
-    rest, _ = residuals(session.task, model, session.train)
+    laws, model = extended(setting.model, session.task.base, judge, found, found.true)
+    rest = residuals(session.task, model, session.train).rest
     floor, out = judge.evidence.data.floor, dict[Group, float]()
     for group, own in laws.items():
         torque = np.zeros_like(rest)
         for law in own:
-            made = [{j: x[:, None] for j, x in torque_of(law, piece.motion).items()} for piece in setting.pieces]
-            for j, x in setting.thinned(made).items():
-                torque[:, j] += x[:, 0]
+            for j, x in torque_rows(setting.thin, setting.pieces, law).items():
+                torque[:, j] += x
         out[group] = _square(rest, floor) - _square(rest + torque, floor)
     return out
 

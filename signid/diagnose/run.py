@@ -30,7 +30,7 @@ from .linear import Known
 from .noise import measure_noise
 from .odds import Judge
 from .period import find_period
-from .prove import predict_fit
+from .prove import fit_of, show
 from .prune import prune
 from .reference import learn_bodies
 from .result import Diagnosis
@@ -86,21 +86,22 @@ def diagnose(
     told("judging", 0.7)
     found, slots = settle(judge, prune(setting, session, judge, found))
     verdict = decide(judge, found, slots).doubted(any(one.kind == "excitation" for one in gross.findings))
-    result = find(setting, session, judge, found, slots, verdict, options.seed)
-    extended, left = model_rest(session, result.model, result.unexplained)
+    result = model_rest(session, find(setting, session, judge, found, slots, verdict, options.seed))
+    before, after = (fit_of(one, setting.noise.floor) for one in (show(session, given), result.shown))
     told("rolling out", 0.9)
-    before, after = (predict_fit(session, m, setting.noise.floor) for m in (given, extended))
-    rolled = _roll_out(session, given, extended)
+    rolled = _roll_out(session, given, result.shown.model)
     return Diagnosis(
         robot=session.robot,
         verdict=verdict.name,
-        **result.parts(),
-        model=extended,
-        unexplained=left,
+        findings=result.findings,
+        unexplained=result.unexplained,
+        located=result.located,
+        tolerance=result.tolerance,
         before=before,
         after=after,
         rollout_before=rolled[0],
         rollout_after=rolled[1],
+        model=result.shown.model,
         trust=found.trust,
         signs=recovered.signs,
         inputs=tuple(dict.fromkeys((r.path, r.sha256) for r in (*recordings, *held_out, *reference))),
@@ -143,8 +144,7 @@ def _prepare(model: Model, recordings: Sequence[Recording], held_out: Sequence[R
 
 def _build(model: Model, session: Session, skip: Sequence[str]) -> tuple[Setting, Whitened]:
     task, parts = session.task, session.train
-    reach = len(task.band.taps)
-    made = tuple(p for p in pieces(task, model, parts) if len(p.motion) > reach)
+    made = tuple(pieces(task, model, parts))
     if not made:
         raise RecordingError(
             f"no stretch of the recordings is as long as the filter for {task.band.cutoff:.3g} Hz; record for longer, "

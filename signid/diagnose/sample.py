@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import convolve1d
 
-from ..filters import lowpass
+from ..effects.law import law_torque
+from ..filters import Decimator, lowpass
 from ..model import Model
 from ..motion import Motion, build_motion, margin
 from ..rows import Task
 from ..sampling import samples
 from ..session import Part
-from ..types import Array, Robot
+from ..types import Array, Law, Robot
 
 LONG = 2**14  # samples of the recording at a time
 
@@ -29,7 +31,7 @@ class Piece(NamedTuple):
 
 
 def pieces(task: Task, model: Model, parts: Sequence[Part]) -> Iterator[Piece]:
-    """All spans of recordings, long ones cut.
+    """All spans of recordings that are long enough for the filter of the rows, long ones cut.
 
     Args:
         task: gives the band and the width of a reversal.
@@ -39,18 +41,40 @@ def pieces(task: Task, model: Model, parts: Sequence[Part]) -> Iterator[Piece]:
     bodies = model.bodies()
     bodies.armature = np.zeros(bodies.nv)  # rotors are no load
     robot = replace(model.robot, model=bodies)
-    edge = margin(task.band, task.recorded_derivatives)
+    edge, half = margin(task.band, task.recorded_derivatives), len(task.band.taps) // 2
     for k, (recording, sampling) in enumerate(parts):
         for span in sampling.spans:
             total = sampling.length(span) - 2 * edge
             count = -(-total // LONG)
             cuts = np.linspace(0, total, count + 1).astype(int).tolist() if total > 0 else []
-            for start, stop in zip(cuts[:-1], cuts[1:], strict=True):
+            for start, stop in ((a, b) for a, b in pairwise(cuts) if b - a > 2 * half):
                 window = samples(recording, sampling, span, start, stop + 2 * edge)
                 motion = build_motion(
                     model.robot, window, task.band, sampling.period, task.recorded_derivatives, task.slow
                 )
                 yield _piece(task, model, motion, robot, k)
+
+
+def thinned(thin: Decimator, columns: Sequence[Mapping[int, Array]]) -> dict[int, Array]:
+    """Per joint, rows (M, k) [torque per coefficient] of columns that were made at full rate.
+
+    Args:
+        thin: the low-pass of columns and torque.
+        columns: piece by piece, per joint (N, k) [torque per coefficient].
+    """
+    return {j: np.concatenate([thin(made[j]) for made in columns]) for j in columns[0]}
+
+
+def torque_of(law: Law, motion: Motion) -> dict[int, Array]:
+    """Per joint, (N,) [N.m or N] what a law with all its numbers adds."""
+    rows, torque = law_torque(law, motion)
+    return {j: torque[:, k] for k, j in enumerate(rows)}
+
+
+def torque_rows(thin: Decimator, pieces: Sequence[Piece], law: Law) -> dict[int, Array]:
+    """Per joint, (M,) [N.m or N] what a law with all its numbers adds to the rows of some pieces."""
+    made = [{j: x[:, None] for j, x in torque_of(law, piece.motion).items()} for piece in pieces]
+    return {j: x[:, 0] for j, x in thinned(thin, made).items()}
 
 
 def _piece(task: Task, model: Model, motion: Motion, robot: Robot, k: int) -> Piece:

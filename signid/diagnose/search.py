@@ -116,7 +116,7 @@ def is_sound(judge: Judge, state: Found, group: Group, log: float) -> bool:
     if belief.positive < 0 or value[belief.positive] > 0:
         return True
     fit = judge.evidence.fit(true, state.base, trust)
-    at = len(fit.which) - group.size + belief.positive
+    at = fit.place(group).start + belief.positive
     return group.size > 1 and bool(value[belief.positive] > -2 * np.sqrt(fit.covariance[at, at]))
 
 

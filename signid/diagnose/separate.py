@@ -15,7 +15,7 @@ from ..model import Model
 from ..motion import Motion
 from ..residual import leave
 from ..types import Array, Law
-from .numbers import torque_of
+from .sample import torque_of
 
 MOTIONS, DURATION, RATE = 6, 8.0, 50.0  # random ones, [s], [Hz]
 INDEPENDENT = 20.0  # [Hz] samples of torque with independent errors

@@ -16,7 +16,7 @@ from ..types import Array, Frozen, Mask
 from .group import Group
 from .hypothesis import Hypothesis
 from .noise import Noise, whiten
-from .sample import Piece
+from .sample import Piece, thinned
 from .table import Table
 from .whitened import Whitened, moving
 
@@ -27,7 +27,7 @@ class Setting(Frozen):
 
     task: Task
     model: Model
-    pieces: tuple[Piece, ...]  # those that are long enough for the filter
+    pieces: tuple[Piece, ...]
     periods: tuple[float | None, ...]  # [s] of the motion in each recording, None where it does not repeat
     table: Table
     noise: Noise
@@ -43,8 +43,7 @@ class Setting(Frozen):
         Args:
             columns: piece by piece, per joint (N, k) [torque per coefficient].
         """
-        joints = columns[0].keys()
-        return {j: np.concatenate([self.thin(made[j]) for made in columns]) for j in joints}
+        return thinned(self.thin, columns)
 
     def columns(self, hypothesis: Hypothesis) -> dict[int, Array]:
         """Per joint, rows (M, k) [torque per coefficient] of a hypothesis."""

@@ -83,8 +83,7 @@ def tabulate(task: Task, model: Model, groups: Sequence[Group], pieces: Sequence
         dry: (n,) dry friction of each joint [N.m or N].
     """
     thin = Decimator(task.band.taps, task.band.factor)
-    long = [piece for piece in pieces if len(piece.motion) > 2 * thin.half]
-    made = [_thinned(model, groups, piece, thin, dry) for piece in long]
+    made = [_thinned(model, groups, piece, thin, dry) for piece in pieces]
     n, lengths = len(model.robot.joints), [len(rows[0][1]) for rows in made]
 
     def joined(k: int) -> tuple[Indices, Array]:
@@ -94,18 +93,18 @@ def tabulate(task: Task, model: Model, groups: Sequence[Group], pieces: Sequence
         return np.concatenate([x[thin.half : len(x) - thin.half : thin.factor] for x in signals])
 
     columns = [joined(j) for j in range(n)]
-    signals = [thin(np.column_stack([np.nan_to_num(p.residual), _measured(p)])) for p in long]
+    signals = [thin(np.column_stack([np.nan_to_num(p.residual), _measured(p)])) for p in pieces]
     residual, torque = np.split(np.concatenate(signals), 2, axis=1)
     return Table(
         groups=tuple(groups),
         count=groups[-1].start + groups[-1].size,
-        piece=np.repeat(np.arange(len(long)), lengths),
-        recording=np.repeat([p.recording for p in long], lengths),
-        t=inner([piece.motion.t for piece in long]),
-        q=inner([piece.motion.q for piece in long]),
-        v=inner([piece.motion.v for piece in long]),
-        a=inner([piece.motion.a for piece in long]),
-        rests=inner([stands_still(piece.motion, thin) for piece in long]) > 0,
+        piece=np.repeat(np.arange(len(pieces)), lengths),
+        recording=np.repeat([p.recording for p in pieces], lengths),
+        t=inner([piece.motion.t for piece in pieces]),
+        q=inner([piece.motion.q for piece in pieces]),
+        v=inner([piece.motion.v for piece in pieces]),
+        a=inner([piece.motion.a for piece in pieces]),
+        rests=inner([stands_still(piece.motion, thin) for piece in pieces]) > 0,
         torque=torque,
         predicted=torque - residual,
         residual=residual,

@@ -21,16 +21,16 @@ from .diagnosis_words import (
     verdict_words,
 )
 from .numbers import figure
+from .page import AXES, FONT, bullets, whole_page
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
 
-INK, FAINT, BEFORE, AFTER, FLOOR = "#1f2933", "#8a94a0", "#dde2e7", "#2f6fb3", "#e07b39"
+FAINT, BEFORE, AFTER, FLOOR = "#8a94a0", "#dde2e7", "#2f6fb3", "#e07b39"
 MARKS = ("before", "with what was lacking")
 ROOM = 1.3  # times, beyond the outermost marks
 ROW, MARGINS = 34, 150  # [pixels] height of a joint, and of what stands around all of them
-STYLE = """
-body { font: 15px/1.5 system-ui, "Segoe UI", Helvetica, Arial, sans-serif; color: #1f2933; background: #fff; margin: 0 }
+STYLE = """\
 main { max-width: 1180px; margin: 0 auto; padding: 24px }
 h1 { font-size: 22px; line-height: 1.3; margin: 0 0 4px; padding: 14px 18px; border-radius: 6px; background: #eaf1f9 }
 h1.nothing_missing { background: #e9f6ec } h1.unknown { background: #fdf3dc }
@@ -61,34 +61,24 @@ def diagnosis_page(result: Diagnosis) -> str:
     Args:
         result: the diagnosis.
     """
-    from plotly.offline import get_plotlyjs
-
     title = f"{result.robot.name}: {verdict_words(result)}"
     read = ", ".join(path for path, _ in result.inputs if path)
-    return "\n".join([
-        f'<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n<title>{escape(title)}</title>',
-        f"<style>{STYLE}</style>\n<script>{get_plotlyjs()}</script>\n</head>\n<body>\n<main>",
+    return whole_page(title, STYLE, [
         f'<h1 class="{result.verdict}">{escape(title)}</h1>',
-        _list("flags", result.flags),
+        bullets("flags", result.flags),
         *_section("Where simulation and recordings differ", place_words(result)),
         *_findings(result),
         *(f"<p>{escape(sentence)}</p>" for sentence in trust_words(result)),
         "<h2>Before and after, on recordings that were held out</h2>",
         _drawn(result),
         *_section("Left unexplained", unexplained_words(result)),
-        _list("notes", result.notes),
+        bullets("notes", result.notes),
         f'<p class="foot">{escape(read)}; torque below {figure(result.cutoff)} Hz; seed {result.seed}</p>',
-        "</main>\n</body>\n</html>\n",
     ])  # fmt: skip
 
 
-def _list(kind: str, sentences: Sequence[str]) -> str:
-    items = "".join(f"<li>{escape(sentence)}</li>" for sentence in dict.fromkeys(sentences))
-    return f'<ul class="{kind}">{items}</ul>' if items else ""
-
-
 def _section(title: str, sentences: Sequence[str]) -> list[str]:
-    return [f"<h2>{escape(title)}</h2>", _list("said", sentences)] if sentences else []
+    return [f"<h2>{escape(title)}</h2>", bullets("said", sentences)] if sentences else []
 
 
 def _findings(result: Diagnosis) -> Iterator[str]:
@@ -105,7 +95,7 @@ def _findings(result: Diagnosis) -> Iterator[str]:
         for finding in some:
             if said := alternative_words(result.robot, finding):
                 yield f"<p>{escape(law_words(result.robot, finding.law))},</p>"
-                yield _list("said", said)
+                yield bullets("said", said)
 
 
 def _drawn(result: Diagnosis) -> str:
@@ -122,14 +112,14 @@ def _drawn(result: Diagnosis) -> str:
         if panel.line is not None:
             drawn.add_vline(panel.line, line={"color": FLOOR, "width": 2, "dash": "dash"}, row=1, col=column)
         drawn.update_xaxes(range=_range(panel), row=1, col=column)
-    drawn.update_xaxes(type="log", showline=True, linecolor="#c5ccd3", gridcolor="#eef1f4", dtick="D2", tickformat="~g")
-    drawn.update_yaxes(autorange="reversed", showline=True, linecolor="#c5ccd3", gridcolor="#eef1f4")
+    drawn.update_xaxes(type="log", **AXES, dtick="D2", tickformat="~g")
+    drawn.update_yaxes(autorange="reversed", **AXES)
     drawn.update_layout(
         template="none",
         height=height,
         margin={"l": 10, "r": 16, "t": 84, "b": 40},
         yaxis={"automargin": True},
-        font={"family": "system-ui, Segoe UI, Helvetica, Arial, sans-serif", "size": 13, "color": INK},
+        font=FONT,
         legend={"orientation": "h", "x": 0, "y": 1, "yanchor": "top", "yref": "container"},
     ).update_annotations(font_size=14)
     config = {"responsive": True, "displayModeBar": False}

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..signs import Signs, Told, Trace
 from ..types import Array, Indices
+from .page import AXES, FONT, INK, bullets, whole_page
 from .signs import CERTAIN, confidence, part_name, proof_sentence
 
 if TYPE_CHECKING:
@@ -17,11 +18,9 @@ if TYPE_CHECKING:
 
 MOST = 4000  # points a line
 PANEL, MARGINS = 230, 130  # [pixels] height of a joint's panel, and of what stands around all of them
-INK, FAINT = "#1f2933", "#8a94a0"
-MODEL = "#e58fb3"
+FAINT, MODEL = "#8a94a0", "#e58fb3"
 SHADES = (("+", "sign +", "#2f6fb3"), ("−", "sign −", "#e07b39"), ("?", f"confidence below {CERTAIN}", "#e3c21c"))
-STYLE = """
-body { font: 15px/1.5 system-ui, "Segoe UI", Helvetica, Arial, sans-serif; color: #1f2933; background: #fff; margin: 0 }
+STYLE = """\
 main { max-width: 1280px; margin: 0 auto; padding: 24px }
 h1 { font-size: 22px; margin: 0 0 4px } h2 { font-size: 16px; margin: 28px 0 0; overflow-wrap: anywhere }
 p { margin: 4px 0 } ul { margin: 12px 0; padding: 10px 16px 10px 32px; border-radius: 6px }
@@ -38,30 +37,18 @@ def signs_page(signs: Signs, units: Sequence[str] = ()) -> str:
         signs: as recovered.
         units: of the torque of each of the n joints; N.m or N where they are not told.
     """
-    from plotly.offline import get_plotlyjs
-
     told = units or ["N.m or N"] * len(signs.joints)
     shaded = "Shaded: segments, each with its sign and confidence. Elsewhere signs follow the model, sample by sample."
     sections = [_section(signs, part, told) for part in range(len(signs.traces) if signs.hidden else 0)]
     hidden = ", ".join(signs.joints[j] for j in signs.hidden)
-    return "\n".join(
-        [
-            '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n<title>Signs of torque</title>',
-            f"<style>{STYLE}</style>\n<script>{get_plotlyjs()}</script>\n</head>\n<body>\n<main>",
-            "<h1>Signs of torque that was recorded without them</h1>",
-            f"<p>Joints: {escape(hidden)}. Method: {escape(signs.method)}. {escape(proof_sentence(signs))}</p>",
-            _list("flags", signs.flags),
-            _list("notes", signs.notes),
-            f"<p>{shaded}</p>",
-            *sections,
-            "</main>\n</body>\n</html>\n",
-        ]
-    )
-
-
-def _list(kind: str, sentences: Sequence[str]) -> str:
-    items = "".join(f"<li>{escape(sentence)}</li>" for sentence in sentences)
-    return f'<ul class="{kind}">{items}</ul>' if items else ""
+    return whole_page("Signs of torque", STYLE, [
+        "<h1>Signs of torque that was recorded without them</h1>",
+        f"<p>Joints: {escape(hidden)}. Method: {escape(signs.method)}. {escape(proof_sentence(signs))}</p>",
+        bullets("flags", signs.flags),
+        bullets("notes", signs.notes),
+        f"<p>{shaded}</p>",
+        *sections,
+    ])  # fmt: skip
 
 
 def _section(signs: Signs, part: int, units: Sequence[str]) -> str:
@@ -92,15 +79,13 @@ def _figure(signs: Signs, part: int, units: Sequence[str]) -> go.Figure:
         title = f"{escape(signs.joints[j])} [{units[j]}]"
         drawn.update_yaxes(title_text=title, range=[-top, top], row=row, col=1)
     drawn.update_xaxes(title_text="time [s]", row=count, col=1)
-    drawn.update_xaxes(
-        range=_range(signs.traces[part].t), showline=True, linecolor="#c5ccd3", gridcolor="#eef1f4", zeroline=False
-    )
-    drawn.update_yaxes(showline=True, linecolor="#c5ccd3", gridcolor="#eef1f4", zerolinecolor="#c5ccd3", nticks=7)
+    drawn.update_xaxes(range=_range(signs.traces[part].t), **AXES, zeroline=False)
+    drawn.update_yaxes(**AXES, zerolinecolor=AXES["linecolor"], nticks=7)
     return drawn.update_layout(
         template="none",
         height=height,
         margin={"l": 80, "r": 16, "t": 56, "b": 52},
-        font={"family": "system-ui, Segoe UI, Helvetica, Arial, sans-serif", "size": 13, "color": INK},
+        font=FONT,
         legend={"orientation": "h", "x": 0, "y": 1, "yanchor": "bottom", "yref": "paper"},
         barmode="overlay",
         hovermode="closest",

@@ -9,12 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ..motion import Motion
-from ..regressor import base_rows
 from ..rows import Task
 from ..session import Part
 from ..types import Array, Indices, Mask
-from .observed import motions
-from .turning import LARGE
+from .observed import motions, predict
+from .turning import LARGE, place_turn
 
 
 class Signed(NamedTuple):
@@ -74,21 +73,18 @@ def _turned(jump: _Jump, before: Array, after: Array) -> Array:
     signs = np.repeat(before[None], len(jump.t), axis=0)
     for j in np.flatnonzero(before != after):
         size, model = jump.size[:, j], jump.predicted[:, j]
-        gain = (before[j] * size - model) ** 2 - (after[j] * size - model) ** 2
-        signs[int(np.argmin(np.append(0.0, np.cumsum(gain)))) :, j] = after[j]
+        signs[place_turn(before[j], after[j], size, model) :, j] = after[j]
     return signs
 
 
 def _jumps(task: Task, part: Part, step: int, turning: Mask, value: Array) -> Iterator[_Jump]:
-    seen, passed = [task.seen(j) for j in range(len(task.robot.joints))], 0
+    passed = 0
     for _, motion, _ in motions(task, part, step):
         count = -(-len(motion) // step)
         for k in np.flatnonzero(turning[passed : passed + count - 1]).tolist():
             some = _some(motion, slice(k * step, (k + 1) * step + 1))
             assert some.recorded is not None, "windows carry torque"
-            columns = base_rows(some, task.laws, [task.base.independent[s] for s in seen])
-            predicted = np.column_stack([c @ value[s] for c, s in zip(columns, seen, strict=True)])
-            yield _Jump(passed + k, some.t, np.abs(np.nan_to_num(some.recorded)), predicted)
+            yield _Jump(passed + k, some.t, np.abs(np.nan_to_num(some.recorded)), predict(task, some, value))
         passed += count
 
 

@@ -8,11 +8,10 @@ import numpy as np
 from scipy.optimize import lsq_linear, nnls
 
 from ..motion import Motion
-from ..regressor import base_rows
 from ..rows import Task
 from ..types import Array, Frozen
 from .believed import alone
-from .observed import Observed
+from .observed import Observed, columns_of
 from .problem import Problem
 
 POSES, DIRECTIONS = 15, 4  # configurations of the mass matrix, and random velocities at each
@@ -45,11 +44,8 @@ def kinetic_rows(task: Task, q: Array, x: Array) -> Array:
         x: (k, n) [rad/s or m/s] velocities, 0 at joints whose torque is not known.
     """
     n = len(task.robot.joints)
-    wanted = [task.base.independent[task.seen(j)] for j in range(n)]
     t, still = np.arange(len(q), dtype=np.float64), np.zeros_like(q)
-    at_rest, pushed = (
-        base_rows(Motion(task.robot, t, q, still, a, slow=task.slow), task.laws, wanted) for a in (still, x)
-    )
+    at_rest, pushed = (columns_of(task, Motion(task.robot, t, q, still, a, slow=task.slow)) for a in (still, x))
     rows = np.zeros((len(q), task.base.rank))
     for j in range(n):
         rows[:, task.seen(j)] += x[:, j, None] * (pushed[j] - at_rest[j])

@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..regressor import base_rows
 from ..rows import Task
 from ..sampling.stretch import Stretch
 from ..session import Part
 from ..types import Array
 from .chain import SURE, coupling, expected_signs
-from .observed import motions
+from .observed import motions, predict
 
 CHUNK = 65_536  # rows
 INFLATION = 4.0  # rows for one whose residual is independent of the others
@@ -49,14 +48,12 @@ def expect_signs(task: Task, part: Part, value: Array, sigma: Array, signs: NDAr
 
 def _expected(task: Task, part: Part, value: Array, sigma: Array) -> list[Weights]:
     """Of the samples of the grid, window by window; NaN near reversals."""
-    seen, found = [task.seen(j) for j in range(len(task.robot.joints))], []
+    found: list[Weights] = []
     variance = np.where(sigma > 0, INFLATION * sigma**2, np.inf)
     for _, motion, steady in motions(task, part, 1):
         assert motion.recorded is not None, "windows carry torque"
-        columns = base_rows(motion, task.laws, [task.base.independent[s] for s in seen])
-        predicted = np.column_stack([c @ value[s] for c, s in zip(columns, seen, strict=True)])
         magnitude = np.abs(np.nan_to_num(motion.recorded))
-        odds = np.clip(2 * predicted * magnitude / variance, -SURE, SURE)
+        odds = np.clip(2 * predict(task, motion, value) * magnitude / variance, -SURE, SURE)
         expected = expected_signs(odds, coupling(magnitude, np.arange(len(odds)) == 0, 0.0))
         found.append(np.where(steady, expected, np.nan).astype(np.float32))
     return found

@@ -69,7 +69,7 @@ class Observed(Frozen):
         Args:
             value: (b,) base parameters [units of base].
         """
-        return np.column_stack([c @ value[seen] for c, seen in zip(self.columns, self.seen, strict=True)])
+        return _predicted(self.columns, self.seen, value)
 
 
 class Stretch(NamedTuple):
@@ -90,8 +90,7 @@ def observe(task: Task, parts: Sequence[Part], most: int = MOST) -> Observed:
     """
     step = thinning(task, parts, most)
     pieces = [(k, *stretch) for k, part in enumerate(parts) for stretch in motions(task, part, step)]
-    wanted = [task.base.independent[task.seen(j)] for j in range(len(task.robot.joints))]
-    rows = [base_rows(_thin(motion, step), task.laws, wanted) for _, _, motion, _ in pieces]
+    rows = [columns_of(task, _thin(motion, step)) for _, _, motion, _ in pieces]
     recorded = np.concatenate([_recorded(motion)[::step] for _, _, motion, _ in pieces])
     known = ~np.isnan(recorded).any(0)
     lengths = [len(motion.t[::step]) for _, _, motion, _ in pieces]
@@ -104,7 +103,7 @@ def observe(task: Task, parts: Sequence[Part], most: int = MOST) -> Observed:
         q=np.concatenate([motion.q[::step] for _, _, motion, _ in pieces]),
         v=np.concatenate([motion.v[::step] for _, _, motion, _ in pieces]),
         columns=tuple(np.concatenate(c) for c in zip(*rows, strict=True)),
-        seen=tuple(task.seen(j) for j in range(len(wanted))),
+        seen=_seen(task),
         count=task.base.rank,
         joints=task.robot.joints,
         torque=np.where(known, recorded, 0.0),
@@ -113,6 +112,27 @@ def observe(task: Task, parts: Sequence[Part], most: int = MOST) -> Observed:
         steady=np.concatenate([steady[::step] for *_, steady in pieces]),
         period=step / task.band.rate,
     )
+
+
+def columns_of(task: Task, motion: Motion) -> list[Array]:
+    """Per joint (N, m) [torque per unit of the base parameter], those that it sees.
+
+    Args:
+        task: laws and base map.
+        motion: N samples.
+    """
+    return base_rows(motion, task.laws, [task.base.independent[seen] for seen in _seen(task)])
+
+
+def predict(task: Task, motion: Motion, value: Array) -> Array:
+    """(N, n) torque of a model [N.m or N].
+
+    Args:
+        task: laws and base map.
+        motion: N samples.
+        value: (b,) base parameters [units of base].
+    """
+    return _predicted(columns_of(task, motion), _seen(task), value)
 
 
 def thinning(task: Task, parts: Sequence[Part], most: int = MOST) -> int:
@@ -141,6 +161,14 @@ def motions(task: Task, part: Part, step: int) -> Iterator[Stretch]:
             place = np.arange(k, stop)
             whole = (place >= edge) & (place < total - edge)
             yield Stretch(k == 0, motion, _steady(task, motion, reach) & whole[:, None])
+
+
+def _seen(task: Task) -> tuple[Indices, ...]:
+    return tuple(task.seen(j) for j in range(len(task.robot.joints)))
+
+
+def _predicted(columns: Sequence[Array], seen: Sequence[Indices], value: Array) -> Array:
+    return np.column_stack([c @ value[s] for c, s in zip(columns, seen, strict=True)])
 
 
 def _extended(window: Samples, before: int, after: int) -> Samples:

@@ -33,10 +33,10 @@ def threshold_runs(observed: Observed, quantile: float = QUANTILE) -> tuple[list
         _need_torque(observed, joint, magnitude)
         some = np.sort(magnitude[moving] if moving.any() else magnitude)
         threshold[joint] = some[min(int(round(quantile * len(some))), len(some) - 1)]
-        runs = list(_runs(observed, joint, moving & (magnitude >= threshold[joint]) & (magnitude > 0)))
-        long = _longest(runs, fewest(observed))
+        above = list(runs(observed, joint, moving & (magnitude >= threshold[joint]) & (magnitude > 0)))
+        long = _longest(above, fewest(observed))
         if not long:
-            raise RecordingError(_too_short(observed, joint, runs))
+            raise RecordingError(_too_short(observed, joint, above))
         found += long
     return found, threshold
 
@@ -52,7 +52,7 @@ def minimum_cuts(observed: Observed) -> list[Segment]:
         rms = float(np.sqrt(np.mean(magnitude**2)))
         inside = moving & (magnitude >= LOWEST * rms)
         inside[_minima(magnitude, LOW * rms)] = False
-        cut = [run for run in _runs(observed, joint, inside) if run.stop - run.start >= FEWEST]
+        cut = [run for run in runs(observed, joint, inside) if run.stop - run.start >= FEWEST]
         found += cut or [s for s in threshold_runs(observed)[0] if s.joint == joint]
     return found
 
@@ -95,18 +95,19 @@ def cut_by_signs(observed: Observed, segments: Sequence[Segment], signs: Array) 
 def in_motion(observed: Observed, joint: int) -> Mask:
     """(N,) where a joint does not stand: friction of a joint that stands may be anything."""
     found = np.ones(len(observed), dtype=bool)
-    for _, start, stop in _runs(observed, joint, ~observed.steady[:, joint]):
+    for _, start, stop in runs(observed, joint, ~observed.steady[:, joint]):
         found[start:stop] = stop - start < max(FEWEST, round(STANDS / observed.period))
     return found
 
 
-def fewest(observed: Observed) -> int:
-    """Samples of a segment, as a rule."""
-    return max(FEWEST, round(SHORTEST / observed.period))
+def runs(observed: Observed, joint: int, inside: Mask) -> Iterator[Segment]:
+    """Stretches of samples inside, none across the beginning of a span.
 
-
-def _runs(observed: Observed, joint: int, inside: Mask) -> Iterator[Segment]:
-    """Stretches of samples inside, none across the beginning of a span."""
+    Args:
+        observed: the rows.
+        joint: that the stretches are of.
+        inside: (N,) which samples.
+    """
     edges = np.flatnonzero(np.diff(np.concatenate([[0], inside, [0]]).astype(np.int8)))
     begins = np.flatnonzero(observed.first)
     for start, stop in edges.reshape(-1, 2).tolist():
@@ -114,13 +115,18 @@ def _runs(observed: Observed, joint: int, inside: Mask) -> Iterator[Segment]:
         yield from (Segment(joint, a, b) for a, b in zip(ends[:-1], ends[1:], strict=True))
 
 
-def _longest(runs: Sequence[Segment], least: int) -> list[Segment]:
+def fewest(observed: Observed) -> int:
+    """Samples of a segment, as a rule."""
+    return max(FEWEST, round(SHORTEST / observed.period))
+
+
+def _longest(found: Sequence[Segment], least: int) -> list[Segment]:
     """Those of so many samples; where they hold too few of all samples, those of a few."""
-    lengths = np.array([run.stop - run.start for run in runs])
+    lengths = np.array([run.stop - run.start for run in found])
     enough = lengths >= least
     if lengths[enough].sum() < MOST * lengths.sum():
         enough = lengths >= FEWEST
-    return [run for run, keep in zip(runs, enough, strict=True) if keep]
+    return [run for run, keep in zip(found, enough, strict=True) if keep]
 
 
 def _minima(magnitude: Array, below: float) -> Indices:
@@ -152,8 +158,8 @@ def _need_torque(observed: Observed, joint: int, magnitude: Array) -> None:
         )
 
 
-def _too_short(observed: Observed, joint: int, runs: Sequence[Segment]) -> str:
-    longest = max((run.stop - run.start for run in runs), default=0)
+def _too_short(observed: Observed, joint: int, found: Sequence[Segment]) -> str:
+    longest = max((run.stop - run.start for run in found), default=0)
     have = f"the longest has {longest} sample{'' if longest == 1 else 's'}, {FEWEST} are needed"
     told = f"|torque| of {observed.joints[joint]} stays above its threshold nowhere for long ({have})"
     moves = float(in_motion(observed, joint).mean())

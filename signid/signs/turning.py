@@ -6,6 +6,7 @@ import numpy as np
 
 from ..types import Array
 from .observed import Observed
+from .segments import runs
 
 LARGE = 0.15  # of the rms torque: what is larger did not go through zero
 
@@ -24,14 +25,25 @@ def place_turns(observed: Observed, signs: Array, predicted: Array) -> Array:
     for joint in observed.hidden:
         magnitude = np.abs(observed.torque[:, joint])
         large = LARGE * float(np.sqrt(np.mean(magnitude**2)))
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], ~observed.steady[:, joint], [0]]).astype(np.int8)))
-        for start, stop in edges.reshape(-1, 2).tolist():
+        for _, start, stop in runs(observed, joint, ~observed.steady[:, joint]):
             if start == 0 or stop == len(signs) or np.any((begins >= start) & (begins <= stop)):
                 continue
             before, after = signs[start - 1, joint], signs[stop, joint]
             size, model = magnitude[start:stop], predicted[start:stop, joint]
             if before != after and size.min() > large:
-                gain = np.cumsum((before * size - model) ** 2 - (after * size - model) ** 2)  # of one more before
-                turn = start + int(np.argmin(np.concatenate([[0.0], gain])))
-                found[start:turn, joint], found[turn:stop, joint] = before, after
+                at = start + place_turn(before, after, size, model)
+                found[start:at, joint], found[at:stop, joint] = before, after
     return found
+
+
+def place_turn(before: float, after: float, size: Array, model: Array) -> int:
+    """How many samples have the sign before and not the one after, where that leaves least of a model.
+
+    Args:
+        before: sign at the beginning.
+        after: sign at the end.
+        size: (K,) absolute torque [N.m or N].
+        model: (K,) torque of the model [N.m or N].
+    """
+    gain = (before * size - model) ** 2 - (after * size - model) ** 2  # of one more before
+    return int(np.argmin(np.append(0.0, np.cumsum(gain))))
