@@ -1,0 +1,1 @@
+"""The same job by others, to be timed or heard beside signid."""

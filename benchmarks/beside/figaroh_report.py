@@ -1,0 +1,113 @@
+"""Base parameters and what its report says of them by figaroh 1.0.2, run by its own Python: `python figaroh_report.py`.
+
+Each line on standard input names a folder with job.npz and robot.urdf; the answer is a line of JSON. As its UR10
+example has it: a subclass that hands over the recording (with the ends masked, where filters have not settled), the
+second motion as validation data, weighted least squares; friction, rotors and offsets are part of the model, and what
+is true of them is told. The cut-off is the one with the smallest error on the healthy robot.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import sys
+import tempfile
+import time
+import warnings
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from figaroh.data.trajectory import JOINT_TORQUE, TrajectoryData
+from figaroh.identification.base_identification import BaseIdentification
+from figaroh.tools.load_robot import load_robot
+
+CUTOFF, ORDER, DECIMATION = 8.0, 4, 10  # Hz of positions; of the filter; rows a row
+EDGE = 2.0  # s at either end, where filters have not settled
+
+
+class Identification(BaseIdentification):
+    """A recording in two arrays."""
+
+    job: dict[str, Any] = {}
+
+    def load_trajectory_data(self, data_source: str | None = None) -> TrajectoryData:
+        """The recording, or the second one where a source is named."""
+        t, q, tau = (self.job[("test_" if data_source else "") + key] for key in ("t", "q", "tau"))
+        inside = (t >= t[0] + EDGE) & (t <= t[-1] - EDGE)
+        return TrajectoryData(t, self.job["joints"].tolist(), q, tau, JOINT_TORQUE, "N.m", mask=inside)
+
+
+def settings(job: dict[str, Any]) -> dict[str, Any]:
+    """The unified configuration."""
+    drives = {"viscous": job["damping"].tolist(), "static": job["frictionloss"].tolist()}
+    joints, n = job["joints"].tolist(), len(job["joints"])
+    mechanics = {
+        "reduction_ratios": [1.0] * n,
+        "friction_coefficients": drives,
+        "actuator_inertias": job["armature"].tolist(),
+        "joint_offsets": [0.0] * n,
+    }
+    problem = {
+        "use_joint_torques": True,
+        "model_components": {"friction": True, "actuator_inertia": True, "joint_offset": True},
+    }
+    rate = float(round(1 / (job["t"][1] - job["t"][0])))
+    signals = {"sampling_frequency": rate, "cutoff_frequency": CUTOFF, "filter_order": ORDER}
+    task = {
+        "enabled": True,
+        "problem": problem,
+        "signal_processing": signals,
+        "data": {"validation_data_file": "second motion"},
+    }
+    properties = {"joints": {"active_joints": joints}, "mechanics": mechanics}
+    return {"robot": {"name": "arm", "properties": properties}, "tasks": {"identification": task}}
+
+
+def identify(folder: Path) -> tuple[Any, float]:
+    """One job, and the seconds that it took."""
+    job = Identification.job = dict(np.load(folder / "job.npz"))
+    with tempfile.NamedTemporaryFile("w", suffix=".yaml") as file:
+        yaml.safe_dump(settings(job), file)
+        file.flush()
+        start = time.process_time()
+        robot = load_robot(str(folder / "robot.urdf"), package_dirs=str(folder))
+        found = Identification(robot, file.name)
+        places = list(range(robot.model.nv))
+        found.identif_config.update(act_idxq=places, act_idxv=places, nb_samples=len(job["t"]))
+        found.initialize()
+        found.solve(decimate=True, decimation_factor=DECIMATION, plotting=False, wls=True)
+    return found, time.process_time() - start
+
+
+def told(folder: Path) -> dict[str, Any]:
+    """What the report of one job says."""
+    found, seconds = identify(folder)
+    errors = found.result["validation_metrics"]
+    return {
+        "rmse": float(found.rms_error),
+        "held_out": float(errors["rmse_identified"]),
+        "joints": {name: float(one["rmse_identified"]) for name, one in errors["per_joint"].items()},
+        "insights": list(found.verify().insights),
+        "seconds": seconds,
+    }
+
+
+def main() -> None:
+    """Answer until there is nothing more to ask."""
+    answers, sys.stdout = sys.stdout, sys.stderr  # what the library prints is no answer
+    logging.disable(logging.CRITICAL)
+    warnings.filterwarnings("ignore")
+    print(json.dumps({"version": version("figaroh")}), file=answers, flush=True)
+    for line in sys.stdin:
+        try:
+            answer = told(Path(line.strip()))
+        except Exception as error:  # one job must not end the others
+            answer = {"failed": f"{type(error).__name__}: {error}"}
+        print(json.dumps(answer), file=answers, flush=True)
+
+
+if __name__ == "__main__":
+    main()

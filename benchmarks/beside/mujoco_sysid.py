@@ -1,0 +1,132 @@
+"""Rotors and friction by mujoco.sysid, run by its own Python: `python mujoco_sysid.py`.
+
+Each line on standard input names a folder with job.npz and robot.urdf; the answer is a line of JSON. As its README has
+it: parameters with modifiers on the MjSpec, the loop of the robot with its commands, Gauss-Newton on all sensors,
+intervals, the automated insights of its report. Everything but the fault is told: bodies, controller, the step and the
+settings of the plant, which is MuJoCo too; the fit starts at the true rotors and frictions.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import re
+import sys
+import time
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from mujoco import sysid
+from mujoco.sysid.report.sections.insights import AutomatedInsights
+
+KEYS = ("armature", "damping", "frictionloss")
+STIFF = (0.9999, 0.9999, 0.001, 0.5, 2)  # friction that holds, as the plant's
+LOW, HIGH, ITERATIONS = 0.05, 5.0, 60  # bounds, of the told values; steps of Gauss-Newton
+
+
+def assign(key: str, joint: str) -> Any:
+    """What writes a parameter into the model; damping is a polynomial there."""
+
+    def write(spec: Any, parameter: Any) -> None:
+        at, value = spec.joint(joint), float(parameter.value[0])
+        if key == "damping":
+            at.damping[0] = value
+        else:
+            setattr(at, key, value)
+
+    return write
+
+
+def build(job: dict[str, Any], urdf: str) -> Any:
+    """The arm as it is told, with the loop that follows its commands and sensors of positions and torques."""
+    spec = mujoco.MjSpec.from_string(urdf)
+    step = float(job["step"])
+    spec.option.timestep, spec.option.integrator = step, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.iterations, spec.option.tolerance = 50, 1e-12
+    for i, name in enumerate(job["joints"].tolist()):
+        joint = spec.joint(name)
+        joint.armature, joint.damping[0], joint.frictionloss = (float(job[key][i]) for key in KEYS)
+        joint.solref_friction, joint.solimp_friction = [2 * step, 1], list(STIFF)
+        joint.limited = joint.actfrclimited = 0
+        motor = spec.add_actuator(name=f"motor_{i + 1}", target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        motor.gainprm[0], motor.biastype = 1, mujoco.mjtBias.mjBIAS_AFFINE
+        motor.biasprm[:3] = 0, -job["loop_stiffness"][i], -job["loop_damper"][i]
+        kind = mujoco.mjtSensor
+        spec.add_sensor(name=f"q_{i + 1}", type=kind.mjSENS_JOINTPOS, objtype=mujoco.mjtObj.mjOBJ_JOINT, objname=name)
+        drive = {"objtype": mujoco.mjtObj.mjOBJ_ACTUATOR, "objname": motor.name}
+        spec.add_sensor(name=f"tau_{i + 1}", type=kind.mjSENS_ACTUATORFRC, **drive)
+    return spec
+
+
+def parameters(job: dict[str, Any]) -> Any:
+    """Three of each joint, bounded, starting where they truly are."""
+    found = sysid.ParameterDict()
+    for i, joint in enumerate(job["joints"].tolist()):
+        for key in KEYS:
+            true = float(job[key][i])
+            write = assign(key, joint)
+            found.add(sysid.Parameter(f"{joint}_{key}", true, LOW * true, HIGH * true, modifier=write))
+    return found
+
+
+def driving(job: dict[str, Any]) -> Any:
+    """Residuals of the torque that drove each step: MuJoCo's sensor has the velocity before it, its loop that after."""
+    transform, n = sysid.SignalTransform(), len(job["joints"])
+
+    def residual(params: Any, said: Any, seen: Any, model: Any, whole: bool, state: Any = None, **rest: Any) -> Any:
+        data, v = said.data.copy(), np.vstack([job["loop_v"], state[:, 1 + n : 1 + 2 * n]])
+        data[:, 1::2] -= job["loop_damper"] * np.diff(v, axis=0)
+        told = sysid.TimeSeries(said.times, data, said.signal_mapping)
+        return transform.apply(params, told, seen, model, whole, **rest)
+
+    return residual
+
+
+def fit(folder: Path) -> dict[str, Any]:
+    """One job."""
+    job = dict(np.load(folder / "job.npz"))
+    start = time.process_time()
+    spec = build(job, (folder / "robot.urdf").read_text())
+    model, params = spec.compile(), parameters(job)
+    truth, step = params.as_vector(), float(job["step"])
+    first = sysid.create_initial_state(model, job["loop_q"], job["loop_v"], np.zeros(0))
+    control = sysid.TimeSeries(np.arange(len(job["loop_command"])) * step, job["loop_command"])
+    rows = job["t"] < control.times[-1]
+    seen = np.stack([job["q"], job["tau"]], axis=2)[rows].reshape(np.count_nonzero(rows), -1)
+    sensors = sysid.TimeSeries.from_names(job["t"][rows] + step, seen, model)  # of a step's end, as its own
+    data = sysid.ModelSequences("arm", spec, "motion", first, control, sensors)
+    residual = sysid.build_residual_fn(models_sequences=[data], modify_residual=driving(job), n_threads=1)
+    found, result = sysid.optimize(params, residual, optimizer="mujoco", verbose=False, max_iters=ITERATIONS)
+    x = found.as_vector()
+    rest = residual(x, found)[0]
+    half = sysid.calculate_intervals(rest, result.jac)[1]
+    seconds = time.process_time() - start
+    error = np.abs(x / truth - 1).reshape(-1, len(KEYS))
+    insights = [re.sub("<.*?>", "", one["message"]) for one in AutomatedInsights("x", found).get_context()["insights"]]
+    return {
+        "cost": float(0.5 * np.sum(np.concatenate([r.ravel() for r in rest]) ** 2)),
+        "errors": dict(zip(KEYS, error.max(axis=0).tolist(), strict=True)),
+        "coverage": float(np.mean(np.abs(x - truth) <= half)),
+        "insights": insights,
+        "seconds": seconds,
+    }
+
+
+def main() -> None:
+    """Answer until there is nothing more to ask."""
+    answers, sys.stdout = sys.stdout, sys.stderr
+    logging.disable(logging.WARNING)
+    print(json.dumps({"version": version("mujoco")}), file=answers, flush=True)
+    for line in sys.stdin:
+        try:
+            answer = fit(Path(line.strip()))
+        except Exception as error:  # one job must not end the others
+            answer = {"failed": f"{type(error).__name__}: {error}"}
+        print(json.dumps(answer), file=answers, flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,1 +1,0 @@
-"""The same job by others, to be timed beside signid."""
