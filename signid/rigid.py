@@ -44,7 +44,8 @@ def effective_inertia(robot: Robot, q: Array) -> Array:
         q: (N, nq) [rad, m or 1].
     """
     model, data = robot.model, robot.model.createData()
-    return np.array([mass_matrix(model, data, row, robot.drive).diagonal() for row in q]).reshape(len(q), -1)
+    rows = np.array([np.reshape(pin.crba(model, data, row), -1) for row in q]).reshape(-1, model.nv, model.nv)
+    return np.asarray(np.einsum("ij,tik,kj->tj", robot.drive, _symmetric(rows), robot.drive, optimize=True))
 
 
 def mass_matrix(model: Any, data: Any, q: Array, drive: Array) -> Array:
@@ -56,7 +57,7 @@ def mass_matrix(model: Any, data: Any, q: Array, drive: Array) -> Array:
         q: (nq,) [rad, m or 1].
         drive: (nv, n) model velocity per coordinate's [1].
     """
-    return np.asarray(drive.T @ _symmetric(pin.crba(model, data, q), model.nv) @ drive)
+    return np.asarray(drive.T @ _symmetric(np.reshape(pin.crba(model, data, q), (model.nv, -1))) @ drive)
 
 
 def sensitivity(robot: Robot, q: Array, v: Array, a: Array) -> Sensitivity:
@@ -73,12 +74,8 @@ def sensitivity(robot: Robot, q: Array, v: Array, a: Array) -> Sensitivity:
     model, data, drive = robot.model, robot.model.createData(), robot.drive
     out = np.empty((3, len(q), model.nv, model.nv))
     for i, state in enumerate(zip(q, v, a, strict=True)):
-        dq, dv, mass = pin.computeRNEADerivatives(model, data, *state)
-        out[:, i] = (
-            np.reshape(dq, (model.nv, model.nv)),
-            np.reshape(dv, (model.nv, model.nv)),
-            _symmetric(mass, model.nv),
-        )
+        out[:, i] = np.reshape(pin.computeRNEADerivatives(model, data, *state), out[:, i].shape)
+    out[2] = _symmetric(out[2])
     return Sensitivity(*(drive.T @ out @ drive))
 
 
@@ -159,6 +156,7 @@ def carrier(model: Any, row: int) -> int:
     return next(i for i, j in enumerate(list(model.joints)[1:], 1) if j.idx_v <= row < j.idx_v + j.nv)
 
 
-def _symmetric(mass: Any, size: int) -> Array:
-    upper = np.triu(np.reshape(mass, (size, size)))
-    return np.asarray(upper + np.triu(upper, 1).T)
+def _symmetric(mass: Array) -> Array:
+    """(..., nv, nv) of upper triangles."""
+    upper = np.triu(mass)
+    return np.asarray(upper + np.triu(upper, 1).swapaxes(-1, -2))

@@ -10,7 +10,6 @@ from plant import law
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
-from signid.diagnose.cross import gain_unseen
 from signid.diagnose.evidence import TRUST, TRUST_PRIOR, Evidence
 from signid.diagnose.group import Group
 from signid.diagnose.hypothesis import Hypothesis
@@ -196,10 +195,31 @@ def test_what_is_known_of_the_bodies_is_as_good_as_its_rows() -> None:
 
 
 def test_unseen_blocks_tell_a_law_from_a_chance() -> None:
-    true = [gain_unseen(rows(k, 0.8, count=160, blocks=4), (), VISCOUS, DISPERSION, 0.0) for k in range(12)]
-    chance = [gain_unseen(rows(k, 0.4, count=160, blocks=4), (), WAVE, DISPERSION, 0.0) for k in range(12)]
+    true = [rows(k, 0.8, count=160, blocks=4).gain_unseen((), VISCOUS, DISPERSION, 0.0) for k in range(12)]
+    chance = [rows(k, 0.4, count=160, blocks=4).gain_unseen((), WAVE, DISPERSION, 0.0) for k in range(12)]
     assert np.mean(chance) < 0 and min(true) > 2 * max(chance)
-    assert gain_unseen(rows(0, 0.8, count=160), (), VISCOUS, DISPERSION, 0.0) > 3  # eighths of one recording
+    assert rows(0, 0.8, count=160).gain_unseen((), VISCOUS, DISPERSION, 0.0) > 3  # eighths of one recording
+
+
+@pytest.mark.parametrize("blocks", [1, 4])
+@pytest.mark.parametrize("trust", [0.0, 2.0])
+def test_unseen_blocks_are_predicted_by_the_others(blocks: int, trust: float) -> None:
+    evidence = rows(3, 0.8, count=160, blocks=blocks)
+    block = evidence.data.recording if blocks > 1 else np.arange(160) * 8 // 160
+
+    def unseen(true: tuple[Group, ...]) -> float:
+        which, left = evidence.columns(true, trust), 0.0
+        x = dense(evidence, which).reshape(JOINTS, 160, -1) / np.sqrt(DISPERSION)[:, None, None]
+        y = evidence.data.residual / np.sqrt(DISPERSION)[:, None]
+        prior = evidence.precision(true, np.einsum("jmk,jmk->k", x, x), trust)
+        for b in range(block.max() + 1):
+            a, c = x[:, block != b].reshape(-1, len(which)), y[:, block != b].ravel()
+            value = np.linalg.solve(a.T @ a + prior, a.T @ c)
+            left += float(np.sum((y[:, block == b] - x[:, block == b] @ value) ** 2))
+        return left
+
+    told = evidence.gain_unseen((OFFSET,), SPRING, DISPERSION, trust)
+    assert told == pytest.approx(unseen((OFFSET,)) - unseen((OFFSET, SPRING)), rel=1e-6, abs=1e-6)
 
 
 def test_what_happens_in_one_recording_only_is_not_foretold() -> None:
@@ -209,7 +229,7 @@ def test_what_happens_in_one_recording_only_is_not_foretold() -> None:
     there = (data.recording == 2).astype(float) - (data.recording == 1)
     residual[0] += 1.5 * there * data.columns[0][:, np.searchsorted(PLACE[0], OFFSET.start)]
     spoilt = Evidence(table(data.columns, residual, data.recording))
-    assert gain_unseen(spoilt, (), OFFSET, DISPERSION, 0.0) < -5
+    assert spoilt.gain_unseen((), OFFSET, DISPERSION, 0.0) < -5
 
 
 def test_a_law_of_the_rows_is_read_by_its_place() -> None:

@@ -14,6 +14,7 @@ from signid.diagnose.locate import locate
 from signid.diagnose.noise import MARGIN, measure_noise, whiten
 from signid.diagnose.period import find_period
 from signid.diagnose.table import Table
+from signid.diagnose.wave import find_wave
 from signid.types import Array
 
 RATE = 20.0  # Hz
@@ -114,6 +115,22 @@ def test_friction_at_rest_is_no_noise() -> None:
     noise, rests = 0.1 * np.random.default_rng(6).standard_normal(count), np.arange(count) % 400 < 100
     found = measure_noise(table(noise + 5.0 * rests, waves(count), rests=rests), [None], RATE)
     assert found.floor[0] == pytest.approx(0.1, rel=0.08)
+
+
+@pytest.mark.parametrize("size", [0.3, 3.0])
+def test_a_wave_in_time_is_no_noise(size: float) -> None:
+    rng, t = np.random.default_rng(8), np.arange(1200) / RATE
+    noise, wave = 0.1 * rng.standard_normal(len(t)), size * np.sin(2 * np.pi * 1.37 * t + 0.4)
+    rows = table(noise + wave, waves(len(t)), pieces=2)
+    assert measure_noise(rows, [None, None], RATE).floor[0] == pytest.approx(0.1, rel=0.1)
+    place = locate(rows, 0, rows.residual[:, 0])
+    assert (place.variable, place.region) == ("time", "at 1.37 Hz") and place.share > 0.8
+
+
+def test_noise_has_no_wave() -> None:
+    shares = [find_wave(coloured(1000, seed), RATE).share for seed in range(20)]
+    assert max(shares) < 0.1
+    assert find_wave(np.zeros(100), RATE).share == 0 and find_wave(np.ones(5), RATE).share == 0
 
 
 def test_a_residual_without_noise_has_a_floor() -> None:

@@ -3,62 +3,98 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import cho_factor, cho_solve
 
-from ..types import Array, Indices
-from .evidence import Evidence
+from ..types import Array
 from .group import Group
-from .linear import solve
+from .linear import Linear
+from .whitened import Whitened
 
 BLOCKS = 8
 
 
-def gain_unseen(evidence: Evidence, true: Sequence[Group], group: Group, dispersion: Array, trust: float) -> float:
-    """By how much a hypothesis lessens the squared whitened residual of blocks that it was not fitted to [1].
+class _Block(NamedTuple):
+    """What is predicted by all other blocks, k columns fitted there."""
 
-    Blocks are whole recordings where there are several, else eighths of the only one.
+    rows: slice
+    gram: Array  # (k, k) [1 per coefficient, squared] its own
+    rest: Array  # (k,) [1 per coefficient] columns times what they leave of it unseen
+    factor: tuple[Array, bool]  # of the others' normal equations
+    value: Array  # (k,) [units of the coefficients] the others'
+
+
+class Unseen(NamedTuple):
+    """Hypotheses that are taken for true, fitted to all blocks but one in turn."""
+
+    linear: Linear
+    dispersion: Array  # (n,) variance of the whitened residual [1]
+    columns: list[Array]  # per joint (M, k) [1 per coefficient] over the root of the dispersion
+    blocks: list[_Block]
+
+    def gain(self, group: Group) -> float:
+        """By how much one more hypothesis lessens the squared residual of blocks that it was not fitted to [1]."""
+        data, root = self.linear.data, np.sqrt(self.dispersion)
+        joints = data.rows(group)
+        own = [data.part(j, group) / root[j] for j in joints]
+        target = [data.residual[j] / root[j] for j in joints]
+        parts = list[tuple[Array, Array, Array]]()
+        for block in self.blocks:
+            z, x = ([a[block.rows] for a in some] for some in (own, [self.columns[j] for j in joints]))
+            y = [a[block.rows] for a in target]
+            parts.append((_sum(x, z), _sum(z, z), _sum(z, y)))
+        across, square, right = (np.asarray(sum(part[i] for part in parts)) for i in range(3))
+        square = square + self.linear.own_precision(group)
+        return sum(
+            _gain(block, part, (across - part[0], square - part[1], right - part[2]))
+            for block, part in zip(self.blocks, parts, strict=True)
+        )
+
+
+def leave_out(linear: Linear, true: Sequence[Group], dispersion: Array, trust: float) -> Unseen:
+    """Each block predicted by the others: whole recordings where there are several, else eighths of the only one.
 
     Args:
-        evidence: rows.
-        true: hypotheses that are taken for true beside it.
-        group: the hypothesis.
+        linear: rows.
+        true: hypotheses that are taken for true.
         dispersion: (n,) variance of the whitened residual [1].
         trust: of the tolerance of inertials, how far they are off.
     """
-    block = _blocks(evidence)
-    without, beside = (_unseen(evidence, some, block, dispersion, trust) for some in (true, [*true, group]))
-    return without - beside
+    data, which, root = linear.data, linear.columns(true, trust), np.sqrt(dispersion)
+    columns = [data.chosen(j, which) / root[j] for j in range(data.joints)]
+    target = [data.residual[j] / root[j] for j in range(data.joints)]
+    spans = [slice(a, b) for a, b in pairwise(_edges(data))]
+    grams = [_sum([x[s] for x in columns], [x[s] for x in columns]) for s in spans]
+    rights = [_sum([x[s] for x in columns], [y[s] for y in target]) for s in spans]
+    whole, told = np.asarray(sum(grams)), np.asarray(sum(rights))
+    prior, blocks = linear.precision(true, np.diag(whole), trust), list[_Block]()
+    for span, gram, right in zip(spans, grams, rights, strict=True):
+        others = whole - gram + prior
+        factor = cho_factor(others + 1e-11 * np.diag(np.diag(others)), lower=True)
+        value = cho_solve(factor, told - right)
+        blocks.append(_Block(span, gram, right - gram @ value, factor, value))
+    return Unseen(linear, dispersion, columns, blocks)
 
 
-def _blocks(evidence: Evidence) -> Indices:
-    """(M,) which block a row is of."""
-    recording = evidence.data.recording
-    if len(np.unique(recording)) > 1:
-        return recording
-    return np.minimum(np.arange(len(recording)) * BLOCKS // len(recording), BLOCKS - 1)
+def _gain(block: _Block, here: tuple[Array, Array, Array], others: tuple[Array, Array, Array]) -> float:
+    """Of one block: products of the new columns with the others' (k, d), themselves (d, d), the residual (d,)."""
+    made = cho_solve(block.factor, others[0])  # (k, d) what the k columns make of the new ones
+    value = np.linalg.solve(others[1] - others[0].T @ made, others[2] - others[0].T @ block.value)
+    right = here[2] - here[0].T @ block.value - made.T @ block.rest
+    cross = made.T @ here[0]
+    return float(2 * value @ right - value @ (here[1] - cross - cross.T + made.T @ block.gram @ made) @ value)
 
 
-def _unseen(evidence: Evidence, true: Sequence[Group], block: Indices, dispersion: Array, trust: float) -> float:
-    """Sum of squared residuals over the dispersion, each block predicted by the others [1]."""
-    data, which = evidence.data, evidence.columns(true, trust)
-    grams, rights, rows = list[Array](), list[Array](), list[list[tuple[Array, Array]]]()
-    for b in np.unique(block):
-        own, gram, right = block == b, np.zeros((len(which), len(which))), np.zeros(len(which))
-        kept = list[tuple[Array, Array]]()
-        for j in range(data.joints):
-            x = np.zeros((int(own.sum()), len(which)))
-            here = np.isin(which, data.place[j])
-            x[:, here] = data.columns[j][own][:, np.searchsorted(data.place[j], which[here])]
-            x, y = x / np.sqrt(dispersion[j]), data.residual[j, own] / np.sqrt(dispersion[j])
-            gram, right = gram + x.T @ x, right + x.T @ y
-            kept.append((x, y))
-        grams.append(gram)
-        rights.append(right)
-        rows.append(kept)
-    whole, told, left = sum(grams), sum(rights), 0.0
-    precision = evidence.precision(true, np.diag(np.asarray(whole)), trust)
-    for gram, right, kept in zip(grams, rights, rows, strict=True):
-        value = solve(which, np.asarray(whole - gram), np.asarray(told - right), precision).value
-        left += sum(float(np.sum((y - x @ value) ** 2)) for x, y in kept)
-    return left
+def _edges(data: Whitened) -> list[int]:
+    """Where blocks begin, and the end."""
+    starts = np.flatnonzero(np.diff(data.recording)) + 1
+    if len(starts):
+        return [0, *starts.tolist(), len(data)]
+    return [-(-k * len(data) // BLOCKS) for k in range(BLOCKS + 1)]
+
+
+def _sum(left: Sequence[Array], right: Sequence[Array]) -> Array:
+    return np.asarray(sum(a.T @ b for a, b in zip(left, right, strict=True)))

@@ -11,9 +11,11 @@ import numpy as np
 from scipy.special import log_ndtr, logsumexp
 
 from ..types import Array, Indices
+from .cross import Unseen, leave_out
 from .group import Group
 from .linear import Fitted, Linear
 from .prior import SIZES, Belief
+from .recent import Recent
 
 TRUST = np.array([0.0, 1.0, 2.0])  # of the tolerance of inertials: how far they are off
 TRUST_PRIOR = np.log([0.5, 0.4, 0.1])
@@ -76,6 +78,22 @@ class Evidence(Linear):
         none, empty = np.zeros(1, dtype=np.intp), np.zeros(0)
         batch = Batch(none, none, empty, belief.spread[None], np.array([belief.mean]), first[None])
         return float(_log_factor(batch, (own - below.T @ below)[None], (right - below.T @ fit.told)[None])[0])
+
+    def gain_unseen(self, true: Sequence[Group], group: Group, dispersion: Array, trust: float) -> float:
+        """By how much a hypothesis lessens the squared whitened residual of blocks that it was not fitted to [1].
+
+        Args:
+            true: hypotheses that are taken for true beside it.
+            group: the hypothesis.
+            dispersion: (n,) variance of the whitened residual [1].
+            trust: of the tolerance of inertials, how far they are off.
+        """
+        key = (tuple(true), dispersion.tobytes(), trust)
+        return self._unseen(key, lambda: leave_out(self, true, dispersion, trust)).gain(group)
+
+    @cached_property
+    def _unseen(self) -> Recent[Unseen]:
+        return Recent(len(TRUST))
 
     @cached_property
     def _batches(self) -> list[Batch]:

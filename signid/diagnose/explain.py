@@ -73,8 +73,11 @@ def _touched(setting: Setting, judge: Judge, found: Found) -> tuple[Judge, Found
     window = find_contact(setting, judge.evidence.data, rest, found.base)
     if window is None:
         return judge, found
-    data, group = append(setting, judge.evidence.data, window, setting.columns(window))
+    dispersion, columns = spread(judge, found), setting.columns(window)
+    fit = judge.evidence.fit(found.true, dispersion, found.trust)
+    odds = judge.ask(fit, dispersion, window, columns, setting.whiten(columns))
+    if odds is None or odds <= np.log(WINDOWS * len(judge.evidence.data)):
+        return judge, found
+    data, _ = append(setting, judge.evidence.data, window, columns)
     wider = replace(judge, evidence=replace(judge.evidence, data=data))
-    odds, _ = wider.odds(found.true, spread(wider, found))
-    likely = odds[window.key].log > np.log(WINDOWS * len(data))
-    return (wider, search(wider, found.base)) if likely else (judge, found)
+    return wider, search(wider, found.base)

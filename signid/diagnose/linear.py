@@ -14,8 +14,10 @@ from ..residual import leave
 from ..types import Array, Frozen, Indices
 from .group import Group
 from .prior import WIDE, Belief, believe
+from .recent import Recent
 from .whitened import Whitened, columns_of, mean_products
 
+FITS = 64  # that are kept
 FLAT = 1e-6  # of the Gram's diagonal: prior precision of what is not known at all
 
 
@@ -83,6 +85,14 @@ class Linear(Frozen):
             dispersion: (n,) variance of the whitened residual [1].
             trust: of the tolerance of inertials, how far they are off.
         """
+        key = (tuple(true), dispersion.tobytes(), trust)
+        return self._fits(key, lambda: self._fit(true, dispersion, trust))
+
+    @cached_property
+    def _fits(self) -> Recent[Fitted]:
+        return Recent(FITS)
+
+    def _fit(self, true: Sequence[Group], dispersion: Array, trust: float) -> Fitted:
         which, rows = self.columns(true, trust), self._which_rows(true, trust)
         gram = np.tensordot(1 / dispersion, self._square(tuple(true)), axes=1)[np.ix_(rows, rows)]
         right = (self.data.right[:, which] / dispersion[:, None]).sum(0)
@@ -127,14 +137,24 @@ class Linear(Frozen):
         flat = FLAT * np.maximum(diagonal[:at], 1e-12)
         out[range(at), range(at)] = np.where(np.isinf(deviation), flat, np.maximum(deviation, 1e-150) ** -2.0)
         for group in true:
+            out[at : at + group.size, at : at + group.size] = self.own_precision(group)
+            at += group.size
+        return out
+
+    def own_precision(self, group: Group) -> Array:
+        """(d, d) [1 per coefficient, squared] of the prior of a hypothesis that is taken for true."""
+        if group not in self._precisions:
             belief = self.beliefs[group]
             assert belief is not None, "what does not show is never taken for true"
             covariance = (1.0 if belief.mean else WIDE**2) * belief.spread @ belief.spread.T
-            scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+            scale = np.sqrt(np.maximum(np.diag(covariance), 1e-200))
             inverse = np.linalg.inv(covariance / scale / scale[:, None] + 1e-9 * np.eye(group.size))
-            out[at : at + group.size, at : at + group.size] = inverse / scale / scale[:, None]
-            at += group.size
-        return out
+            self._precisions[group] = inverse / scale / scale[:, None]
+        return self._precisions[group]
+
+    @cached_property
+    def _precisions(self) -> dict[Group, Array]:
+        return {}
 
     def imitated(self, group: Group) -> float:
         """Share of a hypothesis's torque that wrong inertials and the other refitted terms can make [1]."""

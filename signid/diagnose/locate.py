@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -11,10 +12,12 @@ from ..residual import leave
 from ..types import Array, Mask
 from .hypothesis import VARIABLES, hats
 from .table import Table
+from .wave import Wave, find_wave
 
 KNOTS = 9
 SHARES = (0.1, 0.2, 0.33, 0.5)  # of the rows, that a region may hold
 DIGITS = 2
+NEAR = 0.05  # frequencies of one wave differ by no more
 UNITS = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s2", "torque": "N.m", "time": "s"}
 
 
@@ -42,12 +45,26 @@ def locate(
     """
     told = {name: _explained(table.variable(joint, name), torque) for name in variables}
     best = max(told, key=lambda name: told[name])
+    wave = _wave(table, torque) if "time" in variables else None
+    if wave is not None and wave.share > told[best]:
+        return Place(joint, "time", f"at {wave.frequency:.{DIGITS + 1}g} Hz", wave.share, wave.share)
     x = table.variable(joint, best)
     power = torque**2 / max(float(np.sum(torque**2)), 1e-300)
     unit = UNITS[best].replace("N.m", "N").replace("rad", "m") if prismatic else UNITS[best]
     regions = [(float(power[inside].sum()), float(inside.mean()), text) for text, inside in _regions(best, x, unit)]
     share, _, region = max(regions, key=lambda r: r[0] - r[1])
     return Place(joint, best, region, share, told[best])
+
+
+def _wave(table: Table, torque: Array) -> Wave | None:
+    """What a wave in each piece takes of it; None where they are not of one frequency."""
+    edges = [0, *(np.flatnonzero(np.diff(table.piece)) + 1).tolist(), len(table)]
+    waves = [find_wave(torque[a:b], 1 / float(table.t[a + 1] - table.t[a])) for a, b in pairwise(edges) if b > a + 1]
+    longest = max(waves, key=lambda wave: len(wave.signal))
+    if not longest.share:
+        return None
+    own = sum(float(wave.signal @ wave.signal) for wave in waves if abs(wave.frequency / longest.frequency - 1) < NEAR)
+    return longest._replace(share=own / max(float(torque @ torque), 1e-300))
 
 
 def _explained(x: Array, torque: Array) -> float:

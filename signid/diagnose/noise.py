@@ -10,6 +10,7 @@ import numpy as np
 from ..effects.base import ActuatorLaw
 from ..types import Array, Frozen, Indices, Mask
 from .table import Table
+from .wave import find_wave
 
 ORDER = 4  # of the autoregressive model
 RANK = 1e-4  # of the largest singular value: directions that count, columns scaled
@@ -18,6 +19,7 @@ MARGIN = 1.06  # replicates leave out the loudest stretches
 QUIET = 0.85  # share of the stretches that count
 STRETCHES = 8  # of a piece
 LEAST = 50  # rows in motion
+WAVE = 0.5  # of what is left, from which on a wave in time is no noise
 FEW = 6  # shapes of one hypothesis
 
 
@@ -86,8 +88,14 @@ def _saturated(table: Table, joint: int) -> tuple[list[Array], float]:
     left, singular, _ = np.linalg.svd(x, full_matrices=False)
     left = left[:, singular > RANK * singular[0]]
     left = left[:, : max(1, int(len(y) / FREE))]
-    rest = y - left @ (left.T @ y)
-    return _split(rest, run), float(np.sqrt(len(y) / max(len(y) - left.shape[1], 1)))
+    rest = [_still(part) for part in _split(y - left @ (left.T @ y), run)]
+    return rest, float(np.sqrt(len(y) / max(len(y) - left.shape[1], 1)))
+
+
+def _still(rest: Array) -> Array:
+    """Without a wave that makes most of it."""
+    wave = find_wave(rest, 1.0)
+    return rest - wave.signal if wave.share > WAVE else rest
 
 
 def _usual(table: Table, joint: int) -> Array:

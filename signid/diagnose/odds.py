@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -12,8 +12,12 @@ import numpy as np
 from ..types import Array, Frozen
 from .evidence import Evidence
 from .group import Group
-from .hypothesis import Key
-from .prior import NOTHING, likely
+from .hypothesis import Hypothesis, Key
+from .linear import Fitted
+from .prior import NOTHING, believe, likely
+from .whitened import mean_products
+
+Columns = Mapping[int, Array]
 
 
 class Odds(NamedTuple):
@@ -55,14 +59,37 @@ class Judge(Frozen):
     def priors(self) -> dict[Key, float]:
         """Log prior probability of each."""
         groups = self.evidence.data.groups
-        unknowns = sum(groups[which[0]].claim.unknown for which in self.keys.values())
-        places = dict[str, int]()
-        for name, _ in self.keys:
-            places[name] = places.get(name, 0) + 1
-        return {
-            key: likely(groups[which[0]].claim, places[key[0]], self.skipped, self.kinds, max(unknowns, 1))
-            for key, which in self.keys.items()
-        }
+        return {key: self._prior(groups[which[0]].claim) for key, which in self.keys.items()}
+
+    def ask(
+        self, fit: Fitted, dispersion: Array, hypothesis: Hypothesis, torque: Columns, white: Columns
+    ) -> float | None:
+        """Log posterior odds of a hypothesis that is not among the rows' own; None where the motion does not show it.
+
+        Args:
+            fit: everything that is refitted or taken for true.
+            dispersion: (n,) variance of the whitened residual [1].
+            hypothesis: which.
+            torque: its columns, per joint (M, d) [torque per coefficient].
+            white: the same in units of the noise, per joint (M', d) [1 per coefficient].
+        """
+        belief = believe(hypothesis, mean_products(torque, self.evidence.data.scale))
+        if belief is None:
+            return None
+        return self.evidence.ask(fit, dispersion, belief, white) + self._prior(hypothesis) - float(np.log(NOTHING))
+
+    def _prior(self, hypothesis: Hypothesis) -> float:
+        places = max(1, self._places.get(hypothesis.key[0], 0))
+        return likely(hypothesis, places, self.skipped, self.kinds, self._places.get("", 1))
+
+    @cached_property
+    def _places(self) -> dict[str, int]:
+        """Of each effect, and under no name of all that is unknown."""
+        groups, out = self.evidence.data.groups, dict[str, int]()
+        for key, which in self.keys.items():
+            for name in (key[0], *([""] if groups[which[0]].claim.unknown else [])):
+                out[name] = out.get(name, 0) + 1
+        return out
 
     def odds(self, true: Sequence[Group], dispersion: Array) -> tuple[dict[Key, Odds], float]:
         """Of everything that is not yet taken for true, and the probability that the inertials are trusted.

@@ -16,11 +16,9 @@ from .group import Group
 from .hypothesis import Hypothesis
 from .linear import Fitted
 from .odds import Judge
-from .prior import believe
 from .search import spread, without
 from .setting import Setting, append
 from .sizes import measure_sizes
-from .whitened import mean_products
 
 EVALUATIONS = 20  # for each shape
 REACH = 1.6  # by which a shape may be changed, as a factor
@@ -107,10 +105,7 @@ def _polish(
         if not any(tried.effect.possible(p.motion.at(tried.joints), **_shape(tried)) for p in setting.pieces):
             return 0.0
         told = setting.columns(hypothesis(x))
-        belief = believe(known, mean_products(told, judge.evidence.data.scale))
-        if belief is None:
-            return 0.0
-        return -judge.priors[known.key] - judge.evidence.ask(fit, dispersion, belief, setting.whiten(told))
+        return -(judge.ask(fit, dispersion, known, told, setting.whiten(told)) or 0.0)
 
     zero = np.zeros(len(keys))
     if not keys:

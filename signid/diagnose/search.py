@@ -9,7 +9,6 @@ import numpy as np
 from ..effects.base import ActuatorLaw
 from ..residual import leave
 from ..types import Array
-from .cross import gain_unseen
 from .found import Found
 from .group import Group
 from .hypothesis import Key
@@ -106,18 +105,17 @@ def is_sound(judge: Judge, state: Found, group: Group, log: float) -> bool:
     sizes = measure_sizes(judge.evidence, true, state.base, trust)
     belief, value = judge.evidence.beliefs[group], sizes.value[group]
     assert belief is not None, "hypotheses have beliefs"
-    if sizes.share[group].max() < LEAST or _is_redundant(judge, state.true, group):
+    low, high = CLIPPED if isinstance(group.claim.laws[0].effect, ActuatorLaw) else APPROXIMATE
+    if sizes.share[group].max() < LEAST or (belief.mean and not low < value[0] < high):
         return False
-    if not _happens_once(group) and gain_unseen(judge.evidence, state.true, group, state.base, trust) < -WORSE * log:
+    if belief.positive >= 0 and value[belief.positive] <= 0:
+        fit = judge.evidence.fit(true, state.base, trust)
+        at = fit.place(group).start + belief.positive
+        if group.size == 1 or value[belief.positive] <= -2 * np.sqrt(fit.covariance[at, at]):
+            return False
+    if _is_redundant(judge, state.true, group):
         return False
-    if belief.mean:
-        low, high = CLIPPED if isinstance(group.claim.laws[0].effect, ActuatorLaw) else APPROXIMATE
-        return bool(low < value[0] < high)
-    if belief.positive < 0 or value[belief.positive] > 0:
-        return True
-    fit = judge.evidence.fit(true, state.base, trust)
-    at = fit.place(group).start + belief.positive
-    return group.size > 1 and bool(value[belief.positive] > -2 * np.sqrt(fit.covariance[at, at]))
+    return _happens_once(group) or judge.evidence.gain_unseen(state.true, group, state.base, trust) >= -WORSE * log
 
 
 def _is_founded(group: Group, there: set[Key]) -> bool:

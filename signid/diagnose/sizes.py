@@ -3,22 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from ..types import Array, Indices
+from ..types import Array, Frozen, Indices
 from .evidence import Evidence
 from .group import Group
+from .whitened import Whitened
 
 
-class Sizes(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Sizes(Frozen):
     """Of hypotheses that are taken for true."""
 
+    data: Whitened
+    which: Indices  # (k,) columns that are fitted
+    whole: Array  # (p,) [units of the coefficients], zero where they are not fitted
     value: Mapping[Group, Array]  # (size,) [units of the coefficients] of each
     share: Mapping[Group, Array]  # (n,) rms torque of each over the rms torque of every joint [1]
-    left: Array  # (n,) mean square of the whitened residual [1]
-    rest: Array  # (n, M) whitened residual [1]
+
+    @cached_property
+    def rest(self) -> Array:
+        """(n, M) whitened residual [1]."""
+        return _rest(self.data, self.whole, self.which)
+
+    @property
+    def left(self) -> Array:
+        """(n,) mean square of the whitened residual [1]."""
+        return np.asarray(np.sum(self.rest**2, axis=1) / self.data.counts)
 
 
 def measure_sizes(evidence: Evidence, true: Sequence[Group], dispersion: Array, trust: float) -> Sizes:
@@ -33,13 +47,12 @@ def measure_sizes(evidence: Evidence, true: Sequence[Group], dispersion: Array, 
     data, fit = evidence.data, evidence.fit(true, dispersion, trust)
     whole = np.zeros(data.count)
     whole[fit.which] = fit.value
-    rest = _rest(evidence, whole, fit.which)
     value, share = {}, {}
     for group in true:
         value[group] = theta = whole[group.place]
         raw = [np.sqrt(np.mean((data.raw(j, group) @ theta) ** 2)) for j in range(data.joints)]
         share[group] = np.array(raw) / data.scale
-    return Sizes(value, share, np.sum(rest**2, axis=1) / data.counts, rest)
+    return Sizes(data, fit.which, whole, value, share)
 
 
 def energies(
@@ -59,13 +72,13 @@ def energies(
         fit = evidence.fit([g for g in true if g is not group], dispersion, trust)
         whole = np.zeros(data.count)
         whole[fit.which] = fit.value
-        out[group] = np.maximum(np.sum(_rest(evidence, whole, fit.which) ** 2, axis=1) - left * data.counts, 0.0)
+        out[group] = np.maximum(np.sum(_rest(data, whole, fit.which) ** 2, axis=1) - left * data.counts, 0.0)
     return out
 
 
-def _rest(evidence: Evidence, whole: Array, which: Indices) -> Array:
+def _rest(data: Whitened, whole: Array, which: Indices) -> Array:
     """(n, M) whitened residual after coefficients (p,) of which only some are not zero."""
-    data, out = evidence.data, evidence.data.residual.copy()
+    out = data.residual.copy()
     for j in range(data.joints):
         own = np.flatnonzero(np.isin(data.place[j], which))
         out[j] -= data.columns[j][:, own] @ whole[data.place[j][own]]

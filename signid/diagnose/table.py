@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
@@ -59,6 +60,7 @@ class Table(Frozen):
 
 
 STILL, WHILE = 2.0, 0.3  # widths of a reversal that a joint at rest is slower than, and for how long [s]
+MANY = 32  # groups of columns that go through the low-pass at once
 FAINT = 0.02  # of the largest rms torque: no joint's counts as smaller
 
 
@@ -122,13 +124,18 @@ def _thinned(
     model: Model, groups: Sequence[Group], piece: Piece, thin: Decimator, dry: Array
 ) -> list[tuple[Indices, Array]]:
     """Per joint, which columns it has and their rows."""
-    n = len(model.robot.joints)
-    place, columns = [list[int]() for _ in range(n)], [list[Array]() for _ in range(n)]
+    joints = range(len(model.robot.joints))
+    place, rows, waiting = ([list[Any]() for _ in joints] for _ in range(3))
     for group, made in zip(groups, _columns(model, groups, piece, dry), strict=True):
         for j, x in made.items():
             place[j].extend(range(group.start, group.start + group.size))
-            columns[j].append(thin(x))
-    return [(np.array(p, dtype=np.intp), np.concatenate(c, axis=1)) for p, c in zip(place, columns, strict=True)]
+            waiting[j].append(x)
+            if len(waiting[j]) == MANY:
+                rows[j].append(thin(np.concatenate(waiting[j], axis=1)))
+                waiting[j].clear()
+    for j in joints:
+        rows[j] += [thin(np.concatenate(waiting[j], axis=1))] if waiting[j] else []
+    return [(np.array(p, dtype=np.intp), np.concatenate(r, axis=1)) for p, r in zip(place, rows, strict=True)]
 
 
 def _columns(model: Model, groups: Sequence[Group], piece: Piece, dry: Array) -> Iterator[dict[int, Array]]:

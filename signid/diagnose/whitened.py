@@ -63,8 +63,7 @@ class Whitened(Frozen):
         """
         out = np.zeros((self.joints, len(which), self.count))
         for j in range(self.joints):
-            here = np.isin(which, self.place[j])
-            own = self.columns[j][:, np.searchsorted(self.place[j], which[here])]
+            here, own = self._chosen(j, which)
             block = np.zeros((int(here.sum()), self.count))
             block[:, self.place[j]] = own.T @ self.columns[j]
             out[j, here] = block
@@ -81,12 +80,28 @@ class Whitened(Frozen):
         d = next(iter(columns.values())).shape[1]
         own, right, across = np.zeros((d, d)), np.zeros(d), np.zeros((len(which), d))
         for j, x in columns.items():
-            here = np.isin(which, self.place[j])
-            beside = self.columns[j][:, np.searchsorted(self.place[j], which[here])]
+            here, beside = self._chosen(j, which)
             own += x.T @ x / dispersion[j]
             right += x.T @ self.residual[j] / dispersion[j]
             across[here] += beside.T @ x / dispersion[j]
         return own, right, across
+
+    def chosen(self, joint: int, which: Indices) -> Array:
+        """(M, k) columns of one joint [1 per coefficient]; zero where it has none.
+
+        Args:
+            joint: which.
+            which: (k,) columns.
+        """
+        out = np.zeros((len(self), len(which)))
+        here, own = self._chosen(joint, which)
+        out[:, here] = own
+        return out
+
+    def _chosen(self, joint: int, which: Indices) -> tuple[Mask, Array]:
+        """Which of some columns a joint has (k,), and these."""
+        here = np.isin(which, self.place[joint])
+        return here, self.columns[joint][:, np.searchsorted(self.place[joint], which[here])]
 
     @cached_property
     def refitted_gram(self) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.linalg.blas import dtbsv
 
 from ..types import Array, View
 
@@ -41,14 +42,22 @@ def oscillate(x: View, stiffness: float, damping: float) -> Array:
     even = ((grown + faded) / 2).real
     odd = ((grown - faded) / np.where(abs(swing) * dt < 1e-6, np.inf, 2 * swing)).real
     odd = np.where(abs(swing) * dt < 1e-6, dt * np.exp(decay * dt), odd)
-    steps = (start, drift, even - decay * odd, odd, -k / m * odd, even + decay * odd)
-    z, w = start[0], drift[0]
-    out = [z]
-    for z0, w0, zz, zw, wz, ww in zip(*(step.tolist() for step in steps), strict=True):
-        y, u = z - z0, w - w0
-        z, w = z0 + w0 * dt + zz * y + zw * u, w0 + wz * y + ww * u
-        out.append(z)
-    return np.array(out)[:, None]
+    own = np.array([[even - decay * odd, odd], [-k / m * odd, even + decay * odd]])  # (2, 2, N - 1)
+    begin, end = np.array([start, drift]), np.array([start + drift * dt, drift])
+    return _chain(own, end - np.einsum("ijt,jt->it", own, begin), begin[:, 0])[:, :1]
+
+
+def _chain(own: Array, added: Array, first: Array) -> Array:
+    """States (N, 2), each made of the one before it, as one triangular system with few diagonals.
+
+    Args:
+        own: (2, 2, N - 1) what a state keeps [any unit].
+        added: (2, N - 1) what is added [any unit].
+        first: (2,) the first state [any unit].
+    """
+    band = np.zeros((4, 2 * added.shape[1] + 2))
+    band[2, 0:-2:2], band[1, 1:-1:2], band[3, 0:-2:2], band[2, 1:-1:2] = -own.reshape(4, -1)
+    return np.asarray(dtbsv(3, band, np.append(first, added.T.ravel()), lower=1, diag=1)).reshape(-1, 2)
 
 
 def _middle(signal: Array) -> Array:
