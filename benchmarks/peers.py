@@ -79,11 +79,10 @@ def main() -> int:
     versions = (peers[0].version, peers[1].version)
     console.print(*tables(rows, versions))
     faulty = [row for row in rows if row.case.effect and not row.case.told]
-    for name, named in (
-        ("signid", [row.signid.right for row in faulty]),
-        ("figaroh", [row.figaroh.named for row in faulty]),
-        ("mujoco.sysid", [row.mujoco.named for row in faulty]),
-    ):
+    counts = [("signid", [row.signid.right for row in faulty])]
+    counts += [("figaroh", [row.figaroh.named for row in faulty])] if versions[0] else []
+    counts += [("mujoco.sysid", [row.mujoco.named for row in faulty])] if versions[1] else []
+    for name, named in counts:
         console.print(f"{name}: {sum(named)} of {len(faulty)} causes named", highlight=False)
     if options.json:
         document = told(rows, dict(zip(("figaroh", "mujoco"), versions, strict=True)))
