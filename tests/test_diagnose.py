@@ -104,7 +104,7 @@ def test_delay_and_lag_are_alternatives_while_they_are_short() -> None:
     listed = {finding.law.effect.name for finding in (*found.findings, *found.findings[0].alternatives)}
     assert {"time_delay", "torque_lag"} <= listed
     assert any("one of several" in flag for flag in found.flags)
-    (lag,) = look("3r", fault("torque_lag", time_constant=0.03)).findings
+    (lag,) = look("3r", fault("torque_lag", time_constant=0.06)).findings
     assert lag.law.effect.name == "torque_lag" and lag.probability > 0.95  # told apart once they are long
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from signid.diagnose.noise import MARGIN, measure_noise, whiten
 from signid.diagnose.period import find_period
 from signid.diagnose.table import Table
 from signid.diagnose.wave import find_wave
+from signid.diagnose.whitened import weights
 from signid.types import Array
 
 RATE = 20.0  # Hz
@@ -47,6 +49,7 @@ def table(residual: Array, columns: Array, pieces: int = 1, rests: Array | None 
         whole["predicted"],
         residual[:, None],
         still,
+        np.zeros((count, 1)),
         place,
         (columns,),
     )
@@ -131,6 +134,19 @@ def test_noise_has_no_wave() -> None:
     shares = [find_wave(coloured(1000, seed), RATE).share for seed in range(20)]
     assert max(shares) < 0.1
     assert find_wave(np.zeros(100), RATE).share == 0 and find_wave(np.ones(5), RATE).share == 0
+
+
+def test_near_reversals_torque_is_less_sure() -> None:
+    count = 4000
+    rng, near = np.random.default_rng(9), np.arange(count) % 40 < 6
+    residual = 0.1 * rng.standard_normal(count) + 0.5 * near * rng.standard_normal(count)
+    rows = replace(table(residual, waves(count)), jumps=0.5 * near[:, None])
+    noise = measure_noise(rows, [None], RATE)
+    assert noise.floor[0] == pytest.approx(0.1, rel=0.1)
+    weight = weights(rows, noise)[:, 0]
+    assert weight[near[4:]].max() < 0.3 and np.mean(weight > 0.9) > 0.6
+    white = whiten(rows.residual, noise.coefficients[0], float(noise.innovation[0]), rows.piece)[:, 0] * weight
+    assert 0.8 < np.mean(white**2) < 1.2
 
 
 def test_a_residual_without_noise_has_a_floor() -> None:

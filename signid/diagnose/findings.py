@@ -57,13 +57,13 @@ def find(
     order = [*verdict.causes, *verdict.secondary]
     laws, model = extended(setting.model, session.task.base, judge, found, order)
     shown = show(session, model)
-    gains = [_held_out_gain(shown, law) for group in order for law in laws[group]]
+    gains = {group: [_held_out_gain(shown, law) for law in laws[group]] for group in order}
+    verdict = verdict.raised(slots, {group: min(own) for group, own in gains.items()})
     findings = list[Finding]()
-    for group in order:
+    for group in (*verdict.causes, *verdict.secondary):
         slot = next(s for s in slots if s.group is group)
         stds = deviations(setting, judge, found, group, laws[group])
-        for law, std in zip(laws[group], stds, strict=True):
-            gain = gains[len(findings)]
+        for law, std, gain in zip(laws[group], stds, gains[group], strict=True):
             findings.append(_finding(setting, judge, found, slot, law, std, verdict, gain, model, seed))
     floor, scale = judge.evidence.data.floor, judge.evidence.data.scale
     return Result(
@@ -141,8 +141,7 @@ def _held_out_gain(shown: Shown, law: Law) -> float:
 
 def _unexplained(setting: Setting, shown: Shown, verdict: Verdict) -> Iterator[Unexplained]:
     rest, torque = np.nan_to_num(shown.learned.rest), np.nan_to_num(shown.learned.torque)
-    floor, count = setting.noise.floor, len(rest)
-    excess = count * (np.mean(rest**2, axis=0) / floor**2 - 1)
+    excess = np.sum((rest / shown.learned.unforeseen(setting.noise)) ** 2 - 1, axis=0)
     for joint in np.flatnonzero(excess > verdict.threshold).tolist():
         share = float(np.sqrt(np.mean(rest[:, joint] ** 2) / max(float(np.mean(torque[:, joint] ** 2)), 1e-300)))
         yield Unexplained(joint, _place(setting, joint, rest[:, joint]), share)

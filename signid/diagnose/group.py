@@ -104,11 +104,17 @@ def _dry(law: Law) -> float:
     return max((abs(law.parameters[key]) for key in keys), default=0.0)
 
 
-def dry_friction(model: Model, pieces: Sequence[Piece]) -> Array:
-    """(n,) dry friction of each joint [N.m or N]: what the simulation has, or roughly what the residual shows."""
+def stated_friction(model: Model) -> Array:
+    """(n,) dry friction of each joint that the simulation has [N.m or N]."""
     found = np.zeros(len(model.robot.joints))
     for law in (law for law in model.laws if law.effect.reverses and law.effect.scope == "joint"):
         found[law.joints[0]] += _dry(law)
+    return found
+
+
+def dry_friction(model: Model, pieces: Sequence[Piece]) -> Array:
+    """(n,) dry friction of each joint [N.m or N]: what the simulation has, or roughly what the residual shows."""
+    found = stated_friction(model)
     for j in np.flatnonzero(found == 0).tolist():
         rows = [np.column_stack([_plain(p.motion, j), p.residual[:, j]])[::STRIDE] for p in pieces]
         x = np.concatenate(rows)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from ..effects.base import ActuatorLaw
 from ..types import Array, Frozen, Indices, Mask
@@ -18,6 +19,9 @@ FREE = 3.0  # rows for a column, at least
 MARGIN = 1.06  # replicates leave out the loudest stretches
 QUIET = 0.85  # share of the stretches that count
 STRETCHES = 8  # of a piece
+UNSURE = 0.003  # of torque: rows where it is less sure, near reversals, tell little of noise
+ENOUGH = 0.3  # of the rows, that must be sure
+LATER = (1.0, 3.0)  # times what is presumed, by which reversals may be off
 LEAST = 50  # rows in motion
 WAVE = 0.5  # of what is left, from which on a wave in time is no noise
 FEW = 6  # shapes of one hypothesis
@@ -30,6 +34,7 @@ class Noise(Frozen):
     floor: Array  # (n,) [N.m or N] rms
     coefficients: Array  # (n, 4) [1] of the last four values
     innovation: Array  # (n,) [N.m or N] standard deviation of what is new in each row
+    late: Array  # (n,) [1] how unsure torque is near reversals, as a multiple of what is presumed
 
 
 def measure_noise(table: Table, periods: Sequence[float | None], rate: float) -> Noise:
@@ -70,15 +75,34 @@ def whole(piece: Indices, order: int) -> Mask:
     return np.asarray(piece[order:] == piece[:-order])
 
 
-def _of_joint(table: Table, joint: int, periods: Sequence[float | None], rate: float) -> tuple[float, Array, float]:
-    choices = [_fit(*_saturated(table, joint))]
+def _of_joint(
+    table: Table, joint: int, periods: Sequence[float | None], rate: float
+) -> tuple[float, Array, float, float]:
+    rest, jumps, factor = _saturated(table, joint)
+    sure = [x < UNSURE * table.scale[joint] for x in jumps]
+    if np.concatenate(sure).mean() < ENOUGH:
+        sure = [np.ones(len(x), dtype=bool) for x in jumps]
+    choices = [_fit(rest, factor, sure)]
     if again := _repeated(table, joint, periods, rate):
-        choices.append(_fit(again, MARGIN))
-    return min(choices, key=lambda choice: choice[0])
+        choices.append(_fit(again, MARGIN, [np.ones(len(x), dtype=bool) for x in again]))
+    best = min(choices, key=lambda choice: choice[0])
+    return *best, _lateness(factor * np.concatenate(rest), np.concatenate(jumps), best[0])
 
 
-def _saturated(table: Table, joint: int) -> tuple[list[Array], float]:
-    """What is left of the residual by all columns that are not too many, and how much the fit took of the noise."""
+def _lateness(rest: Array, jumps: Array, floor: float) -> float:
+    """How far off reversals are, as a multiple of what is presumed, from what is left where they make torque unsure."""
+    near = jumps > floor
+    if near.sum() < FEW:
+        return 1.0
+    excess = max(float(np.mean(rest[near] ** 2)) - floor**2, 0.0)
+    return float(np.clip(np.sqrt(excess / np.mean(jumps[near] ** 2)), *LATER))
+
+
+def _saturated(table: Table, joint: int) -> tuple[list[Array], list[Array], float]:
+    """Run by run, what all columns that are not too many leave of the residual, and how unsure torque is there.
+
+    Also how much the fit took of the noise.
+    """
     goes = ~table.rests[:, joint]
     goes = goes if goes.sum() > LEAST else np.ones_like(goes)
     x, y, run = _usual(table, joint)[goes], table.residual[goes, joint], _runs(table, goes)
@@ -89,7 +113,7 @@ def _saturated(table: Table, joint: int) -> tuple[list[Array], float]:
     left = left[:, singular > RANK * singular[0]]
     left = left[:, : max(1, int(len(y) / FREE))]
     rest = [_still(part) for part in _split(y - left @ (left.T @ y), run)]
-    return rest, float(np.sqrt(len(y) / max(len(y) - left.shape[1], 1)))
+    return rest, _split(table.jumps[goes, joint], run), float(np.sqrt(len(y) / max(len(y) - left.shape[1], 1)))
 
 
 def _still(rest: Array) -> Array:
@@ -129,13 +153,14 @@ def _repeated(table: Table, joint: int, periods: Sequence[float | None], rate: f
     return [x for x, size in zip(out, loud, strict=True) if size <= np.quantile(loud, QUIET)]
 
 
-def _fit(pieces: Sequence[Array], factor: float) -> tuple[float, Array, float]:
-    long = [x for x in pieces if len(x) > 2 * ORDER]
-    before = np.concatenate([np.column_stack([x[ORDER - 1 - k : len(x) - 1 - k] for k in range(ORDER)]) for x in long])
-    after = np.concatenate([x[ORDER:] for x in long])
+def _fit(pieces: Sequence[Array], factor: float, sure: Sequence[Mask]) -> tuple[float, Array, float]:
+    """Of rows that are sure, and so are those before them."""
+    some = [(sliding_window_view(x, ORDER + 1), y) for x, y in zip(pieces, sure, strict=True) if len(x) > 2 * ORDER]
+    rows = np.concatenate([x[sliding_window_view(y, ORDER + 1).all(axis=1)] for x, y in some])
+    before, after = rows[:, ORDER - 1 :: -1], rows[:, ORDER]
     coefficients = np.linalg.lstsq(before, after, rcond=None)[0]
     new = float(np.std(after - before @ coefficients))
-    floor = float(np.sqrt(np.mean(np.concatenate(long) ** 2)))
+    floor = float(np.sqrt(np.mean(np.concatenate([x[k] for x, k in zip(pieces, sure, strict=True)]) ** 2)))
     least = 1e-9 * max(floor, 1e-300) + 1e-12
     return factor * floor + least, coefficients, factor * new + least
 

@@ -13,7 +13,9 @@ from ..model import Model
 from ..rows import Task
 from ..session import Part, Session
 from ..types import Array
-from .sample import Piece, pieces
+from .group import stated_friction
+from .noise import Noise
+from .sample import Piece, jumps, pieces
 from .table import stands_still
 
 
@@ -24,6 +26,11 @@ class Rows(NamedTuple):
     thin: Decimator
     rest: Array  # (M, n) [N.m or N] measured - predicted
     torque: Array  # (M, n) [N.m or N] measured
+    unsure: Array  # (M, n) [N.m or N] near reversals, standard deviation
+
+    def unforeseen(self, noise: Noise) -> Array:
+        """(M, n) [N.m or N] standard deviation of all that no simulation could predict."""
+        return np.asarray(np.hypot(noise.floor, noise.late * self.unsure))
 
 
 class Shown(NamedTuple):
@@ -44,21 +51,16 @@ def show(session: Session, model: Model) -> Shown:
     return Shown(model, *(residuals(session.task, model, parts) for parts in (session.train, session.held_out)))
 
 
-def fit_of(shown: Shown, floor: Array) -> Fit:
-    """Residual rms of a simulation in training and held out.
-
-    Args:
-        shown: what it predicts.
-        floor: (n,) noise of the rows [N.m or N].
-    """
-    robot, (_, _, residual, torque) = shown.model.robot, shown.judged
+def fit_of(shown: Shown, noise: Noise) -> Fit:
+    """Residual rms of a simulation in training and held out, beside what no simulation could predict."""
+    robot, residual, torque = shown.model.robot, shown.judged.rest, shown.judged.torque
     spread = np.nansum((torque - _mean(torque)) ** 2, axis=0)
     return Fit(
         joints=robot.joints,
         unit=tuple("N" if prismatic else "N.m" for prismatic in robot.prismatic),
         train_rms=_rms(shown.learned.rest),
         held_out_rms=_rms(residual),
-        noise_floor=floor,
+        noise_floor=_rms(shown.judged.unforeseen(noise)),
         held_out_r2=1 - np.nansum(residual**2, axis=0) / np.where(spread > 0, spread, np.nan),
     )
 
@@ -76,7 +78,9 @@ def residuals(task: Task, model: Model, parts: Sequence[Part]) -> Rows:
     predicted = np.concatenate([thin(np.asarray(piece.motion.predicted)) for piece in found])
     still = [stands_still(p.motion, thin)[thin.half : len(p.motion) - thin.half : thin.factor] for p in found]
     rest = np.where(np.concatenate(still) > 0, np.nan, rest)
-    return Rows(found, thin, rest, rest + predicted)
+    dry = stated_friction(model)
+    unsure = np.abs(np.concatenate([thin(jumps(piece.motion, dry)) for piece in found]))
+    return Rows(found, thin, rest, rest + predicted, unsure)
 
 
 def _rms(x: Array) -> Array:

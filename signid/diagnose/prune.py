@@ -59,16 +59,16 @@ def _told(judge: Judge, found: Found) -> Found:
 def _harms(setting: Setting, session: Session, judge: Judge, found: Found) -> dict[Group, float]:
     """By how much each hypothesis's law makes the squared residual larger, over that of the simulation as given [1]."""
     laws, model = extended(setting.model, session.task.base, judge, found, found.true)
-    rest = residuals(session.task, model, session.train).rest
-    floor, out = judge.evidence.data.floor, dict[Group, float]()
+    rows, out = residuals(session.task, model, session.train), dict[Group, float]()
+    rest, noise = rows.rest, rows.unforeseen(setting.noise)
     for group, own in laws.items():
         torque = np.zeros_like(rest)
         for law in own:
             for j, x in torque_rows(setting.thin, setting.pieces, law).items():
                 torque[:, j] += x
-        out[group] = _square(rest, floor) - _square(rest + torque, floor)
+        out[group] = _square(rest / noise) - _square((rest + torque) / noise)
     return out
 
 
-def _square(x: Array, floor: Array) -> float:
-    return float(np.nansum((x / floor) ** 2))
+def _square(x: Array) -> float:
+    return float(np.nansum(x**2))

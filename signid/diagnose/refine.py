@@ -121,9 +121,10 @@ def _fits(judge: Judge, option: tuple[Hypothesis, Group], beside: Beside) -> boo
     known, (rest, _, dispersion) = option[0], beside
     if not known.finite:
         return True
-    units = {kind.unit for kind in known.laws[0].effect.linear().values()}
-    size = max(abs(x) for x in _start(judge, option, rest, dispersion).values())
-    return size < min(FAR.get(unit, np.inf) for unit in units)
+    kinds, start = known.laws[0].effect.linear(), _start(judge, option, rest, dispersion)
+    return all(
+        abs(x) < FAR.get(kinds[key].unit, np.inf) and not (kinds[key].positive and x <= 0) for key, x in start.items()
+    )
 
 
 def _shape(law: Law) -> dict[str, float]:

@@ -87,7 +87,7 @@ def diagnose(
     found, slots = settle(judge, prune(setting, session, judge, found))
     verdict = decide(judge, found, slots).doubted(any(one.kind == "excitation" for one in gross.findings))
     result = model_rest(session, find(setting, session, judge, found, slots, verdict, options.seed))
-    before, after = (fit_of(one, setting.noise.floor) for one in (show(session, given), result.shown))
+    before, after = (fit_of(one, setting.noise) for one in (show(session, given), result.shown))
     told("rolling out", 0.9)
     rolled = _roll_out(session, given, result.shown.model)
     return Diagnosis(

@@ -19,6 +19,7 @@ from ..sampling import samples
 from ..session import Part
 from ..types import Array, Law, Robot
 
+LATE = 0.006  # [s] by which a reversal is sensed too early or too late
 LONG = 2**14  # samples of the recording at a time
 
 
@@ -75,6 +76,18 @@ def torque_rows(thin: Decimator, pieces: Sequence[Piece], law: Law) -> dict[int,
     """Per joint, (M,) [N.m or N] what a law with all its numbers adds to the rows of some pieces."""
     made = [{j: x[:, None] for j, x in torque_of(law, piece.motion).items()} for piece in pieces]
     return {j: x[:, 0] for j, x in thinned(thin, made).items()}
+
+
+def jumps(motion: Motion, dry: Array) -> Array:
+    """(N, n) [N.m or N] torque that is unsure, where a joint reverses, since the moment of its reversal is.
+
+    Between samples, and while dry friction holds the joint still, nothing tells when friction turns.
+
+    Args:
+        motion: N samples.
+        dry: (n,) dry friction of each joint [N.m or N].
+    """
+    return np.asarray(LATE * dry * np.gradient(motion.direction, motion.dt, axis=0))
 
 
 def _piece(task: Task, model: Model, motion: Motion, robot: Robot, k: int) -> Piece:

@@ -12,13 +12,13 @@ from ..effects.law import coefficient_count
 from ..filters import Decimator
 from ..model import Model
 from ..rows import Task
-from ..types import Array, Frozen, Mask
+from ..types import Array, Frozen
 from .group import Group
 from .hypothesis import Hypothesis
 from .noise import Noise, whiten
 from .sample import Piece, thinned
 from .table import Table
-from .whitened import Whitened, moving
+from .whitened import Whitened, weights
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,16 +55,16 @@ class Setting(Frozen):
         Args:
             columns: per joint (M, k) [torque per coefficient].
         """
-        noise, piece, moves = self.noise, self.table.piece, self.moves
+        noise, piece, weight = self.noise, self.table.piece, self._weight
         return {
-            j: whiten(x, noise.coefficients[j], float(noise.innovation[j]), piece) * moves[:, j, None]
+            j: whiten(x, noise.coefficients[j], float(noise.innovation[j]), piece) * weight[:, j, None]
             for j, x in columns.items()
         }
 
     @cached_property
-    def moves(self) -> Mask:
-        """(M', n) whitened rows that count."""
-        return moving(self.table, self.noise.coefficients.shape[1])
+    def _weight(self) -> Array:
+        """(M', n) of whitened rows [1]."""
+        return weights(self.table, self.noise)
 
 
 def append(

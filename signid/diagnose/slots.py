@@ -13,7 +13,7 @@ from .found import Found
 from .group import Group
 from .hypothesis import Key
 from .odds import Judge, Odds
-from .search import is_sound, spread, without
+from .search import SHAPE_ERROR, is_sound, spread, without
 from .sizes import Sizes, measure_sizes
 
 TOLD = 0.03  # probability from which on a rival is listed
@@ -79,43 +79,54 @@ def _slot(judge: Judge, found: Found, group: Group, wide: Array, beside: Mapping
     odds, _ = judge.odds(rest.true, wide)
     odds = {key: o for key, o in odds.items() if key == group.claim.key or len(o.best.claim.laws) <= 1}
     logs = {key: o.log - max(0.0, beside[key].log if key in beside else 0.0) for key, o in odds.items()}
-    own = group.claim.key
+    own, left = group.claim.key, _leftovers(judge, group, odds, sizes)
+    for key in [key for key in left if own in logs and _is_twin(judge, group, odds[key].best)]:
+        likely = judge.priors[key] - judge.priors[own] - left[key] / left[own] / (2 * SHAPE_ERROR**2)
+        logs[key] = max(logs[key], logs[own] + likely)
     highest = max(logs.values())
     share = {key: float(np.exp(x - highest)) for key, x in logs.items()}
     nothing = 1 / (1 + float(np.exp(min(found.log_odds[group], 500.0))))
     total = sum(share.values())
     probability = {key: (1 - nothing) * x / total for key, x in share.items()}
-    alike = _alike(judge, group, odds, sizes)
     rivals = {
         key: (p, odds[key].best)
         for key, p in sorted(probability.items(), key=lambda item: -item[1])
-        if key != own and not odds[key].best.claim.unknown and (p > TOLD or key in alike)
+        if key != own and not odds[key].best.claim.unknown and (p > TOLD or left.get(key, np.inf) < SAME)
     }
     unknown = sum(p for key, p in probability.items() if odds[key].best.claim.unknown)
     return Slot(group, probability.get(own, 0.0), unknown, rivals)
 
 
-def _alike(judge: Judge, group: Group, odds: Mapping[Key, Odds], sizes: Sizes) -> set[Key]:
-    """Hypotheses that leave nothing of an effect's torque that noise would not hide."""
+def _is_twin(judge: Judge, group: Group, rival: Group) -> bool:
+    """Whether another law at the same place is hard to tell from a hypothesis, as its effect says, at any size."""
+    (name, joints), belief = rival.claim.key, judge.evidence.beliefs[rival]
+    there = joints == group.claim.key[1] and name in group.claim.laws[0].effect.twins
+    return there and belief is not None and not belief.mean
+
+
+def _leftovers(judge: Judge, group: Group, odds: Mapping[Key, Odds], sizes: Sizes) -> dict[Key, float]:
+    """What rivals of some weight leave of a torque, sum of squares [variance of noise]; its own key: all of it."""
     data, joints = judge.evidence.data, judge.evidence.data.rows(group)
     torque = {j: data.part(j, group) @ sizes.value[group] for j in range(data.joints)}
-    known = [g for g in data.refitted if not g.bodies]
-    least = odds[group.claim.key].log - FAR if group.claim.key in odds else -np.inf
-    out = set[Key]()
+    known, own = [g for g in data.refitted if not g.bodies], group.claim.key
+    least = odds[own].log - FAR if own in odds else -np.inf
+    out = {own: max(sum(float(x @ x) for x in torque.values()), 1e-300)}
     for key, rival in odds.items():
-        own = data.rows(rival.best)
-        if rival.best.claim.unknown or not set(joints) & set(own) or rival.log < least:
+        there, twin = data.rows(rival.best), _is_twin(judge, group, rival.best)
+        if rival.best.claim.unknown or not set(joints) & set(there) or (rival.log < least and not twin):
             continue
-        left = sum(float(x @ x) for j, x in torque.items() if j not in own)
-        if left < SAME and _left(judge, rival.best, torque, known) + left < SAME:
-            out.add(key)
+        elsewhere = sum(float(x @ x) for j, x in torque.items() if j not in there)
+        if key != own and (twin or elsewhere < SAME):
+            out[key] = elsewhere + _left(judge, rival.best, torque, known)
     return out
 
 
 def _left(judge: Judge, rival: Group, torque: Mapping[int, Array], known: list[Group]) -> float:
     """Sum of squares that a rival and the refitted laws leave of some torque, on the rival's joints."""
-    data = judge.evidence.data
+    data, belief = judge.evidence.data, judge.evidence.beliefs[rival]
     joints = data.rows(rival)
-    beside = [np.concatenate([data.part(j, group) for j in joints]) for group in (*known, rival)]
-    x, y = np.concatenate(beside, axis=1), np.concatenate([torque[j] for j in joints])
-    return float(np.sum(leave(y, x) ** 2))
+    own, *beside = (np.concatenate([data.part(j, group) for j in joints]) for group in (rival, *known))
+    target = np.concatenate([torque[j] for j in joints])
+    if belief is not None and belief.mean:  # it is there or not
+        target, own = target - own.sum(axis=1), own[:, :0]
+    return float(np.sum(leave(target, np.concatenate([own, *beside], axis=1)) ** 2))

@@ -15,7 +15,7 @@ from ..motion import Motion
 from ..rows import Task
 from ..types import Array, Frozen, Indices, Mask
 from .group import Group, nuisances
-from .sample import Piece
+from .sample import Piece, jumps
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +34,7 @@ class Table(Frozen):
     predicted: Array  # (M, n) [N.m or N]
     residual: Array  # (M, n) [N.m or N] measured - predicted
     rests: Mask  # (M, n) whether a joint stands still so near that the filter feels it: there friction is anything
+    jumps: Array  # (M, n) [N.m or N] how unsure torque is near reversals, standard deviation
     place: tuple[Indices, ...]  # per joint (m_j,) the columns that it has
     columns: tuple[Array, ...]  # per joint (M, m_j) [torque per coefficient]
 
@@ -106,6 +107,7 @@ def tabulate(task: Task, model: Model, groups: Sequence[Group], pieces: Sequence
         q=inner([piece.motion.q for piece in pieces]),
         v=inner([piece.motion.v for piece in pieces]),
         a=inner([piece.motion.a for piece in pieces]),
+        jumps=np.abs(np.concatenate([thin(jumps(piece.motion, dry)) for piece in pieces])),
         rests=inner([stands_still(piece.motion, thin) for piece in pieces]) > 0,
         torque=torque,
         predicted=torque - residual,

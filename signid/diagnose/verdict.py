@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,11 +16,13 @@ from .sizes import Sizes, energies, measure_sizes
 from .slots import Slot
 
 CAUSE = 0.05  # of the largest energy: less is a small correction
+LARGE, HOLDS = 0.03, 0.2  # share of some joint's torque, and held-out gain: more is no small correction
 EXPLAINED, ROUGHLY = 0.75, 0.5  # of the excess, of plain laws and of those whose shape is approximate
 NOTICED = 4.0  # standard deviations of a mean square
 DISCREPANCY = 0.006  # of torque, in which every simulation is wrong
 FAINT = 0.1  # of the largest rms torque: no joint's counts as smaller
 CROWD, MOST_OF_IT = 3, 0.6  # causes; share of the excess that the first of so many must explain
+CLEAR, CLEARLY = 20.0, 0.8  # log odds that a variable explains it, from which on so much of the threshold is enough
 PLAIN = 3.0  # times the threshold, from which on something is missing though it depends on no variable
 STAYS = 0.25  # of a joint's excess that causes at other joints leave: they are not what is missing there
 LEFT = 0.1  # of the largest excess: less does not matter
@@ -37,6 +39,21 @@ class Verdict(Frozen):
     after: Array  # (n,) [1]
     threshold: Array  # (n,) of the excess [1]
     sizes: Sizes
+
+    def raised(self, slots: Sequence[Slot], gains: Mapping[Group, float]) -> Verdict:
+        """With what is no small correction beside a larger cause among the causes.
+
+        Args:
+            slots: how sure each is.
+            gains: share of the held-out sum of squares, on its joints, that each takes away [1].
+        """
+        sure = {slot.group for slot in slots if slot.probability > 0.5}
+        size = self.sizes.share
+        more = [g for g in self.secondary if g in sure and size[g].max() >= LARGE and gains[g] >= HOLDS]
+        if self.name != "named" or not more:
+            return self
+        secondary = tuple(group for group in self.secondary if group not in more)
+        return replace(self, causes=(*self.causes, *more), secondary=secondary)
 
     def doubted(self, excitation: bool) -> Verdict:
         """Without causes where the motion tells too little to name any: they are leads."""
@@ -69,8 +86,9 @@ def decide(judge: Judge, found: Found, slots: Sequence[Slot]) -> Verdict:
     secondary = tuple(group for group in ranked if group not in causes)
     told = {slot.group: slot for slot in slots}
     if not causes:
-        depends = any(o.log > 0 for o in found.first.values() if o.best.claim.unknown)
-        name = "unknown" if np.any(after > threshold * (1 if depends else PLAIN)) else "nothing_missing"
+        told_of = max((o.log for o in found.first.values() if o.best.claim.unknown), default=-np.inf)
+        factor = PLAIN if told_of <= 0 else 1.0 if told_of < CLEAR else CLEARLY
+        name = "unknown" if np.any(after > factor * threshold) else "nothing_missing"
     elif _abstains(data.joints, causes, before, after, threshold, told[causes[0]], energy):
         name = "unknown"
     else:

@@ -136,12 +136,13 @@ def whitened(table: Table, noise: Noise) -> Whitened:
     n, order = table.joints, noise.coefficients.shape[1]
     told = [(noise.coefficients[j], float(noise.innovation[j]), table.piece) for j in range(n)]
     moves = moving(table, order)
+    weight = weights(table, noise)
     return Whitened(
         groups=table.groups,
         count=table.count,
         place=table.place,
-        columns=tuple(whiten(table.columns[j], *told[j]) * moves[:, j, None] for j in range(n)),
-        residual=np.array([whiten(table.residual[:, j, None], *told[j])[:, 0] * moves[:, j] for j in range(n)]),
+        columns=tuple(whiten(table.columns[j], *told[j]) * weight[:, j, None] for j in range(n)),
+        residual=np.array([whiten(table.residual[:, j, None], *told[j])[:, 0] * weight[:, j] for j in range(n)]),
         moves=moves,
         recording=table.recording[order:][whole(table.piece, order)],
         torque=table.columns,
@@ -154,6 +155,14 @@ def moving(table: Table, order: int) -> Mask:
     """(M, n) which whitened rows no standstill touches."""
     still = np.asarray(np.array([table.rests[order - k : len(table) - k] for k in range(order + 1)]).any(axis=0))
     return np.asarray(~still[whole(table.piece, order)])
+
+
+def weights(table: Table, noise: Noise) -> Array:
+    """(M, n) [1] of whitened rows: less near reversals, none where a joint stands still."""
+    order = noise.coefficients.shape[1]
+    unsure = np.max([table.jumps[order - k : len(table) - k] for k in range(order + 1)], axis=0)
+    weight = 1 / np.sqrt(1 + (noise.late * unsure / noise.floor) ** 2)
+    return np.asarray(weight[whole(table.piece, order)] * moving(table, order))
 
 
 def columns_of(groups: Sequence[Group]) -> Indices:

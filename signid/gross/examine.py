@@ -14,6 +14,7 @@ from ..excitation import Excitation, judge_excitation
 from ..model import Model
 from ..session import Part, Session
 from ..types import Array, Mask
+from .absolute import judge_absolute
 from .channels import judge_channels
 from .correction import Correction
 from .evidence import Evidence, Signals, gather
@@ -25,6 +26,7 @@ from .result import Finding, Gross
 from .search import Claim, search, telling
 from .sentences import (
     KINDS,
+    tell_absolute,
     tell_amount,
     tell_beyond,
     tell_claims,
@@ -40,7 +42,13 @@ UNTOLD, STRONG = 0.6, 0.05  # share of a joint's torque that stays unexplained, 
 MOVES = 0.05  # of the fastest joint's rms velocity
 CLEAR = 0.2  # of the variance by which the right sign or order does better than a wrong one
 SIGNS, ORDERS = ("torque sign", "position sign", "axis"), ("torque order", "position order", "joint order")
-REASONS = (*KINDS, "units", "gain", "unexplained torque")  # for torque beyond limits and for much noise
+REASONS = (
+    *KINDS,
+    "absolute torque",
+    "units",
+    "gain",
+    "unexplained torque",
+)  # for torque beyond limits and for much noise
 UNSIGNED = (0.1, 100.0)  # of the model's rms torque: sizes between may be friction
 
 
@@ -79,8 +87,12 @@ def examine(model: Model, session: Session, excitation: Excitation | None = None
     evidence = gather(model, session, parts)
     if evidence is not None and signed is not None:
         evidence = replace(evidence, signed=evidence.signed & signed)
+    absolute = list[Finding]()
+    if evidence is not None and (lost := judge_absolute(evidence, parts)).any():
+        absolute = [tell_absolute([robot.joints[j] for j in np.flatnonzero(lost)])]
+        evidence = replace(evidence, signed=evidence.signed & ~lost)
     seen = None if evidence is None else _see(evidence)
-    causes = _causes(session, parts, evidence, seen)
+    causes = [*absolute, *_causes(session, parts, evidence, seen)]
     findings = [*causes, *_effects(session, parts, evidence, excitation, causes)]
     return _gross(robot.joints, evidence, seen, findings)
 

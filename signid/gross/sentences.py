@@ -118,6 +118,13 @@ def tell_unsigned_units(ratio: float) -> Finding:
     return Finding("units", (), WARN, {"factor": ratio}, f"{told}: their unit is wrong; convert them to N.m (N)")
 
 
+def tell_absolute(joints: Sequence[str]) -> Finding:
+    """Torque that lost its sign, and is not said to have lost it."""
+    told = f"the torque of {named(joints)} is never negative though the simulation's changes its sign"
+    mend = "these are absolute values: name the columns abs_tau_JOINT, or say --unsigned (unsigned=True)"
+    return Finding("absolute torque", tuple(joints), REFUSE, {}, f"{told}; {mend}")
+
+
 def tell_unexplained(joint: str, explained: float) -> Finding:
     """Torque that does not belong to its motion."""
     told = f"the torque of {named([joint])} does not follow from its motion: model and friction explain"

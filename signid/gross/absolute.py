@@ -1,0 +1,40 @@
+"""Torque that is never negative where the simulation's changes its sign: absolute values, and nobody said so."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..session import PIECE, Part
+from ..types import Array, Mask
+from .evidence import Evidence
+
+NEAR = 0.02  # of the largest torque: absolute torque goes so near to zero where its sign changes
+BOTH = 0.1  # of the rows, in which the model's torque has the rarer sign
+BETTER = 0.5  # of what the model's torque leaves, that its absolute value leaves at most
+
+
+def judge_absolute(evidence: Evidence, parts: Sequence[Part]) -> Mask:
+    """(n,) joints whose torque is said to have its sign and has none: all that are never negative, if one shows it.
+
+    Args:
+        evidence: rows of all recordings.
+        parts: the recordings, whose raw samples of the longest stretch are looked at.
+    """
+    predicted, torque = evidence.plain.predicted, evidence.plain.torque
+    rarer = np.minimum((predicted > 0).mean(axis=0), (predicted < 0).mean(axis=0))
+    sizes, plain = (np.sum((torque - p) ** 2, axis=0) for p in (np.abs(predicted), predicted))
+    raw = [_extremes(part) for part in parts]
+    least, most = np.min([low for low, _ in raw], axis=0), np.max([high for _, high in raw], axis=0)
+    never = evidence.signed & (least >= 0) & (most > 0)
+    lost = never & (least <= NEAR * most) & (rarer >= BOTH) & (sizes <= BETTER * plain)
+    return np.asarray(never if lost.any() else lost)
+
+
+def _extremes(part: Part) -> tuple[Array, Array]:
+    """Least and largest torque of each joint, (n,) each [N.m or N]."""
+    recording, sampling = part
+    start, stop = max(sampling.spans, key=lambda span: span[1] - span[0])
+    tau = np.nan_to_num(recording.read(start, min(stop, start + PIECE)).tau)
+    return tau.min(axis=0), tau.max(axis=0)
