@@ -13,8 +13,8 @@ from ..types import Array, Law, Shape
 from .extend import extended
 from .found import Found
 from .hypothesis import VARIABLES
+from .intervals import deviations
 from .locate import Place, locate
-from .numbers import deviations
 from .odds import Judge
 from .prove import Shown, show
 from .result import Alternative, Finding, Unexplained
@@ -58,11 +58,10 @@ def find(
     laws, model = extended(setting.model, session.task.base, judge, found, order)
     shown = show(session, model)
     gains = [_held_out_gain(shown, law) for group in order for law in laws[group]]
-    findings = list[Finding]()
+    findings, stds = list[Finding](), deviations(setting, judge, found, laws)
     for group in order:
         slot = next(s for s in slots if s.group is group)
-        stds = deviations(setting, judge, found, group, laws[group])
-        for law, std in zip(laws[group], stds, strict=True):
+        for law, std in zip(laws[group], stds[group], strict=True):
             gain = gains[len(findings)]
             findings.append(_finding(setting, judge, found, slot, law, std, verdict, gain, model, seed))
     floor, scale = judge.evidence.data.floor, judge.evidence.data.scale
