@@ -169,10 +169,10 @@ def test_energy_is_what_a_law_takes_away() -> None:
 
 
 def test_a_link_beyond_any_tolerance_is_strained() -> None:
-    assert strained_links(posed("3r").judge, posed("3r").found()) == set()
+    assert strained_links(posed("3r").judge, posed("3r").found()) == {}
     heavy = posed("3r", heavier=(("link_3", 1.5),))
     found = heavy.found()
-    assert found.trust > 0 and 2 in strained_links(heavy.judge, found)
+    assert found.trust > 0 and strained_links(heavy.judge, found)[2] > 30
 
 
 @pytest.mark.parametrize(

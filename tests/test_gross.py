@@ -106,13 +106,8 @@ PLANTED: dict[str, tuple[Callable[[Array, Array], tuple[Array, Array]], str, tup
         "warn",
     ),
     "stuck": (lambda q, tau: (q, held(tau, 4, 1000, 200)), "stuck torque", (4,), "warn"),
-    "absolute": (lambda q, tau: (q, np.abs(tau)), "absolute torque", (0, 1, 2, 3, 4, 5), "refuse"),
-    "one absolute": (
-        lambda q, tau: (q, np.where(np.arange(6) == 2, np.abs(tau), tau)),
-        "absolute torque",
-        (2,),
-        "refuse",
-    ),
+    "absolute": (lambda q, tau: (q, np.abs(tau)), "absolute torque", tuple(range(6)), "refuse"),
+    "one absolute": (lambda q, tau: (q, tau * np.sign(tau) ** (np.arange(6) == 2)), "absolute torque", (2,), "refuse"),
     "skipping": (lambda q, tau: (skipping(q), tau), "skipping position", (2,), "warn"),
 }
 

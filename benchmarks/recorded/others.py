@@ -44,7 +44,9 @@ def _wrist(told: Diagnosis) -> Sequence[Target]:
     numbers = coupled[0].law.parameters if coupled else dict.fromkeys(COUPLING, 0.0)
     before, after = told.before.held_out_r2, told.after.held_out_r2
     fits = [
-        Target(f"held-out R2 of joint {j + 1}", f"{before[j]:.3f} -> {after[j]:.3f}", f"> {least}", after[j] > least)
+        Target(
+            f"held-out R2 of joint {j + 1}", f"{before[j]:.3f} -> {after[j]:.3f}", f"> {least}", bool(after[j] > least)
+        )
         for j, least in zip((4, 5), WELL, strict=True)
     ]
     near = [within(key, numbers[key], wanted, COUPLED) for key, wanted in COUPLING.items()]

@@ -8,7 +8,7 @@ import numpy as np
 
 import signid
 from signid.diagnose import Diagnosis
-from signid.diagnose.prove import predict_fit
+from signid.diagnose.prove import fit_of, show
 from signid.prepare import prepare
 
 from .data import JUDGED, LOADED, UNLOADED, ur10e_model, ur10e_recording
@@ -55,7 +55,7 @@ def _unloaded_error(cutoff: float) -> Array:
     options = signid.Options(effects=(), cutoff=cutoff)
     model, judged = ur10e_model(), ur10e_recording(JUDGED)
     session = prepare(model.robot, [judged], [judged], options)
-    return predict_fit(session, model, np.ones(len(model.robot.joints))).held_out_rms
+    return fit_of(show(session, model), np.ones(len(model.robot.joints))).held_out_rms
 
 
 def jointwise() -> Iterator[Row]:

@@ -15,6 +15,7 @@ from .linear import Linear
 from .whitened import Whitened
 
 BLOCKS = 8
+ALONE = 0.8  # of a joint's rows in motion, from which on other recordings do not tell of it
 
 
 class _Block(NamedTuple):
@@ -55,7 +56,7 @@ class Unseen(NamedTuple):
 
 
 def leave_out(linear: Linear, true: Sequence[Group], dispersion: Array, trust: float) -> Unseen:
-    """Each block predicted by the others: whole recordings where there are several, else eighths of the only one.
+    """Each block predicted by the others: whole recordings where several move each joint, else eighths of them.
 
     Args:
         linear: rows.
@@ -89,11 +90,12 @@ def _gain(block: _Block, here: tuple[Array, Array, Array], others: tuple[Array, 
 
 
 def _edges(data: Whitened) -> list[int]:
-    """Where blocks begin, and the end."""
-    starts = np.flatnonzero(np.diff(data.recording)) + 1
-    if len(starts):
-        return [0, *starts.tolist(), len(data)]
-    return [-(-k * len(data) // BLOCKS) for k in range(BLOCKS + 1)]
+    """Where blocks begin, and the end: recordings, cut in eighths where other ones do not move all joints."""
+    starts = [0, *(np.flatnonzero(np.diff(data.recording)) + 1).tolist(), len(data)]
+    moved = np.array([data.moves[a:b].sum(axis=0) for a, b in pairwise(starts)])
+    if np.all(moved.max(axis=0) <= ALONE * moved.sum(axis=0)):
+        return starts
+    return [*(-(-k * (b - a) // BLOCKS) + a for a, b in pairwise(starts) for k in range(BLOCKS)), len(data)]
 
 
 def _sum(left: Sequence[Array], right: Sequence[Array]) -> Array:

@@ -23,7 +23,7 @@ from .whitened import whitened
 NOISE_ERROR, DISCREPANCY = 1.3, 0.003  # of the noise's variance; of torque, in which every simulation is wrong
 AGAIN = 1.6  # of the dispersion that was expected: more, and the search is done again with what was found
 WINDOWS = 10  # of contact that are looked at, for each row
-QUIET, QUIETER = 0.5, 0.8  # variance left, and share of the noise: less, and a fault was taken for noise
+QUIET, QUIETER = 0.7, 0.8  # variance left, and share of the noise: less, and a fault was taken for noise
 
 
 def explain(

@@ -13,8 +13,8 @@ from ..types import Array, Law, Shape
 from .extend import extended
 from .found import Found
 from .hypothesis import VARIABLES
+from .intervals import deviations
 from .locate import Place, locate
-from .numbers import deviations
 from .odds import Judge
 from .prove import Shown, show
 from .result import Alternative, Finding, Unexplained
@@ -59,11 +59,10 @@ def find(
     shown = show(session, model)
     gains = {group: [_held_out_gain(shown, law) for law in laws[group]] for group in order}
     verdict = verdict.raised(slots, {group: min(own) for group, own in gains.items()})
-    findings = list[Finding]()
+    findings, stds = list[Finding](), deviations(setting, judge, found, laws)
     for group in (*verdict.causes, *verdict.secondary):
         slot = next(s for s in slots if s.group is group)
-        stds = deviations(setting, judge, found, group, laws[group])
-        for law, std, gain in zip(laws[group], stds, gains[group], strict=True):
+        for law, std, gain in zip(laws[group], stds[group], gains[group], strict=True):
             findings.append(_finding(setting, judge, found, slot, law, std, verdict, gain, model, seed))
     floor, scale = judge.evidence.data.floor, judge.evidence.data.scale
     return Result(
@@ -141,7 +140,7 @@ def _held_out_gain(shown: Shown, law: Law) -> float:
 
 def _unexplained(setting: Setting, shown: Shown, verdict: Verdict) -> Iterator[Unexplained]:
     rest, torque = np.nan_to_num(shown.learned.rest), np.nan_to_num(shown.learned.torque)
-    excess = np.sum((rest / shown.learned.unforeseen(setting.noise)) ** 2 - 1, axis=0)
+    excess = np.sum((rest / shown.learned.unforeseen(setting.noise, 1)) ** 2 - 1, axis=0)
     for joint in np.flatnonzero(excess > verdict.threshold).tolist():
         share = float(np.sqrt(np.mean(rest[:, joint] ** 2) / max(float(np.mean(torque[:, joint] ** 2)), 1e-300)))
         yield Unexplained(joint, _place(setting, joint, rest[:, joint]), share)

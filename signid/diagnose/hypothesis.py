@@ -139,6 +139,11 @@ def refits(law: Law) -> bool:
     return there and isinstance(law.effect, TorqueLaw) and law.effect.name != "armature"
 
 
+def happens_once(law: Law) -> bool:
+    """Whether it has a beginning and an end, so that nothing else foretells it and it foretells nothing."""
+    return {"start", "end"} <= set(law.effect.parameters)
+
+
 def _shaped(law: Law) -> bool:
     return bool(law.effect.shape(law.parameters))
 

@@ -40,7 +40,7 @@ class Fitted(NamedTuple):
     @property
     def value(self) -> Array:
         """(k,) the likeliest coefficients."""
-        return np.asarray(solve_triangular(self.lower, self.told, lower=True, trans="T") / self.size)
+        return self.solved(self.told[:, None])[:, 0]
 
     def place(self, group: Group) -> slice:
         """Where the coefficients of a group that took part stand among those that are fitted."""
@@ -56,6 +56,14 @@ class Fitted(NamedTuple):
     def below(self, rows: Array) -> Array:
         """(k, m) lower^-1 of some rows (k, m) [1 per coefficient, squared]."""
         return np.asarray(solve_triangular(self.lower, rows / self.size[:, None], lower=True))
+
+    def solved(self, below: Array) -> Array:
+        """(k, m) coefficients of right sides of which lower^-1 is given.
+
+        Args:
+            below: (k, m) [1].
+        """
+        return np.asarray(solve_triangular(self.lower, below, lower=True, trans="T") / self.size[:, None])
 
 
 @dataclass(frozen=True, eq=False)

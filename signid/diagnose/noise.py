@@ -20,8 +20,10 @@ MARGIN = 1.06  # replicates leave out the loudest stretches
 QUIET = 0.85  # share of the stretches that count
 STRETCHES = 8  # of a piece
 UNSURE = 0.003  # of torque: rows where it is less sure, near reversals, tell little of noise
+OUTLYING = 12.0  # times the median size: what is larger, as at the ends of a window of contact, is no noise
 ENOUGH = 0.3  # of the rows, that must be sure
-LATER = (1.0, 3.0)  # times what is presumed, by which reversals may be off
+LATER = (0.0, 0.3, 0.6, 1.0, 1.3, 1.7, 2.2, 3.0)  # times what is presumed, by which reversals may be off
+MEDIAN = 0.455  # of a squared standard normal number
 LEAST = 50  # rows in motion
 WAVE = 0.5  # of what is left, from which on a wave in time is no noise
 FEW = 6  # shapes of one hypothesis
@@ -34,7 +36,7 @@ class Noise(Frozen):
     floor: Array  # (n,) [N.m or N] rms
     coefficients: Array  # (n, 4) [1] of the last four values
     innovation: Array  # (n,) [N.m or N] standard deviation of what is new in each row
-    late: Array  # (n,) [1] how unsure torque is near reversals, as a multiple of what is presumed
+    late: Array  # (n,) [1] how far off torque is near reversals, as a multiple of what is presumed
 
 
 def measure_noise(table: Table, periods: Sequence[float | None], rate: float) -> Noise:
@@ -79,7 +81,8 @@ def _of_joint(
     table: Table, joint: int, periods: Sequence[float | None], rate: float
 ) -> tuple[float, Array, float, float]:
     rest, jumps, factor = _saturated(table, joint)
-    sure = [x < UNSURE * table.scale[joint] for x in jumps]
+    far = OUTLYING * float(np.median(np.abs(np.concatenate(rest)))) or np.inf
+    sure = [(u < UNSURE * table.scale[joint]) & (np.abs(x) < far) for x, u in zip(rest, jumps, strict=True)]
     if np.concatenate(sure).mean() < ENOUGH:
         sure = [np.ones(len(x), dtype=bool) for x in jumps]
     choices = [_fit(rest, factor, sure)]
@@ -93,9 +96,9 @@ def _lateness(rest: Array, jumps: Array, floor: float) -> float:
     """How far off reversals are, as a multiple of what is presumed, from what is left where they make torque unsure."""
     near = jumps > floor
     if near.sum() < FEW:
-        return 1.0
-    excess = max(float(np.mean(rest[near] ** 2)) - floor**2, 0.0)
-    return float(np.clip(np.sqrt(excess / np.mean(jumps[near] ** 2)), *LATER))
+        return LATER[0]
+    typical = [np.median(rest[near] ** 2 / (floor**2 + (late * jumps[near]) ** 2)) for late in LATER]
+    return next((late for late, x in zip(LATER, typical, strict=True) if x <= MEDIAN), LATER[-1])
 
 
 def _saturated(table: Table, joint: int) -> tuple[list[Array], list[Array], float]:

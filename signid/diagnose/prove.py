@@ -28,9 +28,14 @@ class Rows(NamedTuple):
     torque: Array  # (M, n) [N.m or N] measured
     unsure: Array  # (M, n) [N.m or N] near reversals, standard deviation
 
-    def unforeseen(self, noise: Noise) -> Array:
-        """(M, n) [N.m or N] standard deviation of all that no simulation could predict."""
-        return np.asarray(np.hypot(noise.floor, noise.late * self.unsure))
+    def unforeseen(self, noise: Noise, least: float = 0.0) -> Array:
+        """(M, n) [N.m or N] standard deviation of all that no simulation could predict.
+
+        Args:
+            noise: of the rows.
+            least: of what is presumed near reversals, where no more is seen [1].
+        """
+        return np.asarray(np.hypot(noise.floor, np.maximum(noise.late, least) * self.unsure))
 
 
 class Shown(NamedTuple):

@@ -14,6 +14,7 @@ from .prove import residuals
 from .sample import torque_rows
 from .search import without
 from .setting import Setting
+from .strain import relieved
 
 SEEN = 4.0  # squared standard deviations, for each number
 
@@ -39,7 +40,10 @@ def prune(setting: Setting, session: Session, judge: Judge, found: Found) -> Fou
 
 
 def _told(judge: Judge, found: Found) -> Found:
-    """Without hypotheses whose numbers are not told from zero beside all others, the least told first."""
+    """Without hypotheses whose numbers are not told from zero beside all others, the least told first.
+
+    Bodies of links that would be strained without them are told by that, whatever the inertials' tolerance hides.
+    """
     while found.true:
         fit = judge.evidence.fit(found.true, found.base, found.trust)
         value, covariance, told = fit.value, fit.covariance, dict[Group, float]()
@@ -50,9 +54,10 @@ def _told(judge: Judge, found: Found) -> Found:
             turned = np.linalg.lstsq(spread / size / size[:, None], theta / size, rcond=1e-8)[0]
             told[group] = float(turned @ (theta / size)) / group.size
         least = min(told, key=lambda group: told[group])
-        if told[least] > SEEN:
+        rest = without(judge, found, least)
+        if told[least] > SEEN or relieved(judge, rest, least):
             break
-        found = without(judge, found, least)
+        found = rest
     return found
 
 
@@ -60,7 +65,7 @@ def _harms(setting: Setting, session: Session, judge: Judge, found: Found) -> di
     """By how much each hypothesis's law makes the squared residual larger, over that of the simulation as given [1]."""
     laws, model = extended(setting.model, session.task.base, judge, found, found.true)
     rows, out = residuals(session.task, model, session.train), dict[Group, float]()
-    rest, noise = rows.rest, rows.unforeseen(setting.noise)
+    rest, noise = rows.rest, rows.unforeseen(setting.noise, 1)
     for group, own in laws.items():
         torque = np.zeros_like(rest)
         for law in own:

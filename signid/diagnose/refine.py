@@ -22,6 +22,7 @@ from .sizes import measure_sizes
 
 EVALUATIONS = 20  # for each shape
 REACH = 1.6  # by which a shape may be changed, as a factor
+ENDS, SAMPLES = ("start", "end"), 6  # of a window; by so many samples each is moved at last
 WINDOW = 0.5  # [s] by which the ends of a window may be moved
 ALGORITHM = "LN_BOBYQA"
 FAR = {"rad": 0.7, "s": 0.3}  # from which on no record is off
@@ -112,8 +113,24 @@ def _polish(
         return -cost(zero), known, setting.columns(known)
     problem = Problem(cost, zero - 1, zero + 1, zero)
     best = OPTIMISERS["nlopt"].minimise(problem, algorithm=ALGORITHM, budget_evaluations=EVALUATIONS * len(keys))
-    chosen = hypothesis(best.x)
-    return -best.value, chosen, setting.columns(chosen)
+    ends = [k for k, key in enumerate(keys) if key in ENDS]
+    value, x = _stepped(cost, best.value, best.x, ends, setting.pieces[0].motion.dt / WINDOW)
+    chosen = hypothesis(x)
+    return -value, chosen, setting.columns(chosen)
+
+
+def _stepped(
+    cost: Callable[[Array], float], value: float, x: Array, ends: list[int], step: float
+) -> tuple[float, Array]:
+    """Ends of windows moved sample by sample, while that costs less: between samples nothing changes."""
+    for k in ends:
+        for way in (step, -step):
+            for _ in range(SAMPLES):
+                moved = x + way * (np.arange(len(x)) == k)
+                if (told := cost(moved)) >= value:
+                    break
+                value, x = told, moved
+    return value, x
 
 
 def _fits(judge: Judge, option: tuple[Hypothesis, Group], beside: Beside) -> bool:
@@ -143,6 +160,6 @@ def _start(judge: Judge, option: tuple[Hypothesis, Group], rest: Found, dispersi
 
 def _reach(key: str) -> Callable[[float, float], float]:
     """How a number follows a step from -1 to 1: ends of windows by addition, all else by a factor."""
-    if key in ("start", "end"):
+    if key in ENDS:
         return lambda x, step: x + WINDOW * step
     return lambda x, step: float(x * REACH**step)

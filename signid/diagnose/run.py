@@ -25,7 +25,7 @@ from .evidence import Evidence
 from .explain import explain
 from .findings import find
 from .group import dry_friction, lay_out
-from .hypothesis import pooled, propose
+from .hypothesis import happens_once, pooled, propose
 from .linear import Known
 from .noise import measure_noise
 from .odds import Judge
@@ -75,7 +75,7 @@ def diagnose(
     known = diagnose(model, reference, skip=skip, options=options, progress=progress) if reference else None
     recovered = recover(model.robot, recordings, held_out, options=Options(seed=options.seed), progress=progress)
     given, notes = restrict_joints(model, [*recordings, *held_out])
-    model = restrict_joints(known.model, [*recordings, *held_out])[0] if known else given
+    model = restrict_joints(_lasting(known.model), [*recordings, *held_out])[0] if known else given
     session = _prepare(model, recovered.recordings, recovered.held_out, options)
     gross = _examined(model, session, told)
     told("building hypotheses", 0.2)
@@ -165,6 +165,11 @@ def _learn(
     same = replace(options, cutoff=session.task.band.cutoff)
     _, data = _build(model, prepare(model.robot, reference, reference, same), skip)
     return learn_bodies(_judge(model, Evidence(data), skip))
+
+
+def _lasting(model: Model) -> Model:
+    """Without what happened once, in the recordings that it was learned from."""
+    return replace(model, laws=tuple(law for law in model.laws if not happens_once(law)))
 
 
 def _judge(model: Model, evidence: Evidence, skip: Sequence[str]) -> Judge:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
@@ -11,10 +11,10 @@ from ..residual import leave
 from ..types import Array
 from .found import Found
 from .group import Group
-from .hypothesis import Key
+from .hypothesis import Key, happens_once
 from .odds import Judge, Odds
 from .sizes import energies, measure_sizes
-from .strain import strained_links
+from .strain import relieved, strained_links
 
 FIRST, NEXT = 4.0, 3.0  # log odds needed
 DISTRUST, LOOKALIKE = 5.0, 8.0  # the same where inertials are not trusted, and of what inertials imitate
@@ -74,9 +74,14 @@ def without(judge: Judge, state: Found, group: Group) -> Found:
     return Found(rest, state.log_odds, state.base, judge.evidence.trust(rest, state.base), state.first)
 
 
-def needed(judge: Judge, group: Group, trusted: float, count: int, usual: float) -> float:
-    """Log odds that a hypothesis needs beside `count` others."""
-    if trusted >= 0.5:
+def needed(
+    judge: Judge, group: Group, trusted: float, count: int, usual: float, strained: Collection[int] = ()
+) -> float:
+    """Log odds that a hypothesis needs beside `count` others.
+
+    Inertials within their tolerance imitate bodies, but not those of the joints whose links are strained without them.
+    """
+    if trusted >= 0.5 or group.claim.bodies.intersection(strained):
         return usual
     if judge.evidence.imitated(group) > IMITATED:
         return max(usual, LOOKALIKE)
@@ -88,11 +93,13 @@ def _pick(judge: Judge, state: Found, odds: Mapping[Key, Odds], trusted: float, 
     there = taken | {(g.law.effect.name, g.law.joints) for g in judge.evidence.data.refitted if g.law is not None}
     open_ = (o for o in odds.values() if not taken & o.best.claim.names and _is_founded(o.best, there))
     strained = strained_links(judge, state)
-    ranked = sorted(open_, key=lambda o: (not o.best.claim.bodies & strained, -o.log))
+    ranked = sorted(
+        open_, key=lambda o: (-max((strained.get(j, 0.0) for j in o.best.claim.bodies), default=0.0), -o.log)
+    )
     for candidate in ranked[:CROWDED]:
         if candidate.log < usual:
             continue
-        enough = candidate.log >= needed(judge, candidate.best, trusted, len(state.true), usual)
+        enough = candidate.log >= needed(judge, candidate.best, trusted, len(state.true), usual, strained)
         if enough and is_sound(judge, state, candidate.best, candidate.log):
             return candidate
     return None
@@ -115,7 +122,10 @@ def is_sound(judge: Judge, state: Found, group: Group, log: float) -> bool:
             return False
     if _is_redundant(judge, state.true, group):
         return False
-    return _happens_once(group) or judge.evidence.gain_unseen(state.true, group, state.base, trust) >= -WORSE * log
+    return (
+        happens_once(group.claim.laws[0])
+        or judge.evidence.gain_unseen(state.true, group, state.base, trust) >= -WORSE * log
+    )
 
 
 def _is_founded(group: Group, there: set[Key]) -> bool:
@@ -140,11 +150,6 @@ def _is_redundant(judge: Judge, true: Sequence[Group], group: Group) -> bool:
     return bool(np.sum(rest**2) < SPANNED * np.sum(x**2))
 
 
-def _happens_once(group: Group) -> bool:
-    """Whether the blocks of a recording cannot foretell a hypothesis."""
-    return {"start", "end"} <= set(group.claim.laws[0].effect.parameters)
-
-
 def _with(judge: Judge, state: Found, chosen: Odds) -> Found:
     """The hypothesis as well; laws that are missing together become hypotheses of their own, which may be dropped."""
     parts = tuple(part for part in judge.parts(chosen.best) if part not in state.true)
@@ -154,17 +159,22 @@ def _with(judge: Judge, state: Found, chosen: Odds) -> Found:
 
 
 def _exchanged(judge: Judge, state: Found, better: float) -> Found:
-    """Each hypothesis in turn against all others that could stand in its place."""
+    """Each hypothesis in turn against all others that could stand in its place.
+
+    In the place of a link's that is strained without it, only what relieves that link could.
+    """
     for group in state.true:
         rest = without(judge, state, group)
         odds, trusted = judge.odds(rest.true, spread(judge, rest))
+        links = relieved(judge, rest, group)
+        odds = {key: o for key, o in odds.items() if not links or o.best.claim.bodies & links}
         own = odds.get(group.claim.key)
         log = own.log if own is not None else -np.inf
         alone = {key: o for key, o in odds.items() if len(o.best.claim.laws) == 1 and o.log > log + better}
         rival = _pick(judge, rest, alone, trusted, NEXT) if alone else None
         if rival is not None:
             state = _with(judge, rest, rival)
-        elif log < needed(judge, group, trusted, len(rest.true), NEXT):
+        elif log < needed(judge, group, trusted, len(rest.true), NEXT, links):
             state = rest
         elif own is not None and own.best is not group:
             state = _with(judge, rest, own)

@@ -7,25 +7,31 @@ import numpy as np
 from ..types import INERTIAL
 from .evidence import TRUST
 from .found import Found
+from .group import Group
 from .odds import Judge
 
 BEYOND = 30.0  # squared deviations of the ten numbers of a link, at twice the usual tolerance
 
 
-def strained_links(judge: Judge, state: Found) -> set[int]:
-    """The joints that move them, where inertials are not trusted at all.
+def strained_links(judge: Judge, state: Found) -> dict[int, float]:
+    """The joints that move them, and by how much each is beyond, where inertials are not trusted at all [1].
 
     Args:
         judge: library and evidence.
         state: what is taken for true.
     """
     if judge.evidence.trust(state.true, state.base) == 0:
-        return set()
+        return {}
     fit = judge.evidence.fit(state.true, state.base, TRUST[-1])
     for group in judge.evidence.data.refitted:
         if group.bodies:
             at = np.searchsorted(fit.which, np.arange(group.start, group.start + group.size))
             strain = (fit.value[at] / TRUST[-1] / np.array(group.deviation)).reshape(-1, len(INERTIAL))
-            far = np.sum(strain**2, axis=1) > BEYOND
-            return {j for j, body in enumerate(judge.carried) if far[body]}
-    return set()
+            far = np.sum(strain**2, axis=1)
+            return {j: float(far[body]) for j, body in enumerate(judge.carried) if far[body] > BEYOND}
+    return {}
+
+
+def relieved(judge: Judge, rest: Found, group: Group) -> set[int]:
+    """The joints whose links are strained without a hypothesis of their bodies."""
+    return group.claim.bodies & strained_links(judge, rest).keys() if group.claim.bodies else set()

@@ -76,7 +76,9 @@ def decide(judge: Judge, found: Found, slots: Sequence[Slot]) -> Verdict:
     count = data.counts
     after, before = (sizes.left - 1) * count, (bare.left - 1) * count
     scale = np.maximum(data.scale, FAINT * data.scale.max())
+    told_of = max((o.log for o in found.first.values() if o.best.claim.unknown), default=-np.inf)
     threshold = NOTICED * np.sqrt(2 * count) + count * (DISCREPANCY * scale / data.floor) ** 2
+    threshold = threshold * (CLEARLY if told_of > CLEAR and not found.true else 1.0)
     exact = measure_sizes(judge.evidence, found.true, found.base, 0.0)  # a payload is what tolerances could imitate
     gone = energies(judge.evidence, found.true, found.base, 0.0, exact.left)
     energy = {group: float(gone[group].sum()) for group in found.true}
@@ -86,9 +88,7 @@ def decide(judge: Judge, found: Found, slots: Sequence[Slot]) -> Verdict:
     secondary = tuple(group for group in ranked if group not in causes)
     told = {slot.group: slot for slot in slots}
     if not causes:
-        told_of = max((o.log for o in found.first.values() if o.best.claim.unknown), default=-np.inf)
-        factor = PLAIN if told_of <= 0 else 1.0 if told_of < CLEAR else CLEARLY
-        name = "unknown" if np.any(after > factor * threshold) else "nothing_missing"
+        name = "unknown" if np.any(after > threshold * (1 if told_of > 0 else PLAIN)) else "nothing_missing"
     elif _abstains(data.joints, causes, before, after, threshold, told[causes[0]], energy):
         name = "unknown"
     else:

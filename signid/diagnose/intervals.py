@@ -1,0 +1,159 @@
+"""Laws that are taken for true -> the standard deviation of each of their numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from ..types import Array, Coefficient, Indices, Law
+from .found import Found
+from .group import Group
+from .linear import Fitted, solve
+from .noise import whole
+from .odds import Judge
+from .sample import torque_of
+from .search import spread
+from .setting import Setting
+from .sizes import measure_sizes
+from .whitened import columns_of
+
+STEP = 1e-3  # of a number, for derivatives
+UNTOLD = 1e-8  # share of a number's torque that nothing else makes: less does not tell it
+BLOCK = 8.0  # periods of the cut-off in which the motion becomes another
+
+
+class Asked(NamedTuple):
+    """All numbers of all laws, beside what is refitted."""
+
+    slopes: dict[int, Array]  # per joint (M, d) [1 per unit of each number] whitened
+    beside: Fitted
+    precision: Array  # (d, d) [1 per unit of each number, squared] of the prior
+    dispersion: Array  # (n,) [1]
+
+
+def deviations(
+    setting: Setting, judge: Judge, found: Found, laws: Mapping[Group, tuple[Law, ...]]
+) -> dict[Group, list[dict[str, float]]]:
+    """Standard deviation of every number of each law, shapes too, while everything else is fitted beside.
+
+    What no law explains repeats as the motion does, and pulls at the numbers more than noise of its size: where their
+    scores vary more from block to block of the recordings than white rows would let them, the larger deviation holds.
+
+    Args:
+        setting: gives the motions.
+        judge: gives what is fitted beside.
+        found: what is taken for true.
+        laws: of each hypothesis, with all their numbers.
+
+    Source: Liang and Zeger, Longitudinal data analysis using generalized linear models, Biometrika 73, 1986.
+    """
+    each = [law for own in laws.values() for law in own]
+    keys = [(law, key) for law in each for key in law.parameters]
+    std = iter(_spreads(setting, judge, found, _asked(setting, judge, found, laws, keys)) if keys else ())
+    return {group: [{key: float(next(std)) for key in law.parameters} for law in own] for group, own in laws.items()}
+
+
+def _spreads(setting: Setting, judge: Judge, found: Found, asked: Asked) -> Array:
+    """(d,) standard deviations [units of the numbers]."""
+    data, beside, dispersion = judge.evidence.data, asked.beside, asked.dispersion
+    own, _, across = data.products(beside.which, dispersion, asked.slopes)
+    below = beside.below(across)
+    free = own - below.T @ below
+    information = free + asked.precision
+    size = np.sqrt(np.maximum(np.diag(own + asked.precision), 1e-300))
+    covariance = np.linalg.pinv(information / size / size[:, None], rcond=1e-8, hermitian=True) / size / size[:, None]
+    scores = _scores(setting, judge, found, asked, beside.solved(below)) @ covariance
+    variance = np.maximum(np.diag(covariance), np.sum(scores**2, axis=0) * len(scores) / max(len(scores) - 1, 1))
+    told = np.diag(free) > UNTOLD * np.diag(own)
+    return np.asarray(np.where(told, np.sqrt(np.maximum(variance, 0)), np.inf))
+
+
+def _scores(setting: Setting, judge: Judge, found: Found, asked: Asked, shadow: Array) -> Array:
+    """(blocks, d) [1 per unit of each number] slopes, less what is fitted beside, times what is left, per block.
+
+    Args:
+        setting: gives the motions.
+        judge: gives the rows.
+        found: what is taken for true.
+        asked: the numbers.
+        shadow: (k, d) what is fitted beside, of each slope [its unit per unit of the number].
+    """
+    data, which = judge.evidence.data, asked.beside.which
+    rest = measure_sizes(judge.evidence, found.true, found.base, found.trust).rest
+    rows = np.zeros((len(data), shadow.shape[1]))
+    for j in range(data.joints):
+        here = np.isin(which, data.place[j])
+        free = asked.slopes.get(j, 0.0) - data.columns[j][:, np.searchsorted(data.place[j], which[here])] @ shadow[here]
+        rows += free * (rest[j] / asked.dispersion[j])[:, None]
+    block = _blocks(setting)
+    out = np.zeros((int(block.max()) + 1, rows.shape[1]))
+    np.add.at(out, block, rows)
+    return out
+
+
+def _blocks(setting: Setting) -> Indices:
+    """(M',) which block a whitened row is of: of a motion that repeats, rows at the same place in it are of one."""
+    table, length = setting.table, BLOCK / setting.task.band.cutoff
+    place = table.t.copy()
+    for k, period in enumerate(setting.periods):
+        own = table.recording == k
+        place[own] = place[own] if period is None else place[own] % period
+    order = setting.noise.coefficients.shape[1]
+    rows = np.column_stack([table.recording, place // length])[order:][whole(table.piece, order)]
+    return np.unique(rows, axis=0, return_inverse=True)[1].ravel()
+
+
+def _asked(
+    setting: Setting, judge: Judge, found: Found, laws: Mapping[Group, tuple[Law, ...]], keys: list[tuple[Law, str]]
+) -> Asked:
+    dispersion, evidence = spread(judge, found), judge.evidence
+    slopes = {j: x for j, x in setting.whiten(_slopes(setting, keys)).items() if x.any()}
+    beside = _beside(judge, found, [law for own in laws.values() for law in own], dispersion)
+    precision, at, refitted = np.zeros((len(keys), len(keys))), 0, columns_of(evidence.refitted(found.trust))
+    for group, own in laws.items():
+        count = sum(len(law.parameters) for law in own)
+        if all(set(law.effect.linear()) == set(law.parameters) for law in own) and count == group.size:
+            whole = evidence.precision((group,), np.ones(len(refitted) + count), found.trust)
+            precision[at : at + count, at : at + count] = whole[-count:, -count:]
+        at += count
+    return Asked(slopes, beside, precision, dispersion)
+
+
+def _beside(judge: Judge, found: Found, laws: list[Law], dispersion: Array) -> Fitted:
+    """All that is refitted, but the plain laws that these contain: their numbers are in those of the laws."""
+    held, evidence = {(name, law.joints) for law in laws for name in law.effect.contains}, judge.evidence
+    refitted = evidence.refitted(found.trust)
+    kept = np.isin(
+        columns_of(refitted),
+        columns_of([g for g in refitted if g.law is None or (g.law.effect.name, g.law.joints) not in held]),
+    )
+    which = columns_of(refitted)[kept]
+    gram = np.tensordot(1 / dispersion, evidence.data.gram(which)[:, :, which], axes=1)
+    whole = np.zeros(len(kept))
+    whole[kept] = np.diag(gram)
+    precision = evidence.precision((), whole, found.trust)[np.ix_(kept, kept)]
+    right = (evidence.data.right[:, which] / dispersion[:, None]).sum(0)
+    return solve(which, gram, right, precision)
+
+
+def _slopes(setting: Setting, keys: list[tuple[Law, str]]) -> dict[int, Array]:
+    """Per joint, (M, d) change of torque with each number [torque per unit of the number]."""
+    made = []
+    for piece in setting.pieces:
+        whole = np.zeros((setting.table.joints, len(piece.motion), len(keys)))
+        for i, (law, key) in enumerate(keys):
+            x = law.parameters[key]
+            step = STEP * max(abs(x), _least(law, key))
+            ahead, behind = (Law(law.effect, law.joints, {**law.parameters, key: x + s}) for s in (step, -step))
+            rows = torque_of(ahead, piece.motion)
+            for j, y in torque_of(behind, piece.motion).items():
+                whole[j, :, i] = (rows[j] - y) / (2 * step)
+        made.append(dict(enumerate(whole)))
+    return setting.thinned(made)
+
+
+def _least(law: Law, key: str) -> float:
+    kind = law.effect.parameters[key]
+    return 1e-3 if isinstance(kind, Coefficient) else 1e-6
