@@ -77,8 +77,3 @@ def test_bad_input_gets_one_sentence_and_leaves_nothing(
     printed = capsys.readouterr()
     assert printed.out == "" and printed.err.count("\n") == 1 and sentence in printed.err
     assert sorted(tmp_path.iterdir()) == before
-
-
-def test_help_has_an_example(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["export", "--help"]) == 0
-    assert "Example: signid export diagnosis/model.json --urdf robot.urdf" in capsys.readouterr().out

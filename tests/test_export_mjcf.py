@@ -16,7 +16,7 @@ from toys import joint, link, toy
 from signid.effects import EFFECTS
 from signid.errors import RobotError
 from signid.export import export
-from signid.model import Model
+from signid.model import Model, load_model
 from signid.robot import hold, load_robot, robot_from_text
 from signid.types import Law, Robot
 
@@ -86,6 +86,19 @@ def test_several_joints_of_one_body_of_an_mjcf() -> None:
     assert "shapes, actuators and sensors" in made.notes[-1]
     with pytest.raises(RobotError, match="export to URDF needs a URDF"):
         export(model, "urdf")
+
+
+@pytest.mark.parametrize("name", ["3r", "panda", "gripper"])
+def test_signid_reads_its_own_mjcf(name: str, tmp_path: Path) -> None:
+    robot = gripper() if name == "gripper" else load_robot(name)
+    first, last = robot.joints[0], robot.joints[-1]
+    laws = f"viscous_friction@{first}", f"coulomb_friction@{last}:level=2", f"armature@{first}:inertia=0.1", "payload"
+    model, motion = model_of(robot, *laws), states(robot)
+    (tmp_path / "robot.xml").write_text(export(model, "mjcf").text)
+    back = load_model(tmp_path / "robot.xml")
+    assert back.robot.joints == robot.joints
+    wanted = model.inverse(motion)
+    np.testing.assert_allclose(back.inverse(replace(motion, robot=back.robot)), wanted, **EXACT)
 
 
 def test_a_mimic_joint_follows() -> None:

@@ -38,7 +38,7 @@ def write_mjcf(model: Model, package_dirs: Sequence[str | Path] = ()) -> Exporte
     robot, bodies, follow = model.robot, possible_bodies(model), followers(model.robot)
     shapes = read_shapes(robot, package_dirs)
     root = etree.Element("mujoco", model=robot.name)
-    etree.SubElement(root, "compiler", angle="radian", autolimits="true", inertiafromgeom="false")
+    etree.SubElement(root, "compiler", angle="radian", autolimits="true")
     gravity = words(model.bodies().gravity.linear)
     etree.SubElement(root, "option", gravity=gravity, integrator="implicitfast")
     default = etree.SubElement(root, "default")
