@@ -27,6 +27,7 @@ def readme(start: str, language: str = "") -> list[str]:
         ("$ signid identify 3r robots", 0),
         ("$ signid diagnose 3r recording.csv", 3),
         ("$ signid identify 3r recording.csv --unsigned", 0),
+        ("$ signid export result/model.json", 0),
     ],
 )
 def test_the_extract_in_the_readme_is_what_is_printed(
@@ -43,6 +44,9 @@ def test_the_extract_in_the_readme_is_what_is_printed(
         for line in "\n".join(readme("signid excite", "sh")).replace("\\\n", "").splitlines():
             assert run(line.split()[1:]) == 0
         capfd.readouterr()
+    if "model.json" in start:
+        assert run(readme("$ signid identify 3r robots")[0].split()[2:]) == 0
+        capfd.readouterr()
     assert run(command.split()[2:]) == code
     printed, at = form(capfd.readouterr().out), 0
     for line in extract:
@@ -52,7 +56,7 @@ def test_the_extract_in_the_readme_is_what_is_printed(
 
 
 def test_the_python_in_the_readme_runs() -> None:
-    starts = ("import signid", "lost = ", "model = ", "found = ")
+    starts = ("import signid", "lost = ", "model = ", "text = ", "found = ")
     code = "\n".join(line for start in starts for line in readme(start, "python"))
     there = {**os.environ, "PYTHONPATH": str(ROOT)}
     done = subprocess.run(
