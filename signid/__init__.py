@@ -12,6 +12,7 @@ from .version import __version__ as __version__
 if TYPE_CHECKING:
     from .check import check as check
     from .diagnose import diagnose as diagnose
+    from .errors import SignidError as SignidError
     from .excite import excite as excite, separate as separate  # isort: skip
     from .export import export as export
     from .identify import identify as identify
@@ -23,10 +24,10 @@ if TYPE_CHECKING:
     from .session import Options as Options
     from .simulate import Sensors as Sensors, record as record, simulate as simulate, track as track  # isort: skip
 
-NAMES = {"check": "check", "diagnose": "diagnose", "excite": "excite separate", "export": "export",
-         "identify": "identify", "inspect": "inspect", "model": "load_model", "recording": "read_recording",
-         "robot": "load_robot urdf_from_dh", "rollout": "roll_out", "session": "Options",
-         "simulate": "Sensors record simulate track"}  # fmt: skip
+NAMES = {"check": "check", "diagnose": "diagnose", "errors": "SignidError", "excite": "excite separate",
+         "export": "export", "identify": "identify", "inspect": "inspect", "model": "load_model",
+         "recording": "read_recording", "robot": "load_robot urdf_from_dh", "rollout": "roll_out",
+         "session": "Options", "simulate": "Sensors record simulate track"}  # fmt: skip
 
 
 class _Package(ModuleType):
