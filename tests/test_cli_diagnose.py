@@ -105,11 +105,12 @@ def test_json_is_the_file_and_the_same_every_time(capfd: pytest.CaptureFixture[s
 def test_options_reach_the_library(place: Path, capfd: pytest.CaptureFixture[str]) -> None:
     (place / "drive.toml").write_text("[joint.1]\nviscous_friction = 0.5\n")
     skip = "--skip viscous_friction,asymmetric_friction --skip quadratic_friction"
-    command = f"diagnose 1r fine.csv {skip} --reference fine.csv --cutoff 9 --actuators drive.toml --json"
+    command = f"diagnose 1r fine.csv {skip} --reference well.csv --cutoff 9 --actuators drive.toml --json"
+    (place / "well.csv").write_text("\n".join((place / "fine.csv").read_text().splitlines()[:-9]) + "\n")
     before = sorted(place.iterdir())
     assert run(command.split()) in (0, 3)
     found = json.loads(capfd.readouterr().out)
-    assert {"drive.toml", "fine.csv", "1r"} == {entry["path"] for entry in found["inputs"]}
+    assert {"drive.toml", "fine.csv", "well.csv", "1r"} == {entry["path"] for entry in found["inputs"]}
     named = {x["effect"] for finding in found["findings"] for x in (finding, *finding["alternatives"])}
     assert not named & {"viscous_friction", "asymmetric_friction", "quadratic_friction"}
     assert found["cutoff"]["torque"] == pytest.approx(9, rel=0.1) and sorted(place.iterdir()) == before
@@ -140,6 +141,7 @@ def test_a_saved_model_knows_its_torque_constants(place: Path) -> None:
         ("1r fine.csv", "add -o DIR"),
         ("1r none.csv -o bad", "none.csv"),
         ("1r fine.csv --held-out none.csv -o bad", "none.csv"),
+        ("1r fine.csv --reference fine.csv -o bad", "its own reference"),
         ("1r fine.csv --skip gravity -o bad", "there is no effect named 'gravity'"),
         ("panda fine.csv -o bad", "panda_joint1"),
         ("none.json fine.csv -o bad", "none.json"),

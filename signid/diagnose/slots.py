@@ -80,7 +80,8 @@ def _slot(judge: Judge, found: Found, group: Group, wide: Array, beside: Mapping
     odds = {key: o for key, o in odds.items() if key == group.claim.key or len(o.best.claim.laws) <= 1}
     logs = {key: o.log - max(0.0, beside[key].log if key in beside else 0.0) for key, o in odds.items()}
     own, left = group.claim.key, _leftovers(judge, group, odds, sizes)
-    for key in [key for key in left if own in logs and _is_twin(judge, group, odds[key].best)]:
+    twins = [key for key in left if own in logs and _is_twin(judge, group, odds[key].best)]
+    for key in (key for key in twins if is_sound(judge, rest, odds[key].best, odds[own].log)):
         likely = judge.priors[key] - judge.priors[own] - left[key] / left[own] / (2 * SHAPE_ERROR**2)
         logs[key] = max(logs[key], logs[own] + likely)
     highest = max(logs.values())
