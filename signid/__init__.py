@@ -17,23 +17,23 @@ if TYPE_CHECKING:
     from .inspect import inspect as inspect
     from .model import load_model as load_model
     from .recording import read_recording as read_recording
+    from .replay import replay as replay
     from .robot import load_robot as load_robot, urdf_from_dh as urdf_from_dh  # isort: skip
     from .rollout import roll_out as roll_out
     from .session import Options as Options
     from .simulate import Sensors as Sensors, record as record, simulate as simulate, track as track  # isort: skip
 
+# fmt: off
 NAMES = {"check": "check", "diagnose": "diagnose", "excite": "excite separate", "identify": "identify",
-         "inspect": "inspect", "model": "load_model", "recording": "read_recording", "robot": "load_robot urdf_from_dh",
-         "rollout": "roll_out", "session": "Options", "simulate": "Sensors record simulate track"}  # fmt: skip
-
+         "inspect": "inspect", "model": "load_model", "recording": "read_recording", "replay": "replay",
+         "robot": "load_robot urdf_from_dh", "rollout": "roll_out", "session": "Options",
+         "simulate": "Sensors record simulate track"}
 
 class _Package(ModuleType):
     """Public names are properties, so that `signid.identify` is the verb although a module has its name."""
 
-
 def _public(name: str, home: str) -> property:
     return property(lambda _: getattr(import_module(f"{__name__}.{home}"), name), lambda _, module: None)
-
 
 for _name, _home in [(name, home) for home, names in NAMES.items() for name in names.split()]:
     setattr(_Package, _name, _public(_name, _home))

@@ -18,6 +18,8 @@ from . import diagnosis as diagnosis  # isort: skip (help lists commands in this
 from . import catalogue as catalogue
 from . import excitation as excitation
 from . import simulation as simulation
+
+from . import replay as replay  # isort: skip
 from .commands import app
 from .show import BAD, BROKEN, DONE, INTERRUPTED, complain
 
