@@ -28,13 +28,11 @@ NAMES = {"check": "check", "diagnose": "diagnose", "excite": "excite separate", 
          "inspect": "inspect", "model": "load_model", "recording": "read_recording", "replay": "replay",
          "robot": "load_robot urdf_from_dh", "rollout": "roll_out", "session": "Options",
          "simulate": "Sensors record simulate track"}
-
 class _Package(ModuleType):
     """Public names are properties, so that `signid.identify` is the verb although a module has its name."""
 
 def _public(name: str, home: str) -> property:
     return property(lambda _: getattr(import_module(f"{__name__}.{home}"), name), lambda _, module: None)
-
 for _name, _home in [(name, home) for home, names in NAMES.items() for name in names.split()]:
     setattr(_Package, _name, _public(_name, _home))
 sys.modules[__name__].__class__ = _Package

@@ -6,7 +6,6 @@ import asyncio
 import contextlib
 import io
 import threading
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -71,16 +70,24 @@ def _bridge(page: str) -> Any:
         def get(self) -> None:
             self.write(page)
 
+    class Socket(WebSocketHandler):  # type: ignore[misc]
+        def open(self) -> None:  # without a word, as Meshcat's own prints
+            self.bridge.websocket_pool.add(self)
+            self.bridge.send_scene(self)
+
+        def on_close(self) -> None:
+            self.bridge.websocket_pool.discard(self)
+
     class Bridge(ZMQWebSocketBridge):  # type: ignore[misc]
         def make_app(self) -> Any:
             static: dict[str, Any] = {"path": str(Path(VIEWER_ROOT)), "default_filename": "index.html"}
-            return tornado.web.Application([
-                (r"/replay", Page),
-                (r"/static/(.*)", StaticFileHandlerNoCache, static),
-                (r"/", WebSocketHandler, {"bridge": self}),
-            ], log_function=_silent)  # fmt: skip
+            return tornado.web.Application(
+                [
+                    (r"/replay", Page),
+                    (r"/static/(.*)", StaticFileHandlerNoCache, static),
+                    (r"/", Socket, {"bridge": self}),
+                ],
+                log_function=lambda handler: None,
+            )
 
     return Bridge()
-
-
-_silent: Callable[[Any], None] = lambda handler: None  # noqa: E731

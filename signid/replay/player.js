@@ -7,7 +7,8 @@ class Player {
   constructor(content) {
     this.content = content;
     this.length = (content.frames - 1) * content.period;
-    this.state = { t: 0, playing: false, speed: 1, model: 0, beside: false, byShare: false };
+    const first = Math.max(0, content.window.findIndex((window) => window >= 0)); // filters take a little at either end
+    this.state = { t: first * content.period, playing: false, speed: 1, model: 0, beside: false, byShare: false };
     this.stage = new Stage(content);
     this.write();
     this.wire();
