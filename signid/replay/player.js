@@ -180,13 +180,14 @@ class Player {
     const shown = $("show-recorded").checked;
     let floor = document.querySelector("footer").offsetTop - 8;
     const spots = this.labels.map((one) => ({ ...one, at: this.stage.screen(one.mark), h: one.label.offsetHeight })).sort((a, b) => a.at.y - b.at.y);
-    let below = 64;
+    let below = 20 + $("switches").offsetTop + $("switches").offsetHeight;
+    const ceiling = below;
     for (const spot of spots) {
       spot.y = Math.max(below, spot.at.y - spot.h / 2);
       below = spot.y + spot.h + 8;
     }
     for (const spot of [...spots].reverse()) {
-      spot.y = Math.max(64, Math.min(spot.y, floor - spot.h));
+      spot.y = Math.max(ceiling, Math.min(spot.y, floor - spot.h));
       floor = spot.y - 8;
     }
     for (const { mark, label, line, dot, at, y, h } of spots) {

@@ -93,7 +93,7 @@ class Stage {
   mark(mark, k) { // a ring, ball or arrow in the frame of a body of the recorded robot
     const group = this.group(["signid", "marks", `${k} ${mark.title}`]), reach = this.content.reach;
     const material = new THREE.MeshPhongMaterial({ color: style("--mark"), shininess: 60, emissive: style("--mark"),
-      emissiveIntensity: 0.35 });
+      emissiveIntensity: 0.2 });
     const along = new THREE.Vector3(...mark.along), point = new THREE.Vector3(...mark.point);
     const put = (mesh) => { mesh.castShadow = true; group.add(mesh); return mesh; };
     const turned = (mesh, from, to) => mesh.quaternion.setFromUnitVectors(from, to.clone().normalize());
@@ -185,7 +185,7 @@ class Stage {
     const target = new THREE.Vector3(...low).add(new THREE.Vector3(...high)).add(shift).multiplyScalar(0.5);
     const way = new THREE.Vector3(Math.cos(VIEW.azimuth), Math.sin(VIEW.azimuth), VIEW.rise).normalize();
     const right = new THREE.Vector3(-Math.sin(VIEW.azimuth), Math.cos(VIEW.azimuth), 0), up = way.clone().cross(right);
-    const bar = document.querySelector("footer").offsetHeight + 12, top = 60, height = innerHeight;
+    const bar = document.querySelector("footer").offsetHeight + 12, top = document.getElementById("switches").offsetHeight + 20, height = innerHeight;
     const tall = Math.tan(VIEW.angle * Math.PI / 360), free = (height - bar - top) / height, wide = tall * innerWidth / height;
     let distance = 0;
     for (const point of this.content.outline) for (const moved of [0, 1]) {

@@ -75,7 +75,7 @@ def follow(models: Sequence[Model], recording: Recording, window: float, rate: f
 
 def _strayed(read: _Read, model: Model, other: Model, window: float, t: Array) -> tuple[Array, Indices]:
     """Simulated minus recorded position (F, n) [rad or m], and the window of each frame (F,)."""
-    count = max(1, int(read.sampling.duration / window))
+    count = int(np.ceil(read.sampling.duration / window))  # so many that none begins after another has ended
     found = roll_out(model, read.recording, (window,), windows=count, band=read.band, step=STEP, beside=other)
     which = np.searchsorted(found.start, t, side="right") - 1
     age = t - found.start[which]
