@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
+from urllib.request import urlopen
 
 import numpy as np
 import pytest
@@ -19,6 +23,7 @@ from signid.errors import OptionError, RecordingError
 from signid.replay import Replay
 from signid.replay.part import part
 from signid.robot import load_robot
+from signid.rollout import RollOut
 from signid.types import Recording
 
 LAWS = ("coulomb_friction@2:level=0.8", "payload:mass=0.3,first_moment_x=0.03")
@@ -145,6 +150,27 @@ def test_torque_that_is_not_recorded_has_no_colour(recording: Recording) -> None
     assert np.abs(error[:, 1]).max() > 0.01 and not error[:, [0, 2]].any(), "it follows what was measured"
 
 
+def test_a_simulation_that_flies_apart_is_shown_as_far_as_it_goes(
+    recording: Recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def flying(*given: Any, **options: Any) -> RollOut:
+        found = signid.roll_out(*given, **options)
+        error = found.error.copy()
+        error[3, 60:, 2] = error[5, 60:] = np.inf
+        return replace(found, error=error)
+
+    model = signid.load_model("3r")
+    calm = signid.replay(model, recording).track
+    monkeypatch.setattr(sys.modules["signid.replay.track"], "roll_out", flying)
+    wild = signid.replay(model, recording).track
+    for window, partly in ((3, True), (5, False)):
+        lost = (wild.window == window) & wild.apart[0]
+        assert 3 < lost.sum() < 12 and np.isfinite(wild.simulated[0][lost]).all() == partly
+        assert partly or np.isnan(wild.simulated[0][lost]).all()
+    assert_allclose(wild.simulated[0][:, :2][wild.window == 3], calm.simulated[0][:, :2][wild.window == 3])
+    assert not wild.apart[0][np.isin(wild.window, [3, 5], invert=True)].any() and not calm.apart.any()
+
+
 def test_meshcat_is_read_and_not_imported() -> None:
     code = "import sys; from signid.replay.page import _viewer; _viewer(); print('meshcat' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -200,3 +226,15 @@ def test_the_library_refuses_in_the_same_words(recording: Recording) -> None:
         signid.replay(signid.load_model("3r"), recording, start=99.0)
     with pytest.raises(RecordingError, match="shorter horizons"):
         signid.replay(signid.load_model("3r"), recording, horizon=30.0)
+
+
+def test_the_command_serves_the_page_until_it_is_interrupted(shown: Replay, folder: Path) -> None:
+    command = [sys.executable, "-m", "signid", "replay", "3r", "arm.csv", "--diagnosis", "diagnosis.json", "--no-open"]
+    there = {**os.environ, "PYTHONPATH": str(Path(signid.__file__).parents[1]), "PYTHONUNBUFFERED": "1"}
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with subprocess.Popen(command, cwd=folder, text=True, env=there, **pipes) as served:  # type: ignore[call-overload]
+        address = next(line for line in served.stdout if line.startswith("http")).split()[0]
+        with urlopen(address, timeout=20) as answer:
+            assert answer.read().decode() == shown.page().replace("<body>", '<body class="live">')
+        served.send_signal(signal.SIGINT)
+        assert served.wait(20) == 0 and served.stderr.read() == ""

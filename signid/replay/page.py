@@ -87,6 +87,7 @@ def _content(replay: Replay, blob: _Blob) -> dict[str, Any]:
         "simulated": [blob.put(poses, "f4") for poses in replay.simulated],
         "window": blob.put(track.window, "i2" if track.window.max(initial=0) < 2**15 else "u4"),
         "residual": [blob.put(residual, "f4") for residual in track.residual],
+        "apart": [blob.put(flags, "i2") for flags in track.apart],
         "marks": [mark.document() for mark in replay.marks],
     }
 

@@ -12,6 +12,7 @@ class Player {
     this.stage = new Stage(content);
     this.write();
     this.wire();
+    this.stage.look();
     this.repaint();
     this.tick = this.tick.bind(this);
     this.last = performance.now();
@@ -27,7 +28,7 @@ class Player {
     $("marked").hidden = !causes.length;
     document.querySelector("#legend li:nth-child(2) span").textContent = `simulated, anew every ${+content.horizon.toPrecision(3)} s`;
     const small = content.marks.filter((mark) => !mark.cause).map((mark) => `small correction: ${mark.title}`);
-    $("notes").append(...[...small, ...content.notes].map((note) => Object.assign(document.createElement("li"), { textContent: note })));
+    $("notes").append(...[...small, ...content.notes, `grid: ${this.stage.grid} m`].map((note) => Object.assign(document.createElement("li"), { textContent: note })));
     $("names").append(...content.joints.map(({ name }) => Object.assign(document.createElement("span"), { textContent: name, title: name,
       className: causes.some((title) => title.endsWith(` ${name}`)) ? "cause" : "" })));
     $("map").style.height = `${Math.min(120, Math.max(26, 13 * content.joints.length))}px`;
@@ -153,7 +154,7 @@ class Player {
     stage.viewer.set_dirty();
     $("time").value = state.t;
     $("cursor").style.left = `${100 * state.t / this.length}%`;
-    $("clock").textContent = `${seconds(state.t)} / ${seconds(this.length)} s`;
+    $("clock").textContent = `${seconds(state.t)} s\nof ${seconds(this.length)} s`;
     this.tell(frame);
   }
 
@@ -167,7 +168,7 @@ class Player {
     const apart = Math.max(...stage.recorded.map((group, k) => group.position.distanceTo(stage.simulated[k].position)));
     const far = stage.simulated[0].visible ? `robots up to ${apart < 0.1 ? `${(1000 * apart).toFixed(0)} mm` : `${apart.toFixed(2)} m`} apart`
       : "no simulation here";
-    const lines = [far];
+    const lines = content.apart[state.model][frame] ? ["the simulation flies apart: some joints are not followed"] : [far];
     if (which >= 0) {
       const { name, unit, torque } = content.joints[which], value = residualAt(content, state, which, frame);
       const told = state.byShare ? `${(100 * value / torque).toFixed(0)} %` : `${value.toPrecision(3)} ${unit}`;

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from ..rigid import own_row
+from ..rigid import carrier, own_row
 from ..robot import configuration
 from ..types import Array, Robot
 
@@ -42,10 +43,19 @@ def movers(robot: Robot, bodies: Sequence[int]) -> list[int]:
 def axis(robot: Robot, joint: int) -> tuple[int, Array, bool]:
     """The body that a joint moves, the axis (3,) [1] in that body's frame, and whether it slides along it."""
     row = own_row(robot, joint)
-    model, data = robot.model, robot.model.createData()
-    body = next(i for i, j in enumerate(list(model.joints)[1:], 1) if j.idx_v <= row < j.idx_v + j.nv)
+    body = carrier(robot.model, row)
+    return body, *_along(robot.model, body, row)
+
+
+def own_axis(robot: Robot, body: int) -> tuple[Array, bool]:
+    """The axis (3,) [1] about which a joint of the model turns, in its frame; or along which it slides."""
+    return _along(robot.model, body, robot.model.joints[body].idx_v)
+
+
+def _along(model: Any, body: int, row: int) -> tuple[Array, bool]:
+    data = model.createData()
     pin.computeJointJacobians(model, data, pin.neutral(model))
     column = np.reshape(pin.getJointJacobian(model, data, body, pin.LOCAL), (6, model.nv))[:, row]
-    slides = bool(robot.prismatic[joint])
+    slides = not column[3:].any()
     along = column[:3] if slides else column[3:]
-    return body, along / np.linalg.norm(along), slides
+    return along / np.linalg.norm(along), slides

@@ -18,6 +18,7 @@ function readContent() { // the page's numbers, arrays of the blob in the place 
   content.bounds = [Math.min, Math.max].map((end) => [0, 1, 2].map((k) => end(...along(k))));
   content.simulated = content.simulated.map(read);
   content.residual = content.residual.map(read);
+  content.apart = content.apart.map(read);
   return content;
 }
 
@@ -60,7 +61,6 @@ class Stage {
     this.marks = content.marks.map((mark, k) => this.mark(mark, k));
     this.surround();
     this.place(false);
-    this.look();
   }
 
   add(path, object) {
@@ -157,15 +157,19 @@ class Stage {
     sun.shadow.radius = 4;
     const fill = this.add(["Lights", "fill", "<object>"], new THREE.DirectionalLight(0xffffff, 0.22));
     fill.position.set(-1, -0.4, 0.5);
-    const step = 10 ** Math.round(Math.log10(size / 8)), wide = 40 * step;
-    const grid = this.add(["Grid", "<object>"], new THREE.GridHelper(wide, 40, style("--line"), style("--line")));
+    const power = 10 ** Math.floor(Math.log10(size / 8)), step = [5, 2, 1].find((k) => k * power <= size / 8) * power;
+    const wide = 20 * step; // no line passes behind the camera
+    this.grid = +step.toPrecision(1);
+    const grid = this.add(["Grid", "<object>"], new THREE.GridHelper(wide, 20, style("--line"), style("--line")));
     grid.rotation.x = Math.PI / 2;
     grid.material.transparent = true;
     grid.material.opacity = dark ? 0.7 : 0.9;
     grid.position.z = ground;
-    const shadow = this.add(["Ground", "<object>"], new THREE.Mesh(new THREE.PlaneGeometry(wide, wide), new THREE.ShadowMaterial({ opacity: 0.16 })));
+    const shadow = this.add(["Ground", "<object>"], new THREE.Mesh(new THREE.PlaneGeometry(2 * wide, 2 * wide), new THREE.ShadowMaterial({ opacity: 0.16 })));
     shadow.position.z = ground - 1e-3 * size;
     shadow.receiveShadow = true;
+    shadow.material.depthWrite = false;
+    [shadow.renderOrder, grid.renderOrder] = [-2, -1];
   }
 
   place(beside) { // both robots at one place, or the simulated one to the right
@@ -186,14 +190,17 @@ class Stage {
     const way = new THREE.Vector3(Math.cos(VIEW.azimuth), Math.sin(VIEW.azimuth), VIEW.rise).normalize();
     const right = new THREE.Vector3(-Math.sin(VIEW.azimuth), Math.cos(VIEW.azimuth), 0), up = way.clone().cross(right);
     const bar = document.querySelector("footer").offsetHeight + 12, top = document.getElementById("switches").offsetHeight + 20, height = innerHeight;
-    const tall = Math.tan(VIEW.angle * Math.PI / 360), free = (height - bar - top) / height, wide = tall * innerWidth / height;
+    const tall = Math.tan(VIEW.angle * Math.PI / 360), free = (height - bar - top) / height, narrow = innerWidth < 760;
+    const near = narrow ? 0 : document.getElementById("story").offsetWidth + 12;
+    const far = narrow ? 0 : Math.max(0, ...[...document.querySelectorAll(".label")].map((label) => label.offsetWidth + 12));
+    const wide = tall * (innerWidth - near - far) / height;
     let distance = 0;
     for (const point of this.content.outline) for (const moved of [0, 1]) {
       const seen = point.clone().addScaledVector(shift, moved).sub(target), depth = seen.dot(way);
-      distance = Math.max(distance, depth + Math.abs(seen.dot(right)) / (0.92 * wide), depth + Math.abs(seen.dot(up)) / (tall * free));
+      distance = Math.max(distance, depth + Math.abs(seen.dot(right)) / (0.94 * wide), depth + Math.abs(seen.dot(up)) / (tall * free));
     }
     Object.assign(camera, { fov: VIEW.angle, near: 0.01 * distance, far: 30 * distance });
-    target.addScaledVector(up, -distance * tall * (bar - top) / height);
+    target.addScaledVector(up, -distance * tall * (bar - top) / height).addScaledVector(right, distance * tall * (far - near) / height);
     const swap = (p) => [p.x, p.z, -p.y]; // Meshcat's camera has y up
     camera.position.set(...swap(target.clone().addScaledVector(way, distance)));
     viewer.controls.target.set(...swap(target));

@@ -12,11 +12,13 @@ from ..errors import shorten
 from ..robot.document import children, parse
 from ..types import Array, Robot
 from .meshes import find_mesh, read_mesh
+from .poses import own_axis
 from .simplify import share, simplify
 from .solids import Triangles, between, box, capsule, cylinder, joined
 
 MOST = 300_000  # triangles of a robot
-THICK = 0.05  # radius of generated links, over the reach of the arm
+THICK, TAPER = 0.055, 0.93  # radius of the first generated link over the reach of the arm, of each over the one before
+DRUM = 1.16  # radius and half the length of what turns at a joint, over the radius of its link
 SHORT = 1e-6  # [m]
 
 
@@ -46,7 +48,7 @@ def look(robot: Robot, package_dirs: Sequence[str | Path] = ()) -> Look:
     lost = list(dict.fromkeys(name for names in missing.values() for name in names))
     notes = [f"meshes that were not found or not read: {shorten(lost, 4)}"] if lost else []
     drawn = [str(robot.model.names[body]) for body in plain if body]
-    notes += [f"drawn as capsules, as no shape is known: what {shorten(drawn, 4)} moves"] if drawn else []
+    notes += [f"drawn as capsules, as no shape is known: links moved by {shorten(drawn, 4)}"] if drawn else []
     bodies = dict(sorted({**known, **plain}.items()))
     keep = share([len(shape.faces) for shape in bodies.values()], MOST)
     return Look({body: simplify(bodies[body], most) for body, most in zip(bodies, keep, strict=True)}, tuple(notes))
@@ -128,14 +130,20 @@ def _vector(text: str | None, default: Array) -> Array:
 
 
 def _generated(robot: Robot) -> dict[int, Triangles]:
-    """Capsules from each joint to those that follow it, beyond the last to twice its centre of mass."""
+    """Capsules from each joint to those that follow it, thinner towards the tip, and a drum about each axis."""
     model, parts = robot.model, dict[int, list[Triangles]]()
-    radius = THICK * reach(robot)
+    radius = np.full(model.njoints, THICK * reach(robot))
     for joint in range(1, model.njoints):
         before, end = model.parents[joint], model.jointPlacements[joint].translation
-        parts.setdefault(before, []).append(between(np.zeros(3), end, radius * (1.2 if before == 0 else 1.0)))
+        radius[joint] = TAPER * radius[before]
+        parts.setdefault(before, []).append(between(np.zeros(3), end, radius[before]))
+        own = parts.setdefault(joint, [])
+        along, slides = own_axis(robot, joint)
+        if not slides:
+            side = DRUM * radius[joint] * along
+            own.append(between(-side, side, DRUM * radius[joint], round_ends=False))
         if _leaf(model, joint):
             lever = model.inertias[joint].lever if model.inertias[joint].mass > 0 else np.zeros(3)
             tip = 2 * lever if np.linalg.norm(lever) > SHORT else np.zeros(3)
-            parts.setdefault(joint, []).append(between(np.zeros(3), tip, radius))
+            own.append(between(np.zeros(3), tip, radius[joint]))
     return {body: joined(some) for body, some in sorted(parts.items())}

@@ -42,20 +42,22 @@ def capsule(radius: float, length: float) -> Triangles:
     return _turned(np.append(r, r[::-1][cut:]), np.append(-z, z[::-1][cut:]))
 
 
-def between(start: Array, end: Array, radius: float) -> Triangles:
-    """A capsule of that radius [m] from one point to another.
+def between(start: Array, end: Array, radius: float, round_ends: bool = True) -> Triangles:
+    """A capsule, or a cylinder, of that radius [m] from one point to another.
 
     Args:
         start: (3,) [m].
         end: (3,) [m].
         radius: [m].
+        round_ends: False for a cylinder.
     """
     start, end = np.asarray(start, float), np.asarray(end, float)
     length = float(np.linalg.norm(end - start))
     along = (end - start) / length if length > 0 else np.array([0.0, 0.0, 1.0])
     side = np.cross(along, np.eye(3)[np.argmin(np.abs(along))])
     side /= np.linalg.norm(side)
-    return capsule(radius, length).moved(np.column_stack([side, np.cross(along, side), along]), (start + end) / 2)
+    solid = capsule(radius, length) if round_ends else cylinder(radius, length)
+    return solid.moved(np.column_stack([side, np.cross(along, side), along]), (start + end) / 2)
 
 
 def joined(parts: list[Triangles]) -> Triangles:

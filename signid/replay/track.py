@@ -15,7 +15,7 @@ from ..motion import build_motion, margin
 from ..rollout import roll_out
 from ..sampling import Sampling, samples, survey
 from ..session import longest_piece
-from ..types import Array, Frozen, Indices, Recording
+from ..types import Array, Frozen, Indices, Mask, Recording
 
 STEP = 2e-3  # [s] of the simulation, at most
 SHOWN = 0.4  # times the rate of the frames: what is faster is not shown
@@ -29,6 +29,7 @@ class Track(Frozen):
     t: Array  # (F,) [s] as in the recording
     recorded: Array  # (F, n) [rad or m]
     simulated: Array  # (M, F, n) [rad or m]; NaN where nothing is simulated
+    apart: Mask  # (M, F) whether joints fly off so fast that they are no longer followed
     window: Indices  # (F,) of the roll-out that a frame lies in, -1 for none
     residual: Array  # (M, F, n) measured minus predicted torque [N.m or N]; NaN where no torque is recorded
     torque: Array  # (n,) root mean square of the measured torque [N.m or N]
@@ -38,6 +39,14 @@ class _Read(NamedTuple):
     recording: Recording
     sampling: Sampling
     band: Band
+
+
+class _Strayed(NamedTuple):
+    """A model over windows: simulated minus recorded position (F, n) [rad or m], and where it flies off (F,)."""
+
+    error: Array
+    apart: Mask
+    window: Indices  # (F,)
 
 
 def follow(models: Sequence[Model], recording: Recording, window: float, rate: float) -> Track:
@@ -66,29 +75,34 @@ def follow(models: Sequence[Model], recording: Recording, window: float, rate: f
     return Track(
         t=t,
         recorded=recorded,
-        simulated=np.stack([recorded + error for error, _ in strayed]),
-        window=strayed[0][1],
+        simulated=np.stack([recorded + x.error for x in strayed]),
+        apart=np.stack([x.apart for x in strayed]),
+        window=strayed[0].window,
         residual=np.stack([_residual(read, model, t, rate) for model in models]),
         torque=np.where(told, np.sqrt(np.mean(np.where(told, torque, 0.0) ** 2, axis=0)), np.nan),
     )
 
 
-def _strayed(read: _Read, model: Model, other: Model, window: float, t: Array) -> tuple[Array, Indices]:
-    """Simulated minus recorded position (F, n) [rad or m], and the window of each frame (F,)."""
+def _strayed(read: _Read, model: Model, other: Model, window: float, t: Array) -> _Strayed:
+    """Roll-outs one after another; a joint that flies off stays where it was last, as long as another does not."""
     count = int(np.ceil(read.sampling.duration / window))  # so many that none begins after another has ended
     found = roll_out(model, read.recording, (window,), windows=count, band=read.band, step=STEP, beside=other)
     which = np.searchsorted(found.start, t, side="right") - 1
     age = t - found.start[which]
     which = np.where((which >= 0) & (age <= found.t[-1] + read.sampling.period), which, -1)
     told = np.array([bool(column) for column in read.recording.columns["tau"]])
-    from_start = np.concatenate([[0.0], found.t])
-    error = np.full((len(t), len(told)), np.nan)
+    error, apart = np.full((len(t), len(told)), np.nan), np.zeros(len(t), dtype=bool)
+    ages = np.concatenate([[0.0], found.t])
     for w in np.unique(which[which >= 0]):
         frames = which == w
         path = np.concatenate([np.zeros((1, len(told))), np.where(told, found.error[w], 0.0)])
-        error[frames] = _at(age[frames], from_start, path)
-    error[~np.isfinite(error).all(axis=1)] = np.nan
-    return error, which
+        lost = ~np.isfinite(path)
+        last = np.maximum.accumulate(np.where(lost, 0, np.arange(len(path))[:, None]), axis=0)
+        held = np.take_along_axis(path, last, axis=0)
+        held[lost[:, told].all(axis=1)] = np.nan
+        error[frames] = _at(age[frames], ages, held)
+        apart[frames] = np.interp(age[frames], ages, lost.any(axis=1)) > 0
+    return _Strayed(error, apart, which)
 
 
 def _residual(read: _Read, model: Model, t: Array, rate: float) -> Array:
