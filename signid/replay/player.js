@@ -29,9 +29,17 @@ class Player {
     document.querySelector("#legend li:nth-child(2) span").textContent = `simulated, anew every ${+content.horizon.toPrecision(3)} s`;
     const small = content.marks.filter((mark) => !mark.cause).map((mark) => `small correction: ${mark.title}`);
     $("notes").append(...[...small, ...content.notes, `grid: ${this.stage.grid} m`].map((note) => Object.assign(document.createElement("li"), { textContent: note })));
-    $("names").append(...content.joints.map(({ name }) => Object.assign(document.createElement("span"), { textContent: name, title: name,
-      className: causes.some((title) => title.endsWith(` ${name}`)) ? "cause" : "" })));
-    $("map").style.height = `${Math.min(120, Math.max(26, 13 * content.joints.length))}px`;
+    const n = content.joints.length, height = Math.min(176, Math.max(26, 13 * n)), every = Math.ceil(11 * n / height);
+    $("names").append(...content.joints.map(({ name }, j) => {
+      const cause = causes.some((title) => title.endsWith(` ${name}`));
+      const shown = cause || j % every === 0; // of many joints only some have room
+      return Object.assign(document.createElement("span"), { textContent: shown ? name : "", className: cause ? "cause" : "" });
+    }));
+    for (const id of ["names", "map"]) $(id).style.height = `${height}px`;
+    $("map").addEventListener("pointermove", (event) => {
+      const box = $("map").getBoundingClientRect(), j = Math.floor((event.clientY - box.top) / box.height * n);
+      $("map").title = content.joints[Math.max(0, Math.min(n - 1, j))].name;
+    });
     $("time").max = this.length;
     $("speed").append(...SPEEDS.map((speed) => new Option(`${speed}\u00d7`, speed, speed === 1, speed === 1)));
     this.labels = this.stage.marks.filter(({ mark }) => mark.cause).map((mark) => {
