@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import sys
-from importlib import import_module
 from types import ModuleType
 from typing import TYPE_CHECKING
 
+from .registry import public as _public
 from .version import __version__ as __version__
 
 if TYPE_CHECKING:
     from .check import check as check
     from .diagnose import diagnose as diagnose
+    from .errors import SignidError as SignidError
     from .excite import excite as excite, separate as separate  # isort: skip
+    from .export import export as export
     from .identify import identify as identify
     from .inspect import inspect as inspect
     from .model import load_model as load_model
@@ -23,16 +25,16 @@ if TYPE_CHECKING:
     from .session import Options as Options
     from .simulate import Sensors as Sensors, record as record, simulate as simulate, track as track  # isort: skip
 
-# fmt: off
-NAMES = {"check": "check", "diagnose": "diagnose", "excite": "excite separate", "identify": "identify",
-         "inspect": "inspect", "model": "load_model", "recording": "read_recording", "replay": "replay",
-         "robot": "load_robot urdf_from_dh", "rollout": "roll_out", "session": "Options",
-         "simulate": "Sensors record simulate track"}
+NAMES = {"check": "check", "diagnose": "diagnose", "errors": "SignidError", "excite": "excite separate",
+         "export": "export", "identify": "identify", "inspect": "inspect", "model": "load_model",
+         "recording": "read_recording", "replay": "replay", "robot": "load_robot urdf_from_dh", "rollout": "roll_out",
+         "session": "Options", "simulate": "Sensors record simulate track"}  # fmt: skip
+
+
 class _Package(ModuleType):
     """Public names are properties, so that `signid.identify` is the verb although a module has its name."""
 
-def _public(name: str, home: str) -> property:
-    return property(lambda _: getattr(import_module(f"{__name__}.{home}"), name), lambda _, module: None)
+
 for _name, _home in [(name, home) for home, names in NAMES.items() for name in names.split()]:
     setattr(_Package, _name, _public(_name, _home))
 sys.modules[__name__].__class__ = _Package

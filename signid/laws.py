@@ -52,6 +52,14 @@ def placed(law: Law, robot: Robot) -> tuple[str | None, dict[str, str | float]]:
     return robot.joints[law.joints[0]], values
 
 
+def spoken(law: Law, robot: Robot) -> str:
+    """A law by its effect and where it acts: "spring of joint_2", "base_tilt"."""
+    joint, values = placed(law, robot)
+    if joint is None or law.effect.scope == "tip":
+        return str(law.effect.name)
+    return f"{law.effect.name} of {joint}" + (f" and {values['partner']}" if "partner" in values else "")
+
+
 def law_at(effect: Any, robot: Robot, joint: str | None, parameters: Mapping[str, str | float]) -> Law:
     """The law of an effect at a joint, with parameters as files carry them.
 

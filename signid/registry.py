@@ -47,3 +47,8 @@ class Registry(Generic[Plugin]):
 
     def __iter__(self) -> Iterator[Plugin]:
         return (self[name] for name in self.modules)
+
+
+def public(name: str, home: str) -> property:
+    """A public name of the package: imported from the module that is its home when it is first used."""
+    return property(lambda _: getattr(import_module(f"{__package__}.{home}"), name), lambda _, module: None)

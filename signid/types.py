@@ -157,11 +157,11 @@ class Coefficient:
 
     unit: str
     positive: bool = False
-    angle: bool = False  # an angle at a prismatic joint too
+    same: bool = False  # its unit at a prismatic joint too: an angle, or a body's inertia
 
     def unit_at(self, prismatic: bool) -> str:
         """The unit at a joint: N for N.m, m for rad, kg for kg.m2 where it is prismatic."""
-        return prismatic_unit(self.unit) if prismatic and not self.angle else self.unit
+        return prismatic_unit(self.unit) if prismatic and not self.same else self.unit
 
 
 @dataclass(frozen=True)

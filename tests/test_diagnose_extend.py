@@ -202,7 +202,7 @@ def test_twins_are_told_apart_by_no_motion(one: Law, other: Law) -> None:
 def test_the_motion_that_tells_two_laws_apart(one: Law, other: Law, where: str) -> None:
     told = tell_apart(simulation("3r"), one, other, FLOOR, 0)
     assert told.startswith(where) and " from " in told and "standard deviations apart" in told
-    assert "signid excite --separate" in told and one.effect.name in told and other.effect.name in told
+    assert "signid excite ROBOT --separate" in told and one.effect.name in told and other.effect.name in told
     assert told == tell_apart(simulation("3r"), one, other, FLOOR, 0)
     louder = tell_apart(simulation("3r"), one, other, 100 * FLOOR, 0)
     assert _apart(louder) == pytest.approx(_apart(told) / 100, rel=0.1)  # noise makes it harder

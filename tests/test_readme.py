@@ -28,6 +28,7 @@ def readme(start: str, language: str = "") -> list[str]:
         ("$ signid diagnose 3r recording.csv", 3),
         ("$ signid replay 3r recording.csv", 0),
         ("$ signid identify 3r recording.csv --unsigned", 0),
+        ("$ signid export result/model.json", 0),
     ],
 )
 def test_the_extract_in_the_readme_is_what_is_printed(
@@ -46,6 +47,9 @@ def test_the_extract_in_the_readme_is_what_is_printed(
         if "diagnosis/" in command:
             assert run(readme("$ signid diagnose 3r")[0].split()[2:]) == 3
         capfd.readouterr()
+    if "model.json" in start:
+        assert run(readme("$ signid identify 3r robots")[0].split()[2:]) == 0
+        capfd.readouterr()
     assert run(command.split()[2:]) == code
     printed, at = form(capfd.readouterr().out), 0
     for line in extract:
@@ -55,7 +59,7 @@ def test_the_extract_in_the_readme_is_what_is_printed(
 
 
 def test_the_python_in_the_readme_runs() -> None:
-    starts = ("import signid", "lost = ", "model = ", "found = ", "shown = ")
+    starts = ("import signid", "lost = ", "model = ", "text = ", "found = ", "shown = ")
     code = "\n".join(line for start in starts for line in readme(start, "python"))
     there = {**os.environ, "PYTHONPATH": str(ROOT)}
     done = subprocess.run(
@@ -63,7 +67,9 @@ def test_the_python_in_the_readme_runs() -> None:
     )
     *lines, verdict = done.stdout.splitlines()
     assert (done.returncode, done.stderr) == (0, "") and len(lines) >= 28, "27 lines and the causes"
-    assert all("friction" in line and "probability" in line for line in lines[27:]) and verdict.startswith("named")
+    drive = ("friction", "armature", "torque_offset")
+    assert all(any(name in line for name in drive) and "probability" in line for line in lines[27:])
+    assert verdict.startswith("named")
 
 
 def test_the_readme_lists_the_commands(capfd: pytest.CaptureFixture[str]) -> None:

@@ -184,6 +184,12 @@ def test_the_command_writes_the_page(shown: Replay, capfd: pytest.CaptureFixture
     assert "marked: coulomb friction of joint_2" in out and out.startswith("3r: arm.csv: 180 frames, 0 to 5.967 s")
     assert Path("deep/er/replay.html").read_text() == shown.page()
     assert run("replay model.json arm.csv --duration 2 --html saved.html".split()) == 0
+    capfd.readouterr()
+    assert run("replay 3r arm.csv --diagnosis diagnosis.json --json".split()) == 0
+    told = json.loads(capfd.readouterr().out)
+    assert (told["schema"], told["frames"], told["joints"][1]) == ("signid.replay/1", 180, "joint_2")
+    assert told["residual_rms"][1][1] < 0.2 * told["residual_rms"][0][1] and told["strayed_rms"][1][1] < 0.05
+    assert [x["path"] for x in told["inputs"]] == ["3r", "arm.csv", "diagnosis.json"]
 
 
 @pytest.mark.parametrize(

@@ -71,8 +71,17 @@ def say(case: Case, folder: Path, train: Track, test: Track) -> Said:
     try:
         found = signid.diagnose(model, [one], held_out=[other])
     except signid.SignidError as error:
-        nothing = float("nan")
-        return Said("refused", "refused", (), 0, nothing, nothing, (str(error),), time.process_time() - start)
+        nothing, told = float("nan"), bool(case.words) and any(word in str(error) for word in case.words)
+        return Said(
+            "named" if told else "refused",
+            "refused",
+            (),
+            0,
+            nothing,
+            nothing,
+            (str(error),),
+            time.process_time() - start,
+        )
     return judge(case, found, time.process_time() - start)
 
 

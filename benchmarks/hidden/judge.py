@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from .names import Truth, is_lead, is_right, is_twin, truths
+from .names import Truth, contains, is_lead, is_right, is_twin, truths
 from .numbers import error
 
 SURE = 0.95
@@ -72,7 +72,10 @@ def _outcome(
     if suite == "none":
         return "right" if verdict == "nothing_missing" else "alarm"
     if suite == "pairs":
-        named = sum(any(is_right(cause, truth) for cause in causes) for truth in hidden)
+        wholes = [cause for cause in causes if any(is_right(cause, truth) for truth in hidden)]
+        named = sum(
+            any(is_right(c, truth) for c in causes) or any(contains(c, truth) for c in wholes) for truth in hidden
+        )
         return ("none", "one", "both")[named]
     (truth,) = hidden
     if suite in ("absent", "removed") and verdict == "unknown":
@@ -83,7 +86,8 @@ def _outcome(
     if not causes:
         return "missed"
     if suite == "removed":
-        return "twin" if is_twin(causes[0], truth, answer["joints"]) else "wrong"
+        near = is_twin(causes[0], truth, answer["joints"]) or contains(causes[0], truth)
+        return "twin" if near else "wrong"
     if is_right(causes[0], truth):
         return "right"
     if any(is_right(name, truth) for name in _told(causes)):

@@ -12,6 +12,7 @@ ALONE = (  # one and the same on a single joint
     {"counterbalance", "base_tilt", "encoder_offset", "payload", "link_inertia"},
     {"quadratic_friction", "fluid_drag"},
 )
+WHOLE = {"asymmetric_friction": ("viscous_friction", "coulomb_friction", "torque_offset")}  # laws that it contains
 ANYWHERE = ({"torque_offset", "asymmetric_friction"}, {"time_delay", "torque_lag"})
 FIRST = {"armature", "link_inertia"}
 LAST = {"payload", "link_inertia", "encoder_offset"}
@@ -47,6 +48,11 @@ def is_right(name: Mapping[str, Any], truth: Truth) -> bool:
     given = name.get("parameters", {}).get("partner")
     partner = given.get("value") if isinstance(given, Mapping) else given
     return truth.partner is None or partner is None or partner in truth.joints
+
+
+def contains(name: Mapping[str, Any], truth: Truth) -> bool:
+    """Whether a law is a part of the one that is named at its joint."""
+    return truth.effects[0] in WHOLE.get(name["effect"], ()) and name["joint"] in truth.joints
 
 
 def is_twin(name: Mapping[str, Any], truth: Truth, joints: Sequence[str]) -> bool:

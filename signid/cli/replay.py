@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .arguments import Actuators, Columns, Joints, Lock, PackageDir, SimulationName, given_recording
+from ..version import __version__
+from .arguments import Actuators, Columns, Joints, Json, Lock, PackageDir, SimulationName, given_recording
 from .commands import app
 from .motions import Source, given_model
 from .show import DONE
@@ -38,6 +39,7 @@ def replay(
     actuators: Actuators = None,
     package_dir: PackageDir = None,
     columns: Columns = None,
+    json: Json = False,
 ) -> int:
     """The recorded robot and the simulated one, in the browser: live, or as one HTML file.
 
@@ -46,9 +48,13 @@ def replay(
     marked, and a switch shows the simulation with what it lacked. Live, the page is a Meshcat viewer.
     """
     from ..replay import replay as build
+    from ..report import Screen, to_json, write_files
 
     _check(html)
-    model, _ = given_model(Source(simulation, joints, lock, actuators, package_dir))
+    if diagnosis is not None and Path(diagnosis).is_dir():
+        diagnosis = str(Path(diagnosis) / "diagnosis.json")
+    source = Source(simulation, joints, lock, actuators, package_dir)
+    model, _ = given_model(source)
     shown = build(
         model,
         given_recording(recording, model.robot, columns),
@@ -59,9 +65,16 @@ def replay(
         rate=rate,
         package_dirs=package_dir or (),
     )
-    if html is None:
-        return _serve(shown, browser)
-    return _write(shown, html)
+    written = [] if html is None else write_files(Path(html).parent, {Path(html).name: shown.page()})
+    if json:
+        inputs = source.inputs(model.robot, recording, diagnosis, columns)
+        told = [{"path": path, "sha256": digest} for path, digest in inputs]
+        Screen().write(to_json({**shown.document(), "inputs": told, "version": __version__}))
+    elif html is None:
+        _serve(shown, browser)
+    else:
+        Screen().write("\n".join([_told(shown), "", "written:", *(f"  {path}" for path in written), ""]))
+    return DONE
 
 
 def _check(html: str | None) -> None:
@@ -74,32 +87,21 @@ def _check(html: str | None) -> None:
         probe_folder(Path(html).parent)
 
 
-def _write(shown: Replay, html: str) -> int:
-    from ..report import Screen, write_files
-
-    (path,) = write_files(Path(html).parent, {Path(html).name: shown.page()})
-    screen = Screen()
-    screen.write(f"{_told(shown)}\n\nwritten:\n  {path}\n")
-    return DONE
-
-
-def _serve(shown: Replay, browser: bool) -> int:
+def _serve(shown: Replay, browser: bool) -> None:
     import webbrowser
 
     from ..report import Screen
 
     live = shown.show()
-    screen = Screen()
-    screen.write(f"{_told(shown)}\n\n{live.url} (Meshcat: {live.zmq_url}); Ctrl-C ends it\n")
+    Screen().write(f"{_told(shown)}\n\n{live.url} (Meshcat: {live.zmq_url}); Ctrl-C ends it\n")
     try:
         if browser:
             webbrowser.open(live.url)
         live.wait()
     except KeyboardInterrupt:
-        return DONE
+        pass
     finally:
         live.close()
-    return DONE
 
 
 def _told(shown: Replay) -> str:

@@ -17,6 +17,7 @@ from ..errors import SignidError
 from . import diagnosis as diagnosis  # isort: skip (help lists commands in this order)
 from . import catalogue as catalogue
 from . import excitation as excitation
+from . import exports as exports
 from . import simulation as simulation
 
 from . import replay as replay  # isort: skip

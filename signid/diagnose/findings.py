@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..laws import spoken
 from ..model import Model
 from ..session import Session
 from ..types import Array, Law, Shape
@@ -147,16 +148,13 @@ def _unexplained(setting: Setting, shown: Shown, verdict: Verdict) -> Iterator[U
 
 
 def _flags(setting: Setting, findings: Sequence[Finding], verdict: Verdict) -> Iterator[str]:
-    names = setting.model.robot.joints
+    robot = setting.model.robot
     if verdict.name == "unknown":
         yield "something is missing that no effect of the library explains; what it depends on is said, not what it is"
     for finding in findings:
         if finding.role == "cause" and finding.probability < UNSURE and verdict.name == "named":
-            rivals = ", ".join(
-                f"{a.law.effect.name} of {names[a.law.joints[0]]} ({a.probability:.0%})"
-                for a in finding.alternatives[:3]
-            )
+            rivals = ", ".join(f"{spoken(a.law, robot)} ({a.probability:.0%})" for a in finding.alternatives[:3])
             yield (
-                f"{finding.law.effect.name} of {names[finding.law.joints[0]]} is one of several that explain the "
-                f"recordings ({finding.probability:.0%}); the others: {rivals or 'no effect of the library'}"
+                f"{spoken(finding.law, robot)} is one of several that explain the recordings "
+                f"({finding.probability:.0%}); the others: {rivals or 'no effect of the library'}"
             )

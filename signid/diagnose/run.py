@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..effects import EFFECTS
-from ..errors import OptionError, RecordingError
+from ..errors import InputError, OptionError, RecordingError
 from ..gross import Gross, examine
 from ..model import Model
 from ..prepare import prepare
@@ -70,7 +70,7 @@ def diagnose(
         OptionError: an effect that is left out does not exist, or an option is unknown.
         RecordingError: a recording cannot be used; the sentence says which and why.
     """
-    _check(recordings, skip)
+    _check(recordings, reference, skip)
     told, options = progress or _silent, replace(options or Options(), effects=())
     known = diagnose(model, reference, skip=skip, options=options, progress=progress) if reference else None
     recovered = recover(model.robot, recordings, held_out, options=Options(seed=options.seed), progress=progress)
@@ -112,9 +112,11 @@ def diagnose(
     )
 
 
-def _check(recordings: Sequence[Recording], skip: Sequence[str]) -> None:
+def _check(recordings: Sequence[Recording], reference: Sequence[Recording], skip: Sequence[str]) -> None:
     if not recordings:
         raise OptionError("no recording was given; at least one is needed")
+    if same := [r.path for r in recordings if r.path and any(r.sha256 == other.sha256 for other in reference)]:
+        raise OptionError(f"{same[0]} is its own reference; give a recording of the robot when all was well")
     for name in skip:
         EFFECTS[name]
 
@@ -186,6 +188,6 @@ def _roll_out(session: Session, before: Model, after: Model) -> tuple[RollOut | 
         first, last = (
             roll_out(m, session, (HORIZON,), beside=other) for m, other in ((before, after), (after, before))
         )
-    except (OptionError, RecordingError) as error:
+    except InputError as error:
         return None, None, (f"no roll-out was made: {error}",)
     return first, last, ()

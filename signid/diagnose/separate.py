@@ -11,6 +11,7 @@ from ..effects.law import law_columns
 from ..excite.draw import random_parameters, sample
 from ..excite.fourier import Fourier
 from ..excite.limits import build_limits
+from ..laws import placed
 from ..model import Model
 from ..motion import Motion
 from ..residual import leave
@@ -42,11 +43,12 @@ def tell_apart(model: Model, law: Law, rival: Law, floor: Array, seed: int) -> s
     if max(s for _, s, _ in tried) < STRUCTURAL:
         return "no motion can tell them apart; another sensor or a known load is needed"
     joint = _widest(model, motion, (*law.joints, *rival.joints))
-    names = ",".join(_written(model, x) for x in (law, rival))
+    unit, names = "m" if model.robot.prismatic[joint] else "rad", ",".join(_written(model, x) for x in (law, rival))
+    q, v = motion.q[:, joint], motion.v[:, joint]
     return (
-        f"{model.robot.joints[joint]} from {motion.q[:, joint].min():.2g} to {motion.q[:, joint].max():.2g} "
-        f"at up to {np.abs(motion.v[:, joint]).max():.2g}, all joints moving: a random motion of {DURATION:g} s sets "
-        f"them {np.sqrt(left):.2g} standard deviations apart; signid excite --separate {names} finds a better one"
+        f"{model.robot.joints[joint]} from {q.min():.2g} to {q.max():.2g} {unit} at up to {np.abs(v).max():.2g} "
+        f"{unit}/s, all joints moving: a random motion of {DURATION:g} s sets them {np.sqrt(left):.2g} standard "
+        f"deviations apart; signid excite ROBOT --separate {names} finds a better one"
     )
 
 
@@ -96,10 +98,6 @@ def _widest(model: Model, motion: Motion, joints: tuple[int, ...]) -> int:
 
 
 def _written(model: Model, law: Law) -> str:
-    where = (
-        ""
-        if law.effect.scope in ("robot", "tip", "any") and len(law.joints) > 1
-        else f"@{model.robot.joints[law.joints[0]]}"
-    )
-    pair = f":partner={model.robot.joints[law.joints[1]]}" if law.effect.scope == "pair" else ""
-    return f"{law.effect.name}{where}{pair}"
+    joint, values = placed(law, model.robot)
+    where = "" if joint is None or law.effect.scope == "tip" else f"@{joint}"
+    return f"{law.effect.name}{where}" + (f":partner={values['partner']}" if "partner" in values else "")

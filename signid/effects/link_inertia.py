@@ -14,7 +14,7 @@ class LinkInertia(BodyLaw):
     source = "Atkeson, An, Hollerbach, Inertial parameters of loads and links, Int. J. Robotics Research 5(3), 1986"
     typical = "5 to 20 % of the link: cables, covers and motors that the drawing lacks"
     parameters = {"mass": Coefficient("kg"), **dict.fromkeys(MOMENT, Coefficient("kg.m")),
-                  **dict.fromkeys(INERTIA, Coefficient("kg.m2"))}  # fmt: skip
+                  **dict.fromkeys(INERTIA, Coefficient("kg.m2", same=True))}  # fmt: skip
     optional = tuple(INERTIA)
     example = {**dict(zip(["mass", *MOMENT], (0.5, 0.1, 0.02, 0.03), strict=True)), **dict.fromkeys(INERTIA, 0.0)}
     scope = "link"

@@ -17,7 +17,7 @@ class Payload(BodyLaw):
     source = "Khalil, Gautier, Lemoine, Identification of the payload inertial parameters, IEEE ICRA 2007"
     typical = "up to the rated payload: 3 kg (Panda), 5 kg (UR5), 10 kg (UR10E)"
     parameters = {"mass": Coefficient("kg", positive=True), **dict.fromkeys(MOMENT, Coefficient("kg.m")),
-                  **dict.fromkeys(INERTIA, Coefficient("kg.m2"))}  # fmt: skip
+                  **dict.fromkeys(INERTIA, Coefficient("kg.m2", same=True))}  # fmt: skip
     optional = tuple(INERTIA)
     example = dict(zip(parameters, VALUES, strict=True))
     scope = "tip"

@@ -16,7 +16,7 @@ class PositionFriction(TorqueLaw):
     changes = ("coulomb_friction", "asymmetric_friction", "presliding_friction")
     parameters = {
         "amplitude": Coefficient("N.m"),
-        "phase": Coefficient("rad", angle=True),
+        "phase": Coefficient("rad", same=True),
         "frequency": Shape("1/rad", (1.0, 2.0)),
     }
     example = {"amplitude": 1.0, "phase": 0.4, "frequency": 2.0}

@@ -1,4 +1,4 @@
-"""Stribeck friction: what friction adds near rest, before the oil film builds up, or lacks where grease stiffens it."""
+"""Stribeck friction: what friction adds near rest, before the oil film builds up."""
 
 import numpy as np
 
@@ -7,13 +7,13 @@ from .base import TorqueLaw
 
 
 class StribeckFriction(TorqueLaw):
-    """Dry friction that fades with speed, or builds up where its level is below zero; part of the Stribeck curve."""
+    """Dry friction that fades with speed; with Coulomb and viscous friction it makes the Stribeck curve."""
 
     name, equation = "stribeck_friction", "level * exp(-((v / velocity) ** 2)) * sign(v)"
     source = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994, section 2"
-    typical = "level 0.2 to 1 times that of Coulomb friction, below zero in stiff grease; velocity 0.01 to 0.2 rad/s"
+    typical = "level 0.2 to 1 times that of Coulomb friction, velocity 0.01 to 0.2 rad/s"
     parameters = {
-        "level": Coefficient("N.m"),
+        "level": Coefficient("N.m", positive=True),
         "velocity": Shape("rad/s", (0.12, 0.25, 0.5), of="speed"),
     }
     example = {"level": 3.0, "velocity": 0.3}

@@ -14,7 +14,7 @@ class TorqueRipple(TorqueLaw):
     typical = "1 to 5 % of the rated torque, as often a turn as pole pairs times gear ratio"
     parameters = {
         "amplitude": Coefficient("N.m"),
-        "phase": Coefficient("rad", angle=True),
+        "phase": Coefficient("rad", same=True),
         "frequency": Shape("1/rad", tuple(np.arange(4, 30, 0.25).tolist())),
     }
     example = {"amplitude": 2.0, "phase": 0.5, "frequency": 12.1}

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from importlib.util import find_spec
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from ..robot import configuration
+from ..robot.meshes import mesh_folders
 from ..types import Array, Frozen, Robot
 from .limits import Limits
 
@@ -102,7 +101,10 @@ def build_collision(robot: Robot, limits: Limits, clearance: float, seed: int = 
         return None, f"self-collision was not checked: shapes are read from a URDF, not from {robot.kind.upper()}"
     try:
         geometry = pin.buildGeomFromUrdfString(
-            robot.model, robot.document, pin.GeometryType.COLLISION, package_dirs=_folders(robot)
+            robot.model,
+            robot.document,
+            pin.GeometryType.COLLISION,
+            package_dirs=[str(folder) for folder in mesh_folders(robot)],
         )
         for item in geometry.geometryObjects:
             item.geometry = _convex(item.geometry)
@@ -147,14 +149,6 @@ def _pairs(robot: Robot, geometry: Any) -> list[tuple[int, int]]:
     at = [body[item.parentJoint] for item in geometry.geometryObjects]
     joined = {(a, a) for a in body} | {(a, before[a]) for a in body} | {(before[a], a) for a in body}
     return [(i, j) for i in range(len(at)) for j in range(i + 1, len(at)) if (at[i], at[j]) not in joined]
-
-
-def _folders(robot: Robot) -> list[str]:
-    """Where packages with meshes may lie: above the description, and where example-robot-data has its own."""
-    above = [str(folder) for folder in Path(robot.path).parents] if robot.path else []
-    spec = find_spec("pinocchio")
-    share = [str(Path(spec.origin).parents[4] / "share")] if spec is not None and spec.origin else []
-    return [*above, *share]
 
 
 def _approach(model: Any, data: Any, joint: int, point: Array, normal: Array) -> Array:

@@ -12,7 +12,8 @@ from .evidence import Evidence
 
 NEAR = 0.02  # of the largest torque: absolute torque goes so near to zero where its sign changes
 BOTH = 0.1  # of the rows, in which the model's torque has the rarer sign
-BETTER = 0.5  # of what the model's torque leaves, that its absolute value leaves at most
+SEVERAL = 2  # joints that touch zero and never go below: no friction makes all of them one-sided
+BETTER, ALIKE = 0.5, 0.2  # of what the model leaves, and of the torque, that its absolute value leaves at most
 
 
 def judge_absolute(evidence: Evidence, parts: Sequence[Part]) -> Mask:
@@ -28,7 +29,9 @@ def judge_absolute(evidence: Evidence, parts: Sequence[Part]) -> Mask:
     raw = [_extremes(part) for part in parts]
     least, most = np.min([low for low, _ in raw], axis=0), np.max([high for _, high in raw], axis=0)
     never = evidence.signed & (least >= 0) & (most > 0)
-    lost = never & (least <= NEAR * most) & (rarer >= BOTH) & (sizes <= BETTER * plain)
+    touches = never & (least <= NEAR * most) & (rarer >= BOTH)
+    alike = (sizes <= BETTER * plain) & (sizes <= ALIKE * np.sum(torque**2, axis=0))
+    lost = touches & (alike | ((touches & (sizes < plain)).sum() >= SEVERAL))
     return np.asarray(never if lost.any() else lost)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -51,6 +51,27 @@ class Replay(Frozen):
         from .page import replay_page
 
         return replay_page(self)
+
+    def document(self) -> dict[str, Any]:
+        """What it shows, in numbers: residual torque, and how far simulations stray, first as given, then extended."""
+        track = self.track
+        strayed = track.simulated - track.recorded
+        return {
+            "schema": "signid.replay/1",
+            "robot": self.robot.name,
+            "joints": list(self.robot.joints),
+            "unit": ["m" if slides else "rad" for slides in self.robot.prismatic],
+            "torque_unit": ["N" if slides else "N.m" for slides in self.robot.prismatic],
+            "start": float(track.t[0]),
+            "end": float(track.t[-1]),
+            "frames": len(track.t),
+            "horizon": self.horizon,
+            "residual_rms": [_rms(residual).tolist() for residual in track.residual],
+            "strayed_rms": [_rms(error).tolist() for error in strayed],
+            "apart": track.apart.mean(axis=1).tolist(),
+            "marks": [mark.document() for mark in self.marks],
+            "notes": list(self.notes),
+        }
 
     def show(self) -> Live:
         """Serve it on this machine, as a Meshcat viewer that other programs can draw into, until it is closed."""
@@ -118,6 +139,13 @@ def replay(
         reach=far,
         notes=tuple(dict.fromkeys((*notes, *seen.notes, *(note for each in more for note in each)))),
     )
+
+
+def _rms(values: Array) -> Array:
+    """Root mean square of values (F, n) [any] over the frames that have them, (n,); NaN where none has."""
+    known = np.isfinite(values)
+    total = np.sum(np.where(known, values, 0.0) ** 2, axis=0)
+    return np.asarray(np.sqrt(np.where(known.any(axis=0), total / np.maximum(1, known.sum(axis=0)), np.nan)))
 
 
 def _check(recording: Recording, horizon: float, rate: float) -> None:

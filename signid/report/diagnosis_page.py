@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ..diagnose import Diagnosis
+from ..laws import spoken
 from ..types import Array
 from .diagnosis_words import (
     alternative_words,
     finding_words,
-    law_words,
     place_words,
     role_words,
     trust_words,
@@ -94,7 +94,7 @@ def _findings(result: Diagnosis) -> Iterator[str]:
         yield f"<h2>{title}</h2>\n<table><thead><tr>{heads}</tr></thead><tbody>{body}</tbody></table>"
         for finding in some:
             if said := alternative_words(result.robot, finding):
-                yield f"<p>{escape(law_words(result.robot, finding.law))},</p>"
+                yield f"<p>{escape(spoken(finding.law, result.robot))},</p>"
                 yield bullets("said", said)
 
 

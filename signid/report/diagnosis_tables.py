@@ -10,10 +10,10 @@ from rich.table import Table
 from rich.text import Text
 
 from ..diagnose import Diagnosis
+from ..laws import spoken
 from .diagnosis_words import (
     alternative_words,
     finding_words,
-    law_words,
     place_words,
     role_words,
     trust_words,
@@ -65,7 +65,7 @@ def _alternatives(result: Diagnosis) -> Iterator[RenderableType]:
         yield heading("What explains the recordings as well, or nearly")
     for finding, words in told:
         if words:
-            yield paragraph(law_words(result.robot, finding.law))
+            yield paragraph(spoken(finding.law, result.robot))
             yield from (Padding(paragraph(line), (0, 0, 0, 2)) for line in words)
 
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from ..diagnose import Alternative, Diagnosis, Finding, Unexplained
 from ..diagnose.locate import Place
 from ..errors import shorten
-from ..laws import placed
+from ..laws import spoken
 from ..types import Law, Robot
 from .diagnosis import finding_numbers
 from .layout import plural
@@ -72,7 +72,7 @@ def finding_words(robot: Robot, finding: Finding) -> FindingWords:
     where = robot.joints[finding.where.joint]
     others = sum(x >= GONE for joint, x in torque.items() if joint != first)
     return FindingWords(
-        law_words(robot, finding.law),
+        spoken(finding.law, robot),
         _numbers(robot, finding),
         confidence(finding.probability),
         share(torque[first]) + (f" of {first}" if others else ""),
@@ -89,7 +89,7 @@ def alternative_words(robot: Robot, finding: Finding) -> list[str]:
             continue
         told = confidence(rival.probability) if rival.probability >= NEGLIGIBLE else f"<{NEGLIGIBLE}"
         motion = f": {rival.separating_motion}" if rival.separating_motion else ""
-        said.append(f"or {law_words(robot, rival.law)}, probability {told}{motion}")
+        said.append(f"or {spoken(rival.law, robot)}, probability {told}{motion}")
     return [*said, *([f"{out} more with a probability below {NEGLIGIBLE}"] if said and out else [])]
 
 
@@ -118,14 +118,6 @@ def trust_words(result: Diagnosis) -> list[str]:
     return [
         f"The inertials of the simulation were refitted: off by about {figure(result.trust, 2)} times what is usual."
     ]
-
-
-def law_words(robot: Robot, law: Law) -> str:
-    """A law by its effect and where it acts."""
-    joint, values = placed(law, robot)
-    if joint is None or law.effect.scope == "tip":
-        return str(law.effect.name)
-    return f"{law.effect.name} of {joint}" + (f" and {values['partner']}" if "partner" in values else "")
 
 
 def _follows(place: Place) -> str:
@@ -157,7 +149,7 @@ def _together(robot: Robot, laws: Sequence[Law]) -> str:
     """Laws by effect, each effect once with its joints, effects of the same joints together."""
     joints, effects = dict[str, list[str]](), dict[str, list[str]]()
     for law in laws:
-        effect, _, where = law_words(robot, law).partition(" of ")
+        effect, _, where = spoken(law, robot).partition(" of ")
         known = joints.setdefault(effect, [])
         known += [where] if where not in known else []
     for effect, places in joints.items():

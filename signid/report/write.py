@@ -13,8 +13,12 @@ from ..errors import OutputError
 Content = str | bytes | Iterable[str]
 
 
-def probe_folder(folder: str | Path) -> None:
+def probe_folder(folder: str | Path, option: str = "-o") -> None:
     """Find out whether results can be written into a folder, without leaving anything there.
+
+    Args:
+        folder: where the results will go.
+        option: that names it on the command line.
 
     Raises:
         OutputError: when it is a file, lies below one, or must not be written to.
@@ -24,21 +28,22 @@ def probe_folder(folder: str | Path) -> None:
         while not place.exists() and not place.is_symlink() and place != place.parent:
             place = place.parent
         if not place.is_dir():
-            raise _refusal(folder, place, NotADirectoryError())
+            raise _refusal(folder, place, NotADirectoryError(), option)
         with tempfile.TemporaryFile(dir=place):
             pass
     except OutputError:
         raise
     except OSError as error:
-        raise _refusal(folder, place, error) from None
+        raise _refusal(folder, place, error, option) from None
 
 
-def write_files(folder: str | Path, contents: Mapping[str, Content]) -> list[Path]:
+def write_files(folder: str | Path, contents: Mapping[str, Content], option: str = "-o") -> list[Path]:
     """Write files into a folder, which is made where it is missing; either all of them or none.
 
     Args:
         folder: where the results go.
         contents: name of each file and what it holds, whole or in pieces; text is written as UTF-8.
+        option: that names the folder on the command line.
 
     Raises:
         OutputError: when one of them cannot be written; nothing half-written stays behind.
@@ -51,7 +56,7 @@ def write_files(folder: str | Path, contents: Mapping[str, Content]) -> list[Pat
         for name, content in contents.items():
             target = place / name
             if target.is_dir():
-                raise _refusal(folder, place, IsADirectoryError(0, f"{target.name} in it is a folder"))
+                raise _refusal(folder, place, IsADirectoryError(0, f"{target.name} in it is a folder"), option)
             waiting.append((_aside(place, content), target))
         for temporary, target in waiting:
             os.replace(temporary, target)
@@ -62,7 +67,7 @@ def write_files(folder: str | Path, contents: Mapping[str, Content]) -> list[Pat
             with suppress(OSError):
                 made.rmdir()
         if isinstance(error, OSError) and not isinstance(error, OutputError):
-            raise _refusal(folder, place, error) from None
+            raise _refusal(folder, place, error, option) from None
         raise
     return [target for _, target in waiting]
 
@@ -88,9 +93,11 @@ def _aside(place: Path, content: Content) -> Path:
     return Path(name)
 
 
-def _refusal(folder: str | Path, place: Path, error: OSError) -> OutputError:
+def _refusal(folder: str | Path, place: Path, error: OSError, option: str) -> OutputError:
     if isinstance(error, NotADirectoryError | FileExistsError):
         where = place if place.is_file() else next((p for p in place.parents if p.is_file()), place)
-        return OutputError(f"cannot write results to {folder}: {where} is a file; name a folder with -o")
+        return OutputError(f"cannot write results to {folder}: {where} is a file; name a folder with {option}")
     why = error.strerror or type(error).__name__
-    return OutputError(f"cannot write results to {folder}: {why}; name another folder with -o, or make room in it")
+    return OutputError(
+        f"cannot write results to {folder}: {why}; name another folder with {option}, or make room in it"
+    )

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pinocchio as pin
 
+from ..errors import RobotError
 from ..rigid import mass_matrix, point_jacobian
 from ..types import Array
 from .bodies import Bodies
@@ -58,7 +61,7 @@ class Dynamics:
         """
         if not self.plain:
             rows = zip(q, self._each(armature, len(q)), strict=True)
-            return np.asarray(np.linalg.inv([self._mass(*row) for row in rows]))
+            return np.asarray(_regular(np.linalg.inv, np.array([self._mass(*row) for row in rows])))
         model, data, out = self.model, self.data, np.empty((*q.shape, q.shape[1]))
         for i, row in enumerate(q):
             if armature is not None:
@@ -112,8 +115,18 @@ class Dynamics:
         """Where joints move others: the bodies' equations of motion over the coordinates."""
         drive = self.bodies.drive
         bias = pin.nonLinearEffects(self.model, self.data, drive @ q + self.bodies.rest, drive @ v)
-        return np.asarray(np.linalg.solve(self._mass(q, armature), force - drive.T @ bias))
+        return np.asarray(_regular(np.linalg.solve, self._mass(q, armature), force - drive.T @ bias))
 
     @staticmethod
     def _each(armature: Array | None, count: int) -> list[Array | None]:
         return [None] * count if armature is None else list(armature)
+
+
+def _regular(compute: Callable[..., Array], *given: Array) -> Array:
+    try:
+        return compute(*given)
+    except np.linalg.LinAlgError:
+        raise RobotError(
+            "the mass matrix is singular in some pose: a link without inertia, or inertials that no body has; give the "
+            "links possible inertials, or the joints an armature"
+        ) from None
