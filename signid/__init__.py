@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from .inspect import inspect as inspect
     from .model import load_model as load_model
     from .recording import read_recording as read_recording
+    from .replay import replay as replay
     from .robot import load_robot as load_robot, urdf_from_dh as urdf_from_dh  # isort: skip
     from .rollout import roll_out as roll_out
     from .session import Options as Options
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 
 NAMES = {"check": "check", "diagnose": "diagnose", "errors": "SignidError", "excite": "excite separate",
          "export": "export", "identify": "identify", "inspect": "inspect", "model": "load_model",
-         "recording": "read_recording", "robot": "load_robot urdf_from_dh", "rollout": "roll_out",
+         "recording": "read_recording", "replay": "replay", "robot": "load_robot urdf_from_dh", "rollout": "roll_out",
          "session": "Options", "simulate": "Sensors record simulate track"}  # fmt: skip
 
 

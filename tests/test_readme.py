@@ -26,6 +26,7 @@ def readme(start: str, language: str = "") -> list[str]:
     [
         ("$ signid identify 3r robots", 0),
         ("$ signid diagnose 3r recording.csv", 3),
+        ("$ signid replay 3r recording.csv", 0),
         ("$ signid identify 3r recording.csv --unsigned", 0),
         ("$ signid export result/model.json", 0),
     ],
@@ -43,6 +44,8 @@ def test_the_extract_in_the_readme_is_what_is_printed(
     if "recording.csv" in start:
         for line in "\n".join(readme("signid excite", "sh")).replace("\\\n", "").splitlines():
             assert run(line.split()[1:]) == 0
+        if "diagnosis/" in command:
+            assert run(readme("$ signid diagnose 3r")[0].split()[2:]) == 3
         capfd.readouterr()
     if "model.json" in start:
         assert run(readme("$ signid identify 3r robots")[0].split()[2:]) == 0
@@ -56,7 +59,7 @@ def test_the_extract_in_the_readme_is_what_is_printed(
 
 
 def test_the_python_in_the_readme_runs() -> None:
-    starts = ("import signid", "lost = ", "model = ", "text = ", "found = ")
+    starts = ("import signid", "lost = ", "model = ", "text = ", "found = ", "shown = ")
     code = "\n".join(line for start in starts for line in readme(start, "python"))
     there = {**os.environ, "PYTHONPATH": str(ROOT)}
     done = subprocess.run(

@@ -19,6 +19,8 @@ from . import catalogue as catalogue
 from . import excitation as excitation
 from . import exports as exports
 from . import simulation as simulation
+
+from . import replay as replay  # isort: skip
 from .commands import app
 from .show import BAD, BROKEN, DONE, INTERRUPTED, complain
 

@@ -20,6 +20,7 @@ from .windows import Windows, cut_windows
 
 COUNT, STEP = 48, 1e-3  # windows, and [s]
 FAR = 1e3  # [rad or m] that no joint strays: the simulated robot flew apart
+BEYOND = 1e6  # [rad, m, rad/s or m/s] from where on its numbers would soon overflow
 
 
 def roll_out(
@@ -112,12 +113,17 @@ def _simulate(model: Model, windows: Windows, integrator: str) -> Array:
     plant.state[:, plant.bodies.flex] = windows.flex[0] + half * windows.flex[1]
     _remember(plant, windows)
     blind, error = plant.bodies.motor[~windows.told], np.full_like(windows.q[:, 1:], np.nan)
+    gone = np.zeros((len(windows.t), 1), dtype=bool)
     with np.errstate(all="ignore"):
         for k, torque in enumerate(windows.torque.swapaxes(0, 1), 1):
             plant.advance(windows.t + (k - 1) * windows.step, torque)
+            still = (np.abs(plant.state) < BEYOND) & (np.abs(plant.speed) < BEYOND)
+            gone |= ~still.all(axis=1, keepdims=True)
+            if gone.any():
+                plant.state, plant.speed = np.where(gone, 0.0, plant.state), np.where(gone, 0.0, plant.speed)
             i, rest = divmod(k, windows.parts)
             if rest == 0:
-                error[:, i - 1] = plant.q - half * plant.v - windows.q[:, i]
+                error[:, i - 1] = np.where(gone, np.inf, plant.q - half * plant.v - windows.q[:, i])
                 plant.state, plant.speed = plant.state.copy(), plant.speed.copy()  # the step's acceleration stays
                 plant.state[:, blind] = ahead[:, i, ~windows.told]
                 plant.speed[:, blind] = windows.v[:, i, ~windows.told]

@@ -1,0 +1,72 @@
+"""Meshes of a description: where their files are, and their triangles."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from urllib.parse import unquote
+
+import numpy as np
+
+from ..types import Array
+from .solids import Triangles
+
+PACKAGE, FILE = ("package://", "model://"), "file://"
+
+
+def find_mesh(name: str, description: str, package_dirs: Sequence[str | Path] = ()) -> Path | None:
+    """The file that a description means; None where there is none.
+
+    Packages are looked for in `package_dirs`, in ROS_PACKAGE_PATH, above the description and in example-robot-data.
+
+    Args:
+        name: package://PACKAGE/PATH, file://PATH, or a path beside the description.
+        description: path of the description, empty where it is not known.
+        package_dirs: folders that hold packages, or are one.
+    """
+    package = next((head for head in PACKAGE if name.startswith(head)), None)
+    if package is None:
+        path = Path(unquote(name.removeprefix(FILE)))
+        near = [path] if path.is_absolute() else [Path(description).parent / path] if description else []
+        return next((path for path in near if path.is_file()), None)
+    inside = name.removeprefix(package)
+    folder, _, rest = inside.partition("/")
+    for root in _roots(description, package_dirs):
+        if (root / inside).is_file():
+            return root / inside
+        if root.name == folder and (root / rest).is_file():
+            return root / rest
+    return None
+
+
+def read_mesh(path: Path, scale: Array) -> Triangles | None:
+    """The triangles of an STL, OBJ, Collada or other mesh file, corners that coincide joined; None where it is unread.
+
+    Args:
+        path: of the file.
+        scale: (3,) [1], negative where it mirrors.
+    """
+    import coal
+
+    try:
+        found = coal.MeshLoader(coal.BV_AABB).load(str(path), np.abs(scale))
+        triangles = map(found.tri_indices, range(found.num_tris))
+        vertices, faces = np.array(found.vertices()), np.array([(f[0], f[1], f[2]) for f in triangles])
+    except Exception:  # coal's are of no family
+        return None
+    if not len(faces) or not np.isfinite(vertices).all():
+        return None
+    mirrored = np.prod(scale) < 0
+    return Triangles(vertices * np.sign(scale), faces[:, ::-1] if mirrored else faces)
+
+
+def _roots(description: str, package_dirs: Sequence[str | Path]) -> Iterator[Path]:
+    yield from map(Path, package_dirs)
+    yield from (Path(folder) for folder in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if folder)
+    if description:
+        yield from Path(description).resolve().parents
+    spec = find_spec("pinocchio")
+    if spec is not None and spec.origin is not None:
+        yield Path(spec.origin).parents[4] / "share"
