@@ -14,7 +14,7 @@ from .setting import Setting
 from .whitened import Whitened
 
 NAME = "external_contact"
-WIDTHS = (0.5, 0.9, 1.5, 2.5)  # [s] of the windows tried first
+WIDTHS = (0.5, 0.9, 1.5, 2.5, 4.0, 7.0)  # [s] of the windows tried first
 STEP = 0.2  # [s] between them
 MOVES = np.arange(-5, 6)  # rows by which the ends of the best window are moved, again and again
 ROUNDS = 3
