@@ -86,8 +86,8 @@ def find(kind: str, scene: Scene, constants: Array, known: Array, factors: Array
     seconds = time.process_time() - start
     assert signs is not None, "currents were recorded without signs"
     place = {joint: j for j, joint in enumerate(signs.joints)}
-    errors = tuple(abs(value / constants[place[joint]] - 1) for joint, value, _ in signs.gains)
-    stds = tuple(std / value for _, value, std in signs.gains)
+    errors = tuple(abs(gain.value / constants[place[gain.joint]] - 1) for gain in signs.gains)
+    stds = tuple(gain.std / gain.value for gain in signs.gains)
     track = scene.tracks[0]
     score = judge(signs, [Truth(track.t, track.tau, track.tau)])
     return Found(kind, scene.name, errors, stds, score.judged, signs.flags, seconds)
