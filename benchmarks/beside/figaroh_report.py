@@ -8,18 +8,16 @@ is true of them is told. The cut-off is the one with the smallest error on the h
 
 from __future__ import annotations
 
-import json
 import logging
-import sys
 import tempfile
 import time
 import warnings
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
+from answers import answer_each  # beside this file, which is run by itself
 from figaroh.data.trajectory import JOINT_TORQUE, TrajectoryData
 from figaroh.identification.base_identification import BaseIdentification
 from figaroh.tools.load_robot import load_robot
@@ -97,16 +95,9 @@ def told(folder: Path) -> dict[str, Any]:
 
 def main() -> None:
     """Answer until there is nothing more to ask."""
-    answers, sys.stdout = sys.stdout, sys.stderr  # what the library prints is no answer
     logging.disable(logging.CRITICAL)
     warnings.filterwarnings("ignore")
-    print(json.dumps({"version": version("figaroh")}), file=answers, flush=True)
-    for line in sys.stdin:
-        try:
-            answer = told(Path(line.strip()))
-        except Exception as error:  # one job must not end the others
-            answer = {"failed": f"{type(error).__name__}: {error}"}
-        print(json.dumps(answer), file=answers, flush=True)
+    answer_each("figaroh", told)
 
 
 if __name__ == "__main__":

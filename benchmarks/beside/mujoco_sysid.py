@@ -8,17 +8,15 @@ settings of the plant, which is MuJoCo too; the fit starts at the true rotors an
 
 from __future__ import annotations
 
-import json
 import logging
 import re
-import sys
 import time
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
+from answers import answer_each  # beside this file, which is run by itself
 from mujoco import sysid
 from mujoco.sysid.report.sections.insights import AutomatedInsights
 
@@ -117,15 +115,8 @@ def fit(folder: Path) -> dict[str, Any]:
 
 def main() -> None:
     """Answer until there is nothing more to ask."""
-    answers, sys.stdout = sys.stdout, sys.stderr
     logging.disable(logging.WARNING)
-    print(json.dumps({"version": version("mujoco")}), file=answers, flush=True)
-    for line in sys.stdin:
-        try:
-            answer = fit(Path(line.strip()))
-        except Exception as error:  # one job must not end the others
-            answer = {"failed": f"{type(error).__name__}: {error}"}
-        print(json.dumps(answer), file=answers, flush=True)
+    answer_each("mujoco", fit)
 
 
 if __name__ == "__main__":
