@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import convolve1d
 from scipy.signal import firwin, kaiserord
 
 from .types import Array
 
+Value = TypeVar("Value", bound=np.generic)
 FIRST = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0.0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
 SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])
 HALF = 4  # samples that a difference needs on either side
@@ -75,6 +79,14 @@ class Decimator:
         self.band = np.zeros((self.block, (self.block - 1) * factor + len(taps)))
         for i in range(self.block):
             self.band[i, i * factor : i * factor + len(taps)] = taps
+
+    def at(self, samples: NDArray[Value]) -> NDArray[Value]:
+        """The samples on which outputs are centred, as they are, (M, ...).
+
+        Args:
+            samples: (N, ...) [any unit].
+        """
+        return samples[self.half : len(samples) - self.half : self.factor]
 
     def __call__(self, columns: Array) -> Array:
         """Outputs (M, c): the first centred on sample `half`, then every `factor`-th while the taps fit.

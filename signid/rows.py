@@ -90,17 +90,16 @@ def _window_rows(task: Task, window: Samples, period: float, thin: Decimator, fi
     known = np.asarray(~np.isnan(motion.recorded).all(0))
     torque = np.where(known, motion.recorded, 0.0)
     *columns, torque, v, a = _thinned([*columns, torque, motion.v, motion.a], thin)
-    inner = slice(thin.half, len(motion) - thin.half, thin.factor)
     return Rows(
         first,
-        motion.t[inner],
-        motion.q[inner],
+        thin.at(motion.t),
+        thin.at(motion.q),
         v,
         a,
         columns,
         torque,
         known,
-        _steady(task, motion)[inner],
+        thin.at(_steady(task, motion)),
         _instruments(task, window, period, wanted, thin) if task.instruments else None,
     )
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -26,8 +25,6 @@ from .motions import Source, given_model
 from .show import bars
 
 if TYPE_CHECKING:
-    from ..session import Options, Progress
-    from ..signs import Recovered
     from ..types import Recording, Robot
 
 Paths = list[str] | None
@@ -73,37 +70,19 @@ def diagnose(
     )
     options = Options(cutoff=cutoff, seed=seed)
     with bars(json, one=True) as progress:
-        signed = _signed(model.robot, given, judges, options, progress)
         result = search(
             model,
-            signed.recordings,
-            held_out=signed.held_out,
+            given,
+            held_out=judges,
             reference=healthy,
             skip=[name.strip() for text in skip or () for name in text.split(",")],
             options=options,
             progress=progress,
         )
-    result = replace(
-        result,
-        signs=signed.signs,
-        flags=(*signed.flags, *result.flags),
-        notes=(*signed.notes, *result.notes),
-    )
-    every = (*signed.recordings, *signed.held_out)
-    return deliver_diagnosis(result, every, source.inputs(model.robot, columns), output, json)
+    return deliver_diagnosis(result, source.inputs(model.robot, columns), output, json)
 
 
 def _read(paths: Paths, robot: Robot, columns: str | None, unsigned: bool) -> list[Recording]:
     from .arguments import given_recording
 
     return [given_recording(path, robot, columns, unsigned) for path in paths or ()]
-
-
-def _signed(
-    robot: Robot, recordings: list[Recording], held_out: list[Recording], options: Options, progress: Progress | None
-) -> Recovered:
-    """The recordings with the signs of all torques: kept here, as files show them."""
-    from ..session import Options
-    from ..signs import recover
-
-    return recover(robot, recordings, held_out, options=Options(seed=options.seed), progress=progress)

@@ -46,18 +46,11 @@ def deliver(result: Identification, inputs: Sequence[tuple[str, str]], output: s
     return _hand_over(document, files, identification_tables(result), result.flags, output, json)
 
 
-def deliver_diagnosis(
-    result: Diagnosis,
-    recordings: Sequence[Recording],
-    inputs: Sequence[tuple[str, str]],
-    output: str | None,
-    json: bool,
-) -> int:
+def deliver_diagnosis(result: Diagnosis, inputs: Sequence[tuple[str, str]], output: str | None, json: bool) -> int:
     """Writes what a diagnosis leaves, prints its tables or its document, and tells the exit code.
 
     Args:
         result: the diagnosis.
-        recordings: all of them, with the signs that were found.
         inputs: path and sha256 of what was read besides the recordings.
         output: folder of the files, if any.
         json: whether the document is printed instead of the tables.
@@ -68,7 +61,8 @@ def deliver_diagnosis(
     if output is not None:
         described, notes = _extended_urdf(result)
         result = replace(result, notes=(*result.notes, *notes))
-        files = {**described, "report.html": diagnosis_page(result), **_signed(result.signs, recordings, result.robot)}
+        signed = _signed(result.signs, result.recordings, result.robot)
+        files = {**described, "report.html": diagnosis_page(result), **signed}
     document = to_json(diagnosis_document(result, inputs))
     files = {"diagnosis.json": document, "model.json": to_json(result.model.document()), **files}
     return _hand_over(document, files, diagnosis_tables(result), result.flags, output, json)

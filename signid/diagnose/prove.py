@@ -15,7 +15,7 @@ from ..session import Part, Session
 from ..types import Array
 from .group import stated_friction
 from .noise import Noise
-from .sample import Piece, jumps, pieces
+from .sample import Piece, pieces, unsure_rows
 from .table import stands_still
 
 
@@ -81,11 +81,9 @@ def residuals(task: Task, model: Model, parts: Sequence[Part]) -> Rows:
     thin, found = Decimator(task.band.taps, task.band.factor), tuple(pieces(task, model, parts))
     rest = np.concatenate([thin(piece.residual) for piece in found])
     predicted = np.concatenate([thin(np.asarray(piece.motion.predicted)) for piece in found])
-    still = [stands_still(p.motion, thin)[thin.half : len(p.motion) - thin.half : thin.factor] for p in found]
+    still = [thin.at(stands_still(p.motion, thin)) for p in found]
     rest = np.where(np.concatenate(still) > 0, np.nan, rest)
-    dry = stated_friction(model)
-    unsure = np.abs(np.concatenate([thin(jumps(piece.motion, dry)) for piece in found]))
-    return Rows(found, thin, rest, rest + predicted, unsure)
+    return Rows(found, thin, rest, rest + predicted, unsure_rows(thin, found, stated_friction(model)))
 
 
 def _rms(x: Array) -> Array:

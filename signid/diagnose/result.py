@@ -11,7 +11,7 @@ from ..fit import Fit
 from ..model import Model
 from ..rollout import RollOut
 from ..signs import Signs
-from ..types import Array, Frozen, Law, Robot
+from ..types import Array, Frozen, Law, Recording, Robot
 from .locate import Place
 
 
@@ -73,6 +73,7 @@ class Diagnosis(Frozen):
     notes: tuple[str, ...]
     cutoff: float  # [Hz]
     seed: int
+    recordings: tuple[Recording, ...] = ()  # held-out ones too, with the signs that were found
 
     @property
     def causes(self) -> tuple[Finding, ...]:

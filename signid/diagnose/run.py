@@ -88,8 +88,7 @@ def diagnose(
     verdict = decide(judge, found, slots).doubted(any(one.kind == "excitation" for one in gross.findings))
     result = model_rest(session, find(setting, session, judge, found, slots, verdict, options.seed))
     before, after = (fit_of(one, setting.noise) for one in (show(session, given), result.shown))
-    told("rolling out", 0.9)
-    rolled = _roll_out(session, given, result.shown.model)
+    rolled = _roll_out(session, given, result.shown.model, told)
     return Diagnosis(
         robot=session.robot,
         verdict=verdict.name,
@@ -109,6 +108,7 @@ def diagnose(
         notes=(*recovered.notes, *notes, *session.notes, *gross.notes, *rolled[2]),
         cutoff=session.task.band.cutoff,
         seed=options.seed,
+        recordings=(*recovered.recordings, *recovered.held_out),
     )
 
 
@@ -183,7 +183,10 @@ def _period(part: Part) -> float | None:
     return find_period(longest_piece(part).q, 1 / part[1].period)
 
 
-def _roll_out(session: Session, before: Model, after: Model) -> tuple[RollOut | None, RollOut | None, tuple[str, ...]]:
+def _roll_out(
+    session: Session, before: Model, after: Model, told: Progress
+) -> tuple[RollOut | None, RollOut | None, tuple[str, ...]]:
+    told("rolling out", 0.9)
     try:
         first, last = (
             roll_out(m, session, (HORIZON,), beside=other) for m, other in ((before, after), (after, before))

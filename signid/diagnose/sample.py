@@ -78,16 +78,18 @@ def torque_rows(thin: Decimator, pieces: Sequence[Piece], law: Law) -> dict[int,
     return {j: x[:, 0] for j, x in thinned(thin, made).items()}
 
 
-def jumps(motion: Motion, dry: Array) -> Array:
-    """(N, n) [N.m or N] torque that is unsure, where a joint reverses, since the moment of its reversal is.
+def unsure_rows(thin: Decimator, pieces: Sequence[Piece], dry: Array) -> Array:
+    """(M, n) [N.m or N] how unsure torque is where a joint reverses, since the moment of its reversal is.
 
     Between samples, and while dry friction holds the joint still, nothing tells when friction turns.
 
     Args:
-        motion: N samples.
+        thin: the low-pass of columns and torque.
+        pieces: with the motion.
         dry: (n,) dry friction of each joint [N.m or N].
     """
-    return np.asarray(LATE * dry * np.gradient(motion.direction, motion.dt, axis=0))
+    turns = (np.gradient(piece.motion.direction, piece.motion.dt, axis=0) for piece in pieces)
+    return np.asarray(np.abs(np.concatenate([thin(LATE * dry * turn) for turn in turns])))
 
 
 def _piece(task: Task, model: Model, motion: Motion, robot: Robot, k: int) -> Piece:

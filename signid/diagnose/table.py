@@ -15,7 +15,7 @@ from ..motion import Motion
 from ..rows import Task
 from ..types import Array, Frozen, Indices, Mask
 from .group import Group, nuisances
-from .sample import Piece, jumps
+from .sample import Piece, unsure_rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +93,7 @@ def tabulate(task: Task, model: Model, groups: Sequence[Group], pieces: Sequence
         return made[0][k][0], np.concatenate([rows[k][1] for rows in made])
 
     def inner(signals: Sequence[Array]) -> Array:
-        return np.concatenate([x[thin.half : len(x) - thin.half : thin.factor] for x in signals])
+        return np.concatenate([thin.at(x) for x in signals])
 
     columns = [joined(j) for j in range(n)]
     signals = [thin(np.column_stack([np.nan_to_num(p.residual), _measured(p)])) for p in pieces]
@@ -107,7 +107,7 @@ def tabulate(task: Task, model: Model, groups: Sequence[Group], pieces: Sequence
         q=inner([piece.motion.q for piece in pieces]),
         v=inner([piece.motion.v for piece in pieces]),
         a=inner([piece.motion.a for piece in pieces]),
-        jumps=np.abs(np.concatenate([thin(jumps(piece.motion, dry)) for piece in pieces])),
+        jumps=unsure_rows(thin, pieces, dry),
         rests=inner([stands_still(piece.motion, thin) for piece in pieces]) > 0,
         torque=torque,
         predicted=torque - residual,

@@ -26,17 +26,14 @@ def fly(x: View, gap: float, stop: float) -> Array:
     force, pull, drag = -load / inertia, along.position[:, j, j] / inertia, along.velocity[:, j, j] / inertia
     push = ((force[1:] + force[:-1]) / 2).tolist()
     z, w = copysign(half, force[0]) + force[0] / stop**2, 0.0
-    out, dt, fade = [z], x.dt, exp(-stop * x.dt)
+    out, dt = [z], x.dt
     for f, k, d in zip(push, pull.tolist(), drag.tolist(), strict=False):
         f -= k * z + d * w
         side = 1.0 if z > 0 else -1.0
-        if side * z > half:  # on a stop, mostly for a whole sample: `_pressed`, without a call
-            rest = side * f / stop**2
-            a = side * z - half - rest
-            b = side * w + stop * a
-            y = rest + (a + b * dt) * fade
+        if side * z > half:  # on a stop, mostly for a whole sample
+            y, u = _pressed(side * z - half, side * w, side * f, dt, stop)
             if y >= 0:
-                z, w = side * (half + y), side * (b - stop * (a + b * dt)) * fade
+                z, w = side * (half + y), side * u
                 out.append(z)
                 continue
         z, w = _through(z, w, f, dt, half, stop)

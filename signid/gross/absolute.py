@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..session import PIECE, Part
-from ..types import Array, Mask
+from ..session import Part
+from ..types import Mask
+from .channels import longest_rows
 from .evidence import Evidence
 
 NEAR = 0.02  # of the largest torque: absolute torque goes so near to zero where its sign changes
@@ -26,18 +27,10 @@ def judge_absolute(evidence: Evidence, parts: Sequence[Part]) -> Mask:
     predicted, torque = evidence.plain.predicted, evidence.plain.torque
     rarer = np.minimum((predicted > 0).mean(axis=0), (predicted < 0).mean(axis=0))
     sizes, plain = (np.sum((torque - p) ** 2, axis=0) for p in (np.abs(predicted), predicted))
-    raw = [_extremes(part) for part in parts]
-    least, most = np.min([low for low, _ in raw], axis=0), np.max([high for _, high in raw], axis=0)
+    raw = np.concatenate([np.nan_to_num(longest_rows(part).tau) for part in parts])
+    least, most = raw.min(axis=0), raw.max(axis=0)
     never = evidence.signed & (least >= 0) & (most > 0)
     touches = never & (least <= NEAR * most) & (rarer >= BOTH)
     alike = (sizes <= BETTER * plain) & (sizes <= ALIKE * np.sum(torque**2, axis=0))
     lost = touches & (alike | ((touches & (sizes < plain)).sum() >= SEVERAL))
     return np.asarray(never if lost.any() else lost)
-
-
-def _extremes(part: Part) -> tuple[Array, Array]:
-    """Least and largest torque of each joint, (n,) each [N.m or N]."""
-    recording, sampling = part
-    start, stop = max(sampling.spans, key=lambda span: span[1] - span[0])
-    tau = np.nan_to_num(recording.read(start, min(stop, start + PIECE)).tau)
-    return tau.min(axis=0), tau.max(axis=0)

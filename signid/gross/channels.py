@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..session import PIECE, Part
-from ..types import Array
+from ..types import Array, Samples
 
 LEVELS = 200  # distinct values: fewer are too coarse to tell a standstill from a quantum
 OFTEN, SHARE, RUN = 10, 2e-3, 4  # samples at the extreme value, share of all, and so many in a row
@@ -30,13 +30,18 @@ def judge_channels(parts: Sequence[Part]) -> list[Fault]:
     """Faults of single channels, in the rows of each recording's longest stretch; each kind once a joint."""
     found: dict[tuple[str, int], Fault] = {}
     for part in parts:
-        recording, sampling = part
-        start, stop = max(sampling.spans, key=lambda span: span[1] - span[0])
-        rows = recording.read(start, min(stop, start + PIECE))
+        (recording, sampling), rows = part, longest_rows(part)
         for j, signed in enumerate(recording.signed):
             for fault in _faults(rows.q[:, j], rows.tau[:, j], sampling.period, j, bool(signed)):
                 found.setdefault((fault.kind, j), fault)
     return list(found.values())
+
+
+def longest_rows(part: Part) -> Samples:
+    """Raw samples of a recording's longest stretch, or the beginning of it."""
+    recording, sampling = part
+    start, stop = max(sampling.spans, key=lambda span: span[1] - span[0])
+    return recording.read(start, min(stop, start + PIECE))
 
 
 def _faults(q: Array, tau: Array, period: float, joint: int, signed: bool) -> Iterator[Fault]:

@@ -150,4 +150,4 @@ def _piece(model: Model, task: Task, part: Part, thin: Decimator, most: int) -> 
     torque = np.where(np.isnan(motion.recorded).any(axis=0), 0.0, motion.recorded)
     signals = (motion.q, motion.v, motion.a, motion.direction, model.inverse(motion), torque)
     filtered = np.split(thin(np.concatenate(signals, axis=1)), len(signals), axis=1)
-    return _Piece(motion.t[thin.half : len(motion) - thin.half : thin.factor], *filtered)
+    return _Piece(thin.at(motion.t), *filtered)
