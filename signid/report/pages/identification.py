@@ -164,12 +164,18 @@ def _excitation_plot(result: Identification) -> Plot:
     ends = [0.5, len(shares) + 0.5]
     line = {"type": "scatter", "mode": "lines", "x": ends, "y": [100 * ENOUGH] * 2, "hoverinfo": "skip"}
     layout = {
-        "xaxis": axis("direction in the space of base parameters, the weakest first [1]"),
+        "xaxis": axis("direction, the weakest first [1]"),
         "yaxis": axis("share of information [%]", type="log", tickformat="~g"),
     }
     dashed = {"color": FLOOR, "dash": "dash", "width": 2}
     data: list[dict[str, Any]] = [bars, {**line, "line": dashed}]
-    return Plot("Information over that of random motion of the same size; dashed: needed", data, layout, 260, wide=True)
+    return Plot(
+        "Directions in the space of base parameters: information over that of random motion; dashed: needed",
+        data,
+        layout,
+        260,
+        wide=True,
+    )
 
 
 def _signs(result: Identification) -> dict[str, Any] | None:
