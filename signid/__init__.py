@@ -1,7 +1,5 @@
 """signid: what a real robot's dynamics are, from its recordings. Public names only, imported when first used."""
 
-from __future__ import annotations
-
 import sys
 from types import ModuleType
 from typing import TYPE_CHECKING
@@ -20,15 +18,16 @@ if TYPE_CHECKING:
     from .model import load_model as load_model
     from .recording import read_recording as read_recording
     from .replay import replay as replay
+    from .report import report as report
     from .robot import load_robot as load_robot, urdf_from_dh as urdf_from_dh  # isort: skip
     from .rollout import roll_out as roll_out
     from .session import Options as Options
     from .simulate import Sensors as Sensors, record as record, simulate as simulate, track as track  # isort: skip
 
-NAMES = {"check": "check", "diagnose": "diagnose", "errors": "SignidError", "excite": "excite separate",
-         "export": "export", "identify": "identify", "inspect": "inspect", "model": "load_model",
-         "recording": "read_recording", "replay": "replay", "robot": "load_robot urdf_from_dh", "rollout": "roll_out",
-         "session": "Options", "simulate": "Sensors record simulate track"}  # fmt: skip
+NAMES = {name: name for name in "check diagnose export identify inspect replay report".split()} | {
+    "errors": "SignidError", "excite": "excite separate", "model": "load_model", "rollout": "roll_out",
+    "recording": "read_recording", "robot": "load_robot urdf_from_dh", "session": "Options",
+    "simulate": "Sensors record simulate track"}  # fmt: skip
 
 
 class _Package(ModuleType):
