@@ -222,7 +222,7 @@ def test_a_result_is_not_half_written(
     def full(*_: Any, **__: Any) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("signid.report.write.os.replace", full)
+    monkeypatch.setattr("os.replace", full)
     assert run(["identify", "1r", "swing.csv", "-o", "new/result"]) == 2
     err = capfd.readouterr().err
     assert "No space left on device" in err and len(err.splitlines()) == 1
@@ -235,7 +235,7 @@ def test_a_folder_that_may_not_be_written_is_known_at_once(
     def forbid(*_: Any, **__: Any) -> None:
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr("signid.report.write.tempfile.TemporaryFile", forbid)
+    monkeypatch.setattr("tempfile.TemporaryFile", forbid)
     monkeypatch.setattr("signid.robot.load_robot", lambda *_, **__: pytest.fail("it began to compute"))
     assert run(["identify", "1r", "swing.csv", "-o", "result"]) == 2
     assert "Permission denied" in capfd.readouterr().err
