@@ -169,7 +169,7 @@ def test_a_full_disk_leaves_nothing(
 
     with serve({PATH: TEXT}) as server:
         with monkeypatch.context() as patch:
-            patch.setattr("signid.report.write.os.replace", full)
+            patch.setattr("os.replace", full)
             assert run(["data", "toy", "--yes", "--source", server.address]) == 2
         err = capsys.readouterr().err
         assert "No space left" in err and "-o" in err and list(folder.iterdir()) == []
