@@ -27,13 +27,12 @@ from rich.console import Console
 from rich.table import Table
 
 from signid.estimate import estimate
-from signid.factors import LAGS, add, reduce_rows
+from signid.factors import LAGS
 from signid.identify import identify
 from signid.motion import Motion
 from signid.prepare import prepare
 from signid.recording import read_recording
 from signid.regressor import base_rows
-from signid.rows import read_rows
 from signid.session import Options, Session
 from signid.types import Recording, Robot
 
@@ -64,7 +63,7 @@ class Row:
 def fit(session: Session, whiten: bool) -> Array:
     """Base parameters by signid; lagged products are left out where no noise model asks for them."""
     lags = LAGS if whiten else 0
-    factors = add(reduce_rows(session.task, read_rows(session.task, *part), lags) for part in session.train)
+    factors = session.reduce(session.train, lags=lags)
     return estimate(factors, session.task.base, whiten=whiten).value
 
 

@@ -25,6 +25,14 @@ class OptionError(InputError):
     """An option or a plug-in name does not exist, or two options contradict each other."""
 
 
+class ManifestError(InputError):
+    """A list of sessions cannot be used; it holds a sentence for each row that is wrong."""
+
+    def __init__(self, sentences: Sequence[str]) -> None:
+        super().__init__("; ".join(sentences))
+        self.sentences = tuple(sentences)
+
+
 class DownloadError(SignidError, OSError):
     """A file cannot be had from its public source, or is not what it should be; nothing was written."""
 

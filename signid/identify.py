@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,10 +13,11 @@ from .excitation import Excitation, judge_excitation
 from .factors import LAGS, Factors, Weigh
 from .fit import Fit, judge_fit
 from .model import Model, stated_parameters
-from .prepare import prepare, recordings_used
+from .prepare import only_once, prepare, recordings_used
+from .reduced import Reduced
 from .rows import Rows
 from .session import Options, Progress, Session
-from .signs import Signs, recover
+from .signs import Recovered, Signs, recover
 from .standard import METHODS, Search, choose_standard
 from .types import Array, BaseMap, Estimate, Frozen, Input, Law, Parameters, Recording, Robot
 
@@ -56,7 +57,7 @@ class Identification(Frozen):
 
 def identify(
     robot: Robot,
-    recordings: Sequence[Recording],
+    recordings: Sequence[Recording] | Reduced,
     *,
     held_out: Sequence[Recording] = (),
     method: str | None = None,
@@ -71,7 +72,8 @@ def identify(
 
     Args:
         robot: as `load_robot` gives it.
-        recordings: to learn from, as `read_recording` gives them.
+        recordings: to learn from, as `read_recording` gives them; or their factors, as `reduce` or `load_factors` gives
+            them, which hold what is held out, too.
         held_out: to judge by; without any, the last of several recordings or the last 30 % of the only one.
         method: `convex`: physically consistent fit; `wls`: the least-squares base parameters as they are, with the
             nearest standard parameters; `pbrp`: penalty-based parameter retrieval. None: convex, or pbrp after a tree.
@@ -84,22 +86,55 @@ def identify(
         OptionError: a method is unknown.
         RecordingError: a recording cannot be used, or no sign can be found in it; the sentence says which and why.
     """
-    options = options or Options()
+    options, search = options or Options(), search or Search()
     if method is not None and method not in METHODS:
         raise OptionError(f"method {method!r} is none of {', '.join(METHODS)}")
-    _only_once(recordings, held_out)
+    if isinstance(recordings, Reduced):
+        return _from_factors(robot, recordings, held_out, method or METHODS[0], search, options)
+    only_once((*recordings, *held_out))
     recovered = recover(robot, recordings, held_out, method=signs, options=options, progress=progress)
     method = method or METHODS[-1 if recovered.signs is not None and signs == "tree" else 0]
     session = prepare(robot, recovered.expected, recovered.held_out, options)
     train, test = _factors(session, options, progress)
+    found = _conclude(session, train, test, recovered, method, search, options)
+    notes = (*recovered.notes, *_judged_by_itself(recordings, held_out), *found.notes)
+    return replace(found, inputs=recordings_used(recordings, held_out), notes=notes)
+
+
+def _from_factors(
+    robot: Robot, reduced: Reduced, held_out: Sequence[Recording], method: str, search: Search, options: Options
+) -> Identification:
+    """What recordings tell whose samples are not there any more."""
+    if held_out or options.robust:
+        what = "weights against outliers need samples" if options.robust else "factors hold what is held out themselves"
+        raise OptionError(f"{what}; give recordings instead of their factors")
+    if robot.sha256 != reduced.robot.sha256:
+        raise OptionError(f"the factors are not of {robot.name} as it is described; give the robot they were made with")
+    if reduced.share[1] > 1:
+        raise OptionError(f"the factors are one part of {reduced.share[1]}; add all of them first")
+    session = Session(reduced.task, (), (), reduced.notes)
+    train, test = reduced.train[0].factors, reduced.held_out[0].factors
+    found = _conclude(session, train, test, Recovered((), (), ()), method, search, options)
+    return replace(found, inputs=reduced.inputs)
+
+
+def _conclude(
+    session: Session,
+    train: Factors,
+    test: Factors,
+    recovered: Recovered,
+    method: str,
+    search: Search,
+    options: Options,
+) -> Identification:
+    """All that factors tell; from here on nobody asks for a sample."""
     prior = session.task.base.combination @ stated_parameters(session.task).values
     found = estimate(train, session.task.base, prior, options.whiten)
     excitation = judge_excitation(session.task, train, found, options.seed)
-    chosen = choose_standard(session, found, method, search or Search(), options.seed)
+    chosen = choose_standard(session, found, method, search, options.seed)
     parameters = chosen.parameters
     base_value = session.task.base.combination @ parameters.values
     fit = judge_fit(session, train, test, base_value)
-    notes = (*recovered.notes, *_judged_by_itself(recordings, held_out), *session.notes, *found.notes)
     return Identification(
         robot=session.robot,
         base=session.task.base,
@@ -111,11 +146,11 @@ def identify(
         excitation=excitation,
         method=method,
         moved=chosen.moved,
-        inputs=recordings_used(recordings, held_out),
+        inputs=(),
         signs=recovered.signs,
         recordings=(*recovered.recordings, *recovered.held_out),
         flags=(*recovered.flags, *excitation.sentences, *chosen.flags),
-        notes=(*notes, *chosen.notes, *fit.sentences),
+        notes=(*session.notes, *found.notes, *chosen.notes, *fit.sentences),
         cutoff=session.task.band.cutoff,
         position_cutoff=session.task.band.position_cutoff,
         seed=options.seed,
@@ -152,17 +187,6 @@ def _judged_by_itself(recordings: Sequence[Recording], held_out: Sequence[Record
             f"the model itself gave the torque that is held out its signs{whole}: R2 held out is too good where they "
             f"are wrong; give --held-out a recording with signs if there is one"
         )
-
-
-def _only_once(recordings: Sequence[Recording], held_out: Sequence[Recording]) -> None:
-    seen: dict[str, str] = {}
-    for recording in (*recordings, *held_out):
-        if recording.sha256 in seen:
-            again = (
-                f"{recording.path or 'one recording'} holds the same samples as {seen[recording.sha256] or 'another'}"
-            )
-            raise OptionError(f"{again}; give each recording once, to learn from or to judge by")
-        seen[recording.sha256] = recording.path
 
 
 def _laws(laws: Sequence[Law], parameters: Parameters) -> tuple[Law, ...]:

@@ -107,6 +107,22 @@ def recordings_used(
     return tuple(Input(path, digest, f"recording, {role}") for (path, digest), role in told.items())
 
 
+def only_once(recordings: Sequence[Recording]) -> None:
+    """Find out whether each recording was given once.
+
+    Raises:
+        OptionError: one was given twice, perhaps under two names.
+    """
+    seen: dict[str, str] = {}
+    for recording in recordings:
+        if recording.sha256 in seen:
+            again = (
+                f"{recording.path or 'one recording'} holds the same samples as {seen[recording.sha256] or 'another'}"
+            )
+            raise OptionError(f"{again}; give each recording once, to learn from or to judge by")
+        seen[recording.sha256] = recording.path
+
+
 def _split(train: list[Part], test: list[Part]) -> tuple[list[Part], list[Part]]:
     if not test and len(train) > 1:
         return train[:-1], train[-1:]

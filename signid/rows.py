@@ -13,7 +13,7 @@ from .cutoff import Band
 from .filters import Decimator
 from .motion import Motion, build_motion, margin
 from .regressor import base_rows
-from .sampling import Sampling, samples
+from .sampling import Sampling, excerpt, samples
 from .types import Array, BaseMap, Frozen, Indices, Law, Mask, Recording, Robot, Samples
 
 WINDOW = 8192  # samples of the uniform grid at a time, at least
@@ -70,16 +70,68 @@ def read_rows(task: Task, recording: Recording, sampling: Sampling) -> Iterator[
     Source: parallel filtering: Gautier, IEEE ICRA 1997; Khalil, Dombre, Modeling, Identification and Control of
     Robots, 2002, section 12.6.
     """
-    thin = Decimator(task.band.taps, task.band.factor)
-    edge = margin(task.band, task.recorded_derivatives)
-    reach = 2 * (edge + thin.half)  # samples beyond the outputs of a window
-    size = max(WINDOW, 8 * reach) // (thin.block * thin.factor) + 1
+    grid = _grid(task)
     for span in sampling.spans:
-        total = (sampling.length(span) - reach - 1) // thin.factor + 1
-        for k in range(0, total, size * thin.block):
-            stop = min(total, k + size * thin.block)
-            window = samples(recording, sampling, span, k * thin.factor, (stop - 1) * thin.factor + reach + 1)
-            yield _window_rows(task, window, sampling.period, thin, k == 0)
+        total = grid.rows(sampling.length(span))
+        for k in range(0, total, grid.step):
+            window = samples(recording, sampling, span, *grid.samples(k, min(total, k + grid.step)))
+            yield _window_rows(task, window, sampling.period, grid.thin, k == 0)
+
+
+def cut_rows(task: Task, sampling: Sampling, start: int, stop: int) -> Iterator[tuple[Sampling, int]]:
+    """Some of the windows that `read_rows` gives, to the last bit, span by span.
+
+    Args:
+        task: what the rows are made for.
+        sampling: of the whole recording.
+        start: first window, counted over all spans.
+        stop: window after the last.
+
+    Yields:
+        A sampling of one span, and how many windows it gives before the first that is wanted, for their last rows.
+    """
+    grid, before = _grid(task), 0
+    for span in sampling.spans:
+        total = grid.rows(sampling.length(span))
+        low, high = max(start - before, 0), min(stop - before, grid.windows(total))
+        if low < high:
+            past = min(low, 1)
+            ends = grid.samples((low - past) * grid.step, min(total, high * grid.step))
+            yield excerpt(sampling, span, *ends), past
+        before += grid.windows(total)
+
+
+def count_windows(task: Task, sampling: Sampling) -> int:
+    """How many windows `read_rows` gives."""
+    grid = _grid(task)
+    return sum(grid.windows(grid.rows(sampling.length(span))) for span in sampling.spans)
+
+
+class _Grid(NamedTuple):
+    """How samples become rows, and rows windows."""
+
+    thin: Decimator
+    reach: int  # samples beyond the outputs of a window
+    step: int  # rows of a window
+
+    def rows(self, length: int) -> int:
+        """Rows that so many samples give."""
+        return max(0, (length - self.reach - 1) // self.thin.factor + 1)
+
+    def windows(self, rows: int) -> int:
+        """Windows that so many rows are read in."""
+        return -(-rows // self.step)
+
+    def samples(self, start: int, stop: int) -> tuple[int, int]:
+        """The samples that rows start..stop need."""
+        return start * self.thin.factor, (stop - 1) * self.thin.factor + self.reach + 1
+
+
+def _grid(task: Task) -> _Grid:
+    thin = Decimator(task.band.taps, task.band.factor)
+    reach = 2 * (margin(task.band, task.recorded_derivatives) + thin.half)
+    size = max(WINDOW, 8 * reach) // (thin.block * thin.factor) + 1
+    return _Grid(thin, reach, size * thin.block)
 
 
 def _window_rows(task: Task, window: Samples, period: float, thin: Decimator, first: bool) -> Rows:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 
 from .effects import EFFECT_NAMES
 from .errors import RecordingError
-from .factors import LAGS, Factors, Weigh, add, reduce_rows
+from .factors import LAGS, Factors, Weigh, reduce_rows
 from .rows import Rows, Task, read_rows
 from .sampling import Sampling, samples
 from .types import Frozen, Recording, Robot, Samples
@@ -61,9 +62,8 @@ class Session(Frozen):
         Raises:
             RecordingError: every stretch of the recordings is shorter than the filter.
         """
-        factors = add(
-            reduce_rows(self.task, _told(self.task, part, progress, purpose), lags=lags, weigh=weigh) for part in parts
-        )
+        rows = chain.from_iterable(_told(self.task, part, progress, purpose) for part in parts)
+        factors = reduce_rows(self.task, rows, lags=lags, weigh=weigh)
         if factors.rows == 0:
             band = self.task.band
             raise RecordingError(

@@ -12,7 +12,7 @@ LEVELS = (
     "robot formats effects optimisers",
     "recording sampling filters cutoff rigid motion regressor basis residual rows",
     "factors session course prepare fit estimate excitation consistent retrieve laws model standard simulate rollout "
-    "excite signs gross",
+    "excite signs gross reduced",
     "identify check inspect diagnose gallery",
     "report replay export fleet",
     "cli",

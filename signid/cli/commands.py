@@ -165,16 +165,19 @@ def identify(
     """A dynamics model: identification.json, model.json, robot.urdf and report.html in DIR.
 
     Without --held-out the last of several recordings, or the last 30 % of the only one, is held out. Torques without
-    a sign (abs_tau_J, abs_current_J or --unsigned) get it back first: signed.csv and signs.html show it.
+    a sign (abs_tau_J, abs_current_J or --unsigned) get it back first: signed.csv and signs.html show it. Files that
+    signid reduce wrote may stand for the recordings; those of several recordings are added.
     """
     from ..identify import identify as learn
+    from .factors import factor_inputs, given_factors
     from .files import deliver
 
     check_folder(output, json)
     described = given_robot(robot, joints, lock, actuators, package_dir)
-    given, judges = (
-        [given_recording(p, described, columns, unsigned) for p in paths] for paths in (recordings, held_out or [])
-    )
+    given = given_factors(recordings, described, context) or [
+        given_recording(path, described, columns, unsigned) for path in recordings
+    ]
+    judges = [given_recording(path, described, columns, unsigned) for path in held_out or ()]
     options = given_options(effects, cutoff, derivatives, no_instruments, white, seed, robust)
     search = given_search(bounds, global_algorithm, local_algorithm, total_mass)
     with bars(json) as progress:
@@ -189,4 +192,5 @@ def identify(
             progress=progress,
         )
     read = given_inputs(robot, described, actuators, columns=columns, bounds=bounds)
+    read += factor_inputs(recordings)
     return deliver(result, read, output, json, again(context))

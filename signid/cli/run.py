@@ -18,6 +18,8 @@ from . import diagnosis as diagnosis  # isort: skip (help lists commands in this
 from . import catalogue as catalogue
 from . import excitation as excitation
 from . import exports as exports
+from . import factors as factors
+from . import fleet as fleet
 from . import simulation as simulation
 
 from . import replay as replay  # isort: skip

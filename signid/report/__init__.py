@@ -5,10 +5,12 @@ from .diagnosis import diagnosis_document
 from .diagnosis_tables import diagnosis_tables
 from .documents import check_document, identification_document, inspection_document, to_json
 from .effects import effects_document, effects_tables
+from .factors import factors_document, factors_tables
+from .fleet import fleet_tables
 from .motions import excitation_document, excitation_tables
 from .numbers import figure, with_interval
 from .page import report
-from .pages import diagnosis_page, identification_page, signs_page
+from .pages import diagnosis_page, fleet_page, identification_page, signs_page
 from .screen import Screen
 from .signs import signed_csv, signs_document, signs_tables
 from .simulation import Run, simulation_document, simulation_tables
@@ -31,7 +33,11 @@ __all__ = [
     "effects_tables",
     "excitation_document",
     "excitation_tables",
+    "factors_document",
+    "factors_tables",
     "figure",
+    "fleet_page",
+    "fleet_tables",
     "identification_document",
     "identification_page",
     "identification_tables",

@@ -98,6 +98,11 @@ def split(sampling: Sampling, share: float) -> tuple[Sampling, Sampling]:
     return _restrict(sampling, first), _restrict(sampling, last)
 
 
+def excerpt(sampling: Sampling, span: Span, low: int, high: int) -> Sampling:
+    """Samples low..high of one span, on the grid of the whole."""
+    return _restrict(sampling, [sampling.stretch(span).part(low, high)])
+
+
 def _restrict(sampling: Sampling, stretches: list[Stretch]) -> Sampling:
     spans = tuple(_span(stretch) for stretch in stretches)
     return replace(

@@ -51,9 +51,9 @@ def identification_page(result: Identification, inputs: Sequence[Input] = (), co
     """
     session, base = result.session, result.base
     stated = base.combination @ stated_parameters(session.task).values
-    course = follow(session, session.held_out, result.base_value, stated)
+    course = follow(session, session.held_out, result.base_value, stated) if session.held_out else None
     order = worst(result.fit)
-    rms = _rms(course.before)
+    rms = np.full_like(result.fit.train_rms, np.nan) if course is None else _rms(course.before)
     before = replace(result.fit, train_rms=rms, held_out_rms=rms)
     return render(
         "identification.html",
@@ -63,8 +63,8 @@ def identification_page(result: Identification, inputs: Sequence[Input] = (), co
         flags=result.flags,
         cards=list(_cards(result, order[0])),
         fit=list(_fit_rows(result, before)),
-        joints=joint_plots(course, before, result.fit, order),
-        whole=course.whole,
+        joints=[] if course is None else joint_plots(course, before, result.fit, order),
+        whole=course is None or course.whole,
         bounds=_bounds(result),
         correlation=correlation_plot(result.estimate.covariance),
         tied=[(base.expressions[i], base.expressions[k], x) for i, k, x in tied(result.estimate.covariance)[:LISTED]],

@@ -1,0 +1,82 @@
+"""The command `fleet`."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from ..errors import ManifestError, OptionError
+from .arguments import Json, Seed, again
+from .commands import app
+from .show import BAD, DONE, FLAGGED, bars, complain
+
+MOST = 20  # sentences on standard error
+
+
+@app.command(epilog="Example: signid fleet manifest.csv -o fleet")
+def fleet(
+    context: typer.Context,
+    manifest: Annotated[str, typer.Argument(metavar="MANIFEST", help="CSV: a row a session.")],
+    output: Annotated[
+        str | None, typer.Option("--output", "-o", metavar="DIR", help="Where results are written, and kept.")
+    ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="Of Dask: tcp://...; its workers read the same paths.")
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(metavar="N", min=1, help="Processes of this machine. Default: one a core.")
+    ] = None,
+    keep_going: Annotated[
+        bool, typer.Option("--keep-going/--stop", help="Whether a session that cannot be done ends the run.")
+    ] = True,
+    seed: Seed = 0,
+    json: Json = False,
+) -> int:
+    """Diagnose or identify many robots and recordings, side by side: on this machine, or on many through Dask.
+
+    MANIFEST has the columns robot and recording (several files: a;b), and if wanted held_out, reference, columns,
+    actuators, task (diagnose, identify, reduce), name (of the single robot), time (2026-03-31), session (its folder);
+    paths are relative to it. DIR gets index.html and fleet.json: robots by mismatch, equal causes, parameters that
+    drift from session to session; and sessions/NAME with what the single command writes. The same command goes on
+    where it was interrupted: sessions made from the same files are not done again.
+    """
+    from ..fleet import fleet as work
+    from ..report import Screen, fleet_page, fleet_tables, probe_folder, to_json, write_files
+
+    if not output:
+        raise OptionError("no folder for the sessions was named; add -o DIR")
+    probe_folder(output)
+    try:
+        with bars(json, one=True) as progress:
+            found = work(
+                manifest,
+                output,
+                scheduler=scheduler,
+                workers=workers,
+                seed=seed,
+                keep_going=keep_going,
+                progress=progress,
+            )
+    except ManifestError as error:
+        for sentence in error.sentences:
+            complain(sentence)
+        return BAD
+    document = found.document()
+    text = to_json(document)
+    written = write_files(output, {"fleet.json": text, "index.html": fleet_page(document, again(context))})
+    if json:
+        Screen().write(text)
+    else:
+        Screen().print(*fleet_tables(document), sep="\n")
+        Screen().write("\n".join(["", "written:", *(f"  {path}" for path in written), ""]))
+    _tell([(one["session"], one["said"]) for one in document["sessions"] if one["state"] == "not done"])
+    return FLAGGED if found.flagged else DONE
+
+
+def _tell(undone: list[tuple[str, list[str]]]) -> None:
+    """Sessions that could not be done, and why."""
+    for session, said in undone[:MOST]:
+        complain(f"session {session} was not done: {'; '.join(said)}")
+    if len(undone) > MOST:
+        complain(f"and {len(undone) - MOST} more sessions were not done; index.html lists them")

@@ -1,0 +1,207 @@
+"""The file of factors: a NumPy archive of arrays with a header that says what they are, hashed as a whole."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Mapping
+from dataclasses import replace
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile, ZipFile
+from zlib import error as ZlibError
+
+import numpy as np
+
+from ..cutoff import Band
+from ..effects import EFFECTS
+from ..errors import OptionError, RobotError
+from ..factors import Factors, JointFactors, Node, reduce_rows
+from ..regressor import labels
+from ..robot import hold, resting
+from ..rows import Task
+from ..types import Array, BaseMap, Input, Law, Robot
+from ..version import __version__
+from .reduce import Reduced
+
+SCHEMA = "signid.factors/1"
+HEADER = "header"
+LARGEST = 2**30  # bytes of all arrays
+BASE = ("combination", "sees", "singular_values", "independent")
+BAND = ("per_joint", "velocity_noise", "torque_floor")
+MOTION = ("lower", "upper", "velocity", "acceleration")
+JOINT = ("grams", "counts", "whole")
+SUMS = ("train", "held_out")
+
+
+def encode_factors(reduced: Reduced) -> bytes:
+    """What a file of factors holds; the same factors give the same bytes.
+
+    Args:
+        reduced: as `reduce` gives it.
+    """
+    task, band, base = reduced.task, reduced.task.band, reduced.task.base
+    arrays: dict[str, Any] = {f"base_{name}": np.asarray(getattr(base, name)) for name in BASE}
+    arrays |= {f"band_{name}": np.asarray(getattr(band, name)) for name in BAND}
+    sums = {name: getattr(reduced, name) for name in SUMS}
+    arrays |= {
+        f"{name}_{k}_{key}": array
+        for name, nodes in sums.items()
+        for k, node in enumerate(nodes)
+        for key, array in _arrays(node.factors).items()
+    }
+    arrays["slow"] = task.slow
+    header = {
+        "schema": SCHEMA,
+        "version": __version__,
+        "robot": {"name": task.robot.name, "sha256": _digest(task.robot)},
+        "joints": list(task.robot.joints),
+        "laws": [[law.effect.name, list(law.joints)] for law in task.laws],
+        "base": {"expressions": list(base.expressions), "units": list(base.units), "condition": base.condition},
+        "band": {"rate": band.rate, "factor": band.factor, "filtered": band.filtered, "beyond": band.beyond},
+        "reach": list(task.reach),
+        "recorded_derivatives": task.recorded_derivatives,
+        "instruments": task.instruments,
+        "share": list(reduced.share),
+        "sums": {name: [[node.start, node.level] for node in nodes] for name, nodes in sums.items()},
+        "inputs": [file._asdict() for file in reduced.inputs],
+        "notes": list(reduced.notes),
+        "sha256": _hash(arrays),
+    }
+    text = np.frombuffer(json.dumps(header, ensure_ascii=False).encode(), np.uint8)
+    archive = io.BytesIO()
+    np.savez_compressed(archive, allow_pickle=False, **{HEADER: text}, **arrays)
+    return archive.getvalue()
+
+
+def is_factor_file(path: str | Path) -> bool:
+    """Whether a file holds factors, rather than samples."""
+    try:
+        with ZipFile(path) as archive:
+            return f"{HEADER}.npy" in archive.namelist()
+    except (OSError, BadZipFile):
+        return False
+
+
+def load_factors(path: str | Path, robot: Robot) -> Reduced:
+    """The factors in a file.
+
+    Args:
+        path: as `signid reduce` writes it.
+        robot: that the recordings are of, with the joints held that were held then.
+
+    Raises:
+        RobotError: it is another robot, or other joints of it are held.
+        OptionError: the file cannot be read, is damaged, or of another version.
+    """
+    header, arrays = _read(Path(path))
+    try:
+        joints = header["joints"]
+        known = all(joint in robot.joints for joint in joints) and joints
+        moving = hold(robot, resting(robot, but=joints)) if known else robot
+        if not known or _digest(moving) != header["robot"]["sha256"]:
+            name = header["robot"]["name"]
+            raise RobotError(
+                f"{path} holds factors of {name}, which is not {robot.name} as it is given here; "
+                f"give the description, --joints, --lock and torque constants that they were made with"
+            )
+        task = _task(header, arrays, moving)
+        train, held_out = (
+            tuple(
+                Node(int(start), int(level), _factors(f"{name}_{k}", arrays, task))
+                for k, (start, level) in enumerate(header["sums"][name])
+            )
+            for name in SUMS
+        )
+        inputs = tuple(Input(**file) for file in header["inputs"])
+        share = (int(header["share"][0]), int(header["share"][1]))
+        return Reduced(task, train, held_out, inputs, tuple(map(str, header["notes"])), share)
+    except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
+        if isinstance(error, RobotError | OptionError):
+            raise
+        raise _damaged(path) from error
+
+
+def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Header and arrays of a file, if it is whole."""
+    try:
+        with ZipFile(path) as archive:
+            if sum(member.file_size for member in archive.infolist()) > LARGEST:
+                raise OptionError(f"{path} claims more than a gigabyte; factors are far smaller, it cannot be used")
+        with np.load(path, allow_pickle=False) as archive:
+            arrays = {name: archive[name] for name in archive.files}
+        header = json.loads(arrays.pop(HEADER).tobytes())
+        schema, whole = header["schema"], header["sha256"] == _hash(arrays)
+    except OSError as error:
+        raise OptionError(f"cannot read factors from {path}: {error.strerror or 'damaged'}") from None
+    except OptionError:
+        raise
+    except (AttributeError, BadZipFile, EOFError, KeyError, TypeError, ValueError, ZlibError) as error:
+        raise _damaged(path) from error
+    if schema != SCHEMA:
+        raise OptionError(f"{path} holds {schema!r}; expected {SCHEMA!r}; reduce the recordings again")
+    if not whole:
+        raise _damaged(path)
+    return header, arrays
+
+
+def _damaged(path: str | Path) -> OptionError:
+    return OptionError(f"{path} is no file of factors as `signid reduce` writes it, or is damaged; reduce again")
+
+
+def _hash(arrays: Mapping[str, Any]) -> str:
+    digest = sha256()
+    for name in sorted(arrays):
+        array = np.ascontiguousarray(arrays[name])
+        digest.update(f"{name} {array.dtype.str} {array.shape}".encode() + array.tobytes())
+    return digest.hexdigest()
+
+
+def _digest(robot: Robot) -> str:
+    """Of all that rows take from a robot: the description, held joints and torque constants."""
+    digest = sha256(f"{robot.sha256} {robot.joints}".encode())
+    for array in (robot.rest, robot.drive, robot.actuators.torque_constant):
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
+
+
+def _arrays(factors: Factors) -> dict[str, Any]:
+    joints = {f"{j}_{key}": getattr(each, key) for j, each in enumerate(factors.joints) for key in JOINT}
+    totals = np.array([[each.total, each.rows] for each in factors.joints] + [[0.0, factors.rows]])
+    return {**joints, **{key: getattr(factors, key) for key in MOTION}, "totals": totals}
+
+
+def _factors(part: str, arrays: Mapping[str, Any], task: Task) -> Factors:
+    """Factors of the shapes that the task asks for."""
+    lags = len(arrays[f"{part}_0_grams"]) - 1
+    like, totals = reduce_rows(task, (), lags), arrays[f"{part}_totals"]
+    joints = []
+    for j, empty in enumerate(like.joints):
+        grams, counts, whole = (_same_shape(arrays[f"{part}_{j}_{key}"], getattr(empty, key)) for key in JOINT)
+        joints.append(JointFactors(grams, counts, whole, float(totals[j, 0]), int(totals[j, 1])))
+    motion: dict[str, Any] = {key: _same_shape(arrays[f"{part}_{key}"], getattr(like, key)) for key in MOTION}
+    return replace(like, joints=tuple(joints), rows=int(totals[-1, 1]), **motion)
+
+
+def _same_shape(array: Array, other: Array) -> Array:
+    if array.shape != other.shape or array.dtype != other.dtype:
+        raise ValueError("an array has another shape than its task")
+    return array
+
+
+def _task(header: Mapping[str, Any], arrays: Mapping[str, Any], robot: Robot) -> Task:
+    laws = tuple(Law(EFFECTS[name], tuple(joints)) for name, joints in header["laws"])
+    told = header["base"]
+    base = BaseMap(
+        labels(robot, laws),
+        expressions=tuple(told["expressions"]),
+        units=tuple(told["units"]),
+        condition=told["condition"],
+        **{name: arrays[f"base_{name}"] for name in BASE},
+    )
+    if base.combination.shape != (base.rank, len(base.labels)) or base.sees.shape != (len(robot.joints), base.rank):
+        raise ValueError("the base map is of another robot")
+    band = Band(**header["band"], **{name: arrays[f"band_{name}"] for name in BAND})
+    reach = tuple(int(x) for x in header["reach"])
+    return Task(robot, laws, base, band, arrays["slow"], reach, header["recorded_derivatives"], header["instruments"])

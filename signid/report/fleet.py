@@ -1,0 +1,124 @@
+"""A fleet in words: who differs from its simulation, what many lack, what drifts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from rich.console import RenderableType
+
+from .layout import heading, new_table, paragraph, plural
+from .numbers import TWO_SIDED, figure, share, with_interval
+
+UNDONE, FLAGGED = "not done", "flagged"  # states of a session in fleet.json
+SHOWN, FEW = 20, 4  # rows of a table, and numbers of a cause, on the terminal
+
+
+def fleet_sentence(document: Mapping[str, Any]) -> str:
+    """The whole in one sentence.
+
+    Args:
+        document: fleet.json.
+    """
+    robots, sessions = document["robots"], document["sessions"]
+    differ = sum(robot["verdict"] not in ("", "nothing_missing") for robot in robots)
+    drifting = len({drift["name"] for drift in document["drifts"] if drift["beyond_noise"]})
+    undone = sum(session["state"] == UNDONE for session in sessions)
+    told = [f"{differ} {_do(differ, 'differs', 'differ')} from the simulation"] if _diagnosed(robots) else []
+    told += [f"{drifting} {_do(drifting, 'drifts', 'drift')}"] if document["drifts"] else []
+    told += [f"{plural(undone, 'session')} could not be done"] if undone else []
+    return (
+        f"{plural(len(robots), 'robot')}, {plural(len(sessions), 'session')}" + (": " if told else "") + ", ".join(told)
+    )
+
+
+def cause_sentence(cause: Mapping[str, Any]) -> str:
+    """How many robots lack the same law at the same place.
+
+    Args:
+        cause: of fleet.json.
+    """
+    count = len(cause["robots"])
+    return f"{count} of {plural(cause['of'], 'robot')} {_do(cause['of'], 'lacks', 'lack')} {cause['cause']}"
+
+
+def drift_sentence(drift: Mapping[str, Any]) -> str:
+    """By how much a number changes.
+
+    Args:
+        drift: of fleet.json.
+    """
+    slope = drift["slope"]
+    value, half = with_interval(slope["value"], slope["half"] / TWO_SIDED)
+    change = f"{drift['change']:+.2g} {drift['unit']} from first to last".replace("  ", " ")
+    return f"{value} ± {half} {slope['unit']}, {change}"
+
+
+def fleet_tables(document: Mapping[str, Any]) -> list[RenderableType]:
+    """A fleet for the terminal.
+
+    Args:
+        document: fleet.json.
+    """
+    robots = document["robots"]
+    table = new_table("robot", "mismatch>", "at", "left>", "explained>", "lacks")
+    for robot in robots[:SHOWN]:
+        numbers = (figure(_number(robot[key])) for key in ("mismatch", "left"))
+        mismatch, left = numbers
+        explained = share(_number(robot["explained"]))
+        table.add_row(robot["name"], mismatch, robot["joint"] or "-", left, explained, lacking(robot))
+    shown: list[RenderableType] = [paragraph(fleet_sentence(document)), table, *_more(len(robots))]
+    shown.append(
+        paragraph("Mismatch and left: held-out rms before and after, over the noise floor, in the last session.")
+    )
+    if document["causes"]:
+        shown += [heading("Equal causes"), *(paragraph(text) for text in _causes(document["causes"]))]
+    drifting = [drift for drift in document["drifts"] if drift["beyond_noise"]]
+    if drifting:
+        told = (f"{drift['name']}: {drift['number']}: {drift_sentence(drift)}" for drift in drifting[:SHOWN])
+        shown += [heading("Drift beyond noise"), *map(paragraph, told), *_more(len(drifting))]
+    return shown
+
+
+def lacking(robot: Mapping[str, Any]) -> str:
+    """What a robot's simulation lacks, in words.
+
+    Args:
+        robot: of fleet.json.
+    """
+    words = {"nothing_missing": "nothing", "unknown": "something that no law explains", "": "-"}
+    return ", ".join(robot["causes"]) or words.get(robot["verdict"], robot["verdict"])
+
+
+def number_range(number: Mapping[str, Any]) -> str:
+    """A number of a cause over the robots that have it.
+
+    Args:
+        number: of a cause of fleet.json.
+    """
+    ends = list(dict.fromkeys(figure(number[key]) for key in ("least", "most")))
+    return f"{number['key'].replace('_', ' ')} {' to '.join(ends)} {number['unit']}".rstrip()
+
+
+def _causes(causes: list[Mapping[str, Any]]) -> Iterator[str]:
+    kinds = len({cause["kind"] for cause in causes}) > 1
+    for cause in causes[:SHOWN]:
+        numbers = [number_range(number) for number in cause["numbers"][:FEW]]
+        which = [f"({cause['kind']})"] if kinds else []
+        yield " ".join([cause_sentence(cause), *which]) + (f": {', '.join(numbers)}" if numbers else "")
+
+
+def _more(count: int) -> list[RenderableType]:
+    return [paragraph(f"and {count - SHOWN} more, see index.html")] if count > SHOWN else []
+
+
+def _diagnosed(robots: list[Mapping[str, Any]]) -> bool:
+    return any(robot["verdict"] for robot in robots)
+
+
+def _number(value: float | None) -> float:
+    return float("nan") if value is None else float(value)
+
+
+def _do(count: int, one: str, many: str) -> str:
+    return one if count == 1 else many
