@@ -13,21 +13,22 @@ if TYPE_CHECKING:
     from .errors import SignidError as SignidError
     from .excite import excite as excite, separate as separate  # isort: skip
     from .export import export as export
+    from .fleet import fleet as fleet
     from .identify import identify as identify
     from .inspect import inspect as inspect
     from .model import load_model as load_model
     from .recording import read_recording as read_recording
+    from .reduced import encode_factors as encode_factors, load_factors as load_factors, reduce as reduce  # isort: skip
     from .replay import replay as replay
     from .report import report as report
     from .robot import load_robot as load_robot, urdf_from_dh as urdf_from_dh  # isort: skip
     from .rollout import roll_out as roll_out
     from .session import Options as Options
     from .simulate import Sensors as Sensors, record as record, simulate as simulate, track as track  # isort: skip
-
-NAMES = {name: name for name in "check diagnose export identify inspect replay report".split()} | {
+NAMES = {name: name for name in "check diagnose export fleet identify inspect replay report".split()} | {
     "errors": "SignidError", "excite": "excite separate", "model": "load_model", "rollout": "roll_out",
-    "recording": "read_recording", "robot": "load_robot urdf_from_dh", "session": "Options",
-    "simulate": "Sensors record simulate track"}  # fmt: skip
+    "reduced": "encode_factors load_factors reduce", "robot": "load_robot urdf_from_dh", "session": "Options",
+    "recording": "read_recording", "simulate": "Sensors record simulate track"}  # fmt: skip
 
 
 class _Package(ModuleType):

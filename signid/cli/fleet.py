@@ -42,16 +42,14 @@ def fleet(
     where it was interrupted: sessions made from the same files are not done again.
     """
     from ..fleet import fleet as work
-    from ..report import Screen, fleet_page, fleet_tables, probe_folder, to_json, write_files
+    from ..report import Screen, fleet_page, fleet_tables, to_json, write_files
 
-    if not output:
-        raise OptionError("no folder for the sessions was named; add -o DIR")
-    probe_folder(output)
+    place = _folder(output)
     try:
         with bars(json, one=True) as progress:
             found = work(
                 manifest,
-                output,
+                place,
                 scheduler=scheduler,
                 workers=workers,
                 seed=seed,
@@ -64,7 +62,7 @@ def fleet(
         return BAD
     document = found.document()
     text = to_json(document)
-    written = write_files(output, {"fleet.json": text, "index.html": fleet_page(document, again(context))})
+    written = write_files(place, {"fleet.json": text, "index.html": fleet_page(document, again(context))})
     if json:
         Screen().write(text)
     else:
@@ -72,6 +70,15 @@ def fleet(
         Screen().write("\n".join(["", "written:", *(f"  {path}" for path in written), ""]))
     _tell([(one["session"], one["said"]) for one in document["sessions"] if one["state"] == "not done"])
     return FLAGGED if found.flagged else DONE
+
+
+def _folder(output: str | None) -> str:
+    from ..report import probe_folder
+
+    if not output:
+        raise OptionError("no folder for the sessions was named; add -o DIR")
+    probe_folder(output)
+    return output
 
 
 def _tell(undone: list[tuple[str, list[str]]]) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import stats
+from scipy.special import ndtr, ndtri, stdtr, stdtrit
 
 from ..types import Array, Frozen
 from .told import Number
@@ -81,6 +81,6 @@ def _line(robot: str, what: str, unit: str, day: Array, value: Array, std: Array
     own = float(std.min() / np.sqrt(lever))
     rest, left = value - middle - slope * (day - mean_day), len(day) - 2
     scatter = own * float(np.sqrt(weight @ rest**2 / left)) / float(std.min())
-    half = max(float(stats.norm.ppf(0.975)) * own, float(stats.t.ppf(0.975, left)) * scatter)
-    chance = max(2 * stats.norm.sf(abs(slope) / own), 2 * stats.t.sf(abs(slope) / scatter, left) if scatter else 0.0)
+    half = max(float(ndtri(0.975)) * own, float(stdtrit(left, 0.975)) * scatter)
+    chance = max(2 * ndtr(-abs(slope) / own), 2 * stdtr(left, -abs(slope) / scatter) if scatter else 0.0)
     return Drift(robot, what, unit, day, value, std, slope, half, middle, mean_day, float(chance))

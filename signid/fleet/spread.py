@@ -61,7 +61,7 @@ def _elsewhere(orders: Sequence[Order], address: str) -> Iterator[tuple[int, Ans
     with _client(Client, address) as client:
         mark = uuid4().hex
         futures = {client.submit(carry_out, order, key=f"signid-{mark}-{k}"): k for k, order in enumerate(orders)}
-        for future in completed(list(futures)):
+        for future in completed(list(futures), loop=client.loop):
             yield futures.pop(future), _answer(future, address)
             future.release()
 

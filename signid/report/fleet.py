@@ -24,8 +24,11 @@ def fleet_sentence(document: Mapping[str, Any]) -> str:
     differ = sum(robot["verdict"] not in ("", "nothing_missing") for robot in robots)
     drifting = len({drift["name"] for drift in document["drifts"] if drift["beyond_noise"]})
     undone = sum(session["state"] == UNDONE for session in sessions)
-    told = [f"{differ} {_do(differ, 'differs', 'differ')} from the simulation"] if _diagnosed(robots) else []
-    told += [f"{drifting} {_do(drifting, 'drifts', 'drift')}"] if document["drifts"] else []
+    told = []
+    if any(robot["verdict"] for robot in robots):
+        told.append(f"{plural(differ, 'robot')} {_do(differ, 'differs', 'differ')} from the simulation")
+    if document["drifts"]:
+        told.append(f"{plural(drifting, 'robot')} {_do(drifting, 'drifts', 'drift')}")
     told += [f"{plural(undone, 'session')} could not be done"] if undone else []
     return (
         f"{plural(len(robots), 'robot')}, {plural(len(sessions), 'session')}" + (": " if told else "") + ", ".join(told)
@@ -50,8 +53,16 @@ def drift_sentence(drift: Mapping[str, Any]) -> str:
     """
     slope = drift["slope"]
     value, half = with_interval(slope["value"], slope["half"] / TWO_SIDED)
-    change = f"{drift['change']:+.2g} {drift['unit']} from first to last".replace("  ", " ")
-    return f"{value} ± {half} {slope['unit']}, {change}"
+    return f"{value} ± {half} {slope['unit']}, {drift_change(drift)} from first to last"
+
+
+def drift_change(drift: Mapping[str, Any]) -> str:
+    """What a drift adds up to from the first session to the last.
+
+    Args:
+        drift: of fleet.json.
+    """
+    return f"{drift['change']:+.2g} {drift['unit']}".rstrip()
 
 
 def fleet_tables(document: Mapping[str, Any]) -> list[RenderableType]:
@@ -110,10 +121,6 @@ def _causes(causes: list[Mapping[str, Any]]) -> Iterator[str]:
 
 def _more(count: int) -> list[RenderableType]:
     return [paragraph(f"and {count - SHOWN} more, see index.html")] if count > SHOWN else []
-
-
-def _diagnosed(robots: list[Mapping[str, Any]]) -> bool:
-    return any(robot["verdict"] for robot in robots)
 
 
 def _number(value: float | None) -> float:

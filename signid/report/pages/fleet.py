@@ -8,7 +8,7 @@ from math import log10, nan
 from typing import Any, NamedTuple
 from urllib.parse import quote
 
-from ..fleet import FLAGGED, UNDONE, cause_sentence, drift_sentence, fleet_sentence, lacking, number_range
+from ..fleet import FLAGGED, UNDONE, cause_sentence, drift_change, drift_sentence, fleet_sentence, lacking, number_range
 from ..layout import plural
 from ..numbers import TWO_SIDED, figure, share
 from .diagnosis import Card
@@ -144,7 +144,7 @@ def _drift_plot(drift: Mapping[str, Any]) -> Plot:
 
 
 def _drift_row(drift: Mapping[str, Any]) -> tuple[str, ...]:
-    told, _, change = drift_sentence(drift).partition(", ")
+    told, change = drift_sentence(drift).partition(", ")[0], drift_change(drift)
     count, beyond = str(len(drift["day"])), "yes" if drift["beyond_noise"] else "no"
     return drift["name"], drift["number"], count, told, change, figure(drift["chance"], 2), beyond
 
