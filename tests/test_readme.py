@@ -29,6 +29,7 @@ def readme(start: str, language: str = "") -> list[str]:
         ("$ signid replay 3r recording.csv", 0),
         ("$ signid identify 3r recording.csv --unsigned", 0),
         ("$ signid export result/model.json", 0),
+        ("$ signid fleet manifest.csv", 3),
         ("$ signid data", 0),
     ],
 )
@@ -49,6 +50,8 @@ def test_the_extract_in_the_readme_is_what_is_printed(
         if "diagnosis/" in command:
             assert run(readme("$ signid diagnose 3r")[0].split()[2:]) == 3
         capfd.readouterr()
+    if "manifest.csv" in start:
+        (tmp_path / "manifest.csv").write_text("\n".join(readme("robot,recording", "csv")))
     if "model.json" in start:
         assert run(readme("$ signid identify 3r robots")[0].split()[2:]) == 0
         capfd.readouterr()

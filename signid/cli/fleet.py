@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any
 
 import typer
 
-from ..errors import ManifestError, OptionError
+from ..errors import ManifestError, OptionError, shorten
 from .arguments import Json, Seed, again
 from .commands import app
 from .show import BAD, DONE, FLAGGED, bars, complain
@@ -68,7 +69,7 @@ def fleet(
     else:
         Screen().print(*fleet_tables(document), sep="\n")
         Screen().write("\n".join(["", "written:", *(f"  {path}" for path in written), ""]))
-    _tell([(one["session"], one["said"]) for one in document["sessions"] if one["state"] == "not done"])
+    _tell(document["sessions"])
     return FLAGGED if found.flagged else DONE
 
 
@@ -81,9 +82,14 @@ def _folder(output: str | None) -> str:
     return output
 
 
-def _tell(undone: list[tuple[str, list[str]]]) -> None:
-    """Sessions that could not be done, and why."""
+def _tell(sessions: Sequence[Mapping[str, Any]]) -> None:
+    """Sessions that could not be done, and why; how many are flagged."""
+    undone = [(one["session"], one["said"]) for one in sessions if one["state"] == "not done"]
     for session, said in undone[:MOST]:
         complain(f"session {session} was not done: {'; '.join(said)}")
     if len(undone) > MOST:
         complain(f"and {len(undone) - MOST} more sessions were not done; index.html lists them")
+    if flagged := [one["session"] for one in sessions if one["state"] == "flagged"]:
+        complain(
+            f"what {shorten(flagged, 3)} found is not all to be trusted; index.html marks it, their reports say why"
+        )

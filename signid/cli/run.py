@@ -18,11 +18,11 @@ from . import diagnosis as diagnosis  # isort: skip (help lists commands in this
 from . import catalogue as catalogue
 from . import excitation as excitation
 from . import exports as exports
-from . import factors as factors
-from . import fleet as fleet
 from . import simulation as simulation
 
 from . import replay as replay  # isort: skip
+from . import factors as factors  # isort: skip
+from . import fleet as fleet  # isort: skip
 from . import data as data  # isort: skip
 from .commands import app
 from .show import BAD, BROKEN, DONE, INTERRUPTED, complain

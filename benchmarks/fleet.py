@@ -1,0 +1,234 @@
+"""What a fleet costs: `python -m benchmarks.fleet [--sessions 8] [--minutes 5] [--turns 2] [--json FILE]`.
+
+Sessions of the 3R arm (20 s at 250 Hz, drives that the simulation does not know) are diagnosed by 1, 2 and 4 processes
+and by a Dask cluster of two, in turns; the best turn of each counts, and every way must leave the same bytes. Then what
+factors save: a recording at 1 kHz of the 3R and of the Panda (7 joints) identified from samples and from its file of
+factors, whole and in parts, which must give the same answer. From these figures follows, on paper, what 10,000 robots
+cost that record an hour a day. Times are processor times of one thread, but for those of the scaling.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import platform
+import tempfile
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+import signid
+from signid.motion import Motion
+from signid.reduced import Reduced, add_up, encode_factors, load_factors, reduce
+from signid.types import Robot
+
+from .one_thread import one_thread
+
+FREQUENCIES = (0.07, 0.13, 0.29, 0.41, 0.67)  # Hz
+PANDA = tuple(f"panda_joint{k}" for k in range(1, 8))
+ROBOTS = {"3r": None, "panda": PANDA}
+RATE, BITS, NOISE = 1000.0, 17, 0.02  # Hz, bits a turn, share of each joint's rms torque
+WAYS = {"1 process": 1, "2 processes": 2, "4 processes": 4}
+CLUSTER, PARTS = "Dask, 2 workers", 4
+FLEET, DAY = 10_000, 3600.0  # robots, and seconds that each records a day
+SAME = 1e-12
+
+
+@dataclass(frozen=True)
+class Reduction:
+    """A recording, its factors, and what an answer from either costs."""
+
+    robot: str
+    samples: int
+    recording: int  # bytes of the Parquet file
+    factors: int  # bytes
+    report: int  # bytes of report.html
+    reading: float  # s to reduce it
+    samples_seconds: float  # s to identify from samples
+    factors_seconds: float  # s to identify from the file of factors
+    squares_seconds: float  # s of that without the fit of possible inertials
+    difference: float  # of the answers, over the largest number
+    parts_difference: float  # the same for the sum of its parts
+
+
+def write(path: Path, robot: Robot, seconds: float, rate: float, seed: int) -> None:
+    """A recording of the robot with drives that its description does not state, quantised and noisy."""
+    t, n = np.arange(round(seconds * rate)) / rate, len(robot.joints)
+    rng, w = np.random.default_rng(seed), 2 * np.pi * np.array(FREQUENCIES)
+    waves = rng.uniform(0.05, 0.3, (n, len(w))) * np.exp(1j * rng.uniform(0, 2 * np.pi, (n, len(w))))
+    centre = np.clip(0.0, robot.lower + 0.5, robot.upper - 0.5)
+    q, v, a = (np.imag(np.exp(1j * np.outer(t, w)) @ (waves * (1j * w) ** k).T) for k in range(3))
+    torque = Motion(robot, t, q + centre, v, a).load + 0.1 * a + 0.5 * v + 0.8 * np.sign(v)
+    step, noise = 2 * np.pi / 2**BITS, rng.standard_normal((2, *q.shape))
+    columns = {"q": step * np.round((q + centre) / step + 0.3 * noise[0])}
+    columns["tau"] = torque + NOISE * np.sqrt(np.mean(torque**2, axis=0)) * noise[1]
+    table = {"t": t} | {f"{key}_{robot.joints[j]}": x[:, j] for key, x in columns.items() for j in range(n)}
+    pl.DataFrame(table).write_parquet(path, compression="zstd", compression_level=1)
+
+
+def measure(name: str, minutes: float, folder: Path, turns: int) -> Reduction:
+    """One recording, from samples and from factors."""
+    robot, path = signid.load_robot(name, joints=ROBOTS[name]), folder / f"{name}.parquet"
+    write(path, robot, 60 * minutes, RATE, 0)
+
+    def learn() -> Any:
+        return signid.identify(robot, [signid.read_recording(path, robot)])
+
+    def shrink() -> Reduced:
+        return reduce(robot, [signid.read_recording(path, robot)])
+
+    file = folder / f"{name}.npz"
+    reading, reduced = best(shrink, turns)
+    file.write_bytes(encode_factors(reduced))
+    from_samples, whole = best(learn, turns)
+    from_factors, again = best(lambda: signid.identify(robot, load_factors(file, robot)), 5 * turns)
+    squares, _ = best(lambda: signid.identify(robot, load_factors(file, robot), method="wls"), 5 * turns)
+    recording = signid.read_recording(path, robot)
+    parts = add_up([reduce(robot, [recording], share=(k + 1, PARTS)) for k in range(PARTS)])
+    differences = (difference(found, whole) for found in (again, signid.identify(robot, parts)))
+    sizes = path.stat().st_size, file.stat().st_size, len(signid.report(whole).encode())
+    return Reduction(name, len(recording), *sizes, reading, from_samples, from_factors, squares, *differences)
+
+
+def best(job: Callable[[], Any], turns: int) -> tuple[float, Any]:
+    """Least processor time of so many turns [s], and what the last one gave."""
+    seconds, found = [], None
+    for _ in range(turns):
+        start = time.process_time()
+        found = job()
+        seconds.append(time.process_time() - start)
+    return min(seconds), found
+
+
+def difference(one: Any, other: Any) -> float:
+    """Largest difference of parameters and fit, over the largest value of its kind."""
+    pairs = [(getattr(one, key), getattr(other, key)) for key in ("base_value",)]
+    pairs += [(one.estimate.value, other.estimate.value), (one.fit.held_out_rms, other.fit.held_out_rms)]
+    return max(float(np.abs(a - b).max() / np.abs(b).max()) for a, b in pairs)
+
+
+@contextmanager
+def cluster() -> Iterator[str]:
+    """The address of a Dask cluster of two processes of this machine."""
+    from distributed import LocalCluster
+
+    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as found:
+        yield found.scheduler_address
+
+
+def scale(sessions: int, turns: int, folder: Path) -> tuple[dict[str, float], bool]:
+    """Wall time of every way [s], and whether all left the same bytes."""
+    robot, rows = signid.load_robot("3r"), ["robot,recording,name"]
+    for k in range(sessions):
+        write(folder / f"{k}.parquet", robot, 20.0, 250.0, k)
+        rows.append(f"3r,{k}.parquet,arm {k}")
+    manifest = folder / "manifest.csv"
+    manifest.write_text("\n".join(rows))
+    seconds, left = dict[str, float](), list[dict[str, bytes]]()
+    with cluster() as address:
+        for turn in range(turns):
+            for way in (*WAYS, CLUSTER):
+                out = folder / f"{way} {turn}"
+                where: dict[str, Any] = {"scheduler": address} if way == CLUSTER else {"workers": WAYS[way]}
+                start = time.perf_counter()
+                found = signid.fleet(manifest, out, **where)
+                seconds[way] = min(seconds.get(way, np.inf), time.perf_counter() - start)
+                assert all(one.done for one in found.outcomes), "every session can be diagnosed"
+                left.append({p.relative_to(out).as_posix(): p.read_bytes() for p in out.rglob("*") if p.is_file()})
+    return seconds, all(files == left[0] for files in left)
+
+
+def diagnosis_seconds(folder: Path, turns: int) -> float:
+    """Processor time of one of those diagnoses, without the start of a process [s]."""
+    model = signid.load_model("3r")
+    recording = signid.read_recording(folder / "0.parquet", model.robot)
+    return best(lambda: signid.diagnose(model, [recording]), turns)[0]
+
+
+def on_paper(rows: Sequence[Reduction], diagnosis: float) -> Iterator[tuple[str, str, str]]:
+    """What the fleet costs a day: quantity, and its value for each robot measured."""
+
+    def told(value: Callable[[Reduction], str]) -> tuple[str, str]:
+        first, second = (value(row) for row in rows)
+        return first, second
+
+    samples = DAY * RATE
+    tera, giga, hours = FLEET * 1e-12, FLEET * 1e-9, FLEET / 3600
+    yield "samples, as Parquet [TB]", *told(lambda r: f"{tera * samples * r.recording / r.samples:.2f}")
+    yield "factors that are shipped instead [GB]", *told(lambda r: f"{giga * r.factors:.2f}")
+    yield "ratio", *told(lambda r: f"{samples * r.recording / r.samples / r.factors:.0f}")
+    yield "reducing, where samples are [core-hours]", *told(lambda r: f"{hours * samples * r.reading / r.samples:.0f}")
+    yield "every robot identified from factors [core-hours]", *told(lambda r: f"{hours * r.factors_seconds:.2f}")
+    whole = f"{hours * diagnosis:.1f}"
+    yield "20 s of each diagnosed (3r) [core-hours]", whole, "-"
+    yield "report.html of each, if wanted [GB]", *told(lambda r: f"{giga * r.report:.0f}")
+
+
+def show(seconds: dict[str, float], sessions: int, rows: Sequence[Reduction], diagnosis: float) -> Iterator[Table]:
+    """Three tables: scaling, factors, the fleet on paper."""
+    lines = [(way, f"{taken:.1f}", f"{seconds['1 process'] / taken:.2f}") for way, taken in seconds.items()]
+    heads = ("way", "s", "times as fast as 1 process")
+    yield table(f"{sessions} sessions diagnosed, start of processes included", heads, lines)
+    lines = [
+        ("Parquet [MB]", *(f"{r.recording / 1e6:.1f}" for r in rows)),
+        ("factors [kB]", *(f"{r.factors / 1e3:.0f}" for r in rows)),
+        ("reduce [s]", *(f"{r.reading:.2f}" for r in rows)),
+        ("identify from samples [s]", *(f"{r.samples_seconds:.2f}" for r in rows)),
+        ("identify from factors [s]", *(f"{r.factors_seconds:.3f}" for r in rows)),
+        ("the same by least squares alone (wls) [s]", *(f"{r.squares_seconds:.3f}" for r in rows)),
+        ("times as fast from factors", *(f"{r.samples_seconds / r.factors_seconds:.0f}" for r in rows)),
+        ("difference of the answers", *(f"{r.difference:.0e}" for r in rows)),
+        (f"the same, in {PARTS} parts", *(f"{r.parts_difference:.0e}" for r in rows)),
+    ]
+    names = ("", *(row.robot for row in rows))
+    yield table(f"a recording of {rows[0].samples / RATE / 60:g} minutes at 1 kHz, processor times", names, lines)
+    yield table(f"on paper: {FLEET:,} robots, an hour a day each at 1 kHz; a day", names, on_paper(rows, diagnosis))
+
+
+def table(title: str, heads: Sequence[str], lines: Iterable[Sequence[str]]) -> Table:
+    """Rows of text, numbers to the right."""
+    made = Table(title=title)
+    for k, head in enumerate(heads):
+        made.add_column(head, justify="right" if k else "left")
+    for line in lines:
+        made.add_row(*map(escape, line))
+    return made
+
+
+def main() -> None:
+    """Measure, print the tables, write the numbers; exit 1 when two ways give two answers."""
+    one_thread()
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.fleet", description=__doc__)
+    parser.add_argument("--sessions", type=int, default=8, help="that are diagnosed")
+    parser.add_argument("--minutes", type=float, default=5.0, help="of the long recordings")
+    parser.add_argument("--turns", type=int, default=2, help="of everything")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers there")
+    options, console = parser.parse_args(), Console()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        seconds, same = scale(options.sessions, options.turns, folder)
+        diagnosis = diagnosis_seconds(folder, options.turns)
+        rows = [measure(robot, options.minutes, folder, options.turns) for robot in ROBOTS]
+    console.print(*show(seconds, options.sessions, rows, diagnosis), sep="\n")
+    worst = max(max(row.difference, row.parts_difference) for row in rows)
+    console.print(
+        f"every way left {'the same' if same else 'OTHER'} bytes; largest difference {worst:.0e} ({SAME:g} allowed)"
+    )
+    if options.json:
+        numbers = {"seconds": seconds, "same": same, "diagnosis": diagnosis, "rows": [asdict(row) for row in rows]}
+        machine = {"python": platform.python_version(), "numpy": np.__version__}
+        options.json.write_text(json.dumps({"machine": machine, **numbers}, indent=1))
+    raise SystemExit(0 if same and worst <= SAME else 1)
+
+
+if __name__ == "__main__":
+    main()
