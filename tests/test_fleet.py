@@ -153,6 +153,18 @@ def test_a_session_whose_process_dies_twice_does_not_stop_the_others(
     assert elsewhere[1].code is None and "install the same" in elsewhere[1].said[0]
 
 
+def test_a_process_that_nobody_asks_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(process_module, "IDLE", 0.05)
+    processes = process_module.Processes()
+    assert processes.carry_out(Order(("effects",), str(tmp_path))).code == 2
+    while processes._all:
+        time.sleep(0.02)
+    assert processes.carry_out(Order(("effects",), str(tmp_path))).code == 2
+    processes.stop()
+    with pytest.raises(process_module.Stopped):
+        processes.carry_out(Order(("effects",), str(tmp_path)))
+
+
 def whole(folder: Path) -> list[str]:
     """Names of all sessions, each found to be whole."""
     names = []
@@ -173,7 +185,8 @@ def test_ctrl_c_and_kill_leave_whole_sessions_and_the_rest_is_done_next(tmp_path
     )
 
     def interrupt(what: str, share: float) -> None:
-        raise KeyboardInterrupt
+        if what.startswith("1 of"):
+            raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         fleet(path, out, workers=1, progress=interrupt)

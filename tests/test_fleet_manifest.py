@@ -25,6 +25,7 @@ BAD = {
     "robot,recording\n3r,--json": "taken for an option; write ./--json",
     "robot,recording,task\n3r,a,mend": "task 'mend' is none of diagnose, identify, reduce",
     "robot,recording,task,reference\n3r,a,identify,b": "reference is of no use to identify",
+    "robot,recording,like\n3r,a,b": "like is of no use to diagnose",
     "robot,recording,time\n3r,a,yesterday": "'yesterday' is no date; write 2026-03-31",
     "robot,recording,session\n3r,a,../up": "'../up' is no name for a folder",
     "robot,recording\n3r,a\n3r,b\n3r,a": "lines 2, 4: all are the session 3r_a",

@@ -175,6 +175,7 @@ def _side_by_side(
     context: typer.Context, parts: int, scheduler: str | None, robot: Robot, progress: Progress | None
 ) -> Iterator[Reduced]:
     """Every part, as processes of their own reduce them."""
+    from contextlib import closing
     from tempfile import TemporaryDirectory
 
     from ..fleet import Order, cores, spread
@@ -183,14 +184,15 @@ def _side_by_side(
     words = _spelled(context, ("output", "parts", "scheduler", "json"))
     orders = [Order((*words, "--only", f"{k + 1}/{parts}"), str(Path.cwd()), "part.npz") for k in range(parts)]
     workers = min(parts, cores()) if scheduler is None else None
-    for done, (number, answer) in enumerate(spread(orders, workers, scheduler), 1):
-        if not answer.done:
-            raise OptionError(f"part {number + 1} of {parts} was not reduced: {answer.said[0]}")
-        if progress is not None:
-            progress(f"{done} of {parts} parts", done / parts)
-        with TemporaryDirectory() as place:
-            (file := Path(place) / "part.npz").write_bytes(answer.files["part.npz"])
-            yield load_factors(file, robot)
+    with closing(spread(orders, workers, scheduler)) as answers:
+        for done, (number, answer) in enumerate(answers, 1):
+            if not answer.done:
+                raise OptionError(f"part {number + 1} of {parts} was not reduced: {answer.said[0]}")
+            if progress is not None:
+                progress(f"{done} of {parts} parts", done / parts)
+            with TemporaryDirectory() as place:
+                (file := Path(place) / "part.npz").write_bytes(answer.files["part.npz"])
+                yield load_factors(file, robot)
 
 
 def _spelled(context: typer.Context, but: Sequence[str]) -> tuple[str, ...]:

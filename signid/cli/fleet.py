@@ -37,9 +37,9 @@ def fleet(
     """Diagnose or identify many robots and recordings, side by side: on this machine, or on many through Dask.
 
     MANIFEST has the columns robot and recording (several files: a;b), and if wanted held_out, reference, columns,
-    actuators, task (diagnose, identify, reduce), name (of the single robot), time (2026-03-31), session (its folder);
-    paths are relative to it. DIR gets index.html and fleet.json: robots by mismatch, equal causes, parameters that
-    drift from session to session; and sessions/NAME with what the single command writes. The same command goes on
+    actuators, task (diagnose, identify, reduce), like, name (of the single robot), time (2026-03-31), session (its
+    folder); paths are relative to it. DIR gets index.html and fleet.json: robots by mismatch, equal causes, parameters
+    that drift from session to session; and sessions/NAME with what the single command writes. The same command goes on
     where it was interrupted: sessions made from the same files are not done again.
     """
     from ..fleet import fleet as work

@@ -15,8 +15,10 @@ from ..errors import ManifestError, shorten
 from ..types import Input
 
 TASKS = ("diagnose", "identify", "reduce")  # the first by default
-COLUMNS = ("robot", "recording", "held_out", "reference", "columns", "actuators", "task", "name", "time", "session")
 NEEDED = ("robot", "recording")
+FILES = (*NEEDED, "held_out", "reference", "columns", "actuators", "like")
+COLUMNS = (*FILES, "task", "name", "time", "session")
+BELONGS = {"reference": "diagnose", "like": "reduce"}  # column -> the only task that knows it
 DAY = 86_400.0  # s
 LONGEST = 100  # characters of a session's name
 MOST = 50  # sentences
@@ -36,20 +38,22 @@ class Entry:
     reference: tuple[str, ...]
     columns: str
     actuators: str
+    like: str
     time: str
     day: float | None  # days since 1970, UTC
 
     def arguments(self, seed: int = 0) -> tuple[str, ...]:
         """The command of this session, without -o."""
         given = [("--held-out", x) for x in self.held_out] + [("--reference", x) for x in self.reference]
-        given += [(f"--{key}", value) for key in ("columns", "actuators") if (value := getattr(self, key))]
+        given += [(f"--{key}", value) for key in ("columns", "actuators", "like") if (value := getattr(self, key))]
         given += [("--seed", str(seed))] if seed else []
         return (self.task, self.robot, *self.recordings, *(word for pair in given for word in pair))
 
     @property
     def files(self) -> tuple[str, ...]:
         """Everything that it reads besides the description."""
-        return tuple(x for x in (*self.recordings, *self.held_out, *self.reference, self.columns, self.actuators) if x)
+        beside = self.columns, self.actuators, self.like
+        return tuple(x for x in (*self.recordings, *self.held_out, *self.reference, *beside) if x)
 
 
 @dataclass(frozen=True)
@@ -65,8 +69,9 @@ def read_manifest(path: str | Path) -> Manifest:
     """The sessions that a CSV file lists.
 
     Columns: `robot` and `recording`, the latter one file or several with `;` between them; if wanted `held_out`,
-    `reference`, `columns`, `actuators`, `task` (diagnose, identify or reduce), `name` of the single robot, `time` (ISO
-    8601; without a zone UTC) and `session`, the folder that it gets.
+    `reference`, `columns`, `actuators`, `task` (diagnose, identify or reduce), `like` (factors that those of a
+    reduction are to add to), `name` of the single robot, `time` (ISO 8601; without a zone UTC) and `session`, the
+    folder that it gets.
 
     Args:
         path: the file; paths in it are relative to its folder.
@@ -122,14 +127,15 @@ def _entry(line: int, row: Mapping[str, str]) -> Entry:
     for head in NEEDED:
         if not row.get(head):
             raise ValueError(f"its {head} is empty; every session needs one")
-    for head, cell in row.items():
-        if "\0" in cell or any(part.startswith("-") for part in _split(cell)):
-            raise ValueError(f"{head} {cell!r} would be taken for an option; write ./{cell}")
+    for head in FILES:
+        if any(part.startswith("-") or "\0" in part for part in _split(row.get(head, ""))):
+            raise ValueError(f"{head} {row[head]!r} would be taken for an option; write ./{row[head]}")
     task = row.get("task") or TASKS[0]
     if task not in TASKS:
         raise ValueError(f"the task {task!r} is none of {', '.join(TASKS)}")
-    if row.get("reference") and task != TASKS[0]:
-        raise ValueError(f"a reference is of no use to {task}; leave it empty, or make the task {TASKS[0]}")
+    for head, only in BELONGS.items():
+        if row.get(head) and task != only:
+            raise ValueError(f"{head} is of no use to {task}; leave it empty, or make the task {only}")
     recordings, name = _split(row["recording"]), row.get("name") or row["robot"]
     if not recordings:
         raise ValueError(f"its recording {row['recording']!r} names no file")
@@ -144,6 +150,7 @@ def _entry(line: int, row: Mapping[str, str]) -> Entry:
         _split(row.get("reference", "")),
         row.get("columns", ""),
         row.get("actuators", ""),
+        row.get("like", ""),
         row.get("time", ""),
         _day(row.get("time", "")),
     )

@@ -6,8 +6,7 @@ import json
 import os
 import subprocess
 import sys
-from queue import Empty, LifoQueue
-from threading import Lock
+from threading import Lock, Timer
 from typing import IO
 
 from ..errors import SignidError
@@ -15,6 +14,7 @@ from ..version import __version__
 from .order import Answer, Order
 
 TRIES = 2  # of a command whose process dies
+IDLE = 60.0  # [s] after which a process that nobody asks ends
 GRACE = 3.0  # [s] for a process to leave nothing behind
 LASTS = 50  # commands that a process carries out, so that what it holds of memory does not pile up
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "POLARS_MAX_THREADS")
@@ -40,7 +40,7 @@ class _Process:
             stderr=heard,
             env={**os.environ, **dict.fromkeys(THREADS, "1")},
         )
-        self.carried_out = 0
+        self.carried_out, self.retires = 0, Timer(IDLE, self.end)
 
     def ask(self, order: Order) -> Answer:
         orders, answers = self.child.stdin, self.child.stdout
@@ -83,7 +83,7 @@ class Processes:
     """As many processes as are asked at the same time."""
 
     def __init__(self) -> None:
-        self._idle, self._all, self._lock, self._stopped = LifoQueue[_Process](), set[_Process](), Lock(), False
+        self._idle, self._all, self._lock, self._stopped = list[_Process](), set[_Process](), Lock(), False
 
     def carry_out(self, order: Order) -> Answer:
         """What comes of a command that a process of its own carries out.
@@ -121,24 +121,34 @@ class Processes:
             for process in self._all:
                 process.child.terminate()
             while self._all:
-                self._all.pop().end()
+                process = self._all.pop()
+                process.retires.cancel()
+                process.end()
 
     def _take(self) -> _Process:
         with self._lock:
             if self._stopped:
                 raise Stopped("stopped")
-            try:
-                return self._idle.get_nowait()
-            except Empty:
-                process = _Process()
-                self._all.add(process)
-                return process
+            process = self._idle.pop() if self._idle else _Process()
+            process.retires.cancel()
+            self._all.add(process)
+            return process
 
     def _give(self, process: _Process) -> None:
-        if process.carried_out < LASTS:
-            self._idle.put(process)
-        else:
-            self._drop(process)
+        if process.carried_out >= LASTS:
+            return self._drop(process)
+        process.retires = Timer(IDLE, self._retire, (process,))
+        process.retires.daemon = True
+        with self._lock:
+            self._idle.append(process)
+            process.retires.start()
+
+    def _retire(self, process: _Process) -> None:
+        with self._lock:
+            if process not in self._idle:
+                return
+            self._idle.remove(process)
+        self._drop(process)
 
     def _drop(self, process: _Process) -> None:
         with self._lock:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -61,28 +62,30 @@ def fleet(
         OutputError: results cannot be written.
     """
     listed = read_manifest(manifest)
-    tasks = _prepare(listed, seed, workers or cores())
+    told = progress or (lambda what, share: None)
+    tasks = _prepare(listed, seed, workers or cores(), told)
     store = Store(folder)
     answers = {k: Answer(None, (task.fault,), {}) for k, task in enumerate(tasks) if task.fault}
     if answers and not keep_going:
         raise InputError(_sentence(tasks[min(answers)].entry, answers[min(answers)]))
     todo = [k for k, task in enumerate(tasks) if store.record(task.entry.session).get("key") != task.key != ""]
     done = len(tasks) - len(todo)
+    told(f"{done} of {len(tasks)} sessions", done / len(tasks))
     orders = [_order(tasks[k].entry, listed, seed) for k in todo]
-    for number, answer in spread(orders, workers, scheduler):
-        task, done = tasks[todo[number]], done + 1
-        if answer.done:
-            _keep(store, task, orders[number], answer)
-        elif keep_going:
-            answers[todo[number]] = answer
-        else:
-            raise InputError(_sentence(task.entry, answer))
-        if progress is not None:
-            progress(f"{done} of {len(tasks)} sessions", done / len(tasks))
+    with closing(spread(orders, workers, scheduler)) as found:
+        for number, answer in found:
+            task, done = tasks[todo[number]], done + 1
+            if answer.done:
+                _keep(store, task, orders[number], answer)
+            elif keep_going:
+                answers[todo[number]] = answer
+            else:
+                raise InputError(_sentence(task.entry, answer))
+            told(f"{done} of {len(tasks)} sessions", done / len(tasks))
     return gather([_outcome(store, task, answers.get(k)) for k, task in enumerate(tasks)], listed.input, seed)
 
 
-def _prepare(listed: Manifest, seed: int, workers: int) -> list[_Task]:
+def _prepare(listed: Manifest, seed: int, workers: int, told: Progress) -> list[_Task]:
     """Every session with the digests of its files; robots are checked first, all of them."""
     described, faults = list[tuple[Input, ...]](), list[str]()
     for entry in listed.entries:
@@ -100,8 +103,12 @@ def _prepare(listed: Manifest, seed: int, workers: int) -> list[_Task]:
             return _Task(entry, (), "", str(error))
         return _Task(entry, inputs, key(entry.arguments(seed), inputs))
 
+    tasks = list[_Task]()
     with ThreadPoolExecutor(workers) as pool:  # digests are made side by side
-        return list(pool.map(made, listed.entries, described))
+        for task in pool.map(made, listed.entries, described):
+            told("reading recordings", len(tasks) / len(listed.entries))
+            tasks.append(task)
+    return tasks
 
 
 def _order(entry: Entry, listed: Manifest, seed: int) -> Order:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from typing import Any
 from uuid import uuid4
@@ -12,12 +12,11 @@ from ..errors import OptionError
 from .order import Answer, Order
 from .process import Processes, carry_out
 
+Answers = Generator[tuple[int, Answer], None, None]
 PATIENCE = 30.0  # [s] for a scheduler to answer and to have a worker
 
 
-def spread(
-    orders: Sequence[Order], workers: int | None = None, scheduler: str | None = None
-) -> Iterator[tuple[int, Answer]]:
+def spread(orders: Sequence[Order], workers: int | None = None, scheduler: str | None = None) -> Answers:
     """Each order's number and answer, as soon as it is there; work whose worker is lost is done again elsewhere.
 
     Args:
@@ -30,9 +29,9 @@ def spread(
     """
     if scheduler is not None and workers is not None:
         raise OptionError("--workers counts processes of this machine, a scheduler has workers of its own; give one")
-    if not orders:
-        return iter(())
-    return _here(orders, workers or cores()) if scheduler is None else _elsewhere(orders, scheduler)
+    if scheduler is None or not orders:
+        return _here(orders, workers or cores())
+    return _elsewhere(orders, scheduler)
 
 
 def cores() -> int:
@@ -40,9 +39,9 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _here(orders: Sequence[Order], workers: int) -> Iterator[tuple[int, Answer]]:
+def _here(orders: Sequence[Order], workers: int) -> Answers:
     processes = Processes()
-    with ThreadPoolExecutor(min(workers, len(orders))) as pool:
+    with ThreadPoolExecutor(min(workers, max(1, len(orders)))) as pool:
         futures = {pool.submit(processes.carry_out, order): k for k, order in enumerate(orders)}
         try:
             for future in as_completed(list(futures)):
@@ -52,7 +51,7 @@ def _here(orders: Sequence[Order], workers: int) -> Iterator[tuple[int, Answer]]
             processes.stop()
 
 
-def _elsewhere(orders: Sequence[Order], address: str) -> Iterator[tuple[int, Answer]]:
+def _elsewhere(orders: Sequence[Order], address: str) -> Answers:
     try:
         from distributed import Client
         from distributed import as_completed as completed
