@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import contextmanager
+from logging import CRITICAL, getLogger
 from typing import Any
 from uuid import uuid4
 
@@ -57,12 +59,24 @@ def _elsewhere(orders: Sequence[Order], address: str) -> Answers:
         from distributed import as_completed as completed
     except ImportError:
         raise OptionError("--scheduler needs Dask, which is not installed: pip install 'signid[fleet]'") from None
-    with _client(Client, address) as client:
+    with _hushed(), _client(Client, address) as client:
         mark = uuid4().hex
         futures = {client.submit(carry_out, order, key=f"signid-{mark}-{k}"): k for k, order in enumerate(orders)}
         for future in completed(list(futures), loop=client.loop):
             yield futures.pop(future), _answer(future, address)
             future.release()
+
+
+@contextmanager
+def _hushed() -> Iterator[None]:
+    """Dask's own words about a lost connection are left out: a sentence of ours says it."""
+    log = getLogger("distributed.client")
+    level = log.level
+    log.setLevel(CRITICAL)
+    try:
+        yield
+    finally:
+        log.setLevel(level)
 
 
 def _client(make: Any, address: str) -> Any:
