@@ -53,9 +53,7 @@ def test_no_torque_sign(told: Any, tmp_path: Path) -> None:
     assert names["signs"].is_certain() and names["signs"].proof.optimal
     assert names["change"].max() < 1, "standard deviations"
     assert np.allclose(names["result"].fit.held_out_r2, names["signed"].fit.held_out_r2, atol=1e-3)
-    assert any("is not decided" in flag for flag in names["short"].flags), (
-        "two seconds are too little, and that is said"
-    )
+    assert any("is not decided" in flag for flag in names["short"].flags), "two seconds are too little, and it says so"
     assert list(tmp_path.iterdir()) == []
 
 
