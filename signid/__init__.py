@@ -1,12 +1,18 @@
-"""signid: what a real robot's dynamics are, from its recordings. Public names only, imported when first used."""
+"""signid: what a real robot's dynamics are, from its recordings, and what a simulation of it lacks.
+
+`load_robot` and `read_recording` begin. `check` says what recordings can tell. `identify` makes a model of them, with
+intervals; `diagnose` names the physics that a simulation (`load_model`) lacks. `roll_out`, `replay` and `export` prove,
+show and hand on a model. `excite` and `separate` make motions; `track`, `simulate` and `record` a robot to try them on.
+
+Units are SI; `(N, n) [rad or m]` is an array, N samples of n joints. Errors are `SignidError`, laws `signid.effects`.
+"""
 
 from __future__ import annotations
 
 import sys
-from types import ModuleType
 from typing import TYPE_CHECKING
 
-from .registry import public as _public
+from .registry import package as _package
 from .version import __version__ as __version__
 
 if TYPE_CHECKING:
@@ -30,11 +36,4 @@ NAMES = {"check": "check", "diagnose": "diagnose", "errors": "SignidError", "exc
          "recording": "read_recording", "replay": "replay", "robot": "load_robot urdf_from_dh", "rollout": "roll_out",
          "session": "Options", "simulate": "Sensors record simulate track"}  # fmt: skip
 
-
-class _Package(ModuleType):
-    """Public names are properties, so that `signid.identify` is the verb although a module has its name."""
-
-
-for _name, _home in [(name, home) for home, names in NAMES.items() for name in names.split()]:
-    setattr(_Package, _name, _public(_name, _home))
-sys.modules[__name__].__class__ = _Package
+sys.modules[__name__].__class__ = _package(NAMES)
