@@ -135,6 +135,14 @@ class Recording(Frozen):
         return Samples(values[self.columns["t"][0]], q, tau, signal("dq"), signal("ddq"), signal("q_des"))
 
 
+class Input(NamedTuple):
+    """A file that a result was made from."""
+
+    path: str
+    sha256: str
+    role: str = ""  # "recording, learned from"
+
+
 @dataclass(frozen=True, eq=False)
 class Trajectory(Frozen):
     """A motion that is asked for, at N instants of n joints."""

@@ -21,7 +21,7 @@ from signid.effects import EFFECT_NAMES
 
 ROOT = Path(__file__).parents[1]
 COMMANDS = ("inspect", "check", "identify", "diagnose", "effects", "excite", "export", "simulate", "replay")
-OUTPUTS = ["identification.json", "model.json", "robot.urdf"]
+OUTPUTS = ["identification.json", "model.json", "report.html", "robot.urdf"]
 
 
 @pytest.fixture(autouse=True)
@@ -82,7 +82,7 @@ def test_identify_writes_and_ends_with_the_paths(folder: Path, capfd: pytest.Cap
     assert run(["identify", "1r", "swing.csv", "-o", "new/result"]) == 0
     out, err = capfd.readouterr()
     assert err == "" and "\x1b" not in out
-    assert out.splitlines()[-3:] == [f"  new/result/{name}" for name in OUTPUTS]
+    assert sorted(out.splitlines()[-4:]) == [f"  new/result/{name}" for name in OUTPUTS]
     assert sorted(path.name for path in (folder / "new/result").iterdir()) == OUTPUTS
     assert "A real robot could have these inertials" in out and "Excitation sufficient" in out
     assert max(map(len, out.splitlines())) <= 100
@@ -148,7 +148,7 @@ def test_mjcf_gets_no_urdf_and_says_so(folder: Path, capfd: pytest.CaptureFixtur
     )
     assert run(["identify", "arm.xml", "swing.csv", "-o", "result"]) == 0
     assert "robot.urdf is not written: the robot comes from MJCF" in capfd.readouterr().out
-    assert sorted(path.name for path in (folder / "result").iterdir()) == OUTPUTS[:2]
+    assert sorted(path.name for path in (folder / "result").iterdir()) == OUTPUTS[:3]
 
 
 def test_every_option_is_heard(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from hashlib import sha256
 from pathlib import Path
@@ -15,7 +16,7 @@ from ..errors import OptionError
 if TYPE_CHECKING:
     from ..session import Options
     from ..standard import Search
-    from ..types import Recording, Robot
+    from ..types import Input, Recording, Robot
 
 RobotName = Annotated[str, typer.Argument(metavar="ROBOT", help="A URDF, xacro or MJCF file, or a name such as panda.")]
 SimulationName = Annotated[
@@ -59,6 +60,19 @@ def check_folder(output: str | None, json: bool) -> None:
         raise OptionError("no folder for the results was named; add -o DIR, or --json to print them instead")
     if output is not None:
         probe_folder(output)
+
+
+def again(context: typer.Context) -> str:
+    """The command that was given, as one line for a shell; its folder of results is named DIR."""
+    words = list(context.obj or ())
+    for k, word in enumerate(words):
+        if word in ("-o", "--output"):
+            words[k + 1 : k + 2] = ["DIR"]
+        elif word.startswith("--output="):
+            words[k] = "--output=DIR"
+        elif word.startswith("-o") and not word.startswith("--"):
+            words[k] = "-oDIR"
+    return shlex.join(["signid", *words]) if words else ""
 
 
 def given_robot(
@@ -147,11 +161,14 @@ def _names(option: str, text: str) -> tuple[str, ...]:
     return names
 
 
-def given_inputs(name: str, robot: Robot, *files: str | None) -> list[tuple[str, str]]:
-    """Path as given and sha256 of the description and of what was read beside it."""
+def given_inputs(name: str, robot: Robot, actuators: str | None, **files: str | None) -> list[Input]:
+    """The description as it was given, and what was read beside it by what it holds."""
+    from ..types import Input
+
     beside = Path(robot.path).with_name("actuators.toml")
     given = Path(name) if Path(name).is_dir() else Path(name).parent if Path(name).is_file() else Path(name)
-    named = [(file, Path(file)) for file in files if file is not None]
-    if files and files[0] is None and beside.is_file():
-        named.append((str(given / beside.name), beside))
-    return [(name, robot.sha256), *((shown, sha256(path.read_bytes()).hexdigest()) for shown, path in named)]
+    named = [(file, Path(file), role) for role, file in {"actuators": actuators, **files}.items() if file is not None]
+    if actuators is None and beside.is_file():
+        named.append((str(given / beside.name), beside, "actuators"))
+    read = (Input(shown, sha256(path.read_bytes()).hexdigest(), role) for shown, path, role in named)
+    return [Input(name, robot.sha256, "description"), *read]

@@ -28,6 +28,7 @@ from .arguments import (
     TotalMass,
     Unsigned,
     White,
+    again,
     check_folder,
     given_effects,
     given_inputs,
@@ -118,7 +119,7 @@ def check(
     with bars(json) as progress:
         found = judge(described, given, options=options, progress=progress)
     if json:
-        Screen().write(to_json(check_document(found, given_inputs(robot, described, actuators, columns), seed)))
+        Screen().write(to_json(check_document(found, given_inputs(robot, described, actuators, columns=columns), seed)))
     else:
         Screen().print(*check_tables(found), sep="\n")
     return tell_flags(found.flags)
@@ -126,6 +127,7 @@ def check(
 
 @app.command(epilog="Example: signid identify 3r recording.parquet --held-out another.csv -o result")
 def identify(
+    context: typer.Context,
     robot: RobotName,
     recordings: Files,
     output: Annotated[
@@ -160,7 +162,7 @@ def identify(
     seed: Seed = 0,
     json: Json = False,
 ) -> int:
-    """A dynamics model: identification.json, model.json and robot.urdf in DIR.
+    """A dynamics model: identification.json, model.json, robot.urdf and report.html in DIR.
 
     Without --held-out the last of several recordings, or the last 30 % of the only one, is held out. Torques without
     a sign (abs_tau_J, abs_current_J or --unsigned) get it back first: signed.csv and signs.html show it.
@@ -186,4 +188,5 @@ def identify(
             options=options,
             progress=progress,
         )
-    return deliver(result, given_inputs(robot, described, actuators, columns), output, json)
+    read = given_inputs(robot, described, actuators, columns=columns, bounds=bounds)
+    return deliver(result, read, output, json, again(context))

@@ -18,6 +18,7 @@ from .arguments import (
     Seed,
     SimulationName,
     Unsigned,
+    again,
     check_folder,
 )
 from .commands import app
@@ -32,6 +33,7 @@ Paths = list[str] | None
 
 @app.command(epilog="Example: signid diagnose 3r recording.csv -o diagnosis")
 def diagnose(
+    context: typer.Context,
     simulation: SimulationName,
     recordings: Files,
     output: Annotated[
@@ -79,7 +81,7 @@ def diagnose(
             options=options,
             progress=progress,
         )
-    return deliver_diagnosis(result, source.inputs(model.robot, columns), output, json)
+    return deliver_diagnosis(result, source.inputs(model.robot, columns=columns), output, json, again(context))
 
 
 def _read(paths: Paths, robot: Robot, columns: str | None, unsigned: bool) -> list[Recording]:

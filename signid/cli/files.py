@@ -18,42 +18,45 @@ if TYPE_CHECKING:
     from ..identify import Identification
     from ..report import Content
     from ..signs import Signs
-    from ..types import Array, Law, Recording, Robot
+    from ..types import Array, Input, Law, Recording, Robot
 
 
 BODIES = ("payload", "link_inertia")  # laws that a URDF holds as inertials
 FRICTION = ("viscous_friction", "coulomb_friction")
 
 
-def deliver(result: Identification, inputs: Sequence[tuple[str, str]], output: str | None, json: bool) -> int:
+def deliver(result: Identification, inputs: Sequence[Input], output: str | None, json: bool, command: str) -> int:
     """Writes what an identification leaves, prints its tables or its document, and tells the exit code.
 
     Args:
         result: the identification.
-        inputs: path and sha256 of what was read besides the recordings.
+        inputs: what was read besides the recordings.
         output: folder of the files, if any.
         json: whether the document is printed instead of the tables.
+        command: that does it again.
     """
-    from ..report import identification_document, identification_tables, to_json
+    from ..report import identification_document, identification_page, identification_tables, to_json
 
     files: dict[str, Content] = {}
     if output is not None:
         described, notes = _urdf(result.robot, _told_bodies(result), result.model.laws)
         result = replace(result, notes=(*result.notes, *notes))
-        files = {**described, **_signed(result.signs, result.recordings, result.robot)}
+        signed = _signed(result.signs, result.recordings, result.robot)
+        files = {**described, "report.html": identification_page(result, inputs, command), **signed}
     document = to_json(identification_document(result, inputs))
     files = {"identification.json": document, "model.json": to_json(result.model.document()), **files}
     return _hand_over(document, files, identification_tables(result), result.flags, output, json)
 
 
-def deliver_diagnosis(result: Diagnosis, inputs: Sequence[tuple[str, str]], output: str | None, json: bool) -> int:
+def deliver_diagnosis(result: Diagnosis, inputs: Sequence[Input], output: str | None, json: bool, command: str) -> int:
     """Writes what a diagnosis leaves, prints its tables or its document, and tells the exit code.
 
     Args:
         result: the diagnosis.
-        inputs: path and sha256 of what was read besides the recordings.
+        inputs: what was read besides the recordings.
         output: folder of the files, if any.
         json: whether the document is printed instead of the tables.
+        command: that does it again.
     """
     from ..report import diagnosis_document, diagnosis_page, diagnosis_tables, to_json
 
@@ -62,7 +65,7 @@ def deliver_diagnosis(result: Diagnosis, inputs: Sequence[tuple[str, str]], outp
         described, notes = _extended_urdf(result)
         result = replace(result, notes=(*result.notes, *notes))
         signed = _signed(result.signs, result.recordings, result.robot)
-        files = {**described, "report.html": diagnosis_page(result), **signed}
+        files = {**described, "report.html": diagnosis_page(result, inputs, command), **signed}
     document = to_json(diagnosis_document(result, inputs))
     files = {"diagnosis.json": document, "model.json": to_json(result.model.document()), **files}
     return _hand_over(document, files, diagnosis_tables(result), result.flags, output, json)

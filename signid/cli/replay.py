@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..version import __version__
 from .arguments import Actuators, Columns, Joints, Json, Lock, PackageDir, SimulationName, given_recording
 from .commands import app
 from .motions import Source, given_model
@@ -49,6 +48,7 @@ def replay(
     """
     from ..replay import replay as build
     from ..report import Screen, to_json, write_files
+    from ..report.documents import provenance
 
     _check(html)
     if diagnosis is not None and Path(diagnosis).is_dir():
@@ -67,9 +67,8 @@ def replay(
     )
     written = [] if html is None else write_files(Path(html).parent, {Path(html).name: shown.page()})
     if json:
-        inputs = source.inputs(model.robot, recording, diagnosis, columns)
-        told = [{"path": path, "sha256": digest} for path, digest in inputs]
-        Screen().write(to_json({**shown.document(), "inputs": told, "version": __version__}))
+        inputs = source.inputs(model.robot, recording=recording, diagnosis=diagnosis, columns=columns)
+        Screen().write(to_json({**shown.document(), **provenance((), inputs, 0)}))
     elif html is None:
         _serve(shown, browser)
     else:

@@ -81,7 +81,7 @@ def simulate(
     options = {"step": step, "integrator": integrator, "substeps": substeps}
     with bars(json) as progress:
         run = _run(known, inject or (), drive, seconds, sensors, seed, {**options, "progress": progress})
-    document = to_json(simulation_document(run, source.inputs(known.robot, motion, torque), seed))
+    document = to_json(simulation_document(run, source.inputs(known.robot, motion=motion, torque=torque), seed))
     written, screen = write_columns(output, run.columns), Screen()
     if json:
         screen.write(document)
