@@ -1,13 +1,12 @@
 """signid: what a real robot's dynamics are, from its recordings, and what a simulation of it lacks.
 
 `load_robot` and `read_recording` begin. `check` says what recordings can tell. `identify` makes a model of them, with
-intervals; `diagnose` names the physics that a simulation (`load_model`) lacks. `roll_out`, `replay` and `export` prove,
-show and hand on a model. `excite` and `separate` make motions; `track`, `simulate` and `record` a robot to try them on.
+intervals; `diagnose` names the physics that a simulation (`load_model`) lacks. `roll_out` proves a model,
+`report` and `replay` show it, `export` hands it on. `excite` and `separate` make motions; `track`, `simulate` and
+`record` a robot to try them on.
 
 Units are SI; `(N, n) [rad or m]` is an array, N samples of n joints. Errors are `SignidError`, laws `signid.effects`.
 """
-
-from __future__ import annotations
 
 import sys
 from typing import TYPE_CHECKING
@@ -26,14 +25,15 @@ if TYPE_CHECKING:
     from .model import load_model as load_model
     from .recording import read_recording as read_recording
     from .replay import replay as replay
+    from .report import report as report
     from .robot import load_robot as load_robot, urdf_from_dh as urdf_from_dh  # isort: skip
     from .rollout import roll_out as roll_out
     from .session import Options as Options
     from .simulate import Sensors as Sensors, record as record, simulate as simulate, track as track  # isort: skip
 
-NAMES = {"check": "check", "diagnose": "diagnose", "errors": "SignidError", "excite": "excite separate",
-         "export": "export", "identify": "identify", "inspect": "inspect", "model": "load_model",
-         "recording": "read_recording", "replay": "replay", "robot": "load_robot urdf_from_dh", "rollout": "roll_out",
-         "session": "Options", "simulate": "Sensors record simulate track"}  # fmt: skip
+NAMES = {name: name for name in "check diagnose export identify inspect replay report".split()} | {
+    "errors": "SignidError", "excite": "excite separate", "model": "load_model", "rollout": "roll_out",
+    "recording": "read_recording", "robot": "load_robot urdf_from_dh", "session": "Options",
+    "simulate": "Sensors record simulate track"}  # fmt: skip
 
 sys.modules[__name__].__class__ = _package(NAMES)

@@ -19,9 +19,9 @@ ROWS = [
     [cell.strip() for cell in line.strip("|").split("|")] for line in GLOSSARY.splitlines() if line.startswith("|")
 ][2:]
 UNITS = {unit for row in ROWS for unit in re.split(r"[,;] ", row[2])}
-WORDS = """standard parameters, base parameter, armature, Stribeck velocity, pseudo-inertia, held out, residual, noise floor,
-R2, roll-out, finding, cause, secondary, alternative, twin, probability, torque_share, excitation, ghost, cut-off, sure_J,
-in doubt, confidence, segment, empirical, physically_consistent, horizon, std"""
+WORDS = """standard parameters, base parameter, armature, Stribeck velocity, pseudo-inertia, held out, residual,
+noise floor, R2, roll-out, finding, cause, secondary, alternative, twin, probability, torque_share, excitation, ghost,
+cut-off, sure_J, in doubt, confidence, segment, empirical, physically_consistent, horizon, std"""
 
 
 def units(document: Any) -> Iterator[str]:
@@ -59,6 +59,6 @@ def test_units_of_results_are_in_the_glossary(
 
 def test_laws_have_units_that_are_explained_and_a_source() -> None:
     for law in EFFECTS:
-        assert re.search(r"\d{4}|\(|doi|arXiv", law.source), f"{law.name}: {law.source!r} is no source"
+        assert len(law.source) > 30 and "," in law.source, f"{law.name}: {law.source!r} is no source"
         for key, number in law.parameters.items():
             assert number.unit in UNITS, f"{law.name}: {key} [{number.unit}]"

@@ -73,7 +73,8 @@ def test_wrong_simulation(told: Any, tmp_path: Path) -> None:
     assert numbers["coulomb_friction"][1]["level"] == pytest.approx(0.5, rel=0.02)
     assert all(probability > 0.999 for *_, probability in numbers.values())
     assert np.all(names["after"] < 0.05 * names["before"]), "the extended simulation stays with the robot"
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["extended.xml", "laws.py", "replay.html"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["extended.xml", "laws.py", "replay.html", "report.html"]
+    assert "counterbalance" in (tmp_path / "report.html").read_text()
     page = (tmp_path / "replay.html").read_text()
     assert "counterbalance" in page and "coulomb friction of joint_1" in page
     laws = runpy.run_path(str(tmp_path / "laws.py"))

@@ -66,7 +66,7 @@ print(f"the URDF said {stated:.4f}")
 # them. They are possible, not measured: what torque cannot tell is taken from the description you gave.
 print(f"\na real robot could have these inertials: {result.physically_consistent}")
 urdf = signid.export(result.model, "urdf")
-Path("identified.urdf").write_text(urdf.text)
+Path("identified.urdf").write_text(urdf.text, encoding="utf-8")
 print("identified.urdf is written;", *urdf.notes)
 
 # With your own robot

@@ -92,14 +92,19 @@ before, after = (signid.roll_out(model, [recording], horizons=(0.5,)).rms(0.5) f
 for joint, was, is_now in zip(robot.joints, before, after, strict=True):
     print(f"{joint}: position after 0.5 s off by {was:.4f} rad before, {is_now:.4f} rad with what was missing")
 
-# Step 6. See it: one HTML file, with the simulation as a ghost beside the robot, the findings marked at their joints,
-# and a switch between before and after. And use it, in MuJoCo or elsewhere; what a format cannot hold is said. The laws
-# that MJCF does not know are a function torque(q, v, a, mjcf=True) that needs numpy alone.
-Path("replay.html").write_text(signid.replay(simulation, recording, found).page())
+# Step 6. See it: a replay, with the simulation as a ghost beside the robot, the findings marked at their joints, and a
+# switch between before and after; and a report of all that was found. And use it, in MuJoCo or elsewhere. What a format
+# cannot hold is said; the laws that MJCF does not know are a function torque(q, v, a, mjcf=True) that needs numpy alone.
 mjcf = signid.export(found.model, "mjcf")
-Path("extended.xml").write_text(mjcf.text)
-Path("laws.py").write_text(signid.export(found.model, "function").text)
-print("\nreplay.html, extended.xml and laws.py are written", *mjcf.notes, sep="\n  ")
+written = {
+    "replay.html": signid.replay(simulation, recording, found).page(),
+    "report.html": signid.report(found),
+    "extended.xml": mjcf.text,
+    "laws.py": signid.export(found.model, "function").text,
+}
+for name, text in written.items():
+    Path(name).write_text(text, encoding="utf-8")
+print(f"\nwritten: {', '.join(written)}", *mjcf.notes, sep="\n  ")
 
 # With your own robot
 # 1. Your URDF, xacro or MJCF file instead of "3r"; what it states of damping and friction counts. Drives go into

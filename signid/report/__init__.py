@@ -6,6 +6,7 @@ from .documents import check_document, identification_document, inspection_docum
 from .effects import effects_document, effects_tables
 from .motions import excitation_document, excitation_tables
 from .numbers import figure, with_interval
+from .page import report
 from .pages import diagnosis_page, identification_page, signs_page
 from .screen import Screen
 from .signs import signed_csv, signs_document, signs_tables
@@ -33,6 +34,7 @@ __all__ = [
     "inspection_document",
     "inspection_tables",
     "probe_folder",
+    "report",
     "signed_csv",
     "signs_document",
     "signs_page",
