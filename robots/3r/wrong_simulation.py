@@ -94,7 +94,7 @@ for joint, was, is_now in zip(robot.joints, before, after, strict=True):
 
 # Step 6. See it: a replay, with the simulation as a ghost beside the robot, the findings marked at their joints, and a
 # switch between before and after; and a report of all that was found. And use it, in MuJoCo or elsewhere. What a format
-# cannot hold is said; the laws that MJCF does not know are a function torque(q, v, a, mjcf=True) that needs numpy alone.
+# cannot hold is said; laws that MJCF does not know are a function torque(q, v, a, mjcf=True) that needs numpy alone.
 mjcf = signid.export(found.model, "mjcf")
 written = {
     "replay.html": signid.replay(simulation, recording, found).page(),
