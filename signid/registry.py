@@ -17,13 +17,13 @@ Plugin = TypeVar("Plugin")
 class Registry(Generic[Plugin]):
     """Names of modules in the tree, or entry points `signid.<kind>` of other packages; imported when asked for.
 
-    A plug-in module ends in `PLUGIN = ...`; its name in the registry is the module's, without a trailing underscore.
+    A plug-in module ends in `PLUGIN = ...`; its name in the registry is the module's, without underscores at its ends.
     """
 
     def __init__(self, kind: str, package: str, names: str, unlisted: str = "") -> None:
         self.kind, self.package = kind, package
-        self.modules = {name.rstrip("_"): name for name in names.split()}
-        self.unlisted = {name.rstrip("_"): name for name in unlisted.split()}  # found by name, offered nowhere
+        self.modules = {name.strip("_"): name for name in names.split()}
+        self.unlisted = {name.strip("_"): name for name in unlisted.split()}  # found by name, offered nowhere
 
     @property
     def names(self) -> tuple[str, ...]:
