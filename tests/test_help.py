@@ -17,7 +17,7 @@ from signid.cli.commands import app
 GROUP: Any = get_command(app)
 COMMANDS = tuple(GROUP.commands)
 ORDER = ("simulate", "inspect", "check", "identify", "diagnose", "effects", "excite", "export", "replay")
-LATER = ("data", "demo")  # whose help is not yet held to whole first sentences and told defaults
+LATER = ("demo",)  # whose help is not yet held to whole first sentences and told defaults
 FILES = ("-o", "--html", "--urdf", "--mjcf")
 
 
