@@ -28,14 +28,14 @@ def data(
     yes: Annotated[bool, typer.Option("--yes", "-y", help="Download without asking.")] = False,
     source: Annotated[
         str | None,
-        typer.Option(metavar="URL", help="A copy of it: https, or this machine. Default: the source itself."),
+        typer.Option(metavar="URL", help="A copy: https, or this machine. Default: the source itself."),
     ] = None,
     json: Json = False,
 ) -> int:
     """Public recordings of real robots, listed or downloaded.
 
-    The examples in robots/ need them. Source, commit and licence are shown, and you are asked, before anything is downloaded. What signid makes of the
-    files is checked by its sha256, and DIR gets all of it or nothing.
+    The examples in robots/ need them. Source, commit and licence are shown, and you are asked, before anything is
+    downloaded. What signid makes of the files is checked by its sha256, and DIR gets all of it or nothing.
     """
     from ..gallery import data_folder
 
