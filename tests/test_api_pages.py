@@ -55,7 +55,7 @@ def test_every_public_name_has_its_place(pages: dict[str, str]) -> None:
 
 
 def test_every_module_and_package_is_introduced(pages: dict[str, str]) -> None:
-    names = [path.stem if path.is_file() else path.name for path in PACKAGE.iterdir() if not path.name.startswith("_")]
+    names = [path.stem if path.is_file() else path.name for path in PACKAGE.iterdir() if path.name[0] not in "._"]
     modules = [name for name in names if (PACKAGE / name).is_dir() or (PACKAGE / f"{name}.py").is_file()]
     for name in (name for name in modules if name != "robots"):
         first = (importlib.import_module(f"signid.{name}").__doc__ or "").splitlines()[0]
