@@ -20,7 +20,7 @@ from signid.cli import run
 from signid.effects import EFFECT_NAMES
 
 ROOT = Path(__file__).parents[1]
-COMMANDS = ("inspect", "check", "identify", "diagnose", "effects", "excite", "export", "simulate", "replay")
+COMMANDS = ("demo", "inspect", "check", "identify", "diagnose", "effects", "excite", "export", "simulate", "replay")
 OUTPUTS = ["identification.json", "model.json", "robot.urdf"]
 
 

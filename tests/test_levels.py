@@ -15,6 +15,7 @@ LEVELS = (
     "signs gross",
     "identify check inspect diagnose",
     "report replay export fleet",
+    "demo",
     "cli",
     "__main__",
     "__init__",
