@@ -26,7 +26,8 @@ from .outcome import Outcome, judge, misses
 from .plant import run_plant
 
 RECORDINGS = ("recording.csv", "held_out.csv")  # to learn from, and to judge by
-DURATION, PERIOD, HARMONICS = 16.0, 8.0, 8  # [s] of a recording and of its motion, which repeats
+PERIOD, PERIODS, HARMONICS = 8.0, 2, 8  # of a motion: [s], how often it is made, and how fast
+DURATION = PERIODS * PERIOD  # [s] of a recording
 RATE, BITS, NOISE = 250.0, 17, 0.01  # [Hz], of the encoders, of each joint's rms torque
 MARGIN = 0.7  # share of every limit that the motions use
 COARSE = 10  # rows of a motion, of which one counts for the size of what is concealed
@@ -91,17 +92,13 @@ def _known(robot: Robot) -> Model:
 
 
 def _motion(known: Model, seed: int) -> Trajectory:
-    limits = build_limits(known.robot, margin=MARGIN, torque=np.inf)
-    return excite(
-        known,
-        kind="random",
-        duration=DURATION,
-        harmonics=HARMONICS,
-        base_frequency=1 / PERIOD,
-        limits=limits,
-        rate=RATE,
-        seed=seed,
+    """A motion at random, again and again: what repeats tells noise from physics."""
+    robot, limits = known.robot, build_limits(known.robot, margin=MARGIN, torque=np.inf)
+    drawn = excite(
+        known, kind="random", duration=PERIOD, harmonics=HARMONICS, limits=limits, rate=RATE, seed=seed
     ).trajectory
+    q, v, a = (np.vstack([x[:-1]] * (PERIODS - 1) + [x]) for x in (drawn.q, drawn.v, drawn.a))
+    return Trajectory(robot.joints, np.arange(len(q)) / RATE, q, v, a)
 
 
 def _seen(robot: Robot, motion: Trajectory) -> Motion:
