@@ -13,12 +13,12 @@ from .excitation import Excitation, judge_excitation
 from .factors import LAGS, Factors, Weigh
 from .fit import Fit, judge_fit
 from .model import Model, stated_parameters
-from .prepare import prepare
+from .prepare import prepare, recordings_used
 from .rows import Rows
 from .session import Options, Progress, Session
 from .signs import Signs, recover
 from .standard import METHODS, Search, choose_standard
-from .types import Array, BaseMap, Estimate, Frozen, Law, Parameters, Recording, Robot
+from .types import Array, BaseMap, Estimate, Frozen, Input, Law, Parameters, Recording, Robot
 
 HUBER = 1.345  # residual, in standard deviations, beyond which a row counts less
 ROBUST_ROUNDS = 3
@@ -38,7 +38,7 @@ class Identification(Frozen):
     excitation: Excitation
     method: str
     moved: float  # standard deviations by which physical consistency moved the estimate at most
-    inputs: tuple[tuple[str, str], ...]  # path and sha256
+    inputs: tuple[Input, ...]  # the recordings
     signs: Signs | None  # where torque was recorded without them
     recordings: tuple[Recording, ...]  # all, with the signs found
     flags: tuple[str, ...]
@@ -46,6 +46,7 @@ class Identification(Frozen):
     cutoff: float  # [Hz]
     position_cutoff: float  # [Hz]
     seed: int
+    session: Session  # its recordings, ready to be reduced
 
     @property
     def physically_consistent(self) -> bool:
@@ -110,7 +111,7 @@ def identify(
         excitation=excitation,
         method=method,
         moved=chosen.moved,
-        inputs=tuple(dict.fromkeys((r.path, r.sha256) for r in (*recordings, *held_out))),
+        inputs=recordings_used(recordings, held_out),
         signs=recovered.signs,
         recordings=(*recovered.recordings, *recovered.held_out),
         flags=(*recovered.flags, *excitation.sentences, *chosen.flags),
@@ -118,6 +119,7 @@ def identify(
         cutoff=session.task.band.cutoff,
         position_cutoff=session.task.band.position_cutoff,
         seed=options.seed,
+        session=session,
     )
 
 

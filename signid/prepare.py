@@ -18,9 +18,11 @@ from .robot import hold, resting
 from .rows import Task, choose_reach
 from .sampling import Sampling, samples, split, survey
 from .session import PIECE, Options, Part, Session, common_rate, longest_piece
-from .types import Array, Law, Recording, Robot
+from .types import Array, Input, Law, Recording, Robot
 
 TRAINING_SHARE = 0.7  # of a single recording
+LEARNED, HELD_OUT, REFERENCE = "learned from", "held out", "of the robot when all was well"
+SHARED = f"learned from, but for the last {1 - TRAINING_SHARE:.0%}, which is held out"
 REVERSAL, REVERSAL_SHARE = 0.01, 0.02  # [rad/s] and share of the rms velocity: width of a geared joint's reversal
 AGREE = 2e-3  # recorded derivatives are taken where they differ by less from those of the positions
 TAPS = 9.0  # periods of the cut-off that both filters together are long
@@ -86,6 +88,23 @@ def prepare(
     if desired and not complete:
         notes.append("desired positions have gaps where the measured ones have none: they do not serve as instruments")
     return Session(task, tuple(train), tuple(test), (*robot.notes, *dict.fromkeys(notes)))
+
+
+def recordings_used(
+    recordings: Sequence[Recording], held_out: Sequence[Recording], reference: Sequence[Recording] = ()
+) -> tuple[Input, ...]:
+    """Recordings with the part that each plays, as `prepare` splits them.
+
+    Args:
+        recordings: to learn from.
+        held_out: to judge by.
+        reference: of the robot when all was well.
+    """
+    given = [*recordings]
+    parts = [(LEARNED, given[:-1]), (HELD_OUT, given[-1:])] if len(given) > 1 else [(SHARED, given)]
+    parts = [(LEARNED, given), (HELD_OUT, [*held_out])] if held_out else parts
+    told = {(r.path, r.sha256): role for role, some in [*parts, (REFERENCE, [*reference])] for r in some}
+    return tuple(Input(path, digest, f"recording, {role}") for (path, digest), role in told.items())
 
 
 def _split(train: list[Part], test: list[Part]) -> tuple[list[Part], list[Part]]:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Actuators(Frozen):
-    """What is stated about the drives of the n joints (design 3.2); NaN where nothing is stated.
+    """What is stated about the drives of the n joints; NaN where nothing is stated.
 
     armature (n,) [kg.m2 or kg]; viscous_friction (n,) [N.m.s/rad]; coulomb_friction (n,) [N.m];
     torque_offset (n,) [N.m]; torque_constant (n,) [N.m/A at the joint].
@@ -133,6 +133,14 @@ class Recording(Frozen):
         assert q is not None, "a recording has positions by construction"
         tau = np.full_like(q, np.nan) if tau is None else tau * self.torque_per_unit
         return Samples(values[self.columns["t"][0]], q, tau, signal("dq"), signal("ddq"), signal("q_des"))
+
+
+class Input(NamedTuple):
+    """A file that a result was made from."""
+
+    path: str
+    sha256: str
+    role: str = ""  # "recording, learned from"
 
 
 @dataclass(frozen=True, eq=False)

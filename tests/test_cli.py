@@ -20,8 +20,8 @@ from signid.cli import run
 from signid.effects import EFFECT_NAMES
 
 ROOT = Path(__file__).parents[1]
-COMMANDS = ("demo", "inspect", "check", "identify", "diagnose", "effects", "excite", "export", "simulate", "replay")
-OUTPUTS = ["identification.json", "model.json", "robot.urdf"]
+COMMANDS = tuple("demo inspect check identify diagnose effects excite export simulate replay data".split())
+OUTPUTS = ["identification.json", "model.json", "report.html", "robot.urdf"]
 
 
 @pytest.fixture(autouse=True)
@@ -58,7 +58,7 @@ def test_help_has_an_example(command: str, capsys: pytest.CaptureFixture[str]) -
     assert run([command, "--help"]) == 0
     out, err = capsys.readouterr()
     assert f"Example: signid {command} " in out and "--json" in out and not err
-    assert ("--seed" in out) == (command not in ("effects", "export", "replay")), (
+    assert ("--seed" in out) == (command not in ("effects", "export", "replay", "data")), (
         "where there is chance there is a seed"
     )
 
@@ -82,7 +82,7 @@ def test_identify_writes_and_ends_with_the_paths(folder: Path, capfd: pytest.Cap
     assert run(["identify", "1r", "swing.csv", "-o", "new/result"]) == 0
     out, err = capfd.readouterr()
     assert err == "" and "\x1b" not in out
-    assert out.splitlines()[-3:] == [f"  new/result/{name}" for name in OUTPUTS]
+    assert sorted(out.splitlines()[-4:]) == [f"  new/result/{name}" for name in OUTPUTS]
     assert sorted(path.name for path in (folder / "new/result").iterdir()) == OUTPUTS
     assert "A real robot could have these inertials" in out and "Excitation sufficient" in out
     assert max(map(len, out.splitlines())) <= 100
@@ -148,7 +148,7 @@ def test_mjcf_gets_no_urdf_and_says_so(folder: Path, capfd: pytest.CaptureFixtur
     )
     assert run(["identify", "arm.xml", "swing.csv", "-o", "result"]) == 0
     assert "robot.urdf is not written: the robot comes from MJCF" in capfd.readouterr().out
-    assert sorted(path.name for path in (folder / "result").iterdir()) == OUTPUTS[:2]
+    assert sorted(path.name for path in (folder / "result").iterdir()) == OUTPUTS[:3]
 
 
 def test_every_option_is_heard(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
@@ -222,7 +222,7 @@ def test_a_result_is_not_half_written(
     def full(*_: Any, **__: Any) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("signid.report.write.os.replace", full)
+    monkeypatch.setattr("os.replace", full)
     assert run(["identify", "1r", "swing.csv", "-o", "new/result"]) == 2
     err = capfd.readouterr().err
     assert "No space left on device" in err and len(err.splitlines()) == 1
@@ -235,7 +235,7 @@ def test_a_folder_that_may_not_be_written_is_known_at_once(
     def forbid(*_: Any, **__: Any) -> None:
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr("signid.report.write.tempfile.TemporaryFile", forbid)
+    monkeypatch.setattr("tempfile.TemporaryFile", forbid)
     monkeypatch.setattr("signid.robot.load_robot", lambda *_, **__: pytest.fail("it began to compute"))
     assert run(["identify", "1r", "swing.csv", "-o", "result"]) == 2
     assert "Permission denied" in capfd.readouterr().err

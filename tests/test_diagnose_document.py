@@ -70,7 +70,7 @@ def test_the_document(found: Diagnosis) -> None:
     assert rolled["horizon"] == 0.5 and rolled["unit"] == ["rad"] * len(joints)
     assert all(number(x) and x >= 0 for key in ("before_rms", "after_rms") for x in rolled[key])
     for entry in told["inputs"]:
-        assert set(entry) == {"path", "sha256"} and len(entry["sha256"]) == 64
+        assert set(entry) == {"path", "sha256", "role"} and len(entry["sha256"]) == 64
     for left in told["unexplained"]:
         assert left["joint"] in joints and left["depends_on"] in VARIABLES and share(left["share"])
     if told["verdict"] != "named":

@@ -34,8 +34,9 @@ from signid.report import (
     with_interval,
     write_files,
 )
+from signid.types import Input
 
-INPUTS = [("1r", "0" * 64)]
+INPUTS = [Input("1r", "0" * 64, "description")]
 
 
 @pytest.fixture(scope="module")
@@ -152,7 +153,7 @@ def test_identification_document(result: Identification) -> None:
     found = json.loads(to_json(identification_document(result, INPUTS)))
     assert list(found)[:5] == ["schema", "robot", "joints", "base_parameters", "standard_parameters"]
     assert {"physically_consistent", "effects", "signs", "fit", "inputs", "seed", "version"} <= set(found)
-    assert found["inputs"][-1] == {"path": "1r", "sha256": "0" * 64}
+    assert found["inputs"][-1] == {"path": "1r", "sha256": "0" * 64, "role": "description"}
     assert set(found["fit"]) == {"joints", "unit", "train_rms", "held_out_rms", "noise_floor", "held_out_r2"}
     assert {entry["unit"] for entry in found["base_parameters"]} == {"kg.m", "kg.m^2", "N.m.s/rad", "N.m"}
     assert found["signs"] is None and found["physically_consistent"] is True

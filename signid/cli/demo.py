@@ -33,7 +33,7 @@ def demo(
     seed: Seed = 0,
     json: Json = False,
 ) -> int:
-    """The whole story in a minute: a robot with concealed physics is recorded, diagnosed and proved; start here.
+    """The whole story: a robot with concealed physics, found out.
 
     The robot moves in MuJoCo with laws that its description lacks; --seed draws others. The diagnosis sees the
     description and the recordings alone. DIR gets recordings, diagnosis.json, the simulation with what it lacked as
@@ -63,11 +63,13 @@ def demo(
 
 def _files(story: Story, name: str) -> dict[str, Content]:
     """What is written besides the recordings and the story itself."""
+    from ..demo import by_hand
     from ..report import diagnosis_document, to_json
     from .files import diagnosis_files
 
-    result, files = diagnosis_files(story.result)
-    document = to_json(diagnosis_document(result, given_inputs(name, result.robot)))
+    inputs = given_inputs(name, story.result.robot, None)
+    result, files = diagnosis_files(story.result, inputs, f"{by_hand(story, name)} -o DIR")
+    document = to_json(diagnosis_document(result, inputs))
     return {"diagnosis.json": document, **files, "replay.html": story.replay.page()}
 
 

@@ -18,62 +18,71 @@ if TYPE_CHECKING:
     from ..identify import Identification
     from ..report import Content
     from ..signs import Signs
-    from ..types import Array, Law, Recording, Robot
+    from ..types import Array, Input, Law, Recording, Robot
 
 
-BODIES = ("payload", "link_inertia")  # laws that a URDF holds as inertials
 FRICTION = ("viscous_friction", "coulomb_friction")
 
 
-def deliver(result: Identification, inputs: Sequence[tuple[str, str]], output: str | None, json: bool) -> int:
+def deliver(result: Identification, inputs: Sequence[Input], output: str | None, json: bool, command: str) -> int:
     """Writes what an identification leaves, prints its tables or its document, and tells the exit code.
 
     Args:
         result: the identification.
-        inputs: path and sha256 of what was read besides the recordings.
+        inputs: what was read besides the recordings.
         output: folder of the files, if any.
         json: whether the document is printed instead of the tables.
+        command: that does it again.
     """
-    from ..report import identification_document, identification_tables, to_json
+    from ..report import identification_document, identification_page, identification_tables, to_json
 
     files: dict[str, Content] = {}
     if output is not None:
         described, notes = _urdf(result.robot, _told_bodies(result), result.model.laws)
         result = replace(result, notes=(*result.notes, *notes))
-        files = {**described, **_signed(result.signs, result.recordings, result.robot)}
+        signed = _signed(result.signs, result.recordings, result.robot)
+        files = {**described, "report.html": identification_page(result, inputs, command), **signed}
     document = to_json(identification_document(result, inputs))
     files = {"identification.json": document, "model.json": to_json(result.model.document()), **files}
     return _hand_over(document, files, identification_tables(result), result.flags, output, json)
 
 
-def deliver_diagnosis(result: Diagnosis, inputs: Sequence[tuple[str, str]], output: str | None, json: bool) -> int:
+def deliver_diagnosis(result: Diagnosis, inputs: Sequence[Input], output: str | None, json: bool, command: str) -> int:
     """Writes what a diagnosis leaves, prints its tables or its document, and tells the exit code.
 
     Args:
         result: the diagnosis.
-        inputs: path and sha256 of what was read besides the recordings.
+        inputs: what was read besides the recordings.
         output: folder of the files, if any.
         json: whether the document is printed instead of the tables.
+        command: that does it again.
     """
     from ..report import diagnosis_document, diagnosis_tables, to_json
 
     files: dict[str, Content] = {}
     if output is not None:
-        result, files = diagnosis_files(result)
+        result, files = diagnosis_files(result, inputs, command)
     document = to_json(diagnosis_document(result, inputs))
     files = {"diagnosis.json": document, **files}
     return _hand_over(document, files, diagnosis_tables(result), result.flags, output, json)
 
 
-def diagnosis_files(result: Diagnosis) -> tuple[Diagnosis, dict[str, Content]]:
-    """What a diagnosis leaves besides its document, and the diagnosis with notes on what files cannot hold."""
+def diagnosis_files(result: Diagnosis, inputs: Sequence[Input], command: str) -> tuple[Diagnosis, dict[str, Content]]:
+    """What a diagnosis leaves besides its document, and the diagnosis with notes on what files cannot hold.
+
+    Args:
+        result: the diagnosis.
+        inputs: what was read besides the recordings.
+        command: that does it again.
+    """
     from ..report import diagnosis_page, to_json
 
     described, notes = _extended_urdf(result)
     result = replace(result, notes=(*result.notes, *notes))
     signed = _signed(result.signs, result.recordings, result.robot)
     model = to_json(result.model.document())
-    return result, {"model.json": model, **described, "report.html": diagnosis_page(result), **signed}
+    page = diagnosis_page(result, inputs, command)
+    return result, {"model.json": model, **described, "report.html": page, **signed}
 
 
 def _hand_over(
@@ -127,17 +136,14 @@ def _urdf(robot: Robot, bodies: Array, laws: Sequence[Law]) -> tuple[dict[str, C
 
 
 def _extended_urdf(result: Diagnosis) -> tuple[dict[str, Content], tuple[str, ...]]:
-    """The URDF of a simulation with its bodies as they are, payloads among them; links that did not change stay."""
-    from ..model import stated_inertials
+    """The URDF of the extended simulation; where there is none, or it cannot hold all, notes that say so."""
+    from ..export import export
 
-    model = result.model
-    bodies = np.array([body.toDynamicParameters() for body in list(model.bodies().inertias)[1:]]).reshape(-1, 10)
-    same = np.isclose(bodies, stated_inertials(model.robot), rtol=1e-9, atol=1e-12).all(axis=1)
-    files, notes = _urdf(model.robot, np.where(same[:, None], np.nan, bodies), model.laws)
-    found = dict.fromkeys(finding.law.effect.name for finding in result.findings)
-    beyond = [name for name in found if name not in (*BODIES, *FRICTION)]
-    told = f"a URDF cannot hold {', '.join(beyond)}: robot.urdf lacks what model.json has"
-    return files, (*notes, *([told] if files and beyond else []))
+    try:
+        made = export(result.model, "urdf")
+    except RobotError as error:
+        return {}, (f"robot.urdf is not written: {error}",)
+    return {"robot.urdf": made.text}, tuple(f"robot.urdf: {note}" for note in made.notes)
 
 
 def _told_bodies(result: Identification) -> Array:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from ..model import Model
     from ..simulate import Torques
     from ..simulate.control import Tracking
-    from ..types import Array, Robot, Trajectory
+    from ..types import Array, Input, Robot, Trajectory
 
 DURATION = 20.0  # [s] of motions at random
 
@@ -34,12 +34,14 @@ class Source(NamedTuple):
         """Whether it is a model.json, which states all of this itself."""
         return self.name.endswith(".json")
 
-    def inputs(self, robot: Robot, *files: str | None) -> list[tuple[str, str]]:
-        """Path as given and sha256 of everything that was read."""
+    def inputs(self, robot: Robot, **files: str | None) -> list[Input]:
+        """Everything that was read, by what it holds."""
+        from ..types import Input
+
         if not self.saved:
-            return given_inputs(self.name, robot, self.actuators, *files)
-        read = [self.name, *(file for file in files if file is not None)]
-        return [(path, sha256(Path(path).read_bytes()).hexdigest()) for path in read]
+            return given_inputs(self.name, robot, self.actuators, **files)
+        read = {"model": self.name, **{role: file for role, file in files.items() if file is not None}}
+        return [Input(path, sha256(Path(path).read_bytes()).hexdigest(), role) for role, path in read.items()]
 
 
 class Loop(NamedTuple):

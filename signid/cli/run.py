@@ -22,6 +22,7 @@ from . import exports as exports
 from . import simulation as simulation
 
 from . import replay as replay  # isort: skip
+from . import data as data  # isort: skip
 from .commands import app
 from .show import BAD, BROKEN, DONE, INTERRUPTED, complain
 
@@ -43,7 +44,7 @@ def run(arguments: Sequence[str]) -> int:
             warnings.simplefilter("default" if debug else "ignore")  # what libraries say is not for the user
             command = get_command(app)
             given = list(arguments) or ["--help"]
-            return int(command.main(args=given, prog_name="signid", standalone_mode=False) or DONE)
+            return int(command.main(args=given, prog_name="signid", standalone_mode=False, obj=given) or DONE)
     except (KeyboardInterrupt, typer.Abort):
         return INTERRUPTED
     except Exception as error:

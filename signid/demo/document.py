@@ -7,6 +7,7 @@ from typing import Any
 from ..laws import placed, spoken
 from ..report.diagnosis import told_numbers
 from ..report.documents import fit_document, provenance
+from ..types import Input
 from .outcome import Outcome
 from .run import BITS, DURATION, NOISE, RATE, Story
 
@@ -31,7 +32,7 @@ def story_document(story: Story, name: str) -> dict[str, Any]:
         "rollout": None if before is None or after is None else after.document(before),
         "flags": list(story.flags),
         "notes": list(result.notes),
-        **provenance(result.inputs, [(name, robot.sha256)], story.seed),
+        **provenance(result.inputs, [Input(name, robot.sha256, "description")], story.seed),
     }
 
 

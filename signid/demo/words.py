@@ -57,12 +57,16 @@ def story_end(story: Story, name: str, written: Sequence[Path]) -> str:
     """
     pages = [path for path in written if path.suffix == ".html"]
     others = [path.name for path in (*story.recordings, *written) if path not in pages]
+    another = join(["signid", "demo", "--robot", name, "--seed", str(story.seed + 1)])
+    said = ["look at:", *(f"  {path}" for path in pages), f"beside them: {', '.join(others)}"]
+    return "\n".join(["", *said, f"by hand: {by_hand(story, name)} -o again", f"another: {another}", ""])
+
+
+def by_hand(story: Story, name: str) -> str:
+    """The command that diagnoses the recordings once more; name: of the robot, as it was asked for."""
     learned, judged = map(str, story.recordings)
     seed = ["--seed", str(story.seed)] if story.seed else []
-    by_hand = ["signid", "diagnose", name, learned, "--held-out", judged, *seed, "-o", "again"]
-    another = ["signid", "demo", "--robot", name, "--seed", str(story.seed + 1)]
-    said = ["look at:", *(f"  {path}" for path in pages), f"beside them: {', '.join(others)}"]
-    return "\n".join(["", *said, f"by hand: {join(by_hand)}", f"another: {join(another)}", ""])
+    return join(["signid", "diagnose", name, learned, "--held-out", judged, *seed])
 
 
 def _steps(story: Story) -> Table:

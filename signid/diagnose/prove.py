@@ -7,12 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..course import Course
 from ..filters import Decimator
 from ..fit import Fit
 from ..model import Model
 from ..rows import Task
 from ..session import Part, Session
-from ..types import Array
+from ..types import Array, Robot
 from .group import stated_friction
 from .noise import Noise
 from .sample import Piece, pieces, unsure_rows
@@ -46,6 +47,15 @@ class Shown(NamedTuple):
     judged: Rows  # held out
 
 
+class Proof(NamedTuple):
+    """A simulation before and after."""
+
+    before: Fit
+    after: Fit
+    learned: Course
+    judged: Course  # held out
+
+
 def show(session: Session, model: Model) -> Shown:
     """Rows of a simulation in training and held out.
 
@@ -67,6 +77,52 @@ def fit_of(shown: Shown, noise: Noise) -> Fit:
         held_out_rms=_rms(residual),
         noise_floor=_rms(shown.judged.unforeseen(noise)),
         held_out_r2=1 - np.nansum(residual**2, axis=0) / np.where(spread > 0, spread, np.nan),
+    )
+
+
+def prove(before: Shown, after: Shown, noise: Noise) -> Proof:
+    """What a simulation left of the recordings, and what it leaves with what it lacked.
+
+    Args:
+        before: the simulation as it was.
+        after: the extended one.
+        noise: of the rows.
+    """
+    robot = after.model.robot
+    return Proof(
+        fit_of(before, noise),
+        fit_of(after, noise),
+        course_of(before.learned, after.learned, robot),
+        course_of(before.judged, after.judged, robot),
+    )
+
+
+def course_of(before: Rows, after: Rows, robot: Robot) -> Course:
+    """What one simulation and another leave of the same recordings.
+
+    Args:
+        before: rows of the one.
+        after: rows of the other.
+        robot: gives the joints.
+    """
+    thin, motions = before.thin, [piece.motion for piece in before.pieces]
+    lengths = [len(thin.at(motion.t)) for motion in motions]
+
+    def joined(signals: Sequence[Array]) -> Array:
+        return np.concatenate([thin.at(x) for x in signals])
+
+    return Course(
+        joints=robot.joints,
+        unit=tuple("N" if prismatic else "N.m" for prismatic in robot.prismatic),
+        prismatic=tuple(map(bool, robot.prismatic)),
+        stretch=np.repeat(np.arange(len(motions)), lengths),
+        recording=np.repeat([piece.recording for piece in before.pieces], lengths),
+        t=joined([motion.t for motion in motions]),
+        q=joined([motion.q for motion in motions]),
+        v=joined([motion.v for motion in motions]),
+        torque=before.torque,
+        before=before.rest,
+        after=after.rest,
     )
 
 

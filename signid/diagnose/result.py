@@ -7,11 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..course import Course
 from ..fit import Fit
 from ..model import Model
 from ..rollout import RollOut
 from ..signs import Signs
-from ..types import Array, Frozen, Law, Recording, Robot
+from ..types import Array, Frozen, Input, Law, Recording, Robot
 from .locate import Place
 
 
@@ -63,12 +64,14 @@ class Diagnosis(Frozen):
     tolerance: float  # share of torque within which nothing is missing [1]
     before: Fit
     after: Fit
+    learned: Course  # both simulations on what was learned from
+    judged: Course  # and on what was held out
     rollout_before: RollOut | None
     rollout_after: RollOut | None
     model: Model  # the extended simulation
     trust: float  # of the usual tolerance of inertials, how far they seem to be off [1]
     signs: Signs | None
-    inputs: tuple[tuple[str, str], ...]  # path and sha256
+    inputs: tuple[Input, ...]  # the recordings
     flags: tuple[str, ...]
     notes: tuple[str, ...]
     cutoff: float  # [Hz]

@@ -11,12 +11,12 @@ from ..effects import EFFECTS
 from ..errors import InputError, OptionError, RecordingError
 from ..gross import Gross, examine
 from ..model import Model
-from ..prepare import prepare
+from ..prepare import prepare, recordings_used
 from ..rigid import carried
 from ..rollout import RollOut, roll_out
 from ..rollout.joints import restrict_joints
 from ..session import Options, Part, Progress, Session, longest_piece
-from ..signs import recover
+from ..signs import Recovered, recover
 from ..types import Recording
 from .contact import NAME as CONTACT
 from .doubt import doubts
@@ -30,7 +30,7 @@ from .linear import Known
 from .noise import measure_noise
 from .odds import Judge
 from .period import find_period
-from .prove import fit_of, show
+from .prove import prove, show
 from .prune import prune
 from .reference import learn_bodies
 from .result import Diagnosis
@@ -76,10 +76,8 @@ def diagnose(
     recovered = recover(model.robot, recordings, held_out, options=Options(seed=options.seed), progress=progress)
     given, notes = restrict_joints(model, [*recordings, *held_out])
     model = restrict_joints(_lasting(known.model), [*recordings, *held_out])[0] if known else given
-    session = _prepare(model, recovered.recordings, recovered.held_out, options)
-    gross = _examined(model, session, told)
-    told("building hypotheses", 0.2)
-    setting, data = _build(model, session, skip)
+    session, gross = _prepare(model, recovered, options, told)
+    setting, data = _build(model, session, skip, told)
     told("searching", 0.4)
     other = _learn(model, reference, session, skip, options) if known else None
     setting, judge, found = explain(setting, _judge(model, Evidence(data, other), skip), skip, known)
@@ -87,7 +85,7 @@ def diagnose(
     found, slots = settle(judge, prune(setting, session, judge, found))
     verdict = decide(judge, found, slots).doubted(any(one.kind == "excitation" for one in gross.findings))
     result = model_rest(session, find(setting, session, judge, found, slots, verdict, options.seed))
-    before, after = (fit_of(one, setting.noise) for one in (show(session, given), result.shown))
+    proof = prove(show(session, given), result.shown, setting.noise)
     rolled = _roll_out(session, given, result.shown.model, told)
     return Diagnosis(
         robot=session.robot,
@@ -96,15 +94,14 @@ def diagnose(
         unexplained=result.unexplained,
         located=result.located,
         tolerance=result.tolerance,
-        before=before,
-        after=after,
+        **proof._asdict(),
         rollout_before=rolled[0],
         rollout_after=rolled[1],
         model=result.shown.model,
         trust=found.trust,
         signs=recovered.signs,
-        inputs=tuple(dict.fromkeys((r.path, r.sha256) for r in (*recordings, *held_out, *reference))),
-        flags=(*recovered.flags, *gross.flags, *result.flags, *doubts(before, after)),
+        inputs=recordings_used(recordings, held_out, reference),
+        flags=(*recovered.flags, *gross.flags, *result.flags, *doubts(proof.before, proof.after)),
         notes=(*recovered.notes, *notes, *session.notes, *gross.notes, *rolled[2]),
         cutoff=session.task.band.cutoff,
         seed=options.seed,
@@ -121,30 +118,29 @@ def _check(recordings: Sequence[Recording], reference: Sequence[Recording], skip
         EFFECTS[name]
 
 
-def _examined(model: Model, session: Session, told: Progress) -> Gross:
-    """Gross faults of the recordings, if they can be diagnosed all the same."""
-    told("looking for gross faults", 0.1)
-    gross = examine(model, session)
-    if gross.refusal:
-        raise RecordingError(gross.refusal)
-    return gross
-
-
 def _silent(what: str, share: float) -> None:
     """Nobody is told."""
 
 
-def _prepare(model: Model, recordings: Sequence[Recording], held_out: Sequence[Recording], options: Options) -> Session:
-    """A session whose band is wide where encoder noise allows it: laws differ most where torque is fast."""
-    session = prepare(model.robot, recordings, held_out, options)
+def _prepare(model: Model, given: Recovered, options: Options, told: Progress) -> tuple[Session, Gross]:
+    """A session, and gross faults of its recordings if they can be diagnosed all the same.
+
+    Its band is wide where encoder noise allows it: laws differ most where torque is fast.
+    """
+    session = prepare(model.robot, given.recordings, given.held_out, options)
     band = session.task.band
     allowed = min(WIDE, float(np.min(band.per_joint)))
     if options.cutoff is None and band.filtered and band.cutoff < 0.95 * allowed:
-        session = prepare(model.robot, recordings, held_out, replace(options, cutoff=allowed))
-    return session
+        session = prepare(model.robot, given.recordings, given.held_out, replace(options, cutoff=allowed))
+    told("looking for gross faults", 0.1)
+    gross = examine(model, session)
+    if gross.refusal:
+        raise RecordingError(gross.refusal)
+    return session, gross
 
 
-def _build(model: Model, session: Session, skip: Sequence[str]) -> tuple[Setting, Whitened]:
+def _build(model: Model, session: Session, skip: Sequence[str], told: Progress) -> tuple[Setting, Whitened]:
+    told("building hypotheses", 0.2)
     task, parts = session.task, session.train
     made = tuple(pieces(task, model, parts))
     if not made:
@@ -165,7 +161,7 @@ def _learn(
 ) -> Known:
     """What the reference tells of the bodies of its own extended simulation."""
     same = replace(options, cutoff=session.task.band.cutoff)
-    _, data = _build(model, prepare(model.robot, reference, reference, same), skip)
+    _, data = _build(model, prepare(model.robot, reference, reference, same), skip, _silent)
     return learn_bodies(_judge(model, Evidence(data), skip))
 
 

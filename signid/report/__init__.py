@@ -1,15 +1,16 @@
 """What is found, in words and numbers: tables for the eye, JSON for programs, files that are never half-written."""
 
+from .data import data_card, data_document, data_tables
 from .diagnosis import diagnosis_document
-from .diagnosis_page import diagnosis_page
 from .diagnosis_tables import diagnosis_tables
 from .documents import check_document, identification_document, inspection_document, to_json
 from .effects import effects_document, effects_tables
 from .motions import excitation_document, excitation_tables
 from .numbers import figure, with_interval
+from .page import report
+from .pages import diagnosis_page, identification_page, signs_page
 from .screen import Screen
 from .signs import signed_csv, signs_document, signs_tables
-from .signs_plot import signs_page
 from .simulation import Run, simulation_document, simulation_tables
 from .tables import check_tables, identification_tables, inspection_tables
 from .write import Content, probe_folder, write_files
@@ -20,6 +21,9 @@ __all__ = [
     "Screen",
     "check_document",
     "check_tables",
+    "data_card",
+    "data_document",
+    "data_tables",
     "diagnosis_document",
     "diagnosis_page",
     "diagnosis_tables",
@@ -29,10 +33,12 @@ __all__ = [
     "excitation_tables",
     "figure",
     "identification_document",
+    "identification_page",
     "identification_tables",
     "inspection_document",
     "inspection_tables",
     "probe_folder",
+    "report",
     "signed_csv",
     "signs_document",
     "signs_page",

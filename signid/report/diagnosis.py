@@ -7,8 +7,8 @@ from typing import Any
 
 from ..diagnose import Alternative, Diagnosis, Finding
 from ..laws import placed
-from ..types import Coefficient, Law, Robot
-from .documents import Document, Input, fit_document, provenance
+from ..types import Coefficient, Input, Law, Robot
+from .documents import Document, description, fit_document, provenance
 from .signs import signs_document
 
 
@@ -55,7 +55,7 @@ def diagnosis_document(result: Diagnosis, inputs: Sequence[Input] = ()) -> Docum
         "cutoff": {"torque": result.cutoff, "unit": "Hz"},
         "flags": list(result.flags),
         "notes": list(result.notes),
-        **provenance(result.inputs, inputs or [(robot.path, robot.sha256)], result.seed),
+        **provenance(result.inputs, inputs or [description(robot)], result.seed),
     }
 
 

@@ -130,19 +130,25 @@ def _is_twin(rival: Alternative) -> bool:
     return rival.separating_motion.startswith("no motion")
 
 
-def _numbers(robot: Robot, finding: Finding) -> tuple[str, ...]:
-    """Each number with its interval; those that a law can do without are only counted where they could be zero."""
+def number_cells(robot: Robot, finding: Finding) -> list[tuple[str, str, str, str]]:
+    """Each number: key, value, half width of its 95 % interval, unit; those that could be zero are only counted."""
     numbers = finding_numbers(robot, finding)
     optional = {key: number for key, number in numbers.items() if key in finding.law.effect.optional}
     hidden = [key for key, x in optional.items() if x["std"] is not None and abs(x["value"]) < TWO_SIDED * x["std"]]
-    told = [_number(key, **number) for key, number in numbers.items() if key not in (*hidden, "partner")]
-    return (*told, *([f"{plural(len(hidden), 'more number')}: could be zero"] if hidden else []))
+    told = [(key, *_cells(**number)) for key, number in numbers.items() if key not in (*hidden, "partner")]
+    return [*told, *([(f"{plural(len(hidden), 'more number')}: could be zero", "", "", "")] if hidden else [])]
 
 
-def _number(key: str, value: float, std: float | None, unit: str) -> str:
+def _cells(value: float, std: float | None, unit: str) -> tuple[str, str, str]:
     told, half = (figure(value), "-") if std is None else with_interval(value, std)
     known = std is None or half != "-"
-    return " ".join([key, told, *(["±", half] if half != "-" else []), *([unit] if known and unit != "1" else [])])
+    return told, "" if half == "-" else half, unit if known and unit != "1" else ""
+
+
+def _numbers(robot: Robot, finding: Finding) -> tuple[str, ...]:
+    """The same, a line each."""
+    cells = ((key, value, half and f"± {half}", unit) for key, value, half, unit in number_cells(robot, finding))
+    return tuple(" ".join(filter(None, line)) for line in cells)
 
 
 def _together(robot: Robot, laws: Sequence[Law]) -> str:

@@ -17,13 +17,12 @@ from ..identify import Identification
 from ..inspect import Inspection
 from ..model import standard_parameters
 from ..sampling import Sampling
-from ..types import BaseMap
+from ..types import BaseMap, Input, Robot
 from ..version import __version__
 from .joints import describe_joints
 from .quantities import law_numbers
 from .signs import signs_document
 
-Input = tuple[str, str]  # path as given, sha256
 Document = dict[str, Any]
 
 
@@ -55,7 +54,7 @@ def identification_document(result: Identification, inputs: Sequence[Input] = ()
         "cutoff": {"torque": result.cutoff, "position": result.position_cutoff, "unit": "Hz"},
         "flags": list(result.flags),
         "notes": list(result.notes),
-        **provenance(result.inputs, inputs or [(robot.path, robot.sha256)], result.seed),
+        **provenance(result.inputs, inputs or [description(robot)], result.seed),
     }
 
 
@@ -68,6 +67,7 @@ def check_document(found: Check, inputs: Sequence[Input] = (), seed: int = 0) ->
         seed: of the random motion that the recordings are judged against.
     """
     robot, band = found.robot, found.band
+    read = [Input(recording.path, recording.sha256, "recording") for recording in found.recordings]
     shares = zip(robot.joints, band.per_joint, found.used, band.torque_floor, strict=True)
     verdicts = zip(_base(found.base), found.std, found.verdicts, strict=True)
     return {
@@ -88,7 +88,7 @@ def check_document(found: Check, inputs: Sequence[Input] = (), seed: int = 0) ->
         "advice": list(found.advice),
         "flags": list(found.flags),
         "notes": list(found.notes),
-        **provenance(((r.path, r.sha256) for r in found.recordings), inputs or [(robot.path, robot.sha256)], seed),
+        **provenance(read, inputs or [description(robot)], seed),
     }
 
 
@@ -110,7 +110,7 @@ def inspection_document(found: Inspection, inputs: Sequence[Input] = (), seed: i
         "invisible": list(found.invisible),
         "combined": list(found.combined),
         "notes": list(robot.notes),
-        **provenance((), inputs or [(robot.path, robot.sha256)], seed),
+        **provenance((), inputs or [description(robot)], seed),
     }
 
 
@@ -208,11 +208,20 @@ def _gross(found: Gross) -> Document:
     }
 
 
+def description(robot: Robot) -> Input:
+    """What states a robot."""
+    return Input(robot.path, robot.sha256, "description")
+
+
+def once(files: Iterable[Input]) -> list[Input]:
+    """Every file that was read, once."""
+    return list({(file.path, file.sha256): file for file in files}.values())
+
+
 def provenance(recordings: Iterable[Input], others: Iterable[Input], seed: int) -> Document:
     """What a result was made from, each file once, and by which version."""
-    inputs = dict.fromkeys((*recordings, *others))
     return {
-        "inputs": [{"path": path, "sha256": digest} for path, digest in inputs],
+        "inputs": [file._asdict() for file in once([*recordings, *others])],
         "seed": seed,
         "version": __version__,
     }

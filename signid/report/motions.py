@@ -9,8 +9,8 @@ import numpy as np
 from rich.console import RenderableType
 
 from ..excite import Excitation, Separation
-from ..types import Robot
-from .documents import Document, Input, provenance
+from ..types import Input, Robot
+from .documents import Document, description, provenance
 from .layout import heading, new_table, note_lines, paragraph, plural
 from .numbers import figure, share
 from .simulation import law_document
@@ -46,7 +46,7 @@ def excitation_document(
         "smallest_distance": found.distance,
         "flags": list(found.flags),
         "notes": list(found.notes),
-        **provenance((), inputs or [(robot.path, robot.sha256)], seed),
+        **provenance((), inputs or [description(robot)], seed),
     }
 
 

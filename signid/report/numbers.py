@@ -42,7 +42,7 @@ def with_interval(value: float, std: float) -> tuple[str, str]:
     last = max(_power(half) - 1, largest - MOST + 1)  # power of ten of the last digit shown
     if floor(half / 10.0**last + 0.5) >= 100:
         last += 1
-    if largest < -4 or largest >= 7:
+    if largest < -5 or largest >= 7:
         places, unit = max(0, largest - last), 10.0**largest
         return tuple(f"{x / unit:z.{places}f}e{largest:+03d}" for x in (value, half))  # type: ignore[return-value]
     if last > 0:

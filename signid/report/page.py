@@ -1,37 +1,23 @@
-"""What all pages for the browser share: head, lists, and how axes and letters look."""
+"""A result as one page for the browser."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from html import escape
+from collections.abc import Sequence
 
-INK = "#1f2933"
-STYLE = """
-body { font: 15px/1.5 system-ui, "Segoe UI", Helvetica, Arial, sans-serif; color: #1f2933; background: #fff; margin: 0 }
-"""
-FONT = {"family": "system-ui, Segoe UI, Helvetica, Arial, sans-serif", "size": 13, "color": INK}
-AXES = {"showline": True, "linecolor": "#c5ccd3", "gridcolor": "#eef1f4"}
+from ..diagnose import Diagnosis
+from ..identify import Identification
+from ..types import Input
+from .pages import diagnosis_page, identification_page
 
 
-def whole_page(title: str, style: str, parts: Iterable[str]) -> str:
-    """A page that needs nothing else, Plotly's script in its head.
+def report(result: Diagnosis | Identification, inputs: Sequence[Input] = (), command: str = "") -> str:
+    """The report.html of a result: it needs nothing else, and is the same for the same result.
 
     Args:
-        title: in words.
-        style: what it has beside the common style.
-        parts: of its body, in HTML.
+        result: what `signid.diagnose` or `signid.identify` found.
+        inputs: what was read besides the recordings; the robot's description if none is given.
+        command: that makes the page again, if there is one.
     """
-    from plotly.offline import get_plotlyjs
-
-    return "\n".join([
-        f'<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n<title>{escape(title)}</title>',
-        f"<style>{STYLE}{style}</style>\n<script>{get_plotlyjs()}</script>\n</head>\n<body>\n<main>",
-        *parts,
-        "</main>\n</body>\n</html>\n",
-    ])  # fmt: skip
-
-
-def bullets(kind: str, sentences: Sequence[str]) -> str:
-    """A list of sentences, each once; nothing where there are none."""
-    items = "".join(f"<li>{escape(sentence)}</li>" for sentence in dict.fromkeys(sentences))
-    return f'<ul class="{kind}">{items}</ul>' if items else ""
+    if isinstance(result, Diagnosis):
+        return diagnosis_page(result, inputs, command)
+    return identification_page(result, inputs, command)

@@ -14,8 +14,8 @@ from ..laws import placed
 from ..model import Model
 from ..simulate import Sensors, Simulation
 from ..simulate.control import Drive, Tracking
-from ..types import Array, Law, Robot
-from .documents import Document, Input, provenance
+from ..types import Array, Input, Law, Robot
+from .documents import Document, description, provenance
 from .layout import heading, new_table, note_lines, paragraph, plural
 from .numbers import figure
 
@@ -96,7 +96,7 @@ def simulation_document(run: Run, inputs: Sequence[Input] = (), seed: int = 0) -
         "tracking_rms": run.tracking_rms,
         "position_unit": ["m" if p else "rad" for p in robot.prismatic],
         "notes": list(run.notes),
-        **provenance((), inputs or [(robot.path, robot.sha256)], seed),
+        **provenance((), inputs or [description(robot)], seed),
     }
 
 

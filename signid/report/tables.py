@@ -82,7 +82,7 @@ def check_tables(found: Check) -> list[RenderableType]:
         _gross(found.gross),
         heading(f"{found.base.rank} base parameters: {counts}"),
         told,
-        paragraph(_excited(found.excitation)),
+        paragraph(excited_words(found.excitation)),
         *(paragraph(f"advice: {sentence}") for sentence in found.advice),
         *note_lines(found.notes),
     ]
@@ -113,8 +113,8 @@ def identification_tables(result: Identification) -> list[RenderableType]:
         *([] if result.signs is None else signs_tables(result.signs)),
         heading("Fit: rms of the torque that the model leaves unexplained"),
         _fit(result.fit),
-        paragraph(_excited(result.excitation)),
-        paragraph(_consistent(result)),
+        paragraph(excited_words(result.excitation)),
+        paragraph(consistent_words(result)),
         paragraph(f"{_cutoffs(result.cutoff, result.position_cutoff)}; {result.estimate.method}."),
         *note_lines(result.notes),
     ]
@@ -183,7 +183,8 @@ def _fit(fit: Fit) -> Table:
     return table
 
 
-def _excited(found: Excitation) -> str:
+def excited_words(found: Excitation) -> str:
+    """The verdict on the excitation, in a sentence or two."""
     least = share(max(float(found.shares[0]), 0.0)) if len(found.shares) else "0 %"
     told = f"the weakest direction got {least} of the information that random motion of the same size would give"
     verdict = "sufficient" if found.sufficient else "insufficient"
@@ -194,7 +195,8 @@ def _excited(found: Excitation) -> str:
     return said
 
 
-def _consistent(result: Identification) -> str:
+def consistent_words(result: Identification) -> str:
+    """Whether a real robot could have the inertials, in a sentence."""
     if not result.physically_consistent:
         advice = " (method wls does not ask for it)" if result.method == "wls" else ""
         return f"No real robot could have these inertials{advice}."

@@ -1,0 +1,7 @@
+"""Pages for the browser: what was found, one HTML file each that needs nothing else."""
+
+from .diagnosis import diagnosis_page
+from .identification import identification_page
+from .signs import signs_page
+
+__all__ = ["diagnosis_page", "identification_page", "signs_page"]
