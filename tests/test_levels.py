@@ -13,7 +13,7 @@ LEVELS = (
     "recording sampling filters cutoff rigid motion regressor basis residual rows",
     "factors session course prepare fit estimate excitation consistent retrieve laws model standard simulate rollout "
     "excite signs gross",
-    "identify check inspect diagnose",
+    "identify check inspect diagnose convert",
     "report replay export fleet",
     "cli",
     "__main__",

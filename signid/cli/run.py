@@ -16,6 +16,7 @@ from ..errors import SignidError
 
 from . import diagnosis as diagnosis  # isort: skip (help lists commands in this order)
 from . import catalogue as catalogue
+from . import convert as convert
 from . import excitation as excitation
 from . import exports as exports
 from . import simulation as simulation

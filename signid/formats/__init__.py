@@ -3,4 +3,4 @@
 from ..registry import Registry
 from .base import Format
 
-FORMATS: Registry[Format] = Registry("formats", __name__, "csv_ parquet npz")
+FORMATS: Registry[Format] = Registry("formats", __name__, "csv_ lerobot parquet npz rosbag")

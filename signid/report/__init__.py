@@ -1,5 +1,6 @@
 """What is found, in words and numbers: tables for the eye, JSON for programs, files that are never half-written."""
 
+from .conversion import conversion_document, conversion_tables
 from .diagnosis import diagnosis_document
 from .diagnosis_tables import diagnosis_tables
 from .documents import check_document, identification_document, inspection_document, to_json
@@ -19,6 +20,8 @@ __all__ = [
     "Screen",
     "check_document",
     "check_tables",
+    "conversion_document",
+    "conversion_tables",
     "diagnosis_document",
     "diagnosis_page",
     "diagnosis_tables",
