@@ -11,7 +11,7 @@ from ..errors import OptionError
 from .arguments import Actuators, Columns, Joints, Json, Lock, given_inputs, given_robot
 from .commands import app
 from .motions import check_output, write_columns
-from .show import DONE, tell_flags
+from .show import tell_flags
 
 
 @app.command(epilog="Example: signid convert bag_folder --topic /joint_states -o recording.parquet")
@@ -44,10 +44,7 @@ def convert(
     from ..convert import convert as read
     from ..report import Screen, conversion_document, conversion_tables, to_json
 
-    if output is not None:
-        check_output(output, json)
-        if Path(output).resolve() == Path(source).resolve():
-            raise OptionError(f"-o {output} is what is to be converted; give the result another name")
+    _check(source, output, json)
     described = given_robot(robot, joints, lock, actuators, None) if robot is not None else None
     found = read(
         source,
@@ -66,7 +63,16 @@ def convert(
     screen.print(*conversion_tables(found), sep="\n")
     code = tell_flags(found.flags)
     screen.write("\n".join(["", "written:", *(f"  {path}" for path in written), ""]) if written else "")
-    return code if written or code else DONE
+    return code
+
+
+def _check(source: str, output: str | None, json: bool) -> None:
+    """Find out at once whether the result can be written."""
+    if output is None:
+        return
+    check_output(output, json)
+    if Path(output).resolve() == Path(source).resolve():
+        raise OptionError(f"-o {output} is what is to be converted; give the result another name")
 
 
 def _units(texts: list[str] | tuple[()]) -> dict[str, str]:

@@ -98,8 +98,12 @@ def _table(path: Path, frame: pl.DataFrame, info: Mapping[str, Any]) -> MemoryTa
     for feature in KINDS:
         if feature in frame.columns:
             values = _matrix(path, frame[feature])
-            for name, value in zip(_names(feature, values.shape[1], info), values.T, strict=True):
-                columns.setdefault(name, value)
+            names = _names(feature, values.shape[1], info)
+            if names is None:
+                names = [str(k + 1) for k in range(values.shape[1])]
+                notes += (f"{feature} has no names in meta/info.json: taken for joints 1 to {len(names)} in turn",)
+            for name, value in zip(names, values.T, strict=True):
+                columns.setdefault(_column(KINDS[feature], name), value)
     if not any(name.startswith("q_") and not name.startswith("q_des_") for name in columns):
         raise RecordingError(f"{path} holds no observation.state; name a dataset that records the joints")
     if not any(name.startswith(("tau_", "current_")) for name in columns):
@@ -150,15 +154,14 @@ def _matrix(path: Path, series: pl.Series) -> Array:
     return lists.explode().to_numpy().reshape(-1, sizes[0])
 
 
-def _names(feature: str, size: int, info: Mapping[str, Any]) -> list[str]:
-    """Columns of a feature: joints by the names of the description, or by their numbers where it has none."""
+def _names(feature: str, size: int, info: Mapping[str, Any]) -> list[str] | None:
+    """What the description calls the values of a feature, None where it gives no such names."""
     names = info["features"].get(feature, {}).get("names")
     while isinstance(names, Mapping):
         names = next(iter(names.values()), None)
-    if not isinstance(names, list) or len(names) != size or not all(isinstance(name, str) for name in names):
-        names = [str(k + 1) for k in range(size)]
-    kind = KINDS[feature]
-    return [_column(kind, name) for name in names]
+    if isinstance(names, list) and len(names) == size and all(isinstance(name, str) for name in names):
+        return names
+    return None
 
 
 def _column(kind: str, name: str) -> str:

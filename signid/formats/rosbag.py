@@ -59,9 +59,8 @@ class RosBag(Format):
             gathered = _gathered(bag, known, chosen, first)
             if empty := [gather.topic for gather in gathered if not gather.readings]:
                 raise RecordingError(f"{path}: topic {empty[0]} holds no joints; name another topic")
-            told = {gather.topic: _told(gather) for gather in gathered}
-            others = [told.get(name) or _unread(name, at) for name, at in known.items() if _kind(at) in READERS]
-            return join(gathered, others, str(path))
+            others = [_unread(*each) for each in known.items() if each[0] not in chosen and _kind(each[1]) in READERS]
+            return join(gathered, [*map(_told, gathered), *others], str(path))
 
 
 @contextmanager
