@@ -1,12 +1,17 @@
-"""signid: what a real robot's dynamics are, from its recordings. Public names only, imported when first used."""
+"""signid: what a real robot's dynamics are, from its recordings, and what a simulation of it lacks.
 
-from __future__ import annotations
+`load_robot` and `read_recording` begin. `check` says what recordings can tell. `identify` makes a model of them, with
+intervals; `diagnose` names the physics that a simulation (`load_model`) lacks. `roll_out` proves a model,
+`report` and `replay` show it, `export` hands it on. `excite` and `separate` make motions; `track`, `simulate` and
+`record` a robot to try them on.
+
+Units are SI; `(N, n) [rad or m]` is an array, N samples of n joints. Errors are `SignidError`, laws `signid.effects`.
+"""
 
 import sys
-from types import ModuleType
 from typing import TYPE_CHECKING
 
-from .registry import public as _public
+from .registry import package as _package
 from .version import __version__ as __version__
 
 if TYPE_CHECKING:
@@ -20,21 +25,15 @@ if TYPE_CHECKING:
     from .model import load_model as load_model
     from .recording import read_recording as read_recording
     from .replay import replay as replay
+    from .report import report as report
     from .robot import load_robot as load_robot, urdf_from_dh as urdf_from_dh  # isort: skip
     from .rollout import roll_out as roll_out
     from .session import Options as Options
     from .simulate import Sensors as Sensors, record as record, simulate as simulate, track as track  # isort: skip
 
-NAMES = {"check": "check", "diagnose": "diagnose", "errors": "SignidError", "excite": "excite separate",
-         "export": "export", "identify": "identify", "inspect": "inspect", "model": "load_model",
-         "recording": "read_recording", "replay": "replay", "robot": "load_robot urdf_from_dh", "rollout": "roll_out",
-         "session": "Options", "simulate": "Sensors record simulate track"}  # fmt: skip
+NAMES = {name: name for name in "check diagnose export identify inspect replay report".split()} | {
+    "errors": "SignidError", "excite": "excite separate", "model": "load_model", "rollout": "roll_out",
+    "recording": "read_recording", "robot": "load_robot urdf_from_dh", "session": "Options",
+    "simulate": "Sensors record simulate track"}  # fmt: skip
 
-
-class _Package(ModuleType):
-    """Public names are properties, so that `signid.identify` is the verb although a module has its name."""
-
-
-for _name, _home in [(name, home) for home, names in NAMES.items() for name in names.split()]:
-    setattr(_Package, _name, _public(_name, _home))
-sys.modules[__name__].__class__ = _Package
+sys.modules[__name__].__class__ = _package(NAMES)

@@ -25,6 +25,10 @@ class OptionError(InputError):
     """An option or a plug-in name does not exist, or two options contradict each other."""
 
 
+class DownloadError(SignidError, OSError):
+    """A file cannot be had from its public source, or is not what it should be; nothing was written."""
+
+
 class OutputError(SignidError, OSError):
     """A result cannot be written where it was asked for; nothing was left half-written."""
 

@@ -19,12 +19,13 @@ from signid.diagnose.evidence import Evidence
 from signid.diagnose.found import Found
 from signid.diagnose.group import Group
 from signid.diagnose.odds import Judge
-from signid.diagnose.run import _build, _judge, _prepare
+from signid.diagnose.run import _build, _judge, _prepare, _silent
 from signid.diagnose.setting import Setting
 from signid.effects import EFFECTS
 from signid.model import Model, stated_inertials
 from signid.robot import load_robot
 from signid.session import Options, Session
+from signid.signs import recover
 from signid.types import Law, Recording
 
 MOTIONS, SECONDS, RATE, NOISE = 4, 8.0, 100.0, 0.02
@@ -122,6 +123,6 @@ class Posed(NamedTuple):
 def posed(robot: str, *faults: Planted, heavier: tuple[tuple[str, float], ...] = ()) -> Posed:
     """What the search of a diagnosis is given."""
     model, recordings = simulation(robot), read(robot, recorded(robot, *faults, heavier=heavier))
-    session = _prepare(model, recordings, (), Options(effects=()))
-    setting, data = _build(model, session, ())
+    session, _ = _prepare(model, recover(model.robot, recordings), Options(effects=()), _silent)
+    setting, data = _build(model, session, (), _silent)
     return Posed(session, setting, _judge(model, Evidence(data), ()))

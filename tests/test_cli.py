@@ -20,7 +20,7 @@ from signid.cli import run
 from signid.effects import EFFECT_NAMES
 
 ROOT = Path(__file__).parents[1]
-COMMANDS = ("inspect", "check", "identify", "diagnose", "effects", "excite", "export", "simulate", "replay")
+COMMANDS = ("inspect", "check", "identify", "diagnose", "effects", "excite", "export", "simulate", "replay", "data")
 OUTPUTS = ["identification.json", "model.json", "report.html", "robot.urdf"]
 
 
@@ -58,7 +58,7 @@ def test_help_has_an_example(command: str, capsys: pytest.CaptureFixture[str]) -
     assert run([command, "--help"]) == 0
     out, err = capsys.readouterr()
     assert f"Example: signid {command} " in out and "--json" in out and not err
-    assert ("--seed" in out) == (command not in ("effects", "export", "replay")), (
+    assert ("--seed" in out) == (command not in ("effects", "export", "replay", "data")), (
         "where there is chance there is a seed"
     )
 
@@ -222,7 +222,7 @@ def test_a_result_is_not_half_written(
     def full(*_: Any, **__: Any) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("signid.report.write.os.replace", full)
+    monkeypatch.setattr("os.replace", full)
     assert run(["identify", "1r", "swing.csv", "-o", "new/result"]) == 2
     err = capfd.readouterr().err
     assert "No space left on device" in err and len(err.splitlines()) == 1
@@ -235,7 +235,7 @@ def test_a_folder_that_may_not_be_written_is_known_at_once(
     def forbid(*_: Any, **__: Any) -> None:
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr("signid.report.write.tempfile.TemporaryFile", forbid)
+    monkeypatch.setattr("tempfile.TemporaryFile", forbid)
     monkeypatch.setattr("signid.robot.load_robot", lambda *_, **__: pytest.fail("it began to compute"))
     assert run(["identify", "1r", "swing.csv", "-o", "result"]) == 2
     assert "Permission denied" in capfd.readouterr().err

@@ -221,7 +221,7 @@ def test_a_recording_is_not_half_written(
     def full(*_: Any, **__: Any) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("signid.report.write.os.replace", full)
+    monkeypatch.setattr("os.replace", full)
     assert run("simulate 1r --duration 1 -o x.csv".split()) == 2
     assert "No space left on device" in capfd.readouterr().err and not list(folder.iterdir())
 

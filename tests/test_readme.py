@@ -29,6 +29,7 @@ def readme(start: str, language: str = "") -> list[str]:
         ("$ signid replay 3r recording.csv", 0),
         ("$ signid identify 3r recording.csv --unsigned", 0),
         ("$ signid export result/model.json", 0),
+        ("$ signid data", 0),
     ],
 )
 def test_the_extract_in_the_readme_is_what_is_printed(
@@ -39,6 +40,7 @@ def test_the_extract_in_the_readme_is_what_is_printed(
 
     command, *extract = readme(start)
     monkeypatch.setenv("COLUMNS", "100")
+    monkeypatch.delenv("SIGNID_DATA", raising=False)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "robots").symlink_to(ROOT / "robots")
     if "recording.csv" in start:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import runpy
 from pathlib import Path
 from types import ModuleType
 
@@ -12,6 +13,7 @@ import pytest
 from signid.identify import Identification
 
 EXAMPLES = sorted((Path(__file__).parents[1] / "robots").glob("*/identify.py"))
+ASKING = [path for path in EXAMPLES if "recordings(" in path.read_text()]
 
 
 def load(path: Path) -> ModuleType:
@@ -28,8 +30,15 @@ def test_there_are_examples() -> None:
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.parent.name)
 def test_example(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    if "SIGNID_DATA" in path.read_text() and not os.environ.get("SIGNID_DATA"):
+    if path in ASKING and not os.environ.get("SIGNID_DATA"):
         pytest.skip("SIGNID_DATA is unset: real recordings are not part of the repository")
     result = load(path).main()
     assert isinstance(result, Identification)
     assert capsys.readouterr().out
+
+
+@pytest.mark.parametrize("path", ASKING, ids=lambda path: path.parent.name)
+def test_an_example_without_its_recordings_says_how_to_get_them(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SIGNID_DATA", str(path))
+    with pytest.raises(SystemExit, match=f"signid data {path.parent.name} gets them"):
+        runpy.run_path(str(path), run_name="__main__")

@@ -160,7 +160,7 @@ def test_the_command_line_finds_signs_and_writes_them(
     assert run(["identify", "3r", str(file), "--unsigned", "-o", "two"]) == 0
     assert "proved" in capsys.readouterr().out
     names = {path.name for path in Path("one").iterdir()}
-    assert names == {"identification.json", "model.json", "robot.urdf", "signed.csv", "signs.html"}
+    assert names == {"identification.json", "model.json", "robot.urdf", "report.html", "signed.csv", "signs.html"}
     for name in names:
         assert (Path("one") / name).read_bytes() == (Path("two") / name).read_bytes()
     document = json.loads((Path("one") / "identification.json").read_text())

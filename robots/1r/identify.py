@@ -1,12 +1,10 @@
 """The pendulum 1r from a noise-free recording: its two base parameters, to five digits.
 
-Needs the recording that SIGNID_DATA leads to; its torque is m g d sin q + (I + m d^2) a.
+`signid data 1r` gets the recording; its torque is m g d sin q + (I + m d^2) a.
 """
 
-import os
-from pathlib import Path
-
 import signid
+from signid.gallery import recordings
 from signid.identify import Identification
 
 TRUTH = {"mz_1": -2.5, "Iyy_1": 1.67085}  # -m d [kg.m], I + m d^2 [kg.m2]
@@ -15,7 +13,7 @@ TRUTH = {"mz_1": -2.5, "Iyy_1": 1.67085}  # -m d [kg.m], I + m d^2 [kg.m2]
 def main() -> Identification:
     """Identify, and compare with what is true."""
     robot = signid.load_robot("1r")
-    file = Path(os.environ["SIGNID_DATA"]) / "seed_penne" / "1dof_experiment1.csv.gz"
+    file = recordings("1r") / "1dof_experiment1.csv.gz"
     options = signid.Options(effects=())  # no friction was simulated
     result = signid.identify(robot, [signid.read_recording(file, robot)], options=options)
     for expression, value in zip(result.base.expressions, result.base_value, strict=True):
@@ -27,4 +25,7 @@ def main() -> Identification:
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except signid.SignidError as error:
+        raise SystemExit(str(error)) from None

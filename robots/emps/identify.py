@@ -1,12 +1,10 @@
 """The EMPS prismatic drive (Janot, Gautier, Brunot, 2019): mass and friction against the published values.
 
-Needs the recordings that SIGNID_DATA leads to.
+`signid data emps` gets the recordings.
 """
 
-import os
-from pathlib import Path
-
 import signid
+from signid.gallery import recordings
 from signid.identify import Identification
 
 PUBLISHED = {  # by least squares on the inverse dynamics, from the benchmark's own description
@@ -19,7 +17,7 @@ PUBLISHED = {  # by least squares on the inverse dynamics, from the benchmark's 
 
 def main() -> Identification:
     """Identify, compare with what was published, and judge by the run with added pulses."""
-    folder = Path(os.environ["SIGNID_DATA"]) / "emps_janot"
+    folder = recordings("emps")
     robot = signid.load_robot("emps")
     train, judge = (signid.read_recording(folder / f"emps_{name}.csv.gz", robot) for name in ("train", "pulses"))
     result = signid.identify(robot, [train], held_out=[judge])
@@ -31,4 +29,7 @@ def main() -> Identification:
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except signid.SignidError as error:
+        raise SystemExit(str(error)) from None

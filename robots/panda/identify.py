@@ -1,12 +1,12 @@
 """A Franka Panda from 21 s of exciting motion (Gaz et al., RA-L 2019): torque is measured behind the gears.
 
-Needs the recording that SIGNID_DATA leads to. No armature: sensors on the link side do not feel the rotors.
+`signid data panda` gets the recording. No armature: sensors on the link side do not feel the rotors.
 """
 
-import os
 from pathlib import Path
 
 import signid
+from signid.gallery import recordings
 from signid.identify import Identification
 
 EFFECTS = ("viscous_friction", "coulomb_friction", "torque_offset")
@@ -15,9 +15,8 @@ HELD_OUT_R2 = (0.997, 0.999, 0.999, 0.990, 0.996, 0.999, 0.968)  # on the last 3
 
 def main() -> Identification:
     """Identify, and judge by the last 30 %."""
-    folder = Path(os.environ["SIGNID_DATA"]) / "panda_gaz2019"
-    robot = signid.load_robot(folder / "panda.urdf")
-    recording = signid.read_recording(folder / "exciting_traj_1.csv.gz", robot)
+    robot = signid.load_robot(Path(__file__).with_name("arm.urdf"))
+    recording = signid.read_recording(recordings("panda") / "exciting_traj_1.csv.gz", robot)
     result = signid.identify(robot, [recording], options=signid.Options(effects=EFFECTS))
     for joint, r2, least in zip(robot.joints, result.fit.held_out_r2, HELD_OUT_R2, strict=True):
         print(f"{joint:14} held-out R2 {r2:.4f}")
@@ -27,4 +26,7 @@ def main() -> Identification:
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except signid.SignidError as error:
+        raise SystemExit(str(error)) from None

@@ -1,12 +1,10 @@
 """A Staubli TX40 from motor torques. Its wrist motors are coupled, which four plain laws cannot say: see joint 5.
 
-Needs the recording that SIGNID_DATA leads to.
+`signid data tx40` gets the recording.
 """
 
-import os
-from pathlib import Path
-
 import signid
+from signid.gallery import recordings
 from signid.identify import Identification
 
 HELD_OUT_R2 = (0.98, 0.95, 0.97, 0.96)  # joints 1 to 4
@@ -14,7 +12,7 @@ HELD_OUT_R2 = (0.98, 0.95, 0.97, 0.96)  # joints 1 to 4
 
 def main() -> Identification:
     """Identify, and judge by the last 30 %."""
-    folder = Path(os.environ["SIGNID_DATA"]) / "staubli_tx40"
+    folder = recordings("tx40")
     robot = signid.load_robot(folder / "tx40.urdf")
     recording = signid.read_recording(folder / "exciting_traj.csv.gz", robot)
     result = signid.identify(robot, [recording])
@@ -26,4 +24,7 @@ def main() -> Identification:
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except signid.SignidError as error:
+        raise SystemExit(str(error)) from None

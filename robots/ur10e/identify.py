@@ -1,12 +1,12 @@
 """A UR10e from motor currents (Mamedov et al., Frontiers in Robotics and AI, 2020), judged by another day's motion.
 
-Needs the recordings that SIGNID_DATA leads to. actuators.toml holds the torque constants.
+`signid data ur10e` gets the recordings. actuators.toml holds the torque constants.
 """
 
-import os
 from pathlib import Path
 
 import signid
+from signid.gallery import recordings
 from signid.identify import Identification
 
 ACTUATORS = Path(__file__).with_name("actuators.toml")
@@ -15,7 +15,7 @@ HELD_OUT_R2 = (0.991, 0.995, 0.997, 0.983, 0.972, 0.987)
 
 def main() -> Identification:
     """Identify from 30 s of motion, and judge by 50 s of another."""
-    folder = Path(os.environ["SIGNID_DATA"]) / "ur10e_mamedov"
+    folder = recordings("ur10e")
     robot = signid.load_robot(folder / "ur10e.urdf", actuators=ACTUATORS)
     names = ("20_02_10_30sec_12harm", "20_02_12_50sec_12harm")
     train, judge = (signid.read_recording(folder / f"identification_data__{name}.csv.gz", robot) for name in names)
@@ -28,4 +28,7 @@ def main() -> Identification:
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except signid.SignidError as error:
+        raise SystemExit(str(error)) from None

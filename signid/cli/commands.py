@@ -75,7 +75,7 @@ def inspect(
     seed: Seed = 0,
     json: Json = False,
 ) -> int:
-    """Joints, links, base parameters as formulas, and what no motion can tell."""
+    """Joints, links, base parameters, and what no motion can tell."""
     from ..inspect import inspect as look
     from ..report import Screen, inspection_document, inspection_tables, to_json
 
@@ -88,7 +88,7 @@ def inspect(
     return DONE
 
 
-@app.command(epilog="Example: signid check panda session_1.csv session_2.csv")
+@app.command(epilog="Example: signid check 3r recording.csv")
 def check(
     robot: RobotName,
     recordings: Files,
@@ -106,9 +106,10 @@ def check(
     seed: Seed = 0,
     json: Json = False,
 ) -> int:
-    """What recordings can and cannot tell, and what would help, before a model is fitted.
+    """What recordings can tell, before a model is fitted.
 
-    Torques without a sign (abs_tau_J, abs_current_J or --unsigned) get it back first, as in identify.
+    Sampling, gaps, noise, cut-offs, gross faults and excitation, and what would help. Torques without a sign
+    (abs_tau_J, abs_current_J or --unsigned) get it back first, as in identify.
     """
     from ..check import check as judge
     from ..report import Screen, check_document, check_tables, to_json
@@ -125,16 +126,16 @@ def check(
     return tell_flags(found.flags)
 
 
-@app.command(epilog="Example: signid identify 3r recording.parquet --held-out another.csv -o result")
+@app.command(epilog="Example: signid identify 3r recording.csv -o result")
 def identify(
     context: typer.Context,
     robot: RobotName,
     recordings: Files,
     output: Annotated[
-        str | None, typer.Option("--output", "-o", metavar="DIR", help="Where results are written.")
+        str | None, typer.Option("--output", "-o", metavar="DIR", help="Folder of the results. Needed, unless --json.")
     ] = None,
     held_out: Annotated[
-        list[str] | None, typer.Option(metavar="RECORDING", help="To judge by, not to learn from. Repeatable.")
+        list[str] | None, typer.Option(metavar="RECORDING", help="To judge by. Repeatable. Default: see above.")
     ] = None,
     joints: Joints = None,
     lock: Lock = None,
@@ -145,7 +146,7 @@ def identify(
     method: Annotated[
         str | None,
         typer.Option(
-            metavar="HOW", help="convex (default; possible inertials), wls, or pbrp (default of --signs tree)."
+            metavar="HOW", help="convex (possible inertials; default), wls, or pbrp (default with --signs tree)."
         ),
     ] = None,
     cutoff: Cutoff = None,
@@ -162,10 +163,11 @@ def identify(
     seed: Seed = 0,
     json: Json = False,
 ) -> int:
-    """A dynamics model: identification.json, model.json, robot.urdf and report.html in DIR.
+    """A dynamics model, with intervals, from recordings.
 
-    Without --held-out the last of several recordings, or the last 30 % of the only one, is held out. Torques without
-    a sign (abs_tau_J, abs_current_J or --unsigned) get it back first: signed.csv and signs.html show it.
+    DIR gets identification.json, model.json, robot.urdf and report.html. Without --held-out the last of several
+    recordings, or the last 30 % of the only one, is held out. Torques without a sign (abs_tau_J, abs_current_J or
+    --unsigned) get it back first: signed.csv and signs.html show it.
     """
     from ..identify import identify as learn
     from .files import deliver

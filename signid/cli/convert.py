@@ -37,9 +37,9 @@ def convert(
     actuators: Actuators = None,
     json: Json = False,
 ) -> int:
-    """A log or a table as a recording that signid reads: names, units and topics sorted out, and told.
+    """A log or a table as a recording, and what was read of it.
 
-    With --robot, names that do not fit are told with a column map that may; nothing is taken from it unasked.
+    Topics are joined in time, units and names made those of recordings. With --robot, names that do not fit are told with a column map that may; nothing is taken from it unasked.
     """
     from ..convert import convert as read
     from ..report import Screen, conversion_document, conversion_tables, to_json

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from ..types import Array, Input, Law, Recording, Robot
 
 
-BODIES = ("payload", "link_inertia")  # laws that a URDF holds as inertials
 FRICTION = ("viscous_friction", "coulomb_friction")
 
 
@@ -122,17 +121,14 @@ def _urdf(robot: Robot, bodies: Array, laws: Sequence[Law]) -> tuple[dict[str, C
 
 
 def _extended_urdf(result: Diagnosis) -> tuple[dict[str, Content], tuple[str, ...]]:
-    """The URDF of a simulation with its bodies as they are, payloads among them; links that did not change stay."""
-    from ..model import stated_inertials
+    """The URDF of the extended simulation; where there is none, or it cannot hold all, notes that say so."""
+    from ..export import export
 
-    model = result.model
-    bodies = np.array([body.toDynamicParameters() for body in list(model.bodies().inertias)[1:]]).reshape(-1, 10)
-    same = np.isclose(bodies, stated_inertials(model.robot), rtol=1e-9, atol=1e-12).all(axis=1)
-    files, notes = _urdf(model.robot, np.where(same[:, None], np.nan, bodies), model.laws)
-    found = dict.fromkeys(finding.law.effect.name for finding in result.findings)
-    beyond = [name for name in found if name not in (*BODIES, *FRICTION)]
-    told = f"a URDF cannot hold {', '.join(beyond)}: robot.urdf lacks what model.json has"
-    return files, (*notes, *([told] if files and beyond else []))
+    try:
+        made = export(result.model, "urdf")
+    except RobotError as error:
+        return {}, (f"robot.urdf is not written: {error}",)
+    return {"robot.urdf": made.text}, tuple(f"robot.urdf: {note}" for note in made.notes)
 
 
 def _told_bodies(result: Identification) -> Array:

@@ -22,6 +22,7 @@ from . import exports as exports
 from . import simulation as simulation
 
 from . import replay as replay  # isort: skip
+from . import data as data  # isort: skip
 from .commands import app
 from .show import BAD, BROKEN, DONE, INTERRUPTED, complain
 

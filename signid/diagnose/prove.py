@@ -92,12 +92,19 @@ def prove(before: Shown, after: Shown, noise: Noise) -> Proof:
     return Proof(
         fit_of(before, noise),
         fit_of(after, noise),
-        _course(before.learned, after.learned, robot),
-        _course(before.judged, after.judged, robot),
+        course_of(before.learned, after.learned, robot),
+        course_of(before.judged, after.judged, robot),
     )
 
 
-def _course(before: Rows, after: Rows, robot: Robot) -> Course:
+def course_of(before: Rows, after: Rows, robot: Robot) -> Course:
+    """What one simulation and another leave of the same recordings.
+
+    Args:
+        before: rows of the one.
+        after: rows of the other.
+        robot: gives the joints.
+    """
     thin, motions = before.thin, [piece.motion for piece in before.pieces]
     lengths = [len(thin.at(motion.t)) for motion in motions]
 

@@ -1,12 +1,14 @@
 """What is found, in words and numbers: tables for the eye, JSON for programs, files that are never half-written."""
 
 from .conversion import conversion_document, conversion_tables
+from .data import data_card, data_document, data_tables
 from .diagnosis import diagnosis_document
 from .diagnosis_tables import diagnosis_tables
 from .documents import check_document, identification_document, inspection_document, to_json
 from .effects import effects_document, effects_tables
 from .motions import excitation_document, excitation_tables
 from .numbers import figure, with_interval
+from .page import report
 from .pages import diagnosis_page, identification_page, signs_page
 from .screen import Screen
 from .signs import signed_csv, signs_document, signs_tables
@@ -22,6 +24,9 @@ __all__ = [
     "check_tables",
     "conversion_document",
     "conversion_tables",
+    "data_card",
+    "data_document",
+    "data_tables",
     "diagnosis_document",
     "diagnosis_page",
     "diagnosis_tables",
@@ -36,6 +41,7 @@ __all__ = [
     "inspection_document",
     "inspection_tables",
     "probe_folder",
+    "report",
     "signed_csv",
     "signs_document",
     "signs_page",

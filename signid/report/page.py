@@ -1,0 +1,23 @@
+"""A result as one page for the browser."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ..diagnose import Diagnosis
+from ..identify import Identification
+from ..types import Input
+from .pages import diagnosis_page, identification_page
+
+
+def report(result: Diagnosis | Identification, inputs: Sequence[Input] = (), command: str = "") -> str:
+    """The report.html of a result: it needs nothing else, and is the same for the same result.
+
+    Args:
+        result: what `signid.diagnose` or `signid.identify` found.
+        inputs: what was read besides the recordings; the robot's description if none is given.
+        command: that makes the page again, if there is one.
+    """
+    if isinstance(result, Diagnosis):
+        return diagnosis_page(result, inputs, command)
+    return identification_page(result, inputs, command)
