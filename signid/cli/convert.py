@@ -14,12 +14,12 @@ from .motions import check_output, write_columns
 from .show import tell_flags
 
 
-@app.command(epilog="Example: signid convert bag_folder --topic /joint_states -o recording.parquet")
+@app.command(epilog="Example: signid convert bag --topic /joint_states -o recording.csv")
 def convert(
     source: Annotated[str, typer.Argument(metavar="BAG_OR_TABLE", help="ROS bag, MCAP, LeRobot, CSV, Parquet or NPZ.")],
     output: Annotated[
         str | None,
-        typer.Option("--output", "-o", metavar="FILE", help=".csv, .csv.gz, .parquet or .npz; without it, look only."),
+        typer.Option("--output", "-o", metavar="FILE", help=".csv, .csv.gz, .parquet or .npz. Default: look only."),
     ] = None,
     topic: Annotated[
         list[str] | None, typer.Option(metavar="NAME", help="Of a bag; several are joined in time. Repeatable.")
@@ -31,7 +31,9 @@ def convert(
     drop_missing: Annotated[
         bool, typer.Option("--drop-missing", help="Leave out rows that lack a position or torque.")
     ] = False,
-    robot: Annotated[str | None, typer.Option(metavar="ROBOT", help="Hold the names against those of a robot.")] = None,
+    robot: Annotated[
+        str | None, typer.Option(metavar="ROBOT", help="Hold names against its joints. Default: none.")
+    ] = None,
     joints: Joints = None,
     lock: Lock = None,
     actuators: Actuators = None,
@@ -39,7 +41,8 @@ def convert(
 ) -> int:
     """A log or a table as a recording, and what was read of it.
 
-    Topics are joined in time, units and names made those of recordings. With --robot, names that do not fit are told with a column map that may; nothing is taken from it unasked.
+    Topics are joined in time, units and names made those of recordings. With --robot, names that do not fit are told
+    with a column map that may; nothing is taken from it unasked.
     """
     from ..convert import convert as read
     from ..report import Screen, conversion_document, conversion_tables, to_json

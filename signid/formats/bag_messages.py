@@ -5,13 +5,19 @@ from __future__ import annotations
 from array import array
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import RecordingError
 from ..types import Array
+
+if TYPE_CHECKING:
+    Ints = array[int]
+    Floats = array[float]
+else:
+    Ints = Floats = array  # takes no parameters when it runs
 
 MOST = 1000  # joints, or lists of joints, in one topic
 Stamps = NDArray[np.int64]  # [ns]
@@ -30,10 +36,10 @@ class Reading(NamedTuple):
 class Layout:
     """All that was said of one list of joints; `signals` holds a value for each joint, one reading after the other."""
 
-    received: array[int] = field(default_factory=lambda: array("q"))  # [ns]
-    stamps: array[int] = field(default_factory=lambda: array("q"))  # [ns], 0 where not set
-    order: array[int] = field(default_factory=lambda: array("q"))  # of arrival in the topic
-    signals: dict[str, array[float]] = field(default_factory=dict)
+    received: Ints = field(default_factory=lambda: array("q"))  # [ns]
+    stamps: Ints = field(default_factory=lambda: array("q"))  # [ns], 0 where not set
+    order: Ints = field(default_factory=lambda: array("q"))  # of arrival in the topic
+    signals: dict[str, Floats] = field(default_factory=dict)
 
     def values(self, kind: str, joints: int) -> Array:
         """(N, joints) of one kind [rad or m, N.m or N, and their rates], NaN where nothing was said."""
