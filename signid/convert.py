@@ -171,7 +171,7 @@ def _pace(name: str, found: Mapping[str, Array]) -> tuple[Pace | None, list[str]
     long = steps[steps > clock.gap]
     pace = Pace(float(steps.sum()), 1 / clock.period, len(long), float(long.max(initial=0.0)))
     back = int(np.sum(steps < 0))
-    return pace, [f"{name}: time goes back {back} times; sort the rows by time"] if back else []
+    return pace, [f"{name}: time goes back after {back} of its rows; sort the rows by time"] if back else []
 
 
 def _unfit(name: str, found: Mapping[str, Array], robot: Robot | None) -> list[str]:

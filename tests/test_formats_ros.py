@@ -156,7 +156,7 @@ def test_messages_out_of_order_and_repeated(tmp_path: Path) -> None:
     table, about = opened(write2(tmp_path / "a", known, messages))
     np.testing.assert_array_equal(column(table, "q_elbow"), swung()[1][:, 1])
     assert "header" in about.clock
-    sentence(notes(about), "1 messages out of order: sorted", "1 messages repeat")
+    sentence(notes(about), "1 message out of order: sorted", "1 message at the time of the one before")
 
 
 @pytest.mark.parametrize("case", ["unset", "standing still", "another clock", "simulated"])
@@ -188,7 +188,12 @@ def test_what_was_not_measured_is_left_out(tmp_path: Path) -> None:
     table, about = opened(write2(tmp_path / "a", known, messages))
     assert [name for name in table.columns if not name.startswith("q_")] == ["t", "tau_wrist"]
     assert np.flatnonzero(np.isnan(column(table, "tau_wrist"))).tolist() == [5, 7]
-    sentence(notes(about), "effort of shoulder, elbow is NaN or zero", "velocity of", "1 lists are not as long")
+    sentence(
+        notes(about),
+        "effort of shoulder, elbow is NaN or zero",
+        "velocity of",
+        "another length than that of names left out: 1",
+    )
 
 
 @pytest.mark.parametrize("parts", [OLD, NEW], ids=["desired", "reference"])

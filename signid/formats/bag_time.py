@@ -85,7 +85,7 @@ def _clock(gathered: Sequence[Gather]) -> tuple[bool, str]:
 def _streams(gather: Gather, by_header: bool, only_plans: bool, notes: list[str]) -> Iterator[_Stream]:
     """Joints that are named in the same messages belong together, in whatever order these name them."""
     if gather.misfits:
-        notes.append(f"{gather.topic}: {gather.misfits} lists are not as long as that of names: left out")
+        notes.append(f"{gather.topic}: lists of another length than that of names left out: {gather.misfits}")
     places: dict[tuple[int, ...], list[str]] = {}
     for joint in gather.joints:
         places.setdefault(tuple(k for k, names in enumerate(gather.layouts) if joint in names), []).append(joint)
@@ -126,13 +126,17 @@ def _in_order(
             notes.append(f"{gather.topic}: {replaced} points give way to those of a later trajectory")
         return t[t < later], rows[t < later]
     if back := int(np.sum(np.diff(t) < 0)):
-        notes.append(f"{gather.topic}: {back} messages out of order: sorted by time")
+        notes.append(f"{gather.topic}: {_messages(back)} out of order: sorted by time")
         order = np.argsort(t, kind="stable")
         t, rows = t[order], rows[order]
     fresh = np.diff(t, prepend=t[0] - 1) > 0
     if repeated := int(np.sum(~fresh)):
-        notes.append(f"{gather.topic}: {repeated} messages repeat the time of the one before: left out")
+        notes.append(f"{gather.topic}: {_messages(repeated)} at the time of the one before: left out")
     return t[fresh], rows[fresh]
+
+
+def _messages(number: int) -> str:
+    return f"{number} message{'' if number == 1 else 's'}"
 
 
 def _base(streams: Sequence[_Stream], source: str) -> _Stream:
