@@ -127,7 +127,7 @@ def test_topics_are_joined_in_time(tmp_path: Path) -> None:
     assert np.abs(torque - truth)[~gap].max() < 5e-3
     np.testing.assert_allclose(column(table, "q_shoulder"), np.sin(2 * at), atol=1e-9)
     np.testing.assert_allclose(column(table, "q_des_elbow"), np.sin(3 * at) + 0.01, atol=1e-9)
-    sentence(notes(about), "interpolated", "not across gaps", "11 readings of /q left out at the ends")
+    sentence(notes(about), "interpolated", "not across gaps", "/q: 11 messages at the ends left out")
     assert [topic.read for topic in about.topics] == [True] * 3
     samples = read_recording(path, arm(), topics=("/q", "/ft/effort", "/control")).read()
     np.testing.assert_array_equal(samples.tau[:, 0], torque)

@@ -173,7 +173,7 @@ def _joined(base: _Stream, others: Sequence[_Stream], notes: list[str]) -> tuple
     if not len(base.t[inside]):
         raise RecordingError(f"topics {base.topic} and {used[0].topic} do not overlap in time; convert them apart")
     if cut := len(base.t) - len(base.t[inside]):
-        notes.append(f"{cut} readings of {base.topic} left out at the ends, where another topic has none")
+        notes.append(f"{base.topic}: {_messages(cut)} at the ends left out, where another topic has none")
     return {name: values[inside] for name, values in columns.items()}, base.t[inside]
 
 
