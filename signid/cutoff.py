@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import ceil
 from typing import NamedTuple
@@ -18,6 +18,7 @@ NOISE_SHARE = 1e-3  # of the acceleration's power below the cut-off
 WIDEST = 6  # samples per period of the cut-off, at least
 CONTENT = 0.95  # of the acceleration's power is below a frequency ...
 BEYOND = 3.0  # ... of which the cut-off need not be more than so many times
+ALIKE = 0.01  # cut-offs differ by no more
 ENOUGH = 5.0  # [Hz] to which the cut-off may always go if noise allows
 
 
@@ -59,6 +60,16 @@ class Band(Frozen):
     def position_taps(self) -> Array:
         """Of the low-pass on positions, (k,) [1]."""
         return lowpass(self.rate, self.position_cutoff) if self.filtered else np.ones(1)
+
+    def divided(self, most: int) -> Band:
+        """The same cut-off to 1 %, such that recordings of a rate up to so many times lower can have it, too."""
+        factors = (parts * round(self.factor / parts) for parts in range(most, 0, -1))
+        factor = next(factor for factor in factors if abs(factor - self.factor) <= ALIKE * self.factor)
+        return replace(self, factor=factor, torque_floor=self.torque_floor * np.sqrt(self.factor / factor))
+
+    def slower(self, parts: int) -> Band:
+        """The same band of recordings of a rate so many times lower."""
+        return replace(self, rate=self.rate / parts, factor=self.factor // parts)
 
 
 def choose_band(pieces: Sequence[Samples], rate: float, cutoff: float | None = None) -> Band:

@@ -17,7 +17,6 @@ from signid.cli.commands import app
 GROUP: Any = get_command(app)
 COMMANDS = tuple(GROUP.commands)
 ORDER = ("simulate", "inspect", "check", "identify", "diagnose", "effects", "excite", "export", "replay")
-LATER = ("demo",)  # whose help is not yet held to whole first sentences and told defaults
 FILES = ("-o", "--html", "--urdf", "--mjcf")
 
 
@@ -42,7 +41,7 @@ def test_the_front_page_has_a_whole_sentence_for_each(
     out = shown("", monkeypatch, capsys)
     lines = re.findall(r"^  (\w+)  +(\S.*)$", out.partition("Commands:")[2], re.MULTILINE)
     assert [name for name, _ in lines] == list(COMMANDS)
-    for name, line in (pair for pair in lines if pair[0] not in LATER):
+    for name, line in lines:
         assert line.endswith(".") and not line.endswith(".."), f"{name}: {line}"
 
 
@@ -56,7 +55,7 @@ def test_help_is_whole(command: str, monkeypatch: pytest.MonkeyPatch, capsys: py
     GROUP.commands[command].make_context(command, arguments[1:])  # it can be read
 
 
-@pytest.mark.parametrize("command", [command for command in COMMANDS if command not in LATER])
+@pytest.mark.parametrize("command", COMMANDS)
 def test_options_tell_units_and_defaults(
     command: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -15,6 +15,7 @@ LEVELS = (
     "excite signs gross",
     "identify check inspect diagnose convert gallery",
     "report replay export fleet",
+    "demo",
     "cli",
     "__main__",
     "__init__",

@@ -16,7 +16,7 @@ from ..session import Part, Session
 from ..types import Array, Robot
 from .group import stated_friction
 from .noise import Noise
-from .sample import Piece, pieces, unsure_rows
+from .sample import Piece, pieces, row_filter, unsure_rows
 from .table import stands_still
 
 
@@ -134,7 +134,7 @@ def residuals(task: Task, model: Model, parts: Sequence[Part]) -> Rows:
         model: the simulation.
         parts: recordings and their sampling.
     """
-    thin, found = Decimator(task.band.taps, task.band.factor), tuple(pieces(task, model, parts))
+    thin, found = row_filter(task), tuple(pieces(task, model, parts))
     rest = np.concatenate([thin(piece.residual) for piece in found])
     predicted = np.concatenate([thin(np.asarray(piece.motion.predicted)) for piece in found])
     still = [thin.at(stands_still(p.motion, thin)) for p in found]

@@ -26,7 +26,7 @@ def fly(x: View, gap: float, stop: float) -> Array:
     half, inertia, load = gap / 2, x.inertia[:, 0], x.load[:, 0]
     along, j = x.whole.sensitivity, x.joints[0]
     force, pull, drag = -load / inertia, along.position[:, j, j] / inertia, along.velocity[:, j, j] / inertia
-    first = np.arange(0, len(force) - 1, max(1, int(STEP / x.dt)))
+    first = np.arange(0, len(force) - 1, max(1, round(STEP / x.dt)))
     count = np.diff(first, append=len(force) - 1)
     signals = ((force[1:] + force[:-1]) / 2, pull[:-1], drag[:-1])
     steps = [(np.add.reduceat(signal, first) / count).tolist() if len(first) else [] for signal in signals]
