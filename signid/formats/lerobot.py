@@ -151,7 +151,7 @@ def _matrix(path: Path, series: pl.Series) -> Array:
     sizes = lists.list.len().unique().to_list()
     if len(sizes) != 1 or not sizes[0]:
         raise RecordingError(f"{path}: {series.name} holds lists of different lengths; mend the dataset")
-    return lists.explode().to_numpy().reshape(-1, sizes[0])
+    return np.asarray(lists.list.to_array(sizes[0]).to_numpy()).reshape(-1, sizes[0])
 
 
 def _names(feature: str, size: int, info: Mapping[str, Any]) -> list[str] | None:
