@@ -190,7 +190,7 @@ BAD: dict[str, tuple[Change, str]] = {
         table(lambda frame: frame.with_columns(pl.Series("action", [[1.0] * (1 + k % 2) for k in range(30)]))),
         "lengths",
     ),
-    "lists of words": (table(lambda frame: frame.with_columns(pl.Series("action", [["a"]] * 30))), "LeRobot"),
+    "lists of words": (table(lambda frame: frame.with_columns(pl.Series("action", [["a"]] * 30))), "action holds List"),
 }
 
 

@@ -22,11 +22,7 @@ from ..types import Array, Table
 from .base import Format, MemoryTable
 
 MISSING = ["NA", "N/A", "null", "NULL", "None", "none", "-nan", "-NaN", "nan(ind)", "-nan(ind)"]  # besides empty, NaN
-
-
-FILL: Any = (
-    {"missing_columns": "insert"} if "missing_columns" in signature(pl.read_csv).parameters else {}
-)  # polars 1 does
+FILL: Any = {"missing_columns": "insert"} if "missing_columns" in signature(pl.read_csv).parameters else {}
 
 
 @dataclass(frozen=True)

@@ -145,7 +145,7 @@ def _matrix(path: Path, series: pl.Series) -> Array:
     """(N, n) [any] of a column of lists, or of numbers."""
     if series.dtype.is_numeric():
         return series.cast(pl.Float64).to_numpy()[:, None]
-    if not (isinstance(series.dtype, pl.List | pl.Array) and series.dtype.inner.is_numeric()):  # type: ignore[union-attr]
+    if not (isinstance(series.dtype, pl.List | pl.Array) and series.dtype.inner.is_numeric()):
         raise RecordingError(f"{path}: {series.name} holds {series.dtype}, expected a list of numbers in each row")
     lists = series.cast(pl.List(pl.Float64))
     sizes = lists.list.len().unique().to_list()
