@@ -1,10 +1,17 @@
-"""signid: what a real robot's dynamics are, from its recordings. Public names only, imported when first used."""
+"""signid: what a real robot's dynamics are, from its recordings, and what a simulation of it lacks.
+
+`load_robot` and `read_recording` begin. `check` says what recordings can tell. `identify` makes a model of them, with
+intervals; `diagnose` names the physics that a simulation (`load_model`) lacks. `roll_out` proves a model,
+`report` and `replay` show it, `export` hands it on. `excite` and `separate` make motions; `track`, `simulate` and
+`record` a robot to try them on.
+
+Units are SI; `(N, n) [rad or m]` is an array, N samples of n joints. Errors are `SignidError`, laws `signid.effects`.
+"""
 
 import sys
-from types import ModuleType
 from typing import TYPE_CHECKING
 
-from .registry import public as _public
+from .registry import package as _package
 from .version import __version__ as __version__
 
 if TYPE_CHECKING:
@@ -30,11 +37,4 @@ NAMES = {name: name for name in "check diagnose export fleet identify inspect re
     "reduced": "encode_factors load_factors reduce", "robot": "load_robot urdf_from_dh", "session": "Options",
     "recording": "read_recording", "simulate": "Sensors record simulate track"}  # fmt: skip
 
-
-class _Package(ModuleType):
-    """Public names are properties, so that `signid.identify` is the verb although a module has its name."""
-
-
-for _name, _home in [(name, home) for home, names in NAMES.items() for name in names.split()]:
-    setattr(_Package, _name, _public(_name, _home))
-sys.modules[__name__].__class__ = _Package
+sys.modules[__name__].__class__ = _package(NAMES)

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import ceil
 from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import welch
 
 from .filters import lowpass
 from .types import Array, Frozen, Mask, Samples
@@ -19,6 +18,7 @@ NOISE_SHARE = 1e-3  # of the acceleration's power below the cut-off
 WIDEST = 6  # samples per period of the cut-off, at least
 CONTENT = 0.95  # of the acceleration's power is below a frequency ...
 BEYOND = 3.0  # ... of which the cut-off need not be more than so many times
+ALIKE = 0.01  # cut-offs differ by no more
 ENOUGH = 5.0  # [Hz] to which the cut-off may always go if noise allows
 
 
@@ -61,6 +61,16 @@ class Band(Frozen):
         """Of the low-pass on positions, (k,) [1]."""
         return lowpass(self.rate, self.position_cutoff) if self.filtered else np.ones(1)
 
+    def divided(self, most: int) -> Band:
+        """The same cut-off to 1 %, such that recordings of a rate up to so many times lower can have it, too."""
+        factors = (parts * round(self.factor / parts) for parts in range(most, 0, -1))
+        factor = next(factor for factor in factors if abs(factor - self.factor) <= ALIKE * self.factor)
+        return replace(self, factor=factor, torque_floor=self.torque_floor * np.sqrt(self.factor / factor))
+
+    def slower(self, parts: int) -> Band:
+        """The same band of recordings of a rate so many times lower."""
+        return replace(self, rate=self.rate / parts, factor=self.factor // parts)
+
 
 def choose_band(pieces: Sequence[Samples], rate: float, cutoff: float | None = None) -> Band:
     """The band for recordings of one rate: as wide as the motion needs, if encoder noise allows it on every joint.
@@ -102,12 +112,27 @@ class _Acceleration(NamedTuple):
         return float(np.max(self.frequency[np.argmax(reached, axis=0)], initial=0.0))
 
 
+def _spectrum(x: Array, rate: float, length: int) -> Array:
+    """Power per frequency (f, c) of a signal (N, c): the mean over Hann windows that overlap by half.
+
+    Source: Welch, IEEE Transactions on Audio and Electroacoustics 15(2), 1967.
+    """
+    window = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(length) / length)
+    starts = range(0, len(x) - length + 1, length - length // 2)
+    parts = (x[k : k + length] for k in starts)
+    power = sum(np.abs(np.fft.rfft((part - part.mean(axis=0)) * window[:, None], axis=0)) ** 2 for part in parts)
+    power = np.asarray(power) / (len(starts) * rate * (window @ window))
+    power[1 : -1 if length % 2 == 0 else None] *= 2
+    return power
+
+
 def _acceleration(pieces: Sequence[Array], rate: float) -> _Acceleration:
     """The mean spectrum of pieces (N, n) [rad or m], each counted by its length."""
     shortest, sizes = min(map(len, pieces)), np.array([len(q) for q in pieces])
     length = max(min(shortest // 3, int(8 * rate)), 16)
-    spectra = [welch(np.diff(q, 2, axis=0) * rate**2, rate, nperseg=length, detrend="constant", axis=0) for q in pieces]
-    f, power = spectra[0][0], np.tensordot(sizes / sizes.sum(), np.array([p for _, p in spectra]), axes=1)
+    spectra = np.array([_spectrum(np.diff(q, 2, axis=0) * rate**2, rate, length) for q in pieces])
+    f: Array = np.asarray(np.fft.rfftfreq(length, 1 / rate))
+    power = np.tensordot(sizes / sizes.sum(), spectra, axes=1)
     gain = (2 * rate * np.sin(np.pi * f / rate))[:, None] ** 4
     high = f > 0.3 * rate
     level = np.median(power[high] / gain[high], axis=0)

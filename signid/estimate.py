@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import lfilter
+from scipy.linalg import solve_banded
 
 from .factors import Factors, JointFactors
 from .types import Array, BaseMap, Estimate, Indices, Mask
@@ -157,7 +157,8 @@ def _model_noise(
         if criterion < best:
             best, chosen = criterion, (phi, variance)
     impulse = (np.arange(IMPULSE) == 0) * np.sqrt(chosen[1])
-    response = np.asarray(lfilter([1.0], np.append(1.0, -chosen[0]), impulse))
+    bands = np.repeat(np.append(1.0, -chosen[0])[:, None], IMPULSE, axis=1)
+    response = np.asarray(solve_banded((len(chosen[0]), 0), bands, impulse))
     colour = np.array([response[: IMPULSE - d] @ response[d:] for d in range(len(r))])
     return _Noise(len(chosen[0]), colour * (r[0] / colour[0]))
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
 from importlib import import_module
 from importlib.metadata import entry_points
+from types import ModuleType
 from typing import Generic, TypeVar, cast
 
 from .errors import OptionError, shorten
@@ -49,6 +50,14 @@ class Registry(Generic[Plugin]):
         return (self[name] for name in self.modules)
 
 
-def public(name: str, home: str) -> property:
-    """A public name of the package: imported from the module that is its home when it is first used."""
+def package(homes: Mapping[str, str]) -> type[ModuleType]:
+    """What a package is whose public names are imported from the modules that are their homes when first used.
+
+    They are properties, so that `signid.identify` is the verb although a module has its name.
+    """
+    names = {name: _public(name, home) for home, names in homes.items() for name in names.split()}
+    return type("Package", (ModuleType,), names)
+
+
+def _public(name: str, home: str) -> property:
     return property(lambda _: getattr(import_module(f"{__package__}.{home}"), name), lambda _, module: None)

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Actuators(Frozen):
-    """What is stated about the drives of the n joints (design 3.2); NaN where nothing is stated.
+    """What is stated about the drives of the n joints; NaN where nothing is stated.
 
     armature (n,) [kg.m2 or kg]; viscous_friction (n,) [N.m.s/rad]; coulomb_friction (n,) [N.m];
     torque_offset (n,) [N.m]; torque_constant (n,) [N.m/A at the joint].

@@ -13,8 +13,9 @@ LEVELS = (
     "recording sampling filters cutoff rigid motion regressor basis residual rows",
     "factors session course prepare fit estimate excitation consistent retrieve laws model standard simulate rollout "
     "excite signs gross reduced",
-    "identify check inspect diagnose gallery",
+    "identify check inspect diagnose convert gallery",
     "report replay export fleet",
+    "demo",
     "cli",
     "__main__",
     "__init__",
@@ -106,12 +107,6 @@ def is_reexport(node: ast.stmt) -> bool:
     """A docstring, an import, a plain name, or what makes imports lazy."""
     if isinstance(node, ast.If):
         return ast.unparse(node.test) == "TYPE_CHECKING" and all(map(is_reexport, node.body)) and not node.orelse
-    if isinstance(node, ast.FunctionDef):
-        return node.name in ("__getattr__", "__dir__", "_public")
-    if isinstance(node, ast.ClassDef):
-        return ast.get_docstring(node) is not None and len(node.body) == 1
-    if isinstance(node, ast.For):
-        return ast.unparse(node.body) == "setattr(_Package, _name, _public(_name, _home))"
     docstring = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
     return docstring or isinstance(node, ast.Import | ast.ImportFrom | ast.Assign | ast.AnnAssign)
 

@@ -24,6 +24,7 @@ def readme(start: str, language: str = "") -> list[str]:
 @pytest.mark.parametrize(
     ("start", "code"),
     [
+        ("$ signid demo", 0),
         ("$ signid identify 3r robots", 0),
         ("$ signid diagnose 3r recording.csv", 3),
         ("$ signid replay 3r recording.csv", 0),

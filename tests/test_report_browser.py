@@ -147,8 +147,10 @@ def test_dragging_zooms_and_a_double_click_goes_back(browser: Chromium, pages: d
         place = {"x": left + across * width, "y": top + height * (0.3 + across / 2), "button": "left", "clickCount": 1}
         browser.send("Input.dispatchMouseEvent", type=kind, buttons=1, **place)
     browser.until(f"{span} < {0.5 * whole}")
-    for count in (1, 2):
-        place = {"x": left + 0.5 * width, "y": top + 0.5 * height, "button": "left", "clickCount": count}
+    place = {"x": left + 0.5 * width, "y": top + 0.5 * height, "button": "left"}
+    for count in (1, 2) * 10:  # on a busy machine two clicks may come too late to be one
         for kind in ("mousePressed", "mouseReleased"):
-            browser.send("Input.dispatchMouseEvent", type=kind, **place)
+            browser.send("Input.dispatchMouseEvent", type=kind, clickCount=count, **place)
+        if browser.value(f"{span} > {0.9 * whole}"):
+            break
     browser.until(f"{span} > {0.9 * whole}")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Sequence
-from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -22,27 +21,29 @@ RobotName = Annotated[str, typer.Argument(metavar="ROBOT", help="A URDF, xacro o
 SimulationName = Annotated[
     str, typer.Argument(metavar="SIMULATION", help="A model.json, a URDF, xacro or MJCF file, or a name such as panda.")
 ]
-Files = Annotated[list[str], typer.Argument(metavar="RECORDING", help="CSV, CSV.gz, Parquet or NPZ files.")]
-Joints = Annotated[str | None, typer.Option(metavar="A,B", help="Joints that move; all others are held.")]
-Lock = Annotated[list[str] | None, typer.Option(metavar="J=VALUE", help="Hold a joint [rad or m]. Repeatable.")]
-Actuators = Annotated[str | None, typer.Option(metavar="FILE", help="TOML: what is known about the drives.")]
-PackageDir = Annotated[list[str] | None, typer.Option(metavar="DIR", help="Packages for xacro. Repeatable.")]
-Columns = Annotated[str | None, typer.Option(metavar="FILE", help='TOML: q_elbow = "elbow_pos".')]
+Files = Annotated[list[str], typer.Argument(metavar="RECORDING", help="CSV, Parquet, NPZ, ROS bag or LeRobot dataset.")]
+Joints = Annotated[str | None, typer.Option(metavar="A,B", help="Joints that move, others are held. Default: all.")]
+Lock = Annotated[list[str] | None, typer.Option(metavar="J=VALUE", help="Hold joint J there [rad or m]. Repeatable.")]
+Actuators = Annotated[str | None, typer.Option(metavar="FILE", help="TOML of the drives. Default: actuators.toml.")]
+PackageDir = Annotated[list[str] | None, typer.Option(metavar="DIR", help="Packages of meshes and xacro. Repeatable.")]
+Columns = Annotated[str | None, typer.Option(metavar="FILE", help='TOML of other names: q_elbow = "elbow_pos".')]
 Effects = Annotated[
     str | None, typer.Option(metavar="A,B", help=f"Laws at every joint, or none. Default: {', '.join(EFFECT_NAMES)}.")
 ]
-Cutoff = Annotated[float | None, typer.Option(metavar="HZ", help="Default: from motion and noise; inf: no filter.")]
-Derivatives = Annotated[str, typer.Option(metavar="WHICH", help="auto, computed (from q) or recorded (dq_J, ddq_J).")]
-Unsigned = Annotated[bool, typer.Option("--unsigned", help="Forget the signs of torques.")]
+Cutoff = Annotated[float | None, typer.Option(metavar="HZ", help="Of the filter [Hz], or inf. Default: by the data.")]
+Derivatives = Annotated[
+    str, typer.Option(metavar="WHICH", help="Velocity and acceleration: computed (from q_J), recorded, or auto.")
+]
+Unsigned = Annotated[bool, typer.Option("--unsigned", help="Forget the signs of torque.")]
 SignSearch = Annotated[
     str, typer.Option("--signs", metavar="HOW", help="Lost signs: exact, or tree (the classical tree of choices).")
 ]
-Bounds = Annotated[str | None, typer.Option(metavar="FILE", help="TOML: box of --method pbrp; default: around ROBOT.")]
-GlobalAlgorithm = Annotated[str, typer.Option(metavar="NAME", help="NLopt's, of --method pbrp.")]
-LocalAlgorithm = Annotated[str, typer.Option(metavar="NAME", help="NLopt's, of --method pbrp.")]
-TotalMass = Annotated[str | None, typer.Option(metavar="LO,HI", help="Of all links [kg], for --method pbrp.")]
-NoInstruments = Annotated[bool, typer.Option("--no-instruments", help="Leave q_des_J columns aside.")]
-White = Annotated[bool, typer.Option("--white", help="Take the noise of torques to be white.")]
+Bounds = Annotated[str | None, typer.Option(metavar="FILE", help="TOML: box of pbrp. Default: around ROBOT's values.")]
+GlobalAlgorithm = Annotated[str, typer.Option(metavar="NAME", help="NLopt's, of pbrp.")]
+LocalAlgorithm = Annotated[str, typer.Option(metavar="NAME", help="NLopt's, of pbrp.")]
+TotalMass = Annotated[str | None, typer.Option(metavar="LO,HI", help="Of all links [kg], for pbrp. Default: any.")]
+NoInstruments = Annotated[bool, typer.Option("--no-instruments", help="Do without q_des_J columns as instruments.")]
+White = Annotated[bool, typer.Option("--white", help="Take torque noise to be white, not coloured.")]
 Seed = Annotated[int, typer.Option(metavar="N", min=0, help="Seed of everything random.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON and nothing else.")]
 
@@ -163,6 +164,7 @@ def _names(option: str, text: str) -> tuple[str, ...]:
 
 def given_inputs(name: str, robot: Robot, actuators: str | None, **files: str | None) -> list[Input]:
     """The description as it was given, and what was read beside it by what it holds."""
+    from ..recording.source import digest_of
     from ..types import Input
 
     beside = Path(robot.path).with_name("actuators.toml")
@@ -170,5 +172,5 @@ def given_inputs(name: str, robot: Robot, actuators: str | None, **files: str | 
     named = [(file, Path(file), role) for role, file in {"actuators": actuators, **files}.items() if file is not None]
     if actuators is None and beside.is_file():
         named.append((str(given / beside.name), beside, "actuators"))
-    read = (Input(shown, sha256(path.read_bytes()).hexdigest(), role) for shown, path, role in named)
+    read = (Input(shown, digest_of(path), role) for shown, path, role in named)
     return [Input(name, robot.sha256, "description"), *read]

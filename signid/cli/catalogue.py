@@ -13,10 +13,13 @@ from .show import DONE
 
 @app.command(epilog="Example: signid effects stribeck_friction")
 def effects(
-    name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="An effect; without it, all are listed.")] = None,
+    name: Annotated[str | None, typer.Argument(metavar="NAME", help="A law; without it, all are listed.")] = None,
     json: Json = False,
 ) -> int:
-    """The laws that signid knows: equation, numbers, units, source, and how each is injected."""
+    """The laws that signid knows, and how each is injected.
+
+    Each with its equation, numbers, units, usual values and source.
+    """
     from ..effects import EFFECTS
     from ..report import Screen, effects_document, effects_tables, to_json
 

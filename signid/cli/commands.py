@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from ..version import __version__
+from .app import app as app
 from .arguments import (
     Actuators,
     Bounds,
@@ -39,30 +39,6 @@ from .arguments import (
 )
 from .show import DONE, bars, tell_flags
 
-app = typer.Typer(
-    name="signid",
-    help="From a robot description and recordings to a dynamics model that is right, and says how sure it is.",
-    epilog="Exit codes: 0 done; 2 bad input or usage; 3 done, but the result says what in it is not to be trusted.",
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
-    add_completion=False,
-)
-
-
-def _version(wanted: bool) -> None:
-    if wanted:
-        typer.echo(f"signid {__version__}")
-        raise typer.Exit
-
-
-@app.callback()
-def _signid(
-    version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
-    ] = False,
-) -> None:
-    pass
-
 
 @app.command(epilog="Example: signid inspect panda --joints panda_joint6,panda_joint7")
 def inspect(
@@ -75,7 +51,7 @@ def inspect(
     seed: Seed = 0,
     json: Json = False,
 ) -> int:
-    """Joints, links, base parameters as formulas, and what no motion can tell."""
+    """Joints, links, base parameters, and what no motion can tell."""
     from ..inspect import inspect as look
     from ..report import Screen, inspection_document, inspection_tables, to_json
 
@@ -88,7 +64,7 @@ def inspect(
     return DONE
 
 
-@app.command(epilog="Example: signid check panda session_1.csv session_2.csv")
+@app.command(epilog="Example: signid check 3r recording.csv")
 def check(
     robot: RobotName,
     recordings: Files,
@@ -106,9 +82,10 @@ def check(
     seed: Seed = 0,
     json: Json = False,
 ) -> int:
-    """What recordings can and cannot tell, and what would help, before a model is fitted.
+    """What recordings can tell, before a model is fitted.
 
-    Torques without a sign (abs_tau_J, abs_current_J or --unsigned) get it back first, as in identify.
+    Sampling, gaps, noise, cut-offs, gross faults and excitation, and what would help. Torques without a sign
+    (abs_tau_J, abs_current_J or --unsigned) get it back first, as in identify.
     """
     from ..check import check as judge
     from ..report import Screen, check_document, check_tables, to_json
@@ -125,16 +102,16 @@ def check(
     return tell_flags(found.flags)
 
 
-@app.command(epilog="Example: signid identify 3r recording.parquet --held-out another.csv -o result")
+@app.command(epilog="Example: signid identify 3r recording.csv -o result")
 def identify(
     context: typer.Context,
     robot: RobotName,
     recordings: Files,
     output: Annotated[
-        str | None, typer.Option("--output", "-o", metavar="DIR", help="Where results are written.")
+        str | None, typer.Option("--output", "-o", metavar="DIR", help="Folder of the results. Needed, unless --json.")
     ] = None,
     held_out: Annotated[
-        list[str] | None, typer.Option(metavar="RECORDING", help="To judge by, not to learn from. Repeatable.")
+        list[str] | None, typer.Option(metavar="RECORDING", help="To judge by. Repeatable. Default: see above.")
     ] = None,
     joints: Joints = None,
     lock: Lock = None,
@@ -145,7 +122,7 @@ def identify(
     method: Annotated[
         str | None,
         typer.Option(
-            metavar="HOW", help="convex (default; possible inertials), wls, or pbrp (default of --signs tree)."
+            metavar="HOW", help="convex (possible inertials; default), wls, or pbrp (default with --signs tree)."
         ),
     ] = None,
     cutoff: Cutoff = None,
@@ -162,11 +139,12 @@ def identify(
     seed: Seed = 0,
     json: Json = False,
 ) -> int:
-    """A dynamics model: identification.json, model.json, robot.urdf and report.html in DIR.
+    """A dynamics model, with intervals, from recordings.
 
-    Without --held-out the last of several recordings, or the last 30 % of the only one, is held out. Torques without
-    a sign (abs_tau_J, abs_current_J or --unsigned) get it back first: signed.csv and signs.html show it. Files that
-    signid reduce wrote may stand for the recordings; those of several recordings are added.
+    DIR gets identification.json, model.json, robot.urdf and report.html. Without --held-out the last of several
+    recordings, or the last 30 % of the only one, is held out. Torques without a sign (abs_tau_J, abs_current_J or
+    --unsigned) get it back first: signed.csv and signs.html show it. Files that signid reduce wrote may stand for the
+    recordings; those of several recordings are added.
     """
     from ..identify import identify as learn
     from .factors import factor_inputs, given_factors

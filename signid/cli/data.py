@@ -21,20 +21,21 @@ if TYPE_CHECKING:
 
 @app.command(epilog="Example: signid data panda")
 def data(
-    name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="Without it, all are listed.")] = None,
+    name: Annotated[str | None, typer.Argument(metavar="NAME", help="Without it, all are listed.")] = None,
     output: Annotated[
         str | None, typer.Option("--output", "-o", metavar="DIR", help="Default: SIGNID_DATA, or the folder data.")
     ] = None,
     yes: Annotated[bool, typer.Option("--yes", "-y", help="Download without asking.")] = False,
     source: Annotated[
-        str | None, typer.Option(metavar="URL", help="A copy of the repository at that commit: https, or this machine.")
+        str | None,
+        typer.Option(metavar="URL", help="A copy: https, or this machine. Default: the source itself."),
     ] = None,
     json: Json = False,
 ) -> int:
-    """Public recordings of real robots, for the examples in robots/: listed, or one of them downloaded.
+    """Public recordings of real robots, listed or downloaded.
 
-    Source, commit and licence are shown, and you are asked, before anything is downloaded. What signid makes of the
-    files is checked by its sha256, and DIR gets all of it or nothing.
+    The examples in robots/ need them. Source, commit and licence are shown, and you are asked, before anything is
+    downloaded. What signid makes of the files is checked by its sha256, and DIR gets all of it or nothing.
     """
     from ..gallery import data_folder
 

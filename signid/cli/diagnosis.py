@@ -37,9 +37,11 @@ def diagnose(
     simulation: SimulationName,
     recordings: Files,
     output: Annotated[
-        str | None, typer.Option("--output", "-o", metavar="DIR", help="Where results are written.")
+        str | None, typer.Option("--output", "-o", metavar="DIR", help="Folder of the results. Needed, unless --json.")
     ] = None,
-    held_out: Annotated[Paths, typer.Option(metavar="RECORDING", help="To judge by. Repeatable.")] = None,
+    held_out: Annotated[
+        Paths, typer.Option(metavar="RECORDING", help="To judge by. Repeatable. Default: see above.")
+    ] = None,
     reference: Annotated[
         Paths, typer.Option(metavar="RECORDING", help="Of the robot when all was well. Repeatable.")
     ] = None,
@@ -54,11 +56,12 @@ def diagnose(
     seed: Seed = 0,
     json: Json = False,
 ) -> int:
-    """Why a simulation is wrong: where it differs from recordings, which physics it lacks, and how sure that is.
+    """Why a simulation is wrong: which physics it lacks, and where.
 
-    DIR gets diagnosis.json, report.html, and the simulation with what it lacked as model.json and robot.urdf. Without
-    --held-out the last of several recordings, or the last 30 % of the only one, is held out. What the simulation lacks
-    in --reference recordings, too, is no finding. Torques without a sign get it back first, as in identify.
+    Laws are named with numbers, probability and what would explain the recordings as well. DIR gets diagnosis.json,
+    report.html, and the simulation with what it lacked as model.json and robot.urdf. Without --held-out the last of
+    several recordings, or the last 30 % of the only one, is held out. What the simulation lacks in --reference
+    recordings, too, is no finding. Torques without a sign get it back first, as in identify.
     """
     from ..diagnose import diagnose as search
     from ..session import Options

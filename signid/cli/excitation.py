@@ -17,30 +17,39 @@ if TYPE_CHECKING:
     from ..types import Array, Law, Robot, Trajectory
 
 Output = Annotated[
-    str | None, typer.Option("--output", "-o", metavar="FILE", help="The motion: .csv, .csv.gz, .parquet or .npz.")
+    str | None,
+    typer.Option(
+        "--output", "-o", metavar="FILE", help="The motion: .csv, .csv.gz, .parquet or .npz. Needed, unless --json."
+    ),
 ]
-Scale = Annotated[float, typer.Option(metavar="SHARE", help="Of the description's limits.")]
+Scale = Annotated[float, typer.Option(metavar="SHARE", help="Of the limits that ROBOT states.")]
 Apart = Annotated[
     list[str] | None,
     typer.Option("--separate", metavar="A,B", help="Two laws EFFECT[@JOINT][:key=value,...] to tell apart instead."),
 ]
 
 
-@app.command(epilog="Example: signid excite ur5 --duration 15 -o motion.csv")
+@app.command(epilog="Example: signid excite 3r --duration 10 -o motion.csv")
 def excite(
     robot: RobotName,
     output: Output = None,
     separate: Apart = None,
-    kind: Annotated[str, typer.Option(metavar="KIND", help="fourier, spline, or random: not sought.")] = "fourier",
-    criterion: Annotated[str, typer.Option(metavar="WHICH", help="determinant or condition.")] = "determinant",
-    duration: Annotated[float, typer.Option(metavar="S", help="Of the motion.")] = 20.0,
-    harmonics: Annotated[int | None, typer.Option(metavar="N", help="10; 5 to separate.")] = None,
-    base_frequency: Annotated[float | None, typer.Option(metavar="HZ", help="Default: one period.")] = None,
+    kind: Annotated[str, typer.Option(metavar="KIND", help="fourier, spline, or random (not sought).")] = "fourier",
+    criterion: Annotated[
+        str, typer.Option(metavar="WHICH", help="What is best: determinant or condition.")
+    ] = "determinant",
+    duration: Annotated[float, typer.Option(metavar="S", help="Of the motion [s].")] = 20.0,
+    harmonics: Annotated[
+        int | None, typer.Option(metavar="N", help="Of the motion. Default: 10; 5 to separate.")
+    ] = None,
+    base_frequency: Annotated[
+        float | None, typer.Option(metavar="HZ", help="Of the first [Hz]. Default: 1 / duration.")
+    ] = None,
     velocity_scale: Scale = 1.0,
     acceleration_scale: Scale = 1.0,
     torque_scale: Scale = 1.0,
-    clearance: Annotated[float, typer.Option(metavar="M", help="Between links.")] = 0.01,
-    rate: Annotated[float, typer.Option(metavar="HZ", help="Of the rows.")] = 100.0,
+    clearance: Annotated[float, typer.Option(metavar="M", help="Between links, at least [m].")] = 0.01,
+    rate: Annotated[float, typer.Option(metavar="HZ", help="Of the rows [Hz].")] = 100.0,
     effects: Effects = None,
     joints: Joints = None,
     lock: Lock = None,
@@ -49,11 +58,11 @@ def excite(
     seed: Seed = 0,
     json: Json = False,
 ) -> int:
-    """A motion that excites: it tells the dynamics best within the limits and without self-collision.
+    """A motion that tells most, or that tells two laws apart.
 
-    The motion begins and ends at rest: t, q_J, dq_J, ddq_J, ready for signid simulate --motion. With --separate it is
-    the one that tells two laws apart, or the finding (exit code 3) that none does. The numbers of a law that are not
-    stated are usual ones.
+    It keeps within the limits and clear of the robot's own links, and begins and ends at rest: t, q_J, dq_J, ddq_J,
+    ready for signid simulate --motion. With --separate it is the one that tells two laws apart, or the finding (exit
+    code 3) that none does. The numbers of a law that are not stated are usual ones.
     """
     from ..excite import excite as search
     from ..excite import separate as part

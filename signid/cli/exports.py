@@ -19,28 +19,33 @@ if TYPE_CHECKING:
 File = str | None
 
 
-@app.command(epilog="Example: signid export diagnosis/model.json --urdf robot.urdf --mjcf robot.xml --function laws.py")
+@app.command(epilog="Example: signid export result/model.json --urdf arm.urdf --mjcf arm.xml")
 def export(
     simulation: SimulationName,
     urdf: Annotated[File, typer.Option(metavar="FILE", help="The robot's own, with the model's inertials.")] = None,
-    mjcf: Annotated[File, typer.Option(metavar="FILE", help="For MuJoCo, with all that it knows of.")] = None,
+    mjcf: Annotated[File, typer.Option(metavar="FILE", help="For MuJoCo, with all that it can hold.")] = None,
     actuators: Annotated[File, typer.Option(metavar="FILE", help="TOML: the drives, to go beside a URDF.")] = None,
     function: Annotated[File, typer.Option(metavar="FILE", help="Python: torque(q, v, a) of the laws.")] = None,
+    ros: Annotated[File, typer.Option(metavar="FILE", help="YAML: drives and inertials for a ROS 2 node.")] = None,
+    isaaclab: Annotated[File, typer.Option(metavar="FILE", help="Python: the actuators for Isaac Lab.")] = None,
     package_dir: Annotated[
-        list[str] | None, typer.Option(metavar="DIR", help="Packages, for meshes and xacro. Repeatable.")
+        list[str] | None, typer.Option(metavar="DIR", help="Where packages of meshes lie. Repeatable.")
     ] = None,
     json: Json = False,
 ) -> int:
-    """A model in files that other programs read, any of them together; what a format cannot hold is said.
+    """A model in files that other programs read.
 
-    The URDF holds inertials (a payload among them), damping and friction, all else as it was; the MJCF also armature,
-    springs, gravity, ranges and motors; the Python file needs numpy alone and has what both lack.
+    Any of them together; what a format cannot hold is said. The URDF holds inertials (a payload among them), damping
+    and friction, all else as it was; the MJCF also armature, springs, gravity, ranges and motors; the Python file needs
+    numpy alone and has what both lack.
     """
     from ..export import export as write
     from ..report import Screen, to_json
     from ..report.documents import provenance
 
-    asked = {"urdf": urdf, "mjcf": mjcf, "actuators": actuators, "function": function}
+    asked = {
+        "urdf": urdf, "mjcf": mjcf, "actuators": actuators, "function": function, "ros": ros, "isaaclab": isaaclab
+    }  # fmt: skip
     paths = {kind: Path(file) for kind, file in asked.items() if file is not None}
     _check(asked, paths)
     source = Source(simulation, packages=None if simulation.endswith(".json") else package_dir)
@@ -65,7 +70,7 @@ def _check(asked: dict[str, File], paths: dict[str, Path]) -> None:
     from ..report import probe_folder
 
     if not paths:
-        raise OptionError("no file was named; add --urdf, --mjcf, --actuators or --function FILE")
+        raise OptionError("no file was named; add --urdf, --mjcf, --actuators, --function, --ros or --isaaclab FILE")
     for kind, path in paths.items():
         if not asked[kind] or path.is_dir():
             raise OptionError(f"--{kind} {asked[kind]!r} is no name of a file; give the path of the file to write")

@@ -57,17 +57,32 @@ def deliver_diagnosis(result: Diagnosis, inputs: Sequence[Input], output: str | 
         json: whether the document is printed instead of the tables.
         command: that does it again.
     """
-    from ..report import diagnosis_document, diagnosis_page, diagnosis_tables, to_json
+    from ..report import diagnosis_document, diagnosis_tables, to_json
 
     files: dict[str, Content] = {}
     if output is not None:
-        described, notes = _extended_urdf(result)
-        result = replace(result, notes=(*result.notes, *notes))
-        signed = _signed(result.signs, result.recordings, result.robot)
-        files = {**described, "report.html": diagnosis_page(result, inputs, command), **signed}
+        result, files = diagnosis_files(result, inputs, command)
     document = to_json(diagnosis_document(result, inputs))
-    files = {"diagnosis.json": document, "model.json": to_json(result.model.document()), **files}
+    files = {"diagnosis.json": document, **files}
     return _hand_over(document, files, diagnosis_tables(result), result.flags, output, json)
+
+
+def diagnosis_files(result: Diagnosis, inputs: Sequence[Input], command: str) -> tuple[Diagnosis, dict[str, Content]]:
+    """What a diagnosis leaves besides its document, and the diagnosis with notes on what files cannot hold.
+
+    Args:
+        result: the diagnosis.
+        inputs: what was read besides the recordings.
+        command: that does it again.
+    """
+    from ..report import diagnosis_page, to_json
+
+    described, notes = _extended_urdf(result)
+    result = replace(result, notes=(*result.notes, *notes))
+    signed = _signed(result.signs, result.recordings, result.robot)
+    model = to_json(result.model.document())
+    page = diagnosis_page(result, inputs, command)
+    return result, {"model.json": model, **described, "report.html": page, **signed}
 
 
 def _hand_over(

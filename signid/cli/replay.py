@@ -18,20 +18,20 @@ if TYPE_CHECKING:
 Seconds = float | None
 
 
-@app.command(epilog="Example: signid replay 3r recording.csv --diagnosis diagnosis/diagnosis.json --html replay.html")
+@app.command(epilog="Example: signid replay 3r recording.csv --html replay.html")
 def replay(
     simulation: SimulationName,
     recording: Annotated[str, typer.Argument(metavar="RECORDING", help="A CSV, CSV.gz, Parquet or NPZ file.")],
     diagnosis: Annotated[
-        str | None, typer.Option(metavar="FILE", help="diagnosis.json, with its model.json beside it.")
+        str | None, typer.Option(metavar="FILE", help="diagnosis.json, its model.json beside it.")
     ] = None,
     html: Annotated[
-        str | None, typer.Option(metavar="FILE", help="Write one file that needs no network, and show nothing.")
+        str | None, typer.Option(metavar="FILE", help="Write one file that needs no network, show nothing.")
     ] = None,
-    start: Annotated[float, typer.Option("--from", metavar="S", help="Show what comes after so many seconds.")] = 0.0,
-    duration: Annotated[Seconds, typer.Option(metavar="S", help="Show so much. Default: all, at most 60.")] = None,
-    horizon: Annotated[float, typer.Option(metavar="S", help="After which the simulation starts anew.")] = 0.5,
-    rate: Annotated[float, typer.Option(metavar="HZ", help="Frames a second.")] = 30.0,
+    start: Annotated[float, typer.Option("--from", metavar="S", help="Where it begins [s].")] = 0.0,
+    duration: Annotated[Seconds, typer.Option(metavar="S", help="How long it is [s]. Default: all, to 60.")] = None,
+    horizon: Annotated[float, typer.Option(metavar="S", help="Until the simulation starts anew [s].")] = 0.5,
+    rate: Annotated[float, typer.Option(metavar="HZ", help="Frames a second [Hz].")] = 30.0,
     browser: Annotated[bool, typer.Option("--open/--no-open", help="Open the browser.")] = True,
     joints: Joints = None,
     lock: Lock = None,
@@ -40,11 +40,11 @@ def replay(
     columns: Columns = None,
     json: Json = False,
 ) -> int:
-    """The recorded robot and the simulated one, in the browser: live, or as one HTML file.
+    """The recorded robot and its simulation, in the browser.
 
-    The simulation is a ghost that starts anew from the measured state every half second, under the recorded torque.
-    Links have the colour of the torque that it leaves unexplained at their joint. With --diagnosis what was found is
-    marked, and a switch shows the simulation with what it lacked. Live, the page is a Meshcat viewer.
+    Live, as a Meshcat viewer, or as one HTML file. The simulation is a ghost that starts anew from the measured state
+    again and again, under the recorded torque. Links have the colour of the torque that it leaves unexplained at their
+    joint. With --diagnosis what was found is marked, and a switch shows the simulation with what it lacked.
     """
     from ..replay import replay as build
     from ..report import Screen, to_json, write_files

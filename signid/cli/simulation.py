@@ -20,7 +20,9 @@ if TYPE_CHECKING:
 
 Output = Annotated[
     str | None,
-    typer.Option("--output", "-o", metavar="FILE", help="The recording: .csv, .csv.gz, .parquet or .npz."),
+    typer.Option(
+        "--output", "-o", metavar="FILE", help="The recording: .csv, .csv.gz, .parquet or .npz. Needed, unless --json."
+    ),
 ]
 Injected = Annotated[
     list[str] | None,
@@ -34,25 +36,29 @@ Injected = Annotated[
 Number = float | None
 
 
-@app.command(epilog="Example: signid simulate 3r --inject coulomb_friction@2:level=3 --noise 0.02 -o recording.csv")
+@app.command(epilog="Example: signid simulate 3r --inject coulomb_friction@2 -o recording.csv")
 def simulate(
     simulation: SimulationName,
     output: Output = None,
-    motion: Annotated[str | None, typer.Option(metavar="FILE", help="t, q_J (dq_J, ddq_J). Default: random.")] = None,
+    motion: Annotated[
+        str | None, typer.Option(metavar="FILE", help="t, q_J (dq_J, ddq_J). Default: at random.")
+    ] = None,
     torque: Annotated[str | None, typer.Option(metavar="RECORDING", help="Play its torque back, open loop.")] = None,
     inject: Injected = None,
-    duration: Annotated[Number, typer.Option(metavar="S", help="Default: as long as what drives it, or 20.")] = None,
-    step: Annotated[float, typer.Option(metavar="S", help="Of controller and dynamics.")] = 1e-3,
-    rate: Annotated[float, typer.Option(metavar="HZ", help="Of the recording.")] = 250.0,
+    duration: Annotated[Number, typer.Option(metavar="S", help="[s] Default: that of what drives it, or 20.")] = None,
+    step: Annotated[float, typer.Option(metavar="S", help="Of controller and dynamics [s].")] = 1e-3,
+    rate: Annotated[float, typer.Option(metavar="HZ", help="Of the recording [Hz].")] = 250.0,
     integrator: Annotated[str, typer.Option(metavar="HOW", help="semi-implicit or rk4.")] = "semi-implicit",
-    substeps: Annotated[int, typer.Option(metavar="N", min=0, help="0: as the stiffest law asks.")] = 0,
-    bandwidth: Annotated[Number, typer.Option(metavar="HZ", help="Of the position loop; 6 unless gains.")] = None,
-    kp: Annotated[str | None, typer.Option(metavar="A,B", help="Stiffness of the loop [N.m/rad], one or each.")] = None,
-    kd: Annotated[str | None, typer.Option(metavar="A,B", help="Damping of the loop [N.m.s/rad].")] = None,
-    feed_forward: Annotated[Number, typer.Option(metavar="SHARE", help="Of the bodies' torque; 1.")] = None,
-    encoder_bits: Annotated[Number, typer.Option(metavar="N", help="2**N counts a turn, or a metre.")] = None,
-    noise: Annotated[float, typer.Option(metavar="SHARE", help="White, of each joint's rms torque.")] = 0.0,
-    coloured_noise: Annotated[float, typer.Option(metavar="SHARE", help="Below 3 Hz.")] = 0.0,
+    substeps: Annotated[int, typer.Option(metavar="N", min=0, help="In each step; 0: as the stiffest law asks.")] = 0,
+    bandwidth: Annotated[Number, typer.Option(metavar="HZ", help="Of the position loop [Hz]. Default: 6.")] = None,
+    kp: Annotated[str | None, typer.Option(metavar="A,B", help="Stiffness of the loop [N.m/rad]; with --kd.")] = None,
+    kd: Annotated[str | None, typer.Option(metavar="A,B", help="Damping of the loop [N.m.s/rad]; with --kp.")] = None,
+    feed_forward: Annotated[Number, typer.Option(metavar="SHARE", help="Of the bodies' torque. Default: 1.")] = None,
+    encoder_bits: Annotated[
+        Number, typer.Option(metavar="N", help="2**N counts a turn, or metre. Default: exact.")
+    ] = None,
+    noise: Annotated[float, typer.Option(metavar="SHARE", help="White noise of torque, over its rms.")] = 0.0,
+    coloured_noise: Annotated[float, typer.Option(metavar="SHARE", help="The same, below 3 Hz.")] = 0.0,
     jitter: Annotated[float, typer.Option(metavar="SHARE", help="Of the sampling period.")] = 0.0,
     drop_outs: Annotated[float, typer.Option(metavar="SHARE", help="Of the rows, in bursts.")] = 0.0,
     unsigned: Annotated[bool, typer.Option("--unsigned", help="Record torque without its sign.")] = False,
@@ -63,7 +69,7 @@ def simulate(
     seed: Seed = 0,
     json: Json = False,
 ) -> int:
-    """A recording of a simulated robot that follows a motion, with laws injected.
+    """A recording of a simulated robot, with laws injected.
 
     The robot is controlled along --motion by position and velocity, with the torque of the bodies that SIMULATION
     states ahead. Without --motion it moves at random within its limits, from rest to rest. Joints that the motion has

@@ -1,4 +1,7 @@
-"""From base parameters to standard parameters: those a real robot could have, or those nearest to the description."""
+"""From base parameters to standard parameters: those a real robot could have, or those nearest to the description.
+
+A body is possible where its pseudo-inertia, a matrix of its mass, first moments and inertia, is positive definite.
+"""
 
 from .fit import ConsistentFit, fit_consistent
 from .nearest import standard_from_base

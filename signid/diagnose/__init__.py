@@ -1,4 +1,14 @@
-"""Simulation and recordings -> where they differ, why, and the simulation that lacks nothing more."""
+"""Simulation and recordings -> where they differ, why, and the simulation that lacks nothing more.
+
+Torque that the simulation leaves unexplained is located: at which joint, on what it depends, in which region. Then
+every law of `signid.effects` is tried at every joint, several together, and held against torque that depends on a
+position, a velocity, an acceleration, a torque or time in a way that no law explains.
+
+What is found is a `Diagnosis`. Its `causes` are what the simulation lacks: each a `Finding`, a law with numbers,
+standard deviations, a probability, and `alternatives` that explain the same, with the motion that would tell them
+apart. Its `model` is the simulation with what it lacked, judged on recordings that took no part. `flags` say what not
+to trust.
+"""
 
 from .result import Alternative, Diagnosis, Finding, Unexplained
 from .run import diagnose

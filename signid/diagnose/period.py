@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.signal import fftconvolve
 
 from ..types import Array
 
@@ -23,7 +22,8 @@ def find_period(q: Array, rate: float) -> float | None:
     least, most = round(LEAST * rate), int(0.55 * count)
     if x.shape[1] == 0 or most <= least + 2:
         return None
-    product = sum(fftconvolve(c, c[::-1])[count - 1 :] for c in x.T)
+    spectrum = np.fft.rfft(x, 1 << (2 * count).bit_length(), axis=0)
+    product = np.fft.irfft(np.sum(np.abs(spectrum) ** 2, axis=1))[:count]
     power = np.append(0.0, np.cumsum(np.sum(x**2, axis=1)))
     lags = np.arange(count)
     square = (power[count - lags] + power[count] - power[lags] - 2 * product) / np.maximum(count - lags, 1) / x.shape[1]

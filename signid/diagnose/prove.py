@@ -16,7 +16,7 @@ from ..session import Part, Session
 from ..types import Array, Robot
 from .group import stated_friction
 from .noise import Noise
-from .sample import Piece, pieces, unsure_rows
+from .sample import Piece, pieces, row_filter, unsure_rows
 from .table import stands_still
 
 
@@ -92,12 +92,19 @@ def prove(before: Shown, after: Shown, noise: Noise) -> Proof:
     return Proof(
         fit_of(before, noise),
         fit_of(after, noise),
-        _course(before.learned, after.learned, robot),
-        _course(before.judged, after.judged, robot),
+        course_of(before.learned, after.learned, robot),
+        course_of(before.judged, after.judged, robot),
     )
 
 
-def _course(before: Rows, after: Rows, robot: Robot) -> Course:
+def course_of(before: Rows, after: Rows, robot: Robot) -> Course:
+    """What one simulation and another leave of the same recordings.
+
+    Args:
+        before: rows of the one.
+        after: rows of the other.
+        robot: gives the joints.
+    """
     thin, motions = before.thin, [piece.motion for piece in before.pieces]
     lengths = [len(thin.at(motion.t)) for motion in motions]
 
@@ -127,7 +134,7 @@ def residuals(task: Task, model: Model, parts: Sequence[Part]) -> Rows:
         model: the simulation.
         parts: recordings and their sampling.
     """
-    thin, found = Decimator(task.band.taps, task.band.factor), tuple(pieces(task, model, parts))
+    thin, found = row_filter(task), tuple(pieces(task, model, parts))
     rest = np.concatenate([thin(piece.residual) for piece in found])
     predicted = np.concatenate([thin(np.asarray(piece.motion.predicted)) for piece in found])
     still = [thin.at(stands_still(p.motion, thin)) for p in found]

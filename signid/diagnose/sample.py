@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import convolve1d
 
+from ..cutoff import Band
 from ..effects.law import law_torque
 from ..filters import Decimator, lowpass
 from ..model import Model
@@ -20,40 +21,73 @@ from ..session import Part
 from ..types import Array, Law, Robot
 
 LATE = 0.006  # [s] by which a reversal is sensed too early or too late
-LONG = 2**14  # samples of the recording at a time
+LONG = 2**14  # samples at a time
+FAST, ROOM = 250.0, 3.0  # [Hz] that is enough, and samples a period of the fastest motion that passes, at least
 
 
 class Piece(NamedTuple):
-    """Consecutive samples of a recording at full rate."""
+    """Consecutive samples of a recording, at a rate that is enough for its band."""
 
     recording: int
     motion: Motion  # as it was, with predicted torque; recorded torque is low-passed, for laws that look at it
     residual: Array  # (N, n) [N.m or N] measured - predicted, not filtered; NaN where no torque is recorded
 
 
-def pieces(task: Task, model: Model, parts: Sequence[Part]) -> Iterator[Piece]:
+def pieces(task: Task, model: Model, recordings: Sequence[Part]) -> Iterator[Piece]:
     """All spans of recordings that are long enough for the filter of the rows, long ones cut.
 
     Args:
         task: gives the band and the width of a reversal.
         model: the simulation.
-        parts: recordings and their sampling.
+        recordings: and their sampling.
     """
     bodies = model.bodies()
     bodies.armature = np.zeros(bodies.nv)  # rotors are no load
     robot = replace(model.robot, model=bodies)
     edge, half = margin(task.band, task.recorded_derivatives), len(task.band.taps) // 2
-    for k, (recording, sampling) in enumerate(parts):
+    parts = _parts(task)
+    for k, (recording, sampling) in enumerate(recordings):
         for span in sampling.spans:
             total = sampling.length(span) - 2 * edge
-            count = -(-total // LONG)
+            count = -(-total // (LONG * parts))
             cuts = np.linspace(0, total, count + 1).astype(int).tolist() if total > 0 else []
             for start, stop in ((a, b) for a, b in pairwise(cuts) if b - a > 2 * half):
                 window = samples(recording, sampling, span, start, stop + 2 * edge)
                 motion = build_motion(
                     model.robot, window, task.band, sampling.period, task.recorded_derivatives, task.slow
                 )
-                yield _piece(task, model, motion, robot, k)
+                yield _piece(task, model, _thinned_motion(motion, task.band, parts), robot, k)
+
+
+def spare(band: Band) -> int:
+    """How many times slower a recording could be without losing what passes the band."""
+    return max(1, min(round(band.rate / FAST), int(band.rate / (ROOM * band.position_cutoff)))) if band.filtered else 1
+
+
+def row_filter(task: Task) -> Decimator:
+    """The low-pass that makes rows of the samples of pieces."""
+    band = _slower(task)
+    return Decimator(band.taps, band.factor)
+
+
+def _slower(task: Task) -> Band:
+    return task.band.slower(_parts(task))
+
+
+def _parts(task: Task) -> int:
+    """How many samples of a recording make one of a piece."""
+    most = 1 if task.recorded_derivatives else spare(task.band)
+    return max(parts for parts in range(1, most + 1) if task.band.factor % parts == 0)
+
+
+def _thinned_motion(motion: Motion, band: Band, parts: int) -> Motion:
+    """Every so manieth sample: positions lie in the band already, torque passes a low-pass first."""
+    if parts == 1:
+        return motion
+    assert motion.recorded is not None, "windows carry torque"
+    calm = convolve1d(motion.recorded, lowpass(band.rate, 0.4 * band.rate / parts), axis=0, mode="nearest")
+    signals = {key: getattr(motion, key)[::parts] for key in ("t", "q", "v", "a")}
+    return replace(motion, recorded=calm[::parts], **signals)
 
 
 def thinned(thin: Decimator, columns: Sequence[Mapping[int, Array]]) -> dict[int, Array]:
@@ -96,6 +130,6 @@ def _piece(task: Task, model: Model, motion: Motion, robot: Robot, k: int) -> Pi
     predicted = model.inverse(motion)
     acted, recorded = model.acted(motion), motion.recorded
     assert recorded is not None, "windows carry torque"
-    calm = convolve1d(recorded, lowpass(task.band.rate, 2 * task.band.cutoff), axis=0, mode="nearest")
+    calm = convolve1d(recorded, lowpass(_slower(task).rate, 2 * task.band.cutoff), axis=0, mode="nearest")
     shown = replace(acted, robot=robot, recorded=np.nan_to_num(calm), predicted=predicted)
     return Piece(k, shown, recorded - predicted)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d
 
 from ..effects import EFFECTS
 from ..effects.law import law_columns
@@ -22,7 +23,8 @@ MOTIONS, DURATION, RATE = 6, 8.0, 50.0  # random ones, [s], [Hz]
 INDEPENDENT = 20.0  # [Hz] samples of torque with independent errors
 HARMONICS, AMPLITUDE = 5, (0.3, 0.9)  # least and most share of the limits
 STRUCTURAL = 1e-6  # of a law's sum of squares: less is the same law
-REVERSAL = 0.01  # [rad/s or m/s]
+REVERSAL, STILL = 0.01, 5.0  # [rad/s or m/s] width of a reversal, and how many of them are near one
+NEAR = 0.06  # [s] before and after a reversal in which torque does not count
 BESIDE = ("viscous_friction", "coulomb_friction", "torque_offset")
 
 
@@ -76,12 +78,20 @@ def _left(model: Model, law: Law, rival: Law, floor: Array, motion: Motion) -> t
     columns += [
         _wide(Law(EFFECTS[name], (j,)), motion, n) for name in BESIDE if name != law.effect.name for j in law.joints
     ]
-    y = (torque / floor).ravel()
-    x = np.concatenate(columns, axis=2) / floor[:, None]
+    weight = _clear(motion) / floor
+    y = (torque * weight).ravel()
+    x = np.concatenate(columns, axis=2) * weight[:, :, None]
     x = x.reshape(len(y), -1)
     rest = leave(y, x)
     left, whole = float(rest @ rest), float(y @ y)
     return left * INDEPENDENT / RATE, left / whole if whole > 0 else 0.0
+
+
+def _clear(motion: Motion) -> Array:
+    """(N, n) 0 near reversals, where torque counts little, else 1."""
+    sign = np.sign(motion.v)
+    turns = (np.abs(motion.v) < STILL * REVERSAL) | (np.diff(sign, axis=0, append=sign[-1:]) != 0)
+    return np.asarray(1.0 - maximum_filter1d(turns.astype(float), 2 * round(NEAR * RATE) + 1, axis=0))
 
 
 def _wide(law: Law, motion: Motion, n: int) -> Array:

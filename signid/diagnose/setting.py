@@ -1,4 +1,4 @@
-"""What a diagnosis works on, from full-rate motions to whitened rows; more columns can be asked of it."""
+"""What a diagnosis works on, from motions to whitened rows; more columns can be asked of it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ..types import Array, Frozen
 from .group import Group
 from .hypothesis import Hypothesis
 from .noise import Noise, whiten
-from .sample import Piece, thinned
+from .sample import Piece, row_filter, thinned
 from .table import Table
 from .whitened import Whitened, weights
 
@@ -35,10 +35,10 @@ class Setting(Frozen):
     @cached_property
     def thin(self) -> Decimator:
         """The low-pass of columns and torque."""
-        return Decimator(self.task.band.taps, self.task.band.factor)
+        return row_filter(self.task)
 
     def thinned(self, columns: Sequence[Mapping[int, Array]]) -> dict[int, Array]:
-        """Per joint, rows (M, k) [torque per coefficient] of columns that were made at full rate.
+        """Per joint, rows (M, k) [torque per coefficient] of columns that were made at the rate of the pieces.
 
         Args:
             columns: piece by piece, per joint (N, k) [torque per coefficient].

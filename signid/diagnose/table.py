@@ -15,7 +15,7 @@ from ..motion import Motion
 from ..rows import Task
 from ..types import Array, Frozen, Indices, Mask
 from .group import Group, nuisances
-from .sample import Piece, unsure_rows
+from .sample import Piece, row_filter, unsure_rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +85,7 @@ def tabulate(task: Task, model: Model, groups: Sequence[Group], pieces: Sequence
         pieces: motions with residuals.
         dry: (n,) dry friction of each joint [N.m or N].
     """
-    thin = Decimator(task.band.taps, task.band.factor)
+    thin = row_filter(task)
     made = [_thinned(model, groups, piece, thin, dry) for piece in pieces]
     n, lengths = len(model.robot.joints), [len(rows[0][1]) for rows in made]
 

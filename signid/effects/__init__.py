@@ -1,4 +1,12 @@
-"""Physical laws. To add one: write a file here, add its name below."""
+"""Physical laws: friction, springs, bodies, and what recordings do to torque and position. One law, one file.
+
+A law is written once, elementwise, and serves to identify, to simulate, to diagnose and to report. `EFFECTS["spring"]`
+is one of them; iterating over `EFFECTS` gives all. What it adds to a robot's torque is its `equation`, which is text
+that can be run, in its numbers and t, q, v, a, load, torque and inertia. At prismatic joints read N for N.m, m for rad.
+
+To add a law: write a file here, as `signid.effects.spring` does, of one of the five kinds in `signid.effects.base`, and
+add its name below; or put it into another package behind an entry point `signid.effects`.
+"""
 
 from __future__ import annotations
 

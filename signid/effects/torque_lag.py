@@ -1,7 +1,7 @@
 """Torque lag: the amplifier's filter smooths the torque before it is written down."""
 
 import numpy as np
-from scipy.signal import lfilter
+from scipy.linalg import solve_banded
 
 from ..types import Array, Coefficient, View
 from .base import RecordingLaw
@@ -22,7 +22,10 @@ class TorqueLag(RecordingLaw):
         """Exact where the torque is linear between samples; settled at the first."""
         keep = np.exp(-x.dt / time_constant)
         slope = (1 - keep) * time_constant / x.dt
-        return np.asarray(lfilter([1 - slope, slope - keep], [1, -keep], x.torque, axis=0, zi=slope * x.torque[:1])[0])
+        given = x.torque.reshape(len(x.torque), -1)
+        given = np.concatenate([given[:1], (1 - slope) * given[1:] + (slope - keep) * given[:-1]])
+        bands = np.outer([1.0, -keep], np.ones(len(given)))
+        return np.asarray(solve_banded((1, 0), bands, given)).reshape(x.torque.shape)
 
 
 PLUGIN = TorqueLag()

@@ -1,4 +1,9 @@
-"""Ways to minimise, one library a file."""
+"""Ways to minimise, one library a file: NLopt and SciPy behind one verb.
+
+A `Problem` is an objective in a box, a start, and a gradient if there is one; `OPTIMISERS["nlopt"].minimise` takes it
+and gives an `Optimum`. To add a library: write a file here and add its name below; or put it into another package
+behind an entry point `signid.optimisers`.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,10 @@
-"""Replay: the recorded robot and the simulated one, in Meshcat."""
+"""Replay: the recorded robot and the simulated one as its ghost, in Meshcat.
 
-from .live import Live as Live
-from .run import Replay as Replay
-from .run import replay as replay
+The simulation starts anew from the measured state again and again, under the recorded torque; links have the colour of
+the torque that is left unexplained at their joint, and what a diagnosis found is marked at its place.
+"""
+
+from .live import Live
+from .run import Replay, replay
+
+__all__ = ["Live", "Replay", "replay"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ..diagnose import Alternative, Diagnosis, Finding
@@ -88,12 +88,16 @@ def _finding(robot: Robot, finding: Finding) -> Document:
 
 def finding_numbers(robot: Robot, finding: Finding) -> Document:
     """By key: value, standard deviation (None where it is not known) and unit; the value of a partner is its name."""
-    law = finding.law
+    return told_numbers(robot, finding.law, finding.std)
+
+
+def told_numbers(robot: Robot, law: Law, std: Mapping[str, float]) -> Document:
+    """The same of any law, with the standard deviations that are known."""
     _, values = placed(law, robot)
     out: dict[str, Any] = {}
     for key, value in values.items():
         unit = "" if key == "partner" else _unit(robot, law, key)
-        out[key] = {"value": value, "std": finding.std.get(key), "unit": unit}
+        out[key] = {"value": value, "std": std.get(key), "unit": unit}
     return out
 
 

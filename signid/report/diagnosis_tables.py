@@ -73,7 +73,7 @@ def _fit(result: Diagnosis) -> Table:
     table = new_table("joint", "before>", "after>", "noise floor>", "unit", "R2 before>", "R2 after>")
     before, after = result.before, result.after
     for j, joint in enumerate(before.joints):
-        rms = _change(float(before.held_out_rms[j]), float(after.held_out_rms[j]))
+        rms = change(float(before.held_out_rms[j]), float(after.held_out_rms[j]))
         r2 = (determination(float(fit.held_out_r2[j])) for fit in (before, after))
         table.add_row(joint, *rms, figure(float(before.noise_floor[j]), 2), before.unit[j], *r2)
     return table
@@ -86,11 +86,11 @@ def _rolled(result: Diagnosis) -> Iterator[RenderableType]:
     horizon = max(before.horizons)
     table = new_table("joint", "before>", "after>", "unit")
     for joint, unit, *rms in zip(before.joints, before.unit, before.rms(horizon), after.rms(horizon), strict=True):
-        table.add_row(joint, *_change(*map(float, rms)), unit)
+        table.add_row(joint, *change(*map(float, rms)), unit)
     yield heading(f"Simulated for {horizon:g} s from measured states: rms error of position at the end")
     yield table
 
 
-def _change(before: float, after: float) -> tuple[Text, Text]:
+def change(before: float, after: float) -> tuple[Text, Text]:
     """An error before and after; after in red where it is clearly larger."""
     return Text(figure(before)), Text(figure(after), "red" if after > WORSE * before else "")

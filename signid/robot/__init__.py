@@ -1,4 +1,8 @@
-"""Robot descriptions: found by path or name, checked, and turned into a Robot."""
+"""Robot descriptions: found by path or name, checked, and turned into a Robot.
+
+URDF, xacro and MJCF files are read, and names are found: robots that come with signid, and those of example-robot-data.
+Joints that are not to move are held; mimic joints follow. `urdf_from_dh` makes a URDF of Denavit-Hartenberg parameters.
+"""
 
 from .configuration import configuration
 from .dh import DHLink, urdf_from_dh

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.signal import lfilter
 
 from ..errors import OptionError
 from ..types import Array, Mask, Robot
@@ -114,6 +113,8 @@ def _counted(q: Array, bits: float | None, prismatic: Mask, rng: np.random.Gener
 
 def _noise(size: Array, rows: int, period: float, sensors: Sensors, rng: np.random.Generator) -> Array:
     """Torque noise (rows, n) for rms torques (n,); coloured noise is stationary from the first row on."""
+    from scipy.signal import lfilter  # takes long to import
+
     white, coloured = rng.standard_normal((2, rows, len(size)))
     keep = float(np.exp(-2 * np.pi * CORNER * period))
     coloured[1:] *= np.sqrt(1 - keep**2)

@@ -8,11 +8,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...course import follow
+from ...course import Course
+from ...diagnose.prove import course_of, residuals
 from ...excitation import ENOUGH
 from ...fit import Fit
 from ...identify import Identification
-from ...model import stated_inertials, stated_parameters
+from ...model import Model, stated_inertials, stated_laws
+from ...sampling import split
+from ...session import Part, Session
 from ...types import Array, Input, pseudo_inertia
 from ...version import __version__
 from ..documents import description, once
@@ -28,6 +31,7 @@ from .frame import AFTER, FLOOR, Plot, axis, packed, render
 from .signs import sign_plots
 
 LISTED = 12  # pairs of parameters that are named
+MOST, FEW = 400_000, 20_000  # samples that are drawn, and that are not worth a part of a recording
 
 
 class Bound(NamedTuple):
@@ -50,8 +54,7 @@ def identification_page(result: Identification, inputs: Sequence[Input] = (), co
         command: that makes the page again, if there is one.
     """
     session, base = result.session, result.base
-    stated = base.combination @ stated_parameters(session.task).values
-    course = follow(session, session.held_out, result.base_value, stated) if session.held_out else None
+    course, whole = _course(session, result.model) if session.held_out else (None, True)
     order = worst(result.fit)
     rms = np.full_like(result.fit.train_rms, np.nan) if course is None else _rms(course.before)
     before = replace(result.fit, train_rms=rms, held_out_rms=rms)
@@ -64,7 +67,7 @@ def identification_page(result: Identification, inputs: Sequence[Input] = (), co
         cards=list(_cards(result, order[0])),
         fit=list(_fit_rows(result, before)),
         joints=[] if course is None else joint_plots(course, before, result.fit, order),
-        whole=course is None or course.whole,
+        whole=whole,
         bounds=_bounds(result),
         correlation=correlation_plot(result.estimate.covariance),
         tied=[(base.expressions[i], base.expressions[k], x) for i, k, x in tied(result.estimate.covariance)[:LISTED]],
@@ -82,6 +85,32 @@ def identification_page(result: Identification, inputs: Sequence[Input] = (), co
         seed=result.seed,
         version=__version__,
     )
+
+
+def _course(session: Session, after: Model) -> tuple[Course, bool]:
+    """The description and the model on what was held out, or on its beginning, and whether that is all of it."""
+    parts = list(_beginning(session.held_out))
+    stated = Model(session.robot, stated_inertials(session.robot), stated_laws(session.robot))
+    before, learned = (residuals(session.task, model, parts) for model in (stated, after))
+    return course_of(before, learned, session.robot), _samples(parts) == _samples(session.held_out)
+
+
+def _beginning(parts: Sequence[Part]) -> Iterator[Part]:
+    """Recordings one after the other, the last of them in part, until there are enough samples."""
+    left = MOST
+    for part in parts:
+        count, (recording, sampling) = _samples([part]), part
+        if count > left:
+            yield recording, split(sampling, left / count)[0]
+            return
+        yield part
+        left -= count
+        if left < FEW:
+            return
+
+
+def _samples(parts: Sequence[Part]) -> int:
+    return sum(sampling.length(span) for _, sampling in parts for span in sampling.spans)
 
 
 def _sentence(result: Identification) -> str:
