@@ -96,6 +96,16 @@ def choose_band(pieces: Sequence[Samples], rate: float, cutoff: float | None = N
     return Band(rate, factor, True, allowed, speed, np.sqrt(level * rate / (2 * factor)))
 
 
+def encoder_noise(pieces: Sequence[Samples], rate: float) -> Array:
+    """(n,) standard deviation of the white noise of the positions [rad or m], from their highest frequencies.
+
+    Args:
+        pieces: stretches of uniform samples, q (N, n) [rad or m].
+        rate: sampling rate [Hz].
+    """
+    return np.asarray(np.sqrt(_acceleration([piece.q for piece in pieces], rate).level * rate / 2))
+
+
 class _Acceleration(NamedTuple):
     """Spectrum of the twice differentiated positions of n joints."""
 

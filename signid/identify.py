@@ -9,16 +9,17 @@ import numpy as np
 
 from .errors import OptionError
 from .estimate import estimate
+from .estimators import ESTIMATORS, Estimator, Given
 from .excitation import Excitation, judge_excitation
 from .factors import LAGS, Factors, Weigh
 from .fit import Fit, judge_fit
-from .model import Model, stated_parameters
+from .model import Model, fitted_model, stated_parameters
 from .prepare import prepare, recordings_used
 from .rows import Rows
 from .session import Options, Progress, Session
 from .signs import Signs, recover
 from .standard import METHODS, Search, choose_standard
-from .types import Array, BaseMap, Estimate, Frozen, Input, Law, Parameters, Recording, Robot
+from .types import Array, BaseMap, Estimate, Frozen, Input, Parameters, Recording, Robot
 
 HUBER = 1.345  # residual, in standard deviations, beyond which a row counts less
 ROBUST_ROUNDS = 3
@@ -61,6 +62,7 @@ def identify(
     held_out: Sequence[Recording] = (),
     method: str | None = None,
     signs: str = "exact",
+    estimator: str | Estimator | None = None,
     search: Search | None = None,
     options: Options | None = None,
     progress: Progress | None = None,
@@ -76,24 +78,28 @@ def identify(
         method: `convex`: physically consistent fit; `wls`: the least-squares base parameters as they are, with the
             nearest standard parameters; `pbrp`: penalty-based parameter retrieval. None: convex, or pbrp after a tree.
         signs: how lost signs are recovered: `exact`, or `tree`, the classical tree of sign choices.
+        estimator: `wls`, `iv`, `tls`, `oe` or one of another package. None: weighted least squares, with desired
+            positions as instruments where they are recorded.
         search: how penalty-based parameter retrieval searches.
         options: effects, cut-off and the like.
         progress: told what is being done and how far it is.
 
     Raises:
-        OptionError: a method is unknown.
+        OptionError: a method or an estimator is unknown, or the recordings lack what it needs.
         RecordingError: a recording cannot be used, or no sign can be found in it; the sentence says which and why.
     """
-    options = options or Options()
+    way = ESTIMATORS[estimator] if isinstance(estimator, str) else estimator
+    options = way.options(options or Options()) if way else options or Options()
     if method is not None and method not in METHODS:
         raise OptionError(f"method {method!r} is none of {', '.join(METHODS)}")
     _only_once(recordings, held_out)
     recovered = recover(robot, recordings, held_out, method=signs, options=options, progress=progress)
     method = method or METHODS[-1 if recovered.signs is not None and signs == "tree" else 0]
     session = prepare(robot, recovered.expected, recovered.held_out, options)
-    train, test = _factors(session, options, progress)
+    train, test, weigh = _factors(session, options, progress)
     prior = session.task.base.combination @ stated_parameters(session.task).values
-    found = estimate(train, session.task.base, prior, options.whiten)
+    given = Given(session, train, prior, options.whiten, weigh, progress)
+    found = (way or ESTIMATORS["wls"]).estimate(given)
     excitation = judge_excitation(session.task, train, found, options.seed)
     chosen = choose_standard(session, found, method, search or Search(), options.seed)
     parameters = chosen.parameters
@@ -106,7 +112,7 @@ def identify(
         estimate=recovered.widen(found, train, session.task.base, options.whiten),
         base_value=base_value,
         parameters=parameters,
-        model=Model(session.robot, parameters.bodies(), _laws(session.task.laws, parameters)),
+        model=fitted_model(session.task, parameters),
         fit=fit,
         excitation=excitation,
         method=method,
@@ -114,7 +120,7 @@ def identify(
         inputs=recordings_used(recordings, held_out),
         signs=recovered.signs,
         recordings=(*recovered.recordings, *recovered.held_out),
-        flags=(*recovered.flags, *excitation.sentences, *chosen.flags),
+        flags=(*recovered.flags, *found.flags, *excitation.sentences, *chosen.flags),
         notes=(*notes, *chosen.notes, *fit.sentences),
         cutoff=session.task.band.cutoff,
         position_cutoff=session.task.band.position_cutoff,
@@ -123,16 +129,15 @@ def identify(
     )
 
 
-def _factors(session: Session, options: Options, progress: Progress | None) -> tuple[Factors, Factors]:
+def _factors(session: Session, options: Options, progress: Progress | None) -> tuple[Factors, Factors, Weigh | None]:
     lags = LAGS if options.whiten else 0
-    train = session.reduce(session.train, progress=progress, lags=lags)
+    train, weigh = session.reduce(session.train, progress=progress, lags=lags), None
     if options.robust:
         for _ in range(ROBUST_ROUNDS):
             found = estimate(train, session.task.base, whiten=False)
-            train = session.reduce(
-                session.train, weigh=_huber(found, train), progress=progress, purpose="weighing", lags=lags
-            )
-    return train, session.reduce(session.held_out, progress=progress, purpose="judging by", lags=0)
+            weigh = _huber(found, train)
+            train = session.reduce(session.train, weigh=weigh, progress=progress, purpose="weighing", lags=lags)
+    return train, session.reduce(session.held_out, progress=progress, purpose="judging by", lags=0), weigh
 
 
 def _huber(found: Estimate, factors: Factors) -> Weigh:
@@ -163,14 +168,3 @@ def _only_once(recordings: Sequence[Recording], held_out: Sequence[Recording]) -
             )
             raise OptionError(f"{again}; give each recording once, to learn from or to judge by")
         seen[recording.sha256] = recording.path
-
-
-def _laws(laws: Sequence[Law], parameters: Parameters) -> tuple[Law, ...]:
-    values: dict[int, list[float]] = {}
-    for label, value in zip(parameters.labels, parameters.values, strict=True):
-        if label.law is not None:
-            values.setdefault(label.law, []).append(float(value))
-    return tuple(
-        Law(law.effect, law.joints, law.effect.physical(values[k], law.effect.shape(law.parameters)))
-        for k, law in enumerate(laws)
-    )

@@ -11,8 +11,8 @@ LEVELS = (
     "version errors registry arrays parameters types",
     "robot formats effects optimisers",
     "recording sampling filters cutoff rigid motion regressor basis residual rows",
-    "factors session course prepare fit estimate excitation consistent retrieve laws model standard simulate rollout "
-    "excite signs gross",
+    "factors session course prepare fit estimate excitation consistent retrieve laws model standard simulate "
+    "estimators rollout excite signs gross",
     "identify check inspect diagnose gallery",
     "report replay export fleet",
     "demo",
