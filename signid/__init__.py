@@ -1,9 +1,9 @@
 """signid: what a real robot's dynamics are, from its recordings, and what a simulation of it lacks.
 
 `load_robot` and `read_recording` begin. `check` says what recordings can tell. `identify` makes a model of them, with
-intervals; `diagnose` names the physics that a simulation (`load_model`) lacks. `roll_out` proves a model,
-`report` and `replay` show it, `export` hands it on. `excite` and `separate` make motions; `track`, `simulate` and
-`record` a robot to try them on.
+intervals; `diagnose` names the physics that a simulation (`load_model`) lacks, `payload` what a robot carries.
+`roll_out` proves a model, `report` and `replay` show it, `export` hands it on. `excite` and `separate` make motions;
+`track`, `simulate` and `record` a robot to try them on.
 
 Units are SI; `(N, n) [rad or m]` is an array, N samples of n joints. Errors are `SignidError`, laws `signid.effects`.
 """
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from .identify import identify as identify
     from .inspect import inspect as inspect
     from .model import load_model as load_model
+    from .payload import payload as payload
     from .recording import read_recording as read_recording
     from .replay import replay as replay
     from .report import report as report
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
     from .session import Options as Options
     from .simulate import Sensors as Sensors, record as record, simulate as simulate, track as track  # isort: skip
 
-NAMES = {name: name for name in "check diagnose export identify inspect replay report".split()} | {
+NAMES = {name: name for name in "check diagnose export identify inspect payload replay report".split()} | {
     "errors": "SignidError", "excite": "excite separate", "model": "load_model", "rollout": "roll_out",
     "recording": "read_recording", "robot": "load_robot urdf_from_dh", "session": "Options",
     "simulate": "Sensors record simulate track"}  # fmt: skip
