@@ -33,7 +33,7 @@ from .plants.mujoco_ import Body, Motion, Track, draw_motion, log, simulate
 Array = NDArray[np.float64]
 
 DURATION, TORQUE = 20.0, 0.02  # s, share of rms torque that is white noise
-MOTIONS, QUICK = 8, 2  # recordings a row
+MOTIONS, QUICK = 6, 2  # recordings a row
 NORMAL = 1.96
 FINE = 24  # bits a turn of an encoder whose noise is white
 WIDE = MappingProxyType({"3r": 8.0, "ur10": 5.0})  # Hz, at which noise that the default cut-off would not let through
@@ -41,9 +41,9 @@ WIDE = MappingProxyType({"3r": 8.0, "ur10": 5.0})  # Hz, at which noise that the
 NOISES: Mapping[str, tuple[int, float]] = MappingProxyType(
     {
         "17 bits": (17, 0.0),
+        "14 bits": (14, 0.0),
         "12 bits": (12, 0.0),
         "1e-4 rad": (FINE, 1e-4),
-        "5e-4 rad": (FINE, 5e-4),
         "1e-3 rad": (FINE, 1e-3),
     }
 )
@@ -51,7 +51,7 @@ ESTIMATORS: Mapping[str, tuple[str | None, bool]] = MappingProxyType(
     {
         "wls": ("wls", False),
         "wls --robust": ("wls", True),
-        "default": (None, False),
+        "default, q_des": (None, False),
         "iv": ("iv", False),
         "tls": ("tls", False),
         "oe": ("oe", False),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import ceil
+from math import ceil, comb
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +19,7 @@ WIDEST = 6  # samples per period of the cut-off, at least
 CONTENT = 0.95  # of the acceleration's power is below a frequency ...
 BEYOND = 3.0  # ... of which the cut-off need not be more than so many times
 ALIKE = 0.01  # cut-offs differ by no more
+ORDER = 6  # of the differences that tell an encoder's noise
 ENOUGH = 5.0  # [Hz] to which the cut-off may always go if noise allows
 
 
@@ -96,14 +97,13 @@ def choose_band(pieces: Sequence[Samples], rate: float, cutoff: float | None = N
     return Band(rate, factor, True, allowed, speed, np.sqrt(level * rate / (2 * factor)))
 
 
-def encoder_noise(pieces: Sequence[Samples], rate: float) -> Array:
-    """(n,) standard deviation of the white noise of the positions [rad or m], from their highest frequencies.
+def encoder_noise(q: Array) -> Array:
+    """(n,) standard deviation of the white noise of positions [rad or m], from differences that motion hardly has.
 
     Args:
-        pieces: stretches of uniform samples, q (N, n) [rad or m].
-        rate: sampling rate [Hz].
+        q: (N, n) [rad or m] uniform samples.
     """
-    return np.asarray(np.sqrt(_acceleration([piece.q for piece in pieces], rate).level * rate / 2))
+    return np.asarray(np.sqrt(np.mean(np.diff(q, ORDER, axis=0) ** 2, axis=0) / comb(2 * ORDER, ORDER)))
 
 
 class _Acceleration(NamedTuple):

@@ -16,7 +16,7 @@ from ..types import Array, Estimate, Samples
 from .base import Estimator, Given
 from .part import part_of
 
-SEED = 0  # of the noise that is added to see what it does
+SEED, DRAWS = 0, 4  # of the noise that is added to see what it does
 MOST = 0.5  # share of a column combination's power that may be noise
 
 
@@ -54,12 +54,11 @@ def column_noise(given: Given) -> tuple[list[Array], Array]:
     """
     session = given.session
     pieces = [longest_piece(part, PIECE) for part in session.train]
-    rate = session.task.band.rate
-    size = encoder_noise(pieces, rate)
+    size = encoder_noise(max((piece.q for piece in pieces), key=len))
     task, rng = replace(session.task, instruments=False), np.random.default_rng(SEED)
     grams = [np.zeros((len(seen), len(seen))) for seen in given.factors.columns]
     rows = np.zeros(len(grams))
-    for piece in pieces:
+    for piece in [piece for piece in pieces for _ in range(DRAWS)]:
         noisy = piece._replace(q=piece.q + size * rng.standard_normal(piece.q.shape))
         for ours, theirs in zip(_rows(task, session, piece), _rows(task, session, noisy), strict=True):
             for j, gram in enumerate(grams):

@@ -9,7 +9,6 @@ import numpy as np
 from ..consistent import fit_consistent
 from ..errors import OptionError, RecordingError
 from ..estimate import estimate
-from ..excitation import judge_excitation
 from ..factors import LAGS
 from ..model import stated_parameters
 from ..prepare import prepare
@@ -70,10 +69,6 @@ def payload(
     fitted = fit_consistent(_one_body(difference), difference.estimate, _before(difference))
     inertial = fitted.parameters.bodies()[0]
     untold = _untold(difference)
-    verdicts = [
-        judge_excitation(session.task, f, e, options.seed) for f, e in zip(factors, (bare, loaded), strict=True)
-    ]
-    excited = [sentence for verdict in verdicts for sentence in verdict.sentences]
     roles = zip((without, carrying), ROLES, strict=True)
     return Payload(
         robot=session.robot,
@@ -87,7 +82,7 @@ def payload(
         inputs=tuple(Input(r.path, r.sha256, role) for side, role in roles for r in side),
         cutoff=session.task.band.cutoff,
         seed=options.seed,
-        flags=tuple(dict.fromkeys([*_flags(difference, untold), *excited])),
+        flags=_flags(difference, untold),
         notes=(*session.notes, *fitted.notes, *_notes(difference)),
     )
 
@@ -102,9 +97,7 @@ def _check(without: Sequence[Recording], carrying: Sequence[Recording]) -> None:
     for recording in both:
         if not recording.signed.all():
             name = recording.path or "a recording"
-            raise RecordingError(
-                f"{name} lacks signs of torque; give it `signid identify` first, and its signed.csv here"
-            )
+            raise RecordingError(f"{name} lacks signs of torque; a load is found from torque that has its sign")
 
 
 def _one_body(difference: Difference) -> BaseMap:
@@ -133,14 +126,14 @@ def _untold(difference: Difference) -> tuple[str, ...]:
     return tuple(name for name, some in parts if some.any())
 
 
-def _flags(difference: Difference, untold: Sequence[str]) -> list[str]:
+def _flags(difference: Difference, untold: Sequence[str]) -> tuple[str, ...]:
     flags = [f"the recordings cannot tell the {' and the '.join(untold)} of a load"] if untold else []
     mass, std = float(difference.load[0]), float(np.sqrt(difference.spread[0, 0]))
     if np.isfinite(std) and mass < CERTAIN * std:
         flags.append(
             f"no load is certain: the difference has a mass of {mass:.2g} kg, with a standard deviation of {std:.2g} kg"
         )
-    return flags
+    return tuple(flags)
 
 
 def _notes(difference: Difference) -> list[str]:
