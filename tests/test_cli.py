@@ -20,7 +20,7 @@ from signid.cli import run
 from signid.effects import EFFECT_NAMES
 
 ROOT = Path(__file__).parents[1]
-COMMANDS = tuple("demo inspect check identify diagnose effects excite export simulate replay data".split())
+COMMANDS = tuple("demo inspect check identify diagnose payload effects excite export simulate replay data".split())
 OUTPUTS = ["identification.json", "model.json", "report.html", "robot.urdf"]
 
 
