@@ -35,6 +35,7 @@ Array = NDArray[np.float64]
 DURATION, TORQUE = 20.0, 0.02  # s, share of rms torque that is white noise
 MOTIONS, QUICK = 6, 2  # recordings a row
 NORMAL = 1.96
+FIRM, LOOSE = 8.0, 2.0  # Hz, position loops that follow closely and loosely
 FINE = 24  # bits a turn of an encoder whose noise is white
 WIDE = MappingProxyType({"3r": 8.0, "ur10": 5.0})  # Hz, at which noise that the default cut-off would not let through
 # bits a turn, standard deviation of white noise [rad]
@@ -47,6 +48,7 @@ NOISES: Mapping[str, tuple[int, float]] = MappingProxyType(
         "1e-3 rad": (FINE, 1e-3),
     }
 )
+LOOSELY = ("12 bits", "1e-3 rad")  # under which the loose loop is tried, too
 ESTIMATORS: Mapping[str, tuple[str | None, bool]] = MappingProxyType(
     {
         "wls": ("wls", False),
@@ -64,6 +66,7 @@ class Row:
     """One estimator under one noise at one cut-off, over the recordings."""
 
     robot: str
+    loop: float  # Hz, of the controller
     noise: str
     cutoff: float  # Hz, median
     chosen: bool  # by signid, not by us
@@ -90,12 +93,14 @@ def columns(track: Track, motion: Motion, seed: int, noise: tuple[int, float]) -
     return made
 
 
-def recordings(case: Case, robot: Robot, noise: tuple[int, float], count: int) -> Iterator[Recording]:
+def recordings(
+    case: Case, robot: Robot, noise: tuple[int, float], count: int, loop: float = FIRM
+) -> Iterator[Recording]:
     """Motions, each logged once."""
     body = Body(robot.document, robot.joints)
     for k in range(count):
         motion = draw_motion(case.centre, k)
-        track = simulate(body, case.drives, motion, DURATION, case.rate)
+        track = simulate(body, case.drives, motion, DURATION, case.rate, bandwidth=2 * np.pi * loop)
         yield read_recording(columns(track, motion, 100 + k, noise), robot)
 
 
@@ -110,9 +115,9 @@ def run(
     return found, time.perf_counter() - start
 
 
-def judge(case: Case, robot: Robot, noise: str, cutoff: float | None, count: int) -> Iterator[Row]:
+def judge(case: Case, robot: Robot, noise: str, cutoff: float | None, count: int, loop: float = FIRM) -> Iterator[Row]:
     """All estimators under one noise at one cut-off."""
-    logs = list(recordings(case, robot, NOISES[noise], count))
+    logs = list(recordings(case, robot, NOISES[noise], count, loop))
     token = next(recordings(case, robot, (FINE, 0.0), 1))
     width, pace = np.zeros(0), np.zeros(0)
     for name in ESTIMATORS:
@@ -133,6 +138,7 @@ def judge(case: Case, robot: Robot, noise: str, cutoff: float | None, count: int
         mean = error.mean(0)
         yield Row(
             robot=case.robot,
+            loop=loop,
             noise=noise,
             cutoff=float(np.median([found.cutoff for found, _ in done])),
             chosen=cutoff is None,
@@ -163,12 +169,26 @@ def _weight(found: Identification) -> tuple[Array, float]:
 def show(rows: list[Row]) -> Table:
     """The rows as a table to read."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
-    for name in ("robot", "noise", "Hz", "estimator", "error, %", "bias, %", "95 %", "width", "time", "flagged"):
+    for name in (
+        "robot",
+        "loop",
+        "noise",
+        "Hz",
+        "estimator",
+        "error, %",
+        "bias, %",
+        "95 %",
+        "width",
+        "time",
+        "flagged",
+    ):
         table.add_column(name, justify="left" if name in ("robot", "noise", "estimator") else "right", no_wrap=True)
     for row in rows:
         shares = [f"{row.error:.2f}", f"{row.bias:.2f}", f"{row.coverage:.0f}", f"{row.wider:.1f}", f"{row.slower:.1f}"]
         hertz = f"{row.cutoff:.1f}{'' if row.chosen else ' (set)'}"
-        table.add_row(row.robot, row.noise, hertz, row.estimator, *shares, f"{row.flagged}/{row.recordings}")
+        table.add_row(
+            row.robot, f"{row.loop:g} Hz", row.noise, hertz, row.estimator, *shares, f"{row.flagged}/{row.recordings}"
+        )
     return table
 
 
@@ -182,10 +202,12 @@ def main() -> None:
     options = parser.parse_args()
     rows: list[Row] = []
     for case in (case for case in CASES if case.robot in WIDE and options.robot in (None, case.robot)):
-        robot = load(case)
+        robot, count = load(case), QUICK if options.quick else MOTIONS
         for noise in (noise for noise in NOISES if options.noise in (None, noise)):
             for cutoff in (None, WIDE[case.robot]):
-                rows += judge(case, robot, noise, cutoff, QUICK if options.quick else MOTIONS)
+                rows += judge(case, robot, noise, cutoff, count)
+        for noise in (noise for noise in LOOSELY if options.noise in (None, noise)):
+            rows += judge(case, robot, noise, WIDE[case.robot], count, LOOSE)
     Console(width=110).print(show(rows))
     if options.json:
         machine = {"python": platform.python_version(), "mujoco": mujoco.__version__, "processor": platform.machine()}
