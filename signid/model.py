@@ -143,6 +143,19 @@ def stated_laws(robot: Robot) -> tuple[Law, ...]:
     )
 
 
+def fitted_model(task: Task, parameters: Parameters) -> Model:
+    """The robot of a task with standard parameters that were found."""
+    values: dict[int, list[float]] = {}
+    for label, value in zip(parameters.labels, parameters.values, strict=True):
+        if label.law is not None:
+            values.setdefault(label.law, []).append(float(value))
+    laws = (
+        Law(law.effect, law.joints, law.effect.physical(values[k], law.effect.shape(law.parameters)))
+        for k, law in enumerate(task.laws)
+    )
+    return Model(task.robot, parameters.bodies(), tuple(laws))
+
+
 def standard_parameters(robot: Robot, inertials: Array) -> dict[str, dict[str, Any]]:
     """Per link: mass, first moment and inertia about the link's joint frame.
 
