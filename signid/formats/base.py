@@ -12,6 +12,8 @@ from numpy.typing import ArrayLike
 from ..errors import OptionError, RecordingError
 from ..types import Array, Table
 
+MOST = 8_000_000_000  # bytes, unpacked, of a file that is read whole
+
 
 class Format(ABC):
     """One kind of file that holds named columns."""

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import NamedTuple
 
 from ..errors import RecordingError
+from ..plain import read_toml
 from ..types import Robot
 
 TORQUES = ("tau", "current", "abs_tau", "abs_current")  # the first that a joint has is used
@@ -73,10 +73,10 @@ def _read_map(given: ColumnMap | None) -> Mapping[str, str]:
     if not isinstance(given, Mapping):
         name = f"column map {given}"
         try:
-            table = tomllib.loads(Path(given).read_text(encoding="utf-8"))
+            table = read_toml(given)
         except OSError as error:
             raise RecordingError(f"{name} cannot be read: {error.strerror}") from error
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        except ValueError as error:
             raise RecordingError(f'{name} is not TOML such as q_elbow = "elbow_pos": {error}') from error
     assert isinstance(table, Mapping)
     for key, value in table.items():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -95,10 +96,11 @@ def split(sampling: Sampling, share: float) -> tuple[Sampling, Sampling]:
     if not first or not last:
         told = f"the recording is too short ({sampling.duration:.3g} s) to hold out {1 - share:.0%} of it"
         raise RecordingError(f"{told}; record for longer, or give another recording to hold out")
-    return _restrict(sampling, first), _restrict(sampling, last)
+    return restrict(sampling, first), restrict(sampling, last)
 
 
-def _restrict(sampling: Sampling, stretches: list[Stretch]) -> Sampling:
+def restrict(sampling: Sampling, stretches: Sequence[Stretch]) -> Sampling:
+    """The same recording, of which only some parts of its stretches are used, in their order."""
     spans = tuple(_span(stretch) for stretch in stretches)
     return replace(
         sampling,
