@@ -23,7 +23,7 @@ from signid.report import write_files
 
 HERE = Path(__file__).parents[1]
 THERE = {**os.environ, "PYTHONPATH": str(HERE), "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
-FILES, SIZE, KILLS, ROUNDS = 5, 400_000, 15, 30
+FILES, SIZE, KILLS, ROUNDS = 5, 400_000, 8, 30
 WRITER = f"""if 1:
     import sys
     from signid.report.write import write_files

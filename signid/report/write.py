@@ -40,7 +40,7 @@ def probe_folder(folder: str | Path, option: str = "-o") -> None:
 def write_files(folder: str | Path, contents: Mapping[str, Content], option: str = "-o") -> list[Path]:
     """Write files into a folder, which is made where it is missing; either all of them or none.
 
-    Should the process be killed, every file is as it was or whole; the first one appears last, when all others are there.
+    Should the process be killed, every file is as it was or whole. The first one appears last, after all others.
 
     Args:
         folder: where the results go.

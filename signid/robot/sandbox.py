@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-SECONDS, MEMORY = 30, 4_000_000_000  # [s], bytes
+SECONDS, MEMORY = 20, 4_000_000_000  # [s], bytes
 WHERE = "it lies neither beside the description nor in a package or a --package-dir"
 MANIFESTS = ("package.xml", "manifest.xml", "stack.xml")
 REFUSED = tuple(
