@@ -10,12 +10,16 @@ import numpy as np
 import pytest
 
 import signid
+from signid.diagnose import enough
 from signid.diagnose.linear import solve
 from signid.errors import InputError
 from signid.gross.limits import Amount
 from signid.gross.sentences import tell_amount
 from signid.model import Model, stated_inertials
 from signid.motion import Motion
+from signid.prepare import prepare
+from signid.sampling import samples, spread
+from signid.session import Options
 from signid.simulate import simulate, track
 from signid.types import Trajectory
 
@@ -143,3 +147,24 @@ def test_a_link_may_have_the_name_of_a_joint() -> None:
     q = 0.1 * np.sin(2 * np.pi * t)[:, None] * np.ones(3)
     motion = Trajectory(robot.joints, t, q, np.gradient(q, t, axis=0), 0 * q)
     assert len(simulate(model, track(model, motion), 0.5).t)
+
+
+def test_of_a_long_recording_stretches_are_taken_and_it_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(enough, "MOST", 9 * 12.0)
+    monkeypatch.setattr(enough, "LEAST", 1.0)
+    robot = signid.load_robot("3r")
+    whole = prepare(robot, [signid.read_recording(_waves(80.0), robot)], [], Options(effects=()))
+    cut = enough.enough(whole)
+    ((recording, train),) = cut.train
+    assert train.duration == pytest.approx(12, rel=0.02)
+    assert [s.first for s in train.stretches] == sorted(s.first for s in train.stretches)
+    assert train.stretches[0].first == 0
+    assert train.stretches[-1].first + train.stretches[-1].count == whole.train[0][1].stretches[0].count
+    for span in train.spans:
+        found = samples(recording, train, span, 0, 5)
+        first = train.stretch(span).first
+        assert found.q[:, 0] == pytest.approx(_waves(80.0)["q_1"][first : first + 5])
+    assert "evenly spread" in cut.notes[-1]
+    assert spread(whole.train[0][1], 1e6) is whole.train[0][1]
+    monkeypatch.setattr(enough, "MOST", 1e9)
+    assert enough.enough(whole) is whole
