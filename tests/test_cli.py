@@ -20,7 +20,9 @@ from signid.cli import run
 from signid.effects import EFFECT_NAMES
 
 ROOT = Path(__file__).parents[1]
-COMMANDS = tuple("demo inspect check identify diagnose payload effects excite export simulate replay data".split())
+COMMANDS = tuple(
+    "demo inspect check identify diagnose payload effects convert excite export simulate replay data".split()
+)
 OUTPUTS = ["identification.json", "model.json", "report.html", "robot.urdf"]
 
 
@@ -58,7 +60,7 @@ def test_help_has_an_example(command: str, capsys: pytest.CaptureFixture[str]) -
     assert run([command, "--help"]) == 0
     out, err = capsys.readouterr()
     assert f"Example: signid {command} " in out and "--json" in out and not err
-    assert ("--seed" in out) == (command not in ("effects", "export", "replay", "data")), (
+    assert ("--seed" in out) == (command not in ("effects", "convert", "export", "replay", "data")), (
         "where there is chance there is a seed"
     )
 

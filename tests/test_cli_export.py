@@ -12,7 +12,14 @@ from exported import model_of
 from signid.cli import run
 from signid.report import to_json
 
-KINDS = {"urdf": "robot.urdf", "mjcf": "robot.xml", "actuators": "actuators.toml", "function": "laws.py"}
+KINDS = {
+    "urdf": "robot.urdf",
+    "mjcf": "robot.xml",
+    "actuators": "actuators.toml",
+    "function": "laws.py",
+    "ros": "r.yaml",
+    "isaaclab": "i.py",
+}
 
 
 @pytest.fixture
@@ -54,7 +61,7 @@ def test_json_says_the_same(saved: str, tmp_path: Path, capsys: pytest.CaptureFi
 @pytest.mark.parametrize(
     ("given", "sentence"),
     [
-        (["3r"], "no file was named; add --urdf, --mjcf, --actuators or --function FILE"),
+        (["3r"], "no file was named; add --urdf, --mjcf, --actuators, --function, --ros or --isaaclab FILE"),
         (["3r", "--urdf", ""], "--urdf '' is no name of a file"),
         (["3r", "--mjcf", "."], "--mjcf '.' is no name of a file"),
         (["3r", "--urdf", "a", "--mjcf", "./a"], "two of the files have the same name"),

@@ -13,7 +13,7 @@ LEVELS = (
     "recording sampling filters cutoff rigid motion regressor basis residual rows",
     "factors session course prepare fit estimate excitation consistent retrieve laws model standard simulate "
     "estimators rollout excite signs gross",
-    "identify check inspect payload diagnose gallery",
+    "identify check inspect payload diagnose convert gallery",
     "report replay export fleet",
     "demo",
     "cli",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Sequence
-from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -22,7 +21,7 @@ RobotName = Annotated[str, typer.Argument(metavar="ROBOT", help="A URDF, xacro o
 SimulationName = Annotated[
     str, typer.Argument(metavar="SIMULATION", help="A model.json, a URDF, xacro or MJCF file, or a name such as panda.")
 ]
-Files = Annotated[list[str], typer.Argument(metavar="RECORDING", help="CSV, CSV.gz, Parquet or NPZ files.")]
+Files = Annotated[list[str], typer.Argument(metavar="RECORDING", help="CSV, Parquet, NPZ, ROS bag or LeRobot dataset.")]
 Joints = Annotated[str | None, typer.Option(metavar="A,B", help="Joints that move, others are held. Default: all.")]
 Lock = Annotated[list[str] | None, typer.Option(metavar="J=VALUE", help="Hold joint J there [rad or m]. Repeatable.")]
 Actuators = Annotated[str | None, typer.Option(metavar="FILE", help="TOML of the drives. Default: actuators.toml.")]
@@ -171,6 +170,7 @@ def _names(option: str, text: str) -> tuple[str, ...]:
 
 def given_inputs(name: str, robot: Robot, actuators: str | None, **files: str | None) -> list[Input]:
     """The description as it was given, and what was read beside it by what it holds."""
+    from ..recording.source import digest_of
     from ..types import Input
 
     beside = Path(robot.path).with_name("actuators.toml")
@@ -178,5 +178,5 @@ def given_inputs(name: str, robot: Robot, actuators: str | None, **files: str | 
     named = [(file, Path(file), role) for role, file in {"actuators": actuators, **files}.items() if file is not None]
     if actuators is None and beside.is_file():
         named.append((str(given / beside.name), beside, "actuators"))
-    read = (Input(shown, sha256(path.read_bytes()).hexdigest(), role) for shown, path, role in named)
+    read = (Input(shown, digest_of(path), role) for shown, path, role in named)
     return [Input(name, robot.sha256, "description"), *read]

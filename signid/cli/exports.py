@@ -26,6 +26,8 @@ def export(
     mjcf: Annotated[File, typer.Option(metavar="FILE", help="For MuJoCo, with all that it can hold.")] = None,
     actuators: Annotated[File, typer.Option(metavar="FILE", help="TOML: the drives, to go beside a URDF.")] = None,
     function: Annotated[File, typer.Option(metavar="FILE", help="Python: torque(q, v, a) of the laws.")] = None,
+    ros: Annotated[File, typer.Option(metavar="FILE", help="YAML: drives and inertials for a ROS 2 node.")] = None,
+    isaaclab: Annotated[File, typer.Option(metavar="FILE", help="Python: the actuators for Isaac Lab.")] = None,
     package_dir: Annotated[
         list[str] | None, typer.Option(metavar="DIR", help="Where packages of meshes lie. Repeatable.")
     ] = None,
@@ -41,7 +43,9 @@ def export(
     from ..report import Screen, to_json
     from ..report.documents import provenance
 
-    asked = {"urdf": urdf, "mjcf": mjcf, "actuators": actuators, "function": function}
+    asked = {
+        "urdf": urdf, "mjcf": mjcf, "actuators": actuators, "function": function, "ros": ros, "isaaclab": isaaclab
+    }  # fmt: skip
     paths = {kind: Path(file) for kind, file in asked.items() if file is not None}
     _check(asked, paths)
     source = Source(simulation, packages=None if simulation.endswith(".json") else package_dir)
@@ -66,7 +70,7 @@ def _check(asked: dict[str, File], paths: dict[str, Path]) -> None:
     from ..report import probe_folder
 
     if not paths:
-        raise OptionError("no file was named; add --urdf, --mjcf, --actuators or --function FILE")
+        raise OptionError("no file was named; add --urdf, --mjcf, --actuators, --function, --ros or --isaaclab FILE")
     for kind, path in paths.items():
         if not asked[kind] or path.is_dir():
             raise OptionError(f"--{kind} {asked[kind]!r} is no name of a file; give the path of the file to write")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -36,12 +35,13 @@ class Source(NamedTuple):
 
     def inputs(self, robot: Robot, **files: str | None) -> list[Input]:
         """Everything that was read, by what it holds."""
+        from ..recording.source import digest_of
         from ..types import Input
 
         if not self.saved:
             return given_inputs(self.name, robot, self.actuators, **files)
         read = {"model": self.name, **{role: file for role, file in files.items() if file is not None}}
-        return [Input(path, sha256(Path(path).read_bytes()).hexdigest(), role) for role, path in read.items()]
+        return [Input(path, digest_of(Path(path)), role) for role, path in read.items()]
 
 
 class Loop(NamedTuple):
@@ -141,7 +141,7 @@ def check_output(output: str | None, json: bool) -> None:
     """Find out at once whether the recording can be written.
 
     Raises:
-        OptionError: no file was named.
+        OptionError: no file was named, or files of its kind are only read.
         RecordingError: its name is of no known format.
         OutputError: its folder cannot be written to.
     """
@@ -151,7 +151,9 @@ def check_output(output: str | None, json: bool) -> None:
     if output == "" or (output is None and not json):
         raise OptionError("no file for the result was named; add -o FILE, or --json to print what is told of it")
     if output is not None:
-        find_format(Path(output))
+        form = find_format(Path(output))
+        if not form.writes:
+            form.encode({}, output)
         probe_folder(Path(output).parent)
 
 

@@ -8,15 +8,13 @@ import numpy as np
 
 from ..types import Array, View
 
-EVENTS = 50  # impacts and departures within one step, at most
-STEP = 0.004  # [s] over which the load may be taken for constant
+EVENTS = 50  # impacts and departures within one sample, at most
 
 
 def fly(x: View, gap: float, stop: float) -> Array:
     """Deflection (N, 1) [rad or m] of one joint's link from its motor, free within a gap.
 
-    Exact between events where the load is constant over a step, of one sample or several of a fast recording; events
-    are found, not stepped over.
+    Exact between events where the load is constant over a sample; events are found, not stepped over.
 
     Args:
         x: one joint along a motion.
@@ -26,13 +24,10 @@ def fly(x: View, gap: float, stop: float) -> Array:
     half, inertia, load = gap / 2, x.inertia[:, 0], x.load[:, 0]
     along, j = x.whole.sensitivity, x.joints[0]
     force, pull, drag = -load / inertia, along.position[:, j, j] / inertia, along.velocity[:, j, j] / inertia
-    first = np.arange(0, len(force) - 1, max(1, round(STEP / x.dt)))
-    count = np.diff(first, append=len(force) - 1)
-    signals = ((force[1:] + force[:-1]) / 2, pull[:-1], drag[:-1])
-    steps = [(np.add.reduceat(signal, first) / count).tolist() if len(first) else [] for signal in signals]
+    push = ((force[1:] + force[:-1]) / 2).tolist()
     z, w = copysign(half, force[0]) + force[0] / stop**2, 0.0
-    out = [z]
-    for f, k, d, dt in zip(*steps, (count * x.dt).tolist(), strict=True):
+    out, dt = [z], x.dt
+    for f, k, d in zip(push, pull.tolist(), drag.tolist(), strict=False):
         f -= k * z + d * w
         side = 1.0 if z > 0 else -1.0
         if side * z > half:  # on a stop, mostly for a whole sample
@@ -43,7 +38,7 @@ def fly(x: View, gap: float, stop: float) -> Array:
                 continue
         z, w = _through(z, w, f, dt, half, stop)
         out.append(z)
-    return np.asarray(np.interp(np.arange(len(force)), np.append(first, len(force) - 1), out))[:, None]
+    return np.array(out)[:, None]
 
 
 def _through(z: float, w: float, f: float, left: float, half: float, stop: float) -> tuple[float, float]:

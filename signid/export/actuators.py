@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Collection
 from dataclasses import fields
 
 import numpy as np
@@ -27,20 +28,33 @@ def write_actuators(model: Model) -> Exported:
 
     What the description states and the model lacks is zero, as the file wins over the description.
     """
-    robot = model.robot
-    values = {item.name: _values(model, item.name) for item in fields(Actuators)}
-    offsets = [law for law in model.laws if law.effect.name == "torque_offset"]
-    carried = [*held(model, ("armature", "viscous_friction", "coulomb_friction")), *offsets]
-    beyond = lacking(robot, model.laws, carried)
-    notes = (f"an actuators file cannot hold {beyond}",) if beyond else ()
-    lines = [f"# Drives of {' '.join(robot.name.split())}; prismatic joints: N for N.m, m for rad, kg for kg.m2"]
+    drives, beyond = driven(model)
+    notes = tuple(f"an actuators file cannot hold {laws}" for laws in beyond)
+    lines = [f"# Drives of {' '.join(model.robot.name.split())}; prismatic joints: N for N.m, m for rad, kg for kg.m2"]
     lines += [f"# {' '.join(note.split())}" for note in notes]
-    for j, joint in enumerate(robot.joints):
-        stated = [(key, float(value[j])) for key, value in values.items() if np.isfinite(value[j])]
+    for joint, stated in drives.items():
         if stated:
             lines += ["", f"[joint.{joint if _BARE.fullmatch(joint) else json.dumps(joint, ensure_ascii=False)}]"]
-            lines += [f"{key} = {value!r}  # {_UNITS[key]}" for key, value in stated]
+            lines += [f"{key} = {value!r}  # {_UNITS[key]}" for key, value in stated.items()]
     return Exported("\n".join(lines) + "\n", notes)
+
+
+def driven(model: Model, but: Collection[str] = ()) -> tuple[dict[str, dict[str, float]], list[str]]:
+    """By joint and key what is known of the drives, and the laws of the model that this leaves out, in words.
+
+    Args:
+        model: rigid bodies and laws.
+        but: effects that are not missed.
+    """
+    robot = model.robot
+    values = {item.name: _values(model, item.name) for item in fields(Actuators)}
+    kept = [law for law in model.laws if law.effect.name in ("torque_offset", *but)]
+    beyond = lacking(robot, model.laws, [*held(model, ("armature", "viscous_friction", "coulomb_friction")), *kept])
+    stated = {
+        joint: {key: float(value[j]) for key, value in values.items() if np.isfinite(value[j])}
+        for j, joint in enumerate(robot.joints)
+    }
+    return stated, [beyond] if beyond else []
 
 
 def _values(model: Model, key: str) -> Array:

@@ -10,15 +10,19 @@ from ..model import Model
 from .actuators import write_actuators
 from .beyond import Exported as Exported
 from .function import write_function
+from .isaaclab import write_isaaclab
 from .mjcf import write_mjcf
+from .ros import write_ros
 from .urdf import write_urdf
 
 _WRITERS: dict[str, Callable[[Model], Exported]] = {
     "urdf": write_urdf,
     "actuators": write_actuators,
     "function": write_function,
+    "ros": write_ros,
+    "isaaclab": write_isaaclab,
 }
-KINDS = ("urdf", "mjcf", "actuators", "function")
+KINDS = ("urdf", "mjcf", "actuators", "function", "ros", "isaaclab")
 
 
 def export(model: Model, kind: str, package_dirs: Sequence[str | Path] = ()) -> Exported:
@@ -27,7 +31,8 @@ def export(model: Model, kind: str, package_dirs: Sequence[str | Path] = ()) -> 
     Args:
         model: rigid bodies and laws.
         kind: "urdf" (the robot's own, with inertials, damping and friction), "mjcf" (for MuJoCo), "actuators" (the
-            TOML file beside a description) or "function" (the laws as Python that needs numpy alone).
+            TOML file beside a description), "function" (the laws as Python that needs numpy alone), "ros" (parameters
+            of a ROS 2 node) or "isaaclab" (an actuator group).
         package_dirs: folders in which an MJCF's meshes are looked for, beside those of example-robot-data.
 
     Raises:

@@ -10,4 +10,4 @@ below; or put it into another package behind an entry point `signid.formats`.
 from ..registry import Registry
 from .base import Format
 
-FORMATS: Registry[Format] = Registry("formats", __name__, "csv_ parquet npz")
+FORMATS: Registry[Format] = Registry("formats", __name__, "csv_ lerobot parquet npz rosbag")

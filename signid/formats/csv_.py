@@ -8,8 +8,10 @@ import io
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from inspect import signature
 from itertools import islice
 from pathlib import Path
+from typing import Any
 from zlib import error as ZlibError
 
 import numpy as np
@@ -20,6 +22,7 @@ from ..types import Array, Table
 from .base import Format, MemoryTable
 
 MISSING = ["NA", "N/A", "null", "NULL", "None", "none", "-nan", "-NaN", "nan(ind)", "-nan(ind)"]  # besides empty, NaN
+FILL: Any = {"missing_columns": "insert"} if "missing_columns" in signature(pl.read_csv).parameters else {}
 
 
 @dataclass(frozen=True)
@@ -129,7 +132,7 @@ def _parse(content: bytes, layout: _Layout, kind: type[pl.DataType]) -> pl.DataF
         skip_lines=layout.skip,
         comment_prefix="#",
         null_values=MISSING,
-        missing_columns="insert",
+        **FILL,
         decimal_comma=layout.decimal_comma and kind == pl.Float64,
     )
     blank = pl.all_horizontal(pl.all().is_null())

@@ -20,5 +20,8 @@ def find_format(path: Path) -> Format:
     for name in names:
         if FORMATS[name].recognises(path):
             return FORMATS[name]
-    known = ", ".join(suffix for form in FORMATS for suffix in form.suffixes)
+    known = ", ".join(dict.fromkeys(suffix for form in FORMATS for suffix in form.suffixes))
+    if path.is_dir():
+        told = "expected a file of samples, a ROS 2 bag (with metadata.yaml) or a LeRobot dataset (with meta/info.json)"
+        raise RecordingError(f"recording {path} is a folder; {told}")
     raise RecordingError(f"recording {path} is of no known format; expected a name that ends in {known}")

@@ -26,6 +26,7 @@ class ParquetTable:
         self._path, self._scan = path, pl.scan_parquet(path, glob=False)
         self._schema = self._scan.collect_schema()
         self._slabs: OrderedDict[int, dict[str, Array]] = OrderedDict()
+        self._since: dict[str, int] = {}  # [ns] first date of a column
         self.columns = tuple(self._schema.names())
         self.rows = int(self._scan.select(pl.len()).collect().item())
 
@@ -50,7 +51,7 @@ class ParquetTable:
 
     def _is_number(self, name: str) -> bool:
         kind = self._schema[name]
-        return kind.is_numeric() or kind in (pl.Boolean, pl.Null)
+        return kind.is_numeric() or kind in (pl.Boolean, pl.Null) or isinstance(kind, pl.Datetime | pl.Duration)
 
     def _slab(self, k: int, names: Sequence[str]) -> dict[str, Array]:
         slab = self._slabs.setdefault(k, {})
@@ -62,10 +63,22 @@ class ParquetTable:
                 slab[name] = self._decode(name, k)
         return slab
 
+    def _number(self, name: str) -> pl.Expr:
+        """A column as numbers: dates in seconds since the first row's, durations in seconds."""
+        kind, column = self._schema[name], pl.col(name)
+        if isinstance(kind, pl.Duration):
+            column = column.cast(pl.Duration("ns")).to_physical() / 1e9
+        if isinstance(kind, pl.Datetime):
+            column = column.cast(pl.Datetime("ns", kind.time_zone)).to_physical()
+            if name not in self._since:
+                self._since[name] = self._scan.select(column.drop_nulls().first()).collect().item() or 0
+            column = (column - self._since[name]) / 1e9
+        return column.cast(pl.Float64)
+
     def _decode(self, name: str, k: int) -> Array:
         """One column at a time: decoding many at once needs several times the memory where row groups are large."""
         try:
-            frame = self._scan.select(pl.col(name).cast(pl.Float64)).slice(k * SLAB, SLAB).collect()
+            frame = self._scan.select(self._number(name)).slice(k * SLAB, SLAB).collect()
         except BROKEN as error:
             raise RecordingError(f"{self._path} is damaged after row {k * SLAB}; copy or write it again") from error
         return frame[name].to_numpy()

@@ -2,35 +2,29 @@
 
 from __future__ import annotations
 
-import tomllib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from difflib import get_close_matches
-from pathlib import Path
-from typing import NamedTuple
 
-from ..errors import RecordingError
-from ..types import Robot
+from ..errors import RecordingError, shorten
+from ..formats.base import About
+from ..types import Robot, Table
+from .mapping import ColumnMap, Columns, Signal, read_map, split
+from .names import suggest
+from .source import Opened
+from .units import Change, Changed
 
 TORQUES = ("tau", "current", "abs_tau", "abs_current")  # the first that a joint has is used
-KINDS = ("abs_current", "abs_tau", "current", "q_des", "ddq", "dq", "tau", "q")  # longer prefixes first
 CLOSE = 0.7  # similarity of names that is taken for a slip of the pen
 
-ColumnMap = str | Path | Mapping[str, str]
 
-
-class Signal(NamedTuple):
-    """A column of the source and what it stands for."""
-
-    logical: str  # "q_elbow"
-    column: str  # "elbow_pos"
-    mapped: bool
-
-
-class Assignment(NamedTuple):
-    """Signals by kind and joint ("t" by joint 0), and what was noticed on the way."""
+@dataclass(frozen=True)
+class Assignment:
+    """Signals by kind and joint ("t" by joint 0), what was noticed on the way, and the table in the right units."""
 
     signals: Mapping[tuple[str, int], Signal]
     notes: tuple[str, ...]
+    table: Table
 
     def column(self, kind: str, joint: int) -> str:
         """The column of a signal, "" where the source has none."""
@@ -42,19 +36,21 @@ class Assignment(NamedTuple):
         return next((kind for kind in TORQUES if (kind, joint) in self.signals), "")
 
 
-def assign_columns(columns: Sequence[str], given: ColumnMap | None, robot: Robot, source: str) -> Assignment:
+def assign_columns(opened: Opened, given: ColumnMap | None, robot: Robot) -> Assignment:
     """Every column that is a signal of a joint; others are left alone.
 
     A joint is called by its name or, where no joint has that name, by its number. A column that looks like a signal
     of an unknown joint is an error where a joint of the robot still lacks that signal, else it is only noted.
 
     Raises:
-        RecordingError: the map cannot be read, names what is not there, or a column names no joint or one twice.
+        RecordingError: the map cannot be read, names what is not there, a column names no joint or one twice, or the
+            unit of a column is open or none of its kind.
     """
+    source, columns = opened.name, read_map(given)
     signals: dict[tuple[str, int], Signal] = {}
     strangers = []
-    for signal in _named(columns, _read_map(given), source):
-        key = ("t", 0) if signal.logical == "t" else _resolve(signal.logical, robot)
+    for signal in columns.signals(opened.table.columns, source):
+        key = ("t", 0) if signal.logical == "t" else resolve(signal.logical, robot)
         if key is None:
             strangers.append(signal)
         elif key[1] >= 0:
@@ -63,50 +59,32 @@ def assign_columns(columns: Sequence[str], given: ColumnMap | None, robot: Robot
                 names = f"{rival.logical} and {signal.logical}"
                 raise RecordingError(f"{source} has {names}, which are the same signal of one joint; keep one of them")
             signals[key] = signal if signal.mapped else rival
-    return Assignment(signals, _ignored(strangers, signals, robot, source))
+    notes = _ignored(strangers, signals, robot, opened)
+    return Assignment(signals, notes, _in_units(opened, columns, signals, robot))
 
 
-def _read_map(given: ColumnMap | None) -> Mapping[str, str]:
-    if given is None:
-        return {}
-    name, table = "the column map", given
-    if not isinstance(given, Mapping):
-        name = f"column map {given}"
-        try:
-            table = tomllib.loads(Path(given).read_text(encoding="utf-8"))
-        except OSError as error:
-            raise RecordingError(f"{name} cannot be read: {error.strerror}") from error
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise RecordingError(f'{name} is not TOML such as q_elbow = "elbow_pos": {error}') from error
-    assert isinstance(table, Mapping)
-    for key, value in table.items():
-        if not isinstance(value, str):
-            raise RecordingError(f'{name} gives {key} = {value!r}; expected the name of a column, {key} = "name"')
-        if key != "t" and not _kinds(key):
-            raise RecordingError(f"{name} gives {key!r}; expected t, or {'_, '.join(reversed(KINDS))}_ and a joint")
-        if twin := next((k for k, v in table.items() if v == value and k != key), None):
-            raise RecordingError(f"{name} uses column {value!r} for both {key} and {twin}; each needs its own")
-    return table
+def _in_units(opened: Opened, columns: Columns, signals: Mapping[tuple[str, int], Signal], robot: Robot) -> Table:
+    """The table with the columns of signals in the units of recordings."""
+    changes: dict[str, Change] = {}
+    for (kind, joint), signal in signals.items():
+        change = columns.change(signal, kind, None if kind == "t" else bool(robot.prismatic[joint]), opened.name)
+        if change is not None:
+            changes[signal.column] = change
+        elif signal.column in About.of(opened.table).unstated:
+            raise RecordingError(unstated(opened.name, signal.column, kind))
+    return Changed(opened.table, changes) if changes else opened.table
 
 
-def _named(columns: Sequence[str], table: Mapping[str, str], source: str) -> Iterator[Signal]:
-    """Columns under the names that the map gives them; one that the map takes no longer stands for its own name."""
-    for key, column in table.items():
-        if column not in columns:
-            raise RecordingError(f"{source} has no column {column!r} for {key}; it has {_list(columns)}")
-        yield Signal(key, column, True)
-    taken = {*table, *table.values()}
-    yield from (Signal(name, name, False) for name in columns if name not in taken)
+def unstated(source: str, column: str, kind: str) -> str:
+    """The sentence about a column whose unit nobody stated."""
+    usual = {"q": "deg, or rad", "q_des": "deg, or rad", "tau": "N.m", "current": "mA"}.get(kind, "rad/s")
+    ask = f'state it, {kind} = "..." below [units] in a column map (--columns), or signid convert --unit {kind}=...'
+    return f"{source} does not say in which unit column {column!r} is ({usual}, or else); {ask}"
 
 
-def _kinds(logical: str) -> list[tuple[str, str]]:
-    """The kinds and joints that a name may be made of, the longest kind first."""
-    return [(kind, logical[len(kind) + 1 :]) for kind in KINDS if logical.startswith(kind + "_")]
-
-
-def _resolve(logical: str, robot: Robot) -> tuple[str, int] | None:
+def resolve(logical: str, robot: Robot) -> tuple[str, int] | None:
     """Kind and joint of a name; joint -1 for what is no signal or belongs to a held joint; None when nobody knows."""
-    pairs = _kinds(logical)
+    pairs = split(logical)
     for kind, token in pairs:
         if token in robot.joints:
             return kind, robot.joints.index(token)
@@ -122,7 +100,7 @@ def _is_held(token: str, robot: Robot) -> bool:
 
 
 def _ignored(
-    strangers: Iterable[Signal], signals: Mapping[tuple[str, int], Signal], robot: Robot, source: str
+    strangers: Iterable[Signal], signals: Mapping[tuple[str, int], Signal], robot: Robot, opened: Opened
 ) -> tuple[str, ...]:
     """A note of the signals of unknown joints that are not needed.
 
@@ -130,23 +108,20 @@ def _ignored(
     """
     ignored = []
     for signal in strangers:
-        kind, token = _kinds(signal.logical)[0]
+        kind, token = split(signal.logical)[0]
         same = TORQUES if kind in TORQUES else (kind,)
         lacking = [name for j, name in enumerate(robot.joints) if not any((k, j) in signals for k in same)]
         lower = {name.lower(): name for name in reversed(robot.joints if signal.mapped else lacking)}
         close = get_close_matches(token.lower(), lower, 1, CLOSE)
-        quantity = any(_resolve(f"q_{token[i + 1 :]}", robot) for i, letter in enumerate(token) if letter == "_" and i)
+        quantity = any(resolve(f"q_{token[i + 1 :]}", robot) for i, letter in enumerate(token) if letter == "_" and i)
         if signal.mapped or (lacking and (close or token.isdecimal() or (kind == "q" and not quantity))):
             guess = f" (perhaps {lower[close[0]]} is meant)" if close else ""
-            joints = f"{_list(robot.joints)}, numbered {_range(robot.numbers)}"
-            raise RecordingError(f"{source}: {signal.logical} names no joint of {robot.name}{guess}; it has {joints}")
+            joints = f"{shorten(robot.joints, 12)}, numbered {_range(robot.numbers)}"
+            told = f"{opened.name}: {signal.logical} names no joint of {robot.name}{guess}; it has {joints}"
+            raise RecordingError(told + suggest(opened.table.columns, robot))
         if token.isdecimal() or (kind == "q" and not quantity):
             ignored.append(signal.column)
-    return (f"ignored, because {robot.name} has no such joint: {_list(ignored)}",) if ignored else ()
-
-
-def _list(names: Sequence[str]) -> str:
-    return f"{', '.join(names[:12])}{', ...' if len(names) > 12 else ''}"
+    return (f"ignored, because {robot.name} has no such joint: {shorten(ignored, 12)}",) if ignored else ()
 
 
 def _range(numbers: Sequence[int]) -> str:

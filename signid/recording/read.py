@@ -3,20 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import RecordingError, shorten
+from ..formats.base import About
 from ..types import Array, Recording, Robot, Table
-from .columns import TORQUES, Assignment, ColumnMap, assign_columns
+from .columns import TORQUES, Assignment, assign_columns
+from .frames import columns_of
+from .mapping import ColumnMap
+from .names import suggest
 from .source import Opened, Source, open_source
 
 CHUNK = 65_536  # rows
 
 
 def read_recording(
-    source: Source, robot: Robot, *, columns: ColumnMap | None = None, unsigned: bool = False
+    source: Source,
+    robot: Robot,
+    *,
+    columns: ColumnMap | None = None,
+    unsigned: bool = False,
+    topics: Sequence[str] = (),
 ) -> Recording:
     """A recording of the robot: `t`, and for each joint J, by name or number, `q_J` and one of `tau_J`, `current_J`.
 
@@ -25,17 +35,21 @@ def read_recording(
     find it. Samples of a Parquet file are read when they are asked for.
 
     Args:
-        source: a file, or arrays by column name: (N,), or (N, n) for all joints [s, rad or m, N.m or N, A].
+        source: a file, a ROS bag, a LeRobot dataset, a frame of pandas or polars, or arrays by column name: (N,), or
+            (N, n) for all joints [s, rad or m, N.m or N, A].
         robot: the robot that was recorded.
-        columns: which column of the source stands for which name, {"q_elbow": "elbow_pos"}, or a TOML file of it.
+        columns: which column of the source stands for which name, {"q_elbow": "elbow_pos"}, and in which unit,
+            {"q_elbow": {"column": "elbow_pos", "unit": "deg"}} or {"units": {"q": "deg"}}, or a TOML file of it.
         unsigned: forget the sign of every torque.
+        topics: of a ROS bag, to be joined in time; without them, the only one that fits.
 
     Raises:
+        OptionError: topics of something that has none.
         RecordingError: the file, its columns or the column map cannot be used; the sentence says why.
     """
-    opened = open_source(_by_joint(source, robot))
-    found = assign_columns(opened.table.columns, columns, robot, opened.name)
-    joints = _joints(found, robot, opened.name)
+    opened = open_source(source if isinstance(source, str | Path) else _by_joint(columns_of(source), robot), topics)
+    found = assign_columns(opened, columns, robot)
+    joints = _joints(found, robot, opened)
     torques = [found.torque(j) for j in joints]
     absolute = [bool(kind) and (unsigned or kind.startswith("abs_")) for kind in torques]
     chosen = {
@@ -43,18 +57,18 @@ def read_recording(
         "tau": tuple(found.column(kind, j) for kind, j in zip(torques, joints, strict=True)),
         **{key: tuple(found.column(key, j) for j in joints) for key in ("q", "dq", "ddq", "q_des")},
     }
-    _check_samples(opened, chosen, torques)
+    _check_samples(found.table, opened.name, chosen, torques)
     constants = _torque_constants(robot, joints, torques, absolute, opened.name)
     hidden = frozenset(c for c, kind in zip(chosen["tau"], torques, strict=True) if unsigned and kind)
     return Recording(
         tuple(robot.joints[j] for j in joints),
-        _Absolute(opened.table, hidden) if hidden else opened.table,
+        _Absolute(found.table, hidden) if hidden else found.table,
         chosen,
         np.where(np.isnan(constants), 1.0, constants),
         ~np.array(absolute),
         opened.path,
         opened.sha256,
-        (*_notes(found, robot, joints), *found.notes),
+        (*About.of(opened.table).notes, *_notes(found, robot, joints), *found.notes),
         ~np.isnan(constants) if np.isnan(constants).any() else None,
     )
 
@@ -86,10 +100,8 @@ def need_constants(recordings: Sequence[Recording]) -> None:
             raise RecordingError(_no_constant(recording.path or "the recording", names, "let identification find it"))
 
 
-def _by_joint(source: Source, robot: Robot) -> Source:
-    """Arrays with a column for each joint of the robot, under the joints' numbers; anything else as it is."""
-    if not isinstance(source, Mapping):
-        return source
+def _by_joint(source: Mapping[str, ArrayLike], robot: Robot) -> Mapping[str, ArrayLike]:
+    """Arrays with a column for each joint of the robot, under the joints' numbers; others as they are."""
     columns: dict[str, ArrayLike] = {}
     for key, value in source.items():
         wide = np.ndim(value) == 2 and np.shape(value)[1] == len(robot.joints)
@@ -110,32 +122,33 @@ class _Absolute:
         return np.where([name in self._hidden for name in names], np.abs(values), values)
 
 
-def _joints(found: Assignment, robot: Robot, source: str) -> list[int]:
+def _joints(found: Assignment, robot: Robot, opened: Opened) -> list[int]:
     """The joints of the robot that the source has positions of."""
-    if not found.column("t", 0):
-        raise RecordingError(f"{source} has no column 't' of time in seconds; add it, or name it in a column map")
     joints = [j for j in range(len(robot.joints)) if found.column("q", j)]
-    if not joints:
-        example = f"q_{robot.joints[0]} or q_{robot.numbers[0]}"
-        raise RecordingError(f"{source} has no position column such as {example}; add it, or name it in a column map")
-    if not any(found.torque(j) for j in joints):
+    mend = "add it, or name it in a column map"
+    if not found.column("t", 0):
+        lack = f"column 't' of time in seconds; {mend}"
+    elif not joints:
+        lack = f"position column such as q_{robot.joints[0]} or q_{robot.numbers[0]}; {mend}"
+    elif not any(found.torque(j) for j in joints):
         example = " or ".join(f"{kind}_{robot.numbers[joints[0]]}" for kind in TORQUES)
-        raise RecordingError(f"{source} has no torque of a joint whose position it has; add columns such as {example}")
-    return joints
+        lack = f"torque of a joint whose position it has; add columns such as {example}"
+    else:
+        return joints
+    raise RecordingError(f"{opened.name} has no {lack}{suggest(opened.table.columns, robot)}")
 
 
-def _check_samples(opened: Opened, chosen: Mapping[str, tuple[str, ...]], torques: Sequence[str]) -> None:
-    table = opened.table
+def _check_samples(table: Table, source: str, chosen: Mapping[str, tuple[str, ...]], torques: Sequence[str]) -> None:
     table.read([column for group in chosen.values() for column in group if column], 0, 0)  # are all of them numbers
     if not table.rows:
-        raise RecordingError(f"{opened.name} has a header but no samples; record the robot in motion")
+        raise RecordingError(f"{source} has a header but no samples; record the robot in motion")
     names = [column for column, kind in zip(chosen["tau"], torques, strict=True) if kind.startswith("abs_")]
     for start in range(0, table.rows if names else 0, CHUNK):
         rows, columns = np.nonzero(table.read(names, start, start + CHUNK) < 0)
         if len(rows):
             name, row = names[columns[0]], start + rows[0] + 1
             advice = "an absolute value cannot be; name the column tau_ or current_ if it has a sign"
-            raise RecordingError(f"{opened.name}: {name} is negative in row {row}; {advice}")
+            raise RecordingError(f"{source}: {name} is negative in row {row}; {advice}")
 
 
 def _torque_constants(

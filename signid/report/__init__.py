@@ -1,5 +1,6 @@
 """What is found, in words and numbers: tables for the eye, JSON for programs, files that are never half-written."""
 
+from .conversion import conversion_document, conversion_tables
 from .data import data_card, data_document, data_tables
 from .diagnosis import diagnosis_document
 from .diagnosis_tables import diagnosis_tables
@@ -22,6 +23,8 @@ __all__ = [
     "Screen",
     "check_document",
     "check_tables",
+    "conversion_document",
+    "conversion_tables",
     "data_card",
     "data_document",
     "data_tables",

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from math import floor, isfinite, log10
+from math import copysign, floor, isfinite, log10
 
 TWO_SIDED = 1.96  # standard deviations to either side that hold 95 % of a normal distribution
 MOST = 9  # significant digits that are ever shown
+LARGEST = 1.79e308
 
 
 def figure(value: float, digits: int = 3) -> str:
@@ -18,6 +19,8 @@ def figure(value: float, digits: int = 3) -> str:
         return "-"
     if value == 0:
         return "0"
+    if abs(value) > LARGEST:  # rounded up, it would read back as infinite
+        return figure(copysign(LARGEST, value), digits)
     mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
     power = int(exponent)
     if not -4 <= power < 6:

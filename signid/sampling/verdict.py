@@ -20,6 +20,7 @@ DEGREE = np.pi / 180
 MILLISECONDS, CRAWL = 0.5, 0.05  # s, rad/s: whole steps this long and motion this slow are milliseconds
 HUGE = 1e9  # rad, m, N.m or N: no robot's
 STILL = 1e-9  # rad or m
+BRIDGE = "signid convert --drop-missing bridges short holes"
 
 
 class Facts(NamedTuple):
@@ -78,7 +79,7 @@ def _faults(facts: Facts) -> Iterator[str]:
     if used < FEWEST:
         least = f"at least {FEWEST} are needed, in stretches of half a second or more without a gap or a missing value"
         worst = max(facts.missing, key=lambda column: facts.missing[column], default="")
-        lack = f", {facts.missing[worst]} lack {worst}" if facts.missing.get(worst) else ""
+        lack = f", {facts.missing[worst]} lack {worst} ({BRIDGE})" if facts.missing.get(worst) else ""
         yield f"too short: only {used} of {rows} samples can be used{lack}; {least}"
     if not facts.moves.any():
         constant = ", ".join(facts.recording.columns["q"])
@@ -136,7 +137,8 @@ def notes(facts: Facts) -> Iterator[str]:
         yield f"{_count(tally.gaps.count, 'gap')} in time split the recording, {longest}"
     if any(facts.missing.values()):
         where = ", ".join(f"{count} in {name}" for name, count in facts.missing.items() if count)
-        yield f"values are missing ({where}); {_count(facts.incomplete, 'sample')} of {rows} left out"
+        left_out = f"{_count(facts.incomplete, 'sample')} of {rows} left out"
+        yield f"values are missing ({where}); {left_out}" + (f"; {BRIDGE}" if facts.incomplete else "")
     if facts.repeated:
         yield f"{_count(facts.repeated, 'sample')} dropped whose time repeats that of the sample before"
     if not tally.uniform:

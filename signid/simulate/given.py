@@ -28,16 +28,16 @@ def read_motion(source: Source, robot: Robot) -> Trajectory:
         RecordingError: the file or its columns cannot be used; the sentence says why.
     """
     opened = open_source(source)
-    found = assign_columns(opened.table.columns, None, robot, opened.name)
+    found = assign_columns(opened, None, robot)
     joints = [j for j in range(len(robot.joints)) if found.column("q", j)]
     if not found.column("t", 0) or not joints:
         raise RecordingError(f"{opened.name} is no motion: it needs columns t and q_J, such as q_{robot.joints[0]}")
 
     def read(kind: str) -> Array | None:
         names = [found.column(kind, j) for j in joints]
-        return np.array(opened.table.read(names, 0, opened.table.rows)) if all(names) else None
+        return np.array(found.table.read(names, 0, found.table.rows)) if all(names) else None
 
-    t, q, v, a = opened.table.read([found.column("t", 0)], 0, opened.table.rows)[:, 0], read("q"), read("dq"), None
+    t, q, v, a = found.table.read([found.column("t", 0)], 0, found.table.rows)[:, 0], read("q"), read("dq"), None
     assert q is not None, "joints are those with positions"
     if v is not None:
         a = read("ddq")
