@@ -66,17 +66,18 @@ def weighed(seed: int, friction: float = 1.0) -> Payload:
 @pytest.mark.parametrize("friction", [1.0, 1.05])
 def test_a_load_on_an_arm_of_six_joints_is_weighed(friction: float) -> None:
     held, errors = [], []
-    for seed in range(4):
+    for seed in range(10):
         found = weighed(seed, friction)
         mass, mass_std = found.mass
         errors.append(abs(mass / MASS - 1))
+        assert np.abs(found.centre[0] - CENTRE).max() < 2e-3
         z = [(mass - MASS) / mass_std, *((found.centre[0] - CENTRE) / found.centre[1])]
         z += [*((found.inertia[0][[0, 2, 5]] - TURN) / found.inertia[1][[0, 2, 5]])]
         held += [abs(x) < 1.96 for x in z]
         assert np.all(np.linalg.eigvalsh(pseudo_inertia(found.inertial)) > 0)
         assert not found.flags
-    assert np.mean(held) > 0.85
-    assert max(errors) < 0.05
+    assert np.mean(held) > 0.88
+    assert max(errors) < 0.02
 
 
 def test_the_load_is_told_as_a_law_too() -> None:
