@@ -38,8 +38,8 @@ if TYPE_CHECKING:
     from ..types import Input, Robot
 
 SHAPES = ("held_out", "columns", "effects", "cutoff", "derivatives", "no_instruments", "unsigned", "robust")
-PARTS = "Cut the rows into N parts, reduced side by side; the answer is the same to the last bit."
-ONLY = "Reduce one part of N, for a scheduler of your own; signid identify takes all N files."
+PARTS = "Cut the rows into N parts, reduced side by side, to the same bytes. Default: 1."
+ONLY = "One part of N, for a scheduler of your own; identify takes all N files. Default: all."
 
 
 def given_factors(paths: Sequence[str], robot: Robot, context: typer.Context) -> Reduced | None:
@@ -73,21 +73,25 @@ def factor_inputs(paths: Sequence[str]) -> list[Input]:
     return [Input(path, digest, "factors") for path, digest in digests]
 
 
-@app.command(epilog="Example: signid reduce 3r recording.parquet -o factors.npz")
+@app.command(epilog="Example: signid reduce 3r recording.csv -o factors.npz")
 def reduce(
     context: typer.Context,
     robot: RobotName,
     recordings: Files,
-    output: Annotated[str | None, typer.Option("--output", "-o", metavar="FILE", help="A .npz file.")] = None,
+    output: Annotated[
+        str | None, typer.Option("--output", "-o", metavar="FILE", help="A .npz file. Needed, unless --json.")
+    ] = None,
     held_out: Annotated[
-        list[str] | None, typer.Option(metavar="RECORDING", help="To judge by, not to learn from. Repeatable.")
+        list[str] | None, typer.Option(metavar="RECORDING", help="To judge by. Repeatable. Default: see identify.")
     ] = None,
     like: Annotated[
-        str | None, typer.Option(metavar="FACTORS", help="Laws, band and filter of that file, so that both add.")
+        str | None,
+        typer.Option(metavar="FACTORS", help="Laws, band and filter of that file, so that both add. Default: its own."),
     ] = None,
     parts: Annotated[int | None, typer.Option(metavar="N", min=1, help=PARTS)] = None,
     scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Of Dask, for --parts: tcp://...; default: this machine.")
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Of Dask, for --parts: tcp://HOST:8786. Default: this machine."),
     ] = None,
     only: Annotated[str | None, typer.Option(metavar="K/N", help=ONLY)] = None,
     joints: Joints = None,
@@ -103,10 +107,11 @@ def reduce(
     seed: Seed = 0,
     json: Json = False,
 ) -> int:
-    """All that identify needs of recordings, in a file of some 0.1 to 1 MB: factors instead of samples.
+    """Recordings made small: all that identify needs.
 
-    signid identify ROBOT FILE answers from it as from the recordings, at once. Files add up, in any number, where they
-    are reduced --like one of them; without it laws, band and filter follow from the recordings themselves.
+    FILE holds factors instead of samples, 0.1 to 1 MB however long the recordings are. signid identify ROBOT FILE
+    answers from it as from the recordings, at once. Files add up, in any number, where they are reduced --like one of
+    them; without it laws, band and filter follow from the recordings themselves.
     """
     from ..reduced import add_up, encode_factors, load_factors
     from ..reduced import reduce as learn

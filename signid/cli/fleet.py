@@ -20,21 +20,19 @@ def fleet(
     context: typer.Context,
     manifest: Annotated[str, typer.Argument(metavar="MANIFEST", help="CSV: a row a session.")],
     output: Annotated[
-        str | None, typer.Option("--output", "-o", metavar="DIR", help="Where results are written, and kept.")
+        str | None, typer.Option("--output", "-o", metavar="DIR", help="Folder of the results. Needed.")
     ] = None,
     scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Of Dask: tcp://...; its workers read the same paths.")
+        str | None, typer.Option(metavar="ADDRESS", help="Of Dask: tcp://HOST:8786. Default: this machine.")
     ] = None,
     workers: Annotated[
         int | None, typer.Option(metavar="N", min=1, help="Processes of this machine. Default: one a core.")
     ] = None,
-    keep_going: Annotated[
-        bool, typer.Option("--keep-going/--stop", help="Whether a session that cannot be done ends the run.")
-    ] = True,
+    keep_going: Annotated[bool, typer.Option("--keep-going/--stop", help="When a session cannot be done.")] = True,
     seed: Seed = 0,
     json: Json = False,
 ) -> int:
-    """Diagnose or identify many robots and recordings, side by side: on this machine, or on many through Dask.
+    """Many robots: each diagnosed or identified, all told.
 
     MANIFEST has the columns robot and recording (several files: a;b), and if wanted held_out, reference, columns,
     actuators, task (diagnose, identify, reduce), like, name (of the single robot), time (2026-03-31), session (its
