@@ -193,3 +193,9 @@ def test_archives_of_objects_stay_closed(tmp_path: Path) -> None:
     with pytest.raises(RecordingError):
         signid.read_recording(tmp_path / "r.npz", signid.load_robot("1r"))
     assert not (tmp_path / "sprung").exists()
+
+
+def test_words_among_the_numbers_of_a_body_are_refused(tmp_path: Path) -> None:
+    inertial = '<inertial pos="joint 0 0.1" mass="2" diaginertia="0.1 0.1 0.1"/>'
+    body = f'<body name="a">{inertial}<joint name="j" axis="0 1 0"/></body>'
+    refused(tmp_path / "r.xml", f"<mujoco><worldbody>{body}</worldbody></mujoco>", "no number|cannot build")

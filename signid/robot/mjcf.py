@@ -37,6 +37,7 @@ def read_mjcf(document: Document) -> Draft:
     if not below_world(root, ("joint",)):
         raise RobotError("the file has no moving joint (hinge or slide): nothing to identify")
     model = _build(root)
+    _check_numbers(model)
     model.gravity.linear = _gravity(root)
     axes, still = _axes(root, model)
     mimics, more = _mimics(root)
@@ -75,6 +76,19 @@ def _build(root: Any) -> pin.Model:
         except (ValueError, RuntimeError) as error:
             reason = str(error).partition("message:")[2] or str(error)
             raise RobotError(f"Pinocchio cannot build it: {' '.join(reason.split())}") from None
+
+
+def _check_numbers(model: pin.Model) -> None:
+    """Pinocchio reads words among numbers as it likes.
+
+    Raises:
+        RobotError: a place or an inertial is not made of finite numbers.
+    """
+    for name, place, body in list(zip(model.names, model.jointPlacements, model.inertias, strict=True))[1:]:
+        if not (np.isfinite(place.homogeneous).all() and np.isfinite(body.toDynamicParameters()).all()):
+            raise RobotError(
+                f"the body that joint {name!r} moves has a place or an <inertial> that is no number; mend it"
+            )
 
 
 def _gravity(root: Any) -> Any:
