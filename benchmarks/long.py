@@ -36,7 +36,7 @@ from signid.types import Robot
 Array = NDArray[np.float64]
 
 ROBOT, RATE, PERIOD = "3r", 1000.0, 100.0  # Hz, s
-SAMPLES = (300_000, 1_000_000, 3_000_000, 10_000_000)
+SAMPLES = (300_000, 1_000_000, 3_000_000, 10_000_000, 36_000_000)
 DRIVES = {"armature": (0.12, 0.1, 0.03), "viscous_friction": (0.6, 0.5, 0.2), "coulomb_friction": (0.9, 0.8, 0.3)}
 FREQUENCIES = (0.07, 0.13, 0.29, 0.41, 0.67)  # Hz, whole numbers of waves in a period
 BITS, NOISE = 17, 0.02  # bits a turn; share of each joint's rms torque

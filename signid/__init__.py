@@ -1,11 +1,9 @@
 """signid: what a real robot's dynamics are, from its recordings, and what a simulation of it lacks.
 
-`load_robot` and `read_recording` begin. `check` says what recordings can tell. `identify` makes a model of them, with
-intervals; `diagnose` names the physics that a simulation (`load_model`) lacks. `roll_out` proves a model,
-`report` and `replay` show it, `export` hands it on. `excite` and `separate` make motions; `track`, `simulate` and
-`record` a robot to try them on.
-
-Units are SI; `(N, n) [rad or m]` is an array, N samples of n joints. Errors are `SignidError`, laws `signid.effects`.
+`load_robot` and `read_recording` begin. `check` says what recordings can tell, `identify` makes a model of them, with
+intervals, `diagnose` names the physics that a simulation (`load_model`) lacks, `payload` what a robot carries; `fleet`
+is for many. `roll_out` proves a model, `report` and `replay` show it, `export` hands it on, `excite` and `simulate` try
+it. Units are SI; `(N, n) [rad or m]`: N samples of n joints. Errors are `SignidError`, laws `signid.effects`.
 """
 
 import sys
@@ -24,6 +22,7 @@ if TYPE_CHECKING:
     from .identify import identify as identify
     from .inspect import inspect as inspect
     from .model import load_model as load_model
+    from .payload import payload as payload
     from .recording import read_recording as read_recording
     from .reduced import encode_factors as encode_factors, load_factors as load_factors, reduce as reduce  # isort: skip
     from .replay import replay as replay
@@ -32,7 +31,8 @@ if TYPE_CHECKING:
     from .rollout import roll_out as roll_out
     from .session import Options as Options
     from .simulate import Sensors as Sensors, record as record, simulate as simulate, track as track  # isort: skip
-NAMES = {name: name for name in "check diagnose export fleet identify inspect replay report".split()} | {
+
+NAMES = {name: name for name in "check diagnose export fleet identify inspect payload replay report".split()} | {
     "errors": "SignidError", "excite": "excite separate", "model": "load_model", "rollout": "roll_out",
     "reduced": "encode_factors load_factors reduce", "robot": "load_robot urdf_from_dh", "session": "Options",
     "recording": "read_recording", "simulate": "Sensors record simulate track"}  # fmt: skip

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import ceil
+from math import ceil, comb
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +19,7 @@ WIDEST = 6  # samples per period of the cut-off, at least
 CONTENT = 0.95  # of the acceleration's power is below a frequency ...
 BEYOND = 3.0  # ... of which the cut-off need not be more than so many times
 ALIKE = 0.01  # cut-offs differ by no more
+ORDER = 6  # of the differences that tell an encoder's noise
 ENOUGH = 5.0  # [Hz] to which the cut-off may always go if noise allows
 
 
@@ -94,6 +95,15 @@ def choose_band(pieces: Sequence[Samples], rate: float, cutoff: float | None = N
     factor = max(1, ceil(rate / (2 * (min(widest, needed) if cutoff is None else cutoff)) - 1e-9))
     speed = _speed_noise(noise, min(3 * rate / (2 * factor), rate / 2))
     return Band(rate, factor, True, allowed, speed, np.sqrt(level * rate / (2 * factor)))
+
+
+def encoder_noise(q: Array) -> Array:
+    """(n,) standard deviation of the white noise of positions [rad or m], from differences that motion hardly has.
+
+    Args:
+        q: (N, n) [rad or m] uniform samples.
+    """
+    return np.asarray(np.sqrt(np.mean(np.diff(q, ORDER, axis=0) ** 2, axis=0) / comb(2 * ORDER, ORDER)))
 
 
 class _Acceleration(NamedTuple):

@@ -37,7 +37,14 @@ class _Noise(NamedTuple):
     colour: Array  # (d,) autocovariances [N2.m2]
 
 
-def estimate(factors: Factors, base: BaseMap, prior: Array | None = None, whiten: bool = True) -> Estimate:
+def estimate(
+    factors: Factors,
+    base: BaseMap,
+    prior: Array | None = None,
+    whiten: bool = True,
+    spoilt: Sequence[Array] | None = None,
+    weakest: float = WEAK_INSTRUMENT,
+) -> Estimate:
     """Base parameters by weighted least squares, with a covariance that knows how the noise is coloured.
 
     In turn: weighted least squares; the autocovariances of each joint's residual, corrected for what the fitted
@@ -51,6 +58,9 @@ def estimate(factors: Factors, base: BaseMap, prior: Array | None = None, whiten
         base: what the columns are.
         prior: (b,) [units of base] values kept where the recordings tell nothing; default 0.
         whiten: False: the noise is taken to be white.
+        spoilt: per joint (m, m) [products of the units of the columns] what noise of the positions adds to the Gram
+            matrix of the columns; it is taken away from the normal equations.
+        weakest: by how much intervals may widen before instruments are called weak and least squares is kept.
 
     Source: Gautier, ICRA 1997 (weighted least squares); Patterson, Thompson, Biometrika 58, 1971 (correction for
     fitted parameters); Janot, Vandanjon, Gautier, IEEE T-CST 22(1), 2014 (instruments).
@@ -58,7 +68,7 @@ def estimate(factors: Factors, base: BaseMap, prior: Array | None = None, whiten
     start = np.zeros(base.rank) if prior is None else prior
     noise = _first_noise(factors)
     for _ in range(ROUNDS):
-        solution = _solve(factors, noise, start)
+        solution = _solve(factors, noise, start, spoilt)
         covariance = _covariance(factors, noise, solution)
         before = noise
         noise = [
@@ -67,12 +77,12 @@ def estimate(factors: Factors, base: BaseMap, prior: Array | None = None, whiten
         ]
         if all(_alike(new.colour, old.colour) for new, old in zip(noise, before, strict=True)):
             break
-    solution = _solve(factors, noise, start)
+    solution = _solve(factors, noise, start, spoilt)
     covariance = _positive(_covariance(factors, noise, solution), solution.inverse)
     covariance[solution.unknown, solution.unknown] = np.inf
     scales = np.array([np.sqrt(n.colour[0]) for n in noise])
     found = Estimate(solution.value, covariance, solution.information, scales, tuple(n.order for n in noise))
-    return _with_instruments(factors, noise, found) if factors.instruments else found
+    return _with_instruments(factors, noise, found, weakest) if factors.instruments else found
 
 
 def _alike(new: Array, old: Array) -> bool:
@@ -101,11 +111,13 @@ def _first_noise(factors: Factors) -> list[_Noise]:
     return found
 
 
-def _solve(factors: Factors, noise: Sequence[_Noise], prior: Array) -> _Solution:
+def _solve(factors: Factors, noise: Sequence[_Noise], prior: Array, spoilt: Sequence[Array] | None = None) -> _Solution:
     information, right = np.zeros((len(prior), len(prior))), np.zeros(len(prior))
-    for (joint, columns), model in zip(_each(factors), noise, strict=True):
+    for j, ((joint, columns), model) in enumerate(zip(_each(factors), noise, strict=True)):
         gram = _own(joint.grams[0], columns) / model.colour[0]
         information[np.ix_(columns, columns)] += gram[:-1, :-1]
+        if spoilt is not None:
+            information[np.ix_(columns, columns)] -= spoilt[j] / model.colour[0]
         right[columns] += gram[:-1, -1]
     size = np.sqrt(np.maximum(np.diag(information), 0))
     scale = np.divide(1, size, out=np.zeros_like(size), where=size > 0)
@@ -185,7 +197,7 @@ def _autocovariances(
     return np.asarray(r)
 
 
-def _with_instruments(factors: Factors, noise: Sequence[_Noise], plain: Estimate) -> Estimate:
+def _with_instruments(factors: Factors, noise: Sequence[_Noise], plain: Estimate, weakest: float) -> Estimate:
     """The instrumental-variable estimate, unless the instruments hardly correlate with the columns."""
     b = len(plain.value)
     zx, zz, zy = np.zeros((b, b)), np.zeros((b, b)), np.zeros(b)
@@ -200,7 +212,7 @@ def _with_instruments(factors: Factors, noise: Sequence[_Noise], plain: Estimate
     inverse = np.linalg.inv(zx / np.outer(size, size)) / np.outer(size, size)
     value, covariance = inverse @ zy, inverse @ zz @ inverse.T
     wider = float(np.median(np.sqrt(np.diag(covariance)) / plain.std))
-    if wider > WEAK_INSTRUMENT:
+    if wider > weakest:
         note = f"the desired motion is a weak instrument (intervals {wider:.0f} times wider); least squares is kept"
         return replace(plain, notes=(note,))
     shift = float(np.max(np.abs(value - plain.value) / plain.std))

@@ -9,17 +9,18 @@ import numpy as np
 
 from .errors import OptionError
 from .estimate import estimate
+from .estimators import ESTIMATORS, Estimator, Given
 from .excitation import Excitation, judge_excitation
 from .factors import LAGS, Factors, Weigh
 from .fit import Fit, judge_fit
-from .model import Model, stated_parameters
+from .model import Model, fitted_model, stated_parameters
 from .prepare import only_once, prepare, recordings_used
 from .reduced import Reduced
 from .rows import Rows
 from .session import Options, Progress, Session
 from .signs import Recovered, Signs, recover
 from .standard import METHODS, Search, choose_standard
-from .types import Array, BaseMap, Estimate, Frozen, Input, Law, Parameters, Recording, Robot
+from .types import Array, BaseMap, Estimate, Frozen, Input, Parameters, Recording, Robot
 
 HUBER = 1.345  # residual, in standard deviations, beyond which a row counts less
 ROBUST_ROUNDS = 3
@@ -62,6 +63,7 @@ def identify(
     held_out: Sequence[Recording] = (),
     method: str | None = None,
     signs: str = "exact",
+    estimator: str | Estimator | None = None,
     search: Search | None = None,
     options: Options | None = None,
     progress: Progress | None = None,
@@ -78,25 +80,32 @@ def identify(
         method: `convex`: physically consistent fit; `wls`: the least-squares base parameters as they are, with the
             nearest standard parameters; `pbrp`: penalty-based parameter retrieval. None: convex, or pbrp after a tree.
         signs: how lost signs are recovered: `exact`, or `tree`, the classical tree of sign choices.
+        estimator: `wls`, `iv`, `tls`, `oe` or one of another package. None: weighted least squares, with desired
+            positions as instruments where they are recorded.
         search: how penalty-based parameter retrieval searches.
         options: effects, cut-off and the like.
         progress: told what is being done and how far it is.
 
     Raises:
-        OptionError: a method is unknown.
+        OptionError: a method or an estimator is unknown, or the recordings lack what it needs.
         RecordingError: a recording cannot be used, or no sign can be found in it; the sentence says which and why.
     """
-    options, search = options or Options(), search or Search()
+    way = ESTIMATORS[estimator or "wls"] if isinstance(estimator, str | None) else estimator
+    options = way.options(options or Options()) if estimator else options or Options()
+    search = search or Search()
     if method is not None and method not in METHODS:
         raise OptionError(f"method {method!r} is none of {', '.join(METHODS)}")
     if isinstance(recordings, Reduced):
+        if estimator not in (None, "wls"):
+            raise OptionError(f"factors answer by weighted least squares alone; give recordings for {way.name!r}")
         return _from_factors(robot, recordings, held_out, method or METHODS[0], search, options)
     only_once((*recordings, *held_out))
     recovered = recover(robot, recordings, held_out, method=signs, options=options, progress=progress)
     method = method or METHODS[-1 if recovered.signs is not None and signs == "tree" else 0]
     session = prepare(robot, recovered.expected, recovered.held_out, options)
-    train, test = _factors(session, options, progress)
-    found = _conclude(session, train, test, recovered, method, search, options)
+    train, test, weigh = _factors(session, options, progress)
+    given = Given(session, train, _prior(session), options.whiten, weigh, progress)
+    found = _conclude(given, test, way, recovered, method, search, options.seed)
     notes = (*recovered.notes, *_judged_by_itself(recordings, held_out), *found.notes)
     return replace(found, inputs=recordings_used(recordings, held_out), notes=notes)
 
@@ -113,35 +122,34 @@ def _from_factors(
     if reduced.share[1] > 1:
         raise OptionError(f"the factors are one part of {reduced.share[1]}; add all of them first")
     session = Session(reduced.task, (), (), reduced.notes)
-    train, test = reduced.train[0].factors, reduced.held_out[0].factors
-    found = _conclude(session, train, test, Recovered((), (), ()), method, search, options)
+    given = Given(session, reduced.train[0].factors, _prior(session), options.whiten)
+    nothing = Recovered((), (), ())
+    found = _conclude(given, reduced.held_out[0].factors, ESTIMATORS["wls"], nothing, method, search, options.seed)
     return replace(found, inputs=reduced.inputs)
 
 
+def _prior(session: Session) -> Array:
+    return np.asarray(session.task.base.combination @ stated_parameters(session.task).values)
+
+
 def _conclude(
-    session: Session,
-    train: Factors,
-    test: Factors,
-    recovered: Recovered,
-    method: str,
-    search: Search,
-    options: Options,
+    given: Given, test: Factors, way: Estimator, recovered: Recovered, method: str, search: Search, seed: int
 ) -> Identification:
-    """All that factors tell; from here on nobody asks for a sample."""
-    prior = session.task.base.combination @ stated_parameters(session.task).values
-    found = estimate(train, session.task.base, prior, options.whiten)
-    excitation = judge_excitation(session.task, train, found, options.seed)
-    chosen = choose_standard(session, found, method, search, options.seed)
+    """All that factors tell."""
+    session, train = given.session, given.factors
+    found = way.estimate(given)
+    excitation = judge_excitation(session.task, train, found, seed)
+    chosen = choose_standard(session, found, method, search, seed)
     parameters = chosen.parameters
     base_value = session.task.base.combination @ parameters.values
     fit = judge_fit(session, train, test, base_value)
     return Identification(
         robot=session.robot,
         base=session.task.base,
-        estimate=recovered.widen(found, train, session.task.base, options.whiten),
+        estimate=recovered.widen(found, train, session.task.base, given.whiten),
         base_value=base_value,
         parameters=parameters,
-        model=Model(session.robot, parameters.bodies(), _laws(session.task.laws, parameters)),
+        model=fitted_model(session.task, parameters),
         fit=fit,
         excitation=excitation,
         method=method,
@@ -149,25 +157,24 @@ def _conclude(
         inputs=(),
         signs=recovered.signs,
         recordings=(*recovered.recordings, *recovered.held_out),
-        flags=(*recovered.flags, *excitation.sentences, *chosen.flags),
+        flags=(*recovered.flags, *found.flags, *excitation.sentences, *chosen.flags),
         notes=(*session.notes, *found.notes, *chosen.notes, *fit.sentences),
         cutoff=session.task.band.cutoff,
         position_cutoff=session.task.band.position_cutoff,
-        seed=options.seed,
+        seed=seed,
         session=session,
     )
 
 
-def _factors(session: Session, options: Options, progress: Progress | None) -> tuple[Factors, Factors]:
+def _factors(session: Session, options: Options, progress: Progress | None) -> tuple[Factors, Factors, Weigh | None]:
     lags = LAGS if options.whiten else 0
-    train = session.reduce(session.train, progress=progress, lags=lags)
+    train, weigh = session.reduce(session.train, progress=progress, lags=lags), None
     if options.robust:
         for _ in range(ROBUST_ROUNDS):
             found = estimate(train, session.task.base, whiten=False)
-            train = session.reduce(
-                session.train, weigh=_huber(found, train), progress=progress, purpose="weighing", lags=lags
-            )
-    return train, session.reduce(session.held_out, progress=progress, purpose="judging by", lags=0)
+            weigh = _huber(found, train)
+            train = session.reduce(session.train, weigh=weigh, progress=progress, purpose="weighing", lags=lags)
+    return train, session.reduce(session.held_out, progress=progress, purpose="judging by", lags=0), weigh
 
 
 def _huber(found: Estimate, factors: Factors) -> Weigh:
@@ -187,14 +194,3 @@ def _judged_by_itself(recordings: Sequence[Recording], held_out: Sequence[Record
             f"the model itself gave the torque that is held out its signs{whole}: R2 held out is too good where they "
             f"are wrong; give --held-out a recording with signs if there is one"
         )
-
-
-def _laws(laws: Sequence[Law], parameters: Parameters) -> tuple[Law, ...]:
-    values: dict[int, list[float]] = {}
-    for label, value in zip(parameters.labels, parameters.values, strict=True):
-        if label.law is not None:
-            values.setdefault(label.law, []).append(float(value))
-    return tuple(
-        Law(law.effect, law.joints, law.effect.physical(values[k], law.effect.shape(law.parameters)))
-        for k, law in enumerate(laws)
-    )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,6 +16,7 @@ from .effects.law import law_torque
 from .errors import RobotError, SignidError
 from .laws import law_at, placed
 from .motion import Motion
+from .plain import read_json
 from .rigid import carrier, own_row
 from .robot import held_positions, load_robot, robot_from_text
 from .rows import Task
@@ -143,6 +143,19 @@ def stated_laws(robot: Robot) -> tuple[Law, ...]:
     )
 
 
+def fitted_model(task: Task, parameters: Parameters) -> Model:
+    """The robot of a task with standard parameters that were found."""
+    values: dict[int, list[float]] = {}
+    for label, value in zip(parameters.labels, parameters.values, strict=True):
+        if label.law is not None:
+            values.setdefault(label.law, []).append(float(value))
+    laws = (
+        Law(law.effect, law.joints, law.effect.physical(values[k], law.effect.shape(law.parameters)))
+        for k, law in enumerate(task.laws)
+    )
+    return Model(task.robot, parameters.bodies(), tuple(laws))
+
+
 def standard_parameters(robot: Robot, inertials: Array) -> dict[str, dict[str, Any]]:
     """Per link: mass, first moment and inertia about the link's joint frame.
 
@@ -158,7 +171,7 @@ def standard_parameters(robot: Robot, inertials: Array) -> dict[str, dict[str, A
 
 def _read(path: Path) -> Model:
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = read_json(path)
         if content["schema"] != SCHEMA:
             raise RobotError(f"{path} holds {content['schema']!r}; expected {SCHEMA!r} as `signid identify` writes it")
         described: Mapping[str, str] = content["robot"]

@@ -62,6 +62,7 @@ class Estimate(Frozen):
     orders: tuple[int, ...]  # (n,) order of the autoregressive noise model
     method: str = "weighted least squares"
     notes: tuple[str, ...] = ()
+    flags: tuple[str, ...] = ()  # why not to trust it
 
     @property
     def std(self) -> Array:

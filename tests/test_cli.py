@@ -20,7 +20,10 @@ from signid.cli import run
 from signid.effects import EFFECT_NAMES
 
 ROOT = Path(__file__).parents[1]
-COMMANDS = tuple("demo inspect check identify diagnose effects convert excite export simulate replay data".split())
+COMMANDS = (
+    *"demo inspect check identify diagnose payload effects convert".split(),
+    *"excite export simulate replay reduce fleet data".split(),
+)
 OUTPUTS = ["identification.json", "model.json", "report.html", "robot.urdf"]
 
 

@@ -8,12 +8,12 @@ from pathlib import Path
 
 PACKAGE = Path(__file__).parents[1] / "signid"
 LEVELS = (
-    "version errors registry arrays parameters types",
+    "version errors plain registry arrays parameters types",
     "robot formats effects optimisers",
     "recording sampling filters cutoff rigid motion regressor basis residual rows",
-    "factors session course prepare fit estimate excitation consistent retrieve laws model standard simulate rollout "
-    "excite signs gross reduced",
-    "identify check inspect diagnose convert gallery",
+    "factors session course prepare fit estimate excitation consistent retrieve laws model standard simulate "
+    "estimators rollout excite signs gross reduced",
+    "identify check inspect payload diagnose convert gallery",
     "report replay export fleet",
     "demo",
     "cli",

@@ -27,6 +27,7 @@ def readme(start: str, language: str = "") -> list[str]:
         ("$ signid demo", 0),
         ("$ signid identify 3r robots", 0),
         ("$ signid diagnose 3r recording.csv", 3),
+        ("$ signid payload 3r --without bare.csv --with recording.csv", 0),
         ("$ signid replay 3r recording.csv", 0),
         ("$ signid identify 3r recording.csv --unsigned", 0),
         ("$ signid export result/model.json", 0),
@@ -53,6 +54,9 @@ def test_the_extract_in_the_readme_is_what_is_printed(
         capfd.readouterr()
     if "manifest.csv" in start:
         (tmp_path / "manifest.csv").write_text("\n".join(readme("robot,recording", "csv")))
+    if "bare.csv" in start:
+        assert run("\n".join(readme("signid simulate 3r", "sh")).replace("\\\n", "").split()[1:]) == 0
+        capfd.readouterr()
     if "model.json" in start:
         assert run(readme("$ signid identify 3r robots")[0].split()[2:]) == 0
         capfd.readouterr()

@@ -100,6 +100,6 @@ def clock(start: float, duration: float, rate: float) -> tuple[Array, int]:
     return start + np.arange(round(duration / STEP) + 1) * STEP, every
 
 
-def gains(inertia: Array) -> tuple[Array, Array]:
+def gains(inertia: Array, bandwidth: float = BANDWIDTH) -> tuple[Array, Array]:
     """Stiffness and damping of the position loop, (n,) each [N.m/rad, N.m.s/rad], for inertia (n,) [kg.m2]."""
-    return inertia * BANDWIDTH**2, 2 * DAMPING * inertia * BANDWIDTH
+    return inertia * bandwidth**2, 2 * DAMPING * inertia * bandwidth

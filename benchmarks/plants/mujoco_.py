@@ -14,7 +14,7 @@ from mujoco import rollout
 from numpy.typing import NDArray
 
 from .bodies import Body, Drives, drive
-from .control import COMMAND, KNOWN, STEP, Motion, Reference, Track, clock, draw_motion, gains
+from .control import BANDWIDTH, COMMAND, KNOWN, STEP, Motion, Reference, Track, clock, draw_motion, gains
 from .faults import Fault, check
 from .laws import Laws
 from .mujoco_model import Gear, build, dofs, gears, inverse, mean_inertia
@@ -34,6 +34,7 @@ def simulate(
     faults: Sequence[Fault] = (),
     start: float = 0.0,
     soft: bool = False,
+    bandwidth: float = BANDWIDTH,
 ) -> Track:
     """The robot along a motion: PD control with a feed-forward that knows 90 % of the dynamics and no friction.
 
@@ -49,6 +50,7 @@ def simulate(
         faults: what is wrong; the controller knows nothing of it.
         start: the session's time at the first row [s], for motion and laws alike.
         soft: whether dry friction creeps as it does in MuJoCo unless told otherwise, instead of holding.
+        bandwidth: of the position loop [rad/s].
 
     Raises:
         ValueError: for a log between the steps, and for faults that cannot be.
@@ -57,7 +59,7 @@ def simulate(
     t, every = clock(start, duration, rate)
     desired, velocity, acceleration = motion.at(t)
     known = build(body, drives, frictionless=True, weigh=False)
-    stiffness, damping = gains(mean_inertia(known, body.joints, desired[:: max(len(t) // 20, 1)]))
+    stiffness, damping = gains(mean_inertia(known, body.joints, desired[:: max(len(t) // 20, 1)]), bandwidth)
     forward = _feed_forward(known, body.joints, motion, t)
     command = forward + stiffness * desired + damping * velocity
     astray = misplaced(body.joints, faults)

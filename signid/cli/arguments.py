@@ -34,6 +34,12 @@ Cutoff = Annotated[float | None, typer.Option(metavar="HZ", help="Of the filter 
 Derivatives = Annotated[
     str, typer.Option(metavar="WHICH", help="Velocity and acceleration: computed (from q_J), recorded, or auto.")
 ]
+EstimatorName = Annotated[
+    str | None,
+    typer.Option(
+        "--estimator", metavar="HOW", help="wls, iv, tls or oe. Default: wls, with q_des_J as instruments if recorded."
+    ),
+]
 Unsigned = Annotated[bool, typer.Option("--unsigned", help="Forget the signs of torque.")]
 SignSearch = Annotated[
     str, typer.Option("--signs", metavar="HOW", help="Lost signs: exact, or tree (the classical tree of choices).")

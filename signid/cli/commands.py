@@ -14,6 +14,7 @@ from .arguments import (
     Cutoff,
     Derivatives,
     Effects,
+    EstimatorName,
     Files,
     GlobalAlgorithm,
     Joints,
@@ -125,6 +126,7 @@ def identify(
             metavar="HOW", help="convex (possible inertials; default), wls, or pbrp (default with --signs tree)."
         ),
     ] = None,
+    estimator: EstimatorName = None,
     cutoff: Cutoff = None,
     derivatives: Derivatives = "auto",
     robust: Annotated[bool, typer.Option("--robust", help="Let outliers count less.")] = False,
@@ -165,6 +167,7 @@ def identify(
             held_out=judges,
             method=method,
             signs=signs,
+            estimator=estimator,
             search=search,
             options=options,
             progress=progress,

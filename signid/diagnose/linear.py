@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -10,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import solve_triangular
 
+from ..errors import RecordingError
 from ..residual import leave
 from ..types import Array, Frozen, Indices
 from .group import Group
@@ -18,6 +20,7 @@ from .recent import Recent
 from .whitened import Whitened, columns_of, mean_products
 
 FITS = 64  # that are kept
+RIDGES = (1e-11, 1e-9, 1e-7, 1e-5)  # the first with which a Gram can be factored
 FLAT = 1e-6  # of the Gram's diagonal: prior precision of what is not known at all
 
 
@@ -217,7 +220,17 @@ def solve(which: Indices, gram: Array, right: Array, precision: Array) -> Fitted
     """
     whole = gram + precision
     size = np.asarray(np.sqrt(np.diag(whole)))
-    lower = np.asarray(np.linalg.cholesky(whole / size / size[:, None] + 1e-11 * np.eye(len(size))))
+    lower = _cholesky(whole / size / size[:, None])
     told = np.asarray(solve_triangular(lower, right / size, lower=True))
     half = np.linalg.slogdet(precision)[1] / 2 - float(np.sum(np.log(np.diag(lower)) + np.log(size)))
     return Fitted(which, lower, size, told, float(told @ told) / 2 + half)
+
+
+def _cholesky(scaled: Array) -> Array:
+    """The factor of a matrix with a unit diagonal, which rounding may have made a little less than positive."""
+    for ridge in RIDGES:
+        with suppress(np.linalg.LinAlgError):
+            return np.asarray(np.linalg.cholesky(scaled + ridge * np.eye(len(scaled))))
+    raise RecordingError(
+        "the laws and bodies that explain the recordings cannot be told apart in numbers; check the units"
+    )

@@ -157,13 +157,16 @@ def _repeated(table: Table, joint: int, periods: Sequence[float | None], rate: f
 
 
 def _fit(pieces: Sequence[Array], factor: float, sure: Sequence[Mask]) -> tuple[float, Array, float]:
-    """Of rows that are sure, and so are those before them."""
+    """Of rows that are sure, and so are those before them; white where these are too few, as in jerks of a joint."""
     some = [(sliding_window_view(x, ORDER + 1), y) for x, y in zip(pieces, sure, strict=True) if len(x) > 2 * ORDER]
-    rows = np.concatenate([x[sliding_window_view(y, ORDER + 1).all(axis=1)] for x, y in some])
+    windows = [x[sliding_window_view(y, ORDER + 1).all(axis=1)] for x, y in some]
+    rows = np.concatenate([np.empty((0, ORDER + 1)), *windows])
     before, after = rows[:, ORDER - 1 :: -1], rows[:, ORDER]
-    coefficients = np.linalg.lstsq(before, after, rcond=None)[0]
-    new = float(np.std(after - before @ coefficients))
     floor = float(np.sqrt(np.mean(np.concatenate([x[k] for x, k in zip(pieces, sure, strict=True)]) ** 2)))
+    coefficients, new = np.zeros(ORDER), floor
+    if len(rows) >= 4 * ORDER:
+        coefficients = np.linalg.lstsq(before, after, rcond=None)[0]
+        new = float(np.std(after - before @ coefficients))
     least = 1e-9 * max(floor, 1e-300) + 1e-12
     return factor * floor + least, coefficients, factor * new + least
 

@@ -21,6 +21,7 @@ from ..types import Recording
 from .contact import NAME as CONTACT
 from .doubt import doubts
 from .empirical import model_rest
+from .enough import enough
 from .evidence import Evidence
 from .explain import explain
 from .findings import find
@@ -132,7 +133,8 @@ def _prepare(model: Model, given: Recovered, options: Options, told: Progress) -
     allowed = min(WIDE, float(np.min(band.per_joint)))
     if options.cutoff is None and band.filtered and band.cutoff < 0.95 * allowed:
         session = prepare(model.robot, given.recordings, given.held_out, replace(options, cutoff=allowed))
-    session = replace(session, task=replace(session.task, band=session.task.band.divided(spare(session.task.band))))
+    task = replace(session.task, band=session.task.band.divided(spare(session.task.band)))
+    session = enough(replace(session, task=task))
     told("looking for gross faults", 0.1)
     gross = examine(model, session)
     if gross.refusal:
@@ -162,7 +164,7 @@ def _learn(
 ) -> Known:
     """What the reference tells of the bodies of its own extended simulation."""
     same = replace(options, cutoff=session.task.band.cutoff)
-    _, data = _build(model, prepare(model.robot, reference, reference, same), skip, _silent)
+    _, data = _build(model, enough(prepare(model.robot, reference, reference, same)), skip, _silent)
     return learn_bodies(_judge(model, Evidence(data), skip))
 
 

@@ -142,4 +142,10 @@ def _thinned(
 
 def _columns(model: Model, groups: Sequence[Group], piece: Piece, dry: Array) -> Iterator[dict[int, Array]]:
     yield from (found.columns for found in nuisances(model, piece.motion, dry))
-    yield from (group.hypothesis.columns(piece.motion) for group in groups if group.hypothesis is not None)
+    for group in (group for group in groups if group.hypothesis is not None):
+        yield {j: _finite(x) for j, x in group.claim.columns(piece.motion).items()}
+
+
+def _finite(x: Array) -> Array:
+    """Columns, zero where a number is beyond all bounds: a law that cannot be computed explains nothing."""
+    return x if np.isfinite(x).all() else np.where(np.isfinite(x).all(axis=0), x, 0.0)

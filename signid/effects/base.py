@@ -77,7 +77,7 @@ class Effect:
     possible = _possible
 
     def shapes(self, x: View) -> Iterator[dict[str, float]]:
-        """Shape values worth trying on this motion."""
+        """Shape values worth trying on this motion; none where what they scale with is zero."""
         scale: dict[str | None, Callable[[], float]] = {
             None: lambda: 1.0,
             "speed": lambda: float(np.std(x.v)),
@@ -86,8 +86,10 @@ class Effect:
             "duration": lambda: float(np.ptp(x.t)),
         }
         free = {key: p for key, p in self.parameters.items() if isinstance(p, Shape)}
-        for values in product(*(np.array(p.grid) * scale[p.of]() for p in free.values())):
-            yield dict(zip(free, map(float, values), strict=True))
+        sizes = [scale[p.of]() for p in free.values()]
+        for values in product(*(np.array(p.grid) * size for p, size in zip(free.values(), sizes, strict=True))):
+            if all(sizes):
+                yield dict(zip(free, map(float, values), strict=True))
 
 
 class TorqueLaw(Effect):

@@ -13,6 +13,8 @@ from numpy.typing import ArrayLike
 from ..errors import OptionError, RecordingError
 from ..types import Array, Table
 
+MOST = 8_000_000_000  # bytes, unpacked, of a file that is read whole
+
 
 class Topic(NamedTuple):
     """What a log holds under one name."""

@@ -7,6 +7,7 @@ import gzip
 import io
 from collections import Counter
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from inspect import signature
 from itertools import islice
@@ -19,8 +20,11 @@ import polars as pl
 
 from ..errors import RecordingError
 from ..types import Array, Table
-from .base import Format, MemoryTable
+from .base import MOST, Format, MemoryTable
+from .room import need_room, room
 
+TIMES = 3  # the size of its text, a table takes in memory while it is read
+BROKEN = (pl.exceptions.PolarsError, pl.exceptions.PanicException)
 MISSING = ["NA", "N/A", "null", "NULL", "None", "none", "-nan", "-NaN", "nan(ind)", "-nan(ind)"]  # besides empty, NaN
 FILL: Any = {"missing_columns": "insert"} if "missing_columns" in signature(pl.read_csv).parameters else {}
 
@@ -48,11 +52,13 @@ class Csv(Format):
             RecordingError: when the file is no text table with a header, or a line has too many cells.
         """
         content = _content(path)
-        layout = _layout(path, content)
         try:
+            layout = _layout(path, content)
             frame = _parse(content, layout, pl.Float64)
-        except pl.exceptions.PolarsError:
+        except BROKEN:
             return MemoryTable(*_texts(path, content, layout), str(path))
+        except csv.Error as error:
+            raise RecordingError(f"{path} is not a text table: {error} in its header; write it as plain CSV") from error
         return MemoryTable({column.name: column.to_numpy() for column in frame}, {}, str(path))
 
     def encode(self, columns: Mapping[str, Array], file: str) -> bytes:
@@ -62,13 +68,19 @@ class Csv(Format):
 
 def _content(path: Path) -> bytes:
     try:
+        need_room(path, TIMES * path.stat().st_size)
         content = path.read_bytes()
         if content[:2] == b"\x1f\x8b":
-            content = gzip.decompress(content)
+            content = gzip.GzipFile(fileobj=io.BytesIO(content)).read(int(min(MOST, room() / TIMES)) + 1)
+            need_room(path, TIMES * len(content))
     except (EOFError, ZlibError, gzip.BadGzipFile) as error:
         raise RecordingError(f"{path} is cut short or damaged inside its gzip compression; copy it again") from error
     except OSError as error:
         raise RecordingError(f"{path} cannot be read: {error.strerror}") from error
+    if len(content) > MOST:
+        raise RecordingError(
+            f"{path} holds more than {MOST / 1e9:.3g} GB; give long recordings as Parquet, read by pieces"
+        )
     if b"\0" in content[:65536]:
         raise RecordingError(f"{path} is not a text table: it holds binary data; name it by its true format")
     return content
@@ -143,7 +155,7 @@ def _texts(path: Path, content: bytes, layout: _Layout) -> tuple[dict[str, Array
     """Columns of numbers, and of each other column its first cell that is not one."""
     try:
         frame = _parse(content, layout, pl.String)
-    except pl.exceptions.PolarsError as error:
+    except BROKEN as error:
         raise RecordingError(_shape_fault(path, content, layout)) from error
     usable, unusable = {}, {}
     for text in frame:
@@ -163,9 +175,11 @@ def _shape_fault(path: Path, content: bytes, layout: _Layout) -> str:
     lines = islice(io.StringIO(content.decode("utf-8", "replace")), layout.skip, None)
     samples = (line for line in lines if line.strip() and not line.startswith("#"))
     width = len(layout.names)
-    for row, cells in enumerate(csv.reader(samples, delimiter=layout.separator), 1):
-        if len(cells) > width:
-            return f"{path} has {len(cells)} cells in row {row} where its header names {width} columns; mend that line"
+    with suppress(csv.Error):  # a cell of a hundred thousand letters
+        for row, cells in enumerate(csv.reader(samples, delimiter=layout.separator), 1):
+            if len(cells) > width:
+                told = f"{path} has {len(cells)} cells in row {row} where its header names {width} columns"
+                return f"{told}; mend that line"
     return f"{path} is not a table of lines of {width} cells each; write it again as plain CSV"
 
 

@@ -6,14 +6,13 @@ import io
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
-from zlib import error as ZlibError
 
 import numpy as np
 
 from ..errors import RecordingError
 from ..types import Array, Table
-from .base import Format, memory_table
+from .base import MOST, Format, memory_table
+from .room import room
 
 
 class Npz(Format):
@@ -30,7 +29,9 @@ class Npz(Format):
         """
         try:
             arrays = dict(_arrays(np.load(path, allow_pickle=False)))
-        except (OSError, ValueError, BadZipFile, EOFError, ZlibError) as error:
+        except MemoryError:
+            raise RecordingError(f"{path} holds more than memory can; give long recordings as Parquet") from None
+        except Exception as error:  # numpy's own, those of zip archives, and of what their headers hold
             sentence = f"{path} is not a NumPy archive, or is damaged; save its arrays again with numpy.savez"
             raise RecordingError(sentence) from error
         return memory_table(arrays, str(path))
@@ -46,10 +47,15 @@ def _arrays(archive: Any) -> Iterator[tuple[str, Any]]:
     if isinstance(archive, np.ndarray):
         raise ValueError("a single array has no names")
     with archive:
+        size = sum(item.file_size for item in archive.zip.infolist())
+        if 2 * size > min(MOST, room()):
+            raise MemoryError
         for name in archive:
             try:
                 yield name, archive[name]
-            except ValueError:
+            except MemoryError:
+                raise
+            except Exception:  # whatever reading its header raises
                 yield name, ""
 
 

@@ -101,7 +101,7 @@ def _see(evidence: Evidence) -> _Seen:
     told = telling(evidence.plain, evidence.signed)
     claims = search(evidence, told)
     done = claims[-1].correction if claims else Correction.none(len(told))
-    left = unexplained(evidence.corrected(done))
+    left, told = unexplained(evidence.corrected(done)), told[list(done.tau_from)]
     return _Seen(told, claims, done, left, judge_lags(evidence, done, told), judge_gains(evidence, done))
 
 

@@ -34,8 +34,9 @@ class Amount(NamedTuple):
 
     rows: int  # filtered, of all recordings, as far as they say something new
     unknowns: int  # of the joint that sees most
-    seconds: float  # that were recorded
-    needed: float  # [s] of recordings as long as these for `PER_UNKNOWN`
+    seconds: float  # that it is learned from
+    needed: float  # [s] to be learned from for `PER_UNKNOWN`
+    whole: float  # [s] that were recorded, with what is held out of the same recordings
 
     @property
     def enough(self) -> bool:
@@ -73,7 +74,11 @@ def judge_amount(session: Session, parts: Sequence[Part]) -> Amount:
     density, lost = 2 * min(band.cutoff, max(MOTION, band.cutoff / BEYOND)), len(lengths) * reach / band.rate
     rows = sum(int(max(0, length - reach) / band.rate * density) for length in lengths)
     unknowns = max((len(task.seen(j)) for j in range(len(task.robot.joints))), default=0)
-    return Amount(rows, unknowns, sum(s.duration for _, s in parts), PER_UNKNOWN * unknowns / density + lost)
+    seconds, wanted = sum(s.duration for _, s in parts), PER_UNKNOWN * unknowns
+    rest = sum(s.duration for r, s in session.held_out if any(r is used and s is not own for used, own in parts))
+    return Amount(
+        rows, unknowns, seconds, max(wanted / density + lost, seconds * wanted / max(rows, 1)), seconds + rest
+    )
 
 
 def _over(value: Array, limit: Array, factor: float) -> Indices:

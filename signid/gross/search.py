@@ -87,13 +87,13 @@ def search(evidence: Evidence, told: Mask) -> list[Claim]:
 
 
 def _next(evidence: Evidence, done: Correction, told: Mask) -> Claim | None:
-    before = unexplained(evidence.corrected(done))
+    before = _left(evidence, done)
     if _nats(before, told) - told.sum() * np.log(WELL) < WORTH:
         return None
     judged = []
-    for trial in _trials(evidence, done, told):
-        left = unexplained(evidence.corrected(trial.correction))
-        if np.any((left - before)[evidence.signed] > WORSE):
+    for trial in _trials(evidence, done, told[list(done.tau_from)]):
+        left = _left(evidence, trial.correction)
+        if np.any((left - before)[evidence.signed] > WORSE) or not _betters_all(trial, done, told, before, left):
             continue
         judged.append(Judged(trial, left, (_nats(left, told), _nats(left, told, CLOSELY))))
     if not judged:
@@ -111,6 +111,19 @@ def _next(evidence: Evidence, done: Correction, told: Mask) -> Claim | None:
     rivals = (j.trial for j in judged[1:] if j.rank[0] - best.rank[0] < NEARLY and j.rank[1] - best.rank[1] < NEARLY)
     shares = float(before[betters].mean()), float(best.left[betters].mean())
     return Claim(*best.trial, gained, *shares, agreement, tuple(rivals))
+
+
+def _left(evidence: Evidence, correction: Correction) -> Array:
+    """(n,) [1] unexplained shares of the torques' variances, each in the place of its column of the recording."""
+    out = np.empty(len(correction.tau_from))
+    out[list(correction.tau_from)] = unexplained(evidence.corrected(correction))
+    return out
+
+
+def _betters_all(trial: Trial, done: Correction, told: Mask, before: Array, left: Array) -> bool:
+    """Whether an exchange does good to every torque of its joints that tells anything; of one alone it is chance."""
+    columns = [k for k in (done.tau_from[j] for j in trial.joints) if told[k]]
+    return "order" not in trial.kind or all(left[k] <= max(before[k], WELL) for k in columns)
 
 
 def _trials(evidence: Evidence, done: Correction, told: Mask) -> Iterator[Trial]:
@@ -161,13 +174,13 @@ def _nats(left: Array, told: Mask, floor: float = WELL) -> float:
     return float(np.sum(np.log(np.maximum(left[told], floor))))
 
 
-def _agreement(evidence: Evidence, before: Correction, after: Correction, joints: Indices) -> float:
-    """[1] share of the blocks in which a correction leaves less."""
+def _agreement(evidence: Evidence, before: Correction, after: Correction, columns: Indices) -> float:
+    """[1] share of the blocks in which a correction leaves less of some columns of torque."""
     old, new = (fit_joints(evidence.corrected(c)) for c in (before, after))
     blocks = np.unique(evidence.block)
     size = [np.zeros(len(blocks)), np.zeros(len(blocks))]
-    for total, fits in zip(size, (old, new), strict=True):
-        for j in joints:
+    for total, fits, correction in zip(size, (old, new), (before, after), strict=True):
+        for j in (correction.tau_from.index(k) for k in columns):
             square = fits[j].residual ** 2 / fits[j].power
             total += [square[evidence.block == k].sum() for k in blocks]
     return float(np.mean(size[1] < size[0]))

@@ -36,6 +36,7 @@ KINDS = {  # what is said of joints, what would be done, and how to mend it
 MEANT = ("torque sign", "torque order", "lag")  # a diagnosis can go on from these: it has laws for them
 UNITS = {1e3: "mN.m", 1e-3: "kN.m", 10.197: "kgf.cm", 141.61: "ozf.in", 8.851: "lbf.in"}
 NEAR = log(1.35)  # a factor so near a unit's is told as that unit
+SPARE = 1.05  # times what is needed at least, is recommended
 GROSS, FAR = 5.0, 1.5  # times: units off by more leave nothing to diagnose; torques beyond limits are worth a flag
 
 
@@ -135,10 +136,12 @@ def tell_unexplained(joint: str, explained: float) -> Finding:
 
 def tell_amount(amount: Amount, joints: int) -> Finding:
     """Too short to tell noise from what is sought."""
-    told = f"{amount.seconds:.3g} s of {joints} joint{'s' if joints > 1 else ''} are too little"
+    learned = "" if amount.whole == amount.seconds else " to learn from"
+    told = f"{amount.seconds:.3g} s of {joints} joint{'s' if joints > 1 else ''}{learned} are too little"
     why = f"{amount.rows} filtered rows a joint for {amount.unknowns} unknowns leave no noise to judge by"
     measures = {"rows": float(amount.rows), "unknowns": float(amount.unknowns), "needed": amount.needed}
-    mend = f"record for {np.ceil(amount.needed):.0f} s or more"
+    share = amount.whole / amount.seconds if amount.seconds else 1.0
+    mend = f"record for {np.ceil(SPARE * share * amount.needed):.0f} s or more"
     return Finding("too little data", (), REFUSE, measures, f"{told}: {why}; {mend}")
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from math import isfinite
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from ..errors import RecordingError, shorten
+from ..plain import read_toml
 from .units import OF, Change, change_of
 
 KINDS = ("abs_current", "abs_tau", "current", "q_des", "ddq", "dq", "tau", "q")  # longer prefixes first
@@ -105,10 +105,10 @@ def read_map(given: ColumnMap | None, units: Mapping[str, str] | None = None) ->
 def _from_file(path: str | Path) -> tuple[str, Mapping[str, Any]]:
     name = f"column map {path}"
     try:
-        return name, tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        return name, read_toml(path)
     except OSError as error:
         raise RecordingError(f"{name} cannot be read: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except ValueError as error:
         raise RecordingError(f'{name} is not TOML such as q_elbow = "elbow_pos": {error}') from error
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,6 +11,7 @@ from ..effects import EFFECTS
 from ..errors import OptionError, SignidError
 from ..laws import law_at
 from ..model import Model, load_model
+from ..plain import read_json
 from ..types import Law
 
 SCHEMA, MODEL = "signid.diagnosis/1", "model.json"
@@ -48,7 +48,7 @@ def read_found(diagnosis: Diagnosis | str | Path) -> Found:
     if path.is_file() and not path.with_name(MODEL).is_file():
         raise OptionError(f"there is no {MODEL} beside {path}; give diagnosis.json in the folder it was written to")
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = read_json(path)
         if content["schema"] != SCHEMA:
             raise OptionError(f"{path} holds {content['schema']!r}; expected {SCHEMA!r} as `signid diagnose` writes it")
         after = load_model(path.with_name(MODEL))

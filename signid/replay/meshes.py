@@ -10,6 +10,7 @@ from urllib.parse import unquote
 
 import numpy as np
 
+from ..robot.sandbox import may_read
 from ..types import Array
 from .solids import Triangles
 
@@ -19,6 +20,7 @@ PACKAGE, FILE = ("package://", "model://"), "file://"
 def find_mesh(name: str, description: str, package_dirs: Sequence[str | Path] = ()) -> Path | None:
     """The file that a description means; None where there is none.
 
+    A path leads to no file outside the description's folder, a package, or one of `package_dirs`.
     Packages are looked for in `package_dirs`, in ROS_PACKAGE_PATH, above the description and in example-robot-data.
 
     Args:
@@ -29,10 +31,14 @@ def find_mesh(name: str, description: str, package_dirs: Sequence[str | Path] = 
     package = next((head for head in PACKAGE if name.startswith(head)), None)
     if package is None:
         path = Path(unquote(name.removeprefix(FILE)))
-        near = [path] if path.is_absolute() else [Path(description).parent / path] if description else []
-        return next((path for path in near if path.is_file()), None)
+        near = Path(description).parent if description else None
+        place = path if path.is_absolute() else near and near / path
+        folders = [*package_dirs, *_examples(), *([near] if near else [])]
+        return place if place and may_read(place, folders) and place.is_file() else None
     inside = name.removeprefix(package)
     folder, _, rest = inside.partition("/")
+    if ".." in Path(inside).parts or folder in ("", "."):
+        return None
     for root in _roots(description, package_dirs):
         if (root / inside).is_file():
             return root / inside
@@ -66,7 +72,11 @@ def _roots(description: str, package_dirs: Sequence[str | Path]) -> Iterator[Pat
     yield from map(Path, package_dirs)
     yield from (Path(folder) for folder in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if folder)
     if description:
-        yield from Path(description).resolve().parents
+        yield from Path(description).resolve().parents[:-1]
+    yield from _examples()
+
+
+def _examples() -> list[Path]:
+    """Where example-robot-data lies."""
     spec = find_spec("pinocchio")
-    if spec is not None and spec.origin is not None:
-        yield Path(spec.origin).parents[4] / "share"
+    return [] if spec is None or spec.origin is None else [Path(spec.origin).parents[4] / "share"]

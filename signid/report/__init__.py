@@ -12,6 +12,7 @@ from .motions import excitation_document, excitation_tables
 from .numbers import figure, with_interval
 from .page import report
 from .pages import diagnosis_page, fleet_page, identification_page, signs_page
+from .payload import payload_document, payload_tables
 from .screen import Screen
 from .signs import signed_csv, signs_document, signs_tables
 from .simulation import Run, simulation_document, simulation_tables
@@ -46,6 +47,8 @@ __all__ = [
     "identification_tables",
     "inspection_document",
     "inspection_tables",
+    "payload_document",
+    "payload_tables",
     "probe_folder",
     "report",
     "signed_csv",

@@ -40,6 +40,8 @@ def probe_folder(folder: str | Path, option: str = "-o") -> None:
 def write_files(folder: str | Path, contents: Mapping[str, Content], option: str = "-o") -> list[Path]:
     """Write files into a folder, which is made where it is missing; either all of them or none.
 
+    Should the process be killed, every file is as it was or whole. The first one appears last, after all others.
+
     Args:
         folder: where the results go.
         contents: name of each file and what it holds, whole or in pieces; text is written as UTF-8.
@@ -58,7 +60,7 @@ def write_files(folder: str | Path, contents: Mapping[str, Content], option: str
             if target.is_dir():
                 raise _refusal(folder, place, IsADirectoryError(0, f"{target.name} in it is a folder"), option)
             waiting.append((_aside(place, content), target))
-        for temporary, target in waiting:
+        for temporary, target in reversed(waiting):
             os.replace(temporary, target)
     except BaseException as error:
         for temporary, _ in waiting:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -14,9 +13,11 @@ import numpy as np
 from ..consistent.packed import TO_INERTIAL, pack
 from ..consistent.prior import believable, coefficient_sizes, inertial, positive
 from ..errors import OptionError
+from ..plain import read_toml
 from ..types import Array, BaseMap, Estimate, Frozen, Parameters, pseudo_inertia
 
 _MASS = (0.2, 3.0)  # times the mass stated
+_HUGE = 1e100
 _NEAR = 0.05  # [m] that a centre of mass may be off, or twice the radius of gyration where that is more
 _ROWS = {"mass": slice(0, 1), "first_moment": slice(1, 4), "inertia": slice(4, 10)}
 
@@ -91,10 +92,10 @@ def read_bounds(path: str | Path, links: Sequence[str], default: Bounds) -> Boun
         OptionError: when the file cannot be read, names what does not exist, or states what is no interval.
     """
     try:
-        content = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        content = read_toml(path)
     except (OSError, UnicodeDecodeError) as fault:
         raise OptionError(f"cannot read the bounds file {path}: {fault}") from None
-    except tomllib.TOMLDecodeError as fault:
+    except ValueError as fault:
         raise OptionError(f"the bounds file {path} is not TOML: {fault}") from None
     sections = content.get("link", {})
     if set(content) - {"link"} or not isinstance(sections, dict):
@@ -140,7 +141,7 @@ def _is_pair(value: Any) -> bool:
     return (
         isinstance(value, list)
         and len(value) == 2
-        and all(isinstance(x, int | float) and not isinstance(x, bool) and np.isfinite(x) for x in value)
+        and all(isinstance(x, int | float) and not isinstance(x, bool) and abs(x) < _HUGE for x in value)
     )
 
 

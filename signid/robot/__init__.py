@@ -9,6 +9,7 @@ from .dh import DHLink, urdf_from_dh
 from .hold import hold, resting
 from .load import held_positions, load_robot, robot_from_text
 from .locate import locate, names
+from .reduced import reduced
 
 __all__ = [
     "DHLink",
@@ -18,6 +19,7 @@ __all__ = [
     "load_robot",
     "locate",
     "names",
+    "reduced",
     "resting",
     "robot_from_text",
     "urdf_from_dh",

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 from ..errors import RobotError
+from ..plain import read_toml
 from ..types import Actuators, Array, Robot
 from .joints import find
 
@@ -32,12 +32,12 @@ def read_actuators(path: Path, robot: Robot) -> Actuators:
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        content = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+        content = read_toml(path)
     except OSError as error:
         raise RobotError(f"the file cannot be read ({error.strerror}); check the path of the actuators file") from None
     except UnicodeDecodeError:
         raise RobotError("the file is not UTF-8 text; save the actuators file as UTF-8") from None
-    except tomllib.TOMLDecodeError as error:
+    except ValueError as error:
         raise RobotError(f"the file is not valid TOML: {error}") from None
     if unknown := sorted(content.keys() - {"joint"}):
         raise RobotError(f"there is no entry {unknown[0]!r} in an actuators file; write tables [joint.NAME]")

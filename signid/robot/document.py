@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
+import os
 import re
+import subprocess
+import sys
+import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from hashlib import sha256
@@ -12,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import RobotError
+from . import sandbox
 
 _XACRO = "xacro"  # part of the namespace of xacro tags
 _DECLARATION = re.compile(r"\s*<\?xml\s[^>]*\?>")
@@ -110,15 +113,17 @@ def _namespaces(root: Any) -> set[str]:
 
 def _expand(path: Path, package_dirs: Sequence[str | Path]) -> str:
     """URDF text of a xacro file; packages are looked for above the file and in `package_dirs`."""
-    from xacrodoc import XacroDoc, packages
-
-    try:
-        with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
-            packages.reset()
-            if package_dirs:
-                packages.look_in([str(folder) for folder in package_dirs])
-            expanded: str = XacroDoc.from_file(path, resolve_packages=False).dom.toxml()
-    except (Exception, SystemExit) as error:  # xacro raises whatever an expression in the file raises
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise RobotError(f"xacro cannot expand it: {reason}") from None
-    return expanded
+    with tempfile.TemporaryDirectory() as scratch:
+        given = [str(path.absolute()), scratch, *(str(Path(folder).absolute()) for folder in package_dirs)]
+        command = [sys.executable, "-P", "-X", "utf8", str(Path(sandbox.__file__).absolute()), *given]
+        beside, there = path.absolute().parent, {**os.environ, "TMPDIR": scratch}
+        try:
+            done = subprocess.run(
+                command, cwd=beside, env=there, capture_output=True, timeout=sandbox.SECONDS, check=False
+            )
+        except subprocess.TimeoutExpired:
+            raise RobotError(f"xacro cannot expand it in {sandbox.SECONDS} s; is there a macro without end?") from None
+    if done.returncode:
+        reason = done.stderr.decode("utf-8", "replace").strip() or "it needs too much time or memory"
+        raise RobotError(f"xacro cannot expand it: {reason}")
+    return done.stdout.decode("utf-8")

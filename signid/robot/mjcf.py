@@ -17,6 +17,7 @@ from .document import Document
 from .draft import Axis, Draft, Mimic
 from .inertials import impossible_notes, massless_note
 from .mjcf_tree import below_world, compiler_setting, included, joint_attribute, prepare
+from .tree import MOST
 
 if TYPE_CHECKING:
     import pinocchio as pin
@@ -30,6 +31,8 @@ def read_mjcf(document: Document) -> Draft:
     """
     root = deepcopy(document.root)
     text = included(root, Path(document.path).parent, document.text)
+    if len(below_world(root, ("body",))) > MOST:
+        raise RobotError(f"the file has more than {MOST} bodies; give the description of one robot")
     notes = prepare(root)
     if not below_world(root, ("joint",)):
         raise RobotError("the file has no moving joint (hinge or slide): nothing to identify")

@@ -9,6 +9,7 @@ from typing import Any
 
 from ..errors import RobotError, shorten
 from .document import parse
+from .sandbox import may_read
 
 _KEPT = ("body", "joint", "freejoint", "inertial", "geom")  # of what stands in a body
 _UNREAD = ("frame", "replicate", "composite", "attach", "flexcomp")  # these would make bodies of their own
@@ -48,6 +49,8 @@ def _include(element: Any, folder: Path, depth: int) -> None:
         path = folder / (node.get("file") or "")
         if depth > _DEPTH:
             raise RobotError(f"{path.name} includes itself; remove that <include>")
+        if not may_read(path, [folder]):
+            raise RobotError(f"the included file {path} lies outside the folder of the description; put it inside")
         try:
             part = parse(path.read_text("utf-8-sig"))
         except (OSError, UnicodeDecodeError):

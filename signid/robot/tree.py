@@ -17,6 +17,7 @@ MOVING = ("revolute", "continuous", "prismatic")
 HELD = ("floating", "planar")
 _KINDS = (*MOVING, *HELD, "fixed")
 _MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+MOST = 1000  # links of a robot
 _BEYOND = 1e6  # [rad or m] a limit that large is none
 
 
@@ -86,6 +87,8 @@ def read_tree(robot: Any, fallback: str) -> Tree:
     Raises:
         RobotError: when a name, a number or the tree is not in order.
     """
+    if len(children(robot, "link")) > MOST:
+        raise RobotError(f"the file has more than {MOST} links; give the description of one robot")
     links = tuple(_link(element) for element in children(robot, "link"))
     joints = tuple(_joint(element) for element in children(robot, "joint"))
     return Tree(robot.get("name") or fallback, links, joints, _root(links, joints))

@@ -4,7 +4,8 @@ Uneven time steps are resampled; gaps and missing values part a recording into s
 """
 
 from .grid import samples
+from .spread import spread
 from .stretch import Sampling, excerpt, split
 from .survey import survey
 
-__all__ = ["Sampling", "excerpt", "samples", "split", "survey"]
+__all__ = ["Sampling", "excerpt", "samples", "split", "spread", "survey"]

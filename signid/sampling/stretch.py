@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -95,15 +96,16 @@ def split(sampling: Sampling, share: float) -> tuple[Sampling, Sampling]:
     if not first or not last:
         told = f"the recording is too short ({sampling.duration:.3g} s) to hold out {1 - share:.0%} of it"
         raise RecordingError(f"{told}; record for longer, or give another recording to hold out")
-    return _restrict(sampling, first), _restrict(sampling, last)
+    return restrict(sampling, first), restrict(sampling, last)
 
 
 def excerpt(sampling: Sampling, span: Span, low: int, high: int) -> Sampling:
     """Samples low..high of one span, on the grid of the whole."""
-    return _restrict(sampling, [sampling.stretch(span).part(low, high)])
+    return restrict(sampling, [sampling.stretch(span).part(low, high)])
 
 
-def _restrict(sampling: Sampling, stretches: list[Stretch]) -> Sampling:
+def restrict(sampling: Sampling, stretches: Sequence[Stretch]) -> Sampling:
+    """The same recording, of which only some parts of its stretches are used, in their order."""
     spans = tuple(_span(stretch) for stretch in stretches)
     return replace(
         sampling,

@@ -1,0 +1,148 @@
+"""Recordings without and with a load -> the load."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..consistent import fit_consistent
+from ..errors import OptionError, RecordingError
+from ..estimate import estimate
+from ..factors import LAGS
+from ..model import stated_parameters
+from ..prepare import prepare
+from ..rigid import carried
+from ..session import Options, Progress
+from ..types import INERTIAL, INERTIAL_UNITS, BaseMap, Input, Label, Parameters, Recording, Robot
+from .difference import Difference, subtract
+from .result import Payload
+
+RADIUS, LIGHT, FAR = (
+    0.05,
+    0.05,
+    0.3,
+)  # [m] of gyration, [kg] at least, [m] to the centre: of the load believed in before
+CERTAIN = 3.0  # standard deviations of a mass that is there
+DRIFT, MISFIT = 3.0, 10.0  # from which changes of friction and what no load explains are told
+ROLES = ("recording, without the load", "recording, with the load")
+
+
+def payload(
+    robot: Robot,
+    without: Sequence[Recording],
+    carrying: Sequence[Recording],
+    *,
+    options: Options | None = None,
+    progress: Progress | None = None,
+) -> Payload:
+    """The load of the last link, from recordings without it and with it.
+
+    Base parameters are estimated from both. All that is the robot's own is equal in both and falls out of their
+    difference; friction and offsets may have changed a little. The difference is then brought to the nearest body that
+    could exist. What neither noise nor such changes explain widens the intervals.
+
+    Args:
+        robot: as `load_robot` gives it.
+        without: recordings of the robot alone.
+        carrying: recordings of the robot with the load.
+        options: effects, cut-off and the like.
+        progress: told what is being done and how far it is.
+
+    Raises:
+        RecordingError: a recording cannot be used, or lacks signs of torque.
+        OptionError: one side has no recording, or one was given twice.
+
+    Source: Khalil, Gautier, Lemoine, IEEE ICRA 2007; feasible bodies: Wensing, Kim, Slotine, IEEE RA-L 3(1), 2018.
+    """
+    options, both = options or Options(), [*without, *carrying]
+    _check(without, carrying)
+    session = prepare(robot, both, both, options)
+    sides = session.train[: len(without)], session.train[len(without) :]
+    lags = LAGS if options.whiten else 0
+    factors = [session.reduce(side, progress=progress, lags=lags) for side in sides]
+    base = session.task.base
+    prior = base.combination @ stated_parameters(session.task).values
+    bare, loaded = (estimate(f, base, prior, options.whiten) for f in factors)
+    body = carried(session.robot, len(session.robot.joints) - 1)
+    difference = subtract(base, body, bare, loaded, factors[0])
+    fitted = fit_consistent(_one_body(difference), difference.estimate, _before(difference))
+    inertial = fitted.parameters.bodies()[0]
+    untold = _untold(difference)
+    roles = zip((without, carrying), ROLES, strict=True)
+    return Payload(
+        robot=session.robot,
+        link=session.robot.links[body],
+        inertial=inertial,
+        covariance=difference.spread,
+        untold=untold,
+        moved=fitted.moved,
+        misfit=difference.misfit,
+        drifted=difference.drifted,
+        inputs=tuple(Input(r.path, r.sha256, role) for side, role in roles for r in side),
+        cutoff=session.task.band.cutoff,
+        seed=options.seed,
+        flags=_flags(difference, untold),
+        notes=(*session.notes, *fitted.notes, *_notes(difference)),
+    )
+
+
+def _check(without: Sequence[Recording], carrying: Sequence[Recording]) -> None:
+    for name, side in (("without", without), ("with", carrying)):
+        if not side:
+            raise OptionError(f"no recording {name} the load was given; the load is the difference of the two")
+    both = [*without, *carrying]
+    if len({recording.sha256 for recording in both}) < len(both):
+        raise OptionError("the same samples were given twice; give each recording once, without the load or with it")
+    for recording in both:
+        if not recording.signed.all():
+            name = recording.path or "a recording"
+            raise RecordingError(f"{name} lacks signs of torque; a load is found from torque that has its sign")
+
+
+def _one_body(difference: Difference) -> BaseMap:
+    """The load alone as what the difference is made of."""
+    names = zip(INERTIAL, INERTIAL_UNITS, strict=True)
+    labels = tuple(Label(f"{name}_load", unit, body=0) for name, unit in names)
+    b = len(difference.value)
+    return BaseMap(
+        labels, np.zeros(b, int), difference.columns, ("",) * b, ("",) * b, np.ones((1, b), bool), np.ones(1), 1.0
+    )
+
+
+def _before(difference: Difference) -> Parameters:
+    """A compact body of the mass and at the place that the difference tells."""
+    mass, moment = max(float(difference.load[0]), LIGHT), difference.load[1:4]
+    centre = moment / mass
+    centre = centre * min(1.0, FAR / max(float(np.linalg.norm(centre)), 1e-9))
+    turn = mass * (RADIUS**2 * np.eye(3) + centre @ centre * np.eye(3) - np.outer(centre, centre))
+    values = [mass, *(mass * centre), *turn[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]]
+    return Parameters(_one_body(difference).labels, np.array(values))
+
+
+def _untold(difference: Difference) -> tuple[str, ...]:
+    lost = np.isinf(np.diag(difference.spread))
+    parts = (("mass", lost[:1]), ("centre of mass", lost[1:4]), ("inertia", lost[4:]))
+    return tuple(name for name, some in parts if some.any())
+
+
+def _flags(difference: Difference, untold: Sequence[str]) -> tuple[str, ...]:
+    flags = [f"the recordings cannot tell the {' and the '.join(untold)} of a load"] if untold else []
+    mass, std = float(difference.load[0]), float(np.sqrt(difference.spread[0, 0]))
+    if np.isfinite(std) and mass < CERTAIN * std:
+        flags.append(
+            f"no load is certain: the difference has a mass of {mass:.2g} kg, with a standard deviation of {std:.2g} kg"
+        )
+    return tuple(flags)
+
+
+def _notes(difference: Difference) -> list[str]:
+    notes = []
+    if difference.misfit > MISFIT:
+        notes.append(
+            f"what differs beside the load is {difference.misfit:.0f} times the variance of noise: intervals are "
+            f"{np.sqrt(difference.misfit):.1f} times wider for it"
+        )
+    if difference.drifted > DRIFT:
+        notes.append(f"friction or an offset changed by {difference.drifted:.1f} times what is usual from day to day")
+    return notes

@@ -1,0 +1,198 @@
+"""Killed, out of room, out of memory, two at once, strange paths: files are whole or none, and a sentence says why."""
+
+from __future__ import annotations
+
+import errno
+import os
+import random
+import shlex
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import pytest
+from swing import csv, swing
+
+from signid.cli import run
+from signid.errors import OutputError, RecordingError
+from signid.formats import csv_, room
+from signid.formats.find import find_format
+from signid.report import write_files
+
+HERE = Path(__file__).parents[1]
+THERE = {**os.environ, "PYTHONPATH": str(HERE), "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+FILES, SIZE, KILLS, ROUNDS = 5, 400_000, 8, 30
+WRITER = f"""if 1:
+    import sys
+    from signid.report.write import write_files
+    folder, mark, rounds = sys.argv[1], sys.argv[2], int(sys.argv[3])
+    for k in range(1, rounds + 1):
+        body = f"{{mark}} {{k:09d}};"
+        write_files(folder, {{f"{{i}}.txt": body * ({SIZE} // len(body)) for i in range({FILES})}})
+        print(k, flush=True)
+"""
+
+
+def writer(folder: Path, mark: str, rounds: int) -> subprocess.Popen[str]:
+    command = [sys.executable, "-c", WRITER, str(folder), mark, str(rounds)]
+    return subprocess.Popen(command, env=THERE, stdout=subprocess.PIPE, text=True)
+
+
+def generation(path: Path) -> str:
+    """What a whole file repeats from its beginning to its end."""
+    text = path.read_text()
+    first = text.partition(";")[0]
+    assert text == f"{first};" * (SIZE // (len(first) + 1)), f"{path.name} is not whole"
+    return first
+
+
+def test_killed_at_any_moment_files_are_whole(tmp_path: Path) -> None:
+    rng = random.Random(0)
+    for kill in range(KILLS):
+        folder = tmp_path / str(kill % 3)  # new at first, then full of the files of those killed before
+        process = writer(folder, f"{kill:03d}", 10**6)
+        assert process.stdout is not None
+        process.stdout.readline()
+        time.sleep(rng.uniform(0, 0.03))
+        process.kill()
+        process.communicate()
+        made = [generation(folder / f"{i}.txt") for i in range(FILES)]
+        assert made[0] <= min(made), "the first appears last"
+
+
+def test_two_at_once_leave_whole_files(tmp_path: Path) -> None:
+    both = [writer(tmp_path / "out", mark, ROUNDS) for mark in ("a", "b")]
+    for process in both:
+        process.communicate(timeout=60)
+        assert process.returncode == 0
+    assert {generation(tmp_path / "out" / f"{i}.txt") for i in range(FILES)} <= {f"{x} {ROUNDS:09d}" for x in "ab"}
+    assert len(list((tmp_path / "out").iterdir())) == FILES, "nothing else is left"
+
+
+@pytest.mark.parametrize("name", ["out.csv", "out.parquet", "out.npz"])
+def test_a_full_disk_is_told(name: str, tmp_path: Path) -> None:
+    pytest.importorskip("resource")
+    program = """if 1:
+        import resource, sys
+        resource.setrlimit(resource.RLIMIT_FSIZE, (4000, 4000))
+        from signid.cli import run
+        sys.exit(run(sys.argv[1:]))
+    """
+    command = [sys.executable, "-c", program, "simulate", "1r", "--duration", "4", "--motion", "m.csv", "-o", name]
+    (tmp_path / "m.csv").write_text(csv(swing(tau_1=None)))
+    done = subprocess.run(command, cwd=tmp_path, env=THERE, capture_output=True, text=True, check=False)
+    assert done.returncode == 2, done.stderr
+    assert "make room" in done.stderr and len(done.stderr.splitlines()) == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["m.csv"]
+
+
+@pytest.mark.parametrize(
+    "where", ["os.replace", "os.fdopen", "tempfile.mkstemp", "pathlib.Path.chmod", "pathlib.Path.mkdir"]
+)
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EROFS, errno.EACCES, errno.EIO, errno.EDQUOT])
+def test_what_cannot_be_written_leaves_nothing(
+    where: str, number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise OSError(number, os.strerror(number))
+
+    with monkeypatch.context() as broken:
+        broken.setattr(where, fail)
+        with pytest.raises(OutputError, match=os.strerror(number)):
+            write_files(tmp_path / "new", {"a.txt": "a", "b.txt": b"b"})
+    assert not list(tmp_path.rglob("*.*"))
+
+
+def test_a_piece_that_cannot_be_made_leaves_nothing(tmp_path: Path) -> None:
+    def pieces() -> object:
+        yield "half"
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_files(tmp_path / "new", {"a.txt": "a", "b.txt": pieces()})  # type: ignore[dict-item]
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_that_is_read_only_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+    (tmp_path / "r.csv").write_text(csv(swing()))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(tempfile, "TemporaryFile", fail)
+    monkeypatch.setattr(tempfile, "mkstemp", fail)
+    for command in (
+        "identify 1r r.csv -o out",
+        "simulate 1r -o s.csv",
+        "export 1r --urdf r.urdf",
+        "excite 1r -o m.csv",
+    ):
+        assert run(command.split()) == 2
+        err = capfd.readouterr().err
+        assert "Read-only" in err and len(err.splitlines()) == 1, err
+    assert [path.name for path in tmp_path.iterdir()] == ["r.csv"]
+
+
+def test_strange_paths_are_fine_everywhere(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "ein Ordner é 日本 'x' %20 #1"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    Path("ä b.csv").write_text(csv(swing()))
+    Path("mein Arm ö.urdf").write_bytes((HERE / "robots/1r/robot.urdf").read_bytes())
+    for command in (
+        "inspect 'mein Arm ö.urdf'",
+        "check 'mein Arm ö.urdf' 'ä b.csv'",
+        "identify 'mein Arm ö.urdf' 'ä b.csv' -o 'aus gabe'",
+        "diagnose 'mein Arm ö.urdf' 'ä b.csv' -o 'diag nose'",
+        "simulate 'aus gabe/model.json' --motion 'ä b.csv' --duration 1 -o 'sim ß.parquet'",
+        "export 'aus gabe/model.json' --urdf 'é.urdf' --mjcf 'é.xml' --function 'f é.py'",
+        "replay 'aus gabe/model.json' 'ä b.csv' --html 'é è.html'",
+        "replay 'mein Arm ö.urdf' 'ä b.csv' --diagnosis 'diag nose' --html 'é 2.html'",
+        "inspect 'é.xml'",
+    ):
+        assert run(shlex.split(command)) in (0, 3), (command, capfd.readouterr().err)
+    assert Path("é è.html").is_file() and Path("é 2.html").is_file() and Path("f é.py").is_file()
+
+
+def test_too_little_memory_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "r.csv"
+    path.write_text(csv(swing()))
+    monkeypatch.setattr(room, "room", lambda: 1000.0)
+    with pytest.raises(RecordingError, match="Parquet"):
+        find_format(path).open(path)
+    monkeypatch.setattr(csv_, "room", lambda: 1000.0)
+    packed = tmp_path / "r.csv.gz"
+    packed.write_bytes(find_format(packed).encode(swing(), packed.name))
+    with pytest.raises(RecordingError, match="Parquet"):
+        find_format(packed).open(packed)
+
+
+def test_a_memory_ceiling_is_told(tmp_path: Path) -> None:
+    pytest.importorskip("resource")
+    program = """if 1:
+        import resource, sys
+        from signid.cli import run
+        import signid.simulate, signid.formats.csv_, signid.identify, signid.report
+        used = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
+        resource.setrlimit(resource.RLIMIT_AS, (used + 400_000_000, resource.RLIM_INFINITY))
+        sys.exit(run(sys.argv[1:]))
+    """
+    if not Path("/proc/self/statm").is_file():
+        pytest.skip("needs /proc")
+    for command in ("simulate 3r --duration 4900 -o out.csv", "identify 1r zeros.csv.gz -o out"):
+        if "zeros" in command:
+            import gzip
+
+            (tmp_path / "zeros.csv.gz").write_bytes(gzip.compress(b"t,q_1,tau_1\n" + b"0,0,0\n" * 40_000_000, 1))
+        done = subprocess.run(
+            [sys.executable, "-c", program, *command.split()], cwd=tmp_path, env=THERE, capture_output=True, text=True
+        )
+        assert done.returncode == 2, (done.returncode, done.stderr)
+        assert "memory" in done.stderr and len(done.stderr.splitlines()) == 1, done.stderr
+    assert not (tmp_path / "out").exists() and not (tmp_path / "out.csv").exists()

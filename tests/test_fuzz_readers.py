@@ -1,0 +1,56 @@
+"""Whatever a file holds, it is read or refused by a sentence: files that were damaged, and some made to do harm."""
+
+from __future__ import annotations
+
+import tempfile
+import warnings
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from benchmarks.readers import TOKENS, Reader, readers
+
+EXAMPLES, SLOW = 60, 4
+
+
+@st.composite
+def damaged(draw: st.DrawFn, seeds: tuple[bytes, ...]) -> bytes:
+    """A file with some of it overwritten, taken out, repeated, or put in."""
+    content = draw(st.sampled_from(seeds))
+    for _ in range(draw(st.integers(1, 4))):
+        start, length = draw(st.integers(0, len(content))), draw(st.integers(0, 40))
+        stop = min(len(content), start + length)
+        new = draw(st.one_of(st.sampled_from(TOKENS), st.binary(max_size=8), st.just(content[start:stop] * 3)))
+        content = content[:start] + new + content[stop:]
+    return content[: draw(st.one_of(st.just(len(content)), st.integers(0, len(content))))]
+
+
+@pytest.mark.parametrize("reader", readers(), ids=lambda reader: reader.name)
+def test_what_is_damaged_is_read_or_refused(reader: Reader) -> None:
+    @settings(max_examples=SLOW if reader.slow else EXAMPLES)
+    @given(damaged(tuple(reader.seeds)))
+    def check(content: bytes) -> None:
+        with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            reader(content, Path(folder))
+
+    check()
+
+
+@pytest.mark.parametrize("reader", readers(), ids=lambda reader: reader.name)
+@pytest.mark.parametrize("token", [b"", b"\0", *TOKENS], ids=lambda token: repr(token[:12]))
+def test_what_makes_no_sense_is_refused(reader: Reader, token: bytes, tmp_path: Path) -> None:
+    if not reader.slow:
+        assert not reader(token, tmp_path) or reader.name in ("actuators", "columns", "bounds"), "nothing is enough"
+
+
+@pytest.mark.parametrize(
+    "reader",
+    [x for x in readers() if x.name not in ("xacro", "MJCF", "actuators", "motion")],
+    ids=lambda reader: reader.name,
+)
+def test_what_is_whole_is_read(reader: Reader, tmp_path: Path) -> None:
+    for seed in reader.seeds[:1]:
+        assert reader(seed, tmp_path)

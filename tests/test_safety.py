@@ -1,0 +1,195 @@
+"""What signid never does, whatever a file asks for: run it, fetch, or read what does not belong to it."""
+
+from __future__ import annotations
+
+import ast
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bad_input import BOMB, INERTIAL, JOINT, LINKS
+from swing import csv, swing
+
+import signid
+from signid.errors import RecordingError, RobotError
+from signid.replay.meshes import find_mesh
+from signid.robot import sandbox
+from signid.robot.sandbox import may_read
+
+HERE = Path(__file__).parents[1]
+SECRET = "<robot name='secret'/>"
+NEVER = {
+    "eval",
+    "exec",
+    "compile",
+    "__import__",
+    "pickle",
+    "marshal",
+    "shelve",
+    "dill",
+    "joblib",
+    "cloudpickle",
+    "yaml",
+}
+NETWORK = {"socket", "urllib.request", "http", "requests", "httpx", "ftplib", "asyncio", "aiohttp"}
+ASKED = {"gallery", "live.py"}  # signid data, which is asked to download; the replay, served to this machine alone
+HEAD = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+
+
+def mentioned(path: Path) -> set[str]:
+    """Modules that are imported, and plain names that are called."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and not node.level:
+            found |= {f"{node.module}.{alias.name}" for alias in node.names} | {str(node.module)}
+        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+            found.add(node.func.id)
+    return found
+
+
+@pytest.mark.parametrize("path", sorted((HERE / "signid").rglob("*.py")), ids=lambda path: path.stem)
+def test_no_module_evaluates_or_unpickles_and_one_downloads(path: Path) -> None:
+    found = mentioned(path)
+    assert not found & NEVER
+    if not {path.parent.name, path.name} & ASKED:
+        assert not found & NETWORK
+
+
+def test_commands_open_no_connection(tmp_path: Path) -> None:
+    (tmp_path / "r.csv").write_text(csv(swing()))
+    program = """if 1:
+        import sys
+        def watch(event, given):
+            if event.startswith("socket.") and event not in ("socket.__new__", "socket.gethostname"):
+                raise SystemExit(f"tried {event}")
+        sys.addaudithook(watch)
+        from signid.cli import run
+        for command in ("inspect 3r", "identify 1r r.csv -o out", "replay 1r r.csv --html r.html", "data"):
+            assert run(command.split()) in (0, 3), command
+    """
+    there = {**os.environ, "PYTHONPATH": str(HERE)}
+    done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, env=there, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "r.html").is_file()
+
+
+def refused(path: Path, content: str, says: str) -> None:
+    path.write_text(content)
+    with pytest.raises(RobotError, match=says):
+        signid.load_robot(path)
+
+
+@pytest.mark.parametrize("name", ["r.urdf", "r.xacro", "r.xml"])
+@pytest.mark.parametrize("entity", ["SYSTEM 'secret.xml'", "SYSTEM 'http://127.0.0.1:9/'", "'aaaaaaaaaa'"])
+def test_entities_are_refused(name: str, entity: str, tmp_path: Path) -> None:
+    (tmp_path / "secret.xml").write_text(SECRET)
+    tag = "mujoco" if name == "r.xml" else "robot"
+    refused(tmp_path / name, f"<!DOCTYPE r [<!ENTITY a {entity}>]><{tag}>&a;</{tag}>", "DOCTYPE")
+    refused(tmp_path / name, BOMB, "DOCTYPE")
+
+
+def test_includes_stay_beside_the_description(tmp_path: Path) -> None:
+    inside, outside = tmp_path / "inside", tmp_path / "outside.xml"
+    inside.mkdir()
+    outside.write_text("<mujocoinclude/>")
+    for name in ("../outside.xml", str(outside)):
+        refused(inside / "r.xml", f'<mujoco><include file="{name}"/></mujoco>', "outside the folder")
+    refused(inside / "r.xml", '<mujoco><include file="bomb.xml"/></mujoco>', "cannot be read")
+    (inside / "bomb.xml").write_text(BOMB)
+    refused(inside / "r.xml", '<mujoco><include file="bomb.xml"/></mujoco>', "DOCTYPE")
+
+
+@pytest.mark.parametrize("name", ["../outside.xacro", "ABSOLUTE", "$(find nowhere)/x.xacro"])
+def test_xacro_stays_beside_the_description(name: str, tmp_path: Path) -> None:
+    inside = tmp_path / "inside"
+    inside.mkdir()
+    (tmp_path / "outside.xacro").write_text(SECRET)
+    name = name.replace("ABSOLUTE", str(tmp_path / "outside.xacro"))
+    refused(inside / "r.xacro", f'{HEAD}<xacro:include filename="{name}"/></robot>', "xacro cannot expand it")
+
+
+def test_xacro_reads_what_lies_beside_it_in_a_package_or_where_it_may(tmp_path: Path) -> None:
+    part = f"{HEAD}{LINKS}{JOINT}</robot>"
+    for folder in ("é è/deep", "package", "given"):
+        (tmp_path / folder).mkdir(parents=True)
+        (tmp_path / folder / "part.xacro").write_text(part)
+    (tmp_path / "package/package.xml").write_text("<package><name>package</name></package>")
+    for name, dirs in (("deep/part.xacro", []), ("../package/part.xacro", []), ("../given/part.xacro", ["given"])):
+        path = tmp_path / "é è" / "r.xacro"
+        path.write_text(f'{HEAD}<xacro:include filename="{name}"/></robot>')
+        assert signid.load_robot(path, package_dirs=[tmp_path / x for x in dirs]).joints == ("j",)
+
+
+@pytest.mark.parametrize(
+    "expression",
+    ["open('/etc/passwd').read()", "__import__('os').getpid()", "().__class__.__base__", "9**9**9", "'a' * 10**11"],
+)
+def test_xacro_expressions_do_nothing_else(expression: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sandbox, "SECONDS", 3)
+    refused(tmp_path / "r.xacro", f'{HEAD}<link name="${{{expression}}}"/></robot>', "xacro cannot expand it")
+
+
+def test_macros_without_end_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sandbox, "SECONDS", 3)
+    names = "abcdefghijklmnopqrstuvwxyz"
+    macros = "".join(
+        f'<xacro:macro name="{x}"><xacro:{y}/><xacro:{y}/></xacro:macro>'
+        for x, y in zip(names, names[1:], strict=False)
+    )
+    text = f'{HEAD}{macros}<xacro:macro name="z"><link name="l"/></xacro:macro><xacro:a/></robot>'
+    refused(tmp_path / "r.xacro", text, "xacro cannot expand it")
+
+
+def test_meshes_stay_where_they_belong(tmp_path: Path) -> None:
+    package = tmp_path / "arm"
+    (package / "urdf").mkdir(parents=True)
+    (package / "meshes").mkdir()
+    for path in (tmp_path / "secret.stl", package / "meshes/a.stl", package / "urdf/b.stl"):
+        path.write_text("solid")
+    description = str(package / "urdf/r.urdf")
+    outside = ["package://arm/../secret.stl", "package://../secret.stl", "package:///secret.stl"]
+    outside += [
+        "../../secret.stl",
+        str(tmp_path / "secret.stl"),
+        f"file://{tmp_path}/secret.stl",
+        "%2e%2e/%2e%2e/secret.stl",
+    ]
+    assert not any(find_mesh(name, description) for name in outside)
+    assert find_mesh("package://arm/meshes/a.stl", description)
+    assert find_mesh("b.stl", description)
+    assert not find_mesh("../meshes/a.stl", description)
+    (package / "package.xml").write_text("<package/>")
+    assert find_mesh("../meshes/a.stl", description)
+    assert find_mesh(str(tmp_path / "secret.stl"), description, [tmp_path])
+
+
+def test_paths_are_judged_as_they_are_written(tmp_path: Path) -> None:
+    assert may_read(tmp_path / "a/../b", [tmp_path])
+    assert not may_read(tmp_path / "a/../../b", [tmp_path])
+    assert not may_read(str(tmp_path) + "2/b", [tmp_path])
+
+
+def test_robots_without_end_are_refused(tmp_path: Path) -> None:
+    links = "".join(f'<link name="l{k}">{INERTIAL}</link>' for k in range(20_001))
+    joints = "".join(
+        JOINT.replace('"j"', f'"j{k}"').replace('"a"', f'"l{k}"').replace('"b"', f'"l{k + 1}"') for k in range(20_000)
+    )
+    refused(tmp_path / "r.urdf", f'<robot name="r">{links}{joints}</robot>', "more than 1000 links")
+    bodies = '<body><joint type="hinge"/></body>' * 2000
+    refused(tmp_path / "r.xml", f"<mujoco><worldbody>{bodies}</worldbody></mujoco>", "more than 1000 bodies")
+
+
+def test_archives_of_objects_stay_closed(tmp_path: Path) -> None:
+    class Trap:
+        def __reduce__(self) -> tuple[object, tuple[str]]:
+            return os.mkdir, (str(tmp_path / "sprung"),)
+
+    np.savez(tmp_path / "r.npz", t=np.arange(3.0), q_1=np.array([Trap()], object), allow_pickle=True)
+    with pytest.raises(RecordingError):
+        signid.read_recording(tmp_path / "r.npz", signid.load_robot("1r"))
+    assert not (tmp_path / "sprung").exists()
