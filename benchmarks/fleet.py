@@ -12,16 +12,17 @@ from __future__ import annotations
 import argparse
 import json
 import platform
+import resource
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import polars as pl
+from distributed import LocalCluster
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -60,6 +61,13 @@ class Reduction:
     parts_difference: float  # the same for the sum of its parts
 
 
+class Taken(NamedTuple):
+    """What a way took [s]."""
+
+    wall: float
+    processor: float  # of the processes that it began; those of Dask end later
+
+
 def write(path: Path, robot: Robot, seconds: float, rate: float, seed: int) -> None:
     """A recording of the robot with drives that its description does not state, quantised and noisy."""
     t, n = np.arange(round(seconds * rate)) / rate, len(robot.joints)
@@ -71,8 +79,8 @@ def write(path: Path, robot: Robot, seconds: float, rate: float, seed: int) -> N
     step, noise = 2 * np.pi / 2**BITS, rng.standard_normal((2, *q.shape))
     columns = {"q": step * np.round((q + centre) / step + 0.3 * noise[0])}
     columns["tau"] = torque + NOISE * np.sqrt(np.mean(torque**2, axis=0)) * noise[1]
-    table = {"t": t} | {f"{key}_{robot.joints[j]}": x[:, j] for key, x in columns.items() for j in range(n)}
-    pl.DataFrame(table).write_parquet(path, compression="zstd", compression_level=1)
+    named = {f"{key}_{robot.joints[j]}": x[:, j] for key, x in columns.items() for j in range(n)}
+    pl.DataFrame({"t": t, **named}).write_parquet(path, compression="zstd", compression_level=1)
 
 
 def measure(name: str, minutes: float, folder: Path, turns: int) -> Reduction:
@@ -111,40 +119,39 @@ def best(job: Callable[[], Any], turns: int) -> tuple[float, Any]:
 
 def difference(one: Any, other: Any) -> float:
     """Largest difference of parameters and fit, over the largest value of its kind."""
-    pairs = [(getattr(one, key), getattr(other, key)) for key in ("base_value",)]
-    pairs += [(one.estimate.value, other.estimate.value), (one.fit.held_out_rms, other.fit.held_out_rms)]
-    return max(float(np.abs(a - b).max() / np.abs(b).max()) for a, b in pairs)
+    pairs = [(found.base_value, found.estimate.value, found.fit.held_out_rms) for found in (one, other)]
+    return max(float(np.abs(a - b).max() / np.abs(b).max()) for a, b in zip(*pairs, strict=True))
 
 
-@contextmanager
-def cluster() -> Iterator[str]:
-    """The address of a Dask cluster of two processes of this machine."""
-    from distributed import LocalCluster
-
-    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as found:
-        yield found.scheduler_address
-
-
-def scale(sessions: int, turns: int, folder: Path) -> tuple[dict[str, float], bool]:
-    """Wall time of every way [s], and whether all left the same bytes."""
+def scale(sessions: int, turns: int, folder: Path) -> tuple[dict[str, Taken], bool]:
+    """Least time of every way, and whether all left the same bytes."""
     robot, rows = signid.load_robot("3r"), ["robot,recording,name"]
     for k in range(sessions):
         write(folder / f"{k}.parquet", robot, 20.0, 250.0, k)
         rows.append(f"3r,{k}.parquet,arm {k}")
     manifest = folder / "manifest.csv"
     manifest.write_text("\n".join(rows))
-    seconds, left = dict[str, float](), list[dict[str, bytes]]()
-    with cluster() as address:
+    seconds, left = dict[str, Taken](), list[dict[str, bytes]]()
+    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as cluster:
         for turn in range(turns):
             for way in (*WAYS, CLUSTER):
                 out = folder / f"{way} {turn}"
-                where: dict[str, Any] = {"scheduler": address} if way == CLUSTER else {"workers": WAYS[way]}
-                start = time.perf_counter()
+                where: dict[str, Any] = (
+                    {"scheduler": cluster.scheduler_address} if way == CLUSTER else {"workers": WAYS[way]}
+                )
+                start = Taken(time.perf_counter(), _children())
                 found = signid.fleet(manifest, out, **where)
-                seconds[way] = min(seconds.get(way, np.inf), time.perf_counter() - start)
+                now = Taken(time.perf_counter() - start.wall, _children() - start.processor)
+                seconds[way] = Taken(*map(min, now, seconds.get(way, now)))
                 assert all(one.done for one in found.outcomes), "every session can be diagnosed"
                 left.append({p.relative_to(out).as_posix(): p.read_bytes() for p in out.rglob("*") if p.is_file()})
     return seconds, all(files == left[0] for files in left)
+
+
+def _children() -> float:
+    """Processor time of all processes that this one has seen end [s]."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 def diagnosis_seconds(folder: Path, turns: int) -> float:
@@ -173,10 +180,14 @@ def on_paper(rows: Sequence[Reduction], diagnosis: float) -> Iterator[tuple[str,
     yield "report.html of each, if wanted [GB]", *told(lambda r: f"{giga * r.report:.0f}")
 
 
-def show(seconds: dict[str, float], sessions: int, rows: Sequence[Reduction], diagnosis: float) -> Iterator[Table]:
+def show(seconds: dict[str, Taken], sessions: int, rows: Sequence[Reduction], diagnosis: float) -> Iterator[Table]:
     """Three tables: scaling, factors, the fleet on paper."""
-    lines = [(way, f"{taken:.1f}", f"{seconds['1 process'] / taken:.2f}") for way, taken in seconds.items()]
-    heads = ("way", "s", "times as fast as 1 process")
+    one = seconds["1 process"]
+    lines = [
+        (way, f"{taken.wall:.1f}", f"{one.wall / taken.wall:.2f}", "-" if way == CLUSTER else f"{taken.processor:.1f}")
+        for way, taken in seconds.items()
+    ]
+    heads = ("way", "s", "times as fast as 1 process", "processor time [s]")
     yield table(f"{sessions} sessions diagnosed, start of processes included", heads, lines)
     lines = [
         ("Parquet [MB]", *(f"{r.recording / 1e6:.1f}" for r in rows)),
@@ -224,7 +235,12 @@ def main() -> None:
         f"every way left {'the same' if same else 'OTHER'} bytes; largest difference {worst:.0e} ({SAME:g} allowed)"
     )
     if options.json:
-        numbers = {"seconds": seconds, "same": same, "diagnosis": diagnosis, "rows": [asdict(row) for row in rows]}
+        numbers = {
+            "seconds": {way: taken._asdict() for way, taken in seconds.items()},
+            "same": same,
+            "diagnosis": diagnosis,
+            "rows": [asdict(row) for row in rows],
+        }
         machine = {"python": platform.python_version(), "numpy": np.__version__}
         options.json.write_text(json.dumps({"machine": machine, **numbers}, indent=1))
     raise SystemExit(0 if same and worst <= SAME else 1)

@@ -15,6 +15,7 @@ import numpy as np
 
 import signid
 from signid.errors import SignidError
+from signid.fleet import read_manifest
 from signid.formats.find import find_format
 from signid.recording import read_recording
 from signid.replay.found import read_found
@@ -41,6 +42,8 @@ ACTUATORS = """[joint.joint_1]\narmature = 0.1\nviscous_friction = 1e-3\n["joint
 torque_offset = -0x1F\ntorque_constant = 1_000\n"""
 COLUMNS = 't = "time"\nq_1 = "pos"\ntau_joint_1 = """eff"""\n'
 BOUNDS = "[link.link_1]\nmass = [0.1, 2]\nfirst_moment = [[0, 1], [0, 1], [0, 1.5]]\n[link.link_2]\nmass = [1, 2]\n"
+MANIFEST = b"""robot,recording,held_out,name,time,task
+3r,a.csv;b.csv,c.csv,"arm, 7",2026-03-31T12:00+02:00,identify\n1r,a.csv,,,,\n"""
 TOKENS = (  # that mutations put in
     b"nan", b"inf", b"-1e999", b"1e300", b"-0", b"0x7fffffffffffffff", b"9" * 5000, b"[" * 5000, b"{" * 3000, b"\0",
     b"\r", b"\xff\xfe", b'"', b"<a>" * 300, b"<!DOCTYPE r [<!ENTITY a SYSTEM 'file:///etc/passwd'>]>", b"&a;", b"--",
@@ -97,6 +100,9 @@ def readers() -> tuple[Reader, ...]:
         Reader("Parquet", "r.parquet", [_encoded("r.parquet"), _encoded("r.parquet", 9000)], _recorded),
         Reader("NPZ", "r.npz", [_encoded("r.npz")], _recorded),
         Reader("NPZ, arrays", "r.npz", [_array(np.arange(90) / 9), _array(np.ones((5, 2)))], _recorded, wrap=_zipped),
+        Reader("factors", "f.npz", [_factors()], lambda path: signid.load_factors(path, _robot())),
+        Reader("factors, header", "f.npz", [_header()], lambda path: signid.load_factors(path, _robot()), wrap=_headed),
+        Reader("manifest", "m.csv", [MANIFEST], read_manifest),
         Reader("motion", "m.csv", [motion, table], lambda path: read_motion(path, _robot())),
         Reader("model.json", "model.json", [model], signid.load_model),
         Reader("diagnosis.json", "diagnosis.json", [diagnosis], _diagnosed),
@@ -106,6 +112,27 @@ def readers() -> tuple[Reader, ...]:
 @cache
 def _robot() -> Robot:
     return signid.load_robot("1r")
+
+
+@cache
+def _factors() -> bytes:
+    robot, t = _robot(), np.arange(0, 20, 0.01)
+    columns = {"t": t, "q_1": np.sin(t) + np.sin(2.3 * t), "tau_1": np.cos(t) + np.sin(3 * t)}
+    return signid.encode_factors(signid.reduce(robot, [read_recording(columns, robot)]))
+
+
+def _header() -> bytes:
+    with np.load(io.BytesIO(_factors()), allow_pickle=False) as archive:
+        return bytes(archive["header"].tobytes())
+
+
+def _headed(content: bytes) -> bytes:
+    """The factors with another header; their digest is that of the arrays, so damage shows."""
+    with np.load(io.BytesIO(_factors()), allow_pickle=False) as archive:
+        arrays = {name: archive[name] for name in archive.files}
+    written = io.BytesIO()
+    np.savez(written, **{**arrays, "header": np.frombuffer(content, np.uint8)})
+    return written.getvalue()
 
 
 def _expanded(path: Path) -> None:

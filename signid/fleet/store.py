@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import OutputError
+from ..plain import read_json
 
 SESSIONS, RECORD = "sessions", "session.json"
 SCHEMA = "signid.session/1"
@@ -46,7 +47,7 @@ class Store:
     def document(self, name: str, file: str) -> Mapping[str, Any]:
         """A result of a session; empty where there is none."""
         try:
-            found = json.loads((self.place / name / file).read_text(encoding="utf-8"))
+            found = read_json(self.place / name / file)
         except (OSError, ValueError):
             return {}
         return found if isinstance(found, dict) else {}

@@ -10,13 +10,12 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile, ZipFile
-from zlib import error as ZlibError
 
 import numpy as np
 
 from ..cutoff import Band
 from ..effects import EFFECTS
-from ..errors import OptionError, RobotError
+from ..errors import OptionError, RobotError, SignidError
 from ..factors import Factors, JointFactors, Node, reduce_rows
 from ..regressor import labels
 from ..robot import hold, resting
@@ -33,6 +32,7 @@ BAND = ("per_joint", "velocity_noise", "torque_floor")
 MOTION = ("lower", "upper", "velocity", "acceleration")
 JOINT = ("grams", "counts", "whole")
 SUMS = ("train", "held_out")
+FLAGS = ("recorded_derivatives", "instruments")
 
 
 def encode_factors(reduced: Reduced) -> bytes:
@@ -61,8 +61,7 @@ def encode_factors(reduced: Reduced) -> bytes:
         "base": {"expressions": list(base.expressions), "units": list(base.units), "condition": base.condition},
         "band": {"rate": band.rate, "factor": band.factor, "filtered": band.filtered, "beyond": band.beyond},
         "reach": list(task.reach),
-        "recorded_derivatives": task.recorded_derivatives,
-        "instruments": task.instruments,
+        **{name: getattr(task, name) for name in FLAGS},
         "share": list(reduced.share),
         "sums": {name: [[node.start, node.level] for node in nodes] for name, nodes in sums.items()},
         "inputs": [file._asdict() for file in reduced.inputs],
@@ -114,12 +113,12 @@ def load_factors(path: str | Path, robot: Robot) -> Reduced:
             )
             for name in SUMS
         )
-        inputs = tuple(Input(**file) for file in header["inputs"])
+        inputs = tuple(Input(*(str(file[key]) for key in Input._fields)) for file in header["inputs"])
         share = (int(header["share"][0]), int(header["share"][1]))
         return Reduced(task, train, held_out, inputs, tuple(map(str, header["notes"])), share)
-    except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
-        if isinstance(error, RobotError | OptionError):
-            raise
+    except SignidError:
+        raise
+    except Exception as error:  # whatever is wrong with what the header holds
         raise _damaged(path) from error
 
 
@@ -128,16 +127,18 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     try:
         with ZipFile(path) as archive:
             if sum(member.file_size for member in archive.infolist()) > LARGEST:
-                raise OptionError(f"{path} claims more than a gigabyte; factors are far smaller, it cannot be used")
+                raise MemoryError
         with np.load(path, allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
         header = json.loads(arrays.pop(HEADER).tobytes())
         schema, whole = header["schema"], header["sha256"] == _hash(arrays)
-    except OSError as error:
-        raise OptionError(f"cannot read factors from {path}: {error.strerror or 'damaged'}") from None
-    except OptionError:
+    except SignidError:
         raise
-    except (AttributeError, BadZipFile, EOFError, KeyError, TypeError, ValueError, ZlibError) as error:
+    except MemoryError:
+        raise OptionError(f"{path} holds more than memory can; factors are far smaller, it cannot be used") from None
+    except Exception as error:  # the system's, numpy's, those of zip archives, and of what their headers hold
+        if isinstance(error, OSError) and error.strerror:
+            raise OptionError(f"cannot read factors from {path}: {error.strerror}") from None
         raise _damaged(path) from error
     if schema != SCHEMA:
         raise OptionError(f"{path} holds {schema!r}; expected {SCHEMA!r}; reduce the recordings again")
@@ -195,13 +196,25 @@ def _task(header: Mapping[str, Any], arrays: Mapping[str, Any], robot: Robot) ->
     told = header["base"]
     base = BaseMap(
         labels(robot, laws),
-        expressions=tuple(told["expressions"]),
-        units=tuple(told["units"]),
-        condition=told["condition"],
+        expressions=tuple(map(str, told["expressions"])),
+        units=tuple(map(str, told["units"])),
+        condition=float(told["condition"]),
         **{name: arrays[f"base_{name}"] for name in BASE},
     )
-    if base.combination.shape != (base.rank, len(base.labels)) or base.sees.shape != (len(robot.joints), base.rank):
-        raise ValueError("the base map is of another robot")
-    band = Band(**header["band"], **{name: arrays[f"band_{name}"] for name in BAND})
+    told, n = header["band"], len(robot.joints)
+    band = Band(
+        float(told["rate"]),
+        int(told["factor"]),
+        bool(told["filtered"]),
+        beyond=float(told["beyond"]),
+        **{name: arrays[f"band_{name}"] for name in BAND},
+    )
     reach = tuple(int(x) for x in header["reach"])
-    return Task(robot, laws, base, band, arrays["slow"], reach, header["recorded_derivatives"], header["instruments"])
+    shapes = [base.combination.shape, base.sees.shape, arrays["slow"].shape, (len(reach),), band.per_joint.shape]
+    whole = (
+        base.independent.dtype.kind == "i" and base.sees.dtype == bool and 0 < band.rate < np.inf and band.factor > 0
+    )
+    names = len(base.expressions) == len(base.units) == base.rank
+    if shapes != [(base.rank, len(base.labels)), (n, base.rank), (n,), (n,), (n,)] or not (whole and names):
+        raise ValueError("what it holds does not fit together")
+    return Task(robot, laws, base, band, arrays["slow"], reach, *(header[name] is True for name in FLAGS))
