@@ -21,7 +21,7 @@ HEAD = """\
 
 def write_ros(model: Model) -> Exported:
     """A parameter file (YAML): what an actuators file holds of each joint, and the inertials of each link."""
-    import yaml
+    from yaml import safe_dump
 
     drives, notes = driven(model, BODIES)
     links = dict(zip(model.robot.links, list(model.bodies().inertias)[1:], strict=True))
@@ -32,7 +32,7 @@ def write_ros(model: Model) -> Exported:
     }
     told = [*(f"a ROS parameter file cannot hold {beyond}" for beyond in notes)]
     told += fixed_note(model.robot, "their links are listed all the same")
-    text = yaml.safe_dump({"/**": {"ros__parameters": {"dynamics": parameters}}}, sort_keys=False, allow_unicode=True)
+    text = safe_dump({"/**": {"ros__parameters": {"dynamics": parameters}}}, sort_keys=False, allow_unicode=True)
     lines = [f"# {' '.join(note.split())}\n" for note in told]
     return Exported(HEAD.format(name=" ".join(model.robot.name.split())) + "".join(lines) + text, tuple(told))
 
