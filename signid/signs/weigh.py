@@ -22,6 +22,7 @@ from .result import Proof
 from .segments import cut_by_signs
 
 CERTAIN = 0.999  # confidence that the parts of a run need, to be told apart
+ROUNDS = 2  # of joining runs again whose parts are not certain
 
 
 class Weighed(NamedTuple):
@@ -46,7 +47,8 @@ def weigh(
 ) -> Weighed:
     """Search again in variance units, from the signs that refinement gave, and count the rivals.
 
-    A run that refinement cut stays whole where its parts are not certain.
+    A run that refinement cut is judged whole in a second round where its parts are not certain in the first. Parts
+    that are not certain in the second keep the confidence that they have.
 
     Args:
         task: what the rows were made for.
@@ -60,7 +62,7 @@ def weigh(
     """
     told = [s for s in cut_by_signs(observed, runs, refined.signs) if s.stop - s.start >= 2]
     known = known_rows(task, observed, weights)
-    for _ in range(2):
+    for left in reversed(range(ROUNDS)):
         problem = pose(observed, told, weights, known)
         cone = Cone.of(problem, rows)
         start = np.array([_majority(refined, s) for s in told] + [1.0] * (problem.count - len(told)))
@@ -71,7 +73,7 @@ def weigh(
         rivals = enumerate_near(problem, cone, found, WINDOW)
         confidence = judge_confidence(problem, found.signs, rivals.signs, rivals.losses)
         doubtful = {run for run in runs if _is_doubtful(run, told, confidence)}
-        if not doubtful:
+        if not doubtful or not left:
             break
         told = [s for s in told if not any(_holds(run, s) for run in doubtful)]
         told = sorted([*told, *doubtful])
@@ -94,7 +96,7 @@ def _holds(run: Segment, part: Segment) -> bool:
 
 def follow(observed: Observed, refined: Refined, weighed: Weighed) -> Refined:
     """The signs of samples, in each segment that of the segment."""
-    count, start = len(weighed.segments), refined.signs
+    count = len(weighed.segments)
     turned = any(_majority(refined, s) != x for s, x in zip(weighed.segments, weighed.found.signs[:count], strict=True))
     if turned:
         value = weighed.problem.back @ weighed.found.coordinates
