@@ -5,9 +5,11 @@ from __future__ import annotations
 from itertools import product
 
 import numpy as np
+import pytest
 from boolean import CLOSE, Facets, drawn, every, half, losses, problems
 from numpy.testing import assert_allclose, assert_array_equal
 
+from signid.signs import climb as climb_module
 from signid.signs.branch import _Tree, bounds, branch
 from signid.signs.certificate import certify
 from signid.signs.climb import ascend, climb
@@ -89,6 +91,14 @@ def test_ascent_ends_where_no_flip_helps(seed: int, count: int, noise: float, an
             other[[i, j]] *= -1
             assert problem.loss(other) >= problem.loss(end) - CLOSE * problem.energies.sum()
         assert not problem.anchored or end[-1] == 1
+
+
+def test_an_ascent_is_cut_short_rather_than_endless(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem = drawn(np.random.default_rng(1), 12, 0.1)
+    starts = np.where(np.random.default_rng(0).normal(size=(5, 12)) >= 0, 1.0, -1.0)
+    assert not np.array_equal(ascend(problem, starts), starts)
+    monkeypatch.setattr(climb_module, "TURNS", 0)
+    assert_array_equal(ascend(problem, starts), starts)
 
 
 def test_a_climb_arrives_and_does_so_again() -> None:

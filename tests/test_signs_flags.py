@@ -71,6 +71,13 @@ def test_a_gap_of_all_proves_nothing(gap: float, words: str) -> None:
     assert words in flag and ("gap" in flag) == (gap < 1)
 
 
+def test_a_refinement_that_had_not_settled_is_told() -> None:
+    made, found = inferred()
+    assert found.refined.change < 1e-3
+    (flag,) = raise_flags(made.task, made.observed, replace(found, refined=replace(found.refined, change=0.02)))
+    assert f"not settled after {found.refined.rounds} rounds" in flag and "by 2 %" in flag
+
+
 @pytest.mark.parametrize("offset", [True, False])
 def test_torque_without_a_trace_of_the_bodies(offset: bool) -> None:
     """Of constant size: as an offset it keeps its sign, as Coulomb friction it does not."""

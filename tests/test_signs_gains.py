@@ -19,7 +19,7 @@ from benchmarks.plants.mujoco_ import Body, draw_motion, log, simulate
 from signid.errors import InputError, OptionError, RecordingError
 from signid.prepare import prepare
 from signid.session import Options
-from signid.signs import Signs, recover
+from signid.signs import Signs, gains, recover
 from signid.types import Array, Recording, Robot
 
 CONSTANTS = np.array([5.0, 3.0, 0.02])  # N.m/A
@@ -98,6 +98,14 @@ def test_constants_of_a_plant_are_found(known: tuple[int, ...]) -> None:
     assert any("inertials that the description states" in note for note in found.notes) == (not known)
     assert any("which they have in common" in note for note in found.notes)
     assert any("known roughly only" in flag for flag in found.flags) == any(s > 0.1 * v for v, s in told.values())
+
+
+def test_constants_that_still_change_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot, columns = planted()
+    told = [signs_of(stating(robot, (1,)), currents(columns)).flags]
+    monkeypatch.setattr(gains, "ROUNDS", 1)
+    told.append(signs_of(stating(robot, (1,)), currents(columns)).flags)
+    assert [any("still changed in the last of" in flag for flag in flags) for flags in told] == [False, True]
 
 
 def test_identification_goes_on_in_torques() -> None:

@@ -18,6 +18,7 @@ POSES, DIRECTIONS = 15, 4  # configurations of the mass matrix, and random veloc
 RECTIFIED = 2.0  # an offset larger than so many times Coulomb friction is friction whose sign went astray
 VANISHES = 1e-9  # of the sum of its parts: a row that is zero
 INSIDE = 1e-9  # of the distance from the origin: no further outside is inside
+ROUNDS = 20  # a row, of a search for multipliers, at most
 
 
 def physical_cone(task: Task, observed: Observed, seed: int = 0) -> Array:
@@ -101,7 +102,8 @@ class Cone(Frozen):
     def distance(self, z: Array) -> tuple[float, Array]:
         """Squared distance from the cone, and its point nearest to z (r,) [standard deviations].
 
-        Only rows that the point violates enter: few are active.
+        Only rows that the point violates enter: few are active. Where the multipliers of these cannot be computed, it
+        is a lower bound of the distance, and the point lies outside.
 
         Args:
             z: (r,) [standard deviations].
@@ -120,11 +122,16 @@ class Cone(Frozen):
 
 
 def _multipliers(rows: Array, z: Array) -> Array:
-    """The lam >= 0 for which z + rows' lam is the point of the cone of these rows nearest to z."""
+    """The lam >= 0 for which z + rows' lam is the point of the cone of these rows nearest to z, or nearly so.
+
+    Any lam >= 0, scaled to maximise -|rows' lam|^2 - 2 lam'rows z, gives a point no farther from z than the cone is.
+    """
     try:
-        return np.asarray(nnls(rows.T, -z, maxiter=20 * len(rows))[0])
+        return np.asarray(nnls(rows.T, -z, maxiter=ROUNDS * len(rows))[0])
     except RuntimeError:  # too many rounds
-        return np.asarray(lsq_linear(rows.T, -z, (0, np.inf), method="bvls").x)
+        found = np.maximum(lsq_linear(rows.T, -z, (0, np.inf), method="bvls", max_iter=ROUNDS * len(rows)).x, 0.0)
+    step = rows.T @ found
+    return np.asarray(found * max(-float(step @ z), 0.0) / max(float(step @ step), 1e-300))
 
 
 def _distinct(rows: Array) -> Array:

@@ -22,6 +22,7 @@ BARE = 0.02  # rms of what bodies and rotors add to the torque, over its rms, be
 LARGE, SYSTEMATIC = 0.15, 3.0  # residual over torque; samples for one that is independent: noise alone makes 1
 COARSE = 0.15  # steps of the recorded torque over its rms
 IMPURE = 0.1  # share of a joint's segments in which torque changed its sign
+MOVES = 1e-3  # relative change of the parameters in the last round of refinement, above which it had not settled
 DEVIATIONS = 2.0  # standard deviations by which an offset must be beyond
 
 
@@ -29,6 +30,7 @@ def raise_flags(task: Task, observed: Observed, inferred: Inferred) -> tuple[str
     """When the signs are not to be trusted, a sentence each; nothing where all is well."""
     return (
         *_unproved(inferred),
+        *_unsettled(inferred),
         *_undecided(observed, inferred),
         *_rectified(task, observed, inferred),
         *_bare(task, observed, inferred),
@@ -45,6 +47,15 @@ def _unproved(inferred: Inferred) -> Iterator[str]:
         yield f"the signs are the best that were found, not proved to be the best there are ({told})"
     elif not inferred.complete:
         yield "more choices of signs are nearly as good as the best than could be counted: confidences may be too high"
+
+
+def _unsettled(inferred: Inferred) -> Iterator[str]:
+    refined = inferred.refined
+    if refined.change > MOVES:
+        yield (
+            f"signs and parameters had not settled after {refined.rounds} rounds of refinement (the last one moved the "
+            f"torque by {100 * refined.change:.2g} %): signs of small torques may be wrong"
+        )
 
 
 def _undecided(observed: Observed, inferred: Inferred) -> Iterator[str]:
