@@ -66,6 +66,16 @@ def test_local_search_says_that_it_converged_and_a_short_one_that_it_did_not() -
         assert minimised(library, name, bowl(), 3).status == "budget"
 
 
+def test_a_budget_may_be_larger_than_that_of_the_library() -> None:
+    def valley(x: Array) -> float:  # Rosenbrock's
+        return float(np.sum(100 * (x[1:] - x[:-1] ** 2) ** 2 + (1 - x[:-1]) ** 2))
+
+    found = minimised(
+        "scipy", "L-BFGS-B", Problem(valley, np.full(200, -99.0), np.full(200, 99.0), np.zeros(200)), 20000
+    )
+    assert found.status == "budget" and found.evaluations == 20000
+
+
 def test_seconds_are_a_budget_too() -> None:
     for library in OPTIMISERS.names:
         found = minimised(library, None, bowl(), 3000, budget_seconds=0.0)

@@ -102,10 +102,8 @@ def test_constants_of_a_plant_are_found(known: tuple[int, ...]) -> None:
 
 def test_constants_that_still_change_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
     robot, columns = planted()
-    told = [signs_of(stating(robot, (1,)), currents(columns)).flags]
     monkeypatch.setattr(gains, "ROUNDS", 1)
-    told.append(signs_of(stating(robot, (1,)), currents(columns)).flags)
-    assert [any("still changed in the last of" in flag for flag in flags) for flags in told] == [False, True]
+    assert "still changed in the last of 1 rounds" in " ".join(signs_of(stating(robot, (1,)), currents(columns)).flags)
 
 
 def test_identification_goes_on_in_torques() -> None:

@@ -8,6 +8,10 @@ from scipy import optimize
 from .base import BudgetSpentError, Optimiser, Optimum, Problem, Status, Watch
 
 
+_ENDLESS = 10**9  # the watch alone ends a run
+_FREE = {"L-BFGS-B": {"maxiter": _ENDLESS, "maxfun": _ENDLESS}, "trust-constr": {"maxiter": _ENDLESS}}
+
+
 class SciPy(Optimiser):
     """L-BFGS-B and trust-constr, with differences where the problem has no gradient, and differential evolution.
 
@@ -33,12 +37,10 @@ class SciPy(Optimiser):
         try:
             if name == "differential_evolution":
                 rng = np.random.default_rng(seed)
-                found = optimize.differential_evolution(watch, box, x0=problem.start, rng=rng, maxiter=10**9)
+                found = optimize.differential_evolution(watch, box, x0=problem.start, rng=rng, maxiter=_ENDLESS)
             else:
                 slope = watch.gradient if problem.gradient else None
-                found = optimize.minimize(
-                    watch, problem.start, method=name, jac=slope, bounds=box, options={"maxiter": 10**9}
-                )
+                found = optimize.minimize(watch, problem.start, method=name, jac=slope, bounds=box, options=_FREE[name])
             status = "converged" if found.success else "failed"
         except BudgetSpentError:
             pass
