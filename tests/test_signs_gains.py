@@ -162,8 +162,7 @@ def test_without_any_constant_the_description_tells_the_scale(factor: float) -> 
 def test_signs_turned_round_in_a_whole_joint_are_mended() -> None:
     robot, columns = planted()
     quiet = currents(columns)
-    wanted = signs_of(stating(robot, (0, 1, 2)), quiet)
-    found = signs_of(stating(robot, (0,)), quiet)
+    wanted, found = (signs_of(stating(robot, known), quiet) for known in ((0, 1, 2), (0,)))
     assert [told.sign for told in found.segments] == [told.sign for told in wanted.segments]
 
 
@@ -194,8 +193,7 @@ def test_joints_that_share_nothing_tell_nothing() -> None:
     robot = toy(*parts)
     columns = currents(made(robot), 2)
     told = refused(stating(heavier(robot, 0.0), (0,)), columns)
-    assert "torque constant of z is not known" in told
-    assert "leave out the column of the current" in told
+    assert "torque constant of z is not known" in told and "leave out the column of the current" in told
     found = signs_of(stating(robot, (0,)), columns)
     assert [gain.value for gain in found.gains] == pytest.approx(CONSTANTS[[1]], rel=0.06)
     assert any("also on the inertials" in note for note in found.notes)

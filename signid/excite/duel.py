@@ -11,11 +11,11 @@ import numpy as np
 
 from ..motion import Motion
 from ..optimisers import OPTIMISERS, Problem
+from ..session import Progress
 from ..types import Array, Frozen
 from .draw import column_sizes, fit_inside, random_parameters, sample
 from .family import Family
 from .rivals import Distance, Rivals
-from .search import Progress
 
 POOL, POLISHED, EVALUATIONS = 60, 4, 120  # random motions; the best of them; steps for each
 AMPLITUDE = (0.1, 1.0)  # least and most share of the limits that a random motion uses
@@ -33,6 +33,8 @@ class Tried(NamedTuple):
     family: Family
     x: Array  # (n, d) [rad or m]
     distance: Distance
+    evaluations: int = 1  # motions judged to find it
+    spent: bool = False  # whether a budget ended its search, before it arrived at an optimum
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +101,7 @@ class Duel(Frozen):
         problem = Problem(cost, -reach, reach, np.zeros(sizes.size))
         best = OPTIMISERS["nlopt"].minimise(problem, algorithm=ALGORITHM, budget_evaluations=EVALUATIONS)
         x = inside(best.x)
-        return Tried(family, x, self.distance(family, x))
+        return Tried(family, x, self.distance(family, x), best.evaluations, best.status == "budget")
 
     @cached_property
     def _bases(self) -> dict[int, Array]:

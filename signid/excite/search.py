@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..optimisers import OPTIMISERS, Optimum, Problem
+from ..session import Progress
 from ..types import Array, Frozen
 from .cost import Cost
 from .draw import fit_inside, random_parameters
@@ -17,8 +17,6 @@ ALGORITHM = "LD_SLSQP"  # goes on at kinks (contact, reversals), where LD_LBFGS 
 BOX = 2.5  # of z: parameters alone meet a limit at 1
 FEW = 6  # joints
 FIRM = 30.0  # times the penalty in the last stage
-
-Progress = Callable[[str, float], None]  # what is being done, share of it that is done
 
 
 @dataclass(frozen=True)
@@ -46,8 +44,8 @@ class Found(Frozen):
     """Parameters that a search ended with."""
 
     x: Array  # (n, d) [rad or m]
-    cost: float
     evaluations: int
+    spent: bool  # whether a budget ended it, before it arrived at an optimum
 
 
 def search(cost: Cost, budget: Budget, seed: int, progress: Progress | None = None) -> Found:
@@ -72,7 +70,8 @@ def search(cost: Cost, budget: Budget, seed: int, progress: Progress | None = No
     tried = [watched.improve(z, budget.short, "searching") for z in ranked[: budget.starts]]
     best = watched.improve(min(tried, key=lambda end: end.value).x, budget.long, "improving")
     settled = settle(cost, cost.parameters(best.x), budget, progress)
-    return Found(settled.x, settled.cost, watched.count + settled.evaluations)
+    spent = settled.spent or best.status == "budget"
+    return Found(settled.x, watched.count + settled.evaluations, spent)
 
 
 def settle(cost: Cost, x: Array, budget: Budget, progress: Progress | None = None) -> Found:
@@ -88,7 +87,8 @@ def settle(cost: Cost, x: Array, budget: Budget, progress: Progress | None = Non
     watched = _Watched(firm, budget, progress, budget.total - budget.firm)
     best = watched.improve(np.clip(cost.relative(x), -BOX, BOX), budget.firm, "settling")
     fine = cost.family.basis(np.arange(0, cost.t[-1], GRID))
-    return Found(fit_inside(fine, cost.setting.limits, cost.parameters(best.x)), best.value, watched.count)
+    x = fit_inside(fine, cost.setting.limits, cost.parameters(best.x))
+    return Found(x, watched.count, best.status == "budget")
 
 
 class _Watched:

@@ -7,7 +7,6 @@ from scipy import optimize
 
 from .base import BudgetSpentError, Optimiser, Optimum, Problem, Status, Watch
 
-
 _ENDLESS = 10**9  # the watch alone ends a run
 _FREE = {"L-BFGS-B": {"maxiter": _ENDLESS, "maxfun": _ENDLESS}, "trust-constr": {"maxiter": _ENDLESS}}
 
