@@ -10,10 +10,9 @@ from boolean import CLOSE, Facets, drawn, every, half, losses, problems
 from numpy.testing import assert_allclose, assert_array_equal
 
 from signid.signs import climb as climb_module
-from signid.signs.branch import _Tree, bounds, branch
+from signid.signs.branch import _branching_order, _Tree, bounds, branch
 from signid.signs.certificate import certify
 from signid.signs.climb import ascend, climb
-from signid.signs.order import branching_order
 
 
 @problems
@@ -37,7 +36,7 @@ def test_all_signs_in_the_window_are_leaves(seed: int, count: int, noise: float,
     tree = branch(problem, np.ones(problem.count), window, cuts)
     inside = signs[losses(problem, signs, cone) <= tree.beyond - CLOSE * problem.energies.sum()]
     if not anchored and cone is None:  # one of s and -s
-        first = branching_order(problem, problem.coordinates(np.ones(problem.count)))[0]
+        first = _branching_order(problem, problem.coordinates(np.ones(problem.count)))[0]
         inside = inside[inside[:, first] > 0]
     assert {tuple(s) for s in tree.leaves} >= {tuple(s) for s in inside}
     told = bounds(problem, tree.leaves, cuts)
@@ -110,6 +109,6 @@ def test_a_climb_arrives_and_does_so_again() -> None:
 
 def test_a_known_segment_comes_first() -> None:
     problem = drawn(np.random.default_rng(6), 8, 0.3, anchored=True)
-    order = branching_order(problem, problem.coordinates(np.ones(9)))
+    order = _branching_order(problem, problem.coordinates(np.ones(9)))
     assert order[0] == 8
     assert_array_equal(np.sort(order), np.arange(9))

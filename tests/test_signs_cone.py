@@ -13,8 +13,9 @@ from signless import Lost, lost
 
 from signid.signs import cone as cone_module
 from signid.signs import exact
-from signid.signs.believed import alone, believe
 from signid.signs.cone import Cone, kinetic_rows, physical_cone
+from signid.signs.friction_prior import believe
+from signid.signs.observed import alone
 from signid.signs.problem import Problem, pose
 from signid.types import Array
 

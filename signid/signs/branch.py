@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cholesky, solve_triangular
 
 from ..types import Array, Frozen, Indices
-from .order import branching_order
 from .problem import Problem
 
 WIDEST = 10_000  # nodes kept of a level
@@ -122,7 +121,7 @@ class _Tree:
     """The nodes of one level, and how they came about."""
 
     def __init__(self, problem: Problem, cuts: Array, z: Array, below: float) -> None:
-        self.order = branching_order(problem, z)
+        self.order = _branching_order(problem, z)
         self.cuts = cuts
         self.energy = float(problem.energies.sum())
         self.below = below - ROUNDING * self.energy
@@ -185,6 +184,20 @@ class _Tree:
                 break
         self.heights[self.level :] = best.heights
         return best
+
+
+def _branching_order(problem: Problem, z: Array) -> Indices:
+    """The segments (S,), a known one first, then those that matter much and are uncertain.
+
+    |b_i| is what a sign can do, |b_i| / |b_i'z| how easily it turns round where the parameters are about z (r,). What
+    comes late in a tree is what its bounds may then take as good as known.
+    """
+    size = np.linalg.norm(problem.projections, axis=0)
+    clear = np.abs(problem.projections.T @ z)
+    score = size**3 / np.maximum(clear, 1e-12 * np.max(size, initial=1e-300) ** 2)
+    if problem.anchored:
+        score[-1] = np.inf
+    return np.argsort(-score, kind="stable")
 
 
 def _relax(later: Array, heights: Array) -> _Relaxed | None:

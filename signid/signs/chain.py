@@ -13,7 +13,7 @@ from scipy.ndimage import uniform_filter1d
 from ..types import Array, Frozen, Mask
 from .observed import Observed
 from .problem import Rows, orthonormalise, signed_rows
-from .turning import place_turns
+from .reversals import place_turns
 
 INFLATION = 10.0  # samples for one whose residual is independent of the others
 MOST = 30.0  # of them: with more, signs would follow the chain alone

@@ -10,8 +10,7 @@ from scipy.optimize import lsq_linear, nnls
 from ..motion import Motion
 from ..rows import Task
 from ..types import Array, Frozen
-from .believed import alone
-from .observed import Observed, columns_of
+from .observed import Observed, alone, columns_of
 from .problem import Problem
 
 POSES, DIRECTIONS = 15, 4  # configurations of the mass matrix, and random velocities at each
@@ -55,7 +54,7 @@ def kinetic_rows(task: Task, q: Array, x: Array) -> Array:
 
 def _energy(task: Task, observed: Observed, seed: int) -> Array:
     rng, n = np.random.default_rng(seed), len(observed.joints)
-    rms = np.sqrt(np.mean(observed.torque**2, axis=0))
+    rms = observed.rms
     size = np.where(rms > 0, 1 / np.sqrt(np.where(rms > 0, rms, 1.0)), 0.0)  # alike in kinetic energy
     at = np.sort(rng.choice(len(observed), min(POSES, len(observed)), replace=False))
     single, mixed = np.tile(np.diag(size), (len(at), 1)), rng.standard_normal((len(at) * DIRECTIONS, n)) * size

@@ -15,12 +15,12 @@ from ..recording import same_joints, with_signs
 from ..rows import Task
 from ..session import Options, Progress, Session
 from ..types import Array, Frozen, Mask, Recording, Robot, prismatic_unit
-from .apply import spread
-from .described import WRONG, combine, describe_constants
+from .gains_described import WRONG, combine, describe_constants
+from .gains_shared import Constants, share_constants
 from .infer import infer
 from .observed import Observed, observe
 from .result import Gain, Signs
-from .shared import Constants, share_constants
+from .spread import spread
 
 ROUNDS = 5  # of signs and constants in turn, at most
 SETTLED, CALM = 0.01, 0.1  # change of a constant that changes no sign: relative, or of its standard deviation

@@ -10,12 +10,12 @@ import numpy as np
 
 from ..rows import Task
 from ..types import Array
-from .believed import believe
 from .chain import Refined, refine
 from .cone import Cone
 from .confidence import WINDOW, judge_confidence
 from .exact import Found, Rivals, enumerate_near, search
-from .friction import friction_moves
+from .friction_prior import believe
+from .friction_signs import friction_patterns
 from .observed import Observed
 from .problem import Problem, Rows, Segment, pose, signed_rows
 from .result import Proof
@@ -100,7 +100,7 @@ def follow(observed: Observed, refined: Refined, weighed: Weighed) -> Refined:
     turned = any(_majority(refined, s) != x for s, x in zip(weighed.segments, weighed.found.signs[:count], strict=True))
     if turned:
         value = weighed.problem.back @ weighed.found.coordinates
-        refined = refine(observed, 1 / scales(observed), value)
+        refined = refine(observed, 1 / observed.scale, value)
     start = refined.signs.copy()
     for (joint, begin, stop), sign in zip(weighed.segments, weighed.found.signs[:count], strict=True):
         start[begin:stop, joint] = sign
@@ -114,12 +114,6 @@ def _standing(problem: Problem, cone: Cone, signs: Array) -> Found:
     return Found(signs, nearest, problem.loss(signs) + squared, Proof(False, 1.0, 0), np.zeros((len(z), 0)))
 
 
-def friction_patterns(problem: Problem, observed: Observed, segments: Sequence[Segment]) -> list[Array]:
-    """Per joint the signs (S,) that friction suggests, with none for a known segment."""
-    spare = problem.count - len(segments)
-    return [np.append(move, np.zeros(spare)) for move in friction_moves(observed, segments)]
-
-
 def known_rows(task: Task, observed: Observed, weights: Array) -> Rows:
     """Rows with a known right side: joints whose torque has its sign, and weak beliefs on friction.
 
@@ -130,9 +124,3 @@ def known_rows(task: Task, observed: Observed, weights: Array) -> Rows:
     """
     parts = [signed_rows(observed, weights), believe(task, observed, weights)]
     return Rows(np.concatenate([p.matrix for p in parts]), np.concatenate([p.target for p in parts]))
-
-
-def scales(observed: Observed) -> Array:
-    """(n,) rms torque of each joint [N.m or N], 1 where there is none."""
-    rms = np.sqrt(np.mean(observed.torque**2, axis=0))
-    return np.where(rms > 0, rms, 1.0)
