@@ -9,6 +9,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from ..deadline import seconds_left, time_is_up
 from ..types import Array, BaseMap, Estimate, Frozen, Parameters, pseudo_inertia
 from .packed import BASIS, IDENTITY, TO_INERTIAL, congruence, pack, unpack
 from .prior import coefficient_sizes, inertial, positive
@@ -134,6 +135,8 @@ def solve(cone: Cone) -> tuple[Array, str]:
         u, status = _ask(replace(cone, weight=heavier * cone.weight))
         if u is not None:
             return follow(cone, u, heavier), status
+        if time_is_up("the fit of possible inertials"):
+            break
     return follow(cone, cone.start, max(cone.distance(cone.start) ** 2 / cone.weight, 1.0)), status
 
 
@@ -203,7 +206,7 @@ def _ask(cone: Cone) -> tuple[Array | None, str]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             problem = cp.Problem(cp.Minimize(cp.sum_squares(rows) + belief))
-            problem.solve(solver=cp.CLARABEL)
+            problem.solve(solver=cp.CLARABEL, time_limit=seconds_left())
     except cp.error.SolverError:
         return None, "failed"
     if u.value is None or not np.isfinite(cone.cost(u.value)):

@@ -16,6 +16,7 @@ from ..types import Array, Frozen
 from .draw import column_sizes, fit_inside, random_parameters, sample
 from .family import Family
 from .rivals import Distance, Rivals
+from .search import SEARCH
 
 POOL, POLISHED, EVALUATIONS = 60, 4, 120  # random motions; the best of them; steps for each
 AMPLITUDE = (0.1, 1.0)  # least and most share of the limits that a random motion uses
@@ -98,7 +99,7 @@ class Duel(Frozen):
             return -self.worth(family, inside(change), ways)
 
         reach = np.full(sizes.size, REACH)
-        problem = Problem(cost, -reach, reach, np.zeros(sizes.size))
+        problem = Problem(cost, -reach, reach, np.zeros(sizes.size), search=SEARCH)
         best = OPTIMISERS["nlopt"].minimise(problem, algorithm=ALGORITHM, budget_evaluations=EVALUATIONS)
         x = inside(best.x)
         return Tried(family, x, self.distance(family, x), best.evaluations, best.status == "budget")

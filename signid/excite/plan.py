@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..deadline import ends_in_time
 from ..effects import EFFECT_NAMES
 from ..errors import OptionError
 from ..model import Model
@@ -33,6 +34,7 @@ KEPT = 0.95  # of the motion found; less is flagged
 PENALTY = 100.0  # on what exceeds a limit: log of a standard deviation per mean square share
 
 
+@ends_in_time
 def excite(
     model: Model,
     *,

@@ -12,6 +12,7 @@ from ..types import Array, Frozen
 from .cost import Cost
 from .draw import fit_inside, random_parameters
 
+SEARCH = "the search for a motion"
 GRID = 0.01  # [s] on which motions are scaled to their limits
 ALGORITHM = "LD_SLSQP"  # goes on at kinks (contact, reversals), where LD_LBFGS gives up
 BOX = 2.5  # of z: parameters alone meet a limit at 1
@@ -102,7 +103,7 @@ class _Watched:
     def improve(self, z: Array, evaluations: int, stage: str) -> Optimum:
         """The best point of a local search from z (d,) [1]."""
         box, self.stage, self.last = np.full(len(z), BOX), stage, (b"", np.inf)
-        problem = Problem(self.value, -box, box, z, self.slope)
+        problem = Problem(self.value, -box, box, z, self.slope, SEARCH)
         return OPTIMISERS["nlopt"].minimise(problem, algorithm=ALGORITHM, budget_evaluations=evaluations)
 
     def value(self, z: Array) -> float:

@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from ..deadline import ends_in_time
 from ..effects.law import places
 from ..errors import OptionError
 from ..model import Model
@@ -29,6 +30,7 @@ PERIODS = (1, 2, 4, 12)  # of the base frequency, in turn
 STRUCTURAL = 1e-8  # of a law's sum of squares: less is rounding
 
 
+@ends_in_time
 def separate(
     model: Model,
     first: Law,

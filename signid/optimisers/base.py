@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from ..deadline import time_is_up
 from ..errors import OptionError
 from ..types import Array, Frozen
 
@@ -30,6 +31,7 @@ class Problem(Frozen):
     upper: Array  # (d,) [any], inf where free
     start: Array  # (d,) [any]
     gradient: Callable[[Array], Array] | None = None  # x (d,) -> (d,)
+    search: str = "a search"  # what is searched; time may cut it short
 
     def __post_init__(self) -> None:
         """Arrays are copied and checked."""
@@ -126,6 +128,8 @@ class Watch:
     def __call__(self, x: Array) -> float:
         """Cost at x: (d,) [any], infinite where it is not a number."""
         if self.count >= max(self.evaluations, 1) or time.monotonic() >= self.end:
+            raise BudgetSpentError
+        if self.count and time_is_up(self.problem.search):
             raise BudgetSpentError
         self.count += 1
         value = float(self._watched(self.problem.objective, x))

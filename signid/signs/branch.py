@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cholesky, solve_triangular
 
+from ..deadline import time_is_up
 from ..types import Array, Frozen, Indices
 from .problem import Problem
 
+SEARCH = "the search for signs"
 WIDEST = 10_000  # nodes kept of a level
 MOST = 500_000  # nodes looked at; from then on few are kept of a level
 FEW = 50
@@ -63,7 +65,7 @@ def branch(
     below = problem.loss(incumbent) + window
     tree = _Tree(problem, cuts, problem.coordinates(incumbent) if z is None else z, below)
     while tree.level < problem.count and len(tree.sums):
-        tree.grow(widest if tree.nodes < most else min(FEW, widest))
+        tree.grow(widest if tree.nodes < most and not time_is_up(SEARCH) else min(FEW, widest))
     leaves = tree.leaves()
     losses = bounds(problem, leaves, cuts)
     kept = np.argsort(losses, kind="stable")[: int(np.sum(losses <= below))]

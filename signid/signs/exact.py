@@ -8,8 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..deadline import time_is_up
 from ..types import Array, Frozen
-from .branch import MOST, WIDEST, branch
+from .branch import MOST, SEARCH, WIDEST, branch
 from .certificate import certify
 from .climb import TURNS, ascend, climb
 from .problem import Problem
@@ -117,7 +118,7 @@ def _prove(
     nodes, width = 0, min(NARROW, widest)
     if scores.best - lower > scores.same:
         _improve(problem, scores, moves)
-    while scores.best - lower > scores.same and nodes < most:
+    while scores.best - lower > scores.same and nodes < most and not time_is_up(SEARCH):
         before = scores.best, scores.cuts.shape[1]
         window = scores.best - problem.loss(scores.signs)
         tree = branch(problem, scores.signs, window, scores.cuts, scores.coordinates, width, most - nodes)
@@ -135,6 +136,8 @@ def _prove(
 def _improve(problem: Problem, scores: Scores, moves: Sequence[Array]) -> None:
     """Flips of joints, moves of joints, flips of segments, until none of them lowers the loss, or for some rounds."""
     for _ in range(TURNS):
+        if time_is_up(SEARCH):
+            break
         before = scores.best
         for starts in (_patterns(problem, scores.signs), _moved(problem, scores.signs, moves)):
             scores.add(np.concatenate([starts, ascend(problem, starts, joints=False)]))
