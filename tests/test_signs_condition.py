@@ -8,8 +8,8 @@ from itertools import combinations, product
 import numpy as np
 import pytest
 
+from benchmarks.lost.beam import beam
 from signid.signs import condition as condition_module
-from signid.signs.beam import beam
 from signid.signs.condition import condition_order
 from signid.signs.problem import Problem, eliminate
 from signid.types import Array

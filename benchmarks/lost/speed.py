@@ -12,7 +12,7 @@ import numpy as np
 from rich.table import Table
 
 from signid.sampling import survey
-from signid.signs.beam import WIDTH, beam
+from signid.signs.beam import WIDTH
 from signid.signs.condition import condition_order
 from signid.signs.infer import infer
 from signid.signs.observed import Observed, observe
@@ -22,6 +22,7 @@ from signid.types import Indices
 
 from ..told import frame
 from . import paper, real
+from .beam import beam
 from .row import Row, Verdict
 from .trial import Puzzle, attempt
 from .truth import Array, majority
