@@ -16,7 +16,7 @@ from ..types import Array, Frozen
 from .draw import column_sizes, fit_inside, random_parameters, sample
 from .family import Family
 from .rivals import Distance, Rivals
-from .search import SEARCH
+from .search import SEARCH, SPARE
 
 POOL, POLISHED, EVALUATIONS = 60, 4, 120  # random motions; the best of them; steps for each
 AMPLITUDE = (0.1, 1.0)  # least and most share of the limits that a random motion uses
@@ -24,7 +24,6 @@ REACH = 0.5  # by which a parameter may be changed, of what alone meets a limit
 ALGORITHM = "LN_SBPLX"
 PLACES = 50  # instants at which links are looked at
 PENALTY = 1e3  # on what exceeds a limit: log of a distance per mean square share
-SPARE = 0.02  # [m] more clearance in the search, whose instants are few
 LEAST = 1e-30  # distance whose log is taken instead of zero's
 
 

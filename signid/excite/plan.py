@@ -22,12 +22,11 @@ from .limits import Limits, build_limits
 from .ready import make_ready, usual_laws
 from .result import Excitation, tell_spent
 from .safe import Safe, grid, make_safe
-from .search import GRID, Budget, Found, search, settle
+from .search import GRID, SPARE, Budget, Found, search, settle
 from .setting import Setting
 
 RANDOM = "random"  # the kind that is drawn, not sought
 CLEARANCE = 0.01  # [m] between links
-SPARE = 0.02  # [m] more in the search, whose instants are few
 WAVES = 500  # of the fastest harmonic, at most
 PER_PERIOD = 12  # instants of the search per period of the fastest harmonic
 KEPT = 0.95  # of the motion found; less is flagged

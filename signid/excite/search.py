@@ -16,6 +16,7 @@ SEARCH = "the search for a motion"
 GRID = 0.01  # [s] on which motions are scaled to their limits
 ALGORITHM = "LD_SLSQP"  # goes on at kinks (contact, reversals), where LD_LBFGS gives up
 BOX = 2.5  # of z: parameters alone meet a limit at 1
+SPARE = 0.02  # [m] more clearance than is needed: a search looks at few instants
 FEW = 6  # joints
 FIRM = 30.0  # times the penalty in the last stage
 
