@@ -16,6 +16,7 @@ from ..errors import OptionError
 from ..types import Array, Frozen
 
 Status = Literal["converged", "budget", "failed"]
+WALL = 1e100  # cost that stands for infinity
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +127,7 @@ class Watch:
             self.end = time.monotonic() + seconds
 
     def __call__(self, x: Array) -> float:
-        """Cost at x: (d,) [any], infinite where it is not a number."""
+        """Cost at x: (d,) [any], a wall where it is no finite number: some algorithms crash there, or never end."""
         if self.count >= max(self.evaluations, 1) or time.monotonic() >= self.end:
             raise BudgetSpentError
         if self.count and time_is_up(self.problem.search):
@@ -135,12 +136,13 @@ class Watch:
         value = float(self._watched(self.problem.objective, x))
         if value < self.value and np.all((x >= self.problem.lower) & (x <= self.problem.upper)):  # some look outside
             self.x, self.value = np.array(x), value
-        return np.inf if np.isnan(value) else value
+        return value if np.isfinite(value) else WALL
 
     def gradient(self, x: Array) -> Array:
-        """(d,) gradient at x: (d,) [any]."""
+        """(d,) gradient at x: (d,) [any], level where it is no finite number."""
         assert self.problem.gradient is not None, "checked when the algorithm was chosen"
-        return np.asarray(self._watched(self.problem.gradient, x))
+        slope = np.asarray(self._watched(self.problem.gradient, x))
+        return np.where(np.isfinite(slope), slope, 0.0)
 
     def _watched(self, function: Callable[[Array], Any], x: Array) -> Any:
         try:

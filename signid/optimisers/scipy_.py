@@ -7,9 +7,6 @@ from scipy import optimize
 
 from .base import BudgetSpentError, Optimiser, Optimum, Problem, Status, Watch
 
-_ENDLESS = 10**9  # the watch alone ends a run
-_FREE = {"L-BFGS-B": {"maxiter": _ENDLESS, "maxfun": _ENDLESS}, "trust-constr": {"maxiter": _ENDLESS}}
-
 
 class SciPy(Optimiser):
     """L-BFGS-B and trust-constr, with differences where the problem has no gradient, and differential evolution.
@@ -33,14 +30,16 @@ class SciPy(Optimiser):
         watch = Watch(problem, budget_evaluations, budget_seconds)
         box = optimize.Bounds(problem.lower, problem.upper)
         status: Status = "budget"
+        most = max(budget_evaluations, 1)  # rounds, too: trust-constr can go on without evaluations
         try:
             if name == "differential_evolution":
                 rng = np.random.default_rng(seed)
-                found = optimize.differential_evolution(watch, box, x0=problem.start, rng=rng, maxiter=_ENDLESS)
+                found = optimize.differential_evolution(watch, box, x0=problem.start, rng=rng, maxiter=most)
             else:
                 slope = watch.gradient if problem.gradient else None
-                found = optimize.minimize(watch, problem.start, method=name, jac=slope, bounds=box, options=_FREE[name])
-            status = "converged" if found.success else "failed"
+                limits = {"maxiter": most} | ({"maxfun": most} if name == "L-BFGS-B" else {})
+                found = optimize.minimize(watch, problem.start, method=name, jac=slope, bounds=box, options=limits)
+            status = "converged" if found.success else "budget" if found.nit >= most else "failed"
         except BudgetSpentError:
             pass
         except Exception:  # the watch raises those of the objective again
