@@ -79,6 +79,7 @@ def test_a_budget_may_be_larger_than_that_of_the_library() -> None:
 NASTY: dict[str, tuple[float, float]] = {"nan": (np.nan, np.nan), "inf": (np.inf, 0.0), "slope": (1.0, np.nan)}
 
 
+@pytest.mark.filterwarnings("ignore:delta_grad")
 @pytest.mark.parametrize("kind", NASTY)
 @pytest.mark.parametrize(("library", "name"), ALGORITHMS)
 def test_what_is_not_finite_neither_crashes_nor_hangs(library: str, name: str, kind: str) -> None:
