@@ -201,6 +201,21 @@ def test_ctrl_c_and_kill_leave_whole_sessions_and_the_rest_is_done_next(tmp_path
     assert whole(out) == expected
 
 
+@pytest.mark.skipif(not hasattr(os, "killpg"), reason="no groups of processes")
+def test_ctrl_c_in_a_terminal_is_heard_by_who_asks_alone(tmp_path: Path) -> None:
+    path = manifest(tmp_path, *[f"3r,{day},arm,,diagnose" for day in record(tmp_path, 4)])
+    hears = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"  # also where pytest does not
+    program = f"{hears}; from signid.cli import main; main()"
+    command = [sys.executable, "-c", program, "fleet", str(path), "-o", str(tmp_path / "out"), "--workers", "1"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True) as child:
+        while not list((tmp_path / "out/sessions").glob("[!.]*")) and child.poll() is None:
+            time.sleep(0.02)
+        os.killpg(child.pid, signal.SIGINT)
+        _, told = child.communicate()
+    assert child.returncode == 130 and "the same command goes on from them" in told
+    assert len(list((tmp_path / "out/sessions").glob("[!.]*"))) == 1, "nothing is done again"
+
+
 def test_a_folder_that_cannot_be_written_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = manifest(tmp_path, f"3r,{record(tmp_path, 1)[0]},arm,,identify")
     (tmp_path / "out").mkdir()

@@ -20,6 +20,7 @@ from signid.fleet.drift import find_drifts
 from signid.fleet.order import DONE
 from signid.fleet.told import Number
 from signid.report import fleet_page, fleet_tables
+from signid.report.fleet import cause_sentence, number_ranges
 
 
 def numbers(days: np.ndarray, values: np.ndarray, std: float) -> list[tuple[float, list[Number]]]:
@@ -96,8 +97,19 @@ def test_equal_causes_are_grouped_over_the_last_sessions(tmp_path: Path, monkeyp
     assert [robot["name"] for robot in found["robots"]][:7] == [f"unit {k}" for k in reversed(range(7))]
     assert found["robots"][0]["mismatch"] == pytest.approx(140) and found["robots"][0]["left"] is None
     page = re.sub(r"<script>.*?</script>", "", fleet_page(found), flags=re.DOTALL)
+    assert "level 1.00 to 1.60, median 1.30 N.m" in page
     assert "7 of 12 robots lack coulomb_friction of j2" in page and "12 robots, 24 sessions" in page
     assert len(fleet_tables(found)) > 4
+
+
+def test_numbers_that_could_be_zero_are_counted() -> None:
+    def number(key: str, least: float, most: float) -> dict[str, Any]:
+        return {"key": key, "unit": "kg", "least": least, "median": most, "most": most, "std": 0.01}
+
+    cause = {"cause": "payload", "of": 4, "robots": ["a"], "numbers": [number("mass", 0.3, 0.3)]}
+    assert cause_sentence(cause) == "1 of 4 robots lacks payload" and number_ranges(cause) == ["mass 0.300 kg"]
+    cause["numbers"] += [number("first_moment_x", -0.001, 0.002), number("first_moment_y", -0.03, 0.0)]
+    assert number_ranges(cause)[1:] == ["first moment y -0.0300 to 0 kg", "1 more number could be zero"]
 
 
 def test_drifts_are_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Annotated, Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -11,6 +11,9 @@ from ..errors import ManifestError, OptionError, shorten
 from .arguments import Json, Seed, again
 from .commands import app
 from .show import BAD, DONE, FLAGGED, bars, complain
+
+if TYPE_CHECKING:
+    from ..fleet import Outcome
 
 MOST = 20  # sentences on standard error
 
@@ -59,6 +62,9 @@ def fleet(
         for sentence in error.sentences:
             complain(sentence)
         return BAD
+    except KeyboardInterrupt:
+        complain(f"interrupted; the sessions that are done are kept in {place}, and the same command goes on from them")
+        raise
     document = found.document()
     text = to_json(document)
     written = write_files(place, {"fleet.json": text, "index.html": fleet_page(document, again(context))})
@@ -67,7 +73,7 @@ def fleet(
     else:
         Screen().print(*fleet_tables(document), sep="\n")
         Screen().write("\n".join(["", "written:", *(f"  {path}" for path in written), ""]))
-    _tell(document["sessions"])
+    _tell(found.outcomes)
     return FLAGGED if found.flagged else DONE
 
 
@@ -80,14 +86,14 @@ def _folder(output: str | None) -> str:
     return output
 
 
-def _tell(sessions: Sequence[Mapping[str, Any]]) -> None:
+def _tell(sessions: Sequence[Outcome]) -> None:
     """Sessions that could not be done, and why; how many are flagged."""
-    undone = [(one["session"], one["said"]) for one in sessions if one["state"] == "not done"]
-    for session, said in undone[:MOST]:
-        complain(f"session {session} was not done: {'; '.join(said)}")
+    undone = [one for one in sessions if not one.done]
+    for one in undone[:MOST]:
+        complain(f"session {one.entry.session} was not done: {'; '.join(one.said)}")
     if len(undone) > MOST:
         complain(f"and {len(undone) - MOST} more sessions were not done; index.html lists them")
-    if flagged := [one["session"] for one in sessions if one["state"] == "flagged"]:
+    if flagged := [one.entry.session for one in sessions if one.done and one.code == FLAGGED]:
         complain(
             f"what {shorten(flagged, 3)} found is not all to be trusted; index.html marks it, their reports say why"
         )

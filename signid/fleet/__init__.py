@@ -2,8 +2,8 @@
 
 from .manifest import Entry, Manifest, read_manifest
 from .order import Answer, Order
-from .result import Fleet
+from .result import Fleet, Outcome
 from .run import fleet
 from .spread import cores, spread
 
-__all__ = ["Answer", "Entry", "Fleet", "Manifest", "Order", "cores", "fleet", "read_manifest", "spread"]
+__all__ = ["Answer", "Entry", "Fleet", "Manifest", "Order", "Outcome", "cores", "fleet", "read_manifest", "spread"]

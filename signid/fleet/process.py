@@ -39,6 +39,7 @@ class _Process:
             stdout=subprocess.PIPE,
             stderr=heard,
             env={**os.environ, **dict.fromkeys(THREADS, "1")},
+            start_new_session=True,  # Ctrl-C in a terminal is for who asks, not for who works
         )
         self.carried_out, self.retires = 0, Timer(IDLE, self.end)
 

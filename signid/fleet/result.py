@@ -12,7 +12,7 @@ from ..version import __version__
 from .drift import Drift, find_drifts
 from .manifest import Entry
 from .order import FLAGGED
-from .told import Cause, Told
+from .told import Cause, Number, Told
 
 SCHEMA = "signid.fleet/1"
 UNDONE = "not done"
@@ -131,13 +131,14 @@ def _grouped(kind: str, robots: Sequence[tuple[str, Told]]) -> Iterator[dict[str
 
 
 def _spread(causes: Sequence[Cause]) -> Iterator[dict[str, Any]]:
-    """Range and median of each number over the robots."""
-    values: dict[tuple[str, str], list[float]] = {}
-    for cause in causes:
-        for number in cause.numbers:
-            values.setdefault((number.what.rpartition(": ")[2], number.unit), []).append(number.value)
-    for (key, unit), found in values.items():
-        yield {"key": key, "unit": unit, "least": min(found), "median": median(found), "most": max(found)}
+    """Range, median and largest standard deviation of each number over the robots."""
+    told: dict[tuple[str, str], list[Number]] = {}
+    for number in (number for cause in causes for number in cause.numbers):
+        told.setdefault((number.what.rpartition(": ")[2], number.unit), []).append(number)
+    for (key, unit), found in told.items():
+        values = [number.value for number in found]
+        ends = {"least": min(values), "median": median(values), "most": max(values)}
+        yield {"key": key, "unit": unit, **ends, "std": max(number.std for number in found)}
 
 
 def _robot(name: str, sessions: Sequence[Outcome]) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Generator, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from logging import CRITICAL, getLogger
 from typing import Any
@@ -15,6 +15,7 @@ from .order import Answer, Order
 from .process import Processes, carry_out
 
 Answers = Generator[tuple[int, Answer], None, None]
+HEARS = 0.2  # [s] after which whoever waits hears an interruption, whichever thread it reached
 PATIENCE = 30.0  # [s] for a scheduler to answer and to have a worker
 
 
@@ -46,8 +47,9 @@ def _here(orders: Sequence[Order], workers: int) -> Answers:
     with ThreadPoolExecutor(min(workers, max(1, len(orders)))) as pool:
         futures = {pool.submit(processes.carry_out, order): k for k, order in enumerate(orders)}
         try:
-            for future in as_completed(list(futures)):
-                yield futures.pop(future), future.result()
+            while futures:
+                for future in wait(futures, HEARS, FIRST_COMPLETED).done:
+                    yield futures.pop(future), future.result()
         finally:  # also when nobody wants the rest
             pool.shutdown(wait=False, cancel_futures=True)
             processes.stop()

@@ -42,7 +42,7 @@ def cause_sentence(cause: Mapping[str, Any]) -> str:
         cause: of fleet.json.
     """
     count = len(cause["robots"])
-    return f"{count} of {plural(cause['of'], 'robot')} {_do(cause['of'], 'lacks', 'lack')} {cause['cause']}"
+    return f"{count} of {plural(cause['of'], 'robot')} {_do(count, 'lacks', 'lack')} {cause['cause']}"
 
 
 def drift_sentence(drift: Mapping[str, Any]) -> str:
@@ -97,24 +97,37 @@ def lacking(robot: Mapping[str, Any]) -> str:
     Args:
         robot: of fleet.json.
     """
-    words = {"nothing_missing": "nothing", "unknown": "something that no law explains", "": "-"}
+    none = UNDONE if robot["undone"] == len(robot["sessions"]) else "-"
+    words = {"nothing_missing": "nothing", "unknown": "something that no law explains", "": none}
     return ", ".join(robot["causes"]) or words.get(robot["verdict"], robot["verdict"])
 
 
-def number_range(number: Mapping[str, Any]) -> str:
-    """A number of a cause over the robots that have it.
+def number_ranges(cause: Mapping[str, Any]) -> list[str]:
+    """The numbers of a cause over the robots that have it; those that could be zero at all of them are only counted.
 
     Args:
-        number: of a cause of fleet.json.
+        cause: of fleet.json.
     """
+    told = [number for number in cause["numbers"] if _largest(number) >= TWO_SIDED * number["std"]]
+    ranges = [_range(number, many=len(cause["robots"]) > 2) for number in told]
+    hidden = len(cause["numbers"]) - len(told)
+    return [*ranges, f"{plural(hidden, 'more number')} could be zero"] if told and hidden else ranges
+
+
+def _range(number: Mapping[str, Any], many: bool) -> str:
     ends = list(dict.fromkeys(figure(number[key]) for key in ("least", "most")))
-    return f"{number['key'].replace('_', ' ')} {' to '.join(ends)} {number['unit']}".rstrip()
+    middle = f", median {figure(number['median'])}" if many else ""
+    return f"{number['key'].replace('_', ' ')} {' to '.join(ends)}{middle} {number['unit']}".rstrip()
+
+
+def _largest(number: Mapping[str, Any]) -> float:
+    return max(abs(float(number["least"])), abs(float(number["most"])))
 
 
 def _causes(causes: list[Mapping[str, Any]]) -> Iterator[str]:
     kinds = len({cause["kind"] for cause in causes}) > 1
     for cause in causes[:SHOWN]:
-        numbers = [number_range(number) for number in cause["numbers"][:FEW]]
+        numbers = number_ranges(cause)[:FEW]
         which = [f"({cause['kind']})"] if kinds else []
         yield " ".join([cause_sentence(cause), *which]) + (f": {', '.join(numbers)}" if numbers else "")
 

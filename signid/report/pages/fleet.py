@@ -8,7 +8,16 @@ from math import log10, nan
 from typing import Any, NamedTuple
 from urllib.parse import quote
 
-from ..fleet import FLAGGED, UNDONE, cause_sentence, drift_change, drift_sentence, fleet_sentence, lacking, number_range
+from ..fleet import (
+    FLAGGED,
+    UNDONE,
+    cause_sentence,
+    drift_change,
+    drift_sentence,
+    fleet_sentence,
+    lacking,
+    number_ranges,
+)
 from ..layout import plural
 from ..numbers import TWO_SIDED, figure, share
 from .diagnosis import Card
@@ -16,6 +25,7 @@ from .frame import AFTER, BEFORE, Plot, axis, render
 
 DRAWN, LISTED = 24, 60  # drifts
 REPORT = "report.html"
+SHADE = "rgba(209,112,14,.16)"
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 
@@ -45,13 +55,14 @@ def fleet_page(document: Mapping[str, Any], command: str = "") -> str:
     drifts = document["drifts"]
     beyond = [drift for drift in drifts if drift["beyond_noise"]]
     sessions = {session["session"]: session for session in document["sessions"]}
+    flagged = sum(session["state"] == FLAGGED for session in sessions.values())
     return render(
         "fleet.html",
         title=fleet_sentence(document),
         sentence=fleet_sentence(document),
         cards=list(_cards(document)),
         undone=[(one["session"], one["said"]) for one in document["sessions"] if one["state"] == UNDONE],
-        flagged=sum(one["state"] == FLAGGED for one in document["sessions"]),
+        flagged=plural(flagged, "session") if flagged else "",
         rows=list(_rows(document["robots"], sessions)),
         causes=list(_causes(document["causes"])),
         drifting=[_drift_plot(drift) for drift in beyond[:DRAWN]],
@@ -105,21 +116,16 @@ def _rows(robots: Sequence[Mapping[str, Any]], sessions: Mapping[str, Any]) -> I
 def _causes(causes: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
     kinds = len({cause["kind"] for cause in causes}) > 1
     for cause in causes:
-        many = len(cause["robots"]) > 2
-        numbers = [
-            number_range(n) + (f", median {figure(n['median'])} {n['unit']}".rstrip() if many else "")
-            for n in cause["numbers"]
-        ]
         yield {
             "sentence": cause_sentence(cause) + (f" ({cause['kind']})" if kinds else ""),
             "percent": 100 * len(cause["robots"]) / max(cause["of"], 1),
-            "numbers": numbers,
+            "numbers": number_ranges(cause),
             "robots": cause["robots"],
         }
 
 
 def _drift_plot(drift: Mapping[str, Any]) -> Plot:
-    """Values with 95 % intervals over time, and the line through them."""
+    """Values with 95 % intervals over time, the line through them, and how steep it may be."""
     days, unit = drift["day"], drift["unit"] or "1"
     points = {
         "type": "scatter",
@@ -130,17 +136,20 @@ def _drift_plot(drift: Mapping[str, Any]) -> Plot:
         "marker": {"color": AFTER, "size": 6},
         "hovertemplate": f"%{{y:.4g}} {unit}, %{{x}}<extra></extra>",
     }
-    ends = [min(days), max(days)]
-    line = {
-        "type": "scatter",
-        "mode": "lines",
-        "x": [_date(day) for day in ends],
-        "y": [drift["line"]["value"] + drift["slope"]["value"] * (day - drift["line"]["day"]) for day in ends],
-        "line": {"color": BEFORE, "dash": "dot", "width": 2},
-        "hoverinfo": "skip",
-    }
+    ends, slope = [min(days), max(days)], drift["slope"]
+    line = {"type": "scatter", "mode": "lines", "hoverinfo": "skip"}
+    fit = {**line, **_straight(drift, ends, 0.0), "line": {"color": BEFORE, "dash": "dot", "width": 2}}
+    edges = [_straight(drift, way, side * slope["half"]) for side, way in ((-1, ends), (1, ends[::-1]))]
+    corners = {axis: [x for edge in edges for x in edge[axis]] for axis in "xy"}
+    fan = {**line, **corners, "line": {"width": 0}, "fill": "toself", "fillcolor": SHADE}
     layout = {"xaxis": axis("date, UTC", type="date", nticks=5), "yaxis": axis(f"value [{unit}]", nticks=6)}
-    return Plot(f"{drift['name']}: {drift['number']}", [line, points], layout)
+    return Plot(f"{drift['name']}: {drift['number']}", [fan, fit, points], layout)
+
+
+def _straight(drift: Mapping[str, Any], days: Sequence[float], steeper: float) -> dict[str, list[Any]]:
+    """The line through the values at some days, or a steeper one through its middle."""
+    slope, middle = drift["slope"]["value"] + steeper, drift["line"]
+    return {"x": [_date(day) for day in days], "y": [middle["value"] + slope * (day - middle["day"]) for day in days]}
 
 
 def _drift_row(drift: Mapping[str, Any]) -> tuple[str, ...]:
