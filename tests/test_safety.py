@@ -15,8 +15,8 @@ from swing import csv, swing
 
 import signid
 from signid.errors import RecordingError, RobotError
-from signid.replay.meshes import find_mesh
 from signid.robot import sandbox
+from signid.robot.meshes import find_mesh
 from signid.robot.sandbox import may_read
 
 HERE = Path(__file__).parents[1]
@@ -169,6 +169,7 @@ def test_meshes_stay_where_they_belong(tmp_path: Path) -> None:
     (package / "package.xml").write_text("<package/>")
     assert find_mesh("../meshes/a.stl", description)
     assert find_mesh(str(tmp_path / "secret.stl"), description, [tmp_path])
+    assert not find_mesh("x" * 9999, description) and not find_mesh("a\0b", description)
 
 
 def test_paths_are_judged_as_they_are_written(tmp_path: Path) -> None:

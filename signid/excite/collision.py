@@ -104,7 +104,7 @@ def build_collision(robot: Robot, limits: Limits, clearance: float, seed: int = 
             robot.model,
             robot.document,
             pin.GeometryType.COLLISION,
-            package_dirs=[str(folder) for folder in mesh_folders(robot)],
+            package_dirs=[str(folder) for folder in mesh_folders(robot.path)],
         )
         for item in geometry.geometryObjects:
             item.geometry = _convex(item.geometry)
