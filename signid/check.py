@@ -100,14 +100,14 @@ def _advice(session: Session, factors: Factors, used: Array) -> tuple[str, ...]:
     if band.cutoff < LOW_CUTOFF:
         worst = robot.joints[int(np.argmin(band.per_joint))]
         said.append(
-            f"encoder noise of joint {worst} allows only {band.cutoff:.2g} Hz: move faster, or record finer positions"
+            f"encoder noise of {worst} allows only {band.cutoff:.2g} Hz: move faster, or record finer positions"
         )
     for joint, share in zip(robot.joints, used, strict=True):
         if 0 < share < 0.3:
-            said.append(f"joint {joint} keeps {share:.0%} of its rows, the others are near a reversal: move it faster")
+            said.append(f"{joint} keeps {share:.0%} of its rows, the others are near a reversal: move it faster")
     for joint, f in zip(robot.joints, factors.joints, strict=True):
         if f.rows == 0:
-            said.append(f"joint {joint} has no torque column: only what other joints feel of it can be told")
+            said.append(f"{joint} has no torque column: only what other joints feel of it can be told")
     if factors.rows < FEW_ROWS * session.task.base.rank / max(len(robot.joints), 1):
         said.append(f"{factors.rows} filtered rows for {session.task.base.rank} parameters are few: record for longer")
     return tuple(said)

@@ -141,7 +141,7 @@ def test_sentences_say_how_much_how_sure_and_how_to_mend_it() -> None:
     q, tau = sound()
     sign = look(arm().robot, {"t": arm().t, "q": q, "tau": turned(tau, 2)})
     assert sign.signs[2] == "wrong" and sign.signs[1] == "right"
-    assert sign.flags[0].startswith("the torque of joint elbow_joint has the wrong sign: negated, model and friction")
+    assert sign.flags[0].startswith("the torque of elbow_joint has the wrong sign: negated, model and friction")
     assert "(better in 8 of 8 parts of the recordings); negate the column" in sign.flags[0]
     assert look(arm().robot, {"t": arm().t, "q": q, "tau": exchanged(tau, 1, 2)}).order[1:3] == ("wrong", "wrong")
     lag = look(arm().robot, {"t": arm().t, "q": q, "tau": late(tau, 0.12, *range(6))})
@@ -240,7 +240,7 @@ def test_check_tells_and_exits_3(tmp_path: Path, capfd: pytest.CaptureFixture[st
     (tmp_path / "wrong.csv").write_text(csv(columns))
     assert run(["check", "3r", str(tmp_path / "wrong.csv")]) == 3
     out, err = capfd.readouterr()
-    assert "the torque of joint joint_2 has the wrong sign" in err
+    assert "the torque of joint_2 has the wrong sign" in err
     assert "What the description says of the torque" in out and "wrong" in out
     assert max(map(len, out.splitlines())) <= 100
     document = check_document(check(whole.robot, [signid.read_recording(columns, whole.robot)]))

@@ -51,9 +51,9 @@ class Gross(Frozen):
 
 
 def named(joints: Sequence[str]) -> str:
-    """Joints as a sentence names them: "joint a", "joints a and b"."""
+    """Joints as a sentence names them: "a", "joints a and b"."""
     if len(joints) == 1:
-        return f"joint {joints[0]}"
+        return joints[0]
     return f"joints {', '.join(joints[:-1])} and {joints[-1]}"
 
 

@@ -156,11 +156,11 @@ def tell_fault(fault: Fault, robot: Robot) -> Finding:
     """A clipped, stuck or skipping channel."""
     joint, unit = robot.joints[fault.joint], "N" if robot.prismatic[fault.joint] else "N.m"
     told = {
-        "clipping": f"the torque of joint {joint} is clipped at {fault.value:.4g} {unit} in {fault.times} samples; "
+        "clipping": f"the torque of {joint} is clipped at {fault.value:.4g} {unit} in {fault.times} samples; "
         "raise the limit of drive or logger, or move more gently",
-        "stuck torque": f"the torque of joint {joint} stands still for {fault.value:.2g} s while the joint moves; "
+        "stuck torque": f"the torque of {joint} stands still for {fault.value:.2g} s while the joint moves; "
         "check the logger, or cut that part out",
-        "skipping position": f"the position of joint {joint} stands still and then jumps, {fault.times} times, for up "
+        "skipping position": f"the position of {joint} stands still and then jumps, {fault.times} times, for up "
         f"to {fault.value:.2g} s; samples were lost: leave them empty instead of repeating the last",
     }[fault.kind]
     return Finding(fault.kind, (joint,), WARN, {"count": float(fault.times), "value": fault.value}, told)
@@ -170,7 +170,7 @@ def tell_beyond(found: Beyond, robot: Robot) -> Finding:
     """Beyond a limit of the description."""
     joint, slides = robot.joints[found.joint], int(robot.prismatic[found.joint])
     units = {"torque": ("N.m", "N"), "velocity": ("rad/s", "m/s"), "position": ("rad", "m")}
-    told = f"the {found.kind} of joint {joint} reaches {found.value:.4g} {units[found.kind][slides]}, beyond its limit"
+    told = f"the {found.kind} of {joint} reaches {found.value:.4g} {units[found.kind][slides]}, beyond its limit"
     mend = "check its unit" if found.kind == "torque" else "check its zero and unit" if found.kind == "position" else ""
     advice = f"{mend}, or correct the description" if mend else "check time and unit, or correct the description"
     severity = WARN if found.kind == "torque" and found.value >= FAR * found.limit else NOTE
