@@ -38,7 +38,7 @@ class Verdict:
 
 
 def judge(answer: Mapping[str, Any], result: Mapping[str, Any]) -> Verdict:
-    """The outcome of a session, from its answer and the stored document (design of diagnosis.json)."""
+    """The outcome of a session, from its answer and its diagnosis.json."""
     document, hidden = result["document"], truths(answer)
     causes = [x for x in document["findings"] if x["role"] == "cause"] if document["verdict"] == "named" else []
     right = [any(is_right(cause, truth) for truth in hidden) for cause in causes]

@@ -37,7 +37,8 @@ if TYPE_CHECKING:
     from ..session import Progress
     from ..types import Input, Robot
 
-SHAPES = ("held_out", "columns", "effects", "cutoff", "derivatives", "no_instruments", "unsigned", "robust")
+SHAPES = ("held_out", "columns", "effects", "cutoff", "derivatives", "no_instruments")
+SAMPLES = ("unsigned", "robust")  # options that need samples
 PARTS = "Cut the rows into N parts, reduced side by side, to the same bytes. Default: 1."
 ONLY = "One part of N, for a scheduler of your own; identify takes all N files. Default: all."
 
@@ -57,10 +58,10 @@ def given_factors(paths: Sequence[str], robot: Robot, context: typer.Context) ->
         told = f"{paths[reduced.index(False)]} is a recording and {paths[reduced.index(True)]} a file of factors"
         raise OptionError(f"{told}; reduce the recording like those (signid reduce --like), and give its factors")
     defaults = {parameter.name: parameter.default for parameter in context.command.params}
-    for name in SHAPES:
+    for name in (*SHAPES, *SAMPLES):
         if context.params[name] and context.params[name] != defaults[name]:
             told = f"--{name.replace('_', '-')} tells how recordings are read, and {paths[0]} has been reduced already"
-            raise OptionError(f"{told}; give it to signid reduce")
+            raise OptionError(f"{told}; give {'the recordings instead' if name in SAMPLES else 'it to signid reduce'}")
     return add_up([load_factors(path, robot) for path in paths])
 
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import io
+import zlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 
@@ -13,6 +15,9 @@ from ..errors import RecordingError
 from ..types import Array, Table
 from .base import MOST, Format, memory_table
 from .room import room
+
+HEADER, FACTORS = "header", b'"schema": "signid.factors/'  # the array that says what a file of factors holds, and how
+BEGINNING = 1024  # bytes of that array
 
 
 class Npz(Format):
@@ -25,8 +30,11 @@ class Npz(Format):
         """The arrays of the archive.
 
         Raises:
-            RecordingError: when the file is no NumPy archive, or is cut short.
+            RecordingError: when the file is no NumPy archive, is cut short, or holds factors.
         """
+        if is_factor_file(path):
+            told = f"{path} holds factors, as signid reduce writes them, and no samples"
+            raise RecordingError(f"{told}; only signid identify takes it; give the recording here")
         try:
             arrays = dict(_arrays(np.load(path, allow_pickle=False)))
         except MemoryError:
@@ -40,6 +48,22 @@ class Npz(Format):
         archive = io.BytesIO()
         np.savez_compressed(archive, allow_pickle=False, **columns)
         return archive.getvalue()
+
+
+def is_factor_file(path: str | Path) -> bool:
+    """Whether a file holds factors, rather than samples."""
+    try:
+        with ZipFile(path) as archive, archive.open(f"{HEADER}.npy") as member:
+            return FACTORS in member.read(BEGINNING)
+    except (
+        OSError,
+        BadZipFile,
+        KeyError,
+        NotImplementedError,
+        RuntimeError,
+        zlib.error,
+    ):  # no archive, or a damaged one
+        return False
 
 
 def _arrays(archive: Any) -> Iterator[tuple[str, Any]]:

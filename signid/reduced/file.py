@@ -9,7 +9,7 @@ from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile, ZipFile
+from zipfile import ZipFile
 
 import numpy as np
 
@@ -17,15 +17,15 @@ from ..cutoff import Band
 from ..effects import EFFECTS
 from ..errors import OptionError, RobotError, SignidError
 from ..factors import Factors, JointFactors, Node, reduce_rows
+from ..formats.npz import HEADER
 from ..regressor import labels
 from ..robot import hold, resting
 from ..rows import Task
 from ..types import Array, BaseMap, Input, Law, Robot
 from ..version import __version__
-from .reduce import Reduced
+from .reduce import WHOLE, Reduced
 
 SCHEMA = "signid.factors/1"
-HEADER = "header"
 LARGEST = 2**30  # bytes of all arrays
 BASE = ("combination", "sees", "singular_values", "independent")
 BAND = ("per_joint", "velocity_noise", "torque_floor")
@@ -74,15 +74,6 @@ def encode_factors(reduced: Reduced) -> bytes:
     return archive.getvalue()
 
 
-def is_factor_file(path: str | Path) -> bool:
-    """Whether a file holds factors, rather than samples."""
-    try:
-        with ZipFile(path) as archive:
-            return f"{HEADER}.npy" in archive.namelist()
-    except (OSError, BadZipFile):
-        return False
-
-
 def load_factors(path: str | Path, robot: Robot) -> Reduced:
     """The factors in a file.
 
@@ -115,7 +106,10 @@ def load_factors(path: str | Path, robot: Robot) -> Reduced:
         )
         inputs = tuple(Input(*(str(file[key]) for key in Input._fields)) for file in header["inputs"])
         share = (int(header["share"][0]), int(header["share"][1]))
-        return Reduced(task, train, held_out, inputs, tuple(map(str, header["notes"])), share)
+        found = Reduced(task, train, held_out, inputs, tuple(map(str, header["notes"])), share)
+        if share == WHOLE and not (len(train) == len(held_out) == 1 and train[0].factors.rows):
+            raise _damaged(path)
+        return found
     except SignidError:
         raise
     except Exception as error:  # whatever is wrong with what the header holds

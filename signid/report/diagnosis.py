@@ -13,7 +13,7 @@ from .signs import signs_document
 
 
 def diagnosis_document(result: Diagnosis, inputs: Sequence[Input] = ()) -> Document:
-    """diagnosis.json (design 3.5).
+    """The content of diagnosis.json.
 
     Args:
         result: the diagnosis.

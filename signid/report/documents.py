@@ -27,7 +27,7 @@ Document = dict[str, Any]
 
 
 def identification_document(result: Identification, inputs: Sequence[Input] = ()) -> Document:
-    """identification.json (design 3.4).
+    """The content of identification.json.
 
     Args:
         result: the identification.

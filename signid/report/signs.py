@@ -20,7 +20,7 @@ CERTAIN = 0.999  # from this confidence on a sign is not in doubt
 
 
 def signs_document(signs: Signs | None) -> dict[str, Any] | None:
-    """The signs block of identification.json (design 3.4); None where every torque was recorded with its sign."""
+    """The signs block of identification.json; None where every torque was recorded with its sign."""
     if signs is None:
         return None
     hidden = list(signs.hidden)

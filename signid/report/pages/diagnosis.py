@@ -12,6 +12,7 @@ from ...diagnose import Diagnosis, Finding
 from ...laws import spoken
 from ...types import Input
 from ...version import __version__
+from ..diagnosis_tables import WORSE
 from ..diagnosis_words import (
     NEGLIGIBLE,
     alternative_words,
@@ -31,7 +32,6 @@ from .frame import render
 from .heat import heat_maps, hottest
 from .rolled import rollout_plots
 
-WORSE = 1.02  # times the error before
 SURE = 0.95  # probability from which on a law is not one of several
 LOUD = 1.5  # times the noise floor, from which on a joint is shown at once
 LISTED = 5  # rivals that are drawn

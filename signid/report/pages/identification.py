@@ -56,8 +56,7 @@ def identification_page(result: Identification, inputs: Sequence[Input] = (), co
     session, base = result.session, result.base
     course, whole = _course(session, result.model) if session.held_out else (None, True)
     order = worst(result.fit)
-    rms = np.full_like(result.fit.train_rms, np.nan) if course is None else _rms(course.before)
-    before = replace(result.fit, train_rms=rms, held_out_rms=rms)
+    before = None if course is None else replace(result.fit, held_out_rms=_rms(course.before))
     return render(
         "identification.html",
         title=f"{result.robot.name}: {plural(base.rank, 'base parameter')}",
@@ -66,7 +65,7 @@ def identification_page(result: Identification, inputs: Sequence[Input] = (), co
         flags=result.flags,
         cards=list(_cards(result, order[0])),
         fit=list(_fit_rows(result, before)),
-        joints=[] if course is None else joint_plots(course, before, result.fit, order),
+        joints=[] if course is None or before is None else joint_plots(course, before, result.fit, order),
         whole=whole,
         bounds=_bounds(result),
         correlation=correlation_plot(result.estimate.covariance),
@@ -138,13 +137,14 @@ def _rms(rest: Array) -> Array:
     return np.where(told.any(axis=0), np.sqrt(mean), np.nan)
 
 
-def _fit_rows(result: Identification, before: Fit) -> Iterator[tuple[str, ...]]:
+def _fit_rows(result: Identification, before: Fit | None) -> Iterator[tuple[str, ...]]:
+    """Joint, rms as described where samples tell it, in training and held out, noise floor, unit, R2."""
     fit = result.fit
-    rms = (before.held_out_rms, fit.train_rms, fit.held_out_rms)
-    columns = (fit.joints, *rms, fit.noise_floor, fit.unit, fit.held_out_r2)
-    for joint, stated, train, held_out, floor, unit, r2 in zip(*columns, strict=True):
-        told = (figure(float(x)) for x in (stated, train, held_out))
-        yield joint, *told, figure(float(floor), 2), unit, determination(float(r2))
+    rms = (*([] if before is None else [before.held_out_rms]), fit.train_rms, fit.held_out_rms)
+    for j, joint in enumerate(fit.joints):
+        told = (figure(float(x[j])) for x in rms)
+        floor, r2 = figure(float(fit.noise_floor[j]), 2), determination(float(fit.held_out_r2[j]))
+        yield joint, *told, floor, fit.unit[j], r2
 
 
 def _bounds(result: Identification) -> list[Bound]:
@@ -176,7 +176,9 @@ def _links(result: Identification) -> Iterator[tuple[str, ...]]:
 
 
 def _centre(inertial: Array) -> str:
-    return ", ".join(figure(1e3 * float(x) / float(inertial[0])) for x in inertial[1:4]) if inertial[0] else "-"
+    """Of a centre of mass [mm]; what is less than a nanometre is rounding."""
+    mass = float(inertial[0])
+    return ", ".join(figure(round(1e3 * float(x) / mass, 6)) for x in inertial[1:4]) if mass else "-"
 
 
 def _excitation_plot(result: Identification) -> Plot:
