@@ -11,7 +11,7 @@ import numpy as np
 
 from ..model import Model
 from ..types import Actuators, Array
-from .beyond import Exported, held, lacking, summed
+from .beyond import Exported, held, lacking, remarks, summed
 
 _UNITS = {
     "armature": "kg.m2",
@@ -30,8 +30,8 @@ def write_actuators(model: Model) -> Exported:
     """
     drives, beyond = driven(model)
     notes = tuple(f"an actuators file cannot hold {laws}" for laws in beyond)
-    lines = [f"# Drives of {' '.join(model.robot.name.split())}; prismatic joints: N for N.m, m for rad, kg for kg.m2"]
-    lines += [f"# {' '.join(note.split())}" for note in notes]
+    head = f"Drives of {model.robot.name}; prismatic joints: N for N.m, m for rad, kg for kg.m2"
+    lines = remarks([head, *notes]).splitlines()
     for joint, stated in drives.items():
         if stated:
             lines += ["", f"[joint.{joint if _BARE.fullmatch(joint) else json.dumps(joint, ensure_ascii=False)}]"]

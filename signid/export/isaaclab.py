@@ -7,7 +7,7 @@ import re
 import numpy as np
 
 from ..model import Model
-from .beyond import BODIES, Exported, held, lacking, summed
+from .beyond import BODIES, Exported, held, lacking, remarks, summed
 
 FIELDS = {"armature": "armature", "viscous_friction": "viscous_friction", "coulomb_friction": "friction"}
 HEAD = '''\
@@ -36,5 +36,6 @@ def write_isaaclab(model: Model) -> Exported:
         lines += [f"{name}={table}" for name in ([field, "dynamic_friction"] if field == "friction" else [field])]
     body = "".join(f"        {line},\n" for line in lines)
     head = HEAD.format(name=" ".join(robot.name.split()).replace('"', "'").replace("\\", "/"))
-    comments = "".join(f"# {' '.join(note.split())}\n" for note in notes)
-    return Exported(f'{head}{comments}ACTUATORS = {{\n    "all": ImplicitActuatorCfg(\n{body}    )\n}}\n', tuple(notes))
+    return Exported(
+        f'{head}{remarks(notes)}ACTUATORS = {{\n    "all": ImplicitActuatorCfg(\n{body}    )\n}}\n', tuple(notes)
+    )

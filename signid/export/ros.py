@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from ..model import Model
 from .actuators import driven
-from .beyond import BODIES, Exported, fixed_note
+from .beyond import BODIES, Exported, fixed_note, remarks
 
 HEAD = """\
 # Dynamics of {name} as parameters of a ROS 2 node: ros2 param load NODE FILE, or parameters=[FILE] in a launch file.
@@ -33,8 +33,7 @@ def write_ros(model: Model) -> Exported:
     told = [*(f"a ROS parameter file cannot hold {beyond}" for beyond in notes)]
     told += fixed_note(model.robot, "their links are listed all the same")
     text = safe_dump({"/**": {"ros__parameters": {"dynamics": parameters}}}, sort_keys=False, allow_unicode=True)
-    lines = [f"# {' '.join(note.split())}\n" for note in told]
-    return Exported(HEAD.format(name=" ".join(model.robot.name.split())) + "".join(lines) + text, tuple(told))
+    return Exported(HEAD.format(name=" ".join(model.robot.name.split())) + remarks(told) + text, tuple(told))
 
 
 def _inertial(body: pin.Inertia) -> dict[str, Any]:

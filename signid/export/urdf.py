@@ -7,7 +7,7 @@ import re
 import numpy as np
 
 from ..model import Model, stated_inertials
-from .beyond import BODIES, Exported, commented, fixed_note, held, lacking, summed
+from .beyond import BODIES, Exported, commented, fixed_note, held, inertials, lacking, summed
 from .edit import urdf_with
 
 FRICTION = ("viscous_friction", "coulomb_friction")
@@ -23,17 +23,16 @@ def write_urdf(model: Model) -> Exported:
         RobotError: the robot does not come from a URDF, or a body cannot be written.
     """
     robot = model.robot
-    whole = model.bodies()
-    bodies = np.array([body.toDynamicParameters() for body in list(whole.inertias)[1:]]).reshape(-1, 10)
-    same = np.isclose(bodies, stated_inertials(robot), rtol=1e-12, atol=1e-15).all(axis=1)
+    bodies = inertials(model)
+    same = np.all(np.isclose(bodies, stated_inertials(robot), rtol=1e-12, atol=1e-15), axis=1, keepdims=True)
     friction = (np.maximum(0.0, np.nan_to_num(summed(model, name))) for name in FRICTION)
-    text = urdf_with(robot, np.where(same[:, None], np.nan, bodies), *friction)
+    text = urdf_with(robot, np.where(same, np.nan, bodies), *friction)
     carried = [*held(model, FRICTION), *(law for law in model.laws if law.effect.name in BODIES)]
     notes = fixed_note(robot, "in the URDF they move")
     if beyond := lacking(robot, model.laws, carried):
         notes.append(f"a URDF cannot hold {beyond}")
     if any(law.effect.name == "base_tilt" for law in model.laws):
-        notes.append(f"gravity of the model is {' '.join(repr(float(x)) for x in whole.gravity.linear)} m/s2")
+        notes.append(f"gravity of the model is {' '.join(repr(float(x)) for x in model.bodies().gravity.linear)} m/s2")
     return Exported(_with_comment(text, notes), tuple(notes))
 
 
