@@ -1,1 +1,1 @@
-"""The same job by others, to be timed or heard beside signid."""
+"""Parts of `benchmarks.regressor` and `benchmarks.peers`: the same job by others, timed or heard beside signid."""

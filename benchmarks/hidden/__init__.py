@@ -1,1 +1,1 @@
-"""Physics concealed from the diagnosis, and the judge of what it says."""
+"""Parts of `benchmarks.concealed` and `benchmarks.gross`: concealed physics, and the judge of a diagnosis."""
