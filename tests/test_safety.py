@@ -15,8 +15,11 @@ from swing import csv, swing
 
 import signid
 from signid.errors import RecordingError, RobotError
-from signid.replay.meshes import find_mesh
+from signid.excite.collision import build_collision
+from signid.excite.limits import build_limits
+from signid.export import export
 from signid.robot import sandbox
+from signid.robot.meshes import find_mesh
 from signid.robot.sandbox import may_read
 
 HERE = Path(__file__).parents[1]
@@ -169,6 +172,22 @@ def test_meshes_stay_where_they_belong(tmp_path: Path) -> None:
     (package / "package.xml").write_text("<package/>")
     assert find_mesh("../meshes/a.stl", description)
     assert find_mesh(str(tmp_path / "secret.stl"), description, [tmp_path])
+
+
+def test_no_mesh_from_outside_is_exported_or_collided_with(tmp_path: Path) -> None:
+    inside = tmp_path / "inside"
+    inside.mkdir()
+    triangle = np.eye(3, dtype=np.float32)
+    for path in (tmp_path / "a.stl", inside / "a.stl"):
+        path.write_bytes(bytes(80) + (1).to_bytes(4, "little") + bytes(12) + triangle.tobytes() + bytes(2))
+    for name, found in (("../a.stl", False), (str(tmp_path / "a.stl"), False), ("a.stl", True)):
+        shape = f'<geometry><mesh filename="{name}"/></geometry>'
+        links = LINKS.replace("</link>", f"<visual>{shape}</visual><collision>{shape}</collision></link>")
+        (inside / "r.urdf").write_text(f'<robot name="r">{links}{JOINT}</robot>')
+        model = signid.load_model(inside / "r.urdf")
+        assert ("<mesh" in export(model, "mjcf").text) == found
+        _, note = build_collision(model.robot, build_limits(model.robot), 0.01)
+        assert ("is not found" in note) != found
 
 
 def test_paths_are_judged_as_they_are_written(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from ..errors import shorten
 from ..robot.document import children, parse
-from ..robot.meshes import find_mesh, mesh_folders
+from ..robot.meshes import find_mesh
 from ..types import Array, Robot
 
 _FACES, _HEADER, _FACE = 200_000, 84, 50  # of an STL file that MuJoCo reads: at most, and bytes
@@ -38,7 +38,7 @@ def read_shapes(robot: Robot, package_dirs: Sequence[str | Path]) -> Shapes:
     if robot.kind != "urdf":
         return Shapes(notes=["shapes, actuators and sensors of the MJCF that the model comes from are left out"])
     found, root = Shapes(), parse(robot.document)
-    reader = _Reader(mesh_folders(robot, package_dirs), root, found.meshes)
+    reader = _Reader(robot.path, package_dirs, root, found.meshes)
     links = {link.get("name"): link for link in children(root, "link")}
     for frame in (x for x in robot.model.frames if x.type == pin.FrameType.BODY and x.name in links):
         here = found.at.setdefault(int(frame.parentJoint), [])
@@ -55,8 +55,8 @@ def read_shapes(robot: Robot, package_dirs: Sequence[str | Path]) -> Shapes:
 class _Reader:
     """Geometry of links, one after the other; meshes are collected."""
 
-    def __init__(self, folders: list[Path], root: Any, meshes: list[dict[str, str]]) -> None:
-        self.folders, self.meshes = folders, meshes
+    def __init__(self, path: str, package_dirs: Sequence[str | Path], root: Any, meshes: list[dict[str, str]]) -> None:
+        self.path, self.package_dirs, self.meshes = path, package_dirs, meshes
         self.colours = {m.get("name"): m for m in children(root, "material")}
         self.missing: list[str] = []
 
@@ -88,10 +88,11 @@ class _Reader:
         return _solid(kind, {"sphere": radius}.get(kind, np.append(radius, length / 2)))
 
     def _mesh(self, shape: Any) -> dict[str, str]:
-        path = find_mesh(shape.get("filename") or "", self.folders)
+        path = find_mesh(shape.get("filename") or "", self.path, self.package_dirs)
         if path is None or not _readable(path):
             return {}
-        entry = {"file": str(path), "scale": words(_vector(shape.get("scale"), 3, 1.0)), "inertia": "shell"}
+        scale = words(_vector(shape.get("scale"), 3, 1.0))
+        entry = {"file": path.resolve().as_posix(), "scale": scale, "inertia": "shell"}
         names = {tuple(known[key] for key in entry): known["name"] for known in self.meshes}
         if tuple(entry.values()) not in names:
             self.meshes.append({"name": f"{path.stem}_{len(self.meshes) + 1}", **entry})

@@ -10,8 +10,9 @@ import numpy as np
 
 from ..errors import shorten
 from ..robot.document import children, parse
+from ..robot.meshes import find_mesh
 from ..types import Array, Robot
-from .meshes import find_mesh, read_mesh
+from .meshes import read_mesh
 from .poses import own_axis
 from .simplify import share, simplify
 from .solids import Triangles, between, box, capsule, cylinder, joined
