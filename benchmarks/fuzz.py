@@ -25,7 +25,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-SECONDS, MEMORY, LENGTH = 60, 3000, 20_000  # [s], [MB], bytes of a file
+SECONDS, MEMORY, LENGTH = 60, 3000, 20_000  # [s], [MB], bytes of a file, or of the longest to begin from
 SLOW = 100  # times fewer files of readers that start processes
 ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "POLARS_MAX_THREADS": "1"}
 
@@ -62,7 +62,8 @@ def attack(name: str, folder: Path, inputs: int) -> None:
     words.write_text("\n".join(f'"{"".join(f"{chr(92)}x{b:02x}" for b in token[:60])}"' for token in TOKENS) + "\n")
     warnings.simplefilter("ignore")
     reader(reader.seeds[0], place)
-    options = [f"-runs={inputs}", f"-timeout={SECONDS}", f"-rss_limit_mb={MEMORY}", f"-max_len={LENGTH}", "-seed=1"]
+    length = max(LENGTH, *map(len, reader.seeds))
+    options = [f"-runs={inputs}", f"-timeout={SECONDS}", f"-rss_limit_mb={MEMORY}", f"-max_len={length}", "-seed=1"]
     options += [f"-dict={words}", f"-artifact_prefix={folder}/fault-", "-print_final_stats=1", "-len_control=0"]
     atheris.Setup([sys.argv[0], *options, str(corpus)], lambda content: reader(content, place) and None)
     atheris.Fuzz()
