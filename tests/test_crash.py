@@ -8,7 +8,6 @@ import random
 import shlex
 import subprocess
 import sys
-import tempfile
 import time
 from pathlib import Path
 
@@ -138,28 +137,6 @@ def test_a_piece_that_cannot_be_made_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt):
         write_files(tmp_path / "new", {"a.txt": "a", "b.txt": pieces()})  # type: ignore[dict-item]
     assert not list(tmp_path.iterdir())
-
-
-def test_a_folder_that_is_read_only_is_told(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
-    def fail(*_: object, **__: object) -> None:
-        raise OSError(errno.EROFS, os.strerror(errno.EROFS))
-
-    (tmp_path / "r.csv").write_text(csv(swing()))
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(tempfile, "TemporaryFile", fail)
-    monkeypatch.setattr(tempfile, "mkstemp", fail)
-    for command in (
-        "identify 1r r.csv -o out",
-        "simulate 1r -o s.csv",
-        "export 1r --urdf r.urdf",
-        "excite 1r -o m.csv",
-    ):
-        assert run(command.split()) == 2
-        err = capfd.readouterr().err
-        assert "Read-only" in err and len(err.splitlines()) == 1, err
-    assert [path.name for path in tmp_path.iterdir()] == ["r.csv"]
 
 
 def test_strange_paths_are_fine_everywhere(
