@@ -98,6 +98,8 @@ FOLDERS: dict[str, tuple[Callable[[Path], object], str]] = {
 
 @pytest.mark.parametrize("case", FOLDERS)
 def test_spoilt_folders(case: str, good: Path, tmp_path: Path) -> None:
+    if "pipe" in case and not hasattr(os, "mkfifo"):
+        pytest.skip("no named pipes here")
     change, culprit = FOLDERS[case]
     refused(half(good, tmp_path, change), culprit)
 
