@@ -221,3 +221,28 @@ def test_words_among_the_numbers_of_a_body_are_refused(tmp_path: Path) -> None:
     inertial = '<inertial pos="joint 0 0.1" mass="2" diaginertia="0.1 0.1 0.1"/>'
     body = f'<body name="a">{inertial}<joint name="j" axis="0 1 0"/></body>'
     refused(tmp_path / "r.xml", f"<mujoco><worldbody>{body}</worldbody></mujoco>", "no number|cannot build")
+
+
+@pytest.mark.parametrize("wrong", ["nan 0 -9.81", "inf 0 0", "0 -9.81", "0 0 0 1", "down", "nan 1", "0 inf"])
+def test_numbers_of_a_model_are_numbers(wrong: str, tmp_path: Path) -> None:
+    bodies = "".join(f'<body><joint name="{x}"/><geom size="0.1" type="sphere"/></body>' for x in "jk")
+    for option in (f'<option gravity="{wrong}"/>', f'<equality><joint joint1="j" joint2="k" polycoef="{wrong}"/>'):
+        end = "</equality>" if "equality" in option else ""
+        if not end or "nan" in wrong or "inf" in wrong:
+            text = f"<mujoco><worldbody>{bodies}</worldbody>{option}{end}</mujoco>"
+            refused(tmp_path / "r.xml", text, "expected (finite|three) numbers")
+
+
+def test_xacro_keeps_to_limits_that_are_there_already() -> None:
+    pytest.importorskip("resource")
+    program = """if 1:
+        import resource
+        from signid.robot import sandbox
+        resource.setrlimit(resource.RLIMIT_AS, (3_000_000_000,) * 2)
+        sandbox._limit()
+        assert resource.getrlimit(resource.RLIMIT_AS) == (3_000_000_000,) * 2
+        assert resource.getrlimit(resource.RLIMIT_CPU)[0] == sandbox.SECONDS
+    """
+    there = {**os.environ, "PYTHONPATH": str(HERE)}
+    done = subprocess.run([sys.executable, "-c", program], env=there, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ import numpy as np
 import polars as pl
 
 from ..errors import RecordingError, shorten
+from ..plain import read_json
 from ..types import Array, Table
 from .base import About, Format, MemoryTable
 from .parquet import BROKEN
@@ -75,13 +75,13 @@ def _home(path: Path) -> Path | None:
 
 def _info(path: Path) -> Mapping[str, Any]:
     try:
-        info = json.loads(path.read_text(encoding="utf-8"))
+        info = read_json(path)
         features = info["features"]
         if 0 < float(info["fps"]) < np.inf and all(isinstance(each, Mapping) for each in features.values()):
             return dict(info)
     except OSError as error:
         raise RecordingError(f"{path} cannot be read: {error.strerror}") from error
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+    except (ValueError, KeyError, TypeError, AttributeError):
         pass
     raise RecordingError(f"{path} is not LeRobot's: it needs fps and features; copy the dataset again")
 
