@@ -73,7 +73,7 @@ def _build(root: Any) -> pin.Model:
         path.write_bytes(etree.tostring(bare))
         try:
             return pin.buildModelFromMJCF(str(path))
-        except (ValueError, RuntimeError) as error:
+        except Exception as error:  # Pinocchio's are of no family
             reason = str(error).partition("message:")[2] or str(error)
             raise RobotError(f"Pinocchio cannot build it: {' '.join(reason.split())}") from None
 
