@@ -114,7 +114,7 @@ def main() -> None:
             console.print(f"{v.name} {v.key}: {v.outcome}, {v.first}, {v.spurious} spurious", highlight=False)
     console.print(f"{len(verdicts)} of {len(wanted)} sessions judged", highlight=False)
     if options.json:
-        options.json.write_text(json.dumps(finite(told(verdicts, found)), indent=1, allow_nan=False))
+        options.json.write_text(json.dumps(finite(told(verdicts, found)), indent=1, allow_nan=False), encoding="utf-8")
     sys.exit(bool(wrong) or any(target.met is False for target in found))
 
 

@@ -229,7 +229,9 @@ def main() -> None:
         console.print(told + none, highlight=False, soft_wrap=True)
     if options.json:
         machine = {"python": platform.python_version(), "mujoco": mujoco.__version__, "processor": platform.machine()}
-        options.json.write_text(json.dumps({"machine": machine, "rows": [asdict(row) for row in rows]}, indent=1))
+        options.json.write_text(
+            json.dumps({"machine": machine, "rows": [asdict(row) for row in rows]}, indent=1), encoding="utf-8"
+        )
     raise SystemExit(0 if options.quick or all(row.holds for row in rows) else 1)
 
 

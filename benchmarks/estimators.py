@@ -211,7 +211,9 @@ def main() -> None:
     Console(width=110).print(show(rows))
     if options.json:
         machine = {"python": platform.python_version(), "mujoco": mujoco.__version__, "processor": platform.machine()}
-        options.json.write_text(json.dumps({"machine": machine, "rows": [asdict(row) for row in rows]}, indent=1))
+        options.json.write_text(
+            json.dumps({"machine": machine, "rows": [asdict(row) for row in rows]}, indent=1), encoding="utf-8"
+        )
 
 
 if __name__ == "__main__":

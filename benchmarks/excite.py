@@ -153,7 +153,9 @@ def main() -> None:
     if options.json:
         machine = {"python": platform.python_version(), "pinocchio": pin.__version__, "numpy": np.__version__}
         numbers = {"rows": [asdict(row) for row in rows], "runs": [asdict(run) for run in runs]}
-        options.json.write_text(json.dumps({"machine": machine, **numbers, "targets": dict(verdicts)}, indent=1))
+        options.json.write_text(
+            json.dumps({"machine": machine, **numbers, "targets": dict(verdicts)}, indent=1), encoding="utf-8"
+        )
     raise SystemExit(0 if all(met for _, met in verdicts) else 1)
 
 

@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import platform
-import resource
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -130,7 +130,7 @@ def scale(sessions: int, turns: int, folder: Path) -> tuple[dict[str, Taken], bo
         write(folder / f"{k}.parquet", robot, 20.0, 250.0, k)
         rows.append(f"3r,{k}.parquet,arm {k}")
     manifest = folder / "manifest.csv"
-    manifest.write_text("\n".join(rows))
+    manifest.write_text("\n".join(rows), encoding="utf-8")
     seconds, left = dict[str, Taken](), list[dict[str, bytes]]()
     with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as cluster:
         for turn in range(turns):
@@ -150,8 +150,8 @@ def scale(sessions: int, turns: int, folder: Path) -> tuple[dict[str, Taken], bo
 
 def _children() -> float:
     """Processor time of all processes that this one has seen end [s]."""
-    used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return used.ru_utime + used.ru_stime
+    used = os.times()
+    return used.children_user + used.children_system
 
 
 def diagnosis_seconds(folder: Path, turns: int) -> float:
@@ -242,7 +242,7 @@ def main() -> None:
             "rows": [asdict(row) for row in rows],
         }
         machine = {"python": platform.python_version(), "numpy": np.__version__}
-        options.json.write_text(json.dumps({"machine": machine, **numbers}, indent=1))
+        options.json.write_text(json.dumps({"machine": machine, **numbers}, indent=1), encoding="utf-8")
     raise SystemExit(0 if same and worst <= SAME else 1)
 
 

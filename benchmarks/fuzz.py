@@ -25,7 +25,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-SECONDS, MEMORY, LENGTH = 60, 3000, 20_000  # [s], [MB], bytes of a file
+SECONDS, MEMORY, LENGTH = 60, 3000, 20_000  # [s], [MB], bytes of a file, or of the longest to begin from
 SLOW = 100  # times fewer files of readers that start processes
 ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "POLARS_MAX_THREADS": "1"}
 
@@ -59,10 +59,13 @@ def attack(name: str, folder: Path, inputs: int) -> None:
         made.mkdir()
     for k, seed in enumerate(reader.seeds):
         (corpus / str(k)).write_bytes(seed)
-    words.write_text("\n".join(f'"{"".join(f"{chr(92)}x{b:02x}" for b in token[:60])}"' for token in TOKENS) + "\n")
+    words.write_text(
+        "\n".join(f'"{"".join(f"{chr(92)}x{b:02x}" for b in token[:60])}"' for token in TOKENS) + "\n", encoding="utf-8"
+    )
     warnings.simplefilter("ignore")
     reader(reader.seeds[0], place)
-    options = [f"-runs={inputs}", f"-timeout={SECONDS}", f"-rss_limit_mb={MEMORY}", f"-max_len={LENGTH}", "-seed=1"]
+    length = max(LENGTH, *map(len, reader.seeds))
+    options = [f"-runs={inputs}", f"-timeout={SECONDS}", f"-rss_limit_mb={MEMORY}", f"-max_len={length}", "-seed=1"]
     options += [f"-dict={words}", f"-artifact_prefix={folder}/fault-", "-print_final_stats=1", "-len_control=0"]
     atheris.Setup([sys.argv[0], *options, str(corpus)], lambda content: reader(content, place) and None)
     atheris.Fuzz()
@@ -74,7 +77,12 @@ def measure(name: str, inputs: int, keep: Path | None) -> Row:
         command = [sys.executable, "-m", "benchmarks.fuzz", "--attack", name, folder, "--inputs", str(inputs)]
         start = time.perf_counter()
         done = subprocess.run(
-            command, env={**os.environ, **ENVIRONMENT}, capture_output=True, text=True, errors="replace"
+            command,
+            env={**os.environ, **ENVIRONMENT},
+            capture_output=True,
+            text=True,
+            errors="replace",
+            encoding="utf-8",
         )
         minutes, told = (time.perf_counter() - start) / 60, done.stdout + done.stderr
         numbers = {key: int(value) for key, value in re.findall(r"stat::(\w+):\s+(\d+)", told)}
@@ -124,7 +132,7 @@ def main() -> None:
                 rows.append(measure(reader.name, max(1, options.inputs // (SLOW if reader.slow else 1)), options.keep))
     console.print(show(rows))
     if options.json:
-        options.json.write_text(json.dumps([asdict(row) for row in rows], indent=1))
+        options.json.write_text(json.dumps([asdict(row) for row in rows], indent=1), encoding="utf-8")
     raise SystemExit(1 if any(row.fault for row in rows) else 0)
 
 

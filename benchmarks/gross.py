@@ -230,7 +230,7 @@ def main() -> None:
             told = f"{row.fault} {' '.join(row.joints)}, {row.robot} {row.seed}: {'; '.join(row.said) or 'nothing'}"
             console.print(told, highlight=False)
     if options.json:
-        options.json.write_text(json.dumps([asdict(row) for row in found], indent=1))
+        options.json.write_text(json.dumps([asdict(row) for row in found], indent=1), encoding="utf-8")
     planted = [row for row in found if row.fault in FAULTS]
     right = np.mean([row.outcome in ("found", "or") for row in planted])
     wrong = np.mean([row.outcome == "other" for row in planted])

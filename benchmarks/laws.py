@@ -149,7 +149,7 @@ def main() -> None:
         )
     Console(width=100).print(table)
     if chosen.json:
-        chosen.json.write_text(json.dumps([row._asdict() for row in rows], indent=1))
+        chosen.json.write_text(json.dumps([row._asdict() for row in rows], indent=1), encoding="utf-8")
     raise SystemExit(not all(row.right for row in rows))
 
 

@@ -11,7 +11,6 @@ import argparse
 import json
 import os
 import platform
-import resource
 import subprocess
 import sys
 import tempfile
@@ -107,8 +106,10 @@ def _peak() -> float:
     """Most memory that this process ever held [MB]; where the system tells, without what its parent held."""
     status = Path("/proc/self/status")
     if status.is_file():
-        line = next(x for x in status.read_text().splitlines() if x.startswith("VmHWM"))
+        line = next(x for x in status.read_text(encoding="utf-8").splitlines() if x.startswith("VmHWM"))
         return float(line.split()[1]) * 1.024e-3
+    import resource
+
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1e-6 if sys.platform == "darwin" else 1.024e-3)
 
 
@@ -172,7 +173,7 @@ def main() -> None:
     if options.json:
         machine = {"python": platform.python_version(), "pinocchio": pin.__version__, "polars": pl.__version__}
         numbers = {"machine": machine, "rows": [asdict(row) for row in rows], "targets": dict(verdicts)}
-        options.json.write_text(json.dumps(numbers, indent=1))
+        options.json.write_text(json.dumps(numbers, indent=1), encoding="utf-8")
     raise SystemExit(0 if all(met for _, met in verdicts) else 1)
 
 

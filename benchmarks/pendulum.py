@@ -211,7 +211,7 @@ def main() -> None:
     if options.json:
         machine = {"python": platform.python_version(), "pybullet": pybullet.getAPIVersion()}
         told = {"machine": machine, "rows": rows, "trials": done, "signs": signs, "log_errors": errors}
-        options.json.write_text(json.dumps(told, default=asdict, indent=1))
+        options.json.write_text(json.dumps(told, default=asdict, indent=1), encoding="utf-8")
     held = all(item.holds for group in (rows, *signs.values()) for item in group)
     raise SystemExit(0 if held and all(error < LOG_TARGET for error in errors.values()) else 1)
 

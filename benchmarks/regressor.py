@@ -81,8 +81,10 @@ class Peer:
         for name, track in (("train", train), ("test", test)):
             np.savez(folder / f"{name}.npz", **track._asdict())
         self.errors = folder / "errors.txt"
-        with self.errors.open("w") as errors:
-            self.process = Popen([python, str(PEER), str(folder)], stdin=PIPE, stdout=PIPE, stderr=errors, text=True)
+        with self.errors.open("w", encoding="utf-8") as errors:
+            self.process = Popen(
+                [python, str(PEER), str(folder)], stdin=PIPE, stdout=PIPE, stderr=errors, text=True, encoding="utf-8"
+            )
 
     def run(self) -> dict[str, Any]:
         """Times and errors of one run.
@@ -95,7 +97,7 @@ class Peer:
             print("run", file=self.process.stdin, flush=True)
             return dict(json.loads(self.process.stdout.readline()))
         except (BrokenPipeError, json.JSONDecodeError) as error:
-            last = self.errors.read_text().strip().splitlines()[-1:]
+            last = self.errors.read_text(encoding="utf-8").strip().splitlines()[-1:]
             raise RuntimeError(f"figaroh does not run in the Python that was given: {' '.join(last)}") from error
 
     def close(self) -> None:
@@ -207,7 +209,7 @@ def main() -> None:
     if options.json:
         machine = {"python": platform.python_version(), "pinocchio": pin.__version__, "numpy": np.__version__}
         numbers = {"machine": machine, "rows": [vars(row) for row in rows], "targets": dict(verdicts)}
-        options.json.write_text(json.dumps(numbers, indent=1))
+        options.json.write_text(json.dumps(numbers, indent=1), encoding="utf-8")
     raise SystemExit(0 if all(met for _, met in verdicts) else 1)
 
 

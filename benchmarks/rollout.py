@@ -56,7 +56,7 @@ def three_r() -> Case:
     robot = signid.load_robot("3r")
     learn, judge = (signid.read_recording(ROBOTS / "3r" / f"{key}.parquet", robot) for key in ("recording", "held_out"))
     found = signid.identify(robot, [learn], held_out=[judge])
-    truth = tomllib.loads((ROBOTS / "3r" / "truth.toml").read_text())
+    truth = tomllib.loads((ROBOTS / "3r" / "truth.toml").read_text(encoding="utf-8"))
     links = [truth["link"][name] for name in robot.links]
     inertials = np.array([[link["mass"], *link["first_moment"], *link["inertia"]] for link in links])
     laws = []
@@ -199,7 +199,7 @@ def main() -> None:
         machine = {"python": platform.python_version(), "pinocchio": pin.__version__}
         errors = {name: {key: got.document(got) for key, got in models.items()} for name, models in found.items()}
         told = {"machine": machine, "errors": errors, "steps": rows, "seconds": speeds, "targets": dict(verdicts)}
-        options.json.write_text(json.dumps(told, indent=1))
+        options.json.write_text(json.dumps(told, indent=1), encoding="utf-8")
     raise SystemExit(0 if all(met for _, met in verdicts) else 1)
 
 

@@ -170,7 +170,7 @@ def main() -> None:
             "verdicts": [verdict._asdict() for verdict in bench.verdicts],
             **bench.more,
         }
-        options.json.write_text(json.dumps(finite(told), indent=1, allow_nan=False))
+        options.json.write_text(json.dumps(finite(told), indent=1, allow_nan=False), encoding="utf-8")
     sys.exit(any(verdict.met is False for verdict in bench.verdicts))
 
 

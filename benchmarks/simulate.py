@@ -157,7 +157,9 @@ def main() -> None:
     Console(width=100).print(f"armature and four laws more: {ratio:.1f} times the floor; at most {LIMIT:g} is aimed at")
     if chosen.json:
         about: dict[str, Any] = {"python": platform.python_version(), "pinocchio": pin.__version__}
-        chosen.json.write_text(json.dumps({**about, "mujoco": mujoco.__version__, "rows": found}, indent=1))
+        chosen.json.write_text(
+            json.dumps({**about, "mujoco": mujoco.__version__, "rows": found}, indent=1), encoding="utf-8"
+        )
     raise SystemExit(ratio > LIMIT)
 
 

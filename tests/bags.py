@@ -63,9 +63,12 @@ def control(known: Any, stamp: int, names: Sequence[str], desired: Any, actual: 
     return known.types[CONTROL](_header(known, stamp), [*names], desired, actual, point(known, 0))
 
 
-def write1(path: Path, known: Any, messages: Iterable[Message]) -> Path:
-    """A bag of ROS 1."""
-    with Writer1(path) as bag:
+def write1(path: Path, known: Any, messages: Iterable[Message], squeeze: str = "") -> Path:
+    """A bag of ROS 1; its chunks may be compressed."""
+    bag = Writer1(path)
+    if squeeze:
+        bag.set_compression(Writer1.CompressionFormat[squeeze])
+    with bag:
         at: dict[str, Any] = {}
         for topic, message, received in messages:
             kind = message.__msgtype__

@@ -8,7 +8,6 @@ import random
 import shlex
 import subprocess
 import sys
-import tempfile
 import time
 from pathlib import Path
 
@@ -62,6 +61,31 @@ def test_killed_at_any_moment_files_are_whole(tmp_path: Path) -> None:
         assert made[0] <= min(made), "the first appears last"
 
 
+def test_what_the_killed_leave_is_cleared_away_a_day_later(tmp_path: Path) -> None:
+    process = writer(tmp_path, "a", 10**6)
+    assert process.stdout is not None
+    process.stdout.readline()
+    while not (left := list(tmp_path.glob(".signid-*"))):
+        time.sleep(0.001)
+    process.kill()
+    process.communicate()
+    left = list(tmp_path.glob(".signid-*"))
+    foreign = [tmp_path / name for name in (".signid-notes", ".signid-folder12", ".signid-mine.txt", "signid-12345678")]
+    foreign[1].mkdir()
+    for path in foreign[:1] + foreign[2:]:
+        path.write_text("not of signid")
+    young, old = tmp_path / ".signid-abcd1234", tmp_path / ".signid-zyxw9876"
+    for path, days in ((young, 0.9), (old, 1.1), *((path, 30.0) for path in foreign)):
+        path.touch()
+        os.utime(path, (time.time() - days * 86_400,) * 2)
+    write_files(tmp_path, {"new.txt": "new"})
+    assert young.exists() and not old.exists() and all(path.exists() for path in [*left, *foreign])
+    for path in (young, *left):
+        os.utime(path, (0, 0))
+    write_files(tmp_path, {"new.txt": "newer"})
+    assert not any(path.exists() for path in (young, *left)) and all(path.exists() for path in foreign)
+
+
 def test_two_at_once_leave_whole_files(tmp_path: Path) -> None:
     both = [writer(tmp_path / "out", mark, ROUNDS) for mark in ("a", "b")]
     for process in both:
@@ -113,28 +137,6 @@ def test_a_piece_that_cannot_be_made_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt):
         write_files(tmp_path / "new", {"a.txt": "a", "b.txt": pieces()})  # type: ignore[dict-item]
     assert not list(tmp_path.iterdir())
-
-
-def test_a_folder_that_is_read_only_is_told(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
-    def fail(*_: object, **__: object) -> None:
-        raise OSError(errno.EROFS, os.strerror(errno.EROFS))
-
-    (tmp_path / "r.csv").write_text(csv(swing()))
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(tempfile, "TemporaryFile", fail)
-    monkeypatch.setattr(tempfile, "mkstemp", fail)
-    for command in (
-        "identify 1r r.csv -o out",
-        "simulate 1r -o s.csv",
-        "export 1r --urdf r.urdf",
-        "excite 1r -o m.csv",
-    ):
-        assert run(command.split()) == 2
-        err = capfd.readouterr().err
-        assert "Read-only" in err and len(err.splitlines()) == 1, err
-    assert [path.name for path in tmp_path.iterdir()] == ["r.csv"]
 
 
 def test_strange_paths_are_fine_everywhere(

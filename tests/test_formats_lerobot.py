@@ -15,7 +15,7 @@ from test_formats import sentence
 from test_recording import arm
 
 from signid.errors import RecordingError
-from signid.formats import FORMATS
+from signid.formats import FORMATS, room
 from signid.formats.base import About
 from signid.recording import read_recording
 
@@ -202,6 +202,13 @@ def test_what_cannot_be_read(case: str, tmp_path: Path) -> None:
     with pytest.raises(RecordingError) as error:
         read_recording(path, arm(), columns=DEGREES)
     sentence(str(error.value), str(path), culprit)
+
+
+def test_what_would_not_fit_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = two_episodes(tmp_path, together=True)
+    monkeypatch.setattr(room, "room", lambda: 1000.0)
+    with pytest.raises(RecordingError, match="memory to be read whole.*fewer episodes"):
+        read_recording(path, arm(), columns=DEGREES)
 
 
 def test_paths_in_the_description_lead_nowhere(tmp_path: Path) -> None:

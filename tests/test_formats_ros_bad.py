@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bz2
 import os
 import shutil
 import sqlite3
@@ -18,7 +19,7 @@ from test_formats_ros import opened
 from test_recording import arm
 
 from signid.errors import OptionError, RecordingError
-from signid.formats import FORMATS
+from signid.formats import FORMATS, room
 from signid.formats.find import find_format
 from signid.recording import read_recording
 
@@ -97,6 +98,8 @@ FOLDERS: dict[str, tuple[Callable[[Path], object], str]] = {
 
 @pytest.mark.parametrize("case", FOLDERS)
 def test_spoilt_folders(case: str, good: Path, tmp_path: Path) -> None:
+    if "pipe" in case and not hasattr(os, "mkfifo"):
+        pytest.skip("no named pipes here")
     change, culprit = FOLDERS[case]
     refused(half(good, tmp_path, change), culprit)
 
@@ -186,6 +189,23 @@ def test_a_bag_of_ros_1_without_its_index(tmp_path: Path) -> None:
     at = content.index(b"index_pos=") + len("index_pos=")
     path.write_bytes(content[:at] + bytes(8) + content[at + 8 :])
     refused(path, "reindex")
+
+
+def test_a_bag_that_unpacks_to_more_than_memory_holds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ten megabytes of zeros in every fifty bytes of a chunk; what follows them is not looked at."""
+    resource = pytest.importorskip("resource")
+    if not Path("/proc/self/statm").is_file():
+        pytest.skip("needs /proc")
+    limits = resource.getrlimit(resource.RLIMIT_AS)
+    known = store(first=True)
+    path = write1(tmp_path / "a.bag", known, states(known, n=100), squeeze="BZ2")
+    content, bomb = path.read_bytes(), bz2.compress(bytes(10**7)) * 60
+    at = content.index(b"BZh")
+    path.write_bytes(content[:at] + bomb + content[at + len(bomb) :])
+    refused(path, "damaged")
+    monkeypatch.setattr(room, "room", lambda: 1e8)
+    refused(path, "more memory than there is")
+    assert resource.getrlimit(resource.RLIMIT_AS) == limits
 
 
 def test_without_the_library_a_sentence_says_what_to_install(good: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -111,3 +111,10 @@ def test_mjcf_has_the_torques_of_mujoco() -> None:
         rigid = (state.qfrc_inverse + state.qfrc_passive)[rows] - robot.actuators.armature * a
         model_state = configuration(robot, q), robot.drive @ v, robot.drive @ a
         np.testing.assert_allclose(robot.drive.T @ pin.rnea(robot.model, data, *model_state), rigid, atol=1e-10)
+
+
+@pytest.mark.parametrize("line", ['<joint class="c"/>', '<joint/><body childclass="c"/>'])
+def test_mjcf_of_a_class_that_nobody_defines(line: str, tmp_path: Path) -> None:
+    (tmp_path / "arm.xml").write_text(f'<mujoco><worldbody><body>{line}<geom size="1"/></body></worldbody></mujoco>')
+    with pytest.raises(RobotError, match="class 'c'"):
+        load_robot(tmp_path / "arm.xml")

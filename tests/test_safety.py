@@ -15,6 +15,9 @@ from swing import csv, swing
 
 import signid
 from signid.errors import RecordingError, RobotError
+from signid.excite.collision import build_collision
+from signid.excite.limits import build_limits
+from signid.export import export
 from signid.robot import sandbox
 from signid.robot.meshes import find_mesh
 from signid.robot.sandbox import may_read
@@ -172,6 +175,22 @@ def test_meshes_stay_where_they_belong(tmp_path: Path) -> None:
     assert not find_mesh("x" * 9999, description) and not find_mesh("a\0b", description)
 
 
+def test_no_mesh_from_outside_is_exported_or_collided_with(tmp_path: Path) -> None:
+    inside = tmp_path / "inside"
+    inside.mkdir()
+    triangle = np.eye(3, dtype=np.float32)
+    for path in (tmp_path / "a.stl", inside / "a.stl"):
+        path.write_bytes(bytes(80) + (1).to_bytes(4, "little") + bytes(12) + triangle.tobytes() + bytes(2))
+    for name, found in (("../a.stl", False), (str(tmp_path / "a.stl"), False), ("a.stl", True)):
+        shape = f'<geometry><mesh filename="{name}"/></geometry>'
+        links = LINKS.replace("</link>", f"<visual>{shape}</visual><collision>{shape}</collision></link>")
+        (inside / "r.urdf").write_text(f'<robot name="r">{links}{JOINT}</robot>')
+        model = signid.load_model(inside / "r.urdf")
+        assert ("<mesh" in export(model, "mjcf").text) == found
+        _, note = build_collision(model.robot, build_limits(model.robot), 0.01)
+        assert ("is not found" in note) != found
+
+
 def test_paths_are_judged_as_they_are_written(tmp_path: Path) -> None:
     assert may_read(tmp_path / "a/../b", [tmp_path])
     assert not may_read(tmp_path / "a/../../b", [tmp_path])
@@ -203,3 +222,28 @@ def test_words_among_the_numbers_of_a_body_are_refused(tmp_path: Path) -> None:
     inertial = '<inertial pos="joint 0 0.1" mass="2" diaginertia="0.1 0.1 0.1"/>'
     body = f'<body name="a">{inertial}<joint name="j" axis="0 1 0"/></body>'
     refused(tmp_path / "r.xml", f"<mujoco><worldbody>{body}</worldbody></mujoco>", "no number|cannot build")
+
+
+@pytest.mark.parametrize("wrong", ["nan 0 -9.81", "inf 0 0", "0 -9.81", "0 0 0 1", "down", "nan 1", "0 inf"])
+def test_numbers_of_a_model_are_numbers(wrong: str, tmp_path: Path) -> None:
+    bodies = "".join(f'<body><joint name="{x}"/><geom size="0.1" type="sphere"/></body>' for x in "jk")
+    for option in (f'<option gravity="{wrong}"/>', f'<equality><joint joint1="j" joint2="k" polycoef="{wrong}"/>'):
+        end = "</equality>" if "equality" in option else ""
+        if not end or "nan" in wrong or "inf" in wrong:
+            text = f"<mujoco><worldbody>{bodies}</worldbody>{option}{end}</mujoco>"
+            refused(tmp_path / "r.xml", text, "expected (finite|three) numbers")
+
+
+def test_xacro_keeps_to_limits_that_are_there_already() -> None:
+    pytest.importorskip("resource")
+    program = """if 1:
+        import resource
+        from signid.robot import sandbox
+        resource.setrlimit(resource.RLIMIT_AS, (3_000_000_000,) * 2)
+        sandbox._limit()
+        assert resource.getrlimit(resource.RLIMIT_AS) == (3_000_000_000,) * 2
+        assert resource.getrlimit(resource.RLIMIT_CPU)[0] == sandbox.SECONDS
+    """
+    there = {**os.environ, "PYTHONPATH": str(HERE)}
+    done = subprocess.run([sys.executable, "-c", program], env=there, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr

@@ -11,6 +11,7 @@ from importlib.metadata import packages_distributions
 from pathlib import Path
 
 import pytest
+from hatchling.builders.sdist import SdistBuilder
 from hatchling.builders.wheel import WheelBuilder
 
 ROOT = Path(__file__).parents[1]
@@ -50,6 +51,21 @@ def test_the_wheel_holds_the_package_alone(wheel: list[str]) -> None:
 def test_the_wheel_carries_the_robots(wheel: list[str]) -> None:
     robots = {path.parent.name for path in (ROOT / "robots").glob("*/robot.urdf")}
     assert {f"signid/robots/{robot}/robot.urdf" for robot in robots} <= set(wheel)
+
+
+def test_the_source_archive_holds_all_that_tests_read() -> None:
+    held = {file.distribution_path for file in SdistBuilder(str(ROOT)).recurse_included_files()}
+    folders = ("signid", "robots", "tests", "benchmarks", ".pdoc")
+    wanted = {path.relative_to(ROOT) for folder in folders for path in (ROOT / folder).rglob("*.*") if path.is_file()}
+    kept = {path.as_posix() for path in wanted if path.suffix != ".pyc"}
+    assert {*kept, ".ci/run", ".ci/versions", "README.md", "CHANGELOG.md", "CITATION.cff", "LICENSE"} == held
+
+
+def test_the_versions_of_python_that_are_tested_are_told() -> None:
+    told = [line.rpartition(" ")[2] for line in PROJECT["classifiers"] if re.search(r":: 3\.\d+$", line)]
+    assert told == re.findall(r'"(3\.\d+) (?:lowest-direct|highest)"', (ROOT / ".ci" / "versions").read_text())
+    assert PROJECT["requires-python"] == f">={told[0]}"
+    assert "Operating System :: OS Independent" in PROJECT["classifiers"]
 
 
 def test_what_is_imported_is_required() -> None:

@@ -23,7 +23,7 @@ class Peer:
         self.version, self._process = "", None
         for python in pythons:
             path = [str(Path(python).absolute()), str((Path(__file__).parent / script).absolute())]
-            process = Popen(path, stdin=PIPE, stdout=PIPE, stderr=DEVNULL, text=True, cwd=folder)
+            process = Popen(path, stdin=PIPE, stdout=PIPE, stderr=DEVNULL, text=True, cwd=folder, encoding="utf-8")
             first = process.stdout.readline() if process.stdout else ""
             if first:
                 self.version, self._process = str(json.loads(first)["version"]), process

@@ -67,7 +67,7 @@ def settings(job: dict[str, Any]) -> dict[str, Any]:
 def identify(folder: Path) -> tuple[Any, float]:
     """One job, and the seconds that it took."""
     job = Identification.job = dict(np.load(folder / "job.npz"))
-    with tempfile.NamedTemporaryFile("w", suffix=".yaml") as file:
+    with tempfile.NamedTemporaryFile("w", suffix=".yaml", encoding="utf-8") as file:
         yaml.safe_dump(settings(job), file)
         file.flush()
         start = time.process_time()

@@ -87,7 +87,7 @@ def fit(folder: Path) -> dict[str, Any]:
     """One job."""
     job = dict(np.load(folder / "job.npz"))
     start = time.process_time()
-    spec = build(job, (folder / "robot.urdf").read_text())
+    spec = build(job, (folder / "robot.urdf").read_text(encoding="utf-8"))
     model, params = spec.compile(), parameters(job)
     truth, step = params.as_vector(), float(job["step"])
     first = sysid.create_initial_state(model, job["loop_q"], job["loop_v"], np.zeros(0))

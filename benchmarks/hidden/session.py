@@ -55,7 +55,7 @@ def make(case: Case, cache: Path) -> Path:
             reason = error
             continue
         answer.parent.mkdir(parents=True, exist_ok=True)
-        answer.write_text(json.dumps({**case.told(), **told}, indent=1))
+        answer.write_text(json.dumps({**case.told(), **told}, indent=1), encoding="utf-8")
         return folder
     raise RuntimeError(f"{case.key}: {reason}")
 
@@ -78,8 +78,8 @@ def _record(case: Case, folder: Path, rng: np.random.Generator) -> dict[str, Any
         share = noise * np.maximum(scene.scale / rms(track.tau), 1.0)
         columns = log(track, int(rng.integers(2**31)), BITS, share, COLOURED * share)
         pl.DataFrame(columns).write_parquet(folder / f"recording_{k + 1}.parquet")
-    (folder / "robot.urdf").write_text(stated.urdf)
-    (folder / "actuators.toml").write_text(_stated(drives, joints))
+    (folder / "robot.urdf").write_text(stated.urdf, encoding="utf-8")
+    (folder / "actuators.toml").write_text(_stated(drives, joints), encoding="utf-8")
     concealed = [
         {"effect": fault.effect, "joint": fault.joint, "parameters": dict(fault.parameters), "size": size}
         for fault, size in planted

@@ -42,7 +42,7 @@ def process(case: Case, cache: Path, diagnose: bool, again: bool) -> str:
         found = diagnose_session(folder, case.skip)
         took = {"cpu": time.process_time() - start, "wall": time.perf_counter() - wall}
         result.parent.mkdir(parents=True, exist_ok=True)
-        result.write_text(json.dumps({"document": found, **took}))
+        result.write_text(json.dumps({"document": found, **took}), encoding="utf-8")
     except Exception as error:  # one case must not end the others
         return f"{case.key}: {type(error).__name__}: {error} ({traceback.extract_tb(error.__traceback__)[-1].name})"
     return ""
@@ -66,4 +66,4 @@ def judged(cases: Sequence[Case], cache: Path) -> Iterator[tuple[dict[str, Any],
     for case in cases:
         answer, result = (cache / kind / f"{case.name}.json" for kind in ("answers", "diagnoses"))
         if answer.is_file() and result.is_file():
-            yield json.loads(answer.read_text()), json.loads(result.read_text())
+            yield json.loads(answer.read_text(encoding="utf-8")), json.loads(result.read_text(encoding="utf-8"))

@@ -27,7 +27,7 @@ def main() -> Identification:
 
 def true_parameters(result: Identification) -> np.ndarray:
     """The standard parameters of truth.toml, (p,) [kg, kg.m, kg.m2, N.m.s/rad, N.m]."""
-    truth = tomllib.loads((HERE / "truth.toml").read_text())
+    truth = tomllib.loads((HERE / "truth.toml").read_text(encoding="utf-8"))
     links = (truth["link"][name] for name in result.robot.links)
     bodies = [number for link in links for number in (link["mass"], *link["first_moment"], *link["inertia"])]
     joints = result.robot.joints

@@ -52,7 +52,7 @@ print(f"flags: {'; '.join(result.flags) or 'none'}")
 
 # Step 6. Because this arm is simulated we can compare with the truth. Coulomb friction is told at each joint by itself.
 # The first moment of link 3 along x is one of the base parameters: 10 % more than in the URDF.
-truth = tomllib.loads((HERE / "truth.toml").read_text())
+truth = tomllib.loads((HERE / "truth.toml").read_text(encoding="utf-8"))
 friction = {robot.joints[law.joints[0]]: law.parameters for law in result.model.laws if "coulomb" in law.effect.name}
 for joint, numbers in friction.items():
     true = truth["joint"][joint]["coulomb_friction"]

@@ -106,7 +106,8 @@ def _told(written: list[Path], place: Path) -> list[str]:
 
 def _next(wanted: DataSet, folder: Path) -> list[str]:
     """What to do with it."""
-    from ..gallery import data_folder, robots_folder
+    from ..gallery import data_folder
+    from ..robot.locate import robots_folder
 
     lines = []
     if not os.environ.get("SIGNID_DATA") or data_folder().resolve() != folder.resolve():

@@ -9,8 +9,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from ..errors import RobotError
 from ..robot import configuration
-from ..robot.meshes import mesh_folders
+from ..robot.document import parse
+from ..robot.meshes import find_mesh
 from ..types import Array, Frozen, Robot
 from .limits import Limits
 
@@ -100,12 +102,7 @@ def build_collision(robot: Robot, limits: Limits, clearance: float, seed: int = 
     if robot.kind != "urdf":
         return None, f"self-collision was not checked: shapes are read from a URDF, not from {robot.kind.upper()}"
     try:
-        geometry = pin.buildGeomFromUrdfString(
-            robot.model,
-            robot.document,
-            pin.GeometryType.COLLISION,
-            package_dirs=[str(folder) for folder in mesh_folders(robot.path)],
-        )
+        geometry = pin.buildGeomFromUrdfString(robot.model, _placed(robot), pin.GeometryType.COLLISION)
         for item in geometry.geometryObjects:
             item.geometry = _convex(item.geometry)
     except Exception as error:  # Pinocchio's are of no family
@@ -121,6 +118,24 @@ def build_collision(robot: Robot, limits: Limits, clearance: float, seed: int = 
         return None, "self-collision was not checked: the shapes overlap by design"
     _keep(geometry, [pair for pair, free in zip(pairs, apart, strict=True) if free])
     return Collision(robot, geometry, np.median(found[:, apart], axis=0)), ""
+
+
+def _placed(robot: Robot) -> str:
+    """The URDF with the paths of the meshes that it collides with.
+
+    Raises:
+        RobotError: there is no such mesh.
+    """
+    from lxml import etree
+
+    root = parse(robot.document)
+    for mesh in root.iterfind(".//{*}collision//{*}mesh"):
+        name = mesh.get("filename") or ""
+        path = find_mesh(name, robot.path)
+        if path is None:
+            raise RobotError(f"the mesh {name} is not found")
+        mesh.set("filename", path.resolve().as_posix())
+    return str(etree.tostring(root, encoding="unicode"))
 
 
 def _keep(geometry: Any, pairs: list[tuple[int, int]]) -> None:

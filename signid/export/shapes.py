@@ -55,10 +55,8 @@ def read_shapes(robot: Robot, package_dirs: Sequence[str | Path]) -> Shapes:
 class _Reader:
     """Geometry of links, one after the other; meshes are collected."""
 
-    def __init__(
-        self, description: str, package_dirs: Sequence[str | Path], root: Any, meshes: list[dict[str, str]]
-    ) -> None:
-        self.description, self.package_dirs, self.meshes = description, package_dirs, meshes
+    def __init__(self, path: str, package_dirs: Sequence[str | Path], root: Any, meshes: list[dict[str, str]]) -> None:
+        self.path, self.package_dirs, self.meshes = path, package_dirs, meshes
         self.colours = {m.get("name"): m for m in children(root, "material")}
         self.missing: list[str] = []
 
@@ -90,10 +88,11 @@ class _Reader:
         return _solid(kind, {"sphere": radius}.get(kind, np.append(radius, length / 2)))
 
     def _mesh(self, shape: Any) -> dict[str, str]:
-        path = find_mesh(shape.get("filename") or "", self.description, self.package_dirs)
+        path = find_mesh(shape.get("filename") or "", self.path, self.package_dirs)
         if path is None or not _readable(path):
             return {}
-        entry = {"file": str(path.resolve()), "scale": words(_vector(shape.get("scale"), 3, 1.0)), "inertia": "shell"}
+        scale = words(_vector(shape.get("scale"), 3, 1.0))
+        entry = {"file": path.resolve().as_posix(), "scale": scale, "inertia": "shell"}
         names = {tuple(known[key] for key in entry): known["name"] for known in self.meshes}
         if tuple(entry.values()) not in names:
             self.meshes.append({"name": f"{path.stem}_{len(self.meshes) + 1}", **entry})

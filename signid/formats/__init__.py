@@ -1,4 +1,4 @@
-"""File formats of recordings: CSV, Parquet and NPZ. One format, one file.
+"""File formats of recordings: CSV, Parquet, NPZ, ROS bags and MCAP, LeRobot datasets. One format, one file.
 
 A format says which files are its own, opens one as a table of named columns that is read piece by piece, and, if it
 can, writes one. `signid.recording` makes a recording of the table.

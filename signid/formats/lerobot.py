@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,9 +10,11 @@ import numpy as np
 import polars as pl
 
 from ..errors import RecordingError, shorten
+from ..plain import read_json
 from ..types import Array, Table
 from .base import About, Format, MemoryTable
 from .parquet import BROKEN
+from .room import need_room
 
 KINDS = {  # what the values of a feature are
     "observation.state": "q",
@@ -24,6 +25,7 @@ KINDS = {  # what the values of a feature are
     "action": "q_des",
 }
 ENDINGS = {"pos": "q", "vel": "dq", "effort": "tau", "torque": "tau", "current": "current"}  # elbow.pos
+TIMES = 6  # the size of its numbers, a table takes in memory while it is read and joined
 DEPTH = 2  # folders between a file and the dataset's: data/chunk-000
 BREAK = 1.0, 10.0  # [s] and in frames: between two episodes, the longer of the two
 IDEAL = 1e-4  # [s] by which time stamps may differ from numbers of frames over fps
@@ -73,13 +75,13 @@ def _home(path: Path) -> Path | None:
 
 def _info(path: Path) -> Mapping[str, Any]:
     try:
-        info = json.loads(path.read_text(encoding="utf-8"))
+        info = read_json(path)
         features = info["features"]
         if 0 < float(info["fps"]) < np.inf and all(isinstance(each, Mapping) for each in features.values()):
             return dict(info)
     except OSError as error:
         raise RecordingError(f"{path} cannot be read: {error.strerror}") from error
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+    except (ValueError, KeyError, TypeError, AttributeError):
         pass
     raise RecordingError(f"{path} is not LeRobot's: it needs fps and features; copy the dataset again")
 
@@ -87,7 +89,11 @@ def _info(path: Path) -> Mapping[str, Any]:
 def _read(table: Path) -> pl.DataFrame:
     scan = pl.scan_parquet(table, glob=False)
     wanted = (*KINDS, "timestamp", "frame_index", "episode_index")
-    return scan.select(name for name in scan.collect_schema().names() if name in wanted).collect()
+    chosen = scan.select(name for name in scan.collect_schema().names() if name in wanted)
+    rows = scan.select(pl.len()).collect().item()
+    size = TIMES * rows * chosen.head(1).collect().estimated_size()
+    need_room(table, size, "take fewer episodes at a time")
+    return chosen.collect()
 
 
 def _table(path: Path, frame: pl.DataFrame, info: Mapping[str, Any]) -> MemoryTable:

@@ -13,6 +13,7 @@ from ..types import Table
 from .bag_messages import READERS, Gather
 from .bag_time import join
 from .base import Format, Topic
+from .room import within_room
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -53,7 +54,7 @@ class RosBag(Format):
         Raises:
             RecordingError: the bag is damaged, the library is missing, or a topic is not there or cannot be read.
         """
-        with _sentences(path), _reader(path) as (bag, first):
+        with _sentences(path), within_room(), _reader(path) as (bag, first):
             known = _topics(bag)
             chosen = _named(path, known, topics) if topics else _chosen(path, known, bag, first)
             gathered = _gathered(bag, known, chosen, first)

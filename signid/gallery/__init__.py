@@ -8,7 +8,7 @@ from ..registry import Registry
 from .base import DataSet, Product
 from .download import Patience
 from .fetch import check_source, fetch
-from .place import data_folder, is_complete, recordings, robots_folder
+from .place import data_folder, is_complete, recordings
 
 DATA: Registry[DataSet] = Registry("data", __name__, "_1r _3r emps panda tx40 ur10e")
 
@@ -22,5 +22,4 @@ __all__ = [
     "fetch",
     "is_complete",
     "recordings",
-    "robots_folder",
 ]

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 from urllib.parse import quote, urlsplit
 
 from ..errors import DownloadError, OptionError
+from ..robot.locate import robots_folder
 from ..version import __version__
 from .base import DataSet, Product
 from .download import USUAL, Patience, download, is_allowed
-from .place import robots_folder
 
 if TYPE_CHECKING:
     from ..session import Progress

@@ -19,13 +19,6 @@ def data_folder() -> Path:
     return Path(os.environ.get(VARIABLE) or "data").expanduser()
 
 
-def robots_folder() -> Path:
-    """The folder of the robots and examples that signid carries."""
-    package = Path(__file__).parents[1]
-    inside = package / "robots"  # in the wheel
-    return inside if inside.is_dir() else package.parent / "robots"
-
-
 def recordings(name: str) -> Path:
     """The folder that holds the recordings of a data set.
 

@@ -1,4 +1,4 @@
-"""The triangles of a mesh file."""
+"""Files of meshes -> their triangles."""
 
 from __future__ import annotations
 

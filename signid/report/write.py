@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import os
+import re
 import tempfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
+from stat import S_ISREG
 
 from ..errors import OutputError
 
 Content = str | bytes | Iterable[str]
+_MARK, _NAME = ".signid-", re.compile(r"\.signid-\w{8}")  # of files that are not complete, as mkstemp calls them
+_STALE = 86_400.0  # [s] after which nobody is at work on one
 
 
 def probe_folder(folder: str | Path, option: str = "-o") -> None:
@@ -41,6 +45,8 @@ def write_files(folder: str | Path, contents: Mapping[str, Content], option: str
     """Write files into a folder, which is made where it is missing; either all of them or none.
 
     Should the process be killed, every file is as it was or whole. The first one appears last, after all others.
+    What it had not finished then stays behind, and is cleared away by whoever writes there a day later or more: that
+    it is no longer at work cannot be told, for the folder may be shared between machines.
 
     Args:
         folder: where the results go.
@@ -60,6 +66,7 @@ def write_files(folder: str | Path, contents: Mapping[str, Content], option: str
             if target.is_dir():
                 raise _refusal(folder, place, IsADirectoryError(0, f"{target.name} in it is a folder"), option)
             waiting.append((_aside(place, content), target))
+        _clear(place, [temporary for temporary, _ in waiting])
         for temporary, target in reversed(waiting):
             os.replace(temporary, target)
     except BaseException as error:
@@ -79,9 +86,19 @@ def _missing(place: Path) -> list[Path]:
     return [folder for folder in (place, *place.parents) if not folder.exists()]
 
 
+def _clear(place: Path, ours: Sequence[Path]) -> None:
+    """Remove what runs that were killed left, by the clock of the machine that holds the folder."""
+    now = max((path.stat().st_mtime for path in ours), default=0.0)
+    for left in place.glob(f"{_MARK}*"):
+        with suppress(OSError):
+            told = left.lstat()
+            if S_ISREG(told.st_mode) and _NAME.fullmatch(left.name) and now - told.st_mtime > _STALE:
+                left.unlink()
+
+
 def _aside(place: Path, content: Content) -> Path:
     """A temporary file of that content, with the rights of an ordinary new file."""
-    handle, name = tempfile.mkstemp(dir=place, prefix=".signid-")
+    handle, name = tempfile.mkstemp(dir=place, prefix=_MARK)
     try:
         with os.fdopen(handle, "wb") as file:
             for piece in [content] if isinstance(content, str | bytes) else content:

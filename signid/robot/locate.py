@@ -9,6 +9,7 @@ from pathlib import Path
 
 from ..errors import RobotError, shorten
 
+_DATA = "example-robot-data"
 _FAMILIAR = {  # the names under which example-robot-data's own loaders know some of its files
     "alexander": "alexander_v1.lowerBodyOnly",
     "anymal": "anymal_b_simple/anymal",
@@ -70,6 +71,21 @@ def names() -> tuple[str, ...]:
     return tuple(sorted((name for name, path in _known().items() if path.suffix == ".urdf"), key=str.casefold))
 
 
+def robots_folder() -> Path:
+    """The folder of the robots and examples that signid carries."""
+    package = Path(__file__).parents[1]
+    inside = package / "robots"  # in the wheel
+    return inside if inside.is_dir() else package.parent / "robots"
+
+
+def examples_share() -> Path | None:
+    """The folder that holds example-robot-data: below the prefix of Pinocchio, in wheels and in conda alike."""
+    spec = find_spec("pinocchio")
+    above = Path(spec.origin).parents if spec is not None and spec.origin else ()
+    places = (prefix / part for prefix in above for part in ("share", "Library/share"))  # the latter in Windows
+    return next((place for place in places if (place / _DATA / "robots").is_dir()), None)
+
+
 def _unknown(path: Path, given: str, by_case: dict[str, str]) -> str:
     if path.is_dir():
         return f"{given} is a folder without a robot.urdf; give the URDF, xacro or MJCF file itself"
@@ -86,19 +102,15 @@ def _known() -> dict[str, Path]:
 
 
 def _own() -> dict[str, Path]:
-    package = Path(__file__).parents[1]
-    for folder in (package / "robots", package.parent / "robots"):  # in the wheel; in a checkout
-        found = {path.parent.name: path for path in sorted(folder.glob("*/robot.urdf"))}
-        if found:
-            return found
-    return {}
+    return {path.parent.name: path for path in sorted(robots_folder().glob("*/robot.urdf"))}
 
 
 def _examples() -> dict[str, Path]:
     """Every URDF of example-robot-data by its stem, or "folder/stem" where another file has the name."""
-    folder = _examples_folder()
-    if folder is None:
+    share = examples_share()
+    if share is None:
         return {}
+    folder = share / _DATA / "robots"
     by_stem: dict[str, list[Path]] = {}
     for path in sorted(folder.rglob("*.urdf")):
         by_stem.setdefault(path.stem, []).append(path)
@@ -112,13 +124,3 @@ def _examples() -> dict[str, Path]:
 
 def _qualified(path: Path, folder: Path) -> str:
     return f"{path.relative_to(folder).parts[0].removesuffix('_description')}/{path.stem}"
-
-
-def _examples_folder() -> Path | None:
-    """The data lies at the same place below the prefix of Pinocchio, in wheels and in conda alike."""
-    spec = find_spec("pinocchio")
-    if spec is None or spec.origin is None:
-        return None
-    prefix = Path(spec.origin).parents[4]  # lib/python3.x/site-packages/pinocchio/__init__.py
-    folder = prefix / "share" / "example-robot-data" / "robots"
-    return folder if folder.is_dir() else None

@@ -1,63 +1,65 @@
-"""Where the meshes of a description lie."""
+"""Where the meshes of a description lie; a description leads to no others."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
-from importlib.util import find_spec
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from urllib.parse import unquote
 
+from .locate import examples_share
 from .sandbox import may_read
 
-PACKAGE, FILE = ("package://", "model://"), "file://"
-
-
-def mesh_folders(description: str, package_dirs: Sequence[str | Path] = ()) -> list[Path]:
-    """Where packages with meshes may lie: as given, in ROS_PACKAGE_PATH, above the description, in example-robot-data.
-
-    Args:
-        description: path of the description, empty where it is not known.
-        package_dirs: folders that hold packages, or are one.
-    """
-    stated = [Path(folder) for folder in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if folder]
-    above = list(Path(description).resolve().parents)[:-1] if description else []
-    return [*map(Path, package_dirs), *stated, *above, *_examples()]
+_PACKAGE, _FILE = ("package://", "model://"), "file://"
 
 
 def find_mesh(name: str, description: str, package_dirs: Sequence[str | Path] = ()) -> Path | None:
     """The file that a description means; None where there is none.
 
     A path leads to no file outside the description's folder, a package, or one of `package_dirs`.
+    Packages are looked for in `package_dirs`, in ROS_PACKAGE_PATH, above the description and in example-robot-data.
 
     Args:
         name: package://PACKAGE/PATH, file://PATH, or a path beside the description.
         description: path of the description, empty where it is not known.
         package_dirs: folders that hold packages, or are one.
     """
+    package = next((head for head in _PACKAGE if name.startswith(head)), None)
     try:
-        return next((path for path in _meant(name, description, package_dirs) if path.is_file()), None)
-    except (OSError, ValueError):  # a name that no file system takes
+        if package is not None:
+            return _in_package(unquote(name.removeprefix(package)), description, package_dirs)
+        return _beside(Path(unquote(name.removeprefix(_FILE))), description, package_dirs)
+    except (OSError, ValueError):  # a name that is too long for the file system, or holds a null
         return None
 
 
-def _meant(name: str, description: str, package_dirs: Sequence[str | Path]) -> list[Path]:
-    """Files that a name may stand for, none that a description may not read."""
-    package = next((head for head in PACKAGE if name.startswith(head)), None)
-    if package is None:
-        near = [Path(description).parent] if description else []
-        path = Path(unquote(name.removeprefix(FILE)))
-        places = [path] if path.is_absolute() else [folder / path for folder in near]
-        return [place for place in places if may_read(place, [*package_dirs, *_examples(), *near])]
-    inside = name.removeprefix(package)
-    folder, _, rest = inside.partition("/")
-    if ".." in Path(inside).parts or folder in ("", "."):
-        return []
-    roots = mesh_folders(description, package_dirs)
-    return [place for root in roots for place in (root / inside, *([root / rest] if root.name == folder else []))]
+def _in_package(inside: str, description: str, package_dirs: Sequence[str | Path]) -> Path | None:
+    package, _, rest = inside.partition("/")
+    if ".." in Path(inside).parts or package in ("", "."):
+        return None
+    for root in _roots(description, package_dirs):
+        if (root / inside).is_file():
+            return root / inside
+        if root.name == package and (root / rest).is_file():
+            return root / rest
+    return None
+
+
+def _roots(description: str, package_dirs: Sequence[str | Path]) -> Iterator[Path]:
+    yield from map(Path, package_dirs)
+    yield from (Path(folder) for folder in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if folder)
+    if description:
+        yield from Path(description).resolve().parents[:-1]
+    yield from _examples()
+
+
+def _beside(path: Path, description: str, package_dirs: Sequence[str | Path]) -> Path | None:
+    near = Path(description).parent if description else None
+    place = path if path.is_absolute() else near and near / path
+    folders = [*package_dirs, *_examples(), *([near] if near else [])]
+    return place if place and may_read(place, folders) and place.is_file() else None
 
 
 def _examples() -> list[Path]:
-    """Where example-robot-data lies."""
-    spec = find_spec("pinocchio")
-    return [] if spec is None or spec.origin is None else [Path(spec.origin).parents[4] / "share"]
+    share = examples_share()
+    return [share] if share else []

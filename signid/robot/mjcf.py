@@ -5,7 +5,7 @@ from __future__ import annotations
 import tempfile
 from copy import deepcopy
 from dataclasses import replace
-from math import inf, pi
+from math import inf, nan, pi
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -73,7 +73,7 @@ def _build(root: Any) -> pin.Model:
         path.write_bytes(etree.tostring(bare))
         try:
             return pin.buildModelFromMJCF(str(path))
-        except (ValueError, RuntimeError) as error:
+        except Exception as error:  # Pinocchio's are of no family
             reason = str(error).partition("message:")[2] or str(error)
             raise RobotError(f"Pinocchio cannot build it: {' '.join(reason.split())}") from None
 
@@ -94,7 +94,10 @@ def _check_numbers(model: pin.Model) -> None:
 def _gravity(root: Any) -> Any:
     """(3,) [m/s2]."""
     stated = [node.get("gravity") for node in root.iterchildren("option") if node.get("gravity")]
-    return np.array(_numbers(stated[-1], "gravity is") if stated else [0.0, 0.0, -9.81])
+    gravity = _numbers(stated[-1], "gravity is") if stated else [0.0, 0.0, -9.81]
+    if len(gravity) != 3:
+        raise RobotError(f"gravity is {stated[-1]!r}; expected three numbers")
+    return np.array(gravity)
 
 
 def _axes(root: Any, model: pin.Model) -> tuple[list[Axis], list[str]]:
@@ -122,7 +125,7 @@ def _axis(root: Any, node: Any, row: int, model: pin.Model) -> Axis:
     """One hinge or slide; Pinocchio scales the range of slides as if it were an angle, so that is read here."""
     prismatic = joint_attribute(root, node, "type", "hinge") == "slide"
     degrees = compiler_setting(root, "angle", "degree") == "degree" and not prismatic
-    ends = _numbers(joint_attribute(root, node, "range", ""), f"joint {node.get('name')!r} has range")
+    ends = _numbers(joint_attribute(root, node, "range", ""), f"joint {node.get('name')!r} has range", False)
     limited = joint_attribute(root, node, "limited", "auto")
     if limited == "auto" and compiler_setting(root, "autolimits") == "false":
         limited = "false"
@@ -167,8 +170,11 @@ def _link(model: pin.Model, joint: int) -> str:
     return str(frames[0].name) if frames else str(model.names[joint])
 
 
-def _numbers(text: str, what: str) -> list[float]:
+def _numbers(text: str, what: str, finite: bool = True) -> list[float]:
     try:
-        return [float(word) for word in text.split()]
+        numbers = [float(word) for word in text.split()]
     except ValueError:
-        raise RobotError(f"{what} {text!r}; expected numbers") from None
+        numbers = [nan]
+    if np.isnan(numbers).any() or (finite and np.isinf(numbers).any()):
+        raise RobotError(f"{what} {text!r}; expected {'finite ' if finite else ''}numbers")
+    return numbers

@@ -34,7 +34,19 @@ def prepare(root: Any) -> list[str]:
     Raises:
         RobotError: when the file uses what Pinocchio would get wrong.
     """
-    return [*_name(root), *_prune(root), *_fix(root)]
+    notes = [*_name(root), *_prune(root), *_fix(root)]
+    _check_classes(root)
+    return notes
+
+
+def _check_classes(root: Any) -> None:
+    known = {"main", *(node.get("class") for node in root.iter("default"))}
+    for node in below_world(root, _KEPT):
+        for name in (node.get("class"), node.get("childclass")):
+            if name and name not in known:
+                raise RobotError(
+                    f"a <{node.tag}> is of the class {name!r}, which the file does not have; add its <default>"
+                )
 
 
 def _text(root: Any) -> str:

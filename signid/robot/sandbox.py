@@ -6,6 +6,7 @@ connection, and ends after SECONDS or at MEMORY. Imports nothing of signid: it i
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
 import sysconfig
@@ -73,12 +74,14 @@ def _limit() -> None:
         import resource
     except ImportError:  # Windows; time is limited there all the same
         return
-    resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS))
-    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+    for kind, most in ((resource.RLIMIT_CPU, SECONDS), (resource.RLIMIT_AS, MEMORY)):
+        known = resource.getrlimit(kind)[1]
+        least = most if known == resource.RLIM_INFINITY else min(most, known)
+        with contextlib.suppress(ValueError):  # macOS knows no limit of memory
+            resource.setrlimit(kind, (least, least))
 
 
 def _expand(path: str, package_dirs: Sequence[str], scratch: str) -> str:
-    import contextlib
     import io
 
     from xacrodoc import XacroDoc, packages

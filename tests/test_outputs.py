@@ -1,0 +1,135 @@
+"""Every command that writes: into folders of strange names, into read-only ones, and where the disk is full."""
+
+from __future__ import annotations
+
+import errno
+import os
+import shlex
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from serving import TEXT, register, serve, toy
+from swing import csv, swing
+from typer.main import get_command
+
+from signid.cli import run
+from signid.cli.commands import app
+
+HERE = Path(__file__).parents[1]
+STRANGE = "a folder é 日本 'x' %20 #1 [y]"
+XACRO = """<robot name="ö" xmlns:xacro="http://www.ros.org/wiki/xacro">
+<xacro:include filename="ein Teil ü/arm é.xacro"/></robot>"""
+ROBOT, RECORDING, OUT = "'mein Arm ö.xacro'", "'ä b.csv'", "'aus gabe ß'"
+COMMANDS = {
+    "identify": f"identify {ROBOT} {RECORDING} -o {OUT}",
+    "diagnose": f"diagnose {ROBOT} {RECORDING} -o {OUT}",
+    "convert": f"convert {RECORDING} -o {OUT}/é.parquet",
+    "excite": f"excite {ROBOT} --duration 3 --kind random -o {OUT}/é.csv",
+    "export": f"export {ROBOT} --urdf {OUT}/é.urdf --mjcf {OUT}/é.xml --function {OUT}/é.py --ros {OUT}/é.yaml",
+    "simulate": f"simulate {ROBOT} --duration 2 -o {OUT}/é.csv.gz",
+    "replay": f"replay {ROBOT} {RECORDING} --html {OUT}/é.html",
+    "reduce": f"reduce {ROBOT} {RECORDING} -o {OUT}/é.npz",
+    "fleet": f"fleet 'flotte ñ.csv' -o {OUT}",
+    "data": f"data toy --yes --source ADDRESS -o {OUT}",
+    "demo": f"demo --robot 1r --no-open -o {OUT}",
+}
+SILENT = {"inspect", "check", "effects", "payload"}  # commands that write no file
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with a robot of two files, a recording of it and a manifest, all of names that few would choose."""
+    place = tmp_path / STRANGE
+    (place / "ein Teil ü").mkdir(parents=True)
+    part = (HERE / "robots/1r/robot.urdf").read_text(encoding="utf-8")
+    (place / "ein Teil ü/arm é.xacro").write_text(part, encoding="utf-8")
+    (place / "mein Arm ö.xacro").write_text(XACRO, encoding="utf-8")
+    (place / "ä b.csv").write_text(csv(swing()), encoding="utf-8")
+    rows = "robot,recording,name,task\nmein Arm ö.xacro,ä b.csv,tag é 1,identify\n"
+    (place / "flotte ñ.csv").write_text(rows, encoding="utf-8")
+    monkeypatch.chdir(place)
+    register(toy(), monkeypatch)
+    return place
+
+
+def carried_out(command: str) -> int:
+    with serve({"logs/a_toy.csv": TEXT}) as server:
+        return run(shlex.split(COMMANDS[command].replace("ADDRESS", server.address)))
+
+
+def names(place: Path) -> set[str]:
+    return {path.relative_to(place).as_posix() for path in place.rglob("*")}
+
+
+@contextmanager
+def read_only(place: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Nothing can be made below a folder, whoever asks: the rights of files do not bind a superuser."""
+    known, made = os.open, os.mkdir
+
+    def refuse(path: Any) -> None:
+        if isinstance(path, str | os.PathLike) and Path(path).absolute().is_relative_to(place):
+            raise OSError(errno.EROFS, os.strerror(errno.EROFS), path)
+
+    def opened(path: Any, flags: int, *args: Any, **more: Any) -> int:
+        if flags & (os.O_WRONLY | os.O_RDWR | os.O_CREAT):
+            refuse(path)
+        return known(path, flags, *args, **more)
+
+    def folder(path: Any, *args: Any, **more: Any) -> None:
+        refuse(path)
+        made(path, *args, **more)
+
+    with monkeypatch.context() as broken:
+        broken.setattr(os, "open", opened)
+        broken.setattr(os, "mkdir", folder)
+        yield
+
+
+@contextmanager
+def full() -> Iterator[None]:
+    """No file can hold a byte."""
+    resource = pytest.importorskip("resource")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, limits[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+
+
+def test_every_command_that_writes_is_here() -> None:
+    commands: Any = get_command(app)
+    assert set(commands.commands) == {*COMMANDS, *SILENT}
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_strange_names_are_fine(command: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = names(folder)
+    code = carried_out(command)
+    assert code in (0, 3), capsys.readouterr().err
+    assert names(folder) - before and not [name for name in names(folder) if ".signid-" in name]
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_folder_that_is_read_only_is_told(
+    command: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = names(folder)
+    with read_only(folder, monkeypatch):
+        assert carried_out(command) == 2
+    told = capsys.readouterr().err
+    assert "Read-only" in told and len(told.splitlines()) == 1, told
+    assert names(folder) == before
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_full_disk_is_told(command: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = names(folder)
+    with full():
+        assert carried_out(command) == 2
+    told = capsys.readouterr().err
+    assert "File too large" in told and len(told.splitlines()) == 1, told
+    assert not [name for name in names(folder) - before if (folder / name).is_file()]
