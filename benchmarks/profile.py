@@ -176,7 +176,9 @@ def measure(command: str, name: str, recording: Path, minutes: float) -> Case:
     found = attribute(pstats.Stats(str(file)).stats, STAGES[command])  # type: ignore[attr-defined]
     found[START] = found.get(START, 0.0) + watched["started"]
     scale = plain["seconds"] / sum(found.values())
-    stages = {stage: scale * found[stage] for stage in dict.fromkeys((*STAGES[command].values(), REST)) if stage in found}
+    stages = {
+        stage: scale * found[stage] for stage in dict.fromkeys((*STAGES[command].values(), REST)) if stage in found
+    }
     size = len(load(name).joints)
     return Case(command, name, size, minutes, plain["seconds"], plain["memory"], watched["seconds"], stages)
 
