@@ -38,13 +38,16 @@ def lowpass(rate: float, cutoff: float, attenuation: float = 60.0) -> Array:
     return np.asarray(taps / taps.sum())
 
 
-def smooth(signal: Array, taps: Array) -> Array:
+def smooth(signal: Array, taps: Array, whole: bool = False) -> Array:
     """The filtered signal where the taps overlap it fully: (N - k + 1, c).
 
     Args:
         signal: (N, c) [any unit].
         taps: (k,) [1], symmetric.
+        whole: all of it, (N, c), as if it went on as it begins and ends.
     """
+    if whole:
+        signal = np.pad(signal, ((len(taps) // 2,) * 2, (0, 0)), mode="edge")
     return signal if len(taps) == 1 else _correlated(signal, taps)
 
 
@@ -60,18 +63,18 @@ def differentiate(signal: Array, period: float) -> tuple[Array, Array]:
     return _correlated(signal, FIRST / period), _correlated(signal, SECOND / period**2)
 
 
-def slowest(signal: Array, half: int) -> Array:
+def least(signal: Array, half: int) -> Array:
     """(N, c) the least value within so many samples on either side, as far as there are any.
 
     Args:
         signal: (N, c) [any unit].
         half: samples on either side.
     """
-    least, width = np.pad(signal, ((half, half), (0, 0)), mode="edge"), 1
+    found, width = np.pad(signal, ((half, half), (0, 0)), mode="edge"), 1
     while 2 * width <= 2 * half + 1:
-        least, width = np.minimum(least[:-width], least[width:]), 2 * width
+        found, width = np.minimum(found[:-width], found[width:]), 2 * width
     rest = 2 * half + 1 - width
-    return np.asarray(np.minimum(least[: len(least) - rest], least[rest:]))
+    return np.asarray(np.minimum(found[: len(found) - rest], found[rest:]))
 
 
 class Decimator:

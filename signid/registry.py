@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
 from importlib import import_module
-from importlib.metadata import entry_points
 from types import ModuleType
 from typing import Generic, TypeVar, cast
 
@@ -38,6 +37,8 @@ class Registry(Generic[Plugin]):
         """
         if module := {**self.modules, **self.unlisted}.get(name):
             return cast(Plugin, import_module(f"{self.package}.{module}").PLUGIN)
+        from importlib.metadata import entry_points  # here, because what the tree itself carries does not need it
+
         for point in entry_points(group=f"signid.{self.kind}"):
             if point.name == name:
                 return cast(Plugin, point.load())

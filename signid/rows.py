@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .cutoff import Band
-from .filters import Decimator, slowest
+from .filters import Decimator, least
 from .motion import Motion, build_motion, margin
 from .regressor import base_rows
 from .sampling import Sampling, excerpt, samples
@@ -181,7 +181,7 @@ def _steady(task: Task, motion: Motion) -> Mask:
 
 def _moving(v: Array, reach: int, slow: Array) -> Mask:
     """Where the velocity stays clear of a reversal for so many samples on either side."""
-    return np.asarray(slowest(np.abs(v), reach) >= STILL * slow)
+    return np.asarray(least(np.abs(v), reach) >= STILL * slow)
 
 
 def _instruments(task: Task, window: Samples, period: float, wanted: Sequence[Indices], thin: Decimator) -> list[Array]:

@@ -10,7 +10,6 @@ import pinocchio as pin
 import pytest
 from signless import Lost, lost
 
-from signid.signs import cone as cone_module
 from signid.signs.believed import alone, believe
 from signid.signs.cone import Cone, kinetic_rows, physical_cone
 from signid.signs.problem import Problem, pose
@@ -125,7 +124,7 @@ def test_an_exhausted_solver_is_replaced(monkeypatch: pytest.MonkeyPatch) -> Non
     cone = Cone.of(problem, physical_cone(case.task, case.observed))
     z = problem.coordinates(np.ones(problem.count))
     squared, near = cone.distance(z)
-    monkeypatch.setattr(cone_module, "nnls", exhausted)
+    monkeypatch.setattr("scipy.optimize.nnls", exhausted)
     again, other = cone.distance(z)
     assert again == pytest.approx(squared, rel=1e-6)
     assert other == pytest.approx(near, abs=1e-6 * np.linalg.norm(z))

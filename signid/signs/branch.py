@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, cholesky, solve_triangular
 
 from ..types import Array, Frozen, Indices
 from .order import branching_order
@@ -98,6 +97,8 @@ class _Relaxed(NamedTuple):
 
     def solve(self, sums: Array, cuts: Array) -> Array:
         """(r, W) the z at which nodes lose that."""
+        from scipy.linalg import solve_triangular
+
         own, planes = self._half(sums.T), self._half(cuts)
         own -= planes @ _prices(planes, own)
         return np.asarray(solve_triangular(self.factor, own, trans="T", lower=True, check_finite=False))
@@ -105,6 +106,8 @@ class _Relaxed(NamedTuple):
     def _half(self, columns: Array) -> Array:
         if not columns.size:
             return np.zeros(columns.shape)
+        from scipy.linalg import solve_triangular
+
         return np.asarray(solve_triangular(self.factor, columns, lower=True, check_finite=False))
 
 
@@ -189,6 +192,8 @@ class _Tree:
 
 def _relax(later: Array, heights: Array) -> _Relaxed | None:
     """Parabolas of these heights, unless M is singular or not positive definite."""
+    from scipy.linalg import LinAlgError, cholesky  # here, because signs are rarely sought and it takes long to import
+
     scaled = later / np.sqrt(heights)
     try:
         factor = cholesky(np.eye(len(later)) - scaled @ scaled.T, lower=True, check_finite=False)

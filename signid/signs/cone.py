@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import lsq_linear, nnls
 
 from ..motion import Motion
 from ..rows import Task
@@ -121,6 +120,8 @@ class Cone(Frozen):
 
 def _multipliers(rows: Array, z: Array) -> Array:
     """The lam >= 0 for which z + rows' lam is the point of the cone of these rows nearest to z."""
+    from scipy.optimize import lsq_linear, nnls
+
     try:
         return np.asarray(nnls(rows.T, -z, maxiter=20 * len(rows))[0])
     except RuntimeError:  # too many rounds

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from inspect import getdoc
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ...diagnose import Diagnosis, Finding
 from ...laws import spoken
-from ...types import Input
 from ...version import __version__
 from ..diagnosis_words import (
     NEGLIGIBLE,
@@ -30,6 +28,10 @@ from .courses import joint_plots, worst
 from .frame import render
 from .heat import heat_maps, hottest
 from .rolled import rollout_plots
+
+if TYPE_CHECKING:
+    from ...diagnose import Diagnosis, Finding
+    from ...types import Input
 
 WORSE = 1.02  # times the error before
 SURE = 0.95  # probability from which on a law is not one of several
