@@ -60,5 +60,16 @@ def package(homes: Mapping[str, str]) -> type[ModuleType]:
     return type("Package", (ModuleType,), names)
 
 
+def inner_package(homes: Mapping[str, str]) -> type[ModuleType]:
+    """The same of a package within the package, all of whose names are imported when its `__all__` is asked for."""
+
+    def everything(module: ModuleType) -> list[str]:
+        names = [name for names in homes.values() for name in names.split()]
+        vars(module).update({name: getattr(module, name) for name in names})
+        return names
+
+    return type("InnerPackage", (package(homes),), {"__all__": property(everything)})
+
+
 def _public(name: str, home: str) -> property:
     return property(lambda _: getattr(import_module(f"{__package__}.{home}"), name), lambda _, module: None)

@@ -13,7 +13,7 @@ to trust.
 import sys
 from typing import TYPE_CHECKING
 
-from ..registry import package as _package
+from ..registry import inner_package as _package
 
 if TYPE_CHECKING:
     from .result import Alternative as Alternative, Diagnosis as Diagnosis, Finding as Finding  # isort: skip

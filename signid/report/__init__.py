@@ -3,7 +3,7 @@
 import sys
 from typing import TYPE_CHECKING
 
-from ..registry import package as _package
+from ..registry import inner_package as _package
 
 if TYPE_CHECKING:
     from .conversion import conversion_document as conversion_document
