@@ -130,7 +130,7 @@ def _random_information(
     v = rng.standard_normal((STATES, n)) * np.maximum(speed, floor)
     a = rng.standard_normal((STATES, n)) * np.maximum(acceleration, 0.05 * acceleration.max(initial=1e-300))
     motion = Motion(task.robot, np.arange(STATES, dtype=np.float64), np.asarray(q), v, a)
-    columns = base_rows(motion, task.laws, [task.base.independent[task.seen(j)] for j in range(n)])
+    columns = base_rows(motion, task.laws, task.wanted)
     out = np.zeros((task.base.rank, task.base.rank))
     for j, x in enumerate(columns):
         seen = task.seen(j)

@@ -44,6 +44,11 @@ class Task(Frozen):
         """The base parameters (m,) that the torque of a joint depends on."""
         return np.flatnonzero(self.base.sees[joint])
 
+    @property
+    def wanted(self) -> list[Indices]:
+        """Per joint, the standard parameters (m,) that stand for them, as `base_rows` wants them."""
+        return [self.base.independent[self.seen(j)] for j in range(len(self.robot.joints))]
+
 
 class Rows(NamedTuple):
     """M consecutive filtered rows of one span."""
@@ -136,8 +141,7 @@ def _grid(task: Task) -> _Grid:
 def _window_rows(task: Task, window: Samples, period: float, thin: Decimator, first: bool) -> Rows:
     motion = build_motion(task.robot, window, task.band, period, task.recorded_derivatives, task.slow)
     assert motion.recorded is not None, "windows carry torque"
-    wanted = [task.base.independent[task.seen(j)] for j in range(len(task.robot.joints))]
-    columns = base_rows(motion, task.laws, wanted, thin)
+    columns = base_rows(motion, task.laws, task.wanted, thin)
     known = np.asarray(~np.isnan(motion.recorded).all(0))
     torque = np.where(known, motion.recorded, 0.0)
     torque, v, a = np.split(thin(np.concatenate([torque, motion.v, motion.a], axis=1)), 3, axis=1)
@@ -151,7 +155,7 @@ def _window_rows(task: Task, window: Samples, period: float, thin: Decimator, fi
         torque,
         known,
         thin.at(_steady(task, motion)),
-        _instruments(task, window, period, wanted, thin) if task.instruments else None,
+        _instruments(task, window, period, thin) if task.instruments else None,
     )
 
 
@@ -184,8 +188,8 @@ def _moving(v: Array, reach: int, slow: Array) -> Mask:
     return np.asarray(least(np.abs(v), reach) >= STILL * slow)
 
 
-def _instruments(task: Task, window: Samples, period: float, wanted: Sequence[Indices], thin: Decimator) -> list[Array]:
+def _instruments(task: Task, window: Samples, period: float, thin: Decimator) -> list[Array]:
     assert window.q_des is not None, "instruments are asked for only where every joint has q_des"
     desired = window._replace(q=window.q_des)
     motion = build_motion(task.robot, desired, task.band, period, slow=task.slow)
-    return base_rows(motion, task.laws, wanted, thin)
+    return base_rows(motion, task.laws, task.wanted, thin)
