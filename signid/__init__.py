@@ -14,6 +14,7 @@ from .version import __version__ as __version__
 
 if TYPE_CHECKING:
     from .check import check as check
+    from .deadline import time_limit as time_limit
     from .diagnose import diagnose as diagnose
     from .errors import SignidError as SignidError
     from .excite import excite as excite, separate as separate  # isort: skip
@@ -33,8 +34,7 @@ if TYPE_CHECKING:
     from .simulate import Sensors as Sensors, record as record, simulate as simulate, track as track  # isort: skip
 
 NAMES = {name: name for name in "check diagnose export fleet identify inspect payload replay report".split()} | {
-    "errors": "SignidError", "excite": "excite separate", "model": "load_model", "rollout": "roll_out",
-    "reduced": "encode_factors load_factors reduce", "robot": "load_robot urdf_from_dh", "session": "Options",
-    "recording": "read_recording", "simulate": "Sensors record simulate track"}  # fmt: skip
-
+    "deadline": "time_limit", "errors": "SignidError", "excite": "excite separate", "model": "load_model",
+    "rollout": "roll_out", "reduced": "encode_factors load_factors reduce", "robot": "load_robot urdf_from_dh",
+    "session": "Options", "recording": "read_recording", "simulate": "Sensors record simulate track"}  # fmt: skip
 sys.modules[__name__].__class__ = _package(NAMES)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .deadline import ends_in_time
 from .errors import OptionError, shorten
 from .estimate import estimate
 from .estimators import ESTIMATORS, Estimator, Given
@@ -56,6 +57,7 @@ class Identification(Frozen):
         return self.parameters.is_feasible()
 
 
+@ends_in_time
 def identify(
     robot: Robot,
     recordings: Sequence[Recording] | Reduced,

@@ -115,6 +115,12 @@ def test_the_condition_number_can_be_the_goal() -> None:
     assert both["determinant"].log_det > both["condition"].log_det
 
 
+def test_a_search_that_its_budget_ends_is_told(panda: tuple[Model, Excitation]) -> None:
+    assert panda[1].notes[-1].startswith(f"the search ended with its budget after {panda[1].evaluations} motions")
+    drawn = excite(panda[0], kind="random", duration=5.0, harmonics=3)
+    assert not any("budget" in note for note in drawn.notes)
+
+
 def test_a_random_motion_is_drawn_and_not_sought() -> None:
     model = load_model("3r")
     first, second = (excite(model, kind="random", duration=6.0, harmonics=4, seed=seed) for seed in (1, 2))

@@ -66,6 +66,29 @@ def test_local_search_says_that_it_converged_and_a_short_one_that_it_did_not() -
         assert minimised(library, name, bowl(), 3).status == "budget"
 
 
+def test_a_budget_may_be_larger_than_that_of_the_library() -> None:
+    def valley(x: Array) -> float:  # Rosenbrock's
+        return float(np.sum(100 * (x[1:] - x[:-1] ** 2) ** 2 + (1 - x[:-1]) ** 2))
+
+    found = minimised(
+        "scipy", "L-BFGS-B", Problem(valley, np.full(200, -99.0), np.full(200, 99.0), np.zeros(200)), 20000
+    )
+    assert found.status == "budget" and found.evaluations == 20000
+
+
+NASTY: dict[str, tuple[float, float]] = {"nan": (np.nan, np.nan), "inf": (np.inf, 0.0), "slope": (1.0, np.nan)}
+
+
+@pytest.mark.filterwarnings("ignore:delta_grad")
+@pytest.mark.parametrize("kind", NASTY)
+@pytest.mark.parametrize(("library", "name"), ALGORITHMS)
+def test_what_is_not_finite_neither_crashes_nor_hangs(library: str, name: str, kind: str) -> None:
+    value, slope = NASTY[kind]
+    low, up = np.full(3, -1.0), np.ones(3)
+    found = minimised(library, name, Problem(lambda x: value, low, up, low / 2, lambda x: np.full(3, slope)), 200)
+    assert (found.status == "failed" or kind == "slope") and found.evaluations <= 200
+
+
 def test_seconds_are_a_budget_too() -> None:
     for library in OPTIMISERS.names:
         found = minimised(library, None, bowl(), 3000, budget_seconds=0.0)

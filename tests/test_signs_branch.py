@@ -5,13 +5,14 @@ from __future__ import annotations
 from itertools import product
 
 import numpy as np
+import pytest
 from boolean import CLOSE, Facets, drawn, every, half, losses, problems
 from numpy.testing import assert_allclose, assert_array_equal
 
-from signid.signs.branch import _Tree, bounds, branch
+from signid.signs import climb as climb_module
+from signid.signs.branch import _branching_order, _Tree, bounds, branch
 from signid.signs.certificate import certify
 from signid.signs.climb import ascend, climb
-from signid.signs.order import branching_order
 
 
 @problems
@@ -35,7 +36,7 @@ def test_all_signs_in_the_window_are_leaves(seed: int, count: int, noise: float,
     tree = branch(problem, np.ones(problem.count), window, cuts)
     inside = signs[losses(problem, signs, cone) <= tree.beyond - CLOSE * problem.energies.sum()]
     if not anchored and cone is None:  # one of s and -s
-        first = branching_order(problem, problem.coordinates(np.ones(problem.count)))[0]
+        first = _branching_order(problem, problem.coordinates(np.ones(problem.count)))[0]
         inside = inside[inside[:, first] > 0]
     assert {tuple(s) for s in tree.leaves} >= {tuple(s) for s in inside}
     told = bounds(problem, tree.leaves, cuts)
@@ -91,6 +92,14 @@ def test_ascent_ends_where_no_flip_helps(seed: int, count: int, noise: float, an
         assert not problem.anchored or end[-1] == 1
 
 
+def test_an_ascent_is_cut_short_rather_than_endless(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem = drawn(np.random.default_rng(1), 12, 0.1)
+    starts = np.where(np.random.default_rng(0).normal(size=(5, 12)) >= 0, 1.0, -1.0)
+    assert not np.array_equal(ascend(problem, starts), starts)
+    monkeypatch.setattr(climb_module, "TURNS", 0)
+    assert_array_equal(ascend(problem, starts), starts)
+
+
 def test_a_climb_arrives_and_does_so_again() -> None:
     problem = drawn(np.random.default_rng(1), 12, 0.1)
     first, again = climb(problem, seed=3), climb(problem, seed=3)
@@ -100,6 +109,6 @@ def test_a_climb_arrives_and_does_so_again() -> None:
 
 def test_a_known_segment_comes_first() -> None:
     problem = drawn(np.random.default_rng(6), 8, 0.3, anchored=True)
-    order = branching_order(problem, problem.coordinates(np.ones(9)))
+    order = _branching_order(problem, problem.coordinates(np.ones(9)))
     assert order[0] == 8
     assert_array_equal(np.sort(order), np.arange(9))

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import combinations, product
 
 import numpy as np
 import pytest
 
-from signid.signs.beam import beam
+from benchmarks.lost.beam import beam
+from signid.signs import condition as condition_module
 from signid.signs.condition import condition_order
 from signid.signs.problem import Problem, eliminate
 from signid.types import Array
@@ -73,3 +74,21 @@ def test_segments_too_many_to_try_are_taken_one_by_one() -> None:
     assert {joints[i] for i in ordered.order[: ordered.start]} == set(range(7))
     short = condition_order(toy(random_blocks(8, 5)), budget=3)
     assert not short.complete and sorted(short.order) == list(range(8))
+
+
+@pytest.mark.parametrize("budget", [40, 41])
+def test_sets_too_many_to_look_at_are_not_looked_at(monkeypatch: pytest.MonkeyPatch, budget: int) -> None:
+    """Each of two joints has one segment, which every set needs: of 4060 sets of three, 28 would be tried."""
+    joints, looked = [0, 1, *[2] * 28], list[int]()
+    blocks = [
+        np.column_stack([b, np.full((2, 2), np.arange(2) == j)])
+        for b, j in zip(random_blocks(30, 4), joints, strict=True)
+    ]
+
+    def recorded(segments: range, size: int) -> Iterator[tuple[int, ...]]:
+        looked.append(size)
+        return combinations(segments, size)
+
+    monkeypatch.setattr(condition_module, "combinations", recorded)
+    ordered = condition_order(toy(blocks, joints=joints), threshold=0.0, budget=budget)
+    assert not ordered.complete and looked == ([3] if budget == 41 else [])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import cvxpy
 import numpy as np
@@ -10,8 +11,10 @@ import pinocchio as pin
 import pytest
 from signless import Lost, lost
 
-from signid.signs.believed import alone, believe
+from signid.signs import exact
 from signid.signs.cone import Cone, kinetic_rows, physical_cone
+from signid.signs.friction_prior import believe
+from signid.signs.observed import alone
 from signid.signs.problem import Problem, pose
 from signid.types import Array
 
@@ -128,6 +131,28 @@ def test_an_exhausted_solver_is_replaced(monkeypatch: pytest.MonkeyPatch) -> Non
     again, other = cone.distance(z)
     assert again == pytest.approx(squared, rel=1e-6)
     assert other == pytest.approx(near, abs=1e-6 * np.linalg.norm(z))
+
+
+def test_a_solver_that_gives_up_leaves_a_bound_and_no_proof(monkeypatch: pytest.MonkeyPatch) -> None:
+    def exhausted(*_: object, **__: object) -> None:
+        raise RuntimeError("Maximum number of iterations reached.")
+
+    def unfinished(matrix: Array, *_: object, **__: object) -> SimpleNamespace:
+        return SimpleNamespace(x=np.ones(matrix.shape[1]))
+
+    case = lost(0.02)
+    problem = posed(case)
+    cone = Cone.of(problem, physical_cone(case.task, case.observed))
+    z = problem.coordinates(np.ones(problem.count))
+    squared, _ = cone.distance(z)
+    monkeypatch.setattr("scipy.optimize.nnls", exhausted)
+    monkeypatch.setattr("scipy.optimize.lsq_linear", unfinished)
+    bound, near = cone.distance(z)
+    assert 0 < bound < squared and np.sum((near - z) ** 2) == pytest.approx(bound)
+    monkeypatch.setattr(exact, "_prove", lambda problem, scores, *_: (scores.best, 1))
+    monkeypatch.setattr(exact, "climb", lambda problem, seed: np.ones(problem.count))
+    found = exact.search(problem, cone)
+    assert not found.proof.optimal and not found.proof.tells
 
 
 def test_rows_of_what_a_problem_does_not_tell_are_left_out() -> None:

@@ -12,9 +12,9 @@ from signless import Lost, lost
 from signid.recording import read_recording
 from signid.robot import load_robot
 from signid.signs import recover
-from signid.signs.believed import alone
 from signid.signs.flags import raise_flags
 from signid.signs.infer import Inferred, infer
+from signid.signs.observed import alone
 from signid.signs.recover import _notes
 from signid.signs.result import Proof
 
@@ -69,6 +69,13 @@ def test_a_gap_of_all_proves_nothing(gap: float, words: str) -> None:
     made, found = inferred()
     (flag,) = raise_flags(made.task, made.observed, replace(found, proof=Proof(False, gap, 10)))
     assert words in flag and ("gap" in flag) == (gap < 1)
+
+
+def test_a_refinement_that_had_not_settled_is_told() -> None:
+    made, found = inferred()
+    assert found.refined.change < 1e-3
+    (flag,) = raise_flags(made.task, made.observed, replace(found, refined=replace(found.refined, change=0.02)))
+    assert f"not settled after {found.refined.rounds} rounds" in flag and "by 2 %" in flag
 
 
 @pytest.mark.parametrize("offset", [True, False])

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from benchmarks.lost.beam import beam
 from signid.basis import build_base
 from signid.errors import OptionError
 from signid.motion import Motion
 from signid.regressor import base_rows, regressor
 from signid.retrieve import Bounds
 from signid.robot import load_robot
-from signid.signs.beam import beam
 from signid.signs.condition import Ordered, condition_order
 from signid.signs.observed import Observed
 from signid.signs.problem import Problem, Rows, pose

@@ -12,9 +12,9 @@ import numpy as np
 from rich.table import Table
 
 from signid.sampling import survey
-from signid.signs.beam import WIDTH, beam
+from signid.signs.beam import WIDTH
 from signid.signs.condition import condition_order
-from signid.signs.infer import infer, scales
+from signid.signs.infer import infer
 from signid.signs.observed import Observed, observe
 from signid.signs.problem import Segment, pose
 from signid.signs.segments import threshold_runs
@@ -22,6 +22,7 @@ from signid.types import Indices
 
 from ..told import frame
 from . import paper, real
+from .beam import beam
 from .row import Row, Verdict
 from .trial import Puzzle, attempt
 from .truth import Array, majority
@@ -80,7 +81,7 @@ def beaten(puzzle: Puzzle) -> Iterator[Race]:
     found = infer(task, observed)
     between = time.process_time()
     segments, _ = threshold_runs(observed)
-    problem = pose(observed, segments, 1 / scales(observed))
+    problem = pose(observed, segments, 1 / observed.scale)
     ordered = condition_order(problem)
     grown = beam(problem, ordered.order, ordered.start)
     end = time.process_time()

@@ -50,6 +50,7 @@ LocalAlgorithm = Annotated[str, typer.Option(metavar="NAME", help="NLopt's, of p
 TotalMass = Annotated[str | None, typer.Option(metavar="LO,HI", help="Of all links [kg], for pbrp. Default: any.")]
 NoInstruments = Annotated[bool, typer.Option("--no-instruments", help="Do without q_des_J columns as instruments.")]
 White = Annotated[bool, typer.Option("--white", help="Take torque noise to be white, not coloured.")]
+TimeLimit = Annotated[float, typer.Option(metavar="S", help="Of searches; one that it cuts short is flagged [s].")]
 Seed = Annotated[int, typer.Option(metavar="N", min=0, help="Seed of everything random.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON and nothing else.")]
 

@@ -6,6 +6,8 @@ from typing import Annotated
 
 import typer
 
+from ..deadline import USUAL
+from ..deadline import time_limit as limited
 from .app import app as app
 from .arguments import (
     Actuators,
@@ -26,6 +28,7 @@ from .arguments import (
     RobotName,
     Seed,
     SignSearch,
+    TimeLimit,
     TotalMass,
     Unsigned,
     White,
@@ -138,6 +141,7 @@ def identify(
     global_algorithm: GlobalAlgorithm = "GN_CRS2_LM",
     local_algorithm: LocalAlgorithm = "LD_LBFGS",
     total_mass: TotalMass = None,
+    time_limit: TimeLimit = USUAL,
     seed: Seed = 0,
     json: Json = False,
 ) -> int:
@@ -160,7 +164,7 @@ def identify(
     judges = [given_recording(path, described, columns, unsigned) for path in held_out or ()]
     options = given_options(effects, cutoff, derivatives, no_instruments, white, seed, robust)
     search = given_search(bounds, global_algorithm, local_algorithm, total_mass)
-    with bars(json) as progress:
+    with limited(time_limit), bars(json) as progress:
         result = learn(
             described,
             given,

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ..deadline import USUAL
+from ..deadline import time_limit as limited
 from .arguments import (
     Actuators,
     Columns,
@@ -17,6 +19,7 @@ from .arguments import (
     PackageDir,
     Seed,
     SimulationName,
+    TimeLimit,
     Unsigned,
     again,
     check_folder,
@@ -53,6 +56,7 @@ def diagnose(
     columns: Columns = None,
     cutoff: Cutoff = None,
     unsigned: Unsigned = False,
+    time_limit: TimeLimit = USUAL,
     seed: Seed = 0,
     json: Json = False,
 ) -> int:
@@ -74,7 +78,7 @@ def diagnose(
         _read(paths, model.robot, columns, unsigned) for paths in (recordings, held_out, reference)
     )
     options = Options(cutoff=cutoff, seed=seed)
-    with bars(json, one=True) as progress:
+    with limited(time_limit), bars(json, one=True) as progress:
         result = search(
             model,
             given,

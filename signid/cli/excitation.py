@@ -6,8 +6,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ..deadline import USUAL
+from ..deadline import time_limit as limited
 from ..errors import OptionError
-from .arguments import Actuators, Effects, Joints, Json, Lock, PackageDir, RobotName, Seed, given_effects
+from .arguments import Actuators, Effects, Joints, Json, Lock, PackageDir, RobotName, Seed, TimeLimit, given_effects
 from .commands import app
 from .motions import Source, check_output, given_model, write_columns
 from .show import bars, tell_flags
@@ -55,6 +57,7 @@ def excite(
     lock: Lock = None,
     actuators: Actuators = None,
     package_dir: PackageDir = None,
+    time_limit: TimeLimit = USUAL,
     seed: Seed = 0,
     json: Json = False,
 ) -> int:
@@ -76,7 +79,7 @@ def excite(
     options |= {} if harmonics is None else {"harmonics": harmonics}
     rivals = _rivals(separate, model.robot)
     found: Excitation | Separation
-    with bars(json) as progress:
+    with limited(time_limit), bars(json) as progress:
         options["progress"] = progress
         if rivals is None:
             options |= {"kind": kind, "criterion": criterion, "base_frequency": base_frequency}

@@ -6,6 +6,8 @@ from typing import Annotated
 
 import typer
 
+from ..deadline import USUAL
+from ..deadline import time_limit as limited
 from .arguments import (
     Actuators,
     Columns,
@@ -19,6 +21,7 @@ from .arguments import (
     PackageDir,
     RobotName,
     Seed,
+    TimeLimit,
     White,
     given_inputs,
     given_options,
@@ -48,6 +51,7 @@ def payload(
     derivatives: Derivatives = "auto",
     no_instruments: NoInstruments = False,
     white: White = False,
+    time_limit: TimeLimit = USUAL,
     seed: Seed = 0,
     json: Json = False,
 ) -> int:
@@ -62,7 +66,7 @@ def payload(
     described = given_robot(robot, joints, lock, actuators, package_dir)
     sides = [[given_recording(path, described, columns) for path in paths or ()] for paths in (without, carrying)]
     options = given_options(effects, cutoff, derivatives, no_instruments, white, seed)
-    with bars(json) as progress:
+    with limited(time_limit), bars(json) as progress:
         found = weigh(described, *sides, options=options, progress=progress)
     if json:
         inputs = given_inputs(robot, described, actuators, columns=columns)

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..deadline import seconds_left, time_is_up
 from ..types import Array
 from .cone import Cone
 from .newton import newton, polish
@@ -15,6 +16,7 @@ from .packed import BASIS
 _SHARPEST = 1e5  # standard deviations per prior size that the interior-point solver is asked to resolve
 _STRIDE = 5.0  # from one weight of the prior to the next
 _FEW = 25  # steps of Newton's method that bring a stride back to the central path
+_NAME = "the fit of possible inertials"
 _SETTLED = 1e-6  # squared decrement of a minimiser
 
 
@@ -33,11 +35,13 @@ def solve(cone: Cone) -> tuple[Array, str]:
         u, status = _ask(replace(cone, weight=heavier * cone.weight))
         if u is not None:
             return follow(cone, u, heavier), status
+        if time_is_up(_NAME):
+            break
     return follow(cone, cone.start, heaviest), status
 
 
 def trace(cone: Cone, heavier: float) -> Array | None:
-    """(d,) the minimiser, from the prior along the central path; None where a stride does not come back to the path.
+    """(d,) the minimiser, from the prior along the central path; None where a stride does not come back to the path, or time is up.
 
     Args:
         cone: the problem.
@@ -47,7 +51,7 @@ def trace(cone: Cone, heavier: float) -> Array | None:
     for factor in _STRIDE ** np.arange(np.log(heavier) / np.log(_STRIDE), 0.0, -1.0):
         eased = replace(cone, weight=factor * cone.weight)
         u = polish(eased, u, steps=_FEW, precision=0.1, exact=False)
-        if newton(eased, u, exact=False)[1] > 1:
+        if newton(eased, u, exact=False)[1] > 1 or time_is_up(_NAME):
             return None
     u = polish(cone, polish(cone, u, steps=_FEW, exact=False))
     return u if newton(cone, u)[1] < _SETTLED else None
@@ -87,7 +91,7 @@ def _ask(cone: Cone) -> tuple[Array | None, str]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             problem = cp.Problem(cp.Minimize(cp.sum_squares(rows) + belief))
-            problem.solve(solver=cp.CLARABEL)
+            problem.solve(solver=cp.CLARABEL, time_limit=seconds_left())
     except cp.error.SolverError:
         return None, "failed"
     if u.value is None or not np.isfinite(cone.cost(u.value)):

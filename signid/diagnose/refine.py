@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..deadline import time_is_up
 from ..effects import EFFECTS
 from ..effects.base import Effect, RecordingLaw
 from ..optimisers import OPTIMISERS, Problem
@@ -16,7 +17,7 @@ from .group import Group
 from .hypothesis import Hypothesis
 from .linear import Fitted
 from .odds import Judge
-from .search import spread, without
+from .search import SEARCH, spread, without
 from .setting import Setting, append
 from .sizes import measure_sizes
 
@@ -38,7 +39,7 @@ def refine(setting: Setting, judge: Judge, found: Found) -> tuple[Judge, Found]:
     """
     for group in found.true:
         options = _options(judge, group)
-        if not options:
+        if not options or time_is_up(SEARCH):
             continue
         rest = without(judge, found, group)
         dispersion = spread(judge, rest)
@@ -111,7 +112,7 @@ def _polish(
     zero = np.zeros(len(keys))
     if not keys:
         return -cost(zero), known, setting.columns(known)
-    problem = Problem(cost, zero - 1, zero + 1, zero)
+    problem = Problem(cost, zero - 1, zero + 1, zero, search=SEARCH)
     best = OPTIMISERS["nlopt"].minimise(problem, algorithm=ALGORITHM, budget_evaluations=EVALUATIONS * len(keys))
     ends = [k for k, key in enumerate(keys) if key in ENDS]
     value, x = _stepped(cost, best.value, best.x, ends, setting.pieces[0].motion.dt / WINDOW)

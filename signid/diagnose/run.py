@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..deadline import ends_in_time
 from ..effects import EFFECTS
 from ..errors import InputError, OptionError, RecordingError
 from ..gross import Gross, examine
@@ -46,6 +47,7 @@ WIDE = 8.0  # [Hz] to which the band goes if encoder noise allows it
 HORIZON = 0.5  # [s] of roll-outs
 
 
+@ends_in_time
 def diagnose(
     model: Model,
     recordings: Sequence[Recording],

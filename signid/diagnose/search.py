@@ -6,6 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
+from ..deadline import time_is_up
 from ..effects.base import ActuatorLaw
 from ..residual import leave
 from ..types import Array
@@ -16,6 +17,7 @@ from .odds import Judge, Odds
 from .sizes import energies, measure_sizes
 from .strain import relieved, strained_links
 
+SEARCH = "the search for laws"
 FIRST, NEXT = 4.0, 3.0  # log odds needed
 DISTRUST, LOOKALIKE = 5.0, 8.0  # the same where inertials are not trusted, and of what inertials imitate
 IMITATED = 0.9  # share of an effect that inertials can make, from which on it looks like them
@@ -42,7 +44,7 @@ def search(judge: Judge, base: Array) -> Found:
         odds, trusted = judge.odds(state.true, spread(judge, state))
         first = odds if step == 0 else first
         chosen = _pick(judge, state, odds, trusted, FIRST if step == 0 else NEXT)
-        if chosen is None:
+        if chosen is None or time_is_up(SEARCH):
             break
         state = larger = _with(judge, state, chosen)
         if len(state.true) > 1:

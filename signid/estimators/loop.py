@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..consistent import fit_consistent
+from ..deadline import time_is_up
 from ..errors import OptionError
 from ..estimate import estimate
 from ..model import Model, fitted_model, stated_parameters
@@ -89,7 +90,7 @@ def iterate(given: Given, name: str, key: str, solve: Solve, gains: Gains) -> Es
         new = solve(parts)
         still = _settled(new, found)
         found = new
-        if still:
+        if still or time_is_up(f"the estimator {name}"):
             break
     note = f"the closed loop was simulated {done + 1} times; it stays within {_astray(pieces, motions)} of the recorded"
     assert controller is not None, "there is a round"

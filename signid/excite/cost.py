@@ -92,10 +92,9 @@ class Cost(Frozen):
     def _excess(self, states: Array) -> tuple[float, Array]:
         """Mean square over position, velocity and acceleration limits; slope (3, N, n)."""
         limits = self.setting.limits
-        allowed = np.array([limits.half, limits.margin * limits.velocity, limits.margin * limits.acceleration])
         share = limits.shares(*states)
         over = share - np.clip(share, -1, 1)
-        return float(np.sum(over**2)) / len(self.t), 2 * over / allowed[:, None] / len(self.t)
+        return float(np.sum(over**2)) / len(self.t), 2 * over / limits.allowed[:, None] / len(self.t)
 
     def _overload(self, rows: Sequence[Array]) -> tuple[float, list[Array]]:
         """Mean square over torque limits; slope (N, m_j) per joint."""

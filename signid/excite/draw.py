@@ -111,8 +111,7 @@ def column_sizes(basis: Array, limits: Limits) -> Array:
         limits: of n joints.
     """
     peak = np.maximum(np.abs(basis).max(1), 1e-300)  # (3, d)
-    allowed = np.array([limits.half, limits.margin * limits.velocity, limits.margin * limits.acceleration])
-    return np.asarray((allowed[:, :, None] / peak[:, None]).min(0))
+    return np.asarray((limits.allowed[:, :, None] / peak[:, None]).min(0))
 
 
 def check_duration(duration: float, harmonics: int, frequency: float) -> None:
@@ -138,11 +137,15 @@ def sample(family: Family, joints: tuple[str, ...], x: Array, t: Array) -> Traje
     return Trajectory(joints, t, q, v, a)
 
 
+def at_rate(duration: float, rate: float) -> Array:
+    """(N,) [s] instants from 0 to the duration [s] at most, at a rate [Hz]."""
+    return np.asarray(np.arange(int(duration * rate + 1e-9) + 1) / rate)
+
+
 def _room(basis: Array, limits: Limits, x: Array) -> Array:
     """(n,) factor by which the moving part of x may be scaled until a limit is met."""
     q, v, a = basis[:, :, 1:] @ x[:, 1:].T
-    allowed = limits.margin * np.array([limits.velocity, limits.acceleration])
-    peaks = np.array([np.ptp(q, axis=0) / 2 / limits.half, *(np.abs([v, a]).max(1) / allowed)])
+    peaks = np.array([np.ptp(q, axis=0) / 2, *np.abs([v, a]).max(1)]) / limits.allowed
     return np.asarray(1 / np.maximum(peaks.max(0), 1e-300))
 
 

@@ -11,11 +11,12 @@ import numpy as np
 
 from ..motion import Motion
 from ..optimisers import OPTIMISERS, Problem
+from ..session import Progress
 from ..types import Array, Frozen
 from .draw import column_sizes, fit_inside, random_parameters, sample
 from .family import Family
 from .rivals import Distance, Rivals
-from .search import Progress
+from .search import SEARCH, SPARE
 
 POOL, POLISHED, EVALUATIONS = 60, 4, 120  # random motions; the best of them; steps for each
 AMPLITUDE = (0.1, 1.0)  # least and most share of the limits that a random motion uses
@@ -23,7 +24,6 @@ REACH = 0.5  # by which a parameter may be changed, of what alone meets a limit
 ALGORITHM = "LN_SBPLX"
 PLACES = 50  # instants at which links are looked at
 PENALTY = 1e3  # on what exceeds a limit: log of a distance per mean square share
-SPARE = 0.02  # [m] more clearance in the search, whose instants are few
 LEAST = 1e-30  # distance whose log is taken instead of zero's
 
 
@@ -33,6 +33,8 @@ class Tried(NamedTuple):
     family: Family
     x: Array  # (n, d) [rad or m]
     distance: Distance
+    evaluations: int = 1  # motions judged to find it
+    spent: bool = False  # whether a budget ended its search, before it arrived at an optimum
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,10 +98,10 @@ class Duel(Frozen):
             return -self.worth(family, inside(change), ways)
 
         reach = np.full(sizes.size, REACH)
-        problem = Problem(cost, -reach, reach, np.zeros(sizes.size))
+        problem = Problem(cost, -reach, reach, np.zeros(sizes.size), search=SEARCH)
         best = OPTIMISERS["nlopt"].minimise(problem, algorithm=ALGORITHM, budget_evaluations=EVALUATIONS)
         x = inside(best.x)
-        return Tried(family, x, self.distance(family, x))
+        return Tried(family, x, self.distance(family, x), best.evaluations, best.status == "budget")
 
     @cached_property
     def _bases(self) -> dict[int, Array]:

@@ -39,6 +39,11 @@ class Limits(Frozen):
         """Half the range that may be used, (n,) [rad or m]."""
         return self.margin * (self.upper - self.lower) / 2
 
+    @property
+    def allowed(self) -> Array:
+        """(3, n) [rad or m, and per s, per s2] what may be used: half the range, velocity and acceleration."""
+        return np.array([self.half, self.margin * self.velocity, self.margin * self.acceleration])
+
     def shares(self, q: Array, v: Array, a: Array) -> Array:
         """Share of what may be used that each sample uses, signed: (3, N, n) [1].
 
@@ -47,8 +52,7 @@ class Limits(Frozen):
             v: (N, n) [rad/s or m/s] velocities.
             a: (N, n) [rad/s2 or m/s2] accelerations.
         """
-        allowed = self.margin * np.array([self.velocity, self.acceleration])
-        return np.array([(q - self.middle) / self.half, v / allowed[0], a / allowed[1]])
+        return np.array([q - self.middle, v, a]) / self.allowed[:, None]
 
 
 def build_limits(

@@ -8,30 +8,32 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..deadline import ends_in_time
 from ..effects import EFFECT_NAMES
 from ..errors import OptionError
 from ..model import Model
+from ..session import Progress
 from ..types import Array, Trajectory
 from .cost import Cost
 from .criterion import CRITERIA
-from .draw import check_duration, random_parameters, sample
+from .draw import at_rate, check_duration, random_parameters, sample
 from .family import FAMILIES
 from .limits import Limits, build_limits
 from .ready import make_ready, usual_laws
-from .result import Excitation
-from .safe import FINE, Safe, make_safe
-from .search import GRID, Budget, Progress, search, settle
+from .result import Excitation, tell_spent
+from .safe import Safe, grid, make_safe
+from .search import GRID, SPARE, Budget, Found, search, settle
 from .setting import Setting
 
 RANDOM = "random"  # the kind that is drawn, not sought
 CLEARANCE = 0.01  # [m] between links
-SPARE = 0.02  # [m] more in the search, whose instants are few
 WAVES = 500  # of the fastest harmonic, at most
 PER_PERIOD = 12  # instants of the search per period of the fastest harmonic
 KEPT = 0.95  # of the motion found; less is flagged
 PENALTY = 100.0  # on what exceeds a limit: log of a standard deviation per mean square share
 
 
+@ends_in_time
 def excite(
     model: Model,
     *,
@@ -79,10 +81,10 @@ def excite(
     instants = int(np.ceil(PER_PERIOD * harmonics * frequency * duration))
     cost = Cost(setting, CRITERIA[criterion], family, np.linspace(0, duration, instants + 1), PENALTY, SPARE)
     budget = budget or Budget.usual(len(model.robot.joints))
-    safe, evaluations = (_draw if kind == RANDOM else _find)(cost, budget, duration, seed, progress)
+    safe, found = (_draw if kind == RANDOM else _find)(cost, budget, duration, seed, progress)
     small = f"the motion found was scaled to {safe.share:.0%} to obey torque limits and distances between links"
-    fine = sample(family, model.robot.joints, safe.x, np.linspace(0, duration, int(np.ceil(duration / FINE)) + 1))
-    trajectory = sample(family, model.robot.joints, safe.x, np.arange(int(duration * rate + 1e-9) + 1) / rate)
+    fine = sample(family, model.robot.joints, safe.x, grid(duration))
+    trajectory = sample(family, model.robot.joints, safe.x, at_rate(duration, rate))
     worth = judge(setting, trajectory)
     return Excitation(
         trajectory=trajectory,
@@ -98,8 +100,8 @@ def excite(
         use=setting.use(fine),
         distance=safe.distance,
         seed=seed,
-        evaluations=evaluations,
-        notes=(*model.robot.notes, *limits.notes, *notes),
+        evaluations=found.evaluations,
+        notes=(*model.robot.notes, *limits.notes, *notes, *tell_spent(found.evaluations if found.spent else 0)),
         flags=(small,) if safe.share < KEPT and kind != RANDOM else (),
     )
 
@@ -119,24 +121,25 @@ def _check(kind: str, criterion: str, rate: float, duration: float, harmonics: i
         raise OptionError(f"the rate is {rate:g} Hz; a positive one is needed")
 
 
-def _draw(cost: Cost, budget: Budget, duration: float, seed: int, progress: Progress | None) -> tuple[Safe, int]:
+def _draw(cost: Cost, budget: Budget, duration: float, seed: int, progress: Progress | None) -> tuple[Safe, Found]:
     """A random motion within all limits."""
     fine = cost.family.basis(np.arange(0, duration, GRID))
     x = random_parameters(fine, cost.setting.limits, np.random.default_rng(seed))
-    return make_safe(cost.setting, cost.family, duration, x), 1
+    return make_safe(cost.setting, cost.family, duration, x), Found(x, 1, spent=False)
 
 
-def _find(cost: Cost, budget: Budget, duration: float, seed: int, progress: Progress | None) -> tuple[Safe, int]:
+def _find(cost: Cost, budget: Budget, duration: float, seed: int, progress: Progress | None) -> tuple[Safe, Found]:
     """The best motion within all limits; settled once more where it had to shrink, on twice as many instants."""
     found = search(cost, budget, seed, progress)
     safe = make_safe(cost.setting, cost.family, duration, found.x)
     if safe.share == 1:
-        return safe, found.evaluations
+        return safe, found
     dense = replace(cost, t=np.linspace(0, duration, 2 * len(cost.t) - 1), spare=2 * cost.spare)
     again = settle(dense, found.x, budget, progress)
     other = make_safe(cost.setting, cost.family, duration, again.x)
     best = min(safe, other, key=lambda end: cost.value(cost.relative(end.x)))
-    return best, found.evaluations + again.evaluations
+    spent = found.spent or again.spent
+    return best, Found(again.x, found.evaluations + again.evaluations, spent)
 
 
 class Worth(NamedTuple):

@@ -53,7 +53,7 @@ def make_ready(
     states = [np.concatenate([getattr(motion, key) for motion in drawn]) for key in "qva"]
     times = np.tile(t, REFERENCES)
     torque = model.inverse(Motion(model.robot, times, states[0], states[1], states[2]))
-    noise = noise_of(limits, torque)
+    noise = _noise(limits, torque)
     bare = Setting(model, laws, base, limits, noise, np.ones(base.rank), collision, clearance, home)
     rows = bare.rows(times, states[0], states[1], states[2])
     size = np.sqrt(np.diag(bare.information(rows)) / len(times))
@@ -77,7 +77,7 @@ def usual_laws(model: Model, effects: Sequence[str]) -> tuple[Law, ...]:
     return tuple(Law(EFFECTS[name], (j,)) for name in effects for j in range(len(model.robot.joints)))
 
 
-def noise_of(limits: Limits, torque: Array) -> Array:
+def _noise(limits: Limits, torque: Array) -> Array:
     """(n,) [N.m or N] assumed, from torque (N, n) [N.m or N] along random motions."""
     rms = np.maximum(np.sqrt(np.mean(torque**2, axis=0)), 1e-9)
     return NOISE * np.where(np.isfinite(limits.torque), limits.torque, rms)

@@ -8,6 +8,8 @@ import numpy as np
 
 from ..types import Array, Frozen, Law, Trajectory
 
+ENOUGH = 100.0  # lambda at which the right one of two hypotheses was always found
+
 
 @dataclass(frozen=True, eq=False)
 class Use(Frozen):
@@ -72,4 +74,7 @@ class Separation(Frozen):
         return min(self.distances) >= ENOUGH
 
 
-ENOUGH = 100.0  # lambda at which the right one of two hypotheses was always found
+def tell_spent(motions: int) -> tuple[str, ...]:
+    """A note on a search that its budget ended, and how many motions it judged; none for 0."""
+    told = f"the search ended with its budget after {motions} motions, not at an optimum: others may tell more"
+    return (told,) if motions else ()

@@ -83,34 +83,36 @@ def make_safe(setting: Setting, family: Family, duration: float, x: Array) -> Sa
     Raises:
         OptionError: even a small motion exceeds a torque limit.
     """
-    t = np.linspace(0, duration, int(np.ceil(duration / FINE)) + 1)
+    t = grid(duration, FINE)
     full = fit_inside(family.basis(t), setting.limits, x)
     home = np.zeros_like(full)
     home[:, 0] = setting.home
-    best, low, high = Safe(home, 0.0, None), 0.0, 1.0
-    share = 1.0
+    best, high, share = Safe(home, 0.0, None), 1.0, 1.0
     for _ in range(HALVINGS):
         tried = home + share * (full - home)
         ok, distance = _obeys(setting, family, t, tried)
         if ok:
-            best, low = Safe(tried, share, distance), share
+            best = Safe(tried, share, distance)
         else:
             high = share
-        if low == high:
+        if best.share == high:
             break
-        share = (low + high) / 2
-        if best.share == 1.0:
-            break
+        share = (best.share + high) / 2
     if best.share == 0.0:
         raise OptionError("even a small motion exceeds a torque limit; raise the limit, or state less friction")
     return best
 
 
-def smallest_distance(setting: Setting, family: Family, duration: float, x: Array) -> float | None:
+def grid(duration: float, step: float = FINE) -> Array:
+    """(N,) [s] instants from 0 to the duration [s], a step [s] apart or less."""
+    return np.linspace(0, duration, int(np.ceil(duration / step)) + 1)
+
+
+def _smallest_distance(setting: Setting, family: Family, duration: float, x: Array) -> float | None:
     """Between links that could meet [m], None where nothing is known; x: (n, d) [rad or m] parameters."""
     if setting.collision is None:
         return None
-    t = np.linspace(0, duration, int(np.ceil(duration / NEAR)) + 1)
+    t = grid(duration, NEAR)
     return float(setting.collision.distance(family.basis(t)[0] @ x.T).min())
 
 
@@ -122,5 +124,5 @@ def _obeys(setting: Setting, family: Family, t: Array, x: Array) -> tuple[bool, 
     use = setting.use(sample(family, setting.model.robot.joints, x, t))
     if use.largest > setting.limits.margin + SLACK:
         return False, None
-    distance = smallest_distance(setting, family, float(t[-1]), x)
+    distance = _smallest_distance(setting, family, float(t[-1]), x)
     return distance is None or distance >= setting.clearance, distance

@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..optimisers import OPTIMISERS, Optimum, Problem
+from ..session import Progress
 from ..types import Array, Frozen
 from .cost import Cost
 from .draw import fit_inside, random_parameters
 
+SEARCH = "the search for a motion"
 GRID = 0.01  # [s] on which motions are scaled to their limits
 ALGORITHM = "LD_SLSQP"  # goes on at kinks (contact, reversals), where LD_LBFGS gives up
 BOX = 2.5  # of z: parameters alone meet a limit at 1
+SPARE = 0.02  # [m] more clearance than is needed: a search looks at few instants
 FEW = 6  # joints
 FIRM = 30.0  # times the penalty in the last stage
-
-Progress = Callable[[str, float], None]  # what is being done, share of it that is done
 
 
 @dataclass(frozen=True)
@@ -46,8 +46,8 @@ class Found(Frozen):
     """Parameters that a search ended with."""
 
     x: Array  # (n, d) [rad or m]
-    cost: float
     evaluations: int
+    spent: bool  # whether a budget ended it, before it arrived at an optimum
 
 
 def search(cost: Cost, budget: Budget, seed: int, progress: Progress | None = None) -> Found:
@@ -72,7 +72,8 @@ def search(cost: Cost, budget: Budget, seed: int, progress: Progress | None = No
     tried = [watched.improve(z, budget.short, "searching") for z in ranked[: budget.starts]]
     best = watched.improve(min(tried, key=lambda end: end.value).x, budget.long, "improving")
     settled = settle(cost, cost.parameters(best.x), budget, progress)
-    return Found(settled.x, settled.cost, watched.count + settled.evaluations)
+    spent = settled.spent or best.status == "budget"
+    return Found(settled.x, watched.count + settled.evaluations, spent)
 
 
 def settle(cost: Cost, x: Array, budget: Budget, progress: Progress | None = None) -> Found:
@@ -88,7 +89,8 @@ def settle(cost: Cost, x: Array, budget: Budget, progress: Progress | None = Non
     watched = _Watched(firm, budget, progress, budget.total - budget.firm)
     best = watched.improve(np.clip(cost.relative(x), -BOX, BOX), budget.firm, "settling")
     fine = cost.family.basis(np.arange(0, cost.t[-1], GRID))
-    return Found(fit_inside(fine, cost.setting.limits, cost.parameters(best.x)), best.value, watched.count)
+    x = fit_inside(fine, cost.setting.limits, cost.parameters(best.x))
+    return Found(x, watched.count, best.status == "budget")
 
 
 class _Watched:
@@ -102,7 +104,7 @@ class _Watched:
     def improve(self, z: Array, evaluations: int, stage: str) -> Optimum:
         """The best point of a local search from z (d,) [1]."""
         box, self.stage, self.last = np.full(len(z), BOX), stage, (b"", np.inf)
-        problem = Problem(self.value, -box, box, z, self.slope)
+        problem = Problem(self.value, -box, box, z, self.slope, SEARCH)
         return OPTIMISERS["nlopt"].minimise(problem, algorithm=ALGORITHM, budget_evaluations=evaluations)
 
     def value(self, z: Array) -> float:

@@ -7,20 +7,21 @@ from typing import Literal
 
 import numpy as np
 
+from ..deadline import ends_in_time
 from ..effects.law import places
 from ..errors import OptionError
 from ..model import Model
+from ..session import Progress
 from ..types import Law
-from .draw import check_duration, sample
+from .draw import at_rate, check_duration, sample
 from .duel import POOL, Duel
 from .fourier import Fourier
 from .limits import Limits, build_limits
 from .plan import CLEARANCE
 from .ready import make_ready, usual_laws
-from .result import ENOUGH, Separation
+from .result import ENOUGH, Separation, tell_spent
 from .rivals import Distance, Rivals, beside_laws
-from .safe import FINE, make_safe
-from .search import Progress
+from .safe import grid, make_safe
 
 FRICTION = ("viscous_friction", "coulomb_friction", "torque_offset")  # fitted beside either law
 INDEPENDENT = 20.0  # [Hz] samples of torque with independent errors, after filters
@@ -29,6 +30,7 @@ PERIODS = (1, 2, 4, 12)  # of the base frequency, in turn
 STRUCTURAL = 1e-8  # of a law's sum of squares: less is rounding
 
 
+@ends_in_time
 def separate(
     model: Model,
     first: Law,
@@ -74,9 +76,9 @@ def separate(
     families = [Fourier(duration, harmonics, periods / duration) for periods in PERIODS]
     laws = beside_laws(usual_laws(model, FRICTION), first, second)
     setting, notes = make_ready(model, laws, families[0], duration, limits, clearance, seed)
-    grid = REMEMBER if any(getattr(law.effect, "memory", False) for law in (first, second)) else INDEPENDENT
-    rivals = Rivals(setting, first, second, nuisance == "bodies", INDEPENDENT / grid)
-    t = np.arange(int(duration * grid + 1e-9) + 1) / grid
+    density = REMEMBER if any(getattr(law.effect, "memory", False) for law in (first, second)) else INDEPENDENT
+    rivals = Rivals(setting, first, second, nuisance == "bodies", INDEPENDENT / density)
+    t = at_rate(duration, density)
     duel = Duel(rivals, t, families, seed, progress)
     pool = duel.draw()
     ways = tuple(way for way in (0, 1) if max(tried.distance.shares[way] for tried in pool) > STRUCTURAL)
@@ -85,9 +87,10 @@ def separate(
     family, best = max(safe, key=lambda end: duel.worth(end[0], end[1].x, ways))
     distance = duel.distance(family, best.x)
     ahead = [duel.smaller(tried.distance, ways) for tried in pool]
-    fine = sample(family, model.robot.joints, best.x, np.linspace(0, duration, int(np.ceil(duration / FINE)) + 1))
+    judged = len(pool) + sum(end.evaluations for end in ends)
+    fine = sample(family, model.robot.joints, best.x, grid(duration))
     return Separation(
-        trajectory=sample(family, model.robot.joints, best.x, np.arange(int(duration * rate + 1e-9) + 1) / rate),
+        trajectory=sample(family, model.robot.joints, best.x, at_rate(duration, rate)),
         laws=(first, second),
         distances=distance.seen,
         shares=distance.shares,
@@ -97,7 +100,7 @@ def separate(
         use=setting.use(fine),
         distance=best.distance,
         seed=seed,
-        notes=(*model.robot.notes, *limits.notes, *notes),
+        notes=(*model.robot.notes, *limits.notes, *notes, *tell_spent(judged if any(end.spent for end in ends) else 0)),
         flags=_flags(first, second, distance, ways),
     )
 

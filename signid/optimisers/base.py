@@ -11,10 +11,12 @@ from typing import Any, Literal
 
 import numpy as np
 
+from ..deadline import time_is_up
 from ..errors import OptionError
 from ..types import Array, Frozen
 
 Status = Literal["converged", "budget", "failed"]
+WALL = 1e100  # cost that stands for infinity
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +32,7 @@ class Problem(Frozen):
     upper: Array  # (d,) [any], inf where free
     start: Array  # (d,) [any]
     gradient: Callable[[Array], Array] | None = None  # x (d,) -> (d,)
+    search: str = "a search"  # what is searched; time may cut it short
 
     def __post_init__(self) -> None:
         """Arrays are copied and checked."""
@@ -124,19 +127,22 @@ class Watch:
             self.end = time.monotonic() + seconds
 
     def __call__(self, x: Array) -> float:
-        """Cost at x: (d,) [any], infinite where it is not a number."""
+        """Cost at x: (d,) [any], a wall where it is no finite number: some algorithms crash there, or never end."""
         if self.count >= max(self.evaluations, 1) or time.monotonic() >= self.end:
+            raise BudgetSpentError
+        if self.count and time_is_up(self.problem.search):
             raise BudgetSpentError
         self.count += 1
         value = float(self._watched(self.problem.objective, x))
         if value < self.value and np.all((x >= self.problem.lower) & (x <= self.problem.upper)):  # some look outside
             self.x, self.value = np.array(x), value
-        return np.inf if np.isnan(value) else value
+        return value if np.isfinite(value) else WALL
 
     def gradient(self, x: Array) -> Array:
-        """(d,) gradient at x: (d,) [any]."""
+        """(d,) gradient at x: (d,) [any], level where it is no finite number."""
         assert self.problem.gradient is not None, "checked when the algorithm was chosen"
-        return np.asarray(self._watched(self.problem.gradient, x))
+        slope = np.asarray(self._watched(self.problem.gradient, x))
+        return np.where(np.isfinite(slope), slope, 0.0)
 
     def _watched(self, function: Callable[[Array], Any], x: Array) -> Any:
         try:

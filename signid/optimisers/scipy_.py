@@ -30,16 +30,16 @@ class SciPy(Optimiser):
         watch = Watch(problem, budget_evaluations, budget_seconds)
         box = optimize.Bounds(problem.lower, problem.upper)
         status: Status = "budget"
+        most = max(budget_evaluations, 1)  # rounds, too: trust-constr can go on without evaluations
         try:
             if name == "differential_evolution":
                 rng = np.random.default_rng(seed)
-                found = optimize.differential_evolution(watch, box, x0=problem.start, rng=rng, maxiter=10**9)
+                found = optimize.differential_evolution(watch, box, x0=problem.start, rng=rng, maxiter=most)
             else:
                 slope = watch.gradient if problem.gradient else None
-                found = optimize.minimize(
-                    watch, problem.start, method=name, jac=slope, bounds=box, options={"maxiter": 10**9}
-                )
-            status = "converged" if found.success else "failed"
+                limits = {"maxiter": most} | ({"maxfun": most} if name == "L-BFGS-B" else {})
+                found = optimize.minimize(watch, problem.start, method=name, jac=slope, bounds=box, options=limits)
+            status = "converged" if found.success else "budget" if found.nit >= most else "failed"
         except BudgetSpentError:
             pass
         except Exception:  # the watch raises those of the objective again

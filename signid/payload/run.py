@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..consistent import fit_consistent
+from ..deadline import ends_in_time
 from ..errors import OptionError, RecordingError
 from ..estimate import estimate
 from ..factors import LAGS
@@ -28,6 +29,7 @@ DRIFT, MISFIT = 3.0, 10.0  # from which changes of friction and what no load exp
 ROLES = ("recording, without the load", "recording, with the load")
 
 
+@ends_in_time
 def payload(
     robot: Robot,
     without: Sequence[Recording],

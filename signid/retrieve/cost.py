@@ -12,6 +12,7 @@ from ..types import Array, Frozen, Indices
 from .bounds import Bounds
 from .penalty import Physics
 
+SEARCH = "the search for standard parameters"
 _LARGE = 1e3  # squared standard deviations: misfit and penalty together, of a search that has not come far
 
 
@@ -64,7 +65,7 @@ class Cost(Frozen):
                 slope += weight * width * self.physics.violation(self.standard(z))[1][self.free]
             return np.asarray(slope)
 
-        return Problem(cost, np.zeros(len(z)), np.ones(len(z)), z, gradient)
+        return Problem(cost, np.zeros(len(z)), np.ones(len(z)), z, gradient, SEARCH)
 
 
 def cost_over(box: Bounds, physics: Physics, matrix: Array, target: Array, rest: float = 0.0) -> Cost:
@@ -111,8 +112,8 @@ def _minimise(problem: Problem, algorithm: str, budget: int, seed: int) -> Optim
     left, size, slope = budget - found.evaluations, found.value, problem.gradient
     if left < 1 or slope is None or not _LARGE < size < np.inf:
         return found
-    eased = Problem(
-        lambda z: problem.objective(z) / size, problem.lower, problem.upper, found.x, lambda z: slope(z) / size
+    eased = replace(
+        problem, objective=lambda z: problem.objective(z) / size, start=found.x, gradient=lambda z: slope(z) / size
     )
     again = search(eased, algorithm=algorithm, budget_evaluations=left, seed=seed)
     return replace(again, value=again.value * size, evaluations=found.evaluations + again.evaluations)

@@ -8,11 +8,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ..consistent.cone import information_root
+from ..deadline import time_is_up
 from ..errors import OptionError
 from ..optimisers import OPTIMISERS, Optimum
 from ..types import BaseMap, Estimate, Frozen, Label, Parameters
 from .bounds import Bounds, bounds_around, check_box
-from .cost import Cost, cost_over, descend
+from .cost import SEARCH, Cost, cost_over, descend
 from .penalty import Physics, physics_of
 
 _SHARPEST = 1e4  # standard deviations per width of the box that the search is asked to resolve
@@ -132,11 +133,13 @@ def retrieve(
         first = descend(cost, rng.uniform(size=len(cost.free)), [0.0], global_algorithm, budget_global, seed + k)
         ends = [first, descend(cost, first.x, weights, local_algorithm, budget_local, seed + k)]
         run = _judge(base, estimate, cost, weights[-1], ends)
-        while not (run.feasible and run.converged) and len(ends) < 2 + _MORE:
+        while not (run.feasible and run.converged) and len(ends) < 2 + _MORE and not time_is_up(SEARCH):
             weight = run.weight if run.feasible else 10 * max(run.weight, schedule)
             ends.append(descend(cost, ends[-1].x, [weight], local_algorithm, budget_local, seed + k))
             run = _judge(base, estimate, cost, weight, ends)
         found.append(_Found(run, ends))
+        if time_is_up(SEARCH):
+            break
     best = min(found, key=lambda f: (not f.run.feasible, f.run.cost))
     parameters = Parameters(base.labels, cost.standard(best.ends[-1].x))
     table, notes = tuple(f.run for f in found), _notes(best, cost, base.labels)

@@ -1,4 +1,4 @@
-"""A tree of sign choices of which the best few nodes of each level are kept, and its nodes by least squares."""
+"""A tree of sign choices of which the best few nodes of each level are kept."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from .problem import Problem
 
 WIDTH = 5  # nodes kept of each level
 LOST = 1e-13  # of the largest eigenvalue of a Gram matrix: rounding
-SOLVERS = ("pseudo-inverse", "factor")
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,26 +53,6 @@ class Node(NamedTuple):
 
 
 Solve = Callable[[Level, Array], Node]  # level, right side (r,) [standard deviations]
-
-
-def beam(problem: Problem, order: Indices, start: int, width: int = WIDTH, solve: str = "pseudo-inverse") -> Grown:
-    """The tree with linear least squares at every node. A sign that is free to be either is left to chance.
-
-    Args:
-        problem: the segments.
-        order: (S,) in which the tree takes them.
-        start: segments whose signs are all tried, before any node is dropped.
-        width: nodes kept of each level.
-        solve: "pseudo-inverse" of the Gram matrix, anew for every node; "factor": once a level, with the same result.
-
-    Raises:
-        OptionError: there is no such way to solve, or the width is not positive.
-    """
-    if solve not in SOLVERS:
-        raise OptionError(f"nodes cannot be solved by {solve!r}; choose from {', '.join(SOLVERS)}")
-    node, nodes = grow(problem, order, start, width, _by_pseudo_inverse if solve == SOLVERS[0] else _by_factor)
-    signs = in_place(node.signs, order)
-    return Grown(signs, problem.value(signs), node.loss, nodes, nodes)
 
 
 def grow(
@@ -125,13 +104,3 @@ def _level(problem: Problem, members: Indices) -> Level:
     seen = values > LOST * values[-1]
     size, axes = np.sqrt(values[seen])[:, None], axes[:, seen].T
     return Level(gram, size * axes, axes / size, float(problem.energies[members].sum()))
-
-
-def _by_pseudo_inverse(level: Level, right: Array) -> Node:
-    z = np.linalg.pinv(level.gram, rcond=LOST, hermitian=True) @ right
-    return Node(max(level.energy - float(right @ z), 0.0), z, 1)
-
-
-def _by_factor(level: Level, right: Array) -> Node:
-    told = level.turn @ right
-    return Node(max(level.energy - float(told @ told), 0.0), told, 1)

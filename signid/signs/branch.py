@@ -8,10 +8,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..deadline import time_is_up
 from ..types import Array, Frozen, Indices
-from .order import branching_order
 from .problem import Problem
 
+SEARCH = "the search for signs"
 WIDEST = 10_000  # nodes kept of a level
 MOST = 500_000  # nodes looked at; from then on few are kept of a level
 FEW = 50
@@ -63,7 +64,7 @@ def branch(
     below = problem.loss(incumbent) + window
     tree = _Tree(problem, cuts, problem.coordinates(incumbent) if z is None else z, below)
     while tree.level < problem.count and len(tree.sums):
-        tree.grow(widest if tree.nodes < most else min(FEW, widest))
+        tree.grow(widest if tree.nodes < most and not time_is_up(SEARCH) else min(FEW, widest))
     leaves = tree.leaves()
     losses = bounds(problem, leaves, cuts)
     kept = np.argsort(losses, kind="stable")[: int(np.sum(losses <= below))]
@@ -125,7 +126,7 @@ class _Tree:
     """The nodes of one level, and how they came about."""
 
     def __init__(self, problem: Problem, cuts: Array, z: Array, below: float) -> None:
-        self.order = branching_order(problem, z)
+        self.order = _branching_order(problem, z)
         self.cuts = cuts
         self.energy = float(problem.energies.sum())
         self.below = below - ROUNDING * self.energy
@@ -188,6 +189,20 @@ class _Tree:
                 break
         self.heights[self.level :] = best.heights
         return best
+
+
+def _branching_order(problem: Problem, z: Array) -> Indices:
+    """The segments (S,), a known one first, then those that matter much and are uncertain.
+
+    |b_i| is what a sign can do, |b_i| / |b_i'z| how easily it turns round where the parameters are about z (r,). What
+    comes late in a tree is what its bounds may then take as good as known.
+    """
+    size = np.linalg.norm(problem.projections, axis=0)
+    clear = np.abs(problem.projections.T @ z)
+    score = size**3 / np.maximum(clear, 1e-12 * np.max(size, initial=1e-300) ** 2)
+    if problem.anchored:
+        score[-1] = np.inf
+    return np.argsort(-score, kind="stable")
 
 
 def _relax(later: Array, heights: Array) -> _Relaxed | None:

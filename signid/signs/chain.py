@@ -12,7 +12,7 @@ import numpy as np
 from ..types import Array, Frozen, Mask
 from .observed import Observed
 from .problem import Rows, orthonormalise, signed_rows
-from .turning import place_turns
+from .reversals import place_turns
 
 INFLATION = 10.0  # samples for one whose residual is independent of the others
 MOST = 30.0  # of them: with more, signs would follow the chain alone
@@ -34,6 +34,7 @@ class Refined(Frozen):
     sigma: Array  # (n,) standard deviation of the residual of the steady samples [N.m or N], 0 where no torque is
     loss: float  # expected sum of the squared weighted residuals of the steady samples, and of rows that are known
     rounds: int
+    change: float  # relative, of the parameters' coordinates in the last round
 
 
 def refine(
@@ -67,7 +68,7 @@ def refine(
     magnitude = np.abs(observed.torque[:, hidden])
     tied = coupling(magnitude, observed.first, same)
     kappa = np.full(len(weights), INFLATION) if inflation is None else np.minimum(inflation, MOST)
-    z, done = np.zeros(fit.back.shape[1]), 0
+    z, done, change = np.zeros(fit.back.shape[1]), 0, np.inf
     expected = odds = np.zeros_like(magnitude)
     while done < rounds:
         done += 1
@@ -77,14 +78,15 @@ def refine(
         expected = expected_signs(odds, tied)
         before, z = z, fit.coordinates(expected * magnitude)
         value = fit.back @ z
-        if np.linalg.norm(z - before) <= SETTLED * np.linalg.norm(z):
+        change = float(np.linalg.norm(z - before) / max(float(np.linalg.norm(z)), 1e-300))
+        if change <= SETTLED:
             break
     signs = np.sign(observed.torque) * (observed.known & observed.signed)
     mean = signs.copy()
     signs[:, hidden], mean[:, hidden] = likeliest_signs(odds, tied), expected
     signs = place_turns(observed, signs, observed.predict(value))
     sigma = _deviation(observed, mean, value)
-    return Refined(signs, mean, value, sigma, max(fit.energy - float(z @ z), 0.0), done)
+    return Refined(signs, mean, value, sigma, max(fit.energy - float(z @ z), 0.0), done, change)
 
 
 def coupling(magnitude: Array, first: Mask, same: float = SAME) -> Array:

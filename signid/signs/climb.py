@@ -11,6 +11,7 @@ STARTS = 150
 VECTORS = 3  # leading singular vectors of B, plain and scaled, that starts are taken from
 PAIRED = 12  # of the best different ends go on with flips of pairs
 LEAST = 1e-12  # share of the total energy that a flip must gain
+TURNS = 20  # flips a segment, at most: where rounding errors could go on, an ascent is cut short
 
 
 def climb(problem: Problem, starts: int = STARTS, seed: int = 0) -> Array:
@@ -35,7 +36,8 @@ def climb(problem: Problem, starts: int = STARTS, seed: int = 0) -> Array:
 def ascend(problem: Problem, starts: Array, joints: bool = True, pairs: bool = False) -> Array:
     """Where steepest ascent ends: flips of segments, then of whole joints, then of pairs, until none helps.
 
-    A known segment has +1 in the end; its loss is that of the opposite signs.
+    A known segment has +1 in the end; its loss is that of the opposite signs. An end is a candidate, never a proof, so
+    that one that is cut short does no harm.
 
     Args:
         problem: the boolean least squares.
@@ -52,7 +54,9 @@ def ascend(problem: Problem, starts: Array, joints: bool = True, pairs: bool = F
     least = LEAST * float(problem.energies.sum())
     groups = [np.flatnonzero(problem.joints == j) for j in np.unique(problem.joints)]
     active = np.arange(len(signs))
-    while len(active):
+    for _ in range(TURNS * problem.count):
+        if not len(active):
+            break
         _flip_single(gram, signs, pull, least, active)
         moved = _flip_groups(gram, groups, signs, pull, least, active) if joints else np.zeros(len(active), dtype=bool)
         if pairs:
@@ -78,7 +82,9 @@ def _starts(problem: Problem, count: int, seed: int) -> Array:
 
 def _flip_single(gram: Array, signs: Array, pull: Array, least: float, active: Indices) -> None:
     size = np.diag(gram)
-    while len(active):
+    for _ in range(TURNS * len(size)):
+        if not len(active):
+            break
         gain = size - signs[active] * pull[active]  # a quarter of what |B s|^2 gains
         at = np.argmax(gain, axis=1)
         good = gain[np.arange(len(active)), at] > least

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import combinations, islice
+from math import comb
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +15,7 @@ from .problem import Problem
 LOST = 1e-14  # of the largest eigenvalue of a Gram matrix: rounding
 MOST = 8  # segments of a set that is taken one by one: a tree tries all their signs
 _BLOCK = 256  # Gram matrices at a time
+_LOOKED = 100  # sets looked at for one that may be tried: few may have the joints that are needed
 
 _Set = tuple[int, ...]
 
@@ -77,6 +79,8 @@ def _smallest(
     for size in range(0 if known else 1, min(largest, len(joints)) + 1):
         if size < len(needed):
             continue
+        if comb(len(joints), size) > _LOOKED * budget:
+            return None, False
         sets = (s for s in combinations(range(len(joints)), size) if needed <= {own[i] for i in s})
         taken = list(islice(sets, budget + 1))
         if len(taken) > budget:

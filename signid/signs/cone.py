@@ -9,14 +9,14 @@ import numpy as np
 from ..motion import Motion
 from ..rows import Task
 from ..types import Array, Frozen
-from .believed import alone
-from .observed import Observed, columns_of
+from .observed import Observed, alone, columns_of
 from .problem import Problem
 
 POSES, DIRECTIONS = 15, 4  # configurations of the mass matrix, and random velocities at each
 RECTIFIED = 2.0  # an offset larger than so many times Coulomb friction is friction whose sign went astray
 VANISHES = 1e-9  # of the sum of its parts: a row that is zero
 INSIDE = 1e-9  # of the distance from the origin: no further outside is inside
+ROUNDS = 20  # a row, of a search for multipliers, at most
 
 
 def physical_cone(task: Task, observed: Observed, seed: int = 0) -> Array:
@@ -53,7 +53,7 @@ def kinetic_rows(task: Task, q: Array, x: Array) -> Array:
 
 def _energy(task: Task, observed: Observed, seed: int) -> Array:
     rng, n = np.random.default_rng(seed), len(observed.joints)
-    rms = np.sqrt(np.mean(observed.torque**2, axis=0))
+    rms = observed.rms
     size = np.where(rms > 0, 1 / np.sqrt(np.where(rms > 0, rms, 1.0)), 0.0)  # alike in kinetic energy
     at = np.sort(rng.choice(len(observed), min(POSES, len(observed)), replace=False))
     single, mixed = np.tile(np.diag(size), (len(at), 1)), rng.standard_normal((len(at) * DIRECTIONS, n)) * size
@@ -100,7 +100,8 @@ class Cone(Frozen):
     def distance(self, z: Array) -> tuple[float, Array]:
         """Squared distance from the cone, and its point nearest to z (r,) [standard deviations].
 
-        Only rows that the point violates enter: few are active.
+        Only rows that the point violates enter: few are active. Where the multipliers of these cannot be computed, it
+        is a lower bound of the distance, and the point lies outside.
 
         Args:
             z: (r,) [standard deviations].
@@ -119,13 +120,18 @@ class Cone(Frozen):
 
 
 def _multipliers(rows: Array, z: Array) -> Array:
-    """The lam >= 0 for which z + rows' lam is the point of the cone of these rows nearest to z."""
+    """The lam >= 0 for which z + rows' lam is the point of the cone of these rows nearest to z, or nearly so.
+
+    Any lam >= 0, scaled to maximise -|rows' lam|^2 - 2 lam'rows z, gives a point no farther from z than the cone is.
+    """
     from scipy.optimize import lsq_linear, nnls
 
     try:
-        return np.asarray(nnls(rows.T, -z, maxiter=20 * len(rows))[0])
+        return np.asarray(nnls(rows.T, -z, maxiter=ROUNDS * len(rows))[0])
     except RuntimeError:  # too many rounds
-        return np.asarray(lsq_linear(rows.T, -z, (0, np.inf), method="bvls").x)
+        found = np.maximum(lsq_linear(rows.T, -z, (0, np.inf), method="bvls", max_iter=ROUNDS * len(rows)).x, 0.0)
+    step = rows.T @ found
+    return np.asarray(found * max(-float(step @ z), 0.0) / max(float(step @ step), 1e-300))
 
 
 def _distinct(rows: Array) -> Array:

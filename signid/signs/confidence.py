@@ -26,20 +26,9 @@ def judge_confidence(problem: Problem, signs: Array, rival_signs: Array, rival_l
     weights = np.exp(-(rival_losses - rival_losses.min(initial=np.inf)) / 2)
     same = rival_signs == signs
     marginal = weights @ same / max(float(weights.sum()), 1e-300) if len(weights) else np.ones(problem.count)
-    alone = 1 / (1 + np.exp(np.clip(-flip_costs(problem, signs) / 2, -700, 700)))
+    alone = 1 / (1 + np.exp(np.clip(-_flip_costs(problem, signs) / 2, -700, 700)))
     found = np.minimum(marginal, alone)
     return np.where(problem.joints < 0, 1.0, found)
-
-
-def flip_costs(problem: Problem, signs: Array) -> Array:
-    """(S,) by how much the loss rises when one segment is turned round.
-
-    Args:
-        problem: of S segments.
-        signs: (S,) [1].
-    """
-    b = problem.projections
-    return np.asarray(4 * signs * (b.T @ (b @ signs)) - 4 * np.sum(b**2, axis=0))
 
 
 def joint_doubt(problem: Problem, signs: Array, rival_signs: Array, rival_losses: Array) -> dict[int, float]:
@@ -59,3 +48,9 @@ def joint_doubt(problem: Problem, signs: Array, rival_signs: Array, rival_losses
         share = np.average(rival_signs[:, own] != signs[own], axis=1, weights=problem.energies[own] + 1e-300)
         doubt[joint] = float(weights[share > 0.5].sum()) / total
     return doubt
+
+
+def _flip_costs(problem: Problem, signs: Array) -> Array:
+    """(S,) by how much the loss rises when one segment is turned round."""
+    b = problem.projections
+    return np.asarray(4 * signs * (b.T @ (b @ signs)) - 4 * np.sum(b**2, axis=0))

@@ -8,10 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..deadline import time_is_up
 from ..types import Array, Frozen
-from .branch import MOST, WIDEST, branch
+from .branch import MOST, SEARCH, WIDEST, branch
 from .certificate import certify
-from .climb import ascend, climb
+from .climb import TURNS, ascend, climb
 from .problem import Problem
 from .result import Proof
 from .scores import Cone, Everywhere, Scores
@@ -79,8 +80,9 @@ def search(
         scores.add(np.concatenate([free.signs[None], tries]))
         lower, more = _prove(problem, scores, moves, lower, widest, most)
         nodes += more
-    optimal = scores.best - lower <= scores.same
-    gap = 0.0 if optimal else 1 - max(lower, 0.0) / scores.best
+    attained = scores.attained()
+    optimal = attained and scores.best - lower <= scores.same
+    gap = 0.0 if optimal else 1 - max(lower, 0.0) / scores.best if attained else 1.0
     proof = Proof(optimal, gap, nodes, certified=optimal and not nodes)
     return Found(scores.signs, scores.coordinates, scores.best, proof, scores.cuts)
 
@@ -116,7 +118,7 @@ def _prove(
     nodes, width = 0, min(NARROW, widest)
     if scores.best - lower > scores.same:
         _improve(problem, scores, moves)
-    while scores.best - lower > scores.same and nodes < most:
+    while scores.best - lower > scores.same and nodes < most and not time_is_up(SEARCH):
         before = scores.best, scores.cuts.shape[1]
         window = scores.best - problem.loss(scores.signs)
         tree = branch(problem, scores.signs, window, scores.cuts, scores.coordinates, width, most - nodes)
@@ -132,16 +134,25 @@ def _prove(
 
 
 def _improve(problem: Problem, scores: Scores, moves: Sequence[Array]) -> None:
-    """Flips of joints, moves of joints, flips of segments, until none of them lowers the loss."""
-    before = np.inf
-    while scores.best < before - scores.same:
+    """Flips of joints, moves of joints, flips of segments, until none of them lowers the loss, or for some rounds."""
+    for _ in range(TURNS):
+        if time_is_up(SEARCH):
+            break
         before = scores.best
         for starts in (_patterns(problem, scores.signs), _moved(problem, scores.signs, moves)):
             scores.add(np.concatenate([starts, ascend(problem, starts, joints=False)]))
-        flipped = np.inf
-        while scores.best < flipped - scores.same:
-            flipped = scores.best
-            scores.add(scores.signs * (1 - 2 * np.eye(problem.count)[: problem.count - int(problem.anchored)]))
+        _flip_segments(problem, scores)
+        if scores.best >= before - scores.same:
+            break
+
+
+def _flip_segments(problem: Problem, scores: Scores) -> None:
+    flips = 1 - 2 * np.eye(problem.count)[: problem.count - int(problem.anchored)]
+    for _ in range(TURNS * problem.count):
+        before = scores.best
+        scores.add(scores.signs * flips)
+        if scores.best >= before - scores.same:
+            break
 
 
 def _patterns(problem: Problem, signs: Array) -> Array:

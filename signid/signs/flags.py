@@ -9,19 +9,19 @@ import numpy as np
 from ..errors import shorten
 from ..rows import Task
 from ..types import Indices, Robot
-from .believed import alone
 from .climb import ascend
+from .cone import RECTIFIED
 from .confidence import WINDOW
-from .infer import Inferred
-from .observed import Observed
-from .weigh import friction_patterns, scales
+from .friction_signs import friction_patterns
+from .infer import SUSPECT, SYSTEMATIC, Inferred
+from .observed import Observed, alone
 
 DOUBT = 1e-3  # probability that a joint's signs are all the other way round, at most
-RECTIFIED = 1.9  # times the Coulomb friction: an offset so large may be friction of the wrong sign
+NEARLY = 0.95  # of the largest offset that the cone allows: one so large may be friction of the wrong sign
 BARE = 0.02  # rms of what bodies and rotors add to the torque, over its rms, below which they do not show
-LARGE, SYSTEMATIC = 0.15, 3.0  # residual over torque; samples for one that is independent: noise alone makes 1
 COARSE = 0.15  # steps of the recorded torque over its rms
 IMPURE = 0.1  # share of a joint's segments in which torque changed its sign
+MOVES = 1e-3  # relative change of the parameters in the last round of refinement, above which it had not settled
 DEVIATIONS = 2.0  # standard deviations by which an offset must be beyond
 
 
@@ -29,6 +29,7 @@ def raise_flags(task: Task, observed: Observed, inferred: Inferred) -> tuple[str
     """When the signs are not to be trusted, a sentence each; nothing where all is well."""
     return (
         *_unproved(inferred),
+        *_unsettled(inferred),
         *_undecided(observed, inferred),
         *_rectified(task, observed, inferred),
         *_bare(task, observed, inferred),
@@ -45,6 +46,15 @@ def _unproved(inferred: Inferred) -> Iterator[str]:
         yield f"the signs are the best that were found, not proved to be the best there are ({told})"
     elif not inferred.complete:
         yield "more choices of signs are nearly as good as the best than could be counted: confidences may be too high"
+
+
+def _unsettled(inferred: Inferred) -> Iterator[str]:
+    refined = inferred.refined
+    if refined.change > MOVES:
+        yield (
+            f"signs and parameters had not settled after {refined.rounds} rounds of refinement (the last one moved the "
+            f"torque by {100 * refined.change:.2g} %): signs of small torques may be wrong"
+        )
 
 
 def _undecided(observed: Observed, inferred: Inferred) -> Iterator[str]:
@@ -79,7 +89,7 @@ def _rectified(task: Task, observed: Observed, inferred: Inferred) -> Iterator[s
         if k is None or i is None:
             continue
         offset, friction = inferred.refined.value[[k, i]]
-        if abs(offset) - RECTIFIED * max(friction, 0.0) > DEVIATIONS * (std[k] + std[i]):
+        if abs(offset) - NEARLY * RECTIFIED * max(friction, 0.0) > DEVIATIONS * (std[k] + std[i]):
             yield (
                 f"the torque offset of {observed.joints[joint]} ({offset:.2g} {_unit(task.robot, joint)}) is large "
                 f"beside its Coulomb friction ({friction:.2g} {_unit(task.robot, joint)}): friction of the wrong sign "
@@ -90,7 +100,7 @@ def _rectified(task: Task, observed: Observed, inferred: Inferred) -> Iterator[s
 def _bare(task: Task, observed: Observed, inferred: Inferred) -> Iterator[str]:
     problem, bodies = inferred.problem, inferred.refined.value.copy()
     bodies[list(alone(task))] = 0.0
-    share = np.std(observed.predict(bodies), axis=0) / scales(observed)
+    share = np.std(observed.predict(bodies), axis=0) / observed.scale
     signs = np.append(inferred.signs, np.ones(problem.count - len(inferred.signs)))
     for move in friction_patterns(problem, observed, inferred.segments):
         own = move != 0
@@ -106,8 +116,8 @@ def _bare(task: Task, observed: Observed, inferred: Inferred) -> Iterator[str]:
 
 
 def _unexplained(observed: Observed, inferred: Inferred) -> Iterator[str]:
-    share = inferred.refined.sigma / scales(observed)
-    bad = [j for j in observed.hidden if share[j] > LARGE and inferred.inflation[j] > SYSTEMATIC]
+    share = inferred.refined.sigma / observed.scale
+    bad = [j for j in observed.hidden if share[j] > SUSPECT and inferred.inflation[j] > SYSTEMATIC]
     if bad:
         told = ", ".join(f"{observed.joints[j]} ({100 * share[j]:.0f} %)" for j in bad)
         yield (
@@ -120,10 +130,10 @@ def _coarse(robot: Robot, observed: Observed) -> Iterator[str]:
     for joint in observed.hidden:
         levels = np.unique(np.abs(observed.torque[:, joint]))
         step = float(np.median(np.diff(levels))) if len(levels) > 1 else 0.0
-        if len(levels) < len(observed) / 4 and step > COARSE * scales(observed)[joint]:
+        if len(levels) < len(observed) / 4 and step > COARSE * observed.scale[joint]:
             yield (
                 f"the torque of {observed.joints[joint]} is recorded in steps of {step:.2g} {_unit(robot, joint)}, "
-                f"{100 * step / scales(observed)[joint]:.0f} % of its rms: too coarse to tell signs where it is small"
+                f"{100 * step / observed.scale[joint]:.0f} % of its rms: too coarse to tell signs where it is small"
             )
 
 

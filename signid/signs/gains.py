@@ -15,12 +15,12 @@ from ..recording import same_joints, with_signs
 from ..rows import Task
 from ..session import Options, Progress, Session
 from ..types import Array, Frozen, Mask, Recording, Robot, prismatic_unit
-from .apply import spread
-from .described import WRONG, combine, describe_constants
+from .gains_described import WRONG, combine, describe_constants
+from .gains_shared import Constants, share_constants
 from .infer import infer
 from .observed import Observed, observe
 from .result import Gain, Signs
-from .shared import Constants, share_constants
+from .spread import spread
 
 ROUNDS = 5  # of signs and constants in turn, at most
 SETTLED, CALM = 0.01, 0.1  # change of a constant that changes no sign: relative, or of its standard deviation
@@ -104,12 +104,15 @@ def find_gains(
     covariance = np.where(np.outer(unknown, unknown), constants.covariance, 0.0)
     notes = tuple(_notes(session.robot, value, std, unknown, anchors, constants.described))
     units = tuple(_unit(session.robot, j) for j in range(len(unknown)))
-    return Gains(observed.joints, units, unknown, value, covariance, notes, tuple(_flags(session.robot, std)))
+    return Gains(
+        observed.joints, units, unknown, value, covariance, notes, tuple(_flags(session.robot, std, constants))
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class _Found(Constants):
     described: bool = False  # whether the description was needed
+    settled: bool = True  # whether signs and constants no longer changed in the last round
 
 
 def _unknown(recordings: Sequence[Recording]) -> Mask:
@@ -137,6 +140,8 @@ def _settle(session: Session, observed: Observed, unknown: Mask, seed: int) -> _
         change = np.abs(found.log - before.log)
         if last.any() and np.all(change <= np.maximum(SETTLED, CALM * found.std)):
             break
+    else:
+        return replace(found, settled=False)
     return found
 
 
@@ -219,7 +224,12 @@ def _notes(robot: Robot, value: Array, std: Array, unknown: Mask, anchors: Mask,
     yield "standard deviations of parameters count how uncertain these torque constants are, which they have in common"
 
 
-def _flags(robot: Robot, std: Array) -> Iterator[str]:
+def _flags(robot: Robot, std: Array, found: _Found) -> Iterator[str]:
+    if not found.settled:
+        yield (
+            f"signs and torque constants still changed in the last of {ROUNDS} rounds: either may be wrong; state "
+            f"torque_constant in an actuators file"
+        )
     rough = np.flatnonzero(std > ROUGH)
     if len(rough):
         told = shorten([f"{robot.joints[j]} ({100 * std[j]:.0f} %)" for j in rough])

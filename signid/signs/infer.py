@@ -14,16 +14,17 @@ from .chain import Refined, refine
 from .cone import Cone, physical_cone
 from .confidence import joint_doubt
 from .exact import search
+from .friction_signs import friction_patterns
 from .inflation import inflation
 from .observed import Observed
 from .problem import Problem, Rows, Segment, pose, signed_rows
 from .result import Proof
 from .segments import cut_by_signs, minimum_cuts, split_impure, threshold_runs
-from .weigh import follow, friction_patterns, known_rows, scales, weigh
+from .weigh import follow, known_rows, weigh
 
 SPLITS = 3  # rounds of cutting segments in which the model changes sign
 LEAST_NOISE = 1e-3  # of the rms torque: no residual counts as smaller when confidence is judged
-SUSPECT, SYSTEMATIC = 0.15, 3.0  # residual over torque, and samples for one that is independent: finer segments then
+SUSPECT, SYSTEMATIC = 0.15, 3.0  # residual over torque, and samples for one that is independent (noise alone: 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,10 +83,10 @@ def infer(task: Task, observed: Observed, seed: int = 0, choose: Choose | None =
     if choose is None:
         attempt, finer = _exactly(task, observed, segments, cone, seed)
     else:
-        attempt = _attempt(observed, segments, choose, signed_rows(observed, 1 / scales(observed)), splits=1)
+        attempt = _attempt(observed, segments, choose, signed_rows(observed, 1 / observed.scale), splits=1)
     refined = attempt.refined
     kappa = _inflations(observed, refined, cut_by_signs(observed, segments, refined.signs))
-    sigma = np.maximum(refined.sigma, LEAST_NOISE * scales(observed))
+    sigma = np.maximum(refined.sigma, LEAST_NOISE * observed.scale)
     weighed = weigh(task, observed, segments, refined, 1 / (sigma * np.sqrt(kappa)), cone, seed, choose is None)
     told, proof = weighed.segments, weighed.found.proof if choose is None else attempt.choice.proof
     count, signs = len(told), weighed.found.signs
@@ -110,7 +111,7 @@ def _exactly(
     task: Task, observed: Observed, segments: Sequence[Segment], cone: Array, seed: int
 ) -> tuple[_Attempt, bool]:
     """Runs above the threshold first; stretches between minima where those hid changes of sign, if they do better."""
-    known = known_rows(task, observed, 1 / scales(observed))
+    known = known_rows(task, observed, 1 / observed.scale)
 
     def choose(problem: Problem, segments: Sequence[Segment]) -> Choice:
         found = search(problem, Cone.of(problem, cone), friction_patterns(problem, observed, segments), seed=seed)
@@ -128,7 +129,7 @@ def _attempt(
     observed: Observed, segments: Sequence[Segment], choose: Choose, known: Rows, splits: int = SPLITS
 ) -> _Attempt:
     """Search, cut segments in which the model changes sign, search again; then the signs of all samples."""
-    weights, total = 1 / scales(observed), 0
+    weights, total = 1 / observed.scale, 0
     for _ in range(splits):
         problem = pose(observed, segments, weights, known)
         choice = choose(problem, segments)
@@ -143,7 +144,7 @@ def _attempt(
 
 def _is_suspect(observed: Observed, attempt: _Attempt) -> bool:
     """Whether some joint's residual is large, and not as noise is."""
-    share = attempt.refined.sigma / scales(observed)
+    share = attempt.refined.sigma / observed.scale
     return bool(np.any((share > SUSPECT) & (_inflations(observed, attempt.refined, attempt.segments) > SYSTEMATIC)))
 
 

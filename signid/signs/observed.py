@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -50,6 +51,16 @@ class Observed(Frozen):
     def hidden(self) -> tuple[int, ...]:
         """Joints whose torque has lost its sign."""
         return tuple(np.flatnonzero(self.known & ~self.signed).tolist())
+
+    @cached_property
+    def rms(self) -> Array:
+        """(n,) of the torque [N.m or N], 0 where there is none."""
+        return np.asarray(np.sqrt(np.mean(self.torque**2, axis=0)))
+
+    @property
+    def scale(self) -> Array:
+        """(n,) rms torque [N.m or N], 1 where there is none."""
+        return np.asarray(np.where(self.rms > 0, self.rms, 1.0))
 
     def rows(self, joint: int, at: slice | Mask | Indices = slice(None)) -> Array:
         """(M, b) rows of a joint over all base parameters [torque per unit of each].
@@ -133,6 +144,16 @@ def predict(task: Task, motion: Motion, value: Array) -> Array:
         value: (b,) base parameters [units of base].
     """
     return _predicted(columns_of(task, motion), _seen(task), value)
+
+
+def alone(task: Task) -> dict[int, tuple[str, int]]:
+    """Base parameters that are one coefficient of a law by itself -> name of the law, joint."""
+    found = {}
+    for k, row in enumerate(task.base.combination):
+        label = task.base.labels[task.base.independent[k]]
+        if np.count_nonzero(row) == 1 and label.law is not None and label.joint is not None:
+            found[k] = (task.laws[label.law].effect.name, label.joint)
+    return found
 
 
 def thinning(task: Task, parts: Sequence[Part], most: int = MOST) -> int:

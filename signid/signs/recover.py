@@ -14,18 +14,17 @@ from ..recording import with_signs
 from ..rows import Task
 from ..session import Options, Part, Progress
 from ..types import Array, BaseMap, Estimate, Recording, Robot
-from .apply import spread
-from .between import Signed, place_jumps
 from .chain import refine
 from .classical import by_tree
 from .expect import expect_signs
 from .flags import raise_flags
 from .gains import Gains, find_gains
+from .gains_shared import count_constants
 from .infer import Inferred, infer
+from .jumps import Signed, place_jumps
 from .observed import Observed, observe, thinning
 from .result import Signs, Told, Trace
-from .shared import count_constants
-from .weigh import scales
+from .spread import spread
 
 METHODS = ("exact", "tree")
 
@@ -157,7 +156,7 @@ def _traces(observed: Observed, parts: Sequence[Part], inferred: Inferred, signs
 def _followed(task: Task, part: Part, inferred: Inferred) -> dict[Recording, Trace]:
     """The signs that the model found elsewhere gives a recording that took no part in the search."""
     observed = observe(task, [part])
-    told = refine(observed, 1 / scales(observed), inferred.refined.value, rounds=1)
+    told = refine(observed, 1 / observed.scale, inferred.refined.value, rounds=1)
     return _traces(observed, [part], inferred, told.signs)
 
 

@@ -20,6 +20,8 @@ class Cone(Protocol):
     def distance(self, z: Array) -> tuple[float, Array]:
         """Squared distance from the cone, and the nearest point of it (r,) [standard deviations].
 
+        Where that cannot be computed, a lower bound of it, and a point outside.
+
         Args:
             z: (r,) [standard deviations].
         """
@@ -82,6 +84,10 @@ class Scores:
                 return float(floors[k])
             count += self._add(both[k])
         return np.inf
+
+    def attained(self) -> bool:
+        """Whether the coordinates of the best signs lie in the cone, so that their loss is no mere lower bound."""
+        return self.cone.distance(self.coordinates)[0] <= self.same
 
     def ranked(self) -> tuple[Array, Array]:
         """All signs scored, (K, S) [1], and their losses (K,) [squared standard deviations], the best first."""

@@ -49,9 +49,8 @@ def minimum_cuts(observed: Observed) -> list[Segment]:
     found = []
     for joint in observed.hidden:
         magnitude, moving = np.abs(observed.torque[:, joint]), in_motion(observed, joint)
-        rms = float(np.sqrt(np.mean(magnitude**2)))
-        inside = moving & (magnitude >= LOWEST * rms)
-        inside[_minima(magnitude, LOW * rms)] = False
+        inside = moving & (magnitude >= LOWEST * observed.rms[joint])
+        inside[_minima(magnitude, LOW * float(observed.rms[joint]))] = False
         cut = [run for run in runs(observed, joint, inside) if run.stop - run.start >= FEWEST]
         found += cut or [s for s in threshold_runs(observed)[0] if s.joint == joint]
     return found

@@ -10,18 +10,19 @@ import numpy as np
 
 from ..rows import Task
 from ..types import Array
-from .believed import believe
 from .chain import Refined, refine
 from .cone import Cone
 from .confidence import WINDOW, judge_confidence
 from .exact import Found, Rivals, enumerate_near, search
-from .friction import friction_moves
+from .friction_prior import believe
+from .friction_signs import friction_patterns
 from .observed import Observed
 from .problem import Problem, Rows, Segment, pose, signed_rows
 from .result import Proof
 from .segments import cut_by_signs
 
 CERTAIN = 0.999  # confidence that the parts of a run need, to be told apart
+ROUNDS = 2  # of joining runs again whose parts are not certain
 
 
 class Weighed(NamedTuple):
@@ -46,7 +47,8 @@ def weigh(
 ) -> Weighed:
     """Search again in variance units, from the signs that refinement gave, and count the rivals.
 
-    A run that refinement cut stays whole where its parts are not certain.
+    A run that refinement cut is judged whole in a second round where its parts are not certain in the first. Parts
+    that are not certain in the second keep the confidence that they have.
 
     Args:
         task: what the rows were made for.
@@ -60,7 +62,7 @@ def weigh(
     """
     told = [s for s in cut_by_signs(observed, runs, refined.signs) if s.stop - s.start >= 2]
     known = known_rows(task, observed, weights)
-    for _ in range(2):
+    for left in reversed(range(ROUNDS)):
         problem = pose(observed, told, weights, known)
         cone = Cone.of(problem, rows)
         start = np.array([_majority(refined, s) for s in told] + [1.0] * (problem.count - len(told)))
@@ -71,7 +73,7 @@ def weigh(
         rivals = enumerate_near(problem, cone, found, WINDOW)
         confidence = judge_confidence(problem, found.signs, rivals.signs, rivals.losses)
         doubtful = {run for run in runs if _is_doubtful(run, told, confidence)}
-        if not doubtful:
+        if not doubtful or not left:
             break
         told = [s for s in told if not any(_holds(run, s) for run in doubtful)]
         told = sorted([*told, *doubtful])
@@ -94,11 +96,11 @@ def _holds(run: Segment, part: Segment) -> bool:
 
 def follow(observed: Observed, refined: Refined, weighed: Weighed) -> Refined:
     """The signs of samples, in each segment that of the segment."""
-    count, start = len(weighed.segments), refined.signs
+    count = len(weighed.segments)
     turned = any(_majority(refined, s) != x for s, x in zip(weighed.segments, weighed.found.signs[:count], strict=True))
     if turned:
         value = weighed.problem.back @ weighed.found.coordinates
-        refined = refine(observed, 1 / scales(observed), value)
+        refined = refine(observed, 1 / observed.scale, value)
     start = refined.signs.copy()
     for (joint, begin, stop), sign in zip(weighed.segments, weighed.found.signs[:count], strict=True):
         start[begin:stop, joint] = sign
@@ -112,12 +114,6 @@ def _standing(problem: Problem, cone: Cone, signs: Array) -> Found:
     return Found(signs, nearest, problem.loss(signs) + squared, Proof(False, 1.0, 0), np.zeros((len(z), 0)))
 
 
-def friction_patterns(problem: Problem, observed: Observed, segments: Sequence[Segment]) -> list[Array]:
-    """Per joint the signs (S,) that friction suggests, with none for a known segment."""
-    spare = problem.count - len(segments)
-    return [np.append(move, np.zeros(spare)) for move in friction_moves(observed, segments)]
-
-
 def known_rows(task: Task, observed: Observed, weights: Array) -> Rows:
     """Rows with a known right side: joints whose torque has its sign, and weak beliefs on friction.
 
@@ -128,9 +124,3 @@ def known_rows(task: Task, observed: Observed, weights: Array) -> Rows:
     """
     parts = [signed_rows(observed, weights), believe(task, observed, weights)]
     return Rows(np.concatenate([p.matrix for p in parts]), np.concatenate([p.target for p in parts]))
-
-
-def scales(observed: Observed) -> Array:
-    """(n,) rms torque of each joint [N.m or N], 1 where there is none."""
-    rms = np.sqrt(np.mean(observed.torque**2, axis=0))
-    return np.where(rms > 0, rms, 1.0)

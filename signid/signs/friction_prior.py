@@ -6,7 +6,7 @@ import numpy as np
 
 from ..rows import Task
 from ..types import Array
-from .observed import Observed
+from .observed import Observed, alone
 from .problem import Rows
 
 BELIEFS = {  # in rms torques of the joint, at its rms velocity: expected, standard deviation
@@ -28,7 +28,7 @@ def believe(task: Task, observed: Observed, weights: Array, strength: float = 0.
         weights: (n,) [1/N.m or 1/N] of each joint's torque; where it is 0 nothing is believed.
         strength: of the rows; at 1 they count as measurements.
     """
-    torque, speed = np.sqrt(np.mean(observed.torque**2, axis=0)), np.sqrt(np.mean(observed.v**2, axis=0))
+    torque, speed = observed.rms, np.sqrt(np.mean(observed.v**2, axis=0))
     matrix, target = [np.zeros((0, observed.count))], []
     for k, (name, joint) in alone(task).items():
         used = joint in observed.hidden and weights[joint] > 0 and torque[joint] * speed[joint] > 0
@@ -38,13 +38,3 @@ def believe(task: Task, observed: Observed, weights: Array, strength: float = 0.
             matrix.append(np.eye(1, observed.count, k) * strength / (deviation * unit))
             target.append(strength * expected / deviation)
     return Rows(np.concatenate(matrix), np.array(target))
-
-
-def alone(task: Task) -> dict[int, tuple[str, int]]:
-    """Base parameters that are one coefficient of a law by itself -> name of the law, joint."""
-    found = {}
-    for k, row in enumerate(task.base.combination):
-        label = task.base.labels[task.base.independent[k]]
-        if np.count_nonzero(row) == 1 and label.law is not None and label.joint is not None:
-            found[k] = (task.laws[label.law].effect.name, label.joint)
-    return found

@@ -24,7 +24,7 @@ def place_turns(observed: Observed, signs: Array, predicted: Array) -> Array:
     found, begins = signs.copy(), np.flatnonzero(observed.first)
     for joint in observed.hidden:
         magnitude = np.abs(observed.torque[:, joint])
-        large = LARGE * float(np.sqrt(np.mean(magnitude**2)))
+        large = LARGE * observed.rms[joint]
         for _, start, stop in runs(observed, joint, ~observed.steady[:, joint]):
             if start == 0 or stop == len(signs) or np.any((begins >= start) & (begins <= stop)):
                 continue

@@ -13,7 +13,7 @@ from ..rows import Task
 from ..session import Part
 from ..types import Array, Indices, Mask
 from .observed import motions, predict
-from .turning import LARGE, place_turn
+from .reversals import LARGE, place_turn
 
 
 class Signed(NamedTuple):

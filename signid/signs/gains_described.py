@@ -11,7 +11,7 @@ from ..factors import Factors
 from ..model import stated_inertials
 from ..rows import Task
 from ..types import Array, Mask
-from .shared import Constants, move
+from .gains_shared import Constants, move
 
 WRONG = 0.2  # of mass, first moment and inertia of each link: by how much a description is off, one standard deviation
 WEAK = 0.5  # relative standard deviation from which on a logarithm of a constant means nothing
