@@ -41,7 +41,7 @@ def solve(cone: Cone) -> tuple[Array, str]:
 
 
 def trace(cone: Cone, heavier: float) -> Array | None:
-    """(d,) the minimiser, from the prior along the central path; None where a stride does not come back to the path, or time is up.
+    """(d,) the minimiser, from the prior along the central path; None where it loses the path, or time is up.
 
     Args:
         cone: the problem.
