@@ -32,6 +32,8 @@ import signid
 from signid.motion import Motion
 from signid.types import Robot
 
+from .watched import peak
+
 Array = NDArray[np.float64]
 
 ROBOT, RATE, PERIOD = "3r", 1000.0, 100.0  # Hz, s
@@ -72,10 +74,17 @@ def move(robot: Robot) -> tuple[Array, Array]:
     return q, load + armature * a + viscous * v + coulomb * np.sign(v)
 
 
-def write(path: Path, samples: int) -> None:
-    """A recording of so many samples, written a period at a time."""
-    q, torque = move(signid.load_robot(ROBOT))
-    names = ["t", *(f"{kind}_{j + 1}" for kind in ("q", "tau") for j in range(q.shape[1]))]
+def write(path: Path, samples: int, joints: Sequence[str], q: Array, torque: Array) -> None:
+    """A recording of so many samples, written a period at a time: the same motion again, with other noise.
+
+    Args:
+        path: of the Parquet file.
+        samples: how many.
+        joints: (n,) their names.
+        q: (N, n) [rad or m] one period.
+        torque: (N, n) [N.m or N] without noise.
+    """
+    names = ["t", *(f"{kind}_{joint}" for kind in ("q", "tau") for joint in joints)]
     step, size = 2 * np.pi / 2**BITS, NOISE * np.sqrt(np.mean(torque**2, axis=0))
 
     def periods(*_: Any) -> Iterator[pl.DataFrame]:
@@ -99,23 +108,13 @@ def identify(path: Path) -> dict[str, float]:
     values = dict(zip((label.name for label in found.parameters.labels), found.parameters.values, strict=True))
     true = {f"{key}_{j + 1}": x for key in ("viscous_friction", "coulomb_friction") for j, x in enumerate(DRIVES[key])}
     error = max(abs(values[name] / x - 1) for name, x in true.items())
-    return {"memory": _peak(), "error": error, "held_out_r2": float(found.fit.held_out_r2.min())}
-
-
-def _peak() -> float:
-    """Most memory that this process ever held [MB]; where the system tells, without what its parent held."""
-    status = Path("/proc/self/status")
-    if status.is_file():
-        line = next(x for x in status.read_text(encoding="utf-8").splitlines() if x.startswith("VmHWM"))
-        return float(line.split()[1]) * 1.024e-3
-    import resource
-
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1e-6 if sys.platform == "darwin" else 1.024e-3)
+    return {"memory": peak(), "error": error, "held_out_r2": float(found.fit.held_out_r2.min())}
 
 
 def measure(path: Path, samples: int) -> Row:
     """Write a recording, identify it in a process of its own, remove it."""
-    write(path, samples)
+    q, torque = move(signid.load_robot(ROBOT))
+    write(path, samples, [str(j + 1) for j in range(q.shape[1])], q, torque)
     start = time.perf_counter()
     command = [sys.executable, "-m", "benchmarks.long", "--identify", str(path)]
     answer = subprocess.run(command, env={**os.environ, **ONE_THREAD}, stdout=subprocess.PIPE, check=True).stdout

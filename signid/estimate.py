@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_banded
 
 from .factors import Factors, JointFactors
 from .types import Array, BaseMap, Estimate, Indices, Mask
@@ -19,7 +18,6 @@ FLOOR = 1e-14  # of the torque's power: rounding
 PENALTY = 2.0  # per order of the noise model: Akaike's
 LEAST = 0.05  # of the variance under white noise
 STABLE = 0.98  # largest reflection coefficient
-IMPULSE = 400  # rows after which an autoregressive noise has forgotten
 WEAK_INSTRUMENT = 3.0  # times the standard deviation of least squares, in the median
 
 
@@ -158,7 +156,7 @@ def _model_noise(
     """Levinson's recursion on the residual's autocovariances: stable, as every reflection stays below 1."""
     r = _autocovariances(joint, columns, old, solution, covariance)
     count, phi, variance = max(joint.counts[0], 1), np.zeros(0), float(r[0])
-    best, chosen = np.inf, (phi, variance)
+    best, chosen = np.inf, phi
     for order in range(1, len(r) if whiten else 1):
         reflection = (r[order] - phi @ r[order - 1 : 0 : -1]) / variance
         if abs(reflection) >= STABLE:
@@ -167,12 +165,11 @@ def _model_noise(
         variance *= 1 - reflection**2
         criterion = count * np.log(variance) + order * PENALTY
         if criterion < best:
-            best, chosen = criterion, (phi, variance)
-    impulse = (np.arange(IMPULSE) == 0) * np.sqrt(chosen[1])
-    bands = np.repeat(np.append(1.0, -chosen[0])[:, None], IMPULSE, axis=1)
-    response = np.asarray(solve_banded((len(chosen[0]), 0), bands, impulse))
-    colour = np.array([response[: IMPULSE - d] @ response[d:] for d in range(len(r))])
-    return _Noise(len(chosen[0]), colour * (r[0] / colour[0]))
+            best, chosen = criterion, phi
+    colour = r.copy()
+    for d in range(len(chosen) + 1, len(r)):  # up to its order, such noise has the autocovariances it was made from
+        colour[d] = chosen @ colour[d - len(chosen) : d][::-1]
+    return _Noise(len(chosen), colour)
 
 
 def _autocovariances(

@@ -6,7 +6,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import eigh
 
 from .factors import Factors
 from .motion import Motion
@@ -80,7 +79,7 @@ def judge_excitation(task: Task, factors: Factors, estimated: Estimate, seed: in
     best = _random_information(task, factors, speed, acceleration, weight, seed)
     size = np.sqrt(np.maximum(np.diag(best), 1e-300))
     scaled = best / np.outer(size, size) + 1e-12 * np.eye(base.rank)
-    shares, directions = eigh(ours / np.outer(size, size), scaled)
+    shares, directions = _generalised(ours / np.outer(size, size), scaled)
     torque = np.array([np.sqrt(f.whole[-1, -1] / max(f.rows, 1)) for f in factors.joints])
     prior = _prior_sizes(robot, base, torque, speed)
     weak = [_largest(directions[:, k] / size / prior) for k in np.flatnonzero(shares < ENOUGH)]
@@ -94,6 +93,14 @@ def judge_excitation(task: Task, factors: Factors, estimated: Estimate, seed: in
         _groups(robot, factors, speed),
         tuple(e for e, u in zip(base.expressions, uncertain, strict=True) if u),
     )
+
+
+def _generalised(one: Array, other: Array) -> tuple[Array, Array]:
+    """Eigenvalues (b,), ascending, and vectors (b, b) of one symmetric matrix with respect to another, positive one."""
+    root = np.linalg.cholesky(other)
+    half = np.linalg.solve(root, one)
+    values, vectors = np.linalg.eigh(np.linalg.solve(root, half.T))
+    return values, np.linalg.solve(root.T, vectors)
 
 
 def _prior_sizes(robot: Robot, base: BaseMap, torque: Array, speed: Array) -> Array:
@@ -123,7 +130,7 @@ def _random_information(
     v = rng.standard_normal((STATES, n)) * np.maximum(speed, floor)
     a = rng.standard_normal((STATES, n)) * np.maximum(acceleration, 0.05 * acceleration.max(initial=1e-300))
     motion = Motion(task.robot, np.arange(STATES, dtype=np.float64), np.asarray(q), v, a)
-    columns = base_rows(motion, task.laws, [task.base.independent[task.seen(j)] for j in range(n)])
+    columns = base_rows(motion, task.laws, task.wanted)
     out = np.zeros((task.base.rank, task.base.rank))
     for j, x in enumerate(columns):
         seen = task.seen(j)

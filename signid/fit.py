@@ -11,6 +11,7 @@ from .session import Session
 from .types import Array, Frozen
 
 LITTLE = 0.5  # held-out R2 below which a joint's torque is hardly predicted
+CONSTANT = 1e-12  # of a torque's power: less variance is rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,17 +23,24 @@ class Fit(Frozen):
     train_rms: Array  # (n,) [N.m or N] of the residual
     held_out_rms: Array  # (n,) [N.m or N]
     noise_floor: Array  # (n,) [N.m or N] white torque noise inside the band
-    held_out_r2: Array  # (n,) [1]
+    held_out_r2: Array  # (n,) [1], NaN where torque is not recorded, or does not vary
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """One on each joint whose torque the model hardly predicts."""
-        return tuple(
-            f"the model predicts little of the torque of {joint} (held-out R2 {r2:.2f}): something is missing from it "
-            f"there, or the recorded torque is not this motion's"
-            for joint, r2 in zip(self.joints, self.held_out_r2, strict=True)
-            if r2 < LITTLE
-        )
+        """One on each joint whose torque the model hardly predicts, or that does not put it to the test."""
+        found = []
+        for joint, rms, r2 in zip(self.joints, self.held_out_rms, self.held_out_r2, strict=True):
+            if r2 < LITTLE:
+                found.append(
+                    f"the model predicts little of the torque of {joint} (held-out R2 {r2:.2f}): something is missing "
+                    f"from it there, or the recorded torque is not this motion's"
+                )
+            elif np.isfinite(rms) and np.isnan(r2):
+                found.append(
+                    f"the torque of {joint} does not vary in what is held out, so that no R2 judges it; hold out a "
+                    f"recording in which the robot moves"
+                )
+        return tuple(found)
 
 
 def judge_fit(session: Session, train: Factors, test: Factors, base_value: Array) -> Fit:
@@ -59,5 +67,5 @@ def _rms(factors: Factors, value: Array) -> tuple[Array, Array]:
         rest = max(float(c @ joint.whole @ c), 0.0)
         spread = joint.whole[-1, -1] - joint.total**2 / joint.rows
         rms[j] = np.sqrt(rest / joint.rows)
-        r2[j] = 1 - rest / spread if spread > 0 else np.nan
+        r2[j] = 1 - rest / spread if spread > CONSTANT * joint.whole[-1, -1] else np.nan
     return rms, r2

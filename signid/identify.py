@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .deadline import ends_in_time
-from .errors import OptionError
+from .errors import OptionError, shorten
 from .estimate import estimate
 from .estimators import ESTIMATORS, Estimator, Given
 from .excitation import Excitation, judge_excitation
@@ -159,13 +159,28 @@ def _conclude(
         inputs=(),
         signs=recovered.signs,
         recordings=(*recovered.recordings, *recovered.held_out),
-        flags=(*recovered.flags, *found.flags, *excitation.sentences, *chosen.flags),
+        flags=(*recovered.flags, *found.flags, *excitation.sentences, *_untold(given, found), *chosen.flags),
         notes=(*session.notes, *found.notes, *chosen.notes, *fit.sentences),
         cutoff=session.task.band.cutoff,
         position_cutoff=session.task.band.position_cutoff,
         seed=seed,
         session=session,
     )
+
+
+def _untold(given: Given, found: Estimate) -> Iterator[str]:
+    """Where rows are too few to learn from, whatever the motion could have told."""
+    joints = zip(given.session.robot.joints, given.factors.joints, strict=True)
+    if masked := [name for name, own in joints if own.rows and not own.counts[0]]:
+        yield (
+            f"all filtered rows of {shorten(masked)} lie near reversals of the motion, where friction is not certain, "
+            f"and do not count: move farther or faster at a time, or raise the cut-off"
+        )
+    if lost := int(np.isinf(found.std).sum()):
+        yield (
+            f"the rows that count tell nothing of {lost} of {len(found.std)} base parameters: these keep what the "
+            f"description states; record for longer, or more varied motion"
+        )
 
 
 def _factors(session: Session, options: Options, progress: Progress | None) -> tuple[Factors, Factors, Weigh | None]:

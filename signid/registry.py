@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
 from importlib import import_module
-from importlib.metadata import entry_points
 from types import ModuleType
 from typing import Generic, TypeVar, cast
 
@@ -38,6 +37,8 @@ class Registry(Generic[Plugin]):
         """
         if module := {**self.modules, **self.unlisted}.get(name):
             return cast(Plugin, import_module(f"{self.package}.{module}").PLUGIN)
+        from importlib.metadata import entry_points  # here, because what the tree itself carries does not need it
+
         for point in entry_points(group=f"signid.{self.kind}"):
             if point.name == name:
                 return cast(Plugin, point.load())
@@ -57,6 +58,17 @@ def package(homes: Mapping[str, str]) -> type[ModuleType]:
     """
     names = {name: _public(name, home) for home, names in homes.items() for name in names.split()}
     return type("Package", (ModuleType,), names)
+
+
+def inner_package(homes: Mapping[str, str]) -> type[ModuleType]:
+    """The same of a package within the package, all of whose names are imported when its `__all__` is asked for."""
+
+    def everything(module: ModuleType) -> list[str]:
+        names = [name for names in homes.values() for name in names.split()]
+        vars(module).update({name: getattr(module, name) for name in names})
+        return names
+
+    return type("InnerPackage", (package(homes),), {"__all__": property(everything)})
 
 
 def _public(name: str, home: str) -> property:

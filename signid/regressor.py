@@ -9,11 +9,10 @@ import numpy as np
 import pinocchio as pin
 
 from .effects.law import coefficient_count, law_columns
+from .filters import Decimator
 from .motion import Motion
 from .robot import reduced
 from .types import INERTIAL, INERTIAL_UNITS, Array, Indices, Label, Law, Robot
-
-BLOCK = 128  # samples whose regressor stays in the cache
 
 
 def regressor(motion: Motion, laws: Sequence[Law] = ()) -> Array:
@@ -22,9 +21,7 @@ def regressor(motion: Motion, laws: Sequence[Law] = ()) -> Array:
     Torque = regressor @ standard parameters [N.m or N]. Long motions go through `base_rows` instead.
     """
     robot = motion.robot
-    rigid = np.empty((len(motion), len(robot.joints), 10 * len(robot.links)))
-    for start, block in _rigid_blocks(robot.model, motion.configuration, *motion.rates):
-        rigid[start : start + len(block)] = np.einsum("irk,rj->ijk", block, robot.drive)
+    rigid = motion.bodies.reshape(len(motion), len(robot.joints), 10 * len(robot.links))
     wide = np.zeros((len(motion), len(robot.joints), sum(coefficient_count(law) for law in laws)))
     at = 0
     for law in laws:
@@ -52,26 +49,37 @@ def labels(robot: Robot, laws: Sequence[Law] = ()) -> tuple[Label, ...]:
     return tuple(found)
 
 
-def base_rows(motion: Motion, laws: Sequence[Law], wanted: Sequence[Indices]) -> list[Array]:
+def base_rows(
+    motion: Motion, laws: Sequence[Law], wanted: Sequence[Indices], thin: Decimator | None = None
+) -> list[Array]:
     """Per joint j, the columns `wanted[j]` of the regressor's rows of that joint: (N, m_j) each.
 
     Args:
         motion: N samples.
         laws: as given to `labels`.
         wanted: per joint, indices (m_j,) of standard parameters, ascending.
+        thin: filter that the columns pass while they are in the cache: (M, m_j) each.
     """
-    rigid = 10 * len(motion.robot.links)
-    out = [np.empty((len(motion), len(columns))) for columns in wanted]
+    thin, rigid = thin or Decimator(np.ones(1), 1), 10 * len(motion.robot.links)
     split = [int(np.searchsorted(columns, rigid)) for columns in wanted]
-    _fill_rigid(motion, [columns[:k] for columns, k in zip(wanted, split, strict=True)], out)
-    at, taken = rigid, [(j, i) for j in range(len(wanted)) for i in range(split[j], len(wanted[j]))]
+    bodies = _rigid_rows(motion, [columns[:k] for columns, k in zip(wanted, split, strict=True)], thin)
+    further = _law_rows(motion, laws, [columns[k:] - rigid for columns, k in zip(wanted, split, strict=True)])
+    parts = np.split(thin(np.concatenate(further, axis=1)), _ends(further), axis=1)
+    return [np.concatenate(pair, axis=1) for pair in zip(bodies, parts, strict=True)]
+
+
+def _law_rows(motion: Motion, laws: Sequence[Law], wanted: Sequence[Indices]) -> list[Array]:
+    """Per joint (N, m_j): columns of the laws' coefficients, which are counted from 0."""
+    out = [np.zeros((len(motion), len(columns))) for columns in wanted]
+    at, taken = 0, [(j, i) for j, columns in enumerate(wanted) for i in range(len(columns))]
     for law in laws:
         count = coefficient_count(law)
         ours = [(j, i) for j, i in taken if 0 <= wanted[j][i] - at < count]
         if ours:
             rows, torque = law_columns(law, motion)
             for j, i in ours:
-                out[j][:, i] = torque[:, rows.index(j), wanted[j][i] - at] if j in rows else 0.0
+                if j in rows:
+                    out[j][:, i] = torque[:, rows.index(j), wanted[j][i] - at]
         at += count
     return out
 
@@ -85,22 +93,24 @@ class _Bodies(NamedTuple):
     columns: Indices  # (10 nb,)
 
 
-def _fill_rigid(motion: Motion, wanted: Sequence[Indices], out: Sequence[Array]) -> None:
-    """The first columns of `out`, per joint (N, m_j): those of the bodies' inertial parameters."""
+def _rigid_rows(motion: Motion, wanted: Sequence[Indices], thin: Decimator) -> list[Array]:
+    """Per joint (M, m_j): columns of the bodies' inertial parameters."""
     part, drive = _bodies(motion, wanted), motion.robot.drive
     pairs = [(int(row), j) for j in range(len(wanted)) for row in np.flatnonzero(drive[:, j])]
     inside = [np.searchsorted(part.columns, columns) for columns in wanted]
     width, row_of = len(part.columns), {int(row): k for k, row in enumerate(part.rows)}
-    places = np.concatenate([row_of[row] * width + inside[j] for row, j in pairs])
-    ends = np.cumsum([len(wanted[j]) for _, j in pairs])[:-1]
-    for start, block in _rigid_blocks(part.model, *part.states):
-        stop, begun = start + len(block), set[int]()
-        taken = np.split(block.reshape(len(block), -1).take(places, axis=1), ends, axis=1)
-        for (row, j), columns in zip(pairs, taken, strict=True):
-            mine = out[j][start:stop, : len(wanted[j])]
-            share = columns if drive[row, j] == 1 else columns * drive[row, j]
-            mine[...] = mine + share if j in begun else share
-            begun.add(j)
+    places = [row_of[row] * width + inside[j] for row, j in pairs]
+    found = thin.gather(_rigid_blocks(part, np.concatenate(places), thin.segment), len(motion), sum(map(len, places)))
+    out: list[Array] = [np.zeros(0)] * len(wanted)
+    for (row, j), columns in zip(pairs, np.split(found, _ends(places), axis=1), strict=True):
+        share = columns if drive[row, j] == 1 else columns * drive[row, j]
+        out[j] = out[j] + share if out[j].ndim == 2 else share
+    return out
+
+
+def _ends(parts: Sequence[Array | Indices]) -> list[int]:
+    """Where parts that stand side by side end, but for the last."""
+    return [int(end) for end in np.cumsum([part.shape[-1] for part in parts])[:-1]]
 
 
 def _bodies(motion: Motion, wanted: Sequence[Indices]) -> _Bodies:
@@ -117,13 +127,17 @@ def _bodies(motion: Motion, wanted: Sequence[Indices]) -> _Bodies:
     return _Bodies(slim, (q[:, places], v[:, rows], a[:, rows]), rows, np.flatnonzero(np.repeat(moves, 10)))
 
 
-def _rigid_blocks(model: Any, q: Array, v: Array, a: Array) -> Iterator[tuple[int, Array]]:
-    """Pinocchio's regressor in the model's own rows, a block (k, nv, 10 nb) at a time; the buffer is used again."""
-    data, compute = model.createData(), pin.computeJointTorqueRegressor
-    buffer = np.empty((min(BLOCK, len(q)), model.nv, 10 * (model.njoints - 1)))
-    for start in range(0, len(q), BLOCK):
-        states = zip(q[start : start + BLOCK], v[start : start + BLOCK], a[start : start + BLOCK], strict=True)
+def _rigid_blocks(part: _Bodies, places: Indices, size: int) -> Iterator[Array]:
+    """Entries `places` (c,) of Pinocchio's regressor, laid out as one row, (k, c), of so many samples at a time.
+
+    The buffer is used again.
+    """
+    model, data, compute = part.model, part.model.createData(), pin.computeJointTorqueRegressor
+    q, v, a = part.states
+    buffer = np.empty((min(size, len(q)), len(places)))
+    for start in range(0, len(q), size):
+        states = zip(q[start : start + size], v[start : start + size], a[start : start + size], strict=True)
         count = 0
         for count, state in enumerate(states, 1):
-            buffer[count - 1] = compute(model, data, *state)
-        yield start, buffer[:count]
+            compute(model, data, *state).take(places, out=buffer[count - 1], mode="clip")
+        yield buffer[:count]

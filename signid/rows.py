@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import minimum_filter1d
 
 from .cutoff import Band
-from .filters import Decimator
+from .filters import Decimator, least
 from .motion import Motion, build_motion, margin
 from .regressor import base_rows
 from .sampling import Sampling, excerpt, samples
@@ -44,6 +43,11 @@ class Task(Frozen):
     def seen(self, joint: int) -> Indices:
         """The base parameters (m,) that the torque of a joint depends on."""
         return np.flatnonzero(self.base.sees[joint])
+
+    @property
+    def wanted(self) -> list[Indices]:
+        """Per joint, the standard parameters (m,) that stand for them, as `base_rows` wants them."""
+        return [self.base.independent[self.seen(j)] for j in range(len(self.robot.joints))]
 
 
 class Rows(NamedTuple):
@@ -137,11 +141,10 @@ def _grid(task: Task) -> _Grid:
 def _window_rows(task: Task, window: Samples, period: float, thin: Decimator, first: bool) -> Rows:
     motion = build_motion(task.robot, window, task.band, period, task.recorded_derivatives, task.slow)
     assert motion.recorded is not None, "windows carry torque"
-    wanted = [task.base.independent[task.seen(j)] for j in range(len(task.robot.joints))]
-    columns = base_rows(motion, task.laws, wanted)
+    columns = base_rows(motion, task.laws, task.wanted, thin)
     known = np.asarray(~np.isnan(motion.recorded).all(0))
     torque = np.where(known, motion.recorded, 0.0)
-    *columns, torque, v, a = _thinned([*columns, torque, motion.v, motion.a], thin)
+    torque, v, a = np.split(thin(np.concatenate([torque, motion.v, motion.a], axis=1)), 3, axis=1)
     return Rows(
         first,
         thin.at(motion.t),
@@ -152,7 +155,7 @@ def _window_rows(task: Task, window: Samples, period: float, thin: Decimator, fi
         torque,
         known,
         thin.at(_steady(task, motion)),
-        _instruments(task, window, period, wanted, thin) if task.instruments else None,
+        _instruments(task, window, period, thin) if task.instruments else None,
     )
 
 
@@ -173,26 +176,20 @@ def choose_reach(motions: Sequence[Motion], band: Band, slow: Array) -> tuple[in
 
 
 def _steady(task: Task, motion: Motion) -> Mask:
-    moving = [_moving(motion.v[:, j], reach, task.slow[j]) for j, reach in enumerate(task.reach)]
-    return np.asarray(np.column_stack(moving) | ~np.array(task.reverses))
+    far = np.array(task.reach)
+    moving = np.empty(motion.v.shape, bool)
+    for reach in np.unique(far):
+        moving[:, far == reach] = _moving(motion.v[:, far == reach], int(reach), task.slow[far == reach])
+    return np.asarray(moving | ~np.array(task.reverses))
 
 
 def _moving(v: Array, reach: int, slow: Array) -> Mask:
     """Where the velocity stays clear of a reversal for so many samples on either side."""
-    slowest = minimum_filter1d(np.abs(v), 2 * reach + 1, axis=0, mode="nearest")
-    return np.asarray(slowest >= STILL * slow)
+    return np.asarray(least(np.abs(v), reach) >= STILL * slow)
 
 
-def _instruments(task: Task, window: Samples, period: float, wanted: Sequence[Indices], thin: Decimator) -> list[Array]:
+def _instruments(task: Task, window: Samples, period: float, thin: Decimator) -> list[Array]:
     assert window.q_des is not None, "instruments are asked for only where every joint has q_des"
     desired = window._replace(q=window.q_des)
     motion = build_motion(task.robot, desired, task.band, period, slow=task.slow)
-    return _thinned(base_rows(motion, task.laws, wanted), thin)
-
-
-def _thinned(signals: list[Array], thin: Decimator) -> list[Array]:
-    """All of them filtered at once, (N, m_j) -> (M, m_j)."""
-    if len(thin.taps) == 1:
-        return [thin(signal) for signal in signals]
-    ends = np.cumsum([signal.shape[1] for signal in signals])[:-1]
-    return np.split(thin(np.concatenate(signals, axis=1)), ends, axis=1)
+    return base_rows(motion, task.laws, task.wanted, thin)

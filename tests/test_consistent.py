@@ -11,8 +11,9 @@ import pytest
 from numpy.testing import assert_allclose
 from told import Told, told
 
-from signid.consistent import ConsistentFit, cone, fit_consistent, standard_from_base
+from signid.consistent import ConsistentFit, cone, fit_consistent, solve, standard_from_base
 from signid.consistent.fit import _proved
+from signid.consistent.newton import polish
 from signid.consistent.packed import BASIS, TO_INERTIAL, congruence, pack, unpack
 from signid.consistent.prior import believable, inertial
 from signid.types import Estimate, pseudo_inertia
@@ -92,17 +93,24 @@ def test_negative_friction_is_moved_to_zero_and_no_further_than_it_must() -> Non
 def test_two_solvers_agree() -> None:
     case = told("3r", noise=0.05)
     problem = cone.pose(case.base, case.estimate, case.prior, 1e-2)
-    u, status = cone.solve(problem)
-    assert status == "optimal"
-    alone = cone.follow(problem, problem.start, problem.distance(problem.start) ** 2 / problem.weight)
-    assert_allclose(problem.cost(alone), problem.cost(u), rtol=1e-9)
-    assert_allclose(problem.matrix @ alone, problem.matrix @ u, atol=1e-3)
+    asked, status = solve._ask(problem)
+    assert status == "optimal" and asked is not None
+    u, heavier = polish(problem, asked), problem.distance(problem.start) ** 2 / problem.weight
+    traced = solve.trace(problem, heavier)
+    assert traced is not None and solve.solve(problem)[1] == "optimal"
+    for alone in (solve.follow(problem, problem.start, heavier), traced):
+        assert_allclose(problem.cost(alone), problem.cost(u), rtol=1e-9)
+        assert_allclose(problem.matrix @ alone, problem.matrix @ u, atol=1e-3)
 
 
 def test_a_failing_solver_costs_nothing_but_a_note(monkeypatch: pytest.MonkeyPatch) -> None:
     case = told("3r", noise=0.05)
     well = fitted(case)
-    monkeypatch.setattr(cone, "_ask", lambda problem: (None, "failed"))
+    monkeypatch.setattr(solve, "trace", lambda problem, heavier: None)
+    by_solver = fitted(case)
+    assert not by_solver.notes
+    assert_allclose(by_solver.parameters.values, well.parameters.values, rtol=1e-6, atol=1e-9)
+    monkeypatch.setattr(solve, "_ask", lambda problem: (None, "failed"))
     alone = fitted(case)
     assert alone.parameters.is_feasible() and "Newton" in alone.notes[-1]
     assert_allclose(alone.chi2, well.chi2, rtol=1e-6)
@@ -112,6 +120,7 @@ def test_no_solver_is_believed(monkeypatch: pytest.MonkeyPatch) -> None:
     case = told("3r", noise=0.05)
     u = cone.pose(case.base, case.estimate, case.prior, 1e-2).start
     u[:10] = pack(np.diag([1.0, 1.0, -1e-9, 1.0]))
+    monkeypatch.setattr(solve, "trace", lambda problem, heavier: None)
     monkeypatch.setattr(cp.Problem, "solve", lambda problem, **_: setattr(problem.variables()[0], "value", u))
     fit = fitted(case)
     assert fit.parameters.is_feasible() and "without a feasible point" in fit.notes[-1]

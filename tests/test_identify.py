@@ -14,9 +14,10 @@ import signid
 from signid.effects import EFFECTS
 from signid.errors import OptionError, RecordingError, RobotError
 from signid.identify import Identification
-from signid.model import Model, load_model, stated_inertials
+from signid.model import Model, load_model, stated_inertials, stated_parameters
 from signid.motion import Motion
-from signid.types import Law, Robot
+from signid.session import Options
+from signid.types import Array, Law, Robot
 
 
 @pytest.fixture(scope="module")
@@ -138,6 +139,32 @@ def test_unknown_options_are_refused(arm: Robot) -> None:
         signid.identify(arm, [made.recording()], options=signid.Options(effects=("stiction",)))
     with pytest.raises(RecordingError, match="different rates"):
         signid.identify(arm, [made.recording(), trial(arm, rate=100.0, seconds=5).recording()])
+
+
+def swinging(arm: Robot, size: float, frequency: float, stop: float = np.inf) -> dict[str, Array]:
+    """Joints that swing, each at its own time, and stand still from some time [s] on."""
+    t, rng = np.arange(0, 20, 0.005), np.random.default_rng(0)
+    rate = 2 * np.pi * frequency * np.array([1.0, 1.13, 1.29])
+    phase = np.outer(np.minimum(t, stop), rate) + np.arange(3)
+    moves = (t < stop)[:, None]
+    q, v, a = size * np.sin(phase), size * rate * np.cos(phase) * moves, -size * rate**2 * np.sin(phase) * moves
+    torque = Motion(arm, t, q, v, a).load + 0.3 * v + 0.5 * np.sign(v)
+    return {"t": t, "q": q + 1e-6 * rng.standard_normal(q.shape) * moves, "tau": torque}
+
+
+def test_rows_that_are_all_near_reversals_are_told(arm: Robot) -> None:
+    recording = signid.read_recording(swinging(arm, 0.01, 6.0), arm)
+    found = signid.identify(arm, [recording], options=Options(cutoff=3.0))
+    assert any("joint_1, joint_2, joint_3 lie near reversals" in flag for flag in found.flags)
+    assert any("tell nothing of 25 of 25 base parameters" in flag for flag in found.flags)
+    stated = found.base.combination @ stated_parameters(found.session.task).values
+    assert_allclose(found.estimate.value, stated), "what is not told stays as it is described"
+
+
+def test_a_robot_at_rest_does_not_judge(arm: Robot) -> None:
+    found = signid.identify(arm, [signid.read_recording(swinging(arm, 0.6, 0.35, stop=12.0), arm)])
+    assert np.isnan(found.fit.held_out_r2).all() and np.isfinite(found.fit.held_out_rms).all()
+    assert sum("does not vary in what is held out" in note for note in found.notes) == 3
 
 
 def test_check_tells_before_anything_is_fitted(arm: Robot) -> None:

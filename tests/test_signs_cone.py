@@ -11,7 +11,6 @@ import pinocchio as pin
 import pytest
 from signless import Lost, lost
 
-from signid.signs import cone as cone_module
 from signid.signs import exact
 from signid.signs.cone import Cone, kinetic_rows, physical_cone
 from signid.signs.friction_prior import believe
@@ -128,7 +127,7 @@ def test_an_exhausted_solver_is_replaced(monkeypatch: pytest.MonkeyPatch) -> Non
     cone = Cone.of(problem, physical_cone(case.task, case.observed))
     z = problem.coordinates(np.ones(problem.count))
     squared, near = cone.distance(z)
-    monkeypatch.setattr(cone_module, "nnls", exhausted)
+    monkeypatch.setattr("scipy.optimize.nnls", exhausted)
     again, other = cone.distance(z)
     assert again == pytest.approx(squared, rel=1e-6)
     assert other == pytest.approx(near, abs=1e-6 * np.linalg.norm(z))
@@ -146,8 +145,8 @@ def test_a_solver_that_gives_up_leaves_a_bound_and_no_proof(monkeypatch: pytest.
     cone = Cone.of(problem, physical_cone(case.task, case.observed))
     z = problem.coordinates(np.ones(problem.count))
     squared, _ = cone.distance(z)
-    monkeypatch.setattr(cone_module, "nnls", exhausted)
-    monkeypatch.setattr(cone_module, "lsq_linear", unfinished)
+    monkeypatch.setattr("scipy.optimize.nnls", exhausted)
+    monkeypatch.setattr("scipy.optimize.lsq_linear", unfinished)
     bound, near = cone.distance(z)
     assert 0 < bound < squared and np.sum((near - z) ** 2) == pytest.approx(bound)
     monkeypatch.setattr(exact, "_prove", lambda problem, scores, *_: (scores.best, 1))

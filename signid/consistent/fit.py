@@ -7,8 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..types import Array, BaseMap, Estimate, Frozen, Parameters
-from .cone import Cone, polish, pose, solve
+from .cone import Cone, pose
+from .newton import polish
 from .prior import believable
+from .solve import solve
 
 _NEAR = 1e-3  # standard deviations from the estimate that count as the estimate itself
 _CLOSER = 0.7  # share of its distance that must be left at most when the prior is a tenth

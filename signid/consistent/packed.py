@@ -42,6 +42,32 @@ def congruence(factor: Array) -> Array:
     return np.asarray(flat @ kronecker @ flat.T)
 
 
+def diagonal(blocks: Array, rest: Array) -> Array:
+    """(10 n + k, 10 n + k) matrix with blocks on its diagonal, then numbers.
+
+    Args:
+        blocks: (n, 10, 10) [any].
+        rest: (k,) [any].
+    """
+    bodies = 10 * len(blocks)
+    matrix = np.diag(np.concatenate([np.zeros(bodies), rest]))
+    for i, block in zip(range(0, bodies, 10), blocks, strict=True):
+        matrix[i : i + 10, i : i + 10] = block
+    return matrix
+
+
+def cholesky(matrices: Array) -> Array:
+    """(n, 4, 4) lower factors.
+
+    Args:
+        matrices: (n, 4, 4) [any], positive definite.
+
+    Raises:
+        LinAlgError: one of them is not.
+    """
+    return np.asarray(np.linalg.cholesky(matrices.reshape(-1, 4, 4)), dtype=np.float64)
+
+
 TO_INERTIAL: Array = np.linalg.inv(np.column_stack([pack(pseudo_inertia(e)) for e in np.eye(10)]))
 """(10, 10) from a packed pseudo-inertia to ten inertial parameters in Pinocchio's order."""
 

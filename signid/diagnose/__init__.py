@@ -10,7 +10,16 @@ apart. Its `model` is the simulation with what it lacked, judged on recordings t
 to trust.
 """
 
-from .result import Alternative, Diagnosis, Finding, Unexplained
-from .run import diagnose
+import sys
+from typing import TYPE_CHECKING
 
-__all__ = ["Alternative", "Diagnosis", "Finding", "Unexplained", "diagnose"]
+from ..registry import inner_package as _package
+
+if TYPE_CHECKING:
+    from .result import Alternative as Alternative, Diagnosis as Diagnosis, Finding as Finding  # isort: skip
+    from .result import Unexplained as Unexplained
+    from .run import diagnose as diagnose
+
+NAMES = {"diagnose.result": "Alternative Diagnosis Finding Unexplained", "diagnose.run": "diagnose"}
+
+sys.modules[__name__].__class__ = _package(NAMES)

@@ -8,11 +8,10 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import convolve1d
 
 from ..cutoff import Band
 from ..effects.law import law_torque
-from ..filters import Decimator, lowpass
+from ..filters import Decimator, lowpass, smooth
 from ..model import Model
 from ..motion import Motion, build_motion, margin
 from ..rows import Task
@@ -85,7 +84,7 @@ def _thinned_motion(motion: Motion, band: Band, parts: int) -> Motion:
     if parts == 1:
         return motion
     assert motion.recorded is not None, "windows carry torque"
-    calm = convolve1d(motion.recorded, lowpass(band.rate, 0.4 * band.rate / parts), axis=0, mode="nearest")
+    calm = smooth(motion.recorded, lowpass(band.rate, 0.4 * band.rate / parts), whole=True)
     signals = {key: getattr(motion, key)[::parts] for key in ("t", "q", "v", "a")}
     return replace(motion, recorded=calm[::parts], **signals)
 
@@ -130,6 +129,6 @@ def _piece(task: Task, model: Model, motion: Motion, robot: Robot, k: int) -> Pi
     predicted = model.inverse(motion)
     acted, recorded = model.acted(motion), motion.recorded
     assert recorded is not None, "windows carry torque"
-    calm = convolve1d(recorded, lowpass(_slower(task).rate, 2 * task.band.cutoff), axis=0, mode="nearest")
+    calm = smooth(recorded, lowpass(_slower(task).rate, 2 * task.band.cutoff), whole=True)
     shown = replace(acted, robot=robot, recorded=np.nan_to_num(calm), predicted=predicted)
     return Piece(k, shown, recorded - predicted)

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
-from ..filters import Decimator
+from ..filters import Decimator, least
 from ..model import Model
 from ..motion import Motion
 from ..rows import Task
@@ -69,10 +68,9 @@ def stands_still(motion: Motion, thin: Decimator) -> Array:
     """(N, n) 1 where a joint stands still for a while, or does so near that the filter feels it, else 0."""
     assert motion.slow is not None, "a diagnosed motion knows how wide a reversal is"
     slow = (np.abs(motion.v) < STILL * motion.slow).astype(np.float64)
-    width = max(3, 2 * round(WHILE / 2 / motion.dt) + 1)
-    opened = minimum_filter1d(slow, width, axis=0, mode="nearest")
-    opened = maximum_filter1d(opened, width, axis=0, mode="nearest")
-    return np.asarray(maximum_filter1d(opened, 2 * (thin.half // 2) + 1, axis=0, mode="nearest"))
+    half = max(1, round(WHILE / 2 / motion.dt))
+    opened = least(slow, half)
+    return -least(-opened, half + thin.half // 2)
 
 
 def tabulate(task: Task, model: Model, groups: Sequence[Group], pieces: Sequence[Piece], dry: Array) -> Table:

@@ -16,7 +16,7 @@ from ..sampling import samples
 from ..session import PIECE, Session
 from ..simulate import track
 from ..simulate.control import BANDWIDTH
-from ..types import Array, Frozen, Indices, Mask, Samples, Trajectory
+from ..types import Array, Frozen, Mask, Samples, Trajectory
 
 SHARE = 0.5  # of the variance of a joint's torque that a controller must explain, else a usual one stands in
 SLOW, FAST = 2 * np.pi * 0.5, 2 * np.pi * 30.0  # [rad/s] of a position loop
@@ -35,7 +35,7 @@ class Controller(Frozen):
 
     def feed_forward(self, session: Session, desired: Motion) -> Array:
         """Torque ahead (N, n) [N.m or N] along a desired motion."""
-        columns = base_rows(desired, session.task.laws, _wanted(session))
+        columns = base_rows(desired, session.task.laws, session.task.wanted)
         return np.column_stack([x @ share for x, share in zip(columns, self.ahead, strict=True)])
 
 
@@ -107,7 +107,7 @@ def _fit_joints(session: Session, piece: Samples, gains: tuple[Array, Array] | N
     real, asked = (motion_of(session, x, float(t[1] - t[0])) for x in (q, q_des))
     thin = Decimator(session.task.band.taps, session.task.band.factor)
     found = []
-    for j, x in enumerate(base_rows(asked, session.task.laws, _wanted(session))):
+    for j, x in enumerate(base_rows(asked, session.task.laws, session.task.wanted)):
         errors = asked.q[:, j] - real.q[:, j], asked.v[:, j] - real.v[:, j]
         known = not np.isnan(tau[:, j]).all()
         rows = thin(np.column_stack([*errors, x, tau[:, j]])) if known else np.zeros((1, x.shape[1] + 3))
@@ -132,8 +132,3 @@ def _note(session: Session, good: Mask, shares: Array, speed: Array) -> str:
     fitted = f"a PD controller with torque ahead explains {shares[good].min(initial=1):.2%} of the torque ({told})"
     stood = f"no PD controller explains the torque of {other}: a usual one of {BANDWIDTH:g} Hz stands in"
     return "; ".join(part for part, said in ((fitted, told), (stood, other)) if said)
-
-
-def _wanted(session: Session) -> list[Indices]:
-    task = session.task
-    return [task.base.independent[task.seen(j)] for j in range(len(session.robot.joints))]

@@ -42,13 +42,7 @@ UNTOLD, STRONG = 0.6, 0.05  # share of a joint's torque that stays unexplained, 
 MOVES = 0.05  # of the fastest joint's rms velocity
 CLEAR = 0.2  # of the variance by which the right sign or order does better than a wrong one
 SIGNS, ORDERS = ("torque sign", "position sign", "axis"), ("torque order", "position order", "joint order")
-REASONS = (
-    *KINDS,
-    "absolute torque",
-    "units",
-    "gain",
-    "unexplained torque",
-)  # for torque beyond limits and for much noise
+REASONS = (*KINDS, "absolute torque", "units", "gain", "unexplained torque")  # for torque beyond limits and much noise
 UNSIGNED = (0.1, 100.0)  # of the model's rms torque: sizes between may be friction
 
 

@@ -23,7 +23,7 @@ RADIUS, LIGHT, FAR = (
     0.05,
     0.05,
     0.3,
-)  # [m] of gyration, [kg] at least, [m] to the centre: of the load believed in before
+)  # [m] of gyration, [kg] at least, [m] to the centre: of the load believed in
 CERTAIN = 3.0  # standard deviations of a mass that is there
 DRIFT, MISFIT = 3.0, 10.0  # from which changes of friction and what no load explains are told
 ROLES = ("recording, without the load", "recording, with the load")

@@ -9,7 +9,6 @@ from difflib import SequenceMatcher
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from ..types import Robot
 from .mapping import split
@@ -110,6 +109,8 @@ def _match(tokens: Sequence[str], joints: Sequence[str], robot: Robot) -> tuple[
             return (best if any(best) else None), around[best]
     if not tokens or not joints:
         return None, {}
+    from scipy.optimize import linear_sum_assignment  # here, because it takes longer to import than most files to read
+
     alike = np.array([[_likeness(token, joint, robot, tokens) for joint in joints] for token in tokens])
     pairs = zip(*linear_sum_assignment(-alike), strict=True)
     return None, {tokens[i]: joints[j] for i, j in pairs if alike[i, j] >= ALIKE}

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from ..diagnose import Alternative, Diagnosis, Finding
 from ..laws import placed
 from ..types import Coefficient, Input, Law, Robot
 from .documents import Document, description, fit_document, provenance
 from .signs import signs_document
+
+if TYPE_CHECKING:
+    from ..diagnose import Alternative, Diagnosis, Finding
 
 
 def diagnosis_document(result: Diagnosis, inputs: Sequence[Input] = ()) -> Document:

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-from ..diagnose import Alternative, Diagnosis, Finding, Unexplained
-from ..diagnose.locate import Place
 from ..errors import shorten
 from ..laws import spoken
-from ..types import Law, Robot
 from .diagnosis import finding_numbers
 from .layout import plural
 from .numbers import TWO_SIDED, figure, share, with_interval
 from .signs import confidence
+
+if TYPE_CHECKING:
+    from ..diagnose import Alternative, Diagnosis, Finding, Unexplained
+    from ..diagnose.locate import Place
+    from ..types import Law, Robot
 
 NOISE = 1.08  # of the noise floor: so much residual is noise
 NEGLIGIBLE = 0.001  # probability

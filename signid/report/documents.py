@@ -5,16 +5,13 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from math import isfinite
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..check import Check
 from ..excitation import Excitation
 from ..fit import Fit
-from ..gross import Gross
 from ..identify import Identification
-from ..inspect import Inspection
 from ..model import standard_parameters
 from ..sampling import Sampling
 from ..types import BaseMap, Input, Robot
@@ -22,6 +19,11 @@ from ..version import __version__
 from .joints import describe_joints
 from .quantities import law_numbers
 from .signs import signs_document
+
+if TYPE_CHECKING:
+    from ..check import Check
+    from ..gross import Gross
+    from ..inspect import Inspection
 
 Document = dict[str, Any]
 

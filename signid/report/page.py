@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
-from ..diagnose import Diagnosis
-from ..identify import Identification
 from ..types import Input
 from .pages import diagnosis_page, identification_page
+
+if TYPE_CHECKING:
+    from ..diagnose import Diagnosis
+    from ..identify import Identification
 
 
 def report(result: Diagnosis | Identification, inputs: Sequence[Input] = (), command: str = "") -> str:
@@ -18,6 +21,8 @@ def report(result: Diagnosis | Identification, inputs: Sequence[Input] = (), com
         inputs: what was read besides the recordings; the robot's description if none is given.
         command: that makes the page again, if there is one.
     """
+    from ..diagnose import Diagnosis  # here, because an identification does not need it
+
     if isinstance(result, Diagnosis):
         return diagnosis_page(result, inputs, command)
     return identification_page(result, inputs, command)

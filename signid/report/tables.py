@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from ..check import Check
 from ..excitation import ENOUGH, Excitation
 from ..fit import Fit
-from ..gross import Gross
 from ..identify import Identification
-from ..inspect import Inspection
 from ..sampling import Sampling
 from ..types import Label
 from .joints import describe_joints
@@ -22,6 +20,11 @@ from .layout import heading, new_table, note_lines, paragraph, plural
 from .numbers import TWO_SIDED, determination, figure, share, with_interval
 from .quantities import LawNumber, law_numbers, rigid_rows
 from .signs import signs_tables
+
+if TYPE_CHECKING:
+    from ..check import Check
+    from ..gross import Gross
+    from ..inspect import Inspection
 
 WIDE = 4  # kinds of numbers side by side, at most
 VERDICTS = {"right": "green", "cannot tell": "yellow", "wrong": "red"}

@@ -59,6 +59,7 @@ class Sampling(Frozen):
     dropped: NDArray[np.intp]  # (duplicates,) rows
     turn_rows: NDArray[np.intp]  # (k,) rows at which an encoder wrapped around
     turns: Array  # (k, n) [1] whole turns to be added from there on
+    incomplete: frozenset[str]  # columns of which some row holds no value
 
     def stretch(self, span: Span) -> Stretch:
         """The stretch of a span.

@@ -122,6 +122,7 @@ def _sampling(facts: Facts, clock: Clock, dropped: NDArray[np.intp]) -> Sampling
         dropped=dropped,
         turn_rows=np.array(tally.turn_rows, np.intp),
         turns=np.array(tally.turns).reshape(-1, len(total.lower)),
+        incomplete=frozenset(name for name, count in facts.missing.items() if count),
     )
 
 

@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, cholesky, solve_triangular
 
 from ..deadline import time_is_up
 from ..types import Array, Frozen, Indices
@@ -99,6 +98,8 @@ class _Relaxed(NamedTuple):
 
     def solve(self, sums: Array, cuts: Array) -> Array:
         """(r, W) the z at which nodes lose that."""
+        from scipy.linalg import solve_triangular
+
         own, planes = self._half(sums.T), self._half(cuts)
         own -= planes @ _prices(planes, own)
         return np.asarray(solve_triangular(self.factor, own, trans="T", lower=True, check_finite=False))
@@ -106,6 +107,8 @@ class _Relaxed(NamedTuple):
     def _half(self, columns: Array) -> Array:
         if not columns.size:
             return np.zeros(columns.shape)
+        from scipy.linalg import solve_triangular
+
         return np.asarray(solve_triangular(self.factor, columns, lower=True, check_finite=False))
 
 
@@ -204,6 +207,8 @@ def _branching_order(problem: Problem, z: Array) -> Indices:
 
 def _relax(later: Array, heights: Array) -> _Relaxed | None:
     """Parabolas of these heights, unless M is singular or not positive definite."""
+    from scipy.linalg import LinAlgError, cholesky  # here, because signs are rarely sought and it takes long to import
+
     scaled = later / np.sqrt(heights)
     try:
         factor = cholesky(np.eye(len(later)) - scaled @ scaled.T, lower=True, check_finite=False)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import eigvalsh
 
 from ..types import Array
 from .problem import Problem
@@ -32,6 +31,8 @@ def certify(problem: Problem, signs: Array) -> Certificate:
 
     Source: the dual of the semidefinite relaxation: Poljak, Rendl, Wolkowicz, J. Global Optimization 7, 1995.
     """
+    from scipy.linalg import eigvalsh
+
     multipliers = problem.energies - signs * (problem.projections.T @ problem.coordinates(signs))
     slack = np.diag(problem.energies - multipliers) - problem.projections.T @ problem.projections
     smallest = float(eigvalsh(slack, subset_by_index=[0, 0], check_finite=False)[0])

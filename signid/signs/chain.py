@@ -8,7 +8,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 
 from ..types import Array, Frozen, Mask
 from .observed import Observed
@@ -103,6 +102,8 @@ def coupling(magnitude: Array, first: Mask, same: float = SAME) -> Array:
     """
     inside = np.broadcast_to(~first[:, None], magnitude.shape)
     step = np.diff(magnitude, axis=0, prepend=magnitude[:1]) ** 2 * inside
+    from scipy.ndimage import uniform_filter1d  # here, because it takes longer to import than to use
+
     size = min(WINDOW, len(magnitude))
     share = uniform_filter1d(inside.astype(np.float64), size, axis=0, mode="nearest")
     local = uniform_filter1d(step, size, axis=0, mode="nearest") / np.maximum(share, 1 / size)

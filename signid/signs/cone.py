@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import lsq_linear, nnls
 
 from ..motion import Motion
 from ..rows import Task
@@ -125,6 +124,8 @@ def _multipliers(rows: Array, z: Array) -> Array:
 
     Any lam >= 0, scaled to maximise -|rows' lam|^2 - 2 lam'rows z, gives a point no farther from z than the cone is.
     """
+    from scipy.optimize import lsq_linear, nnls
+
     try:
         return np.asarray(nnls(rows.T, -z, maxiter=ROUNDS * len(rows))[0])
     except RuntimeError:  # too many rounds

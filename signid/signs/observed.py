@@ -8,8 +8,8 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import minimum_filter1d
 
+from ..filters import least
 from ..motion import Motion, build_motion, margin
 from ..regressor import base_rows
 from ..rows import Task
@@ -222,5 +222,4 @@ def _recorded(motion: Motion) -> Array:
 
 
 def _steady(task: Task, motion: Motion, reach: int) -> Mask:
-    slowest = minimum_filter1d(np.abs(motion.v), 2 * reach + 1, axis=0, mode="nearest")
-    return np.asarray((slowest >= STILL * task.slow) | ~np.array(task.reverses))
+    return np.asarray((least(np.abs(motion.v), reach) >= STILL * task.slow) | ~np.array(task.reverses))

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from inspect import getdoc
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ...diagnose import Diagnosis, Finding
 from ...laws import spoken
-from ...types import Input
 from ...version import __version__
 from ..diagnosis_tables import WORSE
 from ..diagnosis_words import (
@@ -31,6 +29,10 @@ from .courses import joint_plots, worst
 from .frame import render
 from .heat import heat_maps, hottest
 from .rolled import rollout_plots
+
+if TYPE_CHECKING:
+    from ...diagnose import Diagnosis, Finding
+    from ...types import Input
 
 SURE = 0.95  # probability from which on a law is not one of several
 LOUD = 1.5  # times the noise floor, from which on a joint is shown at once

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...course import Course
-from ...types import Array
 from .courses import clock
 from .frame import Plot, axis, packed
+
+if TYPE_CHECKING:
+    from ...course import Course
+    from ...types import Array
 
 BINS, FEWEST = 10, 3  # regions of a variable, and rows that one must hold
 HOT = [[0, "rgba(209,80,14,0)"], [1, "rgba(209,80,14,1)"]]

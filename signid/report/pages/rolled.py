@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from ...rollout import RollOut
 from .frame import AFTER, BEFORE, Plot, axis, packed
+
+if TYPE_CHECKING:
+    from ...rollout import RollOut
 
 MOST = 60  # instants
 
