@@ -43,21 +43,26 @@ def effective_inertia(robot: Robot, q: Array) -> Array:
         robot: the robot.
         q: (N, nq) [rad, m or 1].
     """
-    model, data = robot.model, robot.model.createData()
-    rows = np.array([np.reshape(pin.crba(model, data, row), -1) for row in q]).reshape(-1, model.nv, model.nv)
-    return np.asarray(np.einsum("ij,tik,kj->tj", robot.drive, _symmetric(rows), robot.drive, optimize=True))
+    mass = _masses(robot.model, robot.model.createData(), q)
+    return np.asarray(np.einsum("ij,tik,kj->tj", robot.drive, mass, robot.drive, optimize=True))
 
 
-def mass_matrix(model: Any, data: Any, q: Array, drive: Array) -> Array:
-    """Mass matrix (n, n) over the coordinates that drive a model, its rotors included [kg.m2 or kg].
+def mass_matrices(model: Any, data: Any, q: Array, drive: Array) -> Array:
+    """Mass matrices (N, n, n) over the coordinates that drive a model, its rotors included [kg.m2 or kg].
 
     Args:
         model: a pin.Model.
         data: its pin.Data.
-        q: (nq,) [rad, m or 1].
+        q: (N, nq) [rad, m or 1].
         drive: (nv, n) model velocity per coordinate's [1].
     """
-    return np.asarray(drive.T @ _symmetric(np.reshape(pin.crba(model, data, q), (model.nv, -1))) @ drive)
+    return np.asarray(drive.T @ _masses(model, data, q) @ drive)
+
+
+def _masses(model: Any, data: Any, q: Array) -> Array:
+    """(N, nv, nv) of all the model's coordinates [kg.m2 or kg]."""
+    rows = [np.reshape(pin.crba(model, data, row), -1).copy() for row in q]
+    return _symmetric(np.array(rows).reshape(-1, model.nv, model.nv))
 
 
 def sensitivity(robot: Robot, q: Array, v: Array, a: Array) -> Sensitivity:

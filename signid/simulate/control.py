@@ -12,7 +12,7 @@ from ..effects.base import BodyLaw
 from ..errors import InputError, OptionError
 from ..model import Model
 from ..motion import Motion
-from ..rigid import mass_matrix
+from ..rigid import mass_matrices
 from ..robot import configuration
 from ..types import Array, Frozen, Trajectory
 
@@ -161,7 +161,7 @@ def _felt_inertia(known: Model, trajectory: Trajectory) -> Array:
     few = trajectory.q[:: max(1, len(trajectory.q) // PLACES)]
     robot, bodies = known.robot, known.bodies()
     data = bodies.createData()
-    mass = np.array([mass_matrix(bodies, data, row, robot.drive) for row in configuration(robot, few)])
+    mass = mass_matrices(bodies, data, configuration(robot, few), robot.drive)
     sizes, directions = np.linalg.eigh(mass)
     weak = sizes[:, 0] <= MASSLESS * sizes[:, -1]
     if weak.any():

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import RobotError
-from ..rigid import mass_matrix, point_jacobian
+from ..rigid import mass_matrices, point_jacobian
 from ..types import Array
 from .bodies import Bodies
 
@@ -37,9 +37,7 @@ class Dynamics:
             armature: (B, c) to be added for this call [kg.m2 or kg].
         """
         if not self.plain:
-            return np.array(
-                [self._project(*row) for row in zip(q, v, force, self._each(armature, len(q)), strict=True)]
-            )
+            return self._project(q, v, force, armature)
         model, data = self.model, self.data
         if armature is None:
             if len(q) == 1:
@@ -60,8 +58,7 @@ class Dynamics:
             armature: (B, c) to be added [kg.m2 or kg].
         """
         if not self.plain:
-            rows = zip(q, self._each(armature, len(q)), strict=True)
-            return np.asarray(_regular(np.linalg.inv, np.array([self._mass(*row) for row in rows])))
+            return _regular(np.linalg.inv, self._mass(q, armature))
         model, data, out = self.model, self.data, np.empty((*q.shape, q.shape[1]))
         for i, row in enumerate(q):
             if armature is not None:
@@ -94,7 +91,7 @@ class Dynamics:
             q: (B, c) [rad or m].
         """
         rotors = np.einsum("rc,r,rc->c", self.bodies.drive, self.armature, self.bodies.drive)
-        return np.array([np.diag(self._mass(row)) - rotors for row in q])
+        return np.asarray(np.einsum("bcc->bc", self._mass(q)) - rotors)
 
     def jacobian(self, q: Array) -> Array:
         """Jacobian (B, 3, n) of the last link's centre of mass, one column a joint [m/rad or 1].
@@ -107,19 +104,17 @@ class Dynamics:
         return np.array(rows)[:, :, self.bodies.motor]
 
     def _mass(self, q: Array, armature: Array | None = None) -> Array:
+        """(B, c, c) over the coordinates [kg.m2 or kg]."""
         drive = self.bodies.drive
-        mass = mass_matrix(self.model, self.data, drive @ q + self.bodies.rest, drive)
-        return np.asarray(mass if armature is None else mass + np.diag(armature))
+        mass = mass_matrices(self.model, self.data, q @ drive.T + self.bodies.rest, drive)
+        return mass if armature is None else mass + armature[:, None] * np.eye(len(drive.T))
 
     def _project(self, q: Array, v: Array, force: Array, armature: Array | None) -> Array:
         """Where joints move others: the bodies' equations of motion over the coordinates."""
-        drive = self.bodies.drive
-        bias = pin.nonLinearEffects(self.model, self.data, drive @ q + self.bodies.rest, drive @ v)
-        return np.asarray(_regular(np.linalg.solve, self._mass(q, armature), force - drive.T @ bias))
-
-    @staticmethod
-    def _each(armature: Array | None, count: int) -> list[Array | None]:
-        return [None] * count if armature is None else list(armature)
+        drive, model, data = self.bodies.drive, self.model, self.data
+        states = zip(q @ drive.T + self.bodies.rest, v @ drive.T, strict=True)
+        bias = np.array([pin.nonLinearEffects(model, data, *state).copy() for state in states]).reshape(len(q), -1)
+        return _regular(np.linalg.solve, self._mass(q, armature), (force - bias @ drive)[..., None])[..., 0]
 
 
 def _regular(compute: Callable[..., Array], *given: Array) -> Array:
