@@ -7,8 +7,10 @@ from math import copysign, exp, sqrt
 import numpy as np
 
 from ..types import Array, View
+from .oscillation import chain
 
 EVENTS = 50  # impacts and departures within one sample, at most
+FIRST, MOST = 16, 4096  # samples on a stop that are looked ahead, twice as many each time the link stays there
 
 
 def fly(x: View, gap: float, stop: float) -> Array:
@@ -24,21 +26,37 @@ def fly(x: View, gap: float, stop: float) -> Array:
     half, inertia, load = gap / 2, x.inertia[:, 0], x.load[:, 0]
     along, j = x.whole.sensitivity, x.joints[0]
     force, pull, drag = -load / inertia, along.position[:, j, j] / inertia, along.velocity[:, j, j] / inertia
-    push = ((force[1:] + force[:-1]) / 2).tolist()
+    push, pull, drag = (force[1:] + force[:-1]) / 2, pull[:-1], drag[:-1]
     z, w = copysign(half, force[0]) + force[0] / stop**2, 0.0
-    out, dt = [z], x.dt
-    for f, k, d in zip(push, pull.tolist(), drag.tolist(), strict=False):
-        f -= k * z + d * w
+    (own, taken), out, dt, i, ahead = _on_stop(pull, drag, x.dt, stop), np.empty_like(force), x.dt, 0, FIRST
+    out[0] = z
+    while i < len(push):
         side = 1.0 if z > 0 else -1.0
-        if side * z > half:  # on a stop, mostly for a whole sample
-            y, u = _pressed(side * z - half, side * w, side * f, dt, stop)
-            if y >= 0:
-                z, w = side * (half + y), side * u
-                out.append(z)
+        if side * z > half:  # on a stop, mostly for many samples
+            some = slice(i, i + ahead)
+            added = np.outer(taken, side * push[some] - half * pull[some])
+            y, u = chain(own[:, :, some], added, np.array([side * z - half, side * w])).T
+            count = int(np.argmin(np.append(y[1:] >= 0, False)))
+            out[i + 1 : i + 1 + count] = side * (half + y[1 : count + 1])
+            z, w, i = side * (half + float(y[count])), side * float(u[count]), i + count
+            if count == len(y) - 1:
+                ahead = min(2 * ahead, MOST)
                 continue
-        z, w = _through(z, w, f, dt, half, stop)
-        out.append(z)
-    return np.array(out)[:, None]
+            ahead = FIRST
+        z, w = _through(z, w, float(push[i] - pull[i] * z - drag[i] * w), dt, half, stop)
+        out[i + 1], i = z, i + 1
+    return out[:, None]
+
+
+def _on_stop(pull: Array, drag: Array, dt: float, stop: float) -> tuple[Array, Array]:
+    """What a sample on a stop keeps (2, 2, N - 1) of how deep the link is and its rate, and takes (2,) of the force.
+
+    As `_pressed` has it, the force being less by what the deflection and its rate pull and drag.
+    """
+    fade, one = exp(-stop * dt), np.ones_like(pull)
+    taken = np.array([(1 - fade * (1 + stop * dt)) / stop**2, fade * dt])
+    kept = np.array([[fade * (1 + stop * dt), fade * dt], [-(stop**2) * fade * dt, fade * (1 - stop * dt)]])
+    return kept[..., None] * one - taken[:, None, None] * np.array([pull, drag]), taken
 
 
 def _through(z: float, w: float, f: float, left: float, half: float, stop: float) -> tuple[float, float]:

@@ -44,10 +44,10 @@ def oscillate(x: View, stiffness: float, damping: float) -> Array:
     odd = np.where(abs(swing) * dt < 1e-6, dt * np.exp(decay * dt), odd)
     own = np.array([[even - decay * odd, odd], [-k / m * odd, even + decay * odd]])  # (2, 2, N - 1)
     begin, end = np.array([start, drift]), np.array([start + drift * dt, drift])
-    return _chain(own, end - np.einsum("ijt,jt->it", own, begin), begin[:, 0])[:, :1]
+    return chain(own, end - np.einsum("ijt,jt->it", own, begin), begin[:, 0])[:, :1]
 
 
-def _chain(own: Array, added: Array, first: Array) -> Array:
+def chain(own: Array, added: Array, first: Array) -> Array:
     """States (N, 2), each made of the one before it, as one triangular system with few diagonals.
 
     Args:
