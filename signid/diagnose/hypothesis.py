@@ -14,7 +14,6 @@ from ..model import Model
 from ..motion import Motion
 from ..types import Array, Law
 
-FRICTION = ("viscous_friction", "coulomb_friction")
 VARIABLES = ("position", "velocity", "acceleration", "torque", "time")
 KNOTS = 8
 Key = tuple[str, tuple[int, ...]]  # effect and joints: members of one grid of shapes share it
@@ -133,10 +132,10 @@ def _secant(law: Law, motion: Motion) -> tuple[tuple[int, ...], Array]:
 def refits(law: Law) -> bool:
     """Whether the coefficients of a law that the simulation has are refitted in any case.
 
-    Rotors, bodies and laws of size zero count as they are stated; that they are wrong is a hypothesis.
+    Bodies, rotors and laws of size zero count as they are stated; that they are wrong is a hypothesis.
     """
     there = any(law.effect.coefficients(law.parameters))
-    return there and isinstance(law.effect, TorqueLaw) and law.effect.name != "armature"
+    return there and isinstance(law.effect, TorqueLaw)
 
 
 def happens_once(law: Law) -> bool:
@@ -149,13 +148,14 @@ def _shaped(law: Law) -> bool:
 
 
 def _friction(known: set[Key], n: int, skip: Sequence[str]) -> Iterator[Hypothesis]:
-    """Both kinds together, at joints that have neither, and at all of these at once."""
-    bare = [j for j in range(n) if not any((name, (j,)) in known for name in FRICTION)]
-    if set(FRICTION) & set(skip):
+    """Viscous and dry friction together, at joints that have neither, and at all of these at once."""
+    friction = [effect for effect in EFFECTS if effect.usual and effect.dissipative]
+    bare = [j for j in range(n) if not any((effect.name, (j,)) in known for effect in friction)]
+    if any(effect.name in skip for effect in friction):
         return
     for joints in dict.fromkeys([*((j,) for j in bare), tuple(bare)]):
         if joints:
-            yield Hypothesis(tuple(Law(EFFECTS[name], (j,)) for j in joints for name in FRICTION))
+            yield Hypothesis(tuple(Law(effect, (j,)) for j in joints for effect in friction))
 
 
 def _unknown(motion: Motion) -> Iterator[Hypothesis]:

@@ -25,7 +25,6 @@ HARMONICS, AMPLITUDE = 5, (0.3, 0.9)  # least and most share of the limits
 STRUCTURAL = 1e-6  # of a law's sum of squares: less is the same law
 REVERSAL, STILL = 0.01, 5.0  # [rad/s or m/s] width of a reversal, and how many of them are near one
 NEAR = 0.06  # [s] before and after a reversal in which torque does not count
-BESIDE = ("viscous_friction", "coulomb_friction", "torque_offset")
 
 
 def tell_apart(model: Model, law: Law, rival: Law, floor: Array, seed: int) -> str:
@@ -75,9 +74,8 @@ def _left(model: Model, law: Law, rival: Law, floor: Array, motion: Motion) -> t
     for j, x in torque_of(law, motion).items():
         torque[:, j] = x
     columns = [_wide(rival, motion, n)]
-    columns += [
-        _wide(Law(EFFECTS[name], (j,)), motion, n) for name in BESIDE if name != law.effect.name for j in law.joints
-    ]
+    beside = [effect for effect in EFFECTS if effect.usual and effect is not law.effect]
+    columns += [_wide(Law(effect, (j,)), motion, n) for effect in beside for j in law.joints]
     weight = _clear(motion) / floor
     y = (torque * weight).ravel()
     x = np.concatenate(columns, axis=2) * weight[:, :, None]

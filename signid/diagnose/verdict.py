@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..effects.base import ActuatorLaw, RecordingLaw, TorqueLaw, TransmissionLaw
 from ..types import Array, Frozen, Mask
 from .found import Found
 from .group import Group
@@ -109,7 +108,7 @@ def _abstains(
     for group in causes:
         concerned |= _concerned(group, before > threshold)
     left, whole = np.maximum(after, 0)[concerned].sum(), np.maximum(before, 0)[concerned].sum()
-    needed = ROUGHLY if _approximate(causes[0]) else EXPLAINED
+    needed = ROUGHLY if causes[0].claim.laws[0].effect.approximate else EXPLAINED
     loud = concerned & (after > threshold) & (after > LEFT * before.max())
     if 1 - left / max(whole, 1e-9) < needed and loud.any():
         return True
@@ -128,16 +127,3 @@ def _concerned(group: Group, loud: Mask) -> Mask:
             out |= loud
         out[list(law.joints) if len(law.joints) <= 2 else []] = True
     return out
-
-
-def _approximate(group: Group) -> bool:
-    """Whether the shape of a law is never quite that of the robot's."""
-    law = group.claim.laws[0]
-    if isinstance(law.effect, TorqueLaw):
-        return law.effect.memory or law.effect.name in ROUGH
-    return isinstance(law.effect, TransmissionLaw | ActuatorLaw) or (
-        isinstance(law.effect, RecordingLaw) and not law.effect.linear()
-    )
-
-
-ROUGH = ("torque_ripple", "external_contact", "position_friction")

@@ -35,12 +35,12 @@ class Effect:
     dissipative: ClassVar[bool] = False  # columns * v, summed over the joints, >= 0
     reverses: ClassVar[bool] = False  # jumps where the direction of motion changes
     twins: ClassVar[tuple[str, ...]] = ()  # effects that some motion, or no motion, tells apart
-
-    contains: ClassVar[
-        Mapping[str, Mapping[str, float]]
-    ] = {}  # plainer effects, and how often theirs is in each number
+    contains: ClassVar[Mapping[str, Mapping[str, float]]] = {}
+    """Plainer effects, and how often theirs is in each number."""
     changes: ClassVar[tuple[str, ...]] = ()  # effects of which one must be at the joint: it is a change of them
     common: ClassVar[float] = 1.0  # how often it is what a simulation lacks, beside the others
+    usual: ClassVar[bool] = False  # at every joint of a robot, more or less
+    approximate: ClassVar[bool] = False  # its shape is never quite that of the robot's
 
     columns: Callable[..., list[Array]]
     """The law, columns(x: View, **shape): arrays (..., m), one a coefficient [torque per unit]; link, tip: (N, n)."""
@@ -114,7 +114,7 @@ class BodyLaw(Effect):
 class TransmissionLaw(Effect):
     """A motor and a link that may part: x.q is the deflection, link minus motor; the motor is what is recorded."""
 
-    scope = "link"
+    scope, approximate = "link", True
     hold: Callable[..., Array]
     """hold(x, **parameters): torque (..., m) against the deflection x.q and its rate x.v."""
 
@@ -202,6 +202,7 @@ class RecordingLaw(Effect):
 class ActuatorLaw(Effect):
     """The command is recorded, another torque acts."""
 
+    approximate = True
     applied_torque: Callable[..., Array]
     """applied_torque(x, **parameters): torque (..., m) that acts where x.torque is the command."""
 

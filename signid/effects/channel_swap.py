@@ -10,7 +10,7 @@ class ChannelSwap(RecordingLaw):
     name, equation = "channel_swap", "torque[::-1]"
     source = "Isermann, Fault-Diagnosis Systems, Springer, 2006 (faults of sensors)"
     typical = "two plugs or two columns exchanged: there, or not"
-    common = 0.3
+    common, approximate = 0.3, True
     scope = "pair"
 
     def recorded_torque(self, x: View) -> Array:

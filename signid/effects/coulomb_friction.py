@@ -12,7 +12,7 @@ class CoulombFriction(TorqueLaw):
     typical = "0.2 to 0.5 N.m (Panda), 0.3 to 9 (TX40), 2 to 14 (UR10E); 2 to 20 % of the rated torque"
     parameters = {"level": Coefficient("N.m", positive=True)}
     example = {"level": 3.0}
-    dissipative, reverses = True, True
+    dissipative, reverses, usual = True, True, True
 
     def columns(self, x: View) -> list[Array]:
         """Direction of motion, (..., m) [1]."""

@@ -24,7 +24,7 @@ class ExternalContact(TorqueLaw):
         **{key: Shape("s", ()) for key in ("start", "end")},
     }
     example = {"force_x": 10.0, "force_y": -8.0, "force_z": 12.0, "start": 2.0, "end": 3.0}
-    scope = "robot"
+    scope, approximate = "robot", True
 
     def columns(self, x: View, start: float, end: float) -> list[Array]:
         """Rows of the Jacobian while it lasts, (..., n) [m/rad or 1]."""

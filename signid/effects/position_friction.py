@@ -12,7 +12,7 @@ class PositionFriction(TorqueLaw):
     name, equation = "position_friction", "amplitude * sin(frequency * q + phase) * sign(v)"
     source = "Bittencourt, Wernholt, Sander-Tavallaey, Brogardh, An extended friction model, IEEE/RSJ IROS 2010"
     typical = "5 to 30 % of Coulomb friction, once or twice a turn of the joint"
-    common = 0.3
+    common, approximate = 0.3, True
     changes = ("coulomb_friction", "asymmetric_friction", "presliding_friction")
     parameters = {
         "amplitude": Coefficient("N.m"),

@@ -12,7 +12,7 @@ class PreslidingFriction(TorqueLaw):
     name, equation = "presliding_friction", "level * z; dz/dt = v / distance * (1 - z * sign(v))"
     source = "Dahl's model, in Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE Trans. Automatic Control 40(3), 1995"
     typical = "distance 1e-4 to 1e-2 rad, level that of Coulomb friction, which it stands for"
-    common = 0.3
+    common, approximate = 0.3, True
     parameters = {
         "level": Coefficient("N.m", positive=True),
         "distance": Shape("rad", (0.03, 0.06, 0.12, 0.2), of="travel"),

@@ -15,6 +15,7 @@ class TorqueOffset(TorqueLaw):
     parameters = {"offset": Coefficient("N.m")}
     example = {"offset": 1.0}
     twins = ("asymmetric_friction",)
+    usual = True
 
     def columns(self, x: View) -> list[Array]:
         """One, (..., m) [1]."""

@@ -18,6 +18,7 @@ class TorqueRipple(TorqueLaw):
         "frequency": Shape("1/rad", tuple(np.arange(4, 30, 0.25).tolist())),
     }
     example = {"amplitude": 2.0, "phase": 0.5, "frequency": 12.1}
+    approximate = True
     coefficients, physical = sine_cosine, amplitude_phase
 
     def possible(self, x: View, frequency: float) -> bool:

@@ -10,7 +10,7 @@ class TorqueSign(RecordingLaw):
     name, equation = "torque_sign", "-torque"
     source = "Isermann, Fault-Diagnosis Systems, Springer, 2006 (faults of sensors)"
     typical = "a reversed axis or motor phase: there, or not"
-    common = 0.3
+    common, approximate = 0.3, True
     twins = ("torque_gain",)
 
     def recorded_torque(self, x: View) -> Array:

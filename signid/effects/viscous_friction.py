@@ -12,7 +12,7 @@ class ViscousFriction(TorqueLaw):
     typical = "0.6 to 8 N.m.s/rad (TX40), 2 to 19 (UR10E)"
     parameters = {"coefficient": Coefficient("N.m.s/rad", positive=True)}
     example = {"coefficient": 2.0}
-    dissipative = True
+    dissipative, usual = True, True
 
     def columns(self, x: View) -> list[Array]:
         """Velocity, (..., m) [rad/s or m/s]."""

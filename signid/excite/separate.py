@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 from ..deadline import ends_in_time
+from ..effects import EFFECTS
 from ..effects.law import places
 from ..errors import OptionError
 from ..model import Model
@@ -23,7 +24,6 @@ from .result import ENOUGH, Separation, tell_spent
 from .rivals import Distance, Rivals, beside_laws
 from .safe import grid, make_safe
 
-FRICTION = ("viscous_friction", "coulomb_friction", "torque_offset")  # fitted beside either law
 INDEPENDENT = 20.0  # [Hz] samples of torque with independent errors, after filters
 REMEMBER = 100.0  # [Hz] of the motion where a law has a memory
 PERIODS = (1, 2, 4, 12)  # of the base frequency, in turn
@@ -74,7 +74,8 @@ def separate(
     check_duration(duration, harmonics, 1 / duration if duration > 0 else 0.0)
     limits = limits or build_limits(model.robot)
     families = [Fourier(duration, harmonics, periods / duration) for periods in PERIODS]
-    laws = beside_laws(usual_laws(model, FRICTION), first, second)
+    usual = [effect.name for effect in EFFECTS if effect.usual]
+    laws = beside_laws(usual_laws(model, usual), first, second)
     setting, notes = make_ready(model, laws, families[0], duration, limits, clearance, seed)
     density = REMEMBER if any(getattr(law.effect, "memory", False) for law in (first, second)) else INDEPENDENT
     rivals = Rivals(setting, first, second, nuisance == "bodies", INDEPENDENT / density)
