@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from .types import Array, Robot
+from .types import Array, Mask, Robot
 
 
 class Sensitivity(NamedTuple):
@@ -97,7 +97,8 @@ def body_regressor(robot: Robot, q: Array, v: Array, a: Array) -> Array:
     out = np.empty((len(q), model.nv, 10 * (model.njoints - 1)))
     for i, state in enumerate(zip(q, v, a, strict=True)):
         out[i] = np.reshape(pin.computeJointTorqueRegressor(model, data, *state), (model.nv, -1))
-    return np.asarray(robot.drive.T @ out).reshape(len(q), robot.drive.shape[1], -1, 10)
+    plain = np.array_equal(robot.drive, np.eye(model.nv))
+    return (out if plain else np.asarray(robot.drive.T @ out)).reshape(len(q), robot.drive.shape[1], -1, 10)
 
 
 def gravity_torque(robot: Robot, q: Array, gravity: Sequence[float] | Array) -> Array:
@@ -143,6 +144,15 @@ def point_jacobian(model: Any, data: Any, q: Array, joint: int, point: Array) ->
     return np.asarray(jacobian[:3] - pin.skew(arm) @ jacobian[3:])
 
 
+def moved(robot: Robot) -> Mask:
+    """(n, nb) whether a joint moves a body; the torque of joints that move no body together does not depend on both."""
+    out = np.zeros((len(robot.joints), robot.model.njoints - 1), dtype=bool)
+    for body, ways in enumerate(list(robot.model.supports)[1:]):
+        for joint in (robot.model.joints[i] for i in list(ways)[1:]):
+            out[:, body] |= robot.drive[joint.idx_v : joint.idx_v + joint.nv].any(axis=0)
+    return out
+
+
 def carried(robot: Robot, joint: int) -> int:
     """The body, from 0, that a joint itself moves (a joint that others mimic moves theirs as well)."""
     return carrier(robot.model, own_row(robot, joint)) - 1
@@ -163,5 +173,5 @@ def carrier(model: Any, row: int) -> int:
 
 def _symmetric(mass: Array) -> Array:
     """(..., nv, nv) of upper triangles."""
-    upper = np.triu(mass)
-    return np.asarray(upper + np.triu(upper, 1).swapaxes(-1, -2))
+    below = np.tri(mass.shape[-1], k=-1, dtype=bool)
+    return np.where(below, mass.swapaxes(-1, -2), mass)

@@ -15,7 +15,7 @@ from signid.diagnose.group import Group
 from signid.diagnose.hypothesis import Hypothesis
 from signid.diagnose.linear import Known
 from signid.diagnose.prior import SIZES, WIDE, Belief
-from signid.diagnose.whitened import Whitened, columns_of
+from signid.diagnose.whitened import Whitened, columns_of, total
 from signid.types import Array, Law
 
 ROWS, JOINTS = 40, 2
@@ -237,6 +237,8 @@ def test_a_law_of_the_rows_is_read_by_its_place() -> None:
     data = rows().data
     assert data.rows(SWAP) == [0, 1] and data.rows(SPRING) == [0] and not data.part(1, SPRING).any()
     np.testing.assert_array_equal(data.part(0, SPRING), data.columns[0][:, 4:6])
-    np.testing.assert_allclose(
-        data.gram(columns_of([SPRING]))[0][:, [5, 6]], data.part(0, SPRING).T @ data.part(0, SPRING)
-    )
+    first, second = data.gram(columns_of([SPRING]))
+    np.testing.assert_array_equal(first.rows, [0, 1])
+    assert len(second.rows) == 0
+    square = total((first, second), np.ones(JOINTS), (2, data.count))[:, [5, 6]]
+    np.testing.assert_allclose(square, data.part(0, SPRING).T @ data.part(0, SPRING))

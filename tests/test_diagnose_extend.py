@@ -11,9 +11,9 @@ from plant import law
 
 from signid.basis import build_base
 from signid.diagnose.extend import extend
+from signid.diagnose.fitted import Fitted, solve
 from signid.diagnose.group import Group, tolerance
 from signid.diagnose.hypothesis import propose, refits
-from signid.diagnose.linear import Fitted, solve
 from signid.diagnose.prune import prune
 from signid.diagnose.separate import tell_apart
 from signid.diagnose.sizes import energies, measure_sizes
@@ -162,7 +162,7 @@ def test_energy_is_what_a_law_takes_away() -> None:
     spring, offset = one.group("spring", 1), one.group("torque_offset", 0)
     found = one.found(spring, offset)
     sizes = measure_sizes(one.judge.evidence, found.true, found.base, 0.0)
-    gone = energies(one.judge.evidence, found.true, found.base, 0.0, sizes.left)
+    gone = energies(sizes)
     assert sizes.value[spring][0] == pytest.approx(1.0, rel=0.05) and sizes.share[spring][1] > 0.05
     assert gone[spring][1] > 1000 and gone[spring][0] < 1 and gone[offset].max() < 20
     assert np.all(sizes.left < 1.6)

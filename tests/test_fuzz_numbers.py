@@ -11,7 +11,7 @@ import pytest
 
 import signid
 from signid.diagnose import enough
-from signid.diagnose.linear import solve
+from signid.diagnose.fitted import solve
 from signid.errors import InputError
 from signid.gross.limits import Amount
 from signid.gross.sentences import tell_amount

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from ..types import Array
+from ..types import Array, Mask
 from .group import Group
 from .linear import Linear
 from .whitened import Whitened
@@ -33,7 +33,7 @@ class Unseen(NamedTuple):
 
     linear: Linear
     dispersion: Array  # (n,) variance of the whitened residual [1]
-    columns: list[Array]  # per joint (M, k) [1 per coefficient] over the root of the dispersion
+    columns: list[tuple[Mask, Array]]  # per joint (k,) which it has, (M, a) [1 per coefficient] over that root
     blocks: list[_Block]
 
     def gain(self, group: Group) -> float:
@@ -44,9 +44,13 @@ class Unseen(NamedTuple):
         target = [data.residual[j] / root[j] for j in joints]
         parts = list[tuple[Array, Array, Array]]()
         for block in self.blocks:
-            z, x = ([a[block.rows] for a in some] for some in (own, [self.columns[j] for j in joints]))
-            y = [a[block.rows] for a in target]
-            parts.append((_sum(x, z), _sum(z, z), _sum(z, y)))
+            across, (z, y) = (
+                np.zeros((len(block.rest), group.size)),
+                ([a[block.rows] for a in x] for x in (own, target)),
+            )
+            for (here, x), new in zip((self.columns[j] for j in joints), z, strict=True):
+                across[here] += x[block.rows].T @ new
+            parts.append((across, _sum(z, z), _sum(z, y)))
         across, square, right = (np.asarray(sum(part[i] for part in parts)) for i in range(3))
         square = square + self.linear.own_precision(group)
         return sum(
@@ -65,12 +69,14 @@ def leave_out(linear: Linear, true: Sequence[Group], dispersion: Array, trust: f
         trust: of the tolerance of inertials, how far they are off.
     """
     data, which, root = linear.data, linear.columns(true, trust), np.sqrt(dispersion)
-    columns = [data.chosen(j, which) / root[j] for j in range(data.joints)]
-    target = [data.residual[j] / root[j] for j in range(data.joints)]
+    columns = [(here, x / root[j]) for j in range(data.joints) for here, x in [data.chosen(j, which)]]
     spans = [slice(a, b) for a, b in pairwise(_edges(data))]
-    grams = [_sum([x[s] for x in columns], [x[s] for x in columns]) for s in spans]
-    rights = [_sum([x[s] for x in columns], [y[s] for y in target]) for s in spans]
-    whole, told = np.asarray(sum(grams)), np.asarray(sum(rights))
+    grams, rights = np.zeros((len(spans), len(which), len(which))), np.zeros((len(spans), len(which)))
+    for j, (here, x) in enumerate(columns):
+        for k, span in enumerate(spans):
+            grams[k][np.ix_(here, here)] += x[span].T @ x[span]
+            rights[k][here] += x[span].T @ data.residual[j, span] / root[j]
+    whole, told = grams.sum(axis=0), rights.sum(axis=0)
     prior, blocks = linear.precision(true, np.diag(whole), trust), list[_Block]()
     for span, gram, right in zip(spans, grams, rights, strict=True):
         others = whole - gram + prior

@@ -12,8 +12,9 @@ from scipy.special import log_ndtr, logsumexp
 
 from ..types import Array, Indices
 from .cross import Unseen, leave_out
+from .fitted import Fitted
 from .group import Group
-from .linear import Fitted, Linear
+from .linear import Linear
 from .prior import SIZES, Belief
 from .recent import Recent
 

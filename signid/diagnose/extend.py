@@ -11,12 +11,13 @@ from ..basis import build_base
 from ..model import Model
 from ..types import Array, BaseMap, Law
 from .bodies import move_bodies
+from .fitted import Fitted
 from .found import Found
 from .group import Group
 from .hypothesis import refits
-from .linear import Fitted
 from .numbers import read_laws
 from .odds import Judge
+from .whitened import columns_of
 
 
 def extended(
@@ -53,9 +54,9 @@ def extend(
     """
     steps = iter([fit.value[fit.place(group)] for group in refitted if group.law is not None])
     own, inertials = [_moved(law, next(steps)) if refits(law) else law for law in model.laws], model.inertials
-    for group in (group for group in refitted if group.bodies and group.start in fit.which):
-        own_place = fit.place(group)
-        step, spread = fit.value[own_place].reshape(inertials.shape), fit.covariance[own_place, own_place]
+    bodies = np.flatnonzero(np.isin(fit.which, columns_of([group for group in refitted if group.bodies])))
+    if len(bodies):
+        step, spread = fit.value[bodies].reshape(inertials.shape), fit.covariance[np.ix_(bodies, bodies)]
         inertials = move_bodies(base or build_base(model.robot), inertials, step, spread)
     for law in laws:
         law, own = _folded(law, own)

@@ -72,9 +72,9 @@ def nuisances(model: Model, motion: Motion, dry: Array) -> Iterator[Nuisance]:
             yield Nuisance({j: columns[:, k] for k, j in enumerate(rows)}, [np.inf] * columns.shape[2], law)
     for j in np.flatnonzero(dry > 0).tolist():
         yield Nuisance({j: _turning(motion, j)}, [SOFT * float(dry[j])] * 3)
-    spread = tolerance(model).ravel().tolist()
-    whole = {j: motion.bodies[:, j].reshape(len(motion), -1) for j in range(len(motion.robot.joints))}
-    yield Nuisance(whole, spread, bodies=True)
+    for body, spread in enumerate(tolerance(model).tolist()):
+        moving = np.flatnonzero(motion.moved[:, body]).tolist()
+        yield Nuisance({j: motion.bodies[:, j, body] for j in moving}, spread, bodies=True)
 
 
 def tolerance(model: Model) -> Array:
@@ -116,7 +116,7 @@ def dry_friction(model: Model, pieces: Sequence[Piece]) -> Array:
     """(n,) dry friction of each joint [N.m or N]: what the simulation has, or roughly what the residual shows."""
     found = stated_friction(model)
     for j in np.flatnonzero(found == 0).tolist():
-        rows = [np.column_stack([_plain(p.motion, j), p.residual[:, j]])[::STRIDE] for p in pieces]
+        rows = [np.column_stack([_plain(p.motion, j), p.residual[::STRIDE, j]]) for p in pieces]
         x = np.concatenate(rows)
         x = x[np.isfinite(x).all(axis=1)]
         if len(x):
@@ -125,9 +125,10 @@ def dry_friction(model: Model, pieces: Sequence[Piece]) -> Array:
 
 
 def _plain(motion: Motion, joint: int) -> Array:
-    """(N, k) direction, velocity, a constant and the bodies."""
-    bodies = motion.bodies[:, joint].reshape(len(motion), -1)
-    return np.column_stack([motion.direction[:, joint], motion.v[:, joint], np.ones(len(motion)), bodies])
+    """(N', k) direction, velocity, a constant and the bodies, at every so manieth sample."""
+    own = slice(None, None, STRIDE)
+    bodies = [motion.bodies[own, joint, body] for body in np.flatnonzero(motion.moved[joint])]
+    return np.column_stack([motion.direction[own, joint], motion.v[own, joint], np.ones(len(motion.t[own])), *bodies])
 
 
 def lay_out(model: Model, motion: Motion, hypotheses: Sequence[Hypothesis], dry: Array) -> list[Group]:

@@ -8,16 +8,16 @@ from typing import NamedTuple
 import numpy as np
 
 from ..types import Array, Coefficient, Indices, Law
+from .fitted import Fitted, solve
 from .found import Found
 from .group import Group
-from .linear import Fitted, solve
 from .noise import whole
 from .odds import Judge
 from .sample import torque_of
 from .search import spread
 from .setting import Setting
 from .sizes import measure_sizes
-from .whitened import columns_of
+from .whitened import columns_of, total
 
 STEP = 1e-3  # of a number, for derivatives
 UNTOLD = 1e-8  # share of a number's torque that nothing else makes: less does not tell it
@@ -84,8 +84,8 @@ def _scores(setting: Setting, judge: Judge, found: Found, asked: Asked, shadow: 
     rest = measure_sizes(judge.evidence, found.true, found.base, found.trust).rest
     rows = np.zeros((len(data), shadow.shape[1]))
     for j in range(data.joints):
-        here = np.isin(which, data.place[j])
-        free = asked.slopes.get(j, 0.0) - data.columns[j][:, np.searchsorted(data.place[j], which[here])] @ shadow[here]
+        here, beside = data.chosen(j, which)
+        free = asked.slopes.get(j, 0.0) - beside @ shadow[here]
         rows += free * (rest[j] / asked.dispersion[j])[:, None]
     block = _blocks(setting)
     out = np.zeros((int(block.max()) + 1, rows.shape[1]))
@@ -130,7 +130,7 @@ def _beside(judge: Judge, found: Found, laws: list[Law], dispersion: Array) -> F
         columns_of([g for g in refitted if g.law is None or (g.law.effect.name, g.law.joints) not in held]),
     )
     which = columns_of(refitted)[kept]
-    gram = np.tensordot(1 / dispersion, evidence.data.gram(which)[:, :, which], axes=1)
+    gram = total(evidence.data.gram(which), dispersion, (len(which), evidence.data.count))[:, which]
     whole = np.zeros(len(kept))
     whole[kept] = np.diag(gram)
     precision = evidence.precision((), whole, found.trust)[np.ix_(kept, kept)]

@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
-from ..errors import RecordingError
 from ..residual import leave
 from ..types import Array, Frozen, Indices
+from .fitted import Fitted, solve
 from .group import Group
 from .prior import WIDE, Belief, believe
 from .recent import Recent
-from .whitened import Whitened, columns_of, mean_products
+from .whitened import Block, Gram, Whitened, columns_of, mean_products, total
 
-FITS = 64  # that are kept
-RIDGES = (1e-11, 1e-9, 1e-7, 1e-5)  # the first with which a Gram can be factored
+FITS, SQUARES = 64, 16  # that are kept
 FLAT = 1e-6  # of the Gram's diagonal: prior precision of what is not known at all
 
 
@@ -29,44 +26,6 @@ class Known(NamedTuple):
 
     information: Array  # (k, k) [1 per coefficient, squared]
     right: Array  # (k,) [1 per coefficient]
-
-
-class Fitted(NamedTuple):
-    """What is refitted and what is taken for true, at one trust in the inertials."""
-
-    which: Indices  # (k,) columns
-    lower: Array  # (k, k) [1] Cholesky factor of Gram and prior, scaled
-    size: Array  # (k,) [1 per coefficient] the scale
-    told: Array  # (k,) [1] lower^-1 right side
-    log_evidence: float
-
-    @property
-    def value(self) -> Array:
-        """(k,) the likeliest coefficients."""
-        return self.solved(self.told[:, None])[:, 0]
-
-    def place(self, group: Group) -> slice:
-        """Where the coefficients of a group that took part stand among those that are fitted."""
-        at = int(np.flatnonzero(self.which == group.start)[0])
-        return slice(at, at + group.size)
-
-    @property
-    def covariance(self) -> Array:
-        """(k, k) of the coefficients."""
-        inverse = solve_triangular(self.lower, np.eye(len(self.size)), lower=True) / self.size
-        return np.asarray(inverse.T @ inverse)
-
-    def below(self, rows: Array) -> Array:
-        """(k, m) lower^-1 of some rows (k, m) [1 per coefficient, squared]."""
-        return np.asarray(solve_triangular(self.lower, rows / self.size[:, None], lower=True))
-
-    def solved(self, below: Array) -> Array:
-        """(k, m) coefficients of right sides of which lower^-1 is given.
-
-        Args:
-            below: (k, m) [1].
-        """
-        return np.asarray(solve_triangular(self.lower, below, lower=True, trans="T") / self.size[:, None])
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +64,8 @@ class Linear(Frozen):
 
     def _fit(self, true: Sequence[Group], dispersion: Array, trust: float) -> Fitted:
         which, rows = self.columns(true, trust), self._which_rows(true, trust)
-        gram = np.tensordot(1 / dispersion, self._square(tuple(true)), axes=1)[np.ix_(rows, rows)]
+        square = self._squares(tuple(true), lambda: self._square(true))
+        gram = total(square, dispersion, (len(self._could(true)),) * 2)[np.ix_(rows, rows)]
         right = (self.data.right[:, which] / dispersion[:, None]).sum(0)
         if self.known is not None and trust > 0:
             here = np.searchsorted(which, columns_of([group for group in self.data.refitted if group.bodies]))
@@ -122,9 +82,18 @@ class Linear(Frozen):
             dispersion: (n,) variance of the whitened residual [1].
             trust: of the tolerance of inertials, how far they are off.
         """
-        parts = [self.data.refitted_gram, *(self._gram_of(group) for group in true)]
-        whole = np.concatenate([np.tensordot(1 / dispersion, part, axes=1) for part in parts])
-        return np.asarray(whole[self._which_rows(true, trust)])
+        whole = self._across((tuple(true), dispersion.tobytes()), lambda: self._across_all(true, dispersion))
+        return whole if trust > 0 else np.asarray(whole[self._which_rows(true, trust)])
+
+    @cached_property
+    def _across(self) -> Recent[Array]:
+        return Recent(1)
+
+    def _across_all(self, true: Sequence[Group], dispersion: Array) -> Array:
+        """(k, p) of all that could be refitted and some hypotheses."""
+        parts = [(self.data.refitted_gram, len(columns_of(self.data.refitted)))]
+        parts += [(self._gram_of(group), group.size) for group in true]
+        return np.concatenate([total(gram, dispersion, (k, self.data.count)) for gram, k in parts])
 
     def columns(self, true: Sequence[Group], trust: float) -> Indices:
         """(k,) columns that are fitted."""
@@ -171,10 +140,10 @@ class Linear(Frozen):
         """Share of a hypothesis's torque that wrong inertials and the other refitted terms can make [1]."""
         if group not in self._imitated:
             data, left, whole = self.data, 0.0, 0.0
-            for j in range(data.joints):
+            for j in data.rows(group):
                 x = data.part(j, group)
                 x = x[:, :1] if group.size == 1 else x @ np.ones((group.size, 1))
-                rest = leave(x, np.column_stack([data.part(j, other) for other in data.refitted]))
+                rest = leave(x, data.chosen(j, columns_of(data.refitted))[1])
                 left, whole = left + float(np.sum(rest**2)), whole + float(np.sum(x**2))
             self._imitated[group] = 1 - left / whole if whole > 0 else 0.0
         return self._imitated[group]
@@ -185,52 +154,31 @@ class Linear(Frozen):
 
     def _which_rows(self, true: Sequence[Group], trust: float) -> Indices:
         """(k,) places of the columns that are fitted among those that could be."""
-        return np.flatnonzero(np.isin(columns_of([*self.data.refitted, *true]), self.columns(true, trust)))
+        return np.flatnonzero(np.isin(self._could(true), self.columns(true, trust)))
 
-    def _square(self, true: tuple[Group, ...]) -> Array:
-        """(n, k, k) products of all that could be refitted and some hypotheses."""
-        if true not in self._seen_squares:
-            which = columns_of([*self.data.refitted, *true])
-            parts = [self.data.refitted_gram, *(self._gram_of(group) for group in true)]
-            self._seen_squares[true] = np.concatenate([part[:, :, which] for part in parts], axis=1)
-        return self._seen_squares[true]
+    def _could(self, true: Sequence[Group]) -> Indices:
+        """(k,) columns of all that could be refitted and some hypotheses."""
+        return columns_of([*self.data.refitted, *true])
 
-    def _gram_of(self, group: Group) -> Array:
+    def _square(self, true: Sequence[Group]) -> Gram:
+        """Products of all that could be refitted and some hypotheses with each other."""
+        which, out = self._could(true), list[Block]()
+        grams = [self.data.refitted_gram, *(self._gram_of(group) for group in true)]
+        for j, at in enumerate(self.data.at[:, which]):
+            here = np.flatnonzero(at >= 0)
+            rows = [gram[j].products[:, at[here]] for gram in grams if len(gram[j].rows)]
+            out.append(Block(here, here, np.concatenate([np.zeros((0, len(here))), *rows])))
+        return tuple(out)
+
+    def _gram_of(self, group: Group) -> Gram:
         if group not in self._seen:
             self._seen[group] = self.data.gram(columns_of([group]))
         return self._seen[group]
 
     @cached_property
-    def _seen(self) -> dict[Group, Array]:
+    def _seen(self) -> dict[Group, Gram]:
         return {}
 
     @cached_property
-    def _seen_squares(self) -> dict[tuple[Group, ...], Array]:
-        return {}
-
-
-def solve(which: Indices, gram: Array, right: Array, precision: Array) -> Fitted:
-    """The likeliest coefficients under a prior, and how likely the rows are.
-
-    Args:
-        which: (k,) columns.
-        gram: (k, k) [1 per coefficient, squared].
-        right: (k,) [1 per coefficient].
-        precision: (k, k) [1 per coefficient, squared] of the prior.
-    """
-    whole = gram + precision
-    size = np.asarray(np.sqrt(np.diag(whole)))
-    lower = _cholesky(whole / size / size[:, None])
-    told = np.asarray(solve_triangular(lower, right / size, lower=True))
-    half = np.linalg.slogdet(precision)[1] / 2 - float(np.sum(np.log(np.diag(lower)) + np.log(size)))
-    return Fitted(which, lower, size, told, float(told @ told) / 2 + half)
-
-
-def _cholesky(scaled: Array) -> Array:
-    """The factor of a matrix with a unit diagonal, which rounding may have made a little less than positive."""
-    for ridge in RIDGES:
-        with suppress(np.linalg.LinAlgError):
-            return np.asarray(np.linalg.cholesky(scaled + ridge * np.eye(len(scaled))))
-    raise RecordingError(
-        "the laws and bodies that explain the recordings cannot be told apart in numbers; check the units"
-    )
+    def _squares(self) -> Recent[Gram]:
+        return Recent(SQUARES)

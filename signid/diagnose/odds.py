@@ -11,9 +11,9 @@ import numpy as np
 
 from ..types import Array, Frozen
 from .evidence import Evidence
+from .fitted import Fitted
 from .group import Group
 from .hypothesis import Hypothesis, Key
-from .linear import Fitted
 from .prior import NOTHING, believe, likely
 from .whitened import mean_products
 

@@ -7,7 +7,7 @@ import numpy as np
 from .linear import FLAT, Known
 from .odds import Judge
 from .sizes import measure_sizes
-from .whitened import columns_of
+from .whitened import columns_of, total
 
 NOISE_ERROR = 1.3  # of the noise's variance
 ROUNDS = 3
@@ -27,7 +27,7 @@ def learn_bodies(judge: Judge) -> Known:
         base = np.maximum(NOISE_ERROR, NOISE_ERROR * left)
     which = columns_of(data.refitted)
     bodies = np.concatenate([np.full(group.size, group.bodies) for group in data.refitted])
-    gram = np.tensordot(1 / base, data.refitted_gram[:, :, which], axes=1)
+    gram = total(data.refitted_gram, base, (len(which), data.count))[:, which]
     right = (data.right[:, which] / base[:, None]).sum(0)
     deviation = np.concatenate([np.array(group.deviation) for group in data.refitted])
     flat = FLAT * np.maximum(np.diag(gram), 1e-12)

@@ -12,10 +12,10 @@ from ..effects import EFFECTS
 from ..effects.base import Effect, RecordingLaw
 from ..optimisers import OPTIMISERS, Problem
 from ..types import Array, Law
+from .fitted import Fitted
 from .found import Found
 from .group import Group
 from .hypothesis import Hypothesis
-from .linear import Fitted
 from .odds import Judge
 from .search import SEARCH, spread, without
 from .setting import Setting, append

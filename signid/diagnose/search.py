@@ -64,10 +64,9 @@ def spread(judge: Judge, state: Found, most: float = 1.3) -> Array:
     """(n,) dispersion [1] that the shape errors of what is taken for true add to: at most `most` times what is left."""
     if not state.true:
         return state.base
-    left = measure_sizes(judge.evidence, state.true, state.base, state.trust).left
-    energy = energies(judge.evidence, state.true, state.base, state.trust, left)
-    wide = state.base + SHAPE_ERROR**2 * sum(energy.values())
-    return np.maximum(state.base, np.minimum(wide, most * left))
+    sizes = measure_sizes(judge.evidence, state.true, state.base, state.trust)
+    wide = state.base + SHAPE_ERROR**2 * sum(energies(sizes).values())
+    return np.maximum(state.base, np.minimum(wide, most * sizes.left))
 
 
 def without(judge: Judge, state: Found, group: Group) -> Found:

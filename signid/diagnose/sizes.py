@@ -8,8 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
-from ..types import Array, Frozen, Indices
+from ..types import Array, Frozen
 from .evidence import Evidence
+from .fitted import Fitted
 from .group import Group
 from .whitened import Whitened
 
@@ -19,15 +20,18 @@ class Sizes(Frozen):
     """Of hypotheses that are taken for true."""
 
     data: Whitened
-    which: Indices  # (k,) columns that are fitted
-    whole: Array  # (p,) [units of the coefficients], zero where they are not fitted
+    fit: Fitted
     value: Mapping[Group, Array]  # (size,) [units of the coefficients] of each
     share: Mapping[Group, Array]  # (n,) rms torque of each over the rms torque of every joint [1]
 
     @cached_property
     def rest(self) -> Array:
         """(n, M) whitened residual [1]."""
-        return _rest(self.data, self.whole, self.which)
+        out, value = self.data.residual.copy(), self.fit.value
+        for j in range(self.data.joints):
+            here, own = self.data.chosen(j, self.fit.which)
+            out[j] -= own @ value[here]
+        return out
 
     @property
     def left(self) -> Array:
@@ -45,41 +49,29 @@ def measure_sizes(evidence: Evidence, true: Sequence[Group], dispersion: Array, 
         trust: of the tolerance of inertials, how far they are off.
     """
     data, fit = evidence.data, evidence.fit(true, dispersion, trust)
-    whole = np.zeros(data.count)
-    whole[fit.which] = fit.value
-    value, share = {}, {}
+    fitted, value, share = fit.value, {}, {}
     for group in true:
-        value[group] = theta = whole[group.place]
-        raw = [np.sqrt(np.mean((data.raw(j, group) @ theta) ** 2)) for j in range(data.joints)]
-        share[group] = np.array(raw) / data.scale
-    return Sizes(data, fit.which, whole, value, share)
+        value[group] = theta = fitted[fit.place(group)]
+        share[group] = np.zeros(data.joints)
+        for j in data.rows(group):
+            share[group][j] = np.sqrt(np.mean((data.raw(j, group) @ theta) ** 2)) / data.scale[j]
+    return Sizes(data, fit, value, share)
 
 
-def energies(
-    evidence: Evidence, true: Sequence[Group], dispersion: Array, trust: float, left: Array
-) -> dict[Group, Array]:
+def energies(sizes: Sizes) -> dict[Group, Array]:
     """Per hypothesis, by how much the residual of each joint grows without it while all else is refitted: (n,) [1].
 
-    Args:
-        evidence: rows.
-        true: hypotheses that are taken for true.
-        dispersion: (n,) variance of the whitened residual [1].
-        trust: of the tolerance of inertials, how far they are off.
-        left: (n,) mean square of the whitened residual with all of them [1].
+    Without it, everything else is what it is likeliest to be where the hypothesis's coefficients are zero.
     """
-    data, out = evidence.data, dict[Group, Array]()
-    for group in true:
-        fit = evidence.fit([g for g in true if g is not group], dispersion, trust)
-        whole = np.zeros(data.count)
-        whole[fit.which] = fit.value
-        out[group] = np.maximum(np.sum(_rest(data, whole, fit.which) ** 2, axis=1) - left * data.counts, 0.0)
-    return out
-
-
-def _rest(data: Whitened, whole: Array, which: Indices) -> Array:
-    """(n, M) whitened residual after coefficients (p,) of which only some are not zero."""
-    out = data.residual.copy()
+    data, fit, groups = sizes.data, sizes.fit, list(sizes.value)
+    if not groups:
+        return {}
+    covariance = fit.covariance
+    places = [fit.place(group) for group in groups]
+    steps = [covariance[:, own] @ np.linalg.solve(covariance[own, own], fit.value[own]) for own in places]
+    taken, out = np.column_stack(steps), np.zeros((len(groups), data.joints))
     for j in range(data.joints):
-        own = np.flatnonzero(np.isin(data.place[j], which))
-        out[j] -= data.columns[j][:, own] @ whole[data.place[j][own]]
-    return out
+        here, own = data.chosen(j, fit.which)
+        added = own @ taken[here]
+        out[:, j] = np.sum(added**2, axis=0) + 2 * sizes.rest[j] @ added
+    return dict(zip(groups, np.maximum(out, 0.0), strict=True))

@@ -9,6 +9,7 @@ from .evidence import TRUST
 from .found import Found
 from .group import Group
 from .odds import Judge
+from .whitened import columns_of
 
 BEYOND = 30.0  # squared deviations of the ten numbers of a link, at twice the usual tolerance
 
@@ -23,13 +24,11 @@ def strained_links(judge: Judge, state: Found) -> dict[int, float]:
     if judge.evidence.trust(state.true, state.base) == 0:
         return {}
     fit = judge.evidence.fit(state.true, state.base, TRUST[-1])
-    for group in judge.evidence.data.refitted:
-        if group.bodies:
-            at = np.searchsorted(fit.which, np.arange(group.start, group.start + group.size))
-            strain = (fit.value[at] / TRUST[-1] / np.array(group.deviation)).reshape(-1, len(INERTIAL))
-            far = np.sum(strain**2, axis=1)
-            return {j: float(far[body]) for j, body in enumerate(judge.carried) if far[body] > BEYOND}
-    return {}
+    bodies = [group for group in judge.evidence.data.refitted if group.bodies]
+    step = fit.value[np.isin(fit.which, columns_of(bodies))]
+    deviation = np.concatenate([group.deviation for group in bodies])
+    far = np.sum((step / TRUST[-1] / deviation).reshape(-1, len(INERTIAL)) ** 2, axis=1)
+    return {j: float(far[body]) for j, body in enumerate(judge.carried) if far[body] > BEYOND}
 
 
 def relieved(judge: Judge, rest: Found, group: Group) -> set[int]:

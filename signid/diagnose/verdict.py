@@ -79,8 +79,7 @@ def decide(judge: Judge, found: Found, slots: Sequence[Slot]) -> Verdict:
     threshold = NOTICED * np.sqrt(2 * count) + count * (DISCREPANCY * scale / data.floor) ** 2
     threshold = threshold * (CLEARLY if told_of > CLEAR and not found.true else 1.0)
     exact = measure_sizes(judge.evidence, found.true, found.base, 0.0)  # a payload is what tolerances could imitate
-    gone = energies(judge.evidence, found.true, found.base, 0.0, exact.left)
-    energy = {group: float(gone[group].sum()) for group in found.true}
+    energy = {group: float(gone.sum()) for group, gone in energies(exact).items()}
     largest = max(energy.values(), default=0.0)
     ranked = sorted(found.true, key=lambda group: -energy[group])
     causes = tuple(group for group in ranked if energy[group] >= CAUSE * largest)

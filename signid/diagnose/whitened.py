@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,6 +13,17 @@ from ..types import Array, Frozen, Indices, Mask
 from .group import Group
 from .noise import Noise, whiten, whole
 from .table import Table
+
+
+class Block(NamedTuple):
+    """Products of columns on one joint; k and p of them are more than the joint has."""
+
+    rows: Indices  # (a,) which of the k it has
+    place: Indices  # (b,) which of the p
+    products: Array  # (a, b) [1 per coefficient, squared]
+
+
+Gram = tuple[Block, ...]  # one a joint
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,19 +67,17 @@ class Whitened(Frozen):
             out[j, self.place[j]] = self.columns[j].T @ self.residual[j]
         return out
 
-    def gram(self, which: Indices) -> Array:
-        """(n, k, p) products of some columns with all, per joint.
+    def gram(self, which: Indices) -> Gram:
+        """Products of some columns with all.
 
         Args:
             which: (k,) columns.
         """
-        out = np.zeros((self.joints, len(which), self.count))
-        for j in range(self.joints):
-            here, own = self._chosen(j, which)
-            block = np.zeros((int(here.sum()), self.count))
-            block[:, self.place[j]] = own.T @ self.columns[j]
-            out[j, here] = block
-        return out
+        own = [self.chosen(j, which) for j in range(self.joints)]
+        return tuple(
+            Block(np.flatnonzero(here), place, x.T @ columns)
+            for (here, x), place, columns in zip(own, self.place, self.columns, strict=True)
+        )
 
     def products(self, which: Indices, dispersion: Array, columns: Mapping[int, Array]) -> tuple[Array, Array, Array]:
         """Of columns that are not among its own: with each other (d, d), with the residual (d,), with some own (k, d).
@@ -80,45 +90,64 @@ class Whitened(Frozen):
         d = next(iter(columns.values())).shape[1]
         own, right, across = np.zeros((d, d)), np.zeros(d), np.zeros((len(which), d))
         for j, x in columns.items():
-            here, beside = self._chosen(j, which)
+            here, beside = self.chosen(j, which)
             own += x.T @ x / dispersion[j]
             right += x.T @ self.residual[j] / dispersion[j]
             across[here] += beside.T @ x / dispersion[j]
         return own, right, across
 
-    def chosen(self, joint: int, which: Indices) -> Array:
-        """(M, k) columns of one joint [1 per coefficient]; zero where it has none.
+    def chosen(self, joint: int, which: Indices) -> tuple[Mask, Array]:
+        """Which of some columns a joint has (k,), and these (M, a) [1 per coefficient].
 
         Args:
             joint: which.
             which: (k,) columns.
         """
-        out = np.zeros((len(self), len(which)))
-        here, own = self._chosen(joint, which)
-        out[:, here] = own
-        return out
-
-    def _chosen(self, joint: int, which: Indices) -> tuple[Mask, Array]:
-        """Which of some columns a joint has (k,), and these."""
-        here = np.isin(which, self.place[joint])
-        return here, self.columns[joint][:, np.searchsorted(self.place[joint], which[here])]
+        at = self.at[joint, which]
+        return at >= 0, self.columns[joint][:, at[at >= 0]]
 
     @cached_property
-    def refitted_gram(self) -> Array:
-        """(n, k, p) of the columns that are refitted."""
+    def at(self) -> Indices:
+        """(n, p) where each joint has each column among its own, -1 where it has not."""
+        out = np.full((self.joints, self.count), -1)
+        for own, place in zip(out, self.place, strict=True):
+            own[place] = range(len(place))
+        return out
+
+    @cached_property
+    def refitted_gram(self) -> Gram:
+        """Of the columns that are refitted."""
         return self.gram(columns_of(self.refitted))
 
     def part(self, joint: int, group: Group) -> Array:
         """(M, size) columns of a group on one joint [1 per coefficient]; zero where it has none."""
-        return _part(self.columns[joint], self.place[joint], group)
+        return self._part(self.columns[joint], joint, group)
 
     def rows(self, group: Group) -> list[int]:
         """The joints on which a group acts."""
-        return [j for j in range(self.joints) if group.start in self.place[j]]
+        return np.flatnonzero(self.at[:, group.start] >= 0).tolist()
 
     def raw(self, joint: int, group: Group) -> Array:
         """(M', size) columns of a group on one joint [torque per coefficient]; zero where it has none."""
-        return _part(self.torque[joint], self.place[joint], group)
+        return self._part(self.torque[joint], joint, group)
+
+    def _part(self, columns: Array, joint: int, group: Group) -> Array:
+        at = int(self.at[joint, group.start])
+        return columns[:, at : at + group.size] if at >= 0 else np.zeros((len(columns), group.size))
+
+
+def total(gram: Gram, dispersion: Array, shape: tuple[int, int]) -> Array:
+    """(k, p) products of some columns with others, joints weighted [1 per coefficient, squared].
+
+    Args:
+        gram: per joint.
+        dispersion: (n,) variance of the whitened residual [1].
+        shape: k and p.
+    """
+    out = np.zeros(shape)
+    for block, variance in zip(gram, dispersion.tolist(), strict=True):
+        out[block.rows[:, None], block.place] += block.products / variance
+    return out
 
 
 def mean_products(columns: Mapping[int, Array], scale: Array) -> Array:
@@ -169,10 +198,3 @@ def columns_of(groups: Sequence[Group]) -> Indices:
     """Their columns, in order."""
     spans = [np.arange(group.start, group.start + group.size) for group in groups]
     return np.concatenate(spans).astype(np.intp) if spans else np.zeros(0, dtype=np.intp)
-
-
-def _part(columns: Array, place: Indices, group: Group) -> Array:
-    at = int(np.searchsorted(place, group.start))
-    if at < len(place) and place[at] == group.start:
-        return np.asarray(columns[:, at : at + group.size])
-    return np.zeros((len(columns), group.size))

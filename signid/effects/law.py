@@ -18,6 +18,10 @@ class Along(Protocol):
         """The joints a law acts on."""
         ...
 
+    def coupled(self, joint: int) -> list[int]:
+        """The joints whose torque the motion of one may change."""
+        ...
+
 
 def law_columns(law: Law, motion: Along) -> tuple[tuple[int, ...], Array]:
     """The rows (joints) that a law acts on, and its columns there, (N, m, k) [torque per coefficient]."""
@@ -25,8 +29,10 @@ def law_columns(law: Law, motion: Along) -> tuple[tuple[int, ...], Array]:
     shape = effect.shape(law.parameters)
     memory: list[Any] = [_remember(effect, x, shape)] if getattr(effect, "memory", False) else []
     columns = effect.columns(x, *memory, **shape)
-    rows = tuple(range(columns[0].shape[1])) if effect.scope in ("link", "tip") else law.joints
-    return rows, np.stack(columns, axis=-1)
+    if effect.scope not in ("link", "tip"):
+        return law.joints, np.stack(columns, axis=-1)
+    rows = motion.coupled(law.joints[0])
+    return tuple(rows), np.stack([x[:, rows] for x in columns], axis=-1)
 
 
 def law_torque(law: Law, motion: Along) -> tuple[tuple[int, ...], Array]:

@@ -1,0 +1,80 @@
+"""Normal equations and a prior -> the likeliest coefficients, and how likely the rows are."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from ..errors import RecordingError
+from ..types import Array, Indices
+from .group import Group
+
+RIDGES = (1e-11, 1e-9, 1e-7, 1e-5)  # the first with which a Gram can be factored
+
+
+class Fitted(NamedTuple):
+    """What is refitted and what is taken for true, at one trust in the inertials."""
+
+    which: Indices  # (k,) columns
+    lower: Array  # (k, k) [1] Cholesky factor of Gram and prior, scaled
+    size: Array  # (k,) [1 per coefficient] the scale
+    told: Array  # (k,) [1] lower^-1 right side
+    log_evidence: float
+
+    @property
+    def value(self) -> Array:
+        """(k,) the likeliest coefficients."""
+        return self.solved(self.told[:, None])[:, 0]
+
+    def place(self, group: Group) -> slice:
+        """Where the coefficients of a group that took part stand among those that are fitted."""
+        at = int(np.flatnonzero(self.which == group.start)[0])
+        return slice(at, at + group.size)
+
+    @property
+    def covariance(self) -> Array:
+        """(k, k) of the coefficients."""
+        inverse = solve_triangular(self.lower, np.eye(len(self.size)), lower=True) / self.size
+        return np.asarray(inverse.T @ inverse)
+
+    def below(self, rows: Array) -> Array:
+        """(k, m) lower^-1 of some rows (k, m) [1 per coefficient, squared]."""
+        return np.asarray(solve_triangular(self.lower, rows / self.size[:, None], lower=True))
+
+    def solved(self, below: Array) -> Array:
+        """(k, m) coefficients of right sides of which lower^-1 is given.
+
+        Args:
+            below: (k, m) [1].
+        """
+        return np.asarray(solve_triangular(self.lower, below, lower=True, trans="T") / self.size[:, None])
+
+
+def solve(which: Indices, gram: Array, right: Array, precision: Array) -> Fitted:
+    """The likeliest coefficients under a prior, and how likely the rows are.
+
+    Args:
+        which: (k,) columns.
+        gram: (k, k) [1 per coefficient, squared].
+        right: (k,) [1 per coefficient].
+        precision: (k, k) [1 per coefficient, squared] of the prior.
+    """
+    whole = gram + precision
+    size = np.asarray(np.sqrt(np.diag(whole)))
+    lower = _cholesky(whole / size / size[:, None])
+    told = np.asarray(solve_triangular(lower, right / size, lower=True))
+    half = np.linalg.slogdet(precision)[1] / 2 - float(np.sum(np.log(np.diag(lower)) + np.log(size)))
+    return Fitted(which, lower, size, told, float(told @ told) / 2 + half)
+
+
+def _cholesky(scaled: Array) -> Array:
+    """The factor of a matrix with a unit diagonal, which rounding may have made a little less than positive."""
+    for ridge in RIDGES:
+        with suppress(np.linalg.LinAlgError):
+            return np.asarray(np.linalg.cholesky(scaled + ridge * np.eye(len(scaled))))
+    raise RecordingError(
+        "the laws and bodies that explain the recordings cannot be told apart in numbers; check the units"
+    )
