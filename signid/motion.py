@@ -9,10 +9,20 @@ from typing import Any
 
 import numpy as np
 
-from . import rigid
 from .cutoff import Band
 from .errors import OptionError
 from .filters import HALF, differentiate, smooth
+from .rigid import (
+    Sensitivity,
+    body_regressor,
+    carried,
+    effective_inertia,
+    gravity_torque,
+    moved,
+    rigid_torque,
+    sensitivity,
+    tip_jacobian,
+)
 from .robot import configuration
 from .types import Array, Frozen, Mask, Robot, Samples, View
 
@@ -61,32 +71,32 @@ class Motion(Frozen):
     @cached_property
     def load(self) -> Array:
         """(N, n) rigid-body torque of the description's inertials [N.m or N]."""
-        return rigid.rigid_torque(self.robot, self.configuration, *self.rates)
+        return rigid_torque(self.robot, self.configuration, *self.rates)
 
     @cached_property
     def inertia(self) -> Array:
         """(N, n) diagonal of the joint-space mass matrix [kg.m2 or kg]."""
-        return rigid.effective_inertia(self.robot, self.configuration)
+        return effective_inertia(self.robot, self.configuration)
 
     @cached_property
     def jacobian(self) -> Array:
         """(N, 3, n) of the last link's centre of mass, in the world's axes [m/rad or 1]."""
-        return rigid.tip_jacobian(self.robot, self.configuration)
+        return tip_jacobian(self.robot, self.configuration)
 
     @cached_property
-    def sensitivity(self) -> rigid.Sensitivity:
+    def sensitivity(self) -> Sensitivity:
         """Of the rigid-body torque to position, velocity and acceleration."""
-        return rigid.sensitivity(self.robot, self.configuration, *self.rates)
+        return sensitivity(self.robot, self.configuration, *self.rates)
 
     @cached_property
     def bodies(self) -> Array:
         """(N, n, nb, 10) regressor of all bodies [N.m or N per kg, kg.m, kg.m2]."""
-        return rigid.body_regressor(self.robot, self.configuration, *self.rates)
+        return body_regressor(self.robot, self.configuration, *self.rates)
 
     @cached_property
     def moved(self) -> Mask:
         """(n, nb) whether a joint moves a body."""
-        return rigid.moved(self.robot)
+        return moved(self.robot)
 
     def coupled(self, joint: int) -> list[int]:
         """The joints whose torque the motion of one may change: those that move a body that it moves."""
@@ -94,7 +104,7 @@ class Motion(Frozen):
 
     def body_columns(self, joint: int) -> Array:
         """(N, n, 10) regressor of the body that a joint moves [N.m or N per kg, kg.m, kg.m2]."""
-        return np.asarray(self.bodies[:, :, rigid.carried(self.robot, joint)])
+        return np.asarray(self.bodies[:, :, carried(self.robot, joint)])
 
     def gravity_torque(self, gravity: Array) -> Array:
         """(N, n) torque that holds the robot in a gravity field [N.m or N].
@@ -102,7 +112,7 @@ class Motion(Frozen):
         Args:
             gravity: (3,) [m/s2].
         """
-        return rigid.gravity_torque(self.robot, self.configuration, gravity)
+        return gravity_torque(self.robot, self.configuration, gravity)
 
     def shift(self, joint: int, change: Array, *, exactly: bool = False) -> Array:
         """Change of torque when the link of a joint moved at q + change, not at q: (N, n) [N.m or N].
@@ -120,19 +130,11 @@ class Motion(Frozen):
             ]
             return self.load - replace(self, q=back[0], v=back[1], a=back[2]).load
         rows, out = self.coupled(joint), np.zeros_like(self.q)
-        if joint not in self._own:  # that of the last joint is kept: laws are tried in many shapes
-            self._own.clear()
-            self._own[joint] = rigid.Sensitivity(*(x[:, rows, joint] for x in self.sensitivity))
-        along = self._own[joint]
+        along = Sensitivity(*(x[:, rows, joint] for x in self.sensitivity))
         out[:, rows] = (
             along.position * change[:, None] + along.velocity * first[:, None] + along.acceleration * second[:, None]
         )
         return out
-
-    @cached_property
-    def _own(self) -> dict[int, rigid.Sensitivity]:
-        """What a joint's motion changes, (N, r) each, of the joint that was asked for last."""
-        return {}
 
     def at(self, joints: Sequence[int]) -> View:
         """What a law at these joints sees."""

@@ -81,7 +81,8 @@ def sensitivity(robot: Robot, q: Array, v: Array, a: Array) -> Sensitivity:
     for i, state in enumerate(zip(q, v, a, strict=True)):
         out[:, i] = np.reshape(pin.computeRNEADerivatives(model, data, *state), out[:, i].shape)
     out[2] = _symmetric(out[2])
-    return Sensitivity(*(drive.T @ out @ drive))
+    by_joint = np.ascontiguousarray(np.moveaxis(drive.T @ out @ drive, 3, 1))  # laws ask for those of one joint
+    return Sensitivity(*np.moveaxis(by_joint, 1, 3))
 
 
 def body_regressor(robot: Robot, q: Array, v: Array, a: Array) -> Array:
