@@ -232,13 +232,18 @@ def test_what_happens_in_one_recording_only_is_not_foretold() -> None:
     assert spoilt.gain_unseen((), OFFSET, DISPERSION, 0.0) < -5
 
 
+@pytest.mark.parametrize("without", [VISCOUS, SPRING], ids=["one coefficient", "two"])
+def test_leaving_one_out_is_as_never_having_it(without: Group) -> None:
+    true = (OFFSET, VISCOUS, SPRING)
+    rest = tuple(group for group in true if group is not without)
+    for one, other in zip(rows(4).weigh(true, DISPERSION, without), rows(4).weigh(rest, DISPERSION), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-7, atol=1e-7)
+
+
 def test_a_law_of_the_rows_is_read_by_its_place() -> None:
     assert [isinstance(g.law, Law) for g in GROUPS] == [True] + [False] * 6
     data = rows().data
     assert data.rows(SWAP) == [0, 1] and data.rows(SPRING) == [0] and not data.part(1, SPRING).any()
     np.testing.assert_array_equal(data.part(0, SPRING), data.columns[0][:, 4:6])
-    first, second = data.gram(columns_of([SPRING]))
-    np.testing.assert_array_equal(first.rows, [0, 1])
-    assert len(second.rows) == 0
-    square = total((first, second), np.ones(JOINTS), (2, data.count))[:, [5, 6]]
+    square = total(data.gram(columns_of([SPRING])), np.ones(JOINTS), (2, data.count))[:, [5, 6]]
     np.testing.assert_allclose(square, data.part(0, SPRING).T @ data.part(0, SPRING))

@@ -8,6 +8,15 @@ What is found is a `Diagnosis`. Its `causes` are what the simulation lacks: each
 standard deviations, a probability, and `alternatives` that explain the same, with the motion that would tell them
 apart. Its `model` is the simulation with what it lacked, judged on recordings that took no part. `flags` say what not
 to trust.
+
+The way of the data through the files, as `run` goes it:
+
+- recordings to rows: `enough`, `sample` (motions and residual), `hypothesis`, `group` (what columns mean), `table`,
+  `period`, `noise`, `wave`, `whitened`, `setting` (all of these together);
+- rows to evidence: `prior`, `linear` and `fitted` (normal equations), `evidence`, `cross`, `odds`, `reference`;
+- evidence to what is taken for true: `explain` by `search`, `sizes`, `strain`, `contact`, `refine`, then `prune`;
+- to what is said: `slots` (how sure), `verdict`, `findings` with `numbers`, `intervals`, `locate` and `separate`;
+- to the extended simulation: `extend`, `bodies`, `empirical`, judged by `prove` and `doubt`.
 """
 
 import sys

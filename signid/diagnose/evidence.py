@@ -33,25 +33,33 @@ class Batch(NamedTuple):
     first: Array  # (g, d) [units of the coefficients] spread of the positive coefficient, NaN where none is
 
 
+class Left(NamedTuple):
+    """What everything that is fitted leaves of all columns."""
+
+    below: Array  # (k, p) [1 per coefficient] what it makes of them, by the fit's factor
+    right: Array  # (p,) [1 per coefficient]
+    own: list[Array]  # of each batch (g, d, d) [1 per coefficient, squared]
+
+
 @dataclass(frozen=True, eq=False)
 class Evidence(Linear):
     """Rows that can be asked what any hypothesis adds to others that are taken for true."""
 
-    def weigh(self, true: Sequence[Group], dispersion: Array) -> tuple[Array, Array]:
+    def weigh(self, true: Sequence[Group], dispersion: Array, without: Group | None = None) -> tuple[Array, Array]:
         """Log Bayes factor of every group (NaN for those that are refitted or true), and the weight of each trust.
 
         Args:
             true: hypotheses that are taken for true.
             dispersion: (n,) variance of the whitened residual [1].
+            without: one of them that is not, after all; to ask so of each in turn costs little more than of one.
         """
-        fits = [self.fit(true, dispersion, trust) for trust in TRUST]
+        kept = {group for group in true if group is not without}
+        fits = [self.fit([group for group in true if group in kept], dispersion, trust) for trust in TRUST]
         weight = TRUST_PRIOR + np.array([fit.log_evidence for fit in fits])
         weight = weight - logsumexp(weight)
-        factors = np.array(
-            [self._factors(fit, true, dispersion, trust) for fit, trust in zip(fits, TRUST, strict=True)]
-        )
+        factors = np.array([self._factors(self._left(true, dispersion, trust, without)) for trust in TRUST])
         factors = factors + weight[:, None]
-        factors[:, [k for k, group in enumerate(self.data.groups) if group in set(true)]] = np.nan
+        factors[:, [k for k, group in enumerate(self.data.groups) if group in kept]] = np.nan
         return np.asarray(logsumexp(factors, axis=0)), np.exp(weight)
 
     def trust(self, true: Sequence[Group], dispersion: Array) -> float:
@@ -120,15 +128,39 @@ class Evidence(Linear):
         columns = np.array([np.arange(g.start, g.start + g.size) for g in groups], dtype=np.intp)
         return Batch(which, columns, blocks, spread, mean, first)
 
-    def _factors(self, fit: Fitted, true: Sequence[Group], dispersion: Array, trust: float) -> Array:
-        """(groups,) log Bayes factors at one trust."""
+    def _left(self, true: Sequence[Group], dispersion: Array, trust: float, without: Group | None) -> Left:
+        key = (tuple(true), dispersion.tobytes(), trust)
+        left = self._lefts(key, lambda: self._left_by_all(true, dispersion, trust))
+        if without is None:
+            return left
+        fit = self.fit(true, dispersion, trust)
+        below = fit.below(np.eye(len(fit.which))[:, fit.place(without)])
+        shares = below.T @ left.below  # (d, p) of what it would make of each column
+        back = np.linalg.solve(below.T @ below, shares)
+        own = [
+            x + np.einsum("dgi,dgj->gij", shares[:, batch.columns], back[:, batch.columns])
+            for x, batch in zip(left.own, self._batches, strict=True)
+        ]
+        return Left(left.below, left.right + back.T @ (below.T @ fit.told), own)
+
+    @cached_property
+    def _lefts(self) -> Recent[Left]:
+        return Recent(len(TRUST))
+
+    def _left_by_all(self, true: Sequence[Group], dispersion: Array, trust: float) -> Left:
+        fit, own = self.fit(true, dispersion, trust), list[Array]()
         below = fit.below(self.across(true, dispersion, trust))
         right = (self.data.right / dispersion[:, None]).sum(0) - below.T @ fit.told
-        out = np.full(len(self.data.groups), np.nan)
         for batch in self._batches:
             across = below.T[batch.columns]  # (g, d, k)
-            own = np.tensordot(1 / dispersion, batch.blocks, axes=1) - across @ across.transpose(0, 2, 1)
-            out[batch.groups] = _log_factor(batch, own, right[batch.columns])
+            own.append(np.tensordot(1 / dispersion, batch.blocks, axes=1) - across @ across.transpose(0, 2, 1))
+        return Left(below, right, own)
+
+    def _factors(self, left: Left) -> Array:
+        """(groups,) log Bayes factors at one trust."""
+        out = np.full(len(self.data.groups), np.nan)
+        for batch, own in zip(self._batches, left.own, strict=True):
+            out[batch.groups] = _log_factor(batch, own, left.right[batch.columns])
         return out
 
 

@@ -41,6 +41,17 @@ class Result(NamedTuple):
     flags: tuple[str, ...]
 
 
+class _Case(NamedTuple):
+    """One hypothesis that is taken for true, and what is told of it from."""
+
+    setting: Setting
+    judge: Judge
+    found: Found
+    slot: Slot
+    role: str
+    seed: int
+
+
 def find(
     setting: Setting, session: Session, judge: Judge, found: Found, slots: Sequence[Slot], verdict: Verdict, seed: int
 ) -> Result:
@@ -63,8 +74,9 @@ def find(
     findings, stds = list[Finding](), deviations(setting, judge, found, laws)
     for group in (*verdict.causes, *verdict.secondary):
         slot = next(s for s in slots if s.group is group)
+        case = _Case(setting, judge, found, slot, "cause" if group in verdict.causes else "secondary", seed)
         for law, std, gain in zip(laws[group], stds[group], gains[group], strict=True):
-            findings.append(_finding(setting, judge, found, slot, law, std, verdict, gain, model, seed))
+            findings.append(_finding(case, law, _whole(law, model), std, gain))
     floor, scale = judge.evidence.data.floor, judge.evidence.data.scale
     return Result(
         shown=shown,
@@ -76,18 +88,8 @@ def find(
     )
 
 
-def _finding(
-    setting: Setting,
-    judge: Judge,
-    found: Found,
-    slot: Slot,
-    law: Law,
-    std: dict[str, float],
-    verdict: Verdict,
-    gain: float,
-    model: Model,
-    seed: int,
-) -> Finding:
+def _finding(case: _Case, law: Law, whole: Law, std: dict[str, float], gain: float) -> Finding:
+    setting, judge, found, slot = case[:4]
     torque = torque_rows(setting.thin, setting.pieces, law)
     share = np.zeros(setting.table.joints)
     for j, x in torque.items():
@@ -95,16 +97,16 @@ def _finding(
     loudest = max(torque, key=lambda j: share[j])
     joint = law.joints[0] if len(law.joints) <= 2 and law.joints[0] in torque else loudest
     return Finding(
-        law=_whole(law, model),
+        law=whole,
         std=std,
-        role="cause" if slot.group in verdict.causes else "secondary",
+        role=case.role,
         probability=slot.probability,
         torque_share=share,
         where=_place(setting, joint, torque[joint], VARIABLES if _passes(law) else VARIABLES[:-1]),
         statistic=float(found.log_odds[slot.group]),
         threshold=needed(judge, slot.group, float(found.trust == 0), 0, FIRST if len(found.true) == 1 else NEXT),
         held_out_gain=gain,
-        alternatives=tuple(_alternatives(setting, judge, slot, law, seed)),
+        alternatives=tuple(_alternatives(case, law)),
     )
 
 
@@ -114,11 +116,11 @@ def _whole(law: Law, model: Model) -> Law:
     return same[0] if same and law.effect.contains else law
 
 
-def _alternatives(setting: Setting, judge: Judge, slot: Slot, law: Law, seed: int) -> Iterator[Alternative]:
-    floor = judge.evidence.data.floor
-    for k, (probability, group) in enumerate(slot.rivals.values()):
+def _alternatives(case: _Case, law: Law) -> Iterator[Alternative]:
+    model, floor = case.setting.model, case.judge.evidence.data.floor
+    for k, (probability, group) in enumerate(case.slot.rivals.values()):
         for rival in group.claim.laws[:1]:
-            motion = "" if k >= LISTED else tell_apart(setting.model, law, rival, floor, seed)
+            motion = "" if k >= LISTED else tell_apart(model, law, rival, floor, case.seed)
             yield Alternative(rival, probability, motion)
 
 

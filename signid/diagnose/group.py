@@ -115,8 +115,9 @@ def stated_friction(model: Model) -> Array:
 def dry_friction(model: Model, pieces: Sequence[Piece]) -> Array:
     """(n,) dry friction of each joint [N.m or N]: what the simulation has, or roughly what the residual shows."""
     found = stated_friction(model)
+    few = [_few(piece.motion) for piece in pieces]
     for j in np.flatnonzero(found == 0).tolist():
-        rows = [np.column_stack([_plain(p.motion, j), p.residual[::STRIDE, j]]) for p in pieces]
+        rows = [np.column_stack([_plain(m, j), p.residual[::STRIDE, j]]) for m, p in zip(few, pieces, strict=True)]
         x = np.concatenate(rows)
         x = x[np.isfinite(x).all(axis=1)]
         if len(x):
@@ -125,10 +126,15 @@ def dry_friction(model: Model, pieces: Sequence[Piece]) -> Array:
 
 
 def _plain(motion: Motion, joint: int) -> Array:
-    """(N', k) direction, velocity, a constant and the bodies, at every so manieth sample."""
-    own = slice(None, None, STRIDE)
-    bodies = [motion.bodies[own, joint, body] for body in np.flatnonzero(motion.moved[joint])]
-    return np.column_stack([motion.direction[own, joint], motion.v[own, joint], np.ones(len(motion.t[own])), *bodies])
+    """(N, k) direction, velocity, a constant and the bodies."""
+    bodies = [motion.bodies[:, joint, body] for body in np.flatnonzero(motion.moved[joint])]
+    return np.column_stack([motion.direction[:, joint], motion.v[:, joint], np.ones(len(motion)), *bodies])
+
+
+def _few(motion: Motion) -> Motion:
+    """Every so manieth sample."""
+    t, q, v, a = (x[::STRIDE] for x in (motion.t, motion.q, motion.v, motion.a))
+    return Motion(motion.robot, t, q, v, a, slow=motion.slow)
 
 
 def lay_out(model: Model, motion: Motion, hypotheses: Sequence[Hypothesis], dry: Array) -> list[Group]:

@@ -91,15 +91,18 @@ class Judge(Frozen):
                 out[name] = out.get(name, 0) + 1
         return out
 
-    def odds(self, true: Sequence[Group], dispersion: Array) -> tuple[dict[Key, Odds], float]:
+    def odds(
+        self, true: Sequence[Group], dispersion: Array, without: Group | None = None
+    ) -> tuple[dict[Key, Odds], float]:
         """Of everything that is not yet taken for true, and the probability that the inertials are trusted.
 
         Args:
             true: hypotheses that are taken for true.
             dispersion: (n,) variance of the whitened residual [1].
+            without: one of them that is not, after all.
         """
-        factors, trust = self.evidence.weigh(true, dispersion)
-        taken = {group.claim.key for group in true}
+        factors, trust = self.evidence.weigh(true, dispersion, without)
+        taken = {group.claim.key for group in true if group is not without}
         out = dict[Key, Odds]()
         for key, which in self.keys.items():
             told = factors[which]

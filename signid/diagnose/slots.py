@@ -76,7 +76,7 @@ def _best_rival(slot: Slot) -> float:
 
 def _slot(judge: Judge, found: Found, group: Group, wide: Array, beside: Mapping[Key, Odds], sizes: Sizes) -> Slot:
     rest = without(judge, found, group)
-    odds, _ = judge.odds(rest.true, wide)
+    odds, _ = judge.odds(found.true, wide, without=group)
     odds = {key: o for key, o in odds.items() if key == group.claim.key or len(o.best.claim.laws) <= 1}
     logs = {key: o.log - max(0.0, beside[key].log if key in beside else 0.0) for key, o in odds.items()}
     own, left = group.claim.key, _leftovers(judge, group, odds, sizes)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -123,7 +123,11 @@ def _measured(piece: Piece) -> Array:
 def _thinned(
     model: Model, groups: Sequence[Group], piece: Piece, thin: Decimator, dry: Array
 ) -> list[tuple[Indices, Array]]:
-    """Per joint, which columns it has and their rows."""
+    """Per joint, which columns it has and their rows.
+
+    What the laws ask of the motion takes much memory, so it is kept no longer than this takes.
+    """
+    piece = piece._replace(motion=replace(piece.motion))
     joints = range(len(model.robot.joints))
     place, rows, waiting = ([list[Any]() for _ in joints] for _ in range(3))
     for group, made in zip(groups, _columns(model, groups, piece, dry), strict=True):

@@ -10,7 +10,7 @@ from ..types import Array, View
 from .oscillation import chain
 
 EVENTS = 50  # impacts and departures within one sample, at most
-FIRST, MOST = 16, 4096  # samples on a stop that are looked ahead, twice as many each time the link stays there
+FIRST, MOST = 64, 4096  # samples on a stop that are looked ahead, twice as many each time the link stays there
 
 
 def fly(x: View, gap: float, stop: float) -> Array:
@@ -36,10 +36,11 @@ def fly(x: View, gap: float, stop: float) -> Array:
             some = slice(i, i + ahead)
             added = np.outer(taken, side * push[some] - half * pull[some])
             y, u = chain(own[:, :, some], added, np.array([side * z - half, side * w])).T
-            count = int(np.argmin(np.append(y[1:] >= 0, False)))
+            leaves = ~(y[1:] >= 0)
+            count = int(leaves.argmax()) if leaves.any() else len(leaves)
             out[i + 1 : i + 1 + count] = side * (half + y[1 : count + 1])
             z, w, i = side * (half + float(y[count])), side * float(u[count]), i + count
-            if count == len(y) - 1:
+            if count == len(leaves):
                 ahead = min(2 * ahead, MOST)
                 continue
             ahead = FIRST
