@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +20,7 @@ LEAST_MASS = 0.05  # [kg] to which a tolerance is a share at least
 SOFT = 0.7  # of dry friction: how far its law near reversals may be off
 EARLY = 0.008  # [s] that friction may turn before the motion does
 STRIDE = 8  # samples of which one tells how large friction is, roughly
+FEW = 64  # samples that tell how many columns there are
 WIDTHS = (0.3, 3.0)  # of a reversal, of the width that is presumed
 
 
@@ -115,7 +116,7 @@ def stated_friction(model: Model) -> Array:
 def dry_friction(model: Model, pieces: Sequence[Piece]) -> Array:
     """(n,) dry friction of each joint [N.m or N]: what the simulation has, or roughly what the residual shows."""
     found = stated_friction(model)
-    few = [_few(piece.motion) for piece in pieces]
+    few = [_some(piece.motion, slice(None, None, STRIDE)) for piece in pieces]
     for j in np.flatnonzero(found == 0).tolist():
         rows = [np.column_stack([_plain(m, j), p.residual[::STRIDE, j]]) for m, p in zip(few, pieces, strict=True)]
         x = np.concatenate(rows)
@@ -131,10 +132,11 @@ def _plain(motion: Motion, joint: int) -> Array:
     return np.column_stack([motion.direction[:, joint], motion.v[:, joint], np.ones(len(motion)), *bodies])
 
 
-def _few(motion: Motion) -> Motion:
-    """Every so manieth sample."""
-    t, q, v, a = (x[::STRIDE] for x in (motion.t, motion.q, motion.v, motion.a))
-    return Motion(motion.robot, t, q, v, a, slow=motion.slow)
+def _some(motion: Motion, which: slice) -> Motion:
+    """Some of the samples."""
+    t, q, v, a = (x[which] for x in (motion.t, motion.q, motion.v, motion.a))
+    recorded, predicted = (None if x is None else x[which] for x in (motion.recorded, motion.predicted))
+    return replace(motion, t=t, q=q, v=v, a=a, recorded=recorded, predicted=predicted)
 
 
 def lay_out(model: Model, motion: Motion, hypotheses: Sequence[Hypothesis], dry: Array) -> list[Group]:
@@ -147,7 +149,7 @@ def lay_out(model: Model, motion: Motion, hypotheses: Sequence[Hypothesis], dry:
         dry: (n,) dry friction of each joint [N.m or N].
     """
     out, at = list[Group](), 0
-    for found in nuisances(model, motion, dry):
+    for found in nuisances(model, _some(motion, slice(FEW)), dry):
         size = len(found.deviation)
         out.append(Group(at, size, None, found.bodies, found.law, tuple(found.deviation)))
         at += size
