@@ -19,6 +19,7 @@ WIDEST = 6  # samples per period of the cut-off, at least
 CONTENT = 0.95  # of the acceleration's power is below a frequency ...
 BEYOND = 3.0  # ... of which the cut-off need not be more than so many times
 ALIKE = 0.01  # cut-offs differ by no more
+FAST, ROOM = 250.0, 3.0  # [Hz] that is enough, and samples a period of the fastest motion that passes, at least
 ORDER = 6  # of the differences that tell an encoder's noise
 ENOUGH = 5.0  # [Hz] to which the cut-off may always go if noise allows
 
@@ -52,6 +53,29 @@ class Band(Frozen):
         """
         return lowpass(self.rate, HALF_POWER * self.cutoff) if self.filtered else np.ones(1)
 
+    @cached_property
+    def sparse_taps(self) -> Array:
+        """The same low-pass for every `parts`-th sample, (k,) [1]."""
+        taps = self.taps[len(self.taps) // 2 % self.parts :: self.parts]
+        return np.asarray(taps / taps.sum())
+
+    @cached_property
+    def parts(self) -> int:
+        """How many samples of a recording make one that columns are made of: positions do not move in less time."""
+        return max(parts for parts in range(1, self._spare + 1) if self.factor % parts == 0)
+
+    @cached_property
+    def sparse(self) -> Band:
+        """The same band for those samples."""
+        return replace(self, rate=self.rate / self.parts, factor=self.factor // self.parts)
+
+    @property
+    def _spare(self) -> int:
+        """How many times slower a recording could be without losing what passes the band."""
+        if not self.filtered:
+            return 1
+        return max(1, min(round(self.rate / FAST), int(self.rate / (ROOM * self.position_cutoff))))
+
     @property
     def position_cutoff(self) -> float:
         """Half-amplitude frequency of positions [Hz]."""
@@ -62,15 +86,11 @@ class Band(Frozen):
         """Of the low-pass on positions, (k,) [1]."""
         return lowpass(self.rate, self.position_cutoff) if self.filtered else np.ones(1)
 
-    def divided(self, most: int) -> Band:
-        """The same cut-off to 1 %, such that recordings of a rate up to so many times lower can have it, too."""
-        factors = (parts * round(self.factor / parts) for parts in range(most, 0, -1))
+    def divided(self) -> Band:
+        """The same cut-off to 1 %, such that columns can be made of sparse samples."""
+        factors = (parts * round(self.factor / parts) for parts in range(self._spare, 0, -1))
         factor = next(factor for factor in factors if abs(factor - self.factor) <= ALIKE * self.factor)
         return replace(self, factor=factor, torque_floor=self.torque_floor * np.sqrt(self.factor / factor))
-
-    def slower(self, parts: int) -> Band:
-        """The same band of recordings of a rate so many times lower."""
-        return replace(self, rate=self.rate / parts, factor=self.factor // parts)
 
 
 def choose_band(pieces: Sequence[Samples], rate: float, cutoff: float | None = None) -> Band:
@@ -94,7 +114,7 @@ def choose_band(pieces: Sequence[Samples], rate: float, cutoff: float | None = N
         return Band(rate, 1, False, allowed, _speed_noise(noise, rate / 2), np.sqrt(level * rate / 2))
     factor = max(1, ceil(rate / (2 * (min(widest, needed) if cutoff is None else cutoff)) - 1e-9))
     speed = _speed_noise(noise, min(3 * rate / (2 * factor), rate / 2))
-    return Band(rate, factor, True, allowed, speed, np.sqrt(level * rate / (2 * factor)))
+    return Band(rate, factor, True, allowed, speed, np.sqrt(level * rate / (2 * factor))).divided()
 
 
 def encoder_noise(q: Array) -> Array:

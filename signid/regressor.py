@@ -50,7 +50,11 @@ def labels(robot: Robot, laws: Sequence[Law] = ()) -> tuple[Label, ...]:
 
 
 def base_rows(
-    motion: Motion, laws: Sequence[Law], wanted: Sequence[Indices], thin: Decimator | None = None
+    motion: Motion,
+    laws: Sequence[Law],
+    wanted: Sequence[Indices],
+    thin: Decimator | None = None,
+    sparse: tuple[Motion, Decimator] | None = None,
 ) -> list[Array]:
     """Per joint j, the columns `wanted[j]` of the regressor's rows of that joint: (N, m_j) each.
 
@@ -59,10 +63,12 @@ def base_rows(
         laws: as given to `labels`.
         wanted: per joint, indices (m_j,) of standard parameters, ascending.
         thin: filter that the columns pass while they are in the cache: (M, m_j) each.
+        sparse: fewer samples and their filter, of the same rows, for the columns of bodies, which do not jump.
     """
     thin, rigid = thin or Decimator(np.ones(1), 1), 10 * len(motion.robot.links)
     split = [int(np.searchsorted(columns, rigid)) for columns in wanted]
-    bodies = _rigid_rows(motion, [columns[:k] for columns, k in zip(wanted, split, strict=True)], thin)
+    inertial = [columns[:k] for columns, k in zip(wanted, split, strict=True)]
+    bodies = _rigid_rows(*(sparse or (motion, thin)), inertial)
     further = _law_rows(motion, laws, [columns[k:] - rigid for columns, k in zip(wanted, split, strict=True)])
     parts = np.split(thin(np.concatenate(further, axis=1)), _ends(further), axis=1)
     return [np.concatenate(pair, axis=1) for pair in zip(bodies, parts, strict=True)]
@@ -93,7 +99,7 @@ class _Bodies(NamedTuple):
     columns: Indices  # (10 nb,)
 
 
-def _rigid_rows(motion: Motion, wanted: Sequence[Indices], thin: Decimator) -> list[Array]:
+def _rigid_rows(motion: Motion, thin: Decimator, wanted: Sequence[Indices]) -> list[Array]:
     """Per joint (M, m_j): columns of the bodies' inertial parameters."""
     part, drive = _bodies(motion, wanted), motion.robot.drive
     pairs = [(int(row), j) for j in range(len(wanted)) for row in np.flatnonzero(drive[:, j])]

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import lcm
 from typing import NamedTuple
 
 import numpy as np
@@ -45,6 +46,11 @@ class Task(Frozen):
         return np.flatnonzero(self.base.sees[joint])
 
     @property
+    def parts(self) -> int:
+        """How many samples make one that columns are made of; recorded derivatives are not as smooth as positions."""
+        return 1 if self.recorded_derivatives else self.band.parts
+
+    @property
     def wanted(self) -> list[Indices]:
         """Per joint, the standard parameters (m,) that stand for them, as `base_rows` wants them."""
         return [self.base.independent[self.seen(j)] for j in range(len(self.robot.joints))]
@@ -68,8 +74,8 @@ class Rows(NamedTuple):
 def read_rows(task: Task, recording: Recording, sampling: Sampling) -> Iterator[Rows]:
     """All rows of a recording, window by window; the same rows whatever the window.
 
-    Columns of the regressor are built at the full rate, pass the same symmetric FIR low-pass as the torque, and are
-    kept at twice its cut-off.
+    Columns of the regressor pass the same symmetric FIR low-pass as the torque, and are kept at twice its cut-off.
+    Those of bodies are made of every so manieth sample of a fast recording: positions were low-passed before.
 
     Source: parallel filtering: Gautier, IEEE ICRA 1997; Khalil, Dombre, Modeling, Identification and Control of
     Robots, 2002, section 12.6.
@@ -79,7 +85,7 @@ def read_rows(task: Task, recording: Recording, sampling: Sampling) -> Iterator[
         total = grid.rows(sampling.length(span))
         for k in range(0, total, grid.step):
             window = samples(recording, sampling, span, *grid.samples(k, min(total, k + grid.step)))
-            yield _window_rows(task, window, sampling.period, grid.thin, k == 0)
+            yield _window_rows(task, window, sampling.period, grid, k == 0)
 
 
 def cut_rows(task: Task, sampling: Sampling, start: int, stop: int) -> Iterator[tuple[Sampling, int]]:
@@ -115,6 +121,8 @@ class _Grid(NamedTuple):
     """How samples become rows, and rows windows."""
 
     thin: Decimator
+    sparse: Decimator  # the same for every `parts`-th sample
+    parts: int
     reach: int  # samples beyond the outputs of a window
     step: int  # rows of a window
 
@@ -126,6 +134,12 @@ class _Grid(NamedTuple):
         """Windows that so many rows are read in."""
         return -(-rows // self.step)
 
+    def columns(self, task: Task, motion: Motion) -> list[Array]:
+        """Per joint (M, m); those of bodies are made of sparse samples, such that rows lie where they lie."""
+        edge = self.thin.half % self.parts
+        sparse = None if self.parts == 1 else (every(motion, self.parts, edge), self.sparse)
+        return base_rows(motion, task.laws, task.wanted, self.thin, sparse)
+
     def samples(self, start: int, stop: int) -> tuple[int, int]:
         """The samples that rows start..stop need."""
         return start * self.thin.factor, (stop - 1) * self.thin.factor + self.reach + 1
@@ -134,14 +148,17 @@ class _Grid(NamedTuple):
 def _grid(task: Task) -> _Grid:
     thin = Decimator(task.band.taps, task.band.factor)
     reach = 2 * (margin(task.band, task.recorded_derivatives) + thin.half)
-    size = max(WINDOW, 8 * reach) // (thin.block * thin.factor) + 1
-    return _Grid(thin, reach, size * thin.block)
+    sparse = Decimator(task.band.sparse_taps, thin.factor // task.parts) if task.parts > 1 else thin
+    block = lcm(thin.block, sparse.block)
+    size = max(WINDOW, 8 * reach) // (block * thin.factor) + 1
+    return _Grid(thin, sparse, task.parts, reach, size * block)
 
 
-def _window_rows(task: Task, window: Samples, period: float, thin: Decimator, first: bool) -> Rows:
+def _window_rows(task: Task, window: Samples, period: float, grid: _Grid, first: bool) -> Rows:
+    thin = grid.thin
     motion = build_motion(task.robot, window, task.band, period, task.recorded_derivatives, task.slow)
     assert motion.recorded is not None, "windows carry torque"
-    columns = base_rows(motion, task.laws, task.wanted, thin)
+    columns = grid.columns(task, motion)
     known = np.asarray(~np.isnan(motion.recorded).all(0))
     torque = np.where(known, motion.recorded, 0.0)
     torque, v, a = np.split(thin(np.concatenate([torque, motion.v, motion.a], axis=1)), 3, axis=1)
@@ -155,8 +172,15 @@ def _window_rows(task: Task, window: Samples, period: float, thin: Decimator, fi
         torque,
         known,
         thin.at(_steady(task, motion)),
-        _instruments(task, window, period, thin) if task.instruments else None,
+        _instruments(task, window, period, grid) if task.instruments else None,
     )
+
+
+def every(motion: Motion, parts: int, edge: int = 0) -> Motion:
+    """Every so manieth sample of a motion, without so many at either end."""
+    cut = slice(edge, len(motion) - edge, parts)
+    signals = {key: getattr(motion, key)[cut] for key in ("t", "q", "v", "a")}
+    return replace(motion, recorded=None if motion.recorded is None else motion.recorded[cut], **signals)
 
 
 def choose_reach(motions: Sequence[Motion], band: Band, slow: Array) -> tuple[int, ...]:
@@ -188,8 +212,8 @@ def _moving(v: Array, reach: int, slow: Array) -> Mask:
     return np.asarray(least(np.abs(v), reach) >= STILL * slow)
 
 
-def _instruments(task: Task, window: Samples, period: float, thin: Decimator) -> list[Array]:
+def _instruments(task: Task, window: Samples, period: float, grid: _Grid) -> list[Array]:
     assert window.q_des is not None, "instruments are asked for only where every joint has q_des"
     desired = window._replace(q=window.q_des)
     motion = build_motion(task.robot, desired, task.band, period, slow=task.slow)
-    return base_rows(motion, task.laws, task.wanted, thin)
+    return grid.columns(task, motion)

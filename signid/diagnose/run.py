@@ -36,7 +36,7 @@ from .prove import prove, show
 from .prune import prune
 from .reference import learn_bodies
 from .result import Diagnosis
-from .sample import pieces, spare
+from .sample import pieces
 from .setting import Setting
 from .slots import settle
 from .table import tabulate
@@ -135,8 +135,7 @@ def _prepare(model: Model, given: Recovered, options: Options, told: Progress) -
     allowed = min(WIDE, float(np.min(band.per_joint)))
     if options.cutoff is None and band.filtered and band.cutoff < 0.95 * allowed:
         session = prepare(model.robot, given.recordings, given.held_out, replace(options, cutoff=allowed))
-    task = replace(session.task, band=session.task.band.divided(spare(session.task.band)))
-    session = enough(replace(session, task=task))
+    session = enough(session)
     told("looking for gross faults", 0.1)
     gross = examine(model, session)
     if gross.refusal:

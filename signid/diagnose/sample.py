@@ -14,14 +14,13 @@ from ..effects.law import law_torque
 from ..filters import Decimator, lowpass, smooth
 from ..model import Model
 from ..motion import Motion, build_motion, margin
-from ..rows import Task
+from ..rows import Task, every
 from ..sampling import samples
 from ..session import Part
 from ..types import Array, Law, Robot
 
 LATE = 0.006  # [s] by which a reversal is sensed too early or too late
 LONG = 2**14  # samples at a time
-FAST, ROOM = 250.0, 3.0  # [Hz] that is enough, and samples a period of the fastest motion that passes, at least
 
 
 class Piece(NamedTuple):
@@ -44,7 +43,7 @@ def pieces(task: Task, model: Model, recordings: Sequence[Part]) -> Iterator[Pie
     bodies.armature = np.zeros(bodies.nv)  # rotors are no load
     robot = replace(model.robot, model=bodies)
     edge, half = margin(task.band, task.recorded_derivatives), len(task.band.taps) // 2
-    parts = _parts(task)
+    parts = task.parts
     for k, (recording, sampling) in enumerate(recordings):
         for span in sampling.spans:
             total = sampling.length(span) - 2 * edge
@@ -58,25 +57,15 @@ def pieces(task: Task, model: Model, recordings: Sequence[Part]) -> Iterator[Pie
                 yield _piece(task, model, _thinned_motion(motion, task.band, parts), robot, k)
 
 
-def spare(band: Band) -> int:
-    """How many times slower a recording could be without losing what passes the band."""
-    return max(1, min(round(band.rate / FAST), int(band.rate / (ROOM * band.position_cutoff)))) if band.filtered else 1
-
-
 def row_filter(task: Task) -> Decimator:
     """The low-pass that makes rows of the samples of pieces."""
-    band = _slower(task)
+    band = _band(task)
     return Decimator(band.taps, band.factor)
 
 
-def _slower(task: Task) -> Band:
-    return task.band.slower(_parts(task))
-
-
-def _parts(task: Task) -> int:
-    """How many samples of a recording make one of a piece."""
-    most = 1 if task.recorded_derivatives else spare(task.band)
-    return max(parts for parts in range(1, most + 1) if task.band.factor % parts == 0)
+def _band(task: Task) -> Band:
+    """Of the samples of pieces."""
+    return task.band.sparse if task.parts > 1 else task.band
 
 
 def _thinned_motion(motion: Motion, band: Band, parts: int) -> Motion:
@@ -85,8 +74,7 @@ def _thinned_motion(motion: Motion, band: Band, parts: int) -> Motion:
         return motion
     assert motion.recorded is not None, "windows carry torque"
     calm = smooth(motion.recorded, lowpass(band.rate, 0.4 * band.rate / parts), whole=True)
-    signals = {key: getattr(motion, key)[::parts] for key in ("t", "q", "v", "a")}
-    return replace(motion, recorded=calm[::parts], **signals)
+    return every(replace(motion, recorded=calm), parts)
 
 
 def thinned(thin: Decimator, columns: Sequence[Mapping[int, Array]]) -> dict[int, Array]:
@@ -129,6 +117,6 @@ def _piece(task: Task, model: Model, motion: Motion, robot: Robot, k: int) -> Pi
     predicted = model.inverse(motion)
     acted, recorded = model.acted(motion), motion.recorded
     assert recorded is not None, "windows carry torque"
-    calm = smooth(recorded, lowpass(_slower(task).rate, 2 * task.band.cutoff), whole=True)
+    calm = smooth(recorded, lowpass(_band(task).rate, 2 * task.band.cutoff), whole=True)
     shown = replace(acted, robot=robot, recorded=np.nan_to_num(calm), predicted=predicted)
     return Piece(k, shown, recorded - predicted)
