@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -189,3 +191,12 @@ def test_effects_that_least_squares_cannot_fit_are_refused(arm: Robot, monkeypat
         monkeypatch.setattr("signid.effects.viscous_friction.PLUGIN", effect())
         with pytest.raises(OptionError, match=says):
             signid.identify(arm, [recording])
+
+
+def test_what_is_not_needed_is_not_imported(tmp_path: Path) -> None:
+    recording = Path(__file__).parents[1] / "robots" / "3r" / "recording.parquet"
+    command = ["identify", "3r", str(recording), "-o", str(tmp_path / "result")]
+    heavy = {"scipy", "cvxpy", "mujoco", "signid.rollout", "signid.simulate"}
+    code = f"import sys; from signid.cli import run; run({command}); sys.exit(str(sorted({heavy} & set(sys.modules))))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, encoding="utf-8", check=False)
+    assert done.stderr.splitlines()[-1] == "[]"

@@ -12,6 +12,7 @@ from rich.text import Text
 from ..diagnose import Diagnosis
 from ..laws import spoken
 from .diagnosis_words import (
+    WORSE,
     alternative_words,
     finding_words,
     place_words,
@@ -24,7 +25,6 @@ from .layout import heading, new_table, note_lines, paragraph
 from .numbers import determination, figure
 from .signs import signs_tables
 
-WORSE = 1.02  # times the error before
 COLOURS = {"nothing_missing": "bold green", "named": "bold", "unknown": "bold yellow"}
 
 

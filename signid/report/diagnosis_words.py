@@ -21,6 +21,7 @@ NOISE = 1.08  # of the noise floor: so much residual is noise
 NEGLIGIBLE = 0.001  # probability
 BETTER = 0.8  # held-out residual over what it was: less is no chance
 LITTLE = 0.3  # share that a variable explains: less is as good as nothing
+WORSE = 1.02  # times the error before: less is no worse
 GONE = 0.005  # of torque: less is not shown as a share
 
 

@@ -10,9 +10,9 @@ import numpy as np
 
 from ...laws import spoken
 from ...version import __version__
-from ..diagnosis_tables import WORSE
 from ..diagnosis_words import (
     NEGLIGIBLE,
+    WORSE,
     alternative_words,
     finding_words,
     number_cells,
