@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .filters import lowpass
+from .filters import Decimator, lowpass
 from .types import Array, Frozen, Mask, Samples
 
 HALF_POWER = 1.06  # half-amplitude frequency of the low-pass over its half-power frequency
@@ -53,21 +53,15 @@ class Band(Frozen):
         """
         return lowpass(self.rate, HALF_POWER * self.cutoff) if self.filtered else np.ones(1)
 
-    @cached_property
-    def sparse_taps(self) -> Array:
-        """The same low-pass for every `parts`-th sample, (k,) [1]."""
-        taps = self.taps[len(self.taps) // 2 % self.parts :: self.parts]
-        return np.asarray(taps / taps.sum())
+    def decimator(self, parts: int = 1) -> Decimator:
+        """The low-pass and thinning of every `parts`-th sample: rows are the same, whatever the part."""
+        taps = self.taps[len(self.taps) // 2 % parts :: parts]
+        return Decimator(taps / taps.sum() if parts > 1 else taps, self.factor // parts)
 
     @cached_property
     def parts(self) -> int:
         """How many samples of a recording make one that columns are made of: positions do not move in less time."""
         return max(parts for parts in range(1, self._spare + 1) if self.factor % parts == 0)
-
-    @cached_property
-    def sparse(self) -> Band:
-        """The same band for those samples."""
-        return replace(self, rate=self.rate / self.parts, factor=self.factor // self.parts)
 
     @property
     def _spare(self) -> int:

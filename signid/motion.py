@@ -29,23 +29,24 @@ from .types import Array, Frozen, Mask, Robot, Samples, View
 
 @dataclass(frozen=True, eq=False)
 class Motion(Frozen):
-    """All that a law may see: N uniform samples of n joints.
-
-    t (N,) [s]; q (N, n) [rad or m]; v (N, n) [rad/s or m/s]; a (N, n) [rad/s2 or m/s2];
-    recorded (N, n) measured torque [N.m or N], NaN where absent; predicted (N, n) [N.m or N] by the model at hand.
-    """
+    """All that a law may see: N uniform samples of n joints."""
 
     robot: Robot
     t: Array  # (N,) [s]
     q: Array  # (N, n) [rad or m]
     v: Array  # (N, n) [rad/s or m/s]
     a: Array  # (N, n) [rad/s2 or m/s2]
-    recorded: Array | None = None  # (N, n) [N.m or N]
-    predicted: Array | None = None  # (N, n) [N.m or N]
+    recorded: Array | None = None  # (N, n) measured torque [N.m or N], NaN where absent
+    predicted: Array | None = None  # (N, n) torque [N.m or N] by the model at hand
     slow: Array | None = None  # (n,) [rad/s or m/s] slower, the direction of motion is not certain
 
     def __len__(self) -> int:
         return len(self.t)
+
+    def __getitem__(self, which: slice) -> Motion:
+        """Some of the samples."""
+        signals = {key: getattr(self, key) for key in ("t", "q", "v", "a", "recorded", "predicted")}
+        return replace(self, **{key: x[which] for key, x in signals.items() if x is not None})
 
     @property
     def dt(self) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import lcm
 from typing import NamedTuple
 
@@ -137,7 +137,7 @@ class _Grid(NamedTuple):
     def columns(self, task: Task, motion: Motion) -> list[Array]:
         """Per joint (M, m); those of bodies are made of sparse samples, such that rows lie where they lie."""
         edge = self.thin.half % self.parts
-        sparse = None if self.parts == 1 else (every(motion, self.parts, edge), self.sparse)
+        sparse = None if self.parts == 1 else (motion[edge : len(motion) - edge : self.parts], self.sparse)
         return base_rows(motion, task.laws, task.wanted, self.thin, sparse)
 
     def samples(self, start: int, stop: int) -> tuple[int, int]:
@@ -146,9 +146,8 @@ class _Grid(NamedTuple):
 
 
 def _grid(task: Task) -> _Grid:
-    thin = Decimator(task.band.taps, task.band.factor)
+    thin, sparse = task.band.decimator(), task.band.decimator(task.parts)
     reach = 2 * (margin(task.band, task.recorded_derivatives) + thin.half)
-    sparse = Decimator(task.band.sparse_taps, thin.factor // task.parts) if task.parts > 1 else thin
     block = lcm(thin.block, sparse.block)
     size = max(WINDOW, 8 * reach) // (block * thin.factor) + 1
     return _Grid(thin, sparse, task.parts, reach, size * block)
@@ -174,13 +173,6 @@ def _window_rows(task: Task, window: Samples, period: float, grid: _Grid, first:
         thin.at(_steady(task, motion)),
         _instruments(task, window, period, grid) if task.instruments else None,
     )
-
-
-def every(motion: Motion, parts: int, edge: int = 0) -> Motion:
-    """Every so manieth sample of a motion, without so many at either end."""
-    cut = slice(edge, len(motion) - edge, parts)
-    signals = {key: getattr(motion, key)[cut] for key in ("t", "q", "v", "a")}
-    return replace(motion, recorded=None if motion.recorded is None else motion.recorded[cut], **signals)
 
 
 def choose_reach(motions: Sequence[Motion], band: Band, slow: Array) -> tuple[int, ...]:

@@ -25,7 +25,7 @@ class Heard:
     answer: Answer | None
     new: tuple[str, ...] = ()  # lines of its report that the healthy robot has not, but for numbers and names
     beyond: tuple[str, ...] = ()  # joints whose validation error is beyond the limit
-    ratio: float = float("nan")  # of its cost or error over that of the healthy robot
+    ratio: float | None = None  # of its cost or error over that of the healthy robot
     named: bool = False  # whether a new line has a word for the cause
 
 

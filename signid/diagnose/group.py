@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -116,7 +116,7 @@ def stated_friction(model: Model) -> Array:
 def dry_friction(model: Model, pieces: Sequence[Piece]) -> Array:
     """(n,) dry friction of each joint [N.m or N]: what the simulation has, or roughly what the residual shows."""
     found = stated_friction(model)
-    few = [_some(piece.motion, slice(None, None, STRIDE)) for piece in pieces]
+    few = [piece.motion[::STRIDE] for piece in pieces]
     for j in np.flatnonzero(found == 0).tolist():
         rows = [np.column_stack([_plain(m, j), p.residual[::STRIDE, j]]) for m, p in zip(few, pieces, strict=True)]
         x = np.concatenate(rows)
@@ -132,13 +132,6 @@ def _plain(motion: Motion, joint: int) -> Array:
     return np.column_stack([motion.direction[:, joint], motion.v[:, joint], np.ones(len(motion)), *bodies])
 
 
-def _some(motion: Motion, which: slice) -> Motion:
-    """Some of the samples."""
-    t, q, v, a = (x[which] for x in (motion.t, motion.q, motion.v, motion.a))
-    recorded, predicted = (None if x is None else x[which] for x in (motion.recorded, motion.predicted))
-    return replace(motion, t=t, q=q, v=v, a=a, recorded=recorded, predicted=predicted)
-
-
 def lay_out(model: Model, motion: Motion, hypotheses: Sequence[Hypothesis], dry: Array) -> list[Group]:
     """Where the columns of everything stand: what is refitted first, then hypotheses in their order.
 
@@ -149,7 +142,7 @@ def lay_out(model: Model, motion: Motion, hypotheses: Sequence[Hypothesis], dry:
         dry: (n,) dry friction of each joint [N.m or N].
     """
     out, at = list[Group](), 0
-    for found in nuisances(model, _some(motion, slice(FEW)), dry):
+    for found in nuisances(model, motion[:FEW], dry):
         size = len(found.deviation)
         out.append(Group(at, size, None, found.bodies, found.law, tuple(found.deviation)))
         at += size

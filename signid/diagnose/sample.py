@@ -14,7 +14,7 @@ from ..effects.law import law_torque
 from ..filters import Decimator, lowpass, smooth
 from ..model import Model
 from ..motion import Motion, build_motion, margin
-from ..rows import Task, every
+from ..rows import Task
 from ..sampling import samples
 from ..session import Part
 from ..types import Array, Law, Robot
@@ -59,13 +59,7 @@ def pieces(task: Task, model: Model, recordings: Sequence[Part]) -> Iterator[Pie
 
 def row_filter(task: Task) -> Decimator:
     """The low-pass that makes rows of the samples of pieces."""
-    band = _band(task)
-    return Decimator(band.taps, band.factor)
-
-
-def _band(task: Task) -> Band:
-    """Of the samples of pieces."""
-    return task.band.sparse if task.parts > 1 else task.band
+    return task.band.decimator(task.parts)
 
 
 def _thinned_motion(motion: Motion, band: Band, parts: int) -> Motion:
@@ -74,7 +68,7 @@ def _thinned_motion(motion: Motion, band: Band, parts: int) -> Motion:
         return motion
     assert motion.recorded is not None, "windows carry torque"
     calm = smooth(motion.recorded, lowpass(band.rate, 0.4 * band.rate / parts), whole=True)
-    return every(replace(motion, recorded=calm), parts)
+    return replace(motion, recorded=calm)[::parts]
 
 
 def thinned(thin: Decimator, columns: Sequence[Mapping[int, Array]]) -> dict[int, Array]:
@@ -117,6 +111,6 @@ def _piece(task: Task, model: Model, motion: Motion, robot: Robot, k: int) -> Pi
     predicted = model.inverse(motion)
     acted, recorded = model.acted(motion), motion.recorded
     assert recorded is not None, "windows carry torque"
-    calm = smooth(recorded, lowpass(_band(task).rate, 2 * task.band.cutoff), whole=True)
+    calm = smooth(recorded, lowpass(task.band.rate / task.parts, 2 * task.band.cutoff), whole=True)
     shown = replace(acted, robot=robot, recorded=np.nan_to_num(calm), predicted=predicted)
     return Piece(k, shown, recorded - predicted)

@@ -14,10 +14,10 @@ from typing import Any
 
 from ..errors import OutputError
 from ..plain import read_json
+from ..unfinished import MARK, give_usual_rights, is_abandoned
 
 SESSIONS, RECORD = "sessions", "session.json"
 SCHEMA = "signid.session/1"
-MARK, STALE = ".signid-", 86_400.0  # of folders that are not complete; [s] after which nobody is at work on one
 
 
 class Store:
@@ -33,7 +33,7 @@ class Store:
         try:
             self.place.mkdir(parents=True, exist_ok=True)
             for left in self.place.glob(f"{MARK}*"):
-                if time.time() - left.stat().st_mtime > STALE:
+                if is_abandoned(left, time.time()):
                     shutil.rmtree(left, ignore_errors=True)
         except OSError as error:
             raise self._refusal(error) from None
@@ -69,7 +69,7 @@ class Store:
             new = Path(tempfile.mkdtemp(prefix=MARK, dir=self.place))
             for file, content in {**files, RECORD: text.encode()}.items():
                 (new / file).write_bytes(content)
-            new.chmod(0o777 & ~_mask())
+            give_usual_rights(new)
             self._exchange(new, self.place / name)
         except OSError as error:
             raise self._refusal(error) from None
@@ -94,9 +94,3 @@ class Store:
         return OutputError(
             f"cannot write results to {self.place}: {why}; name another folder with -o, or make room in it"
         )
-
-
-def _mask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask

@@ -128,9 +128,8 @@ class Watch:
 
     def __call__(self, x: Array) -> float:
         """Cost at x: (d,) [any], a wall where it is no finite number: some algorithms crash there, or never end."""
-        if self.count >= max(self.evaluations, 1) or time.monotonic() >= self.end:
-            raise BudgetSpentError
-        if self.count and time_is_up(self.problem.search):
+        spent = self.count >= max(self.evaluations, 1) or time.monotonic() >= self.end
+        if spent or (self.count and time_is_up(self.problem.search)):
             raise BudgetSpentError
         self.count += 1
         value = float(self._watched(self.problem.objective, x))

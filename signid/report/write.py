@@ -11,10 +11,10 @@ from pathlib import Path
 from stat import S_ISREG
 
 from ..errors import OutputError
+from ..unfinished import MARK, give_usual_rights, is_abandoned
 
 Content = str | bytes | Iterable[str]
-_MARK, _NAME = ".signid-", re.compile(r"\.signid-\w{8}")  # of files that are not complete, as mkstemp calls them
-_STALE = 86_400.0  # [s] after which nobody is at work on one
+_NAME = re.compile(rf"{re.escape(MARK)}\w{{8}}")  # of files that are not complete, as mkstemp calls them
 
 
 def probe_folder(folder: str | Path, option: str = "-o") -> None:
@@ -89,23 +89,20 @@ def _missing(place: Path) -> list[Path]:
 def _clear(place: Path, ours: Sequence[Path]) -> None:
     """Remove what runs that were killed left, by the clock of the machine that holds the folder."""
     now = max((path.stat().st_mtime for path in ours), default=0.0)
-    for left in place.glob(f"{_MARK}*"):
+    for left in place.glob(f"{MARK}*"):
         with suppress(OSError):
-            told = left.lstat()
-            if S_ISREG(told.st_mode) and _NAME.fullmatch(left.name) and now - told.st_mtime > _STALE:
+            if S_ISREG(left.lstat().st_mode) and _NAME.fullmatch(left.name) and is_abandoned(left, now):
                 left.unlink()
 
 
 def _aside(place: Path, content: Content) -> Path:
     """A temporary file of that content, with the rights of an ordinary new file."""
-    handle, name = tempfile.mkstemp(dir=place, prefix=_MARK)
+    handle, name = tempfile.mkstemp(dir=place, prefix=MARK)
     try:
         with os.fdopen(handle, "wb") as file:
             for piece in [content] if isinstance(content, str | bytes) else content:
                 file.write(piece.encode() if isinstance(piece, str) else piece)
-        mask = os.umask(0)
-        os.umask(mask)
-        Path(name).chmod(0o666 & ~mask)
+        give_usual_rights(Path(name))
     except BaseException:
         Path(name).unlink(missing_ok=True)
         raise

@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..motion import Motion
 from ..rows import Task
 from ..session import Part
 from ..types import Array, Indices, Mask
@@ -82,13 +81,7 @@ def _jumps(task: Task, part: Part, step: int, turning: Mask, value: Array) -> It
     for _, motion, _ in motions(task, part, step):
         count = -(-len(motion) // step)
         for k in np.flatnonzero(turning[passed : passed + count - 1]).tolist():
-            some = _some(motion, slice(k * step, (k + 1) * step + 1))
+            some = replace(motion[k * step : (k + 1) * step + 1], slow=None)  # friction turns round at once
             assert some.recorded is not None, "windows carry torque"
             yield _Jump(passed + k, some.t, np.abs(np.nan_to_num(some.recorded)), predict(task, some, value))
         passed += count
-
-
-def _some(motion: Motion, at: slice) -> Motion:
-    """Some samples, and friction that turns round at once."""
-    recorded = None if motion.recorded is None else motion.recorded[at]
-    return replace(motion, t=motion.t[at], q=motion.q[at], v=motion.v[at], a=motion.a[at], recorded=recorded, slow=None)
