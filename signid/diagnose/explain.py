@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from .contact import NAME as CONTACT
 from .contact import find_contact
 from .evidence import Evidence
 from .found import Found
+from .linearise import linearised
 from .noise import measure_noise
 from .odds import Judge
 from .refine import refine
@@ -23,13 +25,25 @@ from .whitened import whitened
 NOISE_ERROR, DISCREPANCY = 1.3, 0.003  # of the noise's variance; of torque, in which every simulation is wrong
 AGAIN = 1.6  # of the dispersion that was expected: more, and the search is done again with what was found
 WINDOWS = 10  # of contact that are looked at, for each row
+TANGLED = (
+    "laws that were found change what others do, and no two rounds of the search agree on them: their numbers may be "
+    "off by more than their intervals; record a motion that tells the alternatives apart"
+)
+ROUNDS = 3  # of columns about the simulation with what was found
 QUIET, QUIETER = 0.7, 0.8  # variance left, and share of the noise: less, and a fault was taken for noise
 
 
-def explain(
-    setting: Setting, judge: Judge, skip: Sequence[str], known: Diagnosis | None
-) -> tuple[Setting, Judge, Found]:
-    """What is taken for true; where that shows that noise is less than it seemed, once more with the noise that it is.
+class Explained(NamedTuple):
+    """What is taken for true, and what was asked."""
+
+    setting: Setting
+    judge: Judge
+    found: Found
+    flags: tuple[str, ...] = ()  # columns are not those about the simulation with what was found
+
+
+def explain(setting: Setting, judge: Judge, skip: Sequence[str], known: Diagnosis | None) -> Explained:
+    """What is taken for true; searched again where laws that were found change what others do.
 
     Args:
         setting: motions and rows.
@@ -37,6 +51,21 @@ def explain(
         skip: effects that are left out.
         known: a diagnosis of recordings without the mismatch, if there is one.
     """
+    first = about, judge_, found = _explain(setting, judge, skip, known)
+    setting = about
+    for _ in range(ROUNDS):
+        new = linearised(setting, about, judge_, found)
+        if new is None:
+            return Explained(about, judge_, found)
+        about, evidence = new, Evidence(whitened(new.table, new.noise), judge.evidence.known)
+        judge_, found = _search(about, replace(judge, evidence=evidence), skip, known)
+    return Explained(*first, (TANGLED,))
+
+
+def _explain(
+    setting: Setting, judge: Judge, skip: Sequence[str], known: Diagnosis | None
+) -> tuple[Setting, Judge, Found]:
+    """Searched; where that shows that noise is less than it seemed, once more with the noise that it is."""
     judge_, found = _search(setting, judge, skip, known)
     sizes = measure_sizes(judge_.evidence, found.true, found.base, found.trust)
     if not found.true or not np.any(sizes.left < QUIET):

@@ -83,7 +83,7 @@ def diagnose(
     setting, data = _build(model, session, skip, told)
     told("searching", 0.4)
     other = _learn(model, reference, session, skip, options) if known else None
-    setting, judge, found = explain(setting, _judge(model, Evidence(data, other), skip), skip, known)
+    setting, judge, found, tangled = explain(setting, _judge(model, Evidence(data, other), skip), skip, known)
     told("judging", 0.7)
     found, slots = settle(judge, prune(setting, session, judge, found))
     verdict = decide(judge, found, slots).doubted(any(one.kind == "excitation" for one in gross.findings))
@@ -104,7 +104,7 @@ def diagnose(
         trust=found.trust,
         signs=recovered.signs,
         inputs=recordings_used(recordings, held_out, reference),
-        flags=(*recovered.flags, *gross.flags, *result.flags, *doubts(proof.before, proof.after)),
+        flags=(*recovered.flags, *gross.flags, *tangled, *result.flags, *doubts(proof.before, proof.after)),
         notes=(*recovered.notes, *notes, *session.notes, *gross.notes, *rolled[2]),
         cutoff=session.task.band.cutoff,
         seed=options.seed,

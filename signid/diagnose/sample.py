@@ -8,6 +8,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from ..cutoff import Band
 from ..effects.law import law_torque
@@ -39,9 +40,7 @@ def pieces(task: Task, model: Model, recordings: Sequence[Part]) -> Iterator[Pie
         model: the simulation.
         recordings: and their sampling.
     """
-    bodies = model.bodies()
-    bodies.armature = np.zeros(bodies.nv)  # rotors are no load
-    robot = replace(model.robot, model=bodies)
+    robot = replace(model.robot, model=bodies_of(model))
     edge, half = margin(task.band, task.recorded_derivatives), len(task.band.taps) // 2
     parts = task.parts
     for k, (recording, sampling) in enumerate(recordings):
@@ -55,6 +54,13 @@ def pieces(task: Task, model: Model, recordings: Sequence[Part]) -> Iterator[Pie
                     model.robot, window, task.band, sampling.period, task.recorded_derivatives, task.slow
                 )
                 yield _piece(task, model, _thinned_motion(motion, task.band, parts), robot, k)
+
+
+def bodies_of(model: Model) -> pin.Model:
+    """The bodies of a simulation without rotors, which are no load."""
+    bodies = model.bodies()
+    bodies.armature = np.zeros(bodies.nv)
+    return bodies
 
 
 def row_filter(task: Task) -> Decimator:

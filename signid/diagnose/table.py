@@ -84,16 +84,12 @@ def tabulate(task: Task, model: Model, groups: Sequence[Group], pieces: Sequence
         dry: (n,) dry friction of each joint [N.m or N].
     """
     thin = row_filter(task)
-    made = [_thinned(model, groups, piece, thin, dry) for piece in pieces]
-    n, lengths = len(model.robot.joints), [len(rows[0][1]) for rows in made]
-
-    def joined(k: int) -> tuple[Indices, Array]:
-        return made[0][k][0], np.concatenate([rows[k][1] for rows in made])
+    place, columns = _joined(model, groups, pieces, thin, dry)
+    lengths = [len(thin.at(piece.motion.t)) for piece in pieces]
 
     def inner(signals: Sequence[Array]) -> Array:
         return np.concatenate([thin.at(x) for x in signals])
 
-    columns = [joined(j) for j in range(n)]
     signals = [thin(np.column_stack([np.nan_to_num(p.residual), _measured(p)])) for p in pieces]
     residual, torque = np.split(np.concatenate(signals), 2, axis=1)
     return Table(
@@ -110,9 +106,32 @@ def tabulate(task: Task, model: Model, groups: Sequence[Group], pieces: Sequence
         torque=torque,
         predicted=torque - residual,
         residual=residual,
-        place=tuple(index for index, _ in columns),
-        columns=tuple(x for _, x in columns),
+        place=place,
+        columns=columns,
     )
+
+
+def retabulated(table: Table, task: Task, model: Model, pieces: Sequence[Piece], dry: Array) -> Table:
+    """The same rows with columns along other motions.
+
+    Args:
+        table: of the rows.
+        task: gives the band.
+        model: the simulation.
+        pieces: as many as before, and as long.
+        dry: (n,) dry friction of each joint [N.m or N].
+    """
+    place, columns = _joined(model, table.groups, pieces, row_filter(task), dry)
+    return replace(table, place=place, columns=columns)
+
+
+def _joined(
+    model: Model, groups: Sequence[Group], pieces: Sequence[Piece], thin: Decimator, dry: Array
+) -> tuple[tuple[Indices, ...], tuple[Array, ...]]:
+    """Per joint, which columns it has and the rows of all pieces."""
+    made = [_thinned(model, groups, piece, thin, dry) for piece in pieces]
+    columns = [np.concatenate([rows[j][1] for rows in made]) for j in range(len(made[0]))]
+    return tuple(index for index, _ in made[0]), tuple(columns)
 
 
 def _measured(piece: Piece) -> Array:

@@ -1,0 +1,70 @@
+"""Columns about the simulation -> columns about the simulation with what was found: what laws do to each other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..effects.base import ActuatorLaw, BodyLaw, RecordingLaw
+from ..effects.law import law_torque
+from ..motion import Motion
+from ..types import Law, Robot
+from .found import Found
+from .group import dry_friction
+from .numbers import read_laws
+from .odds import Judge
+from .sample import bodies_of
+from .setting import Setting
+from .table import retabulated
+
+MATTERS = 1.0  # squared standard deviations of the rows: a number may be off by one standard deviation
+
+
+def linearised(setting: Setting, about: Setting, judge: Judge, found: Found) -> Setting | None:
+    """The same rows with columns about the simulation with what was found; None where those at hand hardly differ.
+
+    A payload adds to the load that friction grows with and that a tilted base turns, friction to the torque that is
+    written down too late, and so on. Each of these products is counted once, as a column of the law that acts on what
+    others bring about. The residual stays that of the simulation.
+
+    Args:
+        setting: motions and rows, columns about the simulation.
+        about: the same, with the columns at hand.
+        judge: library and evidence of these.
+        found: what is taken for true.
+    """
+    fit = judge.evidence.fit(found.true, found.base, found.trust)
+    value = {group: fit.value[fit.place(group)] for group in found.true}
+    laws = [law for group in found.true for law in read_laws(group, value[group])]
+    robot = _loaded(setting, laws)
+    new = replace(setting, pieces=tuple(p._replace(motion=_about(p.motion, robot, laws)) for p in setting.pieces))
+    off = np.zeros((setting.table.joints, len(setting.whiten({0: setting.table.residual[:, :1]})[0])))
+    for group in found.true:
+        was, is_ = about.columns(group.claim), new.columns(group.claim)
+        for j, x in setting.whiten({j: is_[j] - was[j] for j in is_}).items():
+            off[j] += x @ value[group]
+    if not np.sum(off**2, axis=1) @ (1 / found.base) > MATTERS:
+        return None
+    dry = dry_friction(setting.model, setting.pieces)
+    return replace(new, table=retabulated(setting.table, setting.task, setting.model, new.pieces, dry))
+
+
+def _loaded(setting: Setting, laws: Sequence[Law]) -> Robot:
+    """The robot with bodies as some laws change them; what a tilt does to bodies is in its own columns."""
+    changes = tuple(law for law in laws if isinstance(law.effect, BodyLaw))
+    usual, whole = setting.model, bodies_of(replace(setting.model, laws=(*setting.model.laws, *changes)))
+    whole.gravity = usual.bodies().gravity
+    return replace(usual.robot, model=whole)
+
+
+def _about(motion: Motion, robot: Robot, laws: Sequence[Law]) -> Motion:
+    """A motion that the robot and the laws made."""
+    assert motion.predicted is not None, "a diagnosed motion carries predicted torque"
+    predicted = motion.predicted.copy()
+    for law in laws:
+        if not isinstance(law.effect, RecordingLaw | ActuatorLaw):
+            rows, torque = law_torque(law, motion)
+            predicted[:, list(rows)] += torque
+    return replace(motion, robot=robot, predicted=predicted)
