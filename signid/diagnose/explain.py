@@ -12,6 +12,7 @@ from .contact import NAME as CONTACT
 from .contact import find_contact
 from .evidence import Evidence
 from .found import Found
+from .hypothesis import Key
 from .linearise import linearised
 from .noise import measure_noise
 from .odds import Judge
@@ -53,13 +54,18 @@ def explain(setting: Setting, judge: Judge, skip: Sequence[str], known: Diagnosi
     """
     first = about, judge_, found = _explain(setting, judge, skip, known)
     setting = about
+    named = set[Key]()
     for _ in range(ROUNDS):
         new = linearised(setting, about, judge_, found)
         if new is None:
             return Explained(about, judge_, found)
-        about, evidence = new, Evidence(whitened(new.table, new.noise), judge.evidence.known)
+        about, evidence, named = new, Evidence(whitened(new.table, new.noise), judge.evidence.known), _names(found)
         judge_, found = _search(about, replace(judge, evidence=evidence), skip, known)
-    return Explained(*first, (TANGLED,))
+    return Explained(about, judge_, found) if _names(found) == named else Explained(*first, (TANGLED,))
+
+
+def _names(found: Found) -> set[Key]:
+    return {group.claim.key for group in found.true}
 
 
 def _explain(

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..basis import build_base
 from ..model import Model
-from ..types import Array, BaseMap, Law
+from ..types import Array, BaseMap, Indices, Law
 from .bodies import move_bodies
 from .fitted import Fitted
 from .found import Found
@@ -54,7 +54,7 @@ def extend(
     """
     steps = iter([fit.value[fit.place(group)] for group in refitted if group.law is not None])
     own, inertials = [_moved(law, next(steps)) if refits(law) else law for law in model.laws], model.inertials
-    bodies = np.flatnonzero(np.isin(fit.which, columns_of([group for group in refitted if group.bodies])))
+    bodies = inertial_places(refitted, fit)
     if len(bodies):
         step, spread = fit.value[bodies].reshape(inertials.shape), fit.covariance[np.ix_(bodies, bodies)]
         inertials = move_bodies(base or build_base(model.robot), inertials, step, spread)
@@ -67,6 +67,16 @@ def extend(
         else:
             own.append(law)
     return Model(model.robot, inertials, tuple(own))
+
+
+def inertial_places(refitted: Sequence[Group], fit: Fitted) -> Indices:
+    """(10 nb,) where the inertials of all bodies stand among what was fitted; none where they are trusted.
+
+    Args:
+        refitted: what was refitted, as laid out.
+        fit: the fit.
+    """
+    return np.flatnonzero(np.isin(fit.which, columns_of([group for group in refitted if group.bodies])))
 
 
 def _folded(law: Law, own: list[Law]) -> tuple[Law, list[Law]]:

@@ -9,8 +9,10 @@ import numpy as np
 
 from ..effects.base import ActuatorLaw, BodyLaw, RecordingLaw
 from ..effects.law import law_torque
+from ..model import Model
 from ..motion import Motion
-from ..types import Law, Robot
+from ..types import Array, Law, Robot
+from .extend import inertial_places
 from .found import Found
 from .group import dry_friction
 from .numbers import read_laws
@@ -38,7 +40,10 @@ def linearised(setting: Setting, about: Setting, judge: Judge, found: Found) -> 
     fit = judge.evidence.fit(found.true, found.base, found.trust)
     value = {group: fit.value[fit.place(group)] for group in found.true}
     laws = [law for group in found.true for law in read_laws(group, value[group])]
-    robot = _loaded(setting, laws)
+    inertials, places = setting.model.inertials, inertial_places(judge.evidence.data.refitted, fit)
+    if len(places):
+        inertials = inertials + fit.value[places].reshape(inertials.shape)
+    robot = _loaded(setting.model, laws, inertials)
     new = replace(setting, pieces=tuple(p._replace(motion=_about(p.motion, robot, laws)) for p in setting.pieces))
     off = np.zeros((setting.table.joints, len(setting.whiten({0: setting.table.residual[:, :1]})[0])))
     for group in found.true:
@@ -51,12 +56,12 @@ def linearised(setting: Setting, about: Setting, judge: Judge, found: Found) -> 
     return replace(new, table=retabulated(setting.table, setting.task, setting.model, new.pieces, dry))
 
 
-def _loaded(setting: Setting, laws: Sequence[Law]) -> Robot:
-    """The robot with bodies as some laws change them; what a tilt does to bodies is in its own columns."""
+def _loaded(model: Model, laws: Sequence[Law], inertials: Array) -> Robot:
+    """The robot with other bodies, and as some laws change them; what a tilt does to bodies is in its own columns."""
     changes = tuple(law for law in laws if isinstance(law.effect, BodyLaw))
-    usual, whole = setting.model, bodies_of(replace(setting.model, laws=(*setting.model.laws, *changes)))
-    whole.gravity = usual.bodies().gravity
-    return replace(usual.robot, model=whole)
+    whole = bodies_of(Model(model.robot, inertials, (*model.laws, *changes)))
+    whole.gravity = model.bodies().gravity
+    return replace(model.robot, model=whole)
 
 
 def _about(motion: Motion, robot: Robot, laws: Sequence[Law]) -> Motion:

@@ -1,0 +1,62 @@
+"""Two faults that change what each other does, recorded in MuJoCo: both named, each with its own numbers."""
+
+from __future__ import annotations
+
+from importlib import import_module
+
+import pytest
+from diagnosed import Planted, fault, look, named, read, recorded, simulation
+
+import signid
+from signid.diagnose.explain import TANGLED
+from signid.diagnose.result import Diagnosis
+
+LOAD = fault("payload", 3, mass=0.4, first_moment_x=0.02, first_moment_y=0.0, first_moment_z=0.01)
+OTHERS = (
+    fault("base_tilt", x=0.04, y=-0.03),
+    fault("load_friction", 2, coefficient=0.12),
+    fault("torque_gain", 2, error=0.15),
+    fault("encoder_offset", 2, offset=0.05),
+    fault("joint_elasticity", 2, stiffness=150.0),
+    fault("backlash", 2, gap=0.03),
+)
+TOGETHER = import_module("signid.diagnose.explain")
+
+
+def off(found: Diagnosis, planted: Planted) -> float:
+    """The largest error of a law's numbers, as a share of each."""
+    (law,) = [one.law for one in found.findings if one.law.effect.name == planted[0]]
+    return max(abs(law.parameters[key] / float(x) - 1) for key, x in planted[2])
+
+
+@pytest.mark.parametrize("other", OTHERS, ids=[other[0] for other in OTHERS])
+def test_a_payload_does_not_spoil_the_numbers_of_what_feels_it(other: Planted) -> None:
+    found = look("3r", LOAD, other)
+    joint = (0, 1, 2) if other[0] == "base_tilt" else (1,)
+    assert set(named(found)) == {("payload", (2,)), (other[0], joint)} and TANGLED not in found.flags
+    assert off(found, other) < 0.05
+    (payload,) = [one for one in found.findings if one.law.effect.name == "payload"]
+    for key, truth in LOAD[2]:
+        assert abs(payload.law.parameters[key] - float(truth)) < 3 * payload.std[key]
+
+
+@pytest.mark.parametrize("other", OTHERS[:3], ids=[other[0] for other in OTHERS[:3]])
+def test_numbers_are_off_where_columns_stay_those_about_the_simulation(
+    other: Planted, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(TOGETHER, "linearised", lambda *_: None)
+    found = signid.diagnose(simulation("3r"), read("3r", recorded("3r", LOAD, other)))
+    assert off(found, other) > 0.2
+
+
+def test_bodies_that_are_off_within_their_tolerance_count_as_well() -> None:
+    wrong = fault("link_inertia", 2, mass=0.4, first_moment_x=0.1, first_moment_y=0.0, first_moment_z=0.0)
+    found = look("3r", wrong, OTHERS[0])
+    assert found.trust > 0 and named(found) == [("base_tilt", (0, 1, 2))] and off(found, OTHERS[0]) < 0.06
+
+
+def test_a_search_that_does_not_settle_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(TOGETHER, "_names", lambda _: object())
+    monkeypatch.setattr(TOGETHER, "ROUNDS", 1)
+    found = signid.diagnose(simulation("3r"), read("3r", recorded("3r", LOAD, OTHERS[1])))
+    assert TANGLED in found.flags and off(found, OTHERS[1]) > 0.2
