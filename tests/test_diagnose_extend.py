@@ -18,6 +18,7 @@ from signid.diagnose.prune import prune
 from signid.diagnose.separate import tell_apart
 from signid.diagnose.sizes import energies, measure_sizes
 from signid.diagnose.strain import strained_links
+from signid.effects import EFFECTS
 from signid.model import Model, stated_inertials
 from signid.robot import load_robot
 from signid.types import Array, Law, pseudo_inertia
@@ -236,3 +237,9 @@ def test_structural_twins_are_listed(robot: str, planted: Any, own: str, twin: t
 def test_drives_of_these_tests_are_stated() -> None:
     stated = simulation("3r").laws
     assert [x.parameters["inertia"] for x in stated if x.effect.name == "armature"] == list(DRIVES["3r"].armature)
+
+
+def test_a_law_with_more_numbers_is_called_so() -> None:
+    plain, wider = (Law(EFFECTS[name], (1,), EFFECTS[name].example) for name in ("spring", "cable_torque"))
+    assert tell_apart(simulation("3r"), plain, wider, FLOOR, 0).endswith("it does what spring does, by more numbers")
+    assert "standard deviations apart" in tell_apart(simulation("3r"), wider, plain, FLOOR, 0)

@@ -8,7 +8,8 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d
 
 from ..effects import EFFECTS
-from ..effects.law import law_columns
+from ..effects.base import TorqueLaw
+from ..effects.law import coefficient_count, law_columns
 from ..excite.draw import random_parameters, sample
 from ..excite.fourier import Fourier
 from ..excite.limits import build_limits
@@ -42,6 +43,8 @@ def tell_apart(model: Model, law: Law, rival: Law, floor: Array, seed: int) -> s
     tried = [(*_left(model, law, rival, floor, motion), motion) for motion in _motions(model, seed)]
     left, share, motion = max(tried, key=lambda t: t[0])
     if max(s for _, s, _ in tried) < STRUCTURAL:
+        if _is_wider(rival, law):
+            return f"no motion can tell them apart: it does what {law.effect.name} does, by more numbers"
         return "no motion can tell them apart; another sensor or a known load is needed"
     joint = _widest(model, motion, (*law.joints, *rival.joints))
     unit, names = "m" if model.robot.prismatic[joint] else "rad", ",".join(_written(model, x) for x in (law, rival))
@@ -51,6 +54,12 @@ def tell_apart(model: Model, law: Law, rival: Law, floor: Array, seed: int) -> s
         f"{unit}/s, all joints moving: a random motion of {DURATION:g} s sets them {np.sqrt(left):.2g} standard "
         f"deviations apart; signid excite ROBOT --separate {names} finds a better one"
     )
+
+
+def _is_wider(rival: Law, law: Law) -> bool:
+    """Whether a torque at the same joint has more numbers, so that it is the other one when some are zero."""
+    alike = all(isinstance(one.effect, TorqueLaw) for one in (rival, law)) and rival.joints == law.joints
+    return alike and coefficient_count(rival) > coefficient_count(law)
 
 
 def _motions(model: Model, seed: int) -> list[Motion]:
