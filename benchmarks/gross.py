@@ -26,8 +26,8 @@ from signid.model import Model, load_model
 from signid.prepare import prepare
 from signid.recording import read_recording
 
-from .hidden.cases import Case, cases
-from .hidden.session import make
+from .concealed.cases import Case, cases
+from .concealed.session import make
 from .one_thread import one_thread
 
 Array = NDArray[np.float64]

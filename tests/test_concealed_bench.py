@@ -15,14 +15,14 @@ import pytest
 pytest.importorskip("mujoco", reason="MuJoCo is not installed; pip install 'signid[bench]'")
 
 import signid  # noqa: E402
-from benchmarks.hidden import motion, size, work  # noqa: E402
-from benchmarks.hidden.cases import ABSENT, FAMILIES, SIZES, SUITES, Case, cases, quick, sample  # noqa: E402
-from benchmarks.hidden.judge import Verdict, judge  # noqa: E402
-from benchmarks.hidden.numbers import EACH, TOGETHER, error  # noqa: E402
-from benchmarks.hidden.robots import ROBOTS, described, mistaken  # noqa: E402
-from benchmarks.hidden.scene import Scene, rms  # noqa: E402
-from benchmarks.hidden.shapes import LAWS, SPREAD, scaled  # noqa: E402
-from benchmarks.hidden.summary import confusion, reliability, targets  # noqa: E402
+from benchmarks.concealed import motion, size, work  # noqa: E402
+from benchmarks.concealed.cases import ABSENT, FAMILIES, SIZES, SUITES, Case, cases, quick, sample  # noqa: E402
+from benchmarks.concealed.judge import Verdict, judge  # noqa: E402
+from benchmarks.concealed.numbers import EACH, TOGETHER, error  # noqa: E402
+from benchmarks.concealed.robots import ROBOTS, described, mistaken  # noqa: E402
+from benchmarks.concealed.scene import Scene, rms  # noqa: E402
+from benchmarks.concealed.shapes import LAWS, SPREAD, scaled  # noqa: E402
+from benchmarks.concealed.summary import confusion, reliability, targets  # noqa: E402
 from benchmarks.plants.faults import EFFECTS, FOREIGN, Fault  # noqa: E402
 from benchmarks.plants.mujoco_ import simulate  # noqa: E402
 

@@ -142,7 +142,7 @@ def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pyt
 
 def test_the_load_of_a_real_arm(data: Path) -> None:
     """UR10e; the load was weighed, torque constants are known to some per cent."""
-    from benchmarks.recorded.data import LOADED, UNLOADED, ur10e_model, ur10e_recording
+    from benchmarks.real.data import LOADED, UNLOADED, ur10e_model, ur10e_recording
 
     found = payload(ur10e_model().robot, [ur10e_recording(UNLOADED[0])], [ur10e_recording(LOADED)])
     assert abs(found.mass[0] / 2.805 - 1) < 0.05

@@ -11,12 +11,12 @@ from rich.console import Console
 
 pytest.importorskip("mujoco", reason="MuJoCo is not installed; pip install 'signid[bench]'")
 
-from benchmarks.beside.ask import Peer  # noqa: E402
-from benchmarks.beside.faults import ENCODER, TORQUE, Arm, Case, cases, motion, record  # noqa: E402
-from benchmarks.beside.handed import describe, hand_over  # noqa: E402
-from benchmarks.beside.row import Heard, Row, hear  # noqa: E402
-from benchmarks.beside.said import Said, say  # noqa: E402
-from benchmarks.beside.show import tables  # noqa: E402
+from benchmarks.peers.ask import Peer  # noqa: E402
+from benchmarks.peers.faults import ENCODER, TORQUE, Arm, Case, cases, motion, record  # noqa: E402
+from benchmarks.peers.handed import describe, hand_over  # noqa: E402
+from benchmarks.peers.row import Heard, Row, hear  # noqa: E402
+from benchmarks.peers.said import Said, say  # noqa: E402
+from benchmarks.peers.show import tables  # noqa: E402
 from benchmarks.plants.mujoco_ import STEP, simulate  # noqa: E402
 
 TRAIN, TEST = 12.0, 10.0  # s

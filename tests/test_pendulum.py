@@ -11,9 +11,9 @@ from scipy.special import ellipj, ellipk
 
 pytest.importorskip("pybullet", reason="PyBullet is not installed; pip install 'signid[bench]'")
 
-from benchmarks.pendulum import KEPT, LOGS, TRUTH, WAYS, estimate, read_log, restore, smooth  # noqa: E402
-from benchmarks.pendulum_bullet import FUNDAMENTAL, PERIOD, STEP, Pendulum, Track, log, record  # noqa: E402
-from benchmarks.pendulum_signs import QUANTILE, SEARCHED, predict, search, segments  # noqa: E402
+from benchmarks.pendulum.bullet import FUNDAMENTAL, PERIOD, STEP, Pendulum, Track, log, record  # noqa: E402
+from benchmarks.pendulum.signs import QUANTILE, SEARCHED, predict, search, segments  # noqa: E402
+from benchmarks.pendulum.trial import KEPT, LOGS, TRUTH, WAYS, estimate, read_log, restore, smooth  # noqa: E402
 from signid.robot import load_robot  # noqa: E402
 
 GRAVITY, INERTIA = TRUTH

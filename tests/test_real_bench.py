@@ -9,11 +9,11 @@ import pytest
 from rich.console import Console
 
 import signid
-from benchmarks.recorded import others
-from benchmarks.recorded.data import blocks, without
-from benchmarks.recorded.repeat import Repeat, agree
-from benchmarks.recorded.row import Row, Target, within
-from benchmarks.recorded.show import show_left, show_repeats, show_rows, show_targets
+from benchmarks.real import others
+from benchmarks.real.data import blocks, without
+from benchmarks.real.repeat import Repeat, agree
+from benchmarks.real.row import Row, Target, within
+from benchmarks.real.show import show_left, show_repeats, show_rows, show_targets
 from signid.model import Model
 
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import signid
-from benchmarks.lost import coefficients, constants, summary, verdicts
-from benchmarks.lost.row import Row, Target
-from benchmarks.lost.simulated import logged
-from benchmarks.lost.trial import Puzzle, forget, identify, planted, tell
-from benchmarks.lost.truth import Truth, judge, measured
 from benchmarks.plants.control import Track
+from benchmarks.signs import coefficients, constants, summary, verdicts
+from benchmarks.signs.row import Row, Target
+from benchmarks.signs.simulated import logged
+from benchmarks.signs.trial import Puzzle, forget, identify, planted, tell
+from benchmarks.signs.truth import Truth, judge, measured
 from benchmarks.told import finite
 from signid.session import Options
 from signid.signs.result import Proof, Signs, Told, Trace

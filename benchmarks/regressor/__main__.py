@@ -36,14 +36,14 @@ from signid.regressor import base_rows
 from signid.session import Options, Session
 from signid.types import Recording, Robot
 
-from .beside.job import RATE, ROBOTS, SAMPLES, Array, Track, bare_urdf, drives, load, move
-from .beside.plain import plain
-from .one_thread import one_thread
+from ..one_thread import one_thread
+from .job import RATE, ROBOTS, SAMPLES, Array, Track, bare_urdf, drives, load, move
+from .plain import plain
 
 BARE = Options(cutoff=np.inf, derivatives="recorded", whiten=False)  # what the plain loop does
 TOKEN = 200  # samples held out: judging is not what is timed
 LIMIT, FASTER, AGREE = 1.5, 10.0, 1e-9  # times the floor at most; times figaroh's speed at least; relative error
-PEER = Path(__file__).parent / "beside" / "figaroh_.py"
+PEER = Path(__file__).parent / "figaroh_.py"
 LOOP, PLAIN = "Pinocchio's loop alone", "floor: + least squares"
 SAME, READY, DEFAULT, WHOLE = "signid, same job", "signid, + prepare()", "signid, by default", "signid, identify()"
 FIGAROH = "figaroh 1.0.2"

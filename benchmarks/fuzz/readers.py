@@ -29,7 +29,7 @@ from signid.types import Robot
 
 from .logs import CONTROL, DESCRIPTION, STATE, TABLE, bag1, bag2, dataset
 
-HERE = Path(__file__).parents[1]
+HERE = Path(__file__).parents[2]
 INERTIAL = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
 XACRO = f"""<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arg name="m" default="2"/>
 <xacro:property name="size" value="${{1 + 2 * 3}}"/><xacro:include filename="other.xacro"/>

@@ -15,7 +15,7 @@ from signid.diagnose import Diagnosis
 from signid.report import diagnosis_document
 from signid.types import Recording
 
-from ..hidden.names import Truth, is_right, is_twin
+from ..concealed.names import Truth, is_right, is_twin
 from ..plants.control import Track
 from .faults import SIGNS, Case
 

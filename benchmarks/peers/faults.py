@@ -11,7 +11,7 @@ from ..plants.control import Motion
 from ..plants.control import Track as Moved
 from ..plants.faults import Fault
 from ..plants.mujoco_ import simulate
-from .job import DRIVES, HARMONICS, RATE, REACH, Array, bare_urdf, drives, load
+from ..regressor.job import DRIVES, HARMONICS, RATE, REACH, Array, bare_urdf, drives, load
 
 ENCODER, TORQUE = 1e-4, 0.02  # rad, and share of a joint's deviation: white noise
 ONE = "shoulder_lift_joint"

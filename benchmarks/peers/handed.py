@@ -10,8 +10,8 @@ import numpy as np
 from ..plants.bodies import bare
 from ..plants.control import COMMAND, KNOWN, STEP, Track, clock, gains
 from ..plants.mujoco_model import build, inverse, mean_inertia
+from ..regressor.job import RATE, Array
 from .faults import Arm, motion
-from .job import RATE, Array
 
 STATED = ("armature", "viscous_friction", "coulomb_friction")
 

@@ -1,6 +1,6 @@
 """Does any file crash a reader? `python -m benchmarks.fuzz [--inputs 20000] [--readers URDF CSV ...] [--json FILE]`.
 
-Each reader of benchmarks/readers.py is given so many files (xacro, which starts a process for each, a hundredth of
+Each reader of `readers.py` is given so many files (xacro, which starts a process for each, a hundredth of
 them) in a process of its own: damaged by atheris (libFuzzer), which is led by the lines of signid that a file reaches.
 A fault is an exception that is no SignidError, more than SECONDS for one file, or more than MEMORY.
 Needs `pip install atheris`.

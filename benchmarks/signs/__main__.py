@@ -23,11 +23,11 @@ from rich.table import Table
 
 from signid.errors import SignidError
 
-from .lost import bullet, constants, hobby, paper, real, show, simulated, speed, verdicts
-from .lost.row import Row, Verdict
-from .lost.summary import reliability, summarise
-from .one_thread import one_thread
-from .told import finite
+from ..one_thread import one_thread
+from ..told import finite
+from . import bullet, constants, hobby, paper, real, show, simulated, speed, verdicts
+from .row import Row, Verdict
+from .summary import reliability, summarise
 
 NEED_DATA = ("paper", "real", "hobby", "speed")
 Told = tuple[Table, ...]

@@ -22,13 +22,13 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from .beside.ask import Peer
-from .beside.faults import Arm, cases
-from .beside.handed import describe
-from .beside.row import Row, measure
-from .beside.show import tables
-from .one_thread import one_thread
-from .told import finite
+from ..one_thread import one_thread
+from ..told import finite
+from .ask import Peer
+from .faults import Arm, cases
+from .handed import describe
+from .row import Row, measure
+from .show import tables
 
 DURATIONS, SHORT = (40.0, 20.0, 10.0), (12.0, 10.0, 3.0)  # s of two recordings, and of the loop that is simulated
 FEW = ("clean", "payload 1.5 kg", "torque gain 0.9, one joint")  # of --quick

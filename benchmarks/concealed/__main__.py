@@ -27,14 +27,14 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import Progress
 
-from .hidden.cases import SIZES, SUITES, Case, cases, quick, sample
-from .hidden.judge import Verdict, judge
-from .hidden.robots import ROBOTS
-from .hidden.show import tables, targets_table
-from .hidden.summary import Target, by_robot, by_size, cells, confusion, reliability, targets
-from .hidden.work import judged, process_all
-from .one_thread import one_thread
-from .told import finite
+from ..one_thread import one_thread
+from ..told import finite
+from .cases import SIZES, SUITES, Case, cases, quick, sample
+from .judge import Verdict, judge
+from .robots import ROBOTS
+from .show import tables, targets_table
+from .summary import Target, by_robot, by_size, cells, confusion, reliability, targets
+from .work import judged, process_all
 
 USUAL = ("1r", "3r", "ur5", "panda", "kinova", "xarm7")
 

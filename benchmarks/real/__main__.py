@@ -18,10 +18,10 @@ from pathlib import Path
 
 from rich.console import Console
 
-from .one_thread import one_thread
-from .recorded import others, repeat, ur
-from .recorded.row import Row
-from .recorded.show import show_left, show_repeats, show_rows, show_targets
+from ..one_thread import one_thread
+from . import others, repeat, ur
+from .row import Row
+from .show import show_left, show_repeats, show_rows, show_targets
 
 CASES: dict[str, Callable[[], Iterator[Row]]] = {
     "ur10e": ur.payload,

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-URDF = Path(__file__).parents[1] / "robots" / "1r" / "robot.urdf"
+URDF = Path(__file__).parents[2] / "robots" / "1r" / "robot.urdf"
 GRAVITY = 9.81  # m/s2
 STEP, PERIOD = 1e-3, 0.02  # s, of the simulation with its control, and of the log
 STIFFNESS, DAMPING = 600.0, 60.0  # N.m/rad, N.m.s/rad: 3 Hz, well damped
