@@ -10,14 +10,15 @@ import pinocchio as pin
 import polars as pl
 import pytest
 
-from benchmarks.coverage import CASES, NOISES, TARGET, Case, identify, judge, load, record
+from benchmarks.arms import ARMS, Arm, load
+from benchmarks.coverage import NOISES, TARGET, identify, judge, record
 from benchmarks.plants.mujoco_ import STEP, Body, Track, draw_motion, log, simulate
 from benchmarks.record_3r import BITS, CENTRE, DRIVES, NOISE, RATE, RECORDINGS, read_body, tell
 from signid.robot import load_robot
 from signid.types import Robot
 
 FOLDER = Path(__file__).parents[1] / "robots" / "3r"
-ARM = CASES[0]
+ARM = ARMS[0]
 
 
 @pytest.fixture(scope="module")
@@ -37,17 +38,17 @@ def test_intervals_hold_the_truth_as_often_as_they_say(arm: tuple[Robot, list[Tr
     assert row.worst >= 85, row.worst_parameter
 
 
-@pytest.mark.parametrize("case", CASES, ids=lambda case: case.robot)
-def test_the_plant_obeys_the_equations_of_motion(case: Case) -> None:
+@pytest.mark.parametrize("arm", ARMS, ids=lambda arm: arm.robot)
+def test_the_plant_obeys_the_equations_of_motion(arm: Arm) -> None:
     """Pinocchio's torque at central differences of the positions is the plant's, sample by sample."""
-    robot = load(case)
-    track = simulate(Body(robot.document, robot.joints), case.drives, draw_motion(case.centre, 7), 2.0, 1 / STEP)
+    robot = load(arm)
+    track = simulate(Body(robot.document, robot.joints), arm.drives, draw_motion(arm.centre, 7), 2.0, 1 / STEP)
     q, v, a = track.q[1:-1], (track.q[2:] - track.q[:-2]) / (2 * STEP), np.diff(track.q, 2, axis=0) / STEP**2
-    model, drives = robot.model.copy(), case.drives
-    model.armature[: case.joints] = drives.armature
-    data, still = model.createData(), np.zeros(model.nv - case.joints)
+    model, drives = robot.model.copy(), arm.drives
+    model.armature[: arm.joints] = drives.armature
+    data, still = model.createData(), np.zeros(model.nv - arm.joints)
     friction = v * drives.viscous_friction + np.sign(v) * drives.coulomb_friction + drives.torque_offset
-    for j in range(case.joints):
+    for j in range(arm.joints):
         moving = np.flatnonzero(np.abs(v[:, j]) > 0.02)[::7]
         states = ([np.append(x[k], still) for x in (q, v, a)] for k in moving)
         rigid = np.array([pin.rnea(model, data, *state)[j] for state in states])

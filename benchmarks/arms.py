@@ -1,0 +1,75 @@
+"""Arms whose drives are known, for recordings by MuJoCo: what they truly are, and as signid sees them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from signid.robot import load_robot
+from signid.session import Session
+from signid.types import Robot
+
+from .plants.bodies import Drives
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Arm:
+    """A robot, its drives and where it moves."""
+
+    robot: str
+    joints: int  # the first of the file; the others are held at zero
+    rate: float  # Hz
+    centre: tuple[float, ...]  # rad
+    drives: Drives
+
+
+ARMS = (
+    Arm(
+        "3r",
+        3,
+        250.0,
+        (0.0, 0.3, 0.5),
+        Drives((0.12, 0.10, 0.03), (0.60, 0.50, 0.20), (0.90, 0.80, 0.30), (0.05, -0.12, 0.04)),
+    ),
+    Arm(
+        "panda",
+        7,
+        250.0,
+        (0.0, -0.3, 0.0, -1.8, 0.0, 1.8, 0.5),
+        Drives(
+            (0.6, 0.6, 0.45, 0.6, 0.2, 0.2, 0.1),
+            (0.8, 1.0, 0.6, 1.2, 0.5, 0.3, 0.3),
+            (0.5, 0.8, 0.6, 1.2, 0.8, 0.3, 0.5),
+            (-0.1, 0.3, 0.1, -0.2, 0.1, 0.05, -0.05),
+        ),
+    ),
+    Arm(
+        "ur10",
+        6,
+        125.0,
+        (0.0, -1.2, 1.2, -0.5, 0.5, 0.0),
+        Drives(
+            (3.0, 3.0, 1.5, 0.4, 0.4, 0.4),
+            (15.0, 14.0, 8.0, 2.5, 2.0, 2.0),
+            (8.0, 8.0, 4.0, 2.0, 2.0, 1.8),
+            (0.2, -0.7, 0.2, 0.05, 0.0, 0.04),
+        ),
+    ),
+)
+
+
+def load(arm: Arm) -> Robot:
+    """The robot as signid sees it, surplus joints held."""
+    return load_robot(arm.robot, joints=[str(j + 1) for j in range(arm.joints)])
+
+
+def truth(arm: Arm, session: Session) -> Array:
+    """(b,) [units of base] from the URDF's inertials and the drives of the plant."""
+    task = session.task
+    bodies = [task.robot.model.inertias[i + 1].toDynamicParameters() for i in range(len(task.robot.links))]
+    drives = [getattr(arm.drives, law.effect.name)[law.joints[0]] for law in task.laws]
+    return np.asarray(task.base.combination @ np.concatenate([*bodies, drives]))
