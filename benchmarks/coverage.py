@@ -25,7 +25,7 @@ from signid.estimate import estimate
 from signid.prepare import prepare
 from signid.recording import read_recording
 from signid.session import Session
-from signid.types import Estimate, Robot
+from signid.types import TWO_SIDED, Estimate, Robot
 
 from .arms import ARMS, Arm, load, truth
 from .plants.mujoco_ import Body, Track, draw_motion, log, simulate
@@ -35,7 +35,6 @@ Array = NDArray[np.float64]
 MOTIONS, DRAWS, DURATION, BITS = 20, 10, 20.0, 17  # motions, recordings of each, s, bits a turn
 NOISES = {"white": (0.05, 0.0), "white, 3 Hz": (0.05, 0.025)}  # shares of each joint's rms torque
 LOW_NOISE = {"1 % white": (0.01, 0.0)}  # small errors of the model show against it
-NORMAL = 1.96  # standard deviations of a nominal 95 % interval
 TARGET = (93.0, 97.0)  # %
 
 
@@ -104,7 +103,7 @@ def judge(arm: Arm, robot: Robot, tracks: Sequence[Track], noise: str, draws: in
     done = list(trials(arm, robot, tracks, (NOISES | LOW_NOISE)[noise], draws))
     base = done[0][0].task.base
     z = np.array([trial.z for _, trial in done])
-    held = 100 * (np.abs(z) < NORMAL).mean(0)
+    held = 100 * (np.abs(z) < TWO_SIDED).mean(0)
     of_drive = np.array([base.labels[k].law is not None for k in base.independent])
     bias = np.abs(np.nanmedian(z, axis=0))
     return Row(

@@ -25,7 +25,7 @@ from signid.errors import SignidError
 from signid.identify import Identification, identify
 from signid.recording import read_recording
 from signid.session import Options
-from signid.types import Recording, Robot
+from signid.types import TWO_SIDED, Recording, Robot
 
 from .arms import ARMS, Arm, load, truth
 from .plants.mujoco_ import Body, Motion, Track, draw_motion, log, simulate
@@ -34,7 +34,6 @@ Array = NDArray[np.float64]
 
 DURATION, TORQUE = 20.0, 0.02  # s, share of rms torque that is white noise
 MOTIONS, QUICK = 6, 2  # recordings a row
-NORMAL = 1.96
 FIRM, LOOSE = 8.0, 2.0  # Hz, position loops that follow closely and loosely
 FINE = 24  # bits a turn of an encoder whose noise is white
 WIDE = MappingProxyType({"3r": 8.0, "ur10": 5.0})  # Hz, at which noise that the default cut-off would not let through
@@ -146,7 +145,7 @@ def judge(arm: Arm, robot: Robot, noise: str, cutoff: float | None, count: int, 
             flagged=sum(bool(found.estimate.flags) for found, _ in done),
             error=100 * float(np.sqrt(np.mean(np.einsum("ri,ij,rj->r", error, weight, error)) / power)),
             bias=100 * float(np.sqrt(mean @ weight @ mean / power)),
-            coverage=float(100 * np.mean(np.abs(error) <= NORMAL * std)),
+            coverage=float(100 * np.mean(np.abs(error) <= TWO_SIDED * std)),
             wider=float(np.median(np.median(std, axis=0) / width)),
             slower=float(seconds.sum() / pace.sum()),
         )

@@ -8,12 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from rich.table import Table
 
+from signid.types import TWO_SIDED
+
 from ..told import frame
 from .signs import Signs
 from .trial import Array, Trial
 
 COEFFICIENTS = "m g d", "I + m d2"  # N.m, kg.m2
-NORMAL = 1.96  # standard deviations of a nominal 95 % interval
 TARGET = 1.0  # %, rms error of a coefficient by any way, with and without signs
 
 
@@ -50,8 +51,8 @@ def summarise(done: Sequence[Trial], truth: Array) -> Iterator[Row]:
                 true=float(truth[k]),
                 mean=float(value[:, k].mean()),
                 rms_error=float(100 * np.sqrt(np.mean(error[:, k] ** 2)) / truth[k]),
-                interval=float(100 * NORMAL * np.median(std[:, k]) / truth[k]),
-                inside=float(100 * np.mean(np.abs(error[:, k]) < NORMAL * std[:, k])),
+                interval=float(100 * TWO_SIDED * np.median(std[:, k]) / truth[k]),
+                inside=float(100 * np.mean(np.abs(error[:, k]) < TWO_SIDED * std[:, k])),
             )
 
 

@@ -14,10 +14,10 @@ from ..excitation import ENOUGH, Excitation
 from ..fit import Fit
 from ..identify import Identification
 from ..sampling import Sampling
-from ..types import Label
+from ..types import TWO_SIDED, Label
 from .joints import describe_joints
 from .layout import heading, new_table, note_lines, paragraph, plural
-from .numbers import TWO_SIDED, determination, figure, share, with_interval
+from .numbers import determination, figure, share, with_interval
 from .quantities import LawNumber, law_numbers, rigid_rows
 from .signs import signs_tables
 
