@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
+from factored import RATE, assert_close, desired, states, without
 
 from signid import rows as rows_module
 from signid.estimate import estimate
-from signid.factors import LAGS, Factors, reduce_rows
+from signid.factors import LAGS, reduce_rows
 from signid.formats import parquet
 from signid.motion import Motion
 from signid.prepare import prepare
@@ -25,18 +26,7 @@ from signid.sampling import survey
 from signid.session import Options, Part, Session
 from signid.types import Array, Robot
 
-RATE, SECONDS = 200.0, 60.0
 WHOLE = 10**9  # samples
-
-
-def states(seed: int, seconds: float = SECONDS) -> tuple[Array, Array, Array, Array]:
-    """Time and a sum of sines for three joints, with its derivatives: (N,), (N, 3), (N, 3), (N, 3)."""
-    rng, t = np.random.default_rng(seed), np.arange(0, seconds, 1 / RATE)
-    w = 2 * np.pi * np.array([0.13, 0.31, 0.57])
-    size, phase = rng.uniform(0.1, 0.5, (3, 3)), rng.uniform(0, 6, (3, 3))
-    angle = np.multiply.outer(t, w)[:, :, None] + phase
-    q, v, a = size * np.sin(angle), w[:, None] * size * np.cos(angle), -(w**2)[:, None] * size * np.sin(angle)
-    return t, q.sum(1), v.sum(1), a.sum(1)
 
 
 @pytest.fixture(scope="module")
@@ -51,14 +41,6 @@ def columns(arm: Robot) -> dict[str, Array]:
     noise = np.random.default_rng(1).standard_normal((3, *q.shape))
     torque = Motion(arm, t, q, v, a).load + 0.1 * a + 0.5 * v + 0.8 * np.sign(v) + 0.05 * noise[1]
     return {"t": t, "q": q + 1e-5 * noise[0], "tau": torque, "dq": v, "ddq": a}
-
-
-def without(columns: dict[str, Array], *names: str) -> dict[str, Array]:
-    return {name: column for name, column in columns.items() if name not in names}
-
-
-def desired(columns: dict[str, Array]) -> dict[str, Array]:
-    return {**without(columns, "dq", "ddq"), "q_des": states(0)[1]}
 
 
 def uneven(columns: dict[str, Array]) -> dict[str, Array]:
@@ -98,18 +80,6 @@ def joined(rows: list[Rows]) -> dict[str, Array]:
 def cut(rows: Rows, span: slice) -> Rows:
     signals = {key: getattr(rows, key)[span] for key in ("t", "q", "v", "a", "torque", "steady")}
     return rows._replace(first=rows.first and not span.start, columns=[x[span] for x in rows.columns], **signals)
-
-
-def numbers(factors: Factors) -> list[Array]:
-    joints = [[*each.grams, each.counts, each.whole, np.array([each.total, each.rows])] for each in factors.joints]
-    sizes = [factors.lower, factors.upper, factors.velocity, factors.acceleration, np.array(factors.rows)]
-    return sum(joints, sizes)
-
-
-def assert_close(ours: Factors, theirs: Factors, share: float) -> None:
-    """Equal to a share of the largest number in each array."""
-    for a, b in zip(numbers(ours), numbers(theirs), strict=True):
-        assert np.abs(a - b).max() <= share * np.abs(b).max()
 
 
 @pytest.mark.parametrize("case", CASES)

@@ -10,34 +10,24 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_chunks import assert_close, desired, states
+from factored import assert_close, columns, desired, states
 
 import signid
 from signid.errors import OptionError, RecordingError, RobotError
 from signid.estimate import estimate
 from signid.factors import Node, cascade, reduce_rows, total
 from signid.identify import Identification
-from signid.motion import Motion
 from signid.prepare import prepare
 from signid.reduced import Reduced, add_up, encode_factors, is_factor_file, load_factors, reduce
 from signid.session import Options
 from signid.types import Array, Recording, Robot
 
 ARM = Path(__file__).parents[1] / "robots" / "3r"
-SECONDS, RATE = 400.0, 200.0  # nine windows and more
 
 
 @pytest.fixture(scope="module")
 def robot() -> Robot:
     return signid.load_robot("3r")
-
-
-def columns(robot: Robot, seed: int, seconds: float = SECONDS) -> dict[str, Array]:
-    """The arm with friction and noise; a gap in the middle, so that there are two stretches."""
-    t, q, v, a = states(seed, seconds)
-    noise = np.random.default_rng(seed + 50).standard_normal((2, *q.shape))
-    torque = Motion(robot, t, q, v, a).load + 0.1 * a + 0.5 * v + 0.8 * np.sign(v) + 0.05 * noise[0]
-    return {"t": t + np.where(t < 0.45 * seconds, 0, 1.0), "q": q + 1e-5 * noise[1], "tau": torque}
 
 
 @pytest.fixture(scope="module")
