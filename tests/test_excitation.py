@@ -7,7 +7,7 @@ import pytest
 from motions import Trial, trial
 
 from signid.estimate import estimate
-from signid.excitation import Excitation, judge_excitation
+from signid.excitation import ExcitationVerdict, judge_excitation
 from signid.prepare import prepare
 from signid.robot import load_robot
 from signid.types import Array, Estimate, Robot
@@ -18,7 +18,7 @@ def arm() -> Robot:
     return load_robot("3r")
 
 
-def judged(made: Trial, **changes: Array) -> tuple[Estimate, Excitation]:
+def judged(made: Trial, **changes: Array) -> tuple[Estimate, ExcitationVerdict]:
     recording = made.recording(**changes)
     session = prepare(made.robot, [recording], [recording])
     factors = session.reduce(session.train)

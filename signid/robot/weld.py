@@ -1,4 +1,4 @@
-"""A Pinocchio model without the joints that are held."""
+"""A Pinocchio model in which joints that are held are welded: their bodies become one."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     import pinocchio as pin
 
 
-def reduced(model: pin.Model, held: Sequence[int], configuration: Array) -> pin.Model:
+def weld(model: pin.Model, held: Sequence[int], configuration: Array) -> pin.Model:
     """The bodies of held joints become part of those that carry them; what a model calls its links is lost.
 
     Args:
