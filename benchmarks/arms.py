@@ -12,6 +12,7 @@ from signid.session import Session
 from signid.types import Robot
 
 from .plants.bodies import Drives
+from .record_3r import CENTRE, DRIVES, JOINTS, RATE
 
 Array = NDArray[np.float64]
 
@@ -28,13 +29,7 @@ class Arm:
 
 
 ARMS = (
-    Arm(
-        "3r",
-        3,
-        250.0,
-        (0.0, 0.3, 0.5),
-        Drives((0.12, 0.10, 0.03), (0.60, 0.50, 0.20), (0.90, 0.80, 0.30), (0.05, -0.12, 0.04)),
-    ),
+    Arm("3r", JOINTS, RATE, CENTRE, DRIVES),
     Arm(
         "panda",
         7,
