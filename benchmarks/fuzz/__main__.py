@@ -25,9 +25,10 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
+from ..one_thread import ONE_THREAD
+
 SECONDS, MEMORY, LENGTH = 60, 3000, 20_000  # [s], [MB], bytes of a file, or of the longest to begin from
 SLOW = 100  # times fewer files of readers that start processes
-ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "POLARS_MAX_THREADS": "1"}
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,7 @@ def measure(name: str, inputs: int, keep: Path | None) -> Row:
         start = time.perf_counter()
         done = subprocess.run(
             command,
-            env={**os.environ, **ENVIRONMENT},
+            env={**os.environ, **ONE_THREAD},
             capture_output=True,
             text=True,
             errors="replace",
