@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 
 from signid.robot import load_robot
 from signid.session import Session
-from signid.types import Robot
+from signid.types import BaseMap, Law, Robot
 
 from .plants.bodies import Drives
 from .record_3r import CENTRE, DRIVES, JOINTS, RATE
@@ -65,6 +66,18 @@ def load(arm: Arm) -> Robot:
 def truth(arm: Arm, session: Session) -> Array:
     """(b,) [units of base] from the URDF's inertials and the drives of the plant."""
     task = session.task
-    bodies = [task.robot.model.inertias[i + 1].toDynamicParameters() for i in range(len(task.robot.links))]
-    drives = [getattr(arm.drives, law.effect.name)[law.joints[0]] for law in task.laws]
-    return np.asarray(task.base.combination @ np.concatenate([*bodies, drives]))
+    return base_parameters(task.robot, task.base, task.laws, arm.drives)
+
+
+def base_parameters(robot: Robot, base: BaseMap, laws: Sequence[Law], drives: Drives) -> Array:
+    """(b,) [units of base] of a robot whose description and drives (n,) are true.
+
+    Args:
+        robot: whose inertials are those of its description.
+        base: of the robot with the laws.
+        laws: each linear in one number of the drives, at one joint.
+        drives: of all joints.
+    """
+    bodies = [robot.model.inertias[i + 1].toDynamicParameters() for i in range(len(robot.links))]
+    numbers = [float(getattr(drives, law.effect.name)[law.joints[0]]) for law in laws]
+    return np.asarray(base.combination @ np.concatenate([*bodies, numbers]))

@@ -79,7 +79,7 @@ def _record(case: Case, folder: Path, rng: np.random.Generator) -> dict[str, Any
         columns = log(track, int(rng.integers(2**31)), BITS, share, COLOURED * share)
         pl.DataFrame(columns).write_parquet(folder / f"recording_{k + 1}.parquet")
     (folder / "robot.urdf").write_text(stated.urdf, encoding="utf-8")
-    (folder / "actuators.toml").write_text(_stated(drives, joints), encoding="utf-8")
+    (folder / "actuators.toml").write_text(actuators_file(drives, joints), encoding="utf-8")
     concealed = [
         {"effect": fault.effect, "joint": fault.joint, "parameters": dict(fault.parameters), "size": size}
         for fault, size in planted
@@ -123,8 +123,8 @@ def _follow(case: Case, scene: Scene, drives: Drives, faults: Sequence[Fault]) -
     return tracks
 
 
-def _stated(drives: Drives, joints: Sequence[str]) -> str:
-    """The actuators file."""
+def actuators_file(drives: Drives, joints: Sequence[str]) -> str:
+    """Its text: rotors and friction, where there are any."""
     lines = []
     for j, joint in enumerate(joints):
         values = {key: getattr(drives, key)[j] for key in ("armature", "viscous_friction", "coulomb_friction")}

@@ -11,7 +11,7 @@ from ..plants.control import Motion
 from ..plants.control import Track as Moved
 from ..plants.faults import Fault
 from ..plants.mujoco_ import simulate
-from ..regressor.job import DRIVES, HARMONICS, RATE, REACH, Array, bare_urdf, drives, load
+from ..regressor.job import HARMONICS, RATE, REACH, Array, drives, load
 
 ENCODER, TORQUE = 1e-4, 0.02  # rad, and share of a joint's deviation: white noise
 ONE = "shoulder_lift_joint"
@@ -49,8 +49,7 @@ class Arm:
     def ur10(cls) -> Arm:
         """The arm of the base-parameter job, with the same drives."""
         robot = load("ur10")
-        known = (tuple(drives(robot, name).tolist()) for name in DRIVES)
-        return cls(Body(bare_urdf(robot).decode(), robot.joints), Drives(*known, (0.0,) * len(robot.joints)))
+        return cls(Body(robot.document, robot.joints), drives(robot))
 
 
 def cases(arm: Arm) -> tuple[Case, ...]:

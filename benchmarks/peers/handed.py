@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..concealed.session import actuators_file
 from ..plants.bodies import bare
 from ..plants.control import COMMAND, KNOWN, STEP, Track, clock, gains
 from ..plants.mujoco_model import build, inverse, mean_inertia
@@ -29,10 +30,7 @@ class Loop(NamedTuple):
 def describe(arm: Arm, folder: Path) -> None:
     """robot.urdf, and beside it what is known of its drives."""
     (folder / "robot.urdf").write_text(bare(arm.body), encoding="utf-8")
-    lines = []
-    for j, joint in enumerate(arm.body.joints):
-        lines += [f'[joint."{joint}"]', *(f"{key} = {float(getattr(arm.drives, key)[j])!r}" for key in STATED), ""]
-    (folder / "actuators.toml").write_text("\n".join(lines), encoding="utf-8")
+    (folder / "actuators.toml").write_text(actuators_file(arm.drives, arm.body.joints), encoding="utf-8")
 
 
 def hand_over(arm: Arm, train: Track, test: Track, looped: float, folder: Path) -> None:

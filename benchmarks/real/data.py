@@ -19,6 +19,7 @@ ROBOTS = Path(__file__).parents[2] / "robots"
 UNLOADED = ("20_02_19_14harm50sec", "20_02_10_30sec_12harm")  # the first on the same day as the loaded one
 JUDGED = "20_02_12_50sec_12harm"  # unloaded, another day, never learned from
 LOADED = "20_02_19_14harm50secLoad"
+LINK_SIDE = ("viscous_friction", "coulomb_friction", "torque_offset")  # of the Panda, whose torque is measured there
 
 
 def data() -> Path:

@@ -14,7 +14,7 @@ import signid
 from signid.diagnose import Diagnosis
 from signid.model import Model, load_model
 
-from .data import ROBOTS, blocks, data, parameter, recording, without
+from .data import LINK_SIDE, ROBOTS, blocks, data, parameter, recording, without
 from .row import Row, Target, attempt, first_is, found, within
 
 COUPLING = {"inertia": 0.00964, "viscous": 0.616, "coulomb": 1.95}  # published, kg.m2, N.m.s/rad, N.m
@@ -25,7 +25,6 @@ SAME = 0.03
 HAND, FLANGE = 0.73, 0.1  # kg of the hand, and how near
 HAND_AT = 0.137  # m of its centre from the frame of joint 7
 FRICTION = ("viscous_friction", "coulomb_friction")
-LINK_SIDE = (*FRICTION, "torque_offset")  # torque is measured behind the gears
 LEVEL = 0.25  # share to which Coulomb levels agree with those that are identified
 
 

@@ -36,8 +36,10 @@ from signid.regressor import base_rows
 from signid.session import Options, Session
 from signid.types import Recording, Robot
 
+from ..arms import base_parameters
 from ..one_thread import one_thread
-from .job import RATE, ROBOTS, SAMPLES, Array, Track, bare_urdf, drives, load, move
+from ..plants.bodies import Body, bare
+from .job import RATE, ROBOTS, SAMPLES, Array, Track, drives, load, move
 from .plain import plain
 
 BARE = Options(cutoff=np.inf, derivatives="recorded", whiten=False)  # what the plain loop does
@@ -77,7 +79,7 @@ class Peer:
 
     def __init__(self, python: str, robot: Robot, train: Track, test: Track, folder: Path) -> None:
         """Start it with the job in a folder."""
-        (folder / "robot.urdf").write_bytes(bare_urdf(robot))
+        (folder / "robot.urdf").write_text(bare(Body(robot.document, robot.joints)), encoding="utf-8")
         for name, track in (("train", train), ("test", test)):
             np.savez(folder / f"{name}.npz", **track._asdict())
         self.errors = folder / "errors.txt"
@@ -145,9 +147,7 @@ def measure(name: str, python: str, turns: int) -> Iterator[Row]:
 def _errors(robot: Robot, session: Session, test: Track, value: Array) -> dict[str, float]:
     """Against the parameters and the torque that are true."""
     base, laws = session.task.base, session.task.laws
-    numbers = [drives(robot, law.effect.name)[law.joints[0]] for law in laws]
-    bodies = [body.toDynamicParameters() for body in list(robot.model.inertias)[1:]]
-    truth = base.combination @ np.concatenate([*bodies, numbers])
+    truth = base_parameters(robot, base, laws, drives(robot))
     motion = Motion(robot, np.arange(SAMPLES) / RATE, test.q, test.v, test.a)
     rows = base_rows(motion, laws, [base.independent] * len(robot.joints))
     torque = np.column_stack([x @ value for x in rows])

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from lxml import etree
 from numpy.typing import NDArray
 
 from signid.motion import Motion
 from signid.robot import hold, load_robot
 from signid.types import Robot
+
+from ..plants.bodies import Drives
 
 Array = NDArray[np.float64]
 
@@ -40,23 +42,12 @@ def move(robot: Robot, seed: int) -> Track:
     size = REACH / np.sum(np.hypot(sines, cosines), axis=1)[:, None] * (sines + 1j * cosines)
     t, w = np.arange(SAMPLES) / RATE, 2 * np.pi * order / PERIOD
     q, v, a = (np.imag(np.exp(1j * np.outer(t, w)) @ (size * (1j * w) ** k).T) for k in range(3))
-    armature, viscous, coulomb = (drives(robot, name) for name in DRIVES)
-    return Track(q, v, a, Motion(robot, t, q, v, a).load + armature * a + viscous * v + coulomb * np.sign(v))
+    own = drives(robot)
+    rubbing = own.viscous_friction * v + own.coulomb_friction * np.sign(v)
+    return Track(q, v, a, Motion(robot, t, q, v, a).load + own.armature * a + rubbing)
 
 
-def drives(robot: Robot, name: str) -> Array:
-    """(n,) what is true of an effect at each joint; 0 where it is not there."""
-    return np.linspace(*DRIVES.get(name, (0.0, 0.0)), len(robot.joints))
-
-
-def bare_urdf(robot: Robot) -> bytes:
-    """The URDF without meshes, held joints fixed."""
-    tree = etree.fromstring(robot.document.encode())
-    for item in [*tree.iter("visual", "collision", "transmission", "gazebo")]:
-        item.getparent().remove(item)
-    for joint in tree.findall("joint"):
-        if joint.get("type") != "fixed" and joint.get("name") not in robot.joints:
-            joint.set("type", "fixed")
-            for item in [*joint.iter("axis", "limit", "mimic", "dynamics", "safety_controller")]:
-                joint.remove(item)
-    return bytes(etree.tostring(tree))
+def drives(robot: Robot) -> Drives:
+    """What is true of each joint."""
+    n = len(robot.joints)
+    return replace(Drives.none(n), **{name: np.linspace(*ends, n) for name, ends in DRIVES.items()})

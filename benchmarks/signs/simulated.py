@@ -38,7 +38,6 @@ COARSE, QUIET = 0.3, 0.02  # step of quantisation, and noise beside it, as share
 SIGNED, MIXED = (0, 1), "joints 1, 2 signed"
 LOW = 0.02  # quantile of |torque| that is far too low a threshold
 FAILURES = ("2 % threshold", "friction missing", "quantised by 30 %")
-LAWS = ("armature", "viscous_friction", "coulomb_friction", "torque_offset")
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +69,7 @@ class Scene:
         """
         sources = [logged(track, 10 * self.seed + k, noise, step) for k, track in enumerate(self.tracks)]
         truths = tuple(Truth(track.t, track.tau, track.tau) for track in self.tracks)
-        value = planted(self.robot, {law: np.array(getattr(self.drives, law)) for law in LAWS})
+        value = planted(self.robot, self.drives)
         case = f"{self.name}, motion {self.seed + 1}"
         options = options or Options()
         pair = ((sources[0],), (sources[1],))

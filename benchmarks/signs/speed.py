@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from rich.table import Table
@@ -70,7 +68,7 @@ def races(done: Sequence[Row], tree: bool = True) -> Iterator[Race]:
     for exact, other in zip(arms[::2], arms[1::2], strict=True):
         right = [f"{row.right}/{row.segments}" for row in (exact, other)]
         yield Race(f"3R {exact.case}", "tree by NLopt", exact.whole, other.whole, right[0], right[1], TIMES)
-    yield from beaten(real.panda(Path(os.environ["SIGNID_DATA"])))
+    yield from beaten(real.panda())
 
 
 def beaten(puzzle: Puzzle) -> Iterator[Race]:

@@ -20,6 +20,8 @@ from signid.rows import read_rows
 from signid.session import Options, Session
 from signid.types import BaseMap, Estimate, Law, Recording, Robot
 
+from ..arms import base_parameters
+from ..plants.bodies import Drives
 from .row import Row, Target
 from .truth import Array, Truth, judge, measured
 
@@ -161,17 +163,12 @@ def tell(puzzle: Puzzle, method: str, found: Identification, seconds: float, tar
     )
 
 
-def planted(robot: Robot, drives: Mapping[str, Array] | None = None) -> Value:
-    """True base parameters: the description's inertials, and drives as the plant has them.
+def planted(robot: Robot, drives: Drives | None = None) -> Value:
+    """True base parameters: the description's inertials, and drives as the plant has them, none if not told.
 
     Args:
         robot: whose description is true.
-        drives: (n,) each [kg.m2, N.m.s/rad, N.m] by the name of the law; 0 where there are none.
+        drives: n joints.
     """
-
-    def value(base: BaseMap, laws: tuple[Law, ...]) -> Array:
-        bodies = [robot.model.inertias[i + 1].toDynamicParameters() for i in range(len(robot.links))]
-        rest = [0.0 if drives is None else float(drives[law.effect.name][law.joints[0]]) for law in laws]
-        return np.asarray(base.combination @ np.concatenate([*bodies, rest]))
-
-    return value
+    given = drives or Drives.none(len(robot.joints))
+    return lambda base, laws: base_parameters(robot, base, laws, given)
