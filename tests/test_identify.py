@@ -27,8 +27,7 @@ def arm() -> Robot:
 
 @pytest.fixture(scope="module")
 def found(arm: Robot) -> Identification:
-    made, rng = trial(arm), np.random.default_rng(0)
-    return signid.identify(arm, [made.recording(tau=made.torque + 0.05 * rng.standard_normal(made.torque.shape))])
+    return signid.identify(arm, [trial(arm).noisy()])
 
 
 def test_the_standard_parameters_reproduce_the_base_parameters(found: Identification) -> None:
