@@ -12,6 +12,7 @@ import numpy as np
 
 import signid
 from signid.diagnose import Diagnosis
+from signid.model import Model
 from signid.report import diagnosis_document
 from signid.types import Recording
 
@@ -101,7 +102,7 @@ def truth(case: Case) -> Truth:
     return Truth((case.effect,), case.joints, None, {})
 
 
-def _read(track: Track, model: signid.Model, unsigned: bool) -> Recording:
+def _read(track: Track, model: Model, unsigned: bool) -> Recording:
     return signid.read_recording({"t": track.t, "q": track.q, "tau": track.tau}, model.robot, unsigned=unsigned)
 
 
