@@ -24,65 +24,18 @@ from rich.table import Table
 from signid.estimate import estimate
 from signid.prepare import prepare
 from signid.recording import read_recording
-from signid.robot import load_robot
 from signid.session import Session
-from signid.types import Estimate, Robot
+from signid.types import TWO_SIDED, Estimate, Robot
 
-from .plants.mujoco_ import Body, Drives, Track, draw_motion, log, simulate
+from .arms import ARMS, Arm, load, truth
+from .plants.mujoco_ import Body, Track, draw_motion, log, simulate
 
 Array = NDArray[np.float64]
 
 MOTIONS, DRAWS, DURATION, BITS = 20, 10, 20.0, 17  # motions, recordings of each, s, bits a turn
 NOISES = {"white": (0.05, 0.0), "white, 3 Hz": (0.05, 0.025)}  # shares of each joint's rms torque
 LOW_NOISE = {"1 % white": (0.01, 0.0)}  # small errors of the model show against it
-NORMAL = 1.96  # standard deviations of a nominal 95 % interval
 TARGET = (93.0, 97.0)  # %
-
-
-@dataclass(frozen=True)
-class Case:
-    """A robot, its drives and where it moves."""
-
-    robot: str
-    joints: int  # the first of the file; the others are held at zero
-    rate: float  # Hz
-    centre: tuple[float, ...]  # rad
-    drives: Drives
-
-
-CASES = (
-    Case(
-        "3r",
-        3,
-        250.0,
-        (0.0, 0.3, 0.5),
-        Drives((0.12, 0.10, 0.03), (0.60, 0.50, 0.20), (0.90, 0.80, 0.30), (0.05, -0.12, 0.04)),
-    ),
-    Case(
-        "panda",
-        7,
-        250.0,
-        (0.0, -0.3, 0.0, -1.8, 0.0, 1.8, 0.5),
-        Drives(
-            (0.6, 0.6, 0.45, 0.6, 0.2, 0.2, 0.1),
-            (0.8, 1.0, 0.6, 1.2, 0.5, 0.3, 0.3),
-            (0.5, 0.8, 0.6, 1.2, 0.8, 0.3, 0.5),
-            (-0.1, 0.3, 0.1, -0.2, 0.1, 0.05, -0.05),
-        ),
-    ),
-    Case(
-        "ur10",
-        6,
-        125.0,
-        (0.0, -1.2, 1.2, -0.5, 0.5, 0.0),
-        Drives(
-            (3.0, 3.0, 1.5, 0.4, 0.4, 0.4),
-            (15.0, 14.0, 8.0, 2.5, 2.0, 2.0),
-            (8.0, 8.0, 4.0, 2.0, 2.0, 1.8),
-            (0.2, -0.7, 0.2, 0.05, 0.0, 0.04),
-        ),
-    ),
-)
 
 
 class Trial(NamedTuple):
@@ -120,23 +73,10 @@ class Row:
         return all(TARGET[0] <= share <= TARGET[1] for share in (self.coverage, self.drives))
 
 
-def load(case: Case) -> Robot:
-    """The robot as signid sees it, surplus joints held."""
-    return load_robot(case.robot, joints=[str(j + 1) for j in range(case.joints)])
-
-
-def record(case: Case, robot: Robot, motions: int = MOTIONS) -> list[Track]:
+def record(arm: Arm, robot: Robot, motions: int = MOTIONS) -> list[Track]:
     """What truly happens along each motion."""
     body = Body(robot.document, robot.joints)
-    return [simulate(body, case.drives, draw_motion(case.centre, k), DURATION, case.rate) for k in range(motions)]
-
-
-def truth(case: Case, session: Session) -> Array:
-    """(b,) [units of base] from the URDF's inertials and the drives of the plant."""
-    task = session.task
-    bodies = [task.robot.model.inertias[i + 1].toDynamicParameters() for i in range(len(task.robot.links))]
-    drives = [getattr(case.drives, law.effect.name)[law.joints[0]] for law in task.laws]
-    return np.asarray(task.base.combination @ np.concatenate([*bodies, drives]))
+    return [simulate(body, arm.drives, draw_motion(arm.centre, k), DURATION, arm.rate) for k in range(motions)]
 
 
 def identify(robot: Robot, columns: dict[str, Array]) -> tuple[Session, Estimate]:
@@ -147,27 +87,27 @@ def identify(robot: Robot, columns: dict[str, Array]) -> tuple[Session, Estimate
 
 
 def trials(
-    case: Case, robot: Robot, tracks: Sequence[Track], noise: tuple[float, float], draws: int = DRAWS
+    arm: Arm, robot: Robot, tracks: Sequence[Track], noise: tuple[float, float], draws: int = DRAWS
 ) -> Iterator[tuple[Session, Trial]]:
     """Each motion with each draw of the noise."""
     for k, track in enumerate(tracks):
         for draw in range(draws):
             session, found = identify(robot, log(track, 1000 * k + draw, BITS, *noise))
-            z = (found.value - truth(case, session)) / found.std
+            z = (found.value - truth(arm, session)) / found.std
             yield session, Trial(z, session.task.band.cutoff, found.orders)
 
 
-def judge(case: Case, robot: Robot, tracks: Sequence[Track], noise: str, draws: int = DRAWS) -> Row:
+def judge(arm: Arm, robot: Robot, tracks: Sequence[Track], noise: str, draws: int = DRAWS) -> Row:
     """Coverage of one robot under one noise."""
     start = time.perf_counter()
-    done = list(trials(case, robot, tracks, (NOISES | LOW_NOISE)[noise], draws))
+    done = list(trials(arm, robot, tracks, (NOISES | LOW_NOISE)[noise], draws))
     base = done[0][0].task.base
     z = np.array([trial.z for _, trial in done])
-    held = 100 * (np.abs(z) < NORMAL).mean(0)
+    held = 100 * (np.abs(z) < TWO_SIDED).mean(0)
     of_drive = np.array([base.labels[k].law is not None for k in base.independent])
     bias = np.abs(np.nanmedian(z, axis=0))
     return Row(
-        robot=case.robot,
+        robot=arm.robot,
         noise=noise,
         recordings=len(z),
         parameters=len(held),
@@ -211,17 +151,17 @@ def main() -> None:
         "--quick", action="store_true", help="the 3R arm unless another is named, three recordings a motion"
     )
     parser.add_argument("--low-noise", action="store_true", help="also 1 %% of white noise alone")
-    parser.add_argument("--robot", choices=[case.robot for case in CASES], help="one robot alone")
+    parser.add_argument("--robot", choices=[arm.robot for arm in ARMS], help="one robot alone")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers there")
     options = parser.parse_args()
     only = options.robot or ("3r" if options.quick else None)
     console, rows = Console(), []
-    for case in (case for case in CASES if only in (None, case.robot)):
-        robot = load(case)
-        tracks = record(case, robot)
+    for arm in (arm for arm in ARMS if only in (None, arm.robot)):
+        robot = load(arm)
+        tracks = record(arm, robot)
         for noise in [*NOISES, *(LOW_NOISE if options.low_noise else ())]:
-            with console.status(f"{case.robot}, {noise} noise"):
-                rows.append(judge(case, robot, tracks, noise, 3 if options.quick else DRAWS))
+            with console.status(f"{arm.robot}, {noise} noise"):
+                rows.append(judge(arm, robot, tracks, noise, 3 if options.quick else DRAWS))
     console.print(show(rows))
     for row in rows:
         told = f"{row.robot}, {row.noise}: worst {row.worst:.0f} % at {row.worst_parameter}"

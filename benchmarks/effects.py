@@ -39,7 +39,7 @@ def rows(seeds: Sequence[int], seconds: float, names: Sequence[str]) -> Iterator
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print the table; 1 when a number is farther off than allowed."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.effects", description=__doc__)
     parser.add_argument("--seeds", type=int, nargs="+", default=[5, 6, 7])
     parser.add_argument("--seconds", type=float, default=16.0)
     parser.add_argument("--effects", nargs="+", default=list(EFFECTS.names))

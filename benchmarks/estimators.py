@@ -25,16 +25,15 @@ from signid.errors import SignidError
 from signid.identify import Identification, identify
 from signid.recording import read_recording
 from signid.session import Options
-from signid.types import Recording, Robot
+from signid.types import TWO_SIDED, Recording, Robot
 
-from .coverage import CASES, Case, load, truth
+from .arms import ARMS, Arm, load, truth
 from .plants.mujoco_ import Body, Motion, Track, draw_motion, log, simulate
 
 Array = NDArray[np.float64]
 
 DURATION, TORQUE = 20.0, 0.02  # s, share of rms torque that is white noise
 MOTIONS, QUICK = 6, 2  # recordings a row
-NORMAL = 1.96
 FIRM, LOOSE = 8.0, 2.0  # Hz, position loops that follow closely and loosely
 FINE = 24  # bits a turn of an encoder whose noise is white
 WIDE = MappingProxyType({"3r": 8.0, "ur10": 5.0})  # Hz, at which noise that the default cut-off would not let through
@@ -93,14 +92,12 @@ def columns(track: Track, motion: Motion, seed: int, noise: tuple[int, float]) -
     return made
 
 
-def recordings(
-    case: Case, robot: Robot, noise: tuple[int, float], count: int, loop: float = FIRM
-) -> Iterator[Recording]:
+def recordings(arm: Arm, robot: Robot, noise: tuple[int, float], count: int, loop: float = FIRM) -> Iterator[Recording]:
     """Motions, each logged once."""
     body = Body(robot.document, robot.joints)
     for k in range(count):
-        motion = draw_motion(case.centre, k)
-        track = simulate(body, case.drives, motion, DURATION, case.rate, bandwidth=2 * np.pi * loop)
+        motion = draw_motion(arm.centre, k)
+        track = simulate(body, arm.drives, motion, DURATION, arm.rate, bandwidth=2 * np.pi * loop)
         yield read_recording(columns(track, motion, 100 + k, noise), robot)
 
 
@@ -115,10 +112,10 @@ def run(
     return found, time.perf_counter() - start
 
 
-def judge(case: Case, robot: Robot, noise: str, cutoff: float | None, count: int, loop: float = FIRM) -> Iterator[Row]:
+def judge(arm: Arm, robot: Robot, noise: str, cutoff: float | None, count: int, loop: float = FIRM) -> Iterator[Row]:
     """All estimators under one noise at one cut-off."""
-    logs = list(recordings(case, robot, NOISES[noise], count, loop))
-    token = next(recordings(case, robot, (FINE, 0.0), 1))
+    logs = list(recordings(arm, robot, NOISES[noise], count, loop))
+    token = next(recordings(arm, robot, (FINE, 0.0), 1))
     width, pace = np.zeros(0), np.zeros(0)
     for name in ESTIMATORS:
         done: list[tuple[Identification, float]] = []
@@ -126,10 +123,10 @@ def judge(case: Case, robot: Robot, noise: str, cutoff: float | None, count: int
             try:
                 done.append(run(robot, recording, token, name, cutoff))
             except SignidError as error:
-                print(f"{case.robot} {noise} {name}: {error}")
+                print(f"{arm.robot} {noise} {name}: {error}")
         if not done:
             continue
-        error = np.array([found.estimate.value - truth(case, found.session) for found, _ in done])
+        error = np.array([found.estimate.value - truth(arm, found.session) for found, _ in done])
         std = np.array([found.estimate.std for found, _ in done])
         weight, power = _weight(done[0][0])
         seconds = np.array([second for _, second in done])
@@ -137,7 +134,7 @@ def judge(case: Case, robot: Robot, noise: str, cutoff: float | None, count: int
             width, pace = np.median(std, axis=0), seconds
         mean = error.mean(0)
         yield Row(
-            robot=case.robot,
+            robot=arm.robot,
             loop=loop,
             noise=noise,
             cutoff=float(np.median([found.cutoff for found, _ in done])),
@@ -148,7 +145,7 @@ def judge(case: Case, robot: Robot, noise: str, cutoff: float | None, count: int
             flagged=sum(bool(found.estimate.flags) for found, _ in done),
             error=100 * float(np.sqrt(np.mean(np.einsum("ri,ij,rj->r", error, weight, error)) / power)),
             bias=100 * float(np.sqrt(mean @ weight @ mean / power)),
-            coverage=float(100 * np.mean(np.abs(error) <= NORMAL * std)),
+            coverage=float(100 * np.mean(np.abs(error) <= TWO_SIDED * std)),
             wider=float(np.median(np.median(std, axis=0) / width)),
             slower=float(seconds.sum() / pace.sum()),
         )
@@ -201,13 +198,13 @@ def main() -> None:
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers there")
     options = parser.parse_args()
     rows: list[Row] = []
-    for case in (case for case in CASES if case.robot in WIDE and options.robot in (None, case.robot)):
-        robot, count = load(case), QUICK if options.quick else MOTIONS
+    for arm in (arm for arm in ARMS if arm.robot in WIDE and options.robot in (None, arm.robot)):
+        robot, count = load(arm), QUICK if options.quick else MOTIONS
         for noise in (noise for noise in NOISES if options.noise in (None, noise)):
-            for cutoff in (None, WIDE[case.robot]):
-                rows += judge(case, robot, noise, cutoff, count)
+            for cutoff in (None, WIDE[arm.robot]):
+                rows += judge(arm, robot, noise, cutoff, count)
         for noise in (noise for noise in LOOSELY if options.noise in (None, noise)):
-            rows += judge(case, robot, noise, WIDE[case.robot], count, LOOSE)
+            rows += judge(arm, robot, noise, WIDE[arm.robot], count, LOOSE)
     Console(width=110).print(show(rows))
     if options.json:
         machine = {"python": platform.python_version(), "mujoco": mujoco.__version__, "processor": platform.machine()}

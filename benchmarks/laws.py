@@ -136,7 +136,9 @@ def compare_all(name: str, only: list[str]) -> Iterator[Row]:
 
 def main() -> None:
     """Print the table; exit 1 where a law is not what the plant shows."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.laws", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--plant", choices=("mujoco", "bullet"), default="mujoco")
     parser.add_argument("--only", nargs="*", default=[], metavar="EFFECT")
     parser.add_argument("--json", type=Path)

@@ -32,6 +32,7 @@ import signid
 from signid.motion import Motion
 from signid.types import Robot
 
+from .one_thread import ONE_THREAD
 from .watched import peak
 
 Array = NDArray[np.float64]
@@ -43,7 +44,6 @@ FREQUENCIES = (0.07, 0.13, 0.29, 0.41, 0.67)  # Hz, whole numbers of waves in a 
 BITS, NOISE = 17, 0.02  # bits a turn; share of each joint's rms torque
 ROW_GROUP = 2**18
 MEMORY, SLOPE = 1000.0, 1.05  # targets: MB at most; d log(time) / d log(samples) between the longest two at most
-ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "POLARS_MAX_THREADS"), "1")
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ The same seeds give the same numbers each time.
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -76,4 +77,5 @@ def _numbers(values: np.ndarray) -> str:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(prog="python -m benchmarks.record_3r", description=__doc__).parse_args()
     record()

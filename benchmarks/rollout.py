@@ -35,8 +35,8 @@ from signid.session import Options, Session
 from signid.simulate.plant import Plant
 from signid.types import Recording
 
-ROBOTS = Path(__file__).parents[1] / "robots"
-LINK_SIDE = Options(effects=("viscous_friction", "coulomb_friction", "torque_offset"))
+from .real.data import JUDGED, LINK_SIDE, ROBOTS, UNLOADED, data, recording, ur10e, ur10e_recording
+
 HORIZONS = (0.2, 0.5)  # s
 STEPS = (("rk4", 2.5e-4), ("rk4", 1e-3), ("semi-implicit", 1e-3), ("semi-implicit", 2e-3), ("semi-implicit", 5e-3))
 LACKING, BETTER, NEAR, FASTER = 3.0, 2.0, 1.5, 4.0  # targets, as `judge` words them
@@ -69,22 +69,18 @@ def three_r() -> Case:
     return Case("3r, held_out", judge, {**models, "true": true})
 
 
-def real(folder: Path) -> Iterator[Case]:
+def real() -> Iterator[Case]:
     """A UR10e and an EMPS judged by another recording, a Panda by the last 30 % of its own."""
-    robot = signid.load_robot(folder / "ur10e_mamedov" / "ur10e.urdf", actuators=ROBOTS / "ur10e" / "actuators.toml")
-    files = [f"identification_data__20_02_{day}sec_12harm" for day in ("10_30", "12_50")]
-    learn, judge = (signid.read_recording(folder / "ur10e_mamedov" / f"{key}.csv.gz", robot) for key in files)
-    found = signid.identify(robot, [learn], held_out=[judge])
+    learn, judge = ur10e_recording(UNLOADED[1]), ur10e_recording(JUDGED)
+    found = signid.identify(ur10e(), [learn], held_out=[judge])
     yield Case("UR10e, 50 s", judge, {"URDF": bare(found.model), "identified": found.model})
-    robot = signid.load_robot(folder / "panda_gaz2019" / "panda.urdf")
-    learn = signid.read_recording(folder / "panda_gaz2019" / "exciting_traj_1.csv.gz", robot)
-    found = signid.identify(robot, [learn], options=LINK_SIDE)
-    session = prepare(robot, [learn], options=LINK_SIDE)
+    robot, options = signid.load_robot(data() / "panda_gaz2019" / "panda.urdf"), Options(effects=LINK_SIDE)
+    learn = recording("panda_gaz2019", "exciting_traj_1", robot)
+    found = signid.identify(robot, [learn], options=options)
+    session = prepare(robot, [learn], options=options)
     yield Case("Panda, last 30 %", session, {"URDF": bare(found.model), "identified": found.model})
     robot = signid.load_robot("emps")
-    learn, judge = (
-        signid.read_recording(folder / "emps_janot" / f"emps_{key}.csv.gz", robot) for key in ("train", "pulses")
-    )
+    learn, judge = (recording("emps_janot", f"emps_{key}", robot) for key in ("train", "pulses"))
     found = signid.identify(robot, [learn], held_out=[judge])
     yield Case("EMPS, pulses", judge, {"URDF": bare(found.model), "identified": found.model})
 
@@ -178,8 +174,7 @@ def main() -> None:
     parser.add_argument("--windows", type=int, default=48, help="of each recording, by default %(default)s")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers there")
     options, console = parser.parse_args(), Console(width=140)
-    cases, data = [three_r()], os.environ.get("SIGNID_DATA")
-    cases += real(Path(data)) if data else ()
+    cases = [three_r(), *(real() if os.environ.get("SIGNID_DATA") else ())]
     found = {
         case.name: {
             key: roll_out(model, case.judge, HORIZONS, windows=options.windows) for key, model in case.models.items()

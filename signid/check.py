@@ -9,7 +9,7 @@ import numpy as np
 
 from .cutoff import Band
 from .estimate import estimate
-from .excitation import Excitation, judge_excitation
+from .excitation import ExcitationVerdict, judge_excitation
 from .factors import Factors
 from .gross import Gross, examine
 from .model import Model, stated_inertials, stated_laws
@@ -36,7 +36,7 @@ class Check(Frozen):
     used: Array  # (n,) [1] share of a joint's rows that are free of velocity reversals
     std: Array  # (b,) [units of base] standard deviation to expect
     verdicts: tuple[str, ...]  # (b,)
-    excitation: Excitation
+    excitation: ExcitationVerdict
     gross: Gross
     advice: tuple[str, ...]
     notes: tuple[str, ...]

@@ -21,7 +21,7 @@ MASS_SHARE, LENGTH = 0.3, 0.1  # how far inertials may usually be off: 30 % of t
 
 
 @dataclass(frozen=True, eq=False)
-class Excitation(Frozen):
+class ExcitationVerdict(Frozen):
     """How much of the information a motion of this size could have given was given.
 
     `shares` are ascending, one per direction in base-parameter space; `weak` names, per insufficient direction, the
@@ -57,7 +57,7 @@ class Excitation(Frozen):
         return tuple(said)
 
 
-def judge_excitation(task: Task, factors: Factors, estimated: Estimate, seed: int = 0) -> Excitation:
+def judge_excitation(task: Task, factors: Factors, estimated: Estimate, seed: int = 0) -> ExcitationVerdict:
     """The verdict on recordings, from generalised eigenvalues of their Gram matrix and a random motion's.
 
     Args:
@@ -84,7 +84,7 @@ def judge_excitation(task: Task, factors: Factors, estimated: Estimate, seed: in
     prior = _prior_sizes(robot, base, torque, speed)
     weak = [_largest(directions[:, k] / size / prior) for k in np.flatnonzero(shares < ENOUGH)]
     uncertain = estimated.std > prior
-    return Excitation(
+    return ExcitationVerdict(
         shares,
         prior,
         tuple(tuple(base.expressions[i] for i in group) for group in weak),

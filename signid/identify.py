@@ -11,7 +11,7 @@ from .deadline import ends_in_time
 from .errors import OptionError, shorten
 from .estimate import estimate
 from .estimators import ESTIMATORS, Estimator, Given
-from .excitation import Excitation, judge_excitation
+from .excitation import ExcitationVerdict, judge_excitation
 from .factors import LAGS, Factors, Weigh
 from .fit import Fit, judge_fit
 from .model import Model, fitted_model, stated_parameters
@@ -38,7 +38,7 @@ class Identification(Frozen):
     parameters: Parameters
     model: Model
     fit: Fit
-    excitation: Excitation
+    excitation: ExcitationVerdict
     method: str
     moved: float  # standard deviations by which physical consistency moved the estimate at most
     inputs: tuple[Input, ...]  # the recordings

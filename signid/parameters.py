@@ -13,6 +13,7 @@ from .arrays import Array, Frozen, Indices, Mask
 
 INERTIAL = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")  # Pinocchio's order
 INERTIAL_UNITS = ("kg", *("kg.m",) * 3, *("kg.m2",) * 6)
+TWO_SIDED = 1.96  # standard deviations to either side that hold 95 % of a normal distribution
 
 
 @dataclass(frozen=True)

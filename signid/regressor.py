@@ -11,7 +11,7 @@ import pinocchio as pin
 from .effects.law import coefficient_count, law_columns
 from .filters import Decimator
 from .motion import Motion
-from .robot import reduced
+from .robot import weld
 from .types import INERTIAL, INERTIAL_UNITS, Array, Indices, Label, Law, Robot
 
 
@@ -127,7 +127,7 @@ def _bodies(motion: Motion, wanted: Sequence[Indices]) -> _Bodies:
     if not len(motion) or not moves[np.concatenate(wanted) // 10].all():
         moves[:] = True
     kept = [span for span, moving in zip(spans, moves, strict=True) if moving]
-    slim = model if moves.all() else reduced(model, [int(k) + 1 for k in np.flatnonzero(~moves)], q[0])
+    slim = model if moves.all() else weld(model, [int(k) + 1 for k in np.flatnonzero(~moves)], q[0])
     places = np.concatenate([np.arange(q0, q0 + nq) for q0, nq, _, _ in kept])
     rows = np.concatenate([np.arange(v0, v0 + nv) for _, _, v0, nv in kept])
     return _Bodies(slim, (q[:, places], v[:, rows], a[:, rows]), rows, np.flatnonzero(np.repeat(moves, 10)))

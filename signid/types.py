@@ -17,6 +17,7 @@ from .arrays import Indices as Indices
 from .arrays import Mask as Mask
 from .parameters import INERTIAL as INERTIAL
 from .parameters import INERTIAL_UNITS as INERTIAL_UNITS
+from .parameters import TWO_SIDED as TWO_SIDED
 from .parameters import BaseMap as BaseMap
 from .parameters import Estimate as Estimate
 from .parameters import Label as Label

@@ -30,6 +30,11 @@ class Trial:
         """In memory, with some columns replaced or added."""
         return read_recording({"t": self.t, "q": self.q, "tau": self.torque, **changes}, self.robot)
 
+    def noisy(self) -> Recording:
+        """In memory, with white noise of 0.05 N.m on the torque."""
+        noise = np.random.default_rng(0).standard_normal(self.torque.shape)
+        return self.recording(tau=self.torque + 0.05 * noise)
+
 
 def fourier(n: int, t: Array, seed: int, base: float = 0.1, size: float = 0.8) -> tuple[Array, Array, Array]:
     """Sums of five harmonics."""

@@ -6,10 +6,9 @@ from numpy.testing import assert_allclose
 
 from signid.basis import build_base
 from signid.effects import EFFECT_NAMES, EFFECTS
-from signid.inspect import inspect
 from signid.motion import Motion
 from signid.regressor import base_rows, regressor
-from signid.robot import hold, load_robot, names
+from signid.robot import hold, load_robot
 from signid.types import Array, Law, Robot
 
 COUNTS = {  # bodies alone, with the four usual effects
@@ -91,27 +90,3 @@ def test_a_held_joint_leaves_fewer_base_parameters() -> None:
     held = hold(robot, {robot.joints[-1]: 0.3})
     assert build_base(held).rank < build_base(robot).rank
     assert len(held.joints) == 5
-
-
-def test_inspection_names_what_no_motion_can_tell() -> None:
-    found = inspect(load_robot("3r"))
-    assert {"m_1", "mz_2", "Ixx_1"} <= set(found.invisible)
-    assert "Izz_1" in found.combined
-    assert not set(found.invisible) & set(found.combined)
-
-
-@pytest.mark.parametrize("name", sorted(names()))
-def test_every_robot_is_inspected_or_refused_in_a_sentence(name: str) -> None:
-    from signid.errors import RobotError
-
-    try:
-        found = inspect(load_robot(name))
-    except RobotError as error:
-        assert "\n" not in str(error)
-        return
-    base = found.base
-    assert 0 < base.rank <= len(base.labels)
-    assert base.condition < 5e3
-    assert base.singular_values[base.rank - 1] > 1e3 * (
-        base.singular_values[base.rank] if base.rank < len(base.labels) else 0
-    )

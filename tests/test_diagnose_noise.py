@@ -21,7 +21,6 @@ from signid.types import Array
 RATE = 20.0  # Hz
 AR = np.array([1.1, -0.5, 0.2, -0.1])  # of the last four values, stable
 KEEP = Group(0, 3, deviation=(np.inf,) * 3)
-Rule = Callable[[Array], Array]
 
 
 def table(residual: Array, columns: Array, pieces: int = 1, rests: Array | None = None, **signals: Array) -> Table:

@@ -8,7 +8,6 @@ from motions import FRICTION, Trial, trial, truth
 from numpy.testing import assert_allclose
 
 from signid.estimate import estimate
-from signid.excitation import judge_excitation
 from signid.prepare import prepare
 from signid.robot import load_robot
 from signid.session import Options, Session
@@ -83,16 +82,6 @@ def test_coloured_noise_widens_the_intervals(arm: Robot) -> None:
     assert np.sqrt(np.mean(((found.value - right) / found.std) ** 2)) < 1.5
 
 
-def test_what_is_not_told_is_said(arm: Robot) -> None:
-    session, found = solve(trial(arm, rest=(2,)), Options())
-    assert np.isinf(found.std).any()
-    factors = session.reduce(session.train)
-    verdict = judge_excitation(session.task, factors, found)
-    assert verdict.resting == ("joint_3",)
-    assert not verdict.sufficient
-    assert any("joint joint_3 did not move" in sentence for sentence in verdict.sentences)
-
-
 def test_a_joint_without_torque_is_told_by_the_others(arm: Robot) -> None:
     import signid
 
@@ -103,33 +92,6 @@ def test_a_joint_without_torque_is_told_by_the_others(arm: Robot) -> None:
     assert {found.robot.joints[law.joints[0]] for law in found.model.laws} == {"joint_1", "joint_2"}
     assert np.isnan(found.fit.held_out_r2[2])
     assert (found.fit.held_out_r2[:2] > 0.999).all()
-
-
-def test_joints_in_step_are_named(arm: Robot) -> None:
-    made = trial(arm)
-    q = made.q.copy()
-    q[:, 2] = 0.7 * q[:, 1]
-    recording = made.recording(q=q)
-    session = prepare(arm, [recording], [recording])
-    factors = session.reduce(session.train)
-    verdict = judge_excitation(session.task, factors, estimate(factors, session.task.base))
-    assert verdict.in_step == (("joint_2", "joint_3"),)
-
-
-@pytest.mark.filterwarnings("error::RuntimeWarning")
-def test_a_joint_that_stands_at_zero_is_named_without_a_warning(arm: Robot) -> None:
-    made = trial(arm)
-    still = made.q * [1.0, 0.0, 1.0]
-    session, found = solve(made, Options(), q=still)
-    verdict = judge_excitation(session.task, session.reduce(session.train), found)
-    assert verdict.resting == ("joint_2",) and verdict.in_step == ()
-
-
-def test_good_motion_is_not_flagged(arm: Robot) -> None:
-    session, found = solve(trial(arm), Options())
-    verdict = judge_excitation(session.task, session.reduce(session.train), found)
-    assert verdict.sufficient
-    assert verdict.sentences == ()
 
 
 def test_instruments_repair_a_coarse_encoder(arm: Robot) -> None:

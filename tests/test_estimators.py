@@ -12,7 +12,7 @@ import pytest
 from motions import trial
 
 import signid
-from benchmarks.coverage import CASES, Case, load, truth
+from benchmarks.arms import ARMS, load, truth
 from benchmarks.plants.mujoco_ import Body, Motion, Track, draw_motion, log, simulate
 from signid.cli import run
 from signid.cutoff import encoder_noise
@@ -23,7 +23,7 @@ from signid.identify import Identification
 from signid.session import Options
 from signid.types import Array, Robot
 
-CASE: Case = CASES[0]
+ARM = ARMS[0]
 WIDE, NOISE, MUCH = 8.0, 5e-4, 1e-3  # Hz, rad: least squares is biased
 SEEDS = (0, 1, 2)
 ROOT = Path(__file__).parents[1]
@@ -31,13 +31,13 @@ ROOT = Path(__file__).parents[1]
 
 @cache
 def arm() -> Robot:
-    return load(CASE)
+    return load(ARM)
 
 
 @cache
 def recorded(seed: int) -> tuple[Track, Motion]:
-    motion = draw_motion(CASE.centre, seed)
-    return simulate(Body(arm().document, arm().joints), CASE.drives, motion, 16.0, CASE.rate), motion
+    motion = draw_motion(ARM.centre, seed)
+    return simulate(Body(arm().document, arm().joints), ARM.drives, motion, 16.0, ARM.rate), motion
 
 
 def columns(seed: int, noise: float, torque: float = 0.02, desired: bool = True) -> dict[str, Array]:
@@ -60,7 +60,7 @@ def identified(how: str | Estimator | None, seed: int, noise: float, torque: flo
 
 def off(found: Identification) -> float:
     """Distance of the estimate from the truth, over the truth."""
-    right = truth(CASE, found.session)
+    right = truth(ARM, found.session)
     return float(np.linalg.norm(found.estimate.value - right) / np.linalg.norm(right))
 
 
@@ -85,7 +85,7 @@ def test_bias_of_least_squares_goes() -> None:
 def test_intervals_hold_the_truth_where_those_of_least_squares_do_not() -> None:
     def away(how: str) -> float:
         found = [identified(how, seed, MUCH, 0.02, WIDE) for seed in SEEDS[:2]]
-        z = [(f.estimate.value - truth(CASE, f.session)) / f.estimate.std for f in found]
+        z = [(f.estimate.value - truth(ARM, f.session)) / f.estimate.std for f in found]
         return float(np.sqrt(np.mean(np.square(z))))
 
     assert away("iv") < 1.2 < 1.7 < away("wls")
@@ -115,7 +115,7 @@ def test_stated_gains_take_the_place_of_those_found() -> None:
     from benchmarks.plants.mujoco_model import build, mean_inertia
 
     body, (track, motion) = Body(arm().document, arm().joints), recorded(0)
-    known = build(body, CASE.drives, frictionless=True, weigh=False)
+    known = build(body, ARM.drives, frictionless=True, weigh=False)
     asked = motion.at(np.arange(0, track.t[-1], 2.5e-4))[0]
     stated = gains(mean_inertia(known, arm().joints, asked[:: len(asked) // 20]))
     found = identified(OutputError(gains=stated), 0, NOISE, 0.02, WIDE)

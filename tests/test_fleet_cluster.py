@@ -13,8 +13,8 @@ import dask
 import distributed
 import polars as pl
 import pytest
+from factored import columns
 from fleets import contents, manifest, record
-from test_factor_file import columns
 
 import signid
 from signid.cli import run

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmarks.readers import TOKENS, Reader, readers
+from benchmarks.fuzz.readers import TOKENS, Reader, readers
 
 EXAMPLES, SLOW = 60, 4
 

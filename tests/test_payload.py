@@ -13,7 +13,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import signid
-from benchmarks.coverage import CASES, Case, load
+from benchmarks.arms import ARMS, Arm, load
 from benchmarks.plants.bodies import Drives
 from benchmarks.plants.faults import Fault
 from benchmarks.plants.mujoco_ import Body, draw_motion, log, simulate
@@ -22,18 +22,18 @@ from signid.errors import OptionError, RecordingError
 from signid.payload import Payload, payload
 from signid.types import Array, Recording, Robot, pseudo_inertia
 
-ARM, UR = CASES[0], CASES[2]
+ARM, UR = ARMS[0], ARMS[2]
 MASS, CENTRE = 1.2, np.array([0.03, -0.02, 0.08])
 TURN = np.array([0.004, 0.003, 0.005])  # kg.m2 about the centre of mass
 ROOT = Path(__file__).parents[1]
 
 
 @cache
-def robot(case: Case) -> Robot:
-    return load(case)
+def robot(arm: Arm) -> Robot:
+    return load(arm)
 
 
-def fault(case: Case, mass: float) -> Fault:
+def fault(arm: Arm, mass: float) -> Fault:
     """A load of that mass, its inertia in proportion."""
     about = mass / MASS * np.diag(TURN) + mass * (CENTRE @ CENTRE * np.eye(3) - np.outer(CENTRE, CENTRE))
     numbers = {"mass": mass, **{f"first_moment_{k}": mass * c for k, c in zip("xyz", CENTRE, strict=True)}}
@@ -43,19 +43,19 @@ def fault(case: Case, mass: float) -> Fault:
     return Fault("payload", None, MappingProxyType(numbers))
 
 
-def columns(case: Case, mass: float, seed: int, noise: float = 0.02, friction: float = 1.0) -> dict[str, Array]:
+def columns(arm: Arm, mass: float, seed: int, noise: float = 0.02, friction: float = 1.0) -> dict[str, Array]:
     """A recording in MuJoCo, with a load or none, friction that has changed by a factor."""
-    d = case.drives
+    d = arm.drives
     rubs = [tuple(friction * x for x in some) for some in (d.viscous_friction, d.coulomb_friction)]
-    body = Body(robot(case).document, robot(case).joints)
-    faults = [fault(case, mass)] if mass else []
+    body = Body(robot(arm).document, robot(arm).joints)
+    faults = [fault(arm, mass)] if mass else []
     drives = Drives(d.armature, rubs[0], rubs[1], d.torque_offset)
-    track = simulate(body, drives, draw_motion(case.centre, seed), 20.0, case.rate, faults)
+    track = simulate(body, drives, draw_motion(arm.centre, seed), 20.0, arm.rate, faults)
     return log(track, seed, 17, noise)
 
 
-def recording(case: Case, mass: float, seed: int, noise: float = 0.02, friction: float = 1.0) -> Recording:
-    return signid.read_recording(columns(case, mass, seed, noise, friction), robot(case))
+def recording(arm: Arm, mass: float, seed: int, noise: float = 0.02, friction: float = 1.0) -> Recording:
+    return signid.read_recording(columns(arm, mass, seed, noise, friction), robot(arm))
 
 
 @cache
@@ -142,7 +142,7 @@ def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pyt
 
 def test_the_load_of_a_real_arm(data: Path) -> None:
     """UR10e; the load was weighed, torque constants are known to some per cent."""
-    from benchmarks.recorded.data import LOADED, UNLOADED, ur10e_model, ur10e_recording
+    from benchmarks.real.data import LOADED, UNLOADED, ur10e_model, ur10e_recording
 
     found = payload(ur10e_model().robot, [ur10e_recording(UNLOADED[0])], [ur10e_recording(LOADED)])
     assert abs(found.mass[0] / 2.805 - 1) < 0.05

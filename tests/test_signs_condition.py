@@ -8,7 +8,7 @@ from itertools import combinations, product
 import numpy as np
 import pytest
 
-from benchmarks.lost.beam import beam
+from benchmarks.signs.beam import beam
 from signid.signs import condition as condition_module
 from signid.signs.condition import condition_order
 from signid.signs.problem import Problem, eliminate

@@ -23,6 +23,16 @@ def posed(case: Lost) -> Problem:
     return pose(case.observed, case.segments(), case.weights)
 
 
+def posed_in_cone(noise: float) -> tuple[Lost, Problem, Cone]:
+    case = lost(noise)
+    problem = posed(case)
+    return case, problem, Cone.of(problem, physical_cone(case.task, case.observed))
+
+
+def exhausted(*_: object, **__: object) -> None:
+    raise RuntimeError("Maximum number of iterations reached.")
+
+
 def standard(case: Lost, seed: int) -> Array:
     """(p,) of a random robot: bodies of random pseudo-inertia, laws that brake."""
     rng = np.random.default_rng(seed)
@@ -95,9 +105,7 @@ def projected(rows: Array, z: Array) -> Array:
 
 @pytest.mark.parametrize("seed", range(5))
 def test_distance_is_that_of_a_quadratic_program(seed: int) -> None:
-    case, rng = lost(0.02), np.random.default_rng(seed)
-    problem = posed(case)
-    cone = Cone.of(problem, physical_cone(case.task, case.observed))
+    (_, problem, cone), rng = posed_in_cone(0.02), np.random.default_rng(seed)
     z = problem.coordinates(rng.choice([-1.0, 1.0], problem.count))
     squared, near = cone.distance(z)
     other = projected(cone.rows, z)
@@ -108,9 +116,7 @@ def test_distance_is_that_of_a_quadratic_program(seed: int) -> None:
 
 
 def test_points_inside_stay() -> None:
-    case = lost(0.0)
-    problem = posed(case)
-    cone = Cone.of(problem, physical_cone(case.task, case.observed))
+    case, problem, cone = posed_in_cone(0.0)
     signs = np.array([np.sign(case.torque[s.start : s.stop, s.joint].sum()) for s in case.segments()])
     z = problem.coordinates(signs)
     squared, near = cone.distance(z)
@@ -119,12 +125,7 @@ def test_points_inside_stay() -> None:
 
 
 def test_an_exhausted_solver_is_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
-    def exhausted(*_: object, **__: object) -> None:
-        raise RuntimeError("Maximum number of iterations reached.")
-
-    case = lost(0.02)
-    problem = posed(case)
-    cone = Cone.of(problem, physical_cone(case.task, case.observed))
+    _, problem, cone = posed_in_cone(0.02)
     z = problem.coordinates(np.ones(problem.count))
     squared, near = cone.distance(z)
     monkeypatch.setattr("scipy.optimize.nnls", exhausted)
@@ -134,15 +135,10 @@ def test_an_exhausted_solver_is_replaced(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_a_solver_that_gives_up_leaves_a_bound_and_no_proof(monkeypatch: pytest.MonkeyPatch) -> None:
-    def exhausted(*_: object, **__: object) -> None:
-        raise RuntimeError("Maximum number of iterations reached.")
-
     def unfinished(matrix: Array, *_: object, **__: object) -> SimpleNamespace:
         return SimpleNamespace(x=np.ones(matrix.shape[1]))
 
-    case = lost(0.02)
-    problem = posed(case)
-    cone = Cone.of(problem, physical_cone(case.task, case.observed))
+    _, problem, cone = posed_in_cone(0.02)
     z = problem.coordinates(np.ones(problem.count))
     squared, _ = cone.distance(z)
     monkeypatch.setattr("scipy.optimize.nnls", exhausted)

@@ -14,7 +14,7 @@ from motions import trial
 from toys import LIMIT, joint, link, toy
 
 import signid
-from benchmarks.coverage import CASES, load
+from benchmarks.arms import ARMS, load
 from benchmarks.plants.mujoco_ import Body, draw_motion, log, simulate
 from signid.errors import InputError, OptionError, RecordingError
 from signid.prepare import prepare
@@ -69,9 +69,9 @@ def signs_of(robot: Robot, columns: dict[str, Array]) -> Signs:
 @cache
 def planted() -> tuple[Robot, dict[str, Array]]:
     """The 3R arm in MuJoCo: its torques, 2 % of noise on them."""
-    case = CASES[0]
-    robot = load(case)
-    track = simulate(Body(robot.document, robot.joints), case.drives, draw_motion(case.centre, 0), 12.0, case.rate)
+    arm = ARMS[0]
+    robot = load(arm)
+    track = simulate(Body(robot.document, robot.joints), arm.drives, draw_motion(arm.centre, 0), 12.0, arm.rate)
     return robot, log(track, 0, 17, 0.02)
 
 

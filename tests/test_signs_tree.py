@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from benchmarks.lost.beam import beam
+from benchmarks.signs.beam import beam
 from signid.basis import build_base
 from signid.errors import OptionError
 from signid.motion import Motion

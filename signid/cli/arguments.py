@@ -55,21 +55,6 @@ Seed = Annotated[int, typer.Option(metavar="N", min=0, help="Seed of everything 
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON and nothing else.")]
 
 
-def check_folder(output: str | None, json: bool) -> None:
-    """Find out at once whether results can be written.
-
-    Raises:
-        OptionError: no folder was named.
-        OutputError: it cannot be written to.
-    """
-    from ..report import probe_folder
-
-    if output == "" or (output is None and not json):
-        raise OptionError("no folder for the results was named; add -o DIR, or --json to print them instead")
-    if output is not None:
-        probe_folder(output)
-
-
 def again(context: typer.Context) -> str:
     """The command that was given, as one line for a shell; its folder of results is named DIR."""
     words = list(context.obj or ())

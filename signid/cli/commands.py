@@ -33,7 +33,6 @@ from .arguments import (
     Unsigned,
     White,
     again,
-    check_folder,
     given_effects,
     given_inputs,
     given_options,
@@ -41,6 +40,7 @@ from .arguments import (
     given_robot,
     given_search,
 )
+from .output import check_folder
 from .show import DONE, bars, tell_flags
 
 

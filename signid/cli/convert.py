@@ -10,7 +10,7 @@ import typer
 from ..errors import OptionError
 from .arguments import Actuators, Columns, Joints, Json, Lock, given_inputs, given_robot
 from .commands import app
-from .motions import check_output, write_columns
+from .output import check_file, write_columns
 from .show import tell_flags
 
 
@@ -73,7 +73,7 @@ def _check(source: str, output: str | None, json: bool) -> None:
     """Find out at once whether the result can be written."""
     if output is None:
         return
-    check_output(output, json)
+    check_file(output, json)
     if Path(output).resolve() == Path(source).resolve():
         raise OptionError(f"-o {output} is what is to be converted; give the result another name")
 

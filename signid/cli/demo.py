@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from .app import app
-from .arguments import Json, Seed, check_folder, given_inputs, given_robot
+from .arguments import Json, Seed, given_inputs, given_robot
+from .output import check_folder
 from .show import bars, tell_flags
 
 if TYPE_CHECKING:

@@ -22,11 +22,11 @@ from .arguments import (
     TimeLimit,
     Unsigned,
     again,
-    check_folder,
 )
 from .commands import app
-from .motions import Source, given_model
+from .output import check_folder
 from .show import bars
+from .source import Source, given_model
 
 if TYPE_CHECKING:
     from ..types import Recording, Robot

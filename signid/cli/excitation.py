@@ -11,8 +11,9 @@ from ..deadline import time_limit as limited
 from ..errors import OptionError
 from .arguments import Actuators, Effects, Joints, Json, Lock, PackageDir, RobotName, Seed, TimeLimit, given_effects
 from .commands import app
-from .motions import Source, check_output, given_model, write_columns
+from .output import check_file, write_columns
 from .show import bars, tell_flags
+from .source import Source, given_model
 
 if TYPE_CHECKING:
     from ..excite import Excitation, Limits, Separation
@@ -71,7 +72,7 @@ def excite(
     from ..excite import separate as part
     from ..report import Screen, excitation_document, excitation_tables, to_json
 
-    check_output(output, json)
+    check_file(output, json)
     source = Source(robot, joints, lock, actuators, package_dir)
     model, _ = given_model(source)
     options: dict[str, Any] = {"duration": duration, "clearance": clearance, "rate": rate, "seed": seed}

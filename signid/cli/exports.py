@@ -10,8 +10,8 @@ import typer
 from ..errors import OptionError
 from .arguments import Json, SimulationName
 from .commands import app
-from .motions import Source, given_model
 from .show import DONE
+from .source import Source, given_model
 
 if TYPE_CHECKING:
     from ..export import Exported

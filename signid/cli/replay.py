@@ -9,8 +9,8 @@ import typer
 
 from .arguments import Actuators, Columns, Joints, Json, Lock, PackageDir, SimulationName, given_recording
 from .commands import app
-from .motions import Source, given_model
 from .show import DONE
+from .source import Source, given_model
 
 if TYPE_CHECKING:
     from ..replay import Replay

@@ -9,8 +9,10 @@ import typer
 
 from .arguments import Actuators, Joints, Json, Lock, PackageDir, Seed, SimulationName
 from .commands import app
-from .motions import Loop, Source, check_output, given_drive, given_model, write_columns
+from .drive import Loop, given_drive
+from .output import check_file, write_columns
 from .show import DONE, bars
+from .source import Source, given_model
 
 if TYPE_CHECKING:
     from ..model import Model
@@ -78,7 +80,7 @@ def simulate(
     from ..report import Screen, simulation_document, simulation_tables, to_json
     from ..simulate import Sensors
 
-    check_output(output, json)
+    check_file(output, json)
     source = Source(simulation, joints, lock, actuators, package_dir)
     sensors = Sensors(rate, encoder_bits, noise, coloured_noise, jitter, drop_outs, unsigned)
     sensors.every(step)

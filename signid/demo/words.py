@@ -19,8 +19,8 @@ from ..report.diagnosis import told_numbers
 from ..report.diagnosis_tables import change
 from ..report.diagnosis_words import alternative_words, unexplained_words, verdict_words
 from ..report.layout import heading, new_table, note_lines, paragraph, plural
-from ..report.numbers import TWO_SIDED
 from ..report.signs import confidence
+from ..types import TWO_SIDED
 from .outcome import FOUND, MINOR, MISSED, RIVAL, Outcome, misses
 from .run import BITS, DURATION, NOISE, RATE, RECORDINGS, Story
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import OptionError
 from ..estimate import estimate
-from ..excitation import Excitation, judge_excitation
+from ..excitation import ExcitationVerdict, judge_excitation
 from ..model import Model
 from ..session import Part, Session
 from ..types import Array, Mask
@@ -57,7 +57,9 @@ class _Seen(NamedTuple):
     gains: Gains
 
 
-def examine(model: Model, session: Session, excitation: Excitation | None = None, signed: Mask | None = None) -> Gross:
+def examine(
+    model: Model, session: Session, excitation: ExcitationVerdict | None = None, signed: Mask | None = None
+) -> Gross:
     """What is grossly wrong with recordings of a robot, judged by a simulation of it.
 
     Order, signs, units of angle and lags are claimed where a correction lets a passive joint with the model's bodies
@@ -111,7 +113,7 @@ def _effects(
     session: Session,
     parts: Sequence[Part],
     evidence: Evidence | None,
-    excitation: Excitation | None,
+    excitation: ExcitationVerdict | None,
     causes: Sequence[Finding],
 ) -> Iterator[Finding]:
     """What lies beyond limits or was not excited, where no graver fault is its reason."""
@@ -140,7 +142,7 @@ def _told_of_torque(evidence: Evidence, seen: _Seen) -> Iterator[Finding]:
             yield tell_unsigned_units(float(np.median(ratio)))
 
 
-def _excitation(session: Session) -> Excitation:
+def _excitation(session: Session) -> ExcitationVerdict:
     factors = session.reduce(session.train)
     return judge_excitation(session.task, factors, estimate(factors, session.task.base))
 

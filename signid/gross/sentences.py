@@ -7,7 +7,7 @@ from math import isfinite, log
 
 import numpy as np
 
-from ..excitation import Excitation
+from ..excitation import ExcitationVerdict
 from ..types import Robot
 from .channels import Fault
 from .correction import Correction
@@ -145,7 +145,7 @@ def tell_amount(amount: Amount, joints: int) -> Finding:
     return Finding("too little data", (), REFUSE, measures, f"{told}: {why}; {mend}")
 
 
-def tell_excitation(found: Excitation) -> Iterator[Finding]:
+def tell_excitation(found: ExcitationVerdict) -> Iterator[Finding]:
     """What the motion cannot tell."""
     share = float(found.shares[0]) if len(found.shares) else 0.0
     for sentence in found.sentences:

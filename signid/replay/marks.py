@@ -12,14 +12,13 @@ import numpy as np
 from ..effects.base import BodyLaw
 from ..laws import placed
 from ..rigid import carrier, own_row
-from ..types import Coefficient, Law, Robot
+from ..types import TWO_SIDED, Coefficient, Law, Robot
 from .found import Finding
 from .poses import axis
 
 DENSITY = 3000.0  # [kg/m3] of which a payload is drawn
 FAR = 1.5  # times the reach: a centre of mass further away is not drawn there
 MOST = 5  # numbers in a label
-TWO_SIDED = 1.96  # standard deviations that hold 95 %
 
 
 @dataclass(frozen=True)

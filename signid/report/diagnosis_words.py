@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from ..errors import shorten
 from ..laws import spoken
+from ..types import TWO_SIDED
 from .diagnosis import finding_numbers
 from .layout import plural
-from .numbers import TWO_SIDED, figure, share, with_interval
+from .numbers import figure, share, with_interval
 from .signs import confidence
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..excitation import Excitation
+from ..excitation import ExcitationVerdict
 from ..fit import Fit
 from ..identify import Identification
 from ..model import standard_parameters
@@ -171,7 +171,7 @@ def _sampling(found: Sampling) -> Document:
     }
 
 
-def _excitation(found: Excitation) -> Document:
+def _excitation(found: ExcitationVerdict) -> Document:
     return {
         "sufficient": found.sufficient,
         "weakest_share": float(found.shares[0]) if len(found.shares) else None,

@@ -7,8 +7,9 @@ from typing import Any
 
 from rich.console import RenderableType
 
+from ..types import TWO_SIDED
 from .layout import heading, new_table, paragraph, plural
-from .numbers import TWO_SIDED, figure, share, with_interval
+from .numbers import figure, share, with_interval
 
 UNDONE, FLAGGED = "not done", "flagged"  # states of a session in fleet.json
 SHOWN, FEW = 20, 4  # rows of a table, and numbers of a cause, on the terminal

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from math import copysign, floor, isfinite, log10
 
-TWO_SIDED = 1.96  # standard deviations to either side that hold 95 % of a normal distribution
+from ..types import TWO_SIDED
+
 MOST = 9  # significant digits that are ever shown
 LARGEST = 1.79e308
 

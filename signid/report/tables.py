@@ -10,14 +10,14 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from ..excitation import ENOUGH, Excitation
+from ..excitation import ENOUGH, ExcitationVerdict
 from ..fit import Fit
 from ..identify import Identification
 from ..sampling import Sampling
-from ..types import Label
+from ..types import TWO_SIDED, Label
 from .joints import describe_joints
 from .layout import heading, new_table, note_lines, paragraph, plural
-from .numbers import TWO_SIDED, determination, figure, share, with_interval
+from .numbers import determination, figure, share, with_interval
 from .quantities import LawNumber, law_numbers, rigid_rows
 from .signs import signs_tables
 
@@ -186,7 +186,7 @@ def _fit(fit: Fit) -> Table:
     return table
 
 
-def excited_words(found: Excitation) -> str:
+def excited_words(found: ExcitationVerdict) -> str:
     """The verdict on the excitation, in a sentence or two."""
     least = share(max(float(found.shares[0]), 0.0)) if len(found.shares) else "0 %"
     told = f"the weakest direction got {least} of the information that random motion of the same size would give"

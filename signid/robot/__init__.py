@@ -9,7 +9,7 @@ from .dh import DHLink, urdf_from_dh
 from .hold import hold, resting
 from .load import held_positions, load_robot, robot_from_text
 from .locate import locate, names
-from .reduced import reduced
+from .weld import weld
 
 __all__ = [
     "DHLink",
@@ -19,8 +19,8 @@ __all__ = [
     "load_robot",
     "locate",
     "names",
-    "reduced",
     "resting",
     "robot_from_text",
     "urdf_from_dh",
+    "weld",
 ]

@@ -13,7 +13,7 @@ from ..effects.base import TransmissionLaw
 from ..errors import OptionError
 from ..model import Model
 from ..rigid import carrier, own_row
-from ..robot import configuration, reduced
+from ..robot import configuration, weld
 from ..types import Array, Frozen, Indices, Law, Robot
 
 BOUNDED = {"RUBX": pin.JointModelRX, "RUBY": pin.JointModelRY, "RUBZ": pin.JointModelRZ}
@@ -98,7 +98,7 @@ def _without_held(robot: Robot, model: Any) -> tuple[Any, Indices]:
     rows = np.array([r for i, row, nv in spans if i not in held for r in range(row, row + nv)], dtype=np.intp)
     armature = model.armature.copy()
     if held:
-        model = reduced(model, held, configuration(robot, np.zeros(len(robot.joints))))
+        model = weld(model, held, configuration(robot, np.zeros(len(robot.joints))))
     model.armature = armature[rows]
     return model, rows
 

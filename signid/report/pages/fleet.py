@@ -8,6 +8,7 @@ from math import log10, nan
 from typing import Any, NamedTuple
 from urllib.parse import quote
 
+from ...types import TWO_SIDED
 from ..fleet import (
     FLAGGED,
     UNDONE,
@@ -19,7 +20,7 @@ from ..fleet import (
     number_ranges,
 )
 from ..layout import plural
-from ..numbers import TWO_SIDED, figure, share
+from ..numbers import figure, share
 from .diagnosis import Card
 from .frame import AFTER, BEFORE, Plot, axis, render
 

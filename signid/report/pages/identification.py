@@ -16,11 +16,11 @@ from ...identify import Identification
 from ...model import Model, stated_inertials, stated_laws
 from ...sampling import split
 from ...session import Part, Session
-from ...types import Array, Input, pseudo_inertia
+from ...types import TWO_SIDED, Array, Input, pseudo_inertia
 from ...version import __version__
 from ..documents import description, once
 from ..layout import plural
-from ..numbers import TWO_SIDED, determination, figure, share, with_interval
+from ..numbers import determination, figure, share, with_interval
 from ..quantities import law_numbers
 from ..signs import proof_sentence
 from ..tables import consistent_words, excited_words

@@ -1,1 +1,0 @@
-"""Parts of `benchmarks.regressor` and `benchmarks.peers`: the same job by others, timed or heard beside signid."""

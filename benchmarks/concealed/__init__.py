@@ -1,0 +1,1 @@
+"""Parts of `benchmarks.concealed`: concealed physics, and the judge of a diagnosis."""

@@ -1,0 +1,141 @@
+"""Does any file crash a reader? `python -m benchmarks.fuzz [--inputs 20000] [--readers URDF CSV ...] [--json FILE]`.
+
+Each reader of `readers.py` is given so many files (xacro, which starts a process for each, a hundredth of
+them) in a process of its own: damaged by atheris (libFuzzer), which is led by the lines of signid that a file reaches.
+A fault is an exception that is no SignidError, more than SECONDS for one file, or more than MEMORY.
+Needs `pip install atheris`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import re
+import subprocess
+import sys
+import tempfile
+import time
+import warnings
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from importlib.util import find_spec
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from ..one_thread import ONE_THREAD
+
+SECONDS, MEMORY, LENGTH = 60, 3000, 20_000  # [s], [MB], bytes of a file, or of the longest to begin from
+SLOW = 100  # times fewer files of readers that start processes
+
+
+@dataclass(frozen=True)
+class Row:
+    """One reader."""
+
+    reader: str
+    inputs: int
+    minutes: float
+    memory: int  # MB, most ever held
+    fault: str  # "" where there was none
+
+
+def attack(name: str, folder: Path, inputs: int) -> None:
+    """What a process of its own does; it does not return.
+
+    Args:
+        name: of the reader.
+        folder: where files to begin from, and those that are damaged, lie.
+        inputs: how many.
+    """
+    import atheris
+
+    with atheris.instrument_imports(include=["signid", "tomllib"]):
+        from .readers import TOKENS, readers
+    (reader,) = (each for each in readers() if each.name == name)
+    corpus, place, words = folder / "corpus", folder / "files", folder / "words"
+    for made in (corpus, place):
+        made.mkdir()
+    for k, seed in enumerate(reader.seeds):
+        (corpus / str(k)).write_bytes(seed)
+    words.write_text(
+        "\n".join(f'"{"".join(f"{chr(92)}x{b:02x}" for b in token[:60])}"' for token in TOKENS) + "\n", encoding="utf-8"
+    )
+    warnings.simplefilter("ignore")
+    reader(reader.seeds[0], place)
+    length = max(LENGTH, *map(len, reader.seeds))
+    options = [f"-runs={inputs}", f"-timeout={SECONDS}", f"-rss_limit_mb={MEMORY}", f"-max_len={length}", "-seed=1"]
+    options += [f"-dict={words}", f"-artifact_prefix={folder}/fault-", "-print_final_stats=1", "-len_control=0"]
+    atheris.Setup([sys.argv[0], *options, str(corpus)], lambda content: reader(content, place) and None)
+    atheris.Fuzz()
+
+
+def measure(name: str, inputs: int, keep: Path | None) -> Row:
+    """One reader in a process of its own; a file that makes a fault is kept."""
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, "-m", "benchmarks.fuzz", "--attack", name, folder, "--inputs", str(inputs)]
+        start = time.perf_counter()
+        done = subprocess.run(
+            command,
+            env={**os.environ, **ONE_THREAD},
+            capture_output=True,
+            text=True,
+            errors="replace",
+            encoding="utf-8",
+        )
+        minutes, told = (time.perf_counter() - start) / 60, done.stdout + done.stderr
+        numbers = {key: int(value) for key, value in re.findall(r"stat::(\w+):\s+(\d+)", told)}
+        fault = "" if done.returncode == 0 else _fault(told)
+        for made in Path(folder).glob("fault-*") if keep else ():
+            (keep / f"{name.replace(' ', '_')}-{made.name}").write_bytes(made.read_bytes())
+    return Row(name, numbers.get("number_of_executed_units", 0), minutes, numbers.get("peak_rss_mb", 0), fault)
+
+
+def _fault(told: str) -> str:
+    """The line that says what went wrong."""
+    lines = [
+        line for line in told.splitlines() if re.match(r"[\w.]*(Error|Exception|Interrupt)\b|==.*(ERROR|ALARM)", line)
+    ]
+    return (lines or told.strip().splitlines() or ["unknown"])[0][:200]
+
+
+def show(rows: Sequence[Row]) -> Table:
+    """The rows as a table to read."""
+    table = Table(title="files given to each reader")
+    for name in ("reader", "files", "minutes", "peak, MB", "fault"):
+        table.add_column(name, justify="left" if name in ("reader", "fault") else "right")
+    for row in rows:
+        table.add_row(row.reader, f"{row.inputs:,}", f"{row.minutes:.1f}", str(row.memory), row.fault or "none")
+    return table
+
+
+def main() -> None:
+    """Attack every reader, print the table; exit 1 at a fault."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.fuzz", description=__doc__)
+    parser.add_argument("--inputs", type=int, default=20_000, help="files for each reader")
+    parser.add_argument("--readers", nargs="+", metavar="NAME", help="only these")
+    parser.add_argument("--keep", type=Path, metavar="FOLDER", help="write files that make a fault there")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers there")
+    parser.add_argument("--attack", nargs=2, metavar=("NAME", "FOLDER"), help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if find_spec("atheris") is None:
+        raise SystemExit("atheris is not installed; pip install atheris (Linux and macOS)")
+    if options.attack:
+        attack(options.attack[0], Path(options.attack[1]), options.inputs)
+    from .readers import readers
+
+    console, rows = Console(), list[Row]()
+    for reader in readers():
+        if not options.readers or reader.name in options.readers:
+            with console.status(reader.name):
+                rows.append(measure(reader.name, max(1, options.inputs // (SLOW if reader.slow else 1)), options.keep))
+    console.print(show(rows))
+    if options.json:
+        options.json.write_text(json.dumps([asdict(row) for row in rows], indent=1), encoding="utf-8")
+    raise SystemExit(1 if any(row.fault for row in rows) else 0)
+
+
+if __name__ == "__main__":
+    main()

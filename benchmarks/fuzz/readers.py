@@ -1,0 +1,217 @@
+"""Every reader of files as a function of bytes, with files to begin from; whatever it refuses is a SignidError."""
+
+from __future__ import annotations
+
+import gzip
+import io
+import json
+import zipfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+import signid
+from signid.errors import SignidError
+from signid.fleet import read_manifest
+from signid.formats.find import find_format
+from signid.recording import read_recording
+from signid.recording.mapping import ColumnMap
+from signid.replay.found import read_found
+from signid.retrieve.bounds import Bounds, read_bounds
+from signid.robot import sandbox
+from signid.robot.actuators import read_actuators
+from signid.sampling import survey
+from signid.simulate import read_motion
+from signid.types import Robot
+
+from .logs import CONTROL, DESCRIPTION, STATE, TABLE, bag1, bag2, dataset
+
+HERE = Path(__file__).parents[2]
+INERTIAL = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+XACRO = f"""<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arg name="m" default="2"/>
+<xacro:property name="size" value="${{1 + 2 * 3}}"/><xacro:include filename="other.xacro"/>
+<xacro:macro name="pair" params="name parent"><link name="${{name}}">{INERTIAL}</link><joint name="j_${{name}}"
+type="revolute"><parent link="${{parent}}"/><child link="${{name}}"/><axis xyz="0 0 1"/></joint></xacro:macro>
+<link name="a"/><xacro:if value="${{size > 3}}"><xacro:pair name="b" parent="a"/></xacro:if></robot>"""
+MJCF = """<mujoco model="m"><compiler angle="radian"/><option gravity="0 0 -9.81"/><default><default class="c"><joint
+damping="1" armature="0.1" frictionloss="0.2" range="-1 1"/></default></default><worldbody><body name="a" pos="0 0 1">
+<inertial pos="0 0 0.1" mass="2" diaginertia="0.1 0.1 0.1"/><joint name="j" axis="0 1 0" class="c"/><body name="b">
+<joint name="k" type="slide"/><geom type="sphere" size="0.1" mass="1"/></body></body></worldbody><include file="o.xml"/>
+<equality><joint joint1="j" joint2="k" polycoef="0 1 0 0 0"/></equality></mujoco>"""
+ACTUATORS = """["joint"."1"]\narmature = 0.1\nviscous_friction = 1e-3\ncoulomb_friction = 2
+torque_offset = 0x1F\ntorque_constant = 1_000\n"""
+COLUMNS = 't = "time"\nq_1 = "pos"\ntau_joint_1 = """eff"""\n'
+BOUNDS = "[link.link_1]\nmass = [0.1, 2]\nfirst_moment = [[0, 1], [0, 1], [0, 1.5]]\n[link.link_2]\nmass = [1, 2]\n"
+MANIFEST = b"""robot,recording,held_out,name,time,task
+3r,a.csv;b.csv,c.csv,"arm, 7",2026-03-31T12:00+02:00,identify\n1r,a.csv,,,,\n"""
+TOKENS = (  # that mutations put in
+    b"nan", b"inf", b"-1e999", b"1e300", b"-0", b"0x7fffffffffffffff", b"9" * 5000, b"[" * 5000, b"{" * 3000, b"\0",
+    b"\r", b"\xff\xfe", b'"', b"<a>" * 300, b"<!DOCTYPE r [<!ENTITY a SYSTEM 'file:///etc/passwd'>]>", b"&a;", b"--",
+    b"${9**9**9}", b"$(find nothing)", b"$(env HOME)", b"../../../../../../etc/passwd", b",,,,", b";", b"\t", b"#",
+    b"t,t", b"<!--", b"q_1", b"tau_1", b"abs_tau_1", b"null", b"true", b"{}", b"[]", b'"x"', b"-1",
+    b"1.5e-310", b"joint_1", b"mimic", b"#ROSBAG V2.0\n", b"\x89MCAP0\r\n", b"SQLite format 3\0", b"MSG: a/b\n",
+    "ä".encode(), b"\x1f\x8b", b"PK\3\4", b"PAR1", b"\xe2\x80\xa8", b"1,5", b"3" * 200_000,
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Reader:
+    """A file's name, what it may hold, and how it is read."""
+
+    name: str
+    file: str
+    seeds: Sequence[bytes]
+    read: Callable[[Path], object]
+    wrap: Callable[[bytes], bytes] = bytes  # makes damage show that a checksum would hide
+    beside: Mapping[str, bytes] = field(default_factory=dict)  # whole files that are read with it
+    slow: bool = False  # starts a process for each file
+
+    def __call__(self, content: bytes, folder: Path) -> bool:
+        """Whether the file can be used; what is neither read nor refused raises."""
+        for name, held in {**self.beside, self.file: self.wrap(content)}.items():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            (folder / name).write_bytes(held)
+        try:
+            self.read(folder / self.file)
+        except SignidError as error:
+            assert str(error).strip(), "a refusal without words"
+            return False
+        return True
+
+
+@cache
+def readers() -> tuple[Reader, ...]:
+    """Every one."""
+    table = b"t,q_1,tau_1,dq_1\n" + b"".join(b"%g,%g,%g,1\n" % (0.1 * k, np.sin(0.1 * k), k) for k in range(60))
+    semicolon = table.replace(b",", b";").replace(b".", b",")
+    motion = table.replace(b"tau_1", b"ddq_1")
+    urdf = (HERE / "robots/3r/robot.urdf").read_bytes()
+    model, diagnosis = _saved()
+    bag, plain, chunked = bag2(STATE), bag2(STATE, mcap=True), bag2(STATE, mcap=True, squeeze="STORAGE")
+    joints = dataset()
+    return (
+        Reader("URDF", "r.urdf", [urdf, _small_urdf().encode()], signid.load_robot),
+        Reader("xacro", "r.xacro", [XACRO.encode()], _expanded, beside={"other.xacro": b"<robot/>"}, slow=True),
+        Reader("MJCF", "r.xml", [MJCF.encode()], signid.load_robot, beside={"o.xml": b"<mujocoinclude/>"}),
+        Reader("actuators", "a.toml", [ACTUATORS.encode()], lambda path: read_actuators(path, _robot())),
+        Reader("columns", "c.toml", [COLUMNS.encode()], _mapped),
+        Reader("bounds", "b.toml", [BOUNDS.encode()], _bounds),
+        Reader("CSV", "r.csv", [table, semicolon, b"# " + table], _recorded),
+        Reader(
+            "CSV, gzip inside", "r.csv.gz", [table], _recorded, wrap=lambda content: gzip.compress(content, 1, mtime=0)
+        ),
+        Reader("CSV, gzip", "r.csv.gz", [gzip.compress(table, mtime=0)], _recorded),
+        Reader("Parquet", "r.parquet", [_encoded("r.parquet"), _encoded("r.parquet", 9000)], _recorded),
+        Reader("NPZ", "r.npz", [_encoded("r.npz")], _recorded),
+        Reader("NPZ, arrays", "r.npz", [_array(np.arange(90) / 9), _array(np.ones((5, 2)))], _recorded, wrap=_zipped),
+        Reader("ROS 1 bag", "r.bag", [bag1(STATE), bag1(CONTROL), bag1(STATE, "BZ2"), bag1(STATE, "LZ4")], _recorded),
+        Reader("ROS 2 bag", "r.db3", [bag["r.db3"], bag2(CONTROL)["r.db3"]], _recorded),
+        Reader("ROS 2 bag, metadata", "metadata.yaml", [bag["metadata.yaml"]], _folder, beside={"r.db3": bag["r.db3"]}),
+        Reader("MCAP", "r.mcap", [each["r.mcap"] for each in (plain, bag2(CONTROL, mcap=True), chunked)], _recorded),
+        Reader("LeRobot", TABLE, [joints[TABLE]], _dataset, beside={DESCRIPTION: joints[DESCRIPTION]}),
+        Reader("LeRobot, description", DESCRIPTION, [joints[DESCRIPTION]], _dataset, beside={TABLE: joints[TABLE]}),
+        Reader("factors", "f.npz", [_factors()], lambda path: signid.load_factors(path, _robot())),
+        Reader("factors, header", "f.npz", [_header()], lambda path: signid.load_factors(path, _robot()), wrap=_headed),
+        Reader("manifest", "m.csv", [MANIFEST], read_manifest),
+        Reader("motion", "m.csv", [motion, table], lambda path: read_motion(path, _robot())),
+        Reader("model.json", "model.json", [model], signid.load_model),
+        Reader("diagnosis.json", "diagnosis.json", [diagnosis], read_found, beside={"model.json": model}),
+    )
+
+
+@cache
+def _robot() -> Robot:
+    return signid.load_robot("1r")
+
+
+@cache
+def _factors() -> bytes:
+    robot, t = _robot(), np.arange(0, 20, 0.01)
+    columns = {"t": t, "q_1": np.sin(t) + np.sin(2.3 * t), "tau_1": np.cos(t) + np.sin(3 * t)}
+    return signid.encode_factors(signid.reduce(robot, [read_recording(columns, robot)]))
+
+
+def _header() -> bytes:
+    with np.load(io.BytesIO(_factors()), allow_pickle=False) as archive:
+        return bytes(archive["header"].tobytes())
+
+
+def _headed(content: bytes) -> bytes:
+    """The factors with another header; their digest is that of the arrays, so damage shows."""
+    with np.load(io.BytesIO(_factors()), allow_pickle=False) as archive:
+        arrays = {name: archive[name] for name in archive.files}
+    written = io.BytesIO()
+    np.savez(written, **{**arrays, "header": np.frombuffer(content, np.uint8)})
+    return written.getvalue()
+
+
+def _expanded(path: Path) -> None:
+    sandbox.SECONDS = 3  # programs without end would take all the time there is
+    signid.load_robot(path)
+
+
+def _recorded(path: Path, columns: ColumnMap | None = None) -> None:
+    recording = read_recording(path, _robot(), columns=columns)
+    survey(recording, _robot())
+    recording.read(0, 10)
+
+
+def _folder(path: Path) -> None:
+    _recorded(path.parent)
+
+
+def _dataset(path: Path) -> None:
+    home = path.parents[2 if path.suffix == ".parquet" else 1]
+    _recorded(home, {"units": {"q": "rad", "q_des": "rad", "tau": "N.m"}})
+
+
+def _mapped(path: Path) -> None:
+    arrays = {name: np.arange(20.0) for name in ("time", "pos", "eff")}
+    read_recording(arrays, _robot(), columns=path)
+
+
+def _bounds(path: Path) -> None:
+    read_bounds(path, ["link_1", "link_2"], Bounds(np.zeros(20), np.ones(20)))
+
+
+def _small_urdf() -> str:
+    joint = '<joint name="j" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>'
+    more = '<limit lower="-1" upper="1" effort="9" velocity="2"/><dynamics damping="1" friction="2"/>'
+    follows = '<joint name="k" type="prismatic"><parent link="b"/><child link="c"/><mimic joint="j" multiplier="2"/>'
+    links = f'<link name="a"/><link name="b">{INERTIAL}</link><link name="c">{INERTIAL}</link>'
+    return f'<?xml version="1.0"?><robot name="r">{links}{joint}{more}</joint>{follows}</joint></robot>'
+
+
+@cache
+def _saved() -> tuple[bytes, bytes]:
+    """A model.json and a diagnosis.json beside it."""
+    law = {"effect": "spring", "joint": "joint_1", "parameters": {"stiffness": 1.0, "rest": 0.1}}
+    model = {**signid.load_model("1r").document(), "effects": [law]}
+    told = {key: {"value": value, "std": 0.1, "unit": "N.m"} for key, value in law["parameters"].items()}
+    finding = {**law, "parameters": told, "role": "cause", "probability": 0.9}
+    diagnosis = {"schema": "signid.diagnosis/1", "verdict": "named", "findings": [finding]}
+    return json.dumps(model).encode(), json.dumps(diagnosis).encode()
+
+
+def _encoded(name: str, rows: int = 60) -> bytes:
+    t = np.arange(rows) / 100
+    return find_format(Path(name)).encode({"t": t, "q_1": np.sin(t), "tau_1": np.cos(t)}, name)
+
+
+def _array(values: np.ndarray) -> bytes:
+    file = io.BytesIO()
+    np.save(file, values)
+    return file.getvalue()
+
+
+def _zipped(content: bytes) -> bytes:
+    """An archive whose q_1 has this content."""
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w") as archive:
+        for name in ("t", "tau_1"):
+            archive.writestr(f"{name}.npy", _array(np.arange(90) / 9))
+        archive.writestr("q_1.npy", content)
+    return file.getvalue()

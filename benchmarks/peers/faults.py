@@ -1,0 +1,103 @@
+"""Nine faults of a UR10, and its recordings with each: MuJoCo moves the arm, the controller knows of no fault."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..plants.bodies import Body, Drives
+from ..plants.control import Motion
+from ..plants.control import Track as Moved
+from ..plants.faults import Fault
+from ..plants.mujoco_ import simulate
+from ..regressor.job import HARMONICS, RATE, REACH, Array, drives, load
+
+ENCODER, TORQUE = 1e-4, 0.02  # rad, and share of a joint's deviation: white noise
+ONE = "shoulder_lift_joint"
+TILT, MASS, OUT, LATE, OFFSET, GAIN = np.deg2rad(3.0), 1.5, 0.1, 0.010, 0.02, 0.9  # rad, kg, m, s, rad, 1
+SLOW, LOAD, ASIDE = 0.05, 0.1, 0.3  # rad/s of Stribeck's curve; of the load; of Coulomb friction, one way
+DROP = 0.6  # of Coulomb friction
+SIGNS = "signs"  # no effect, but what is found where torque has none
+
+
+@dataclass(frozen=True)
+class Case:
+    """One fault, and the words by which a tool would have named it."""
+
+    name: str
+    effect: str  # as signid calls it; "" where nothing is wrong
+    faults: tuple[Fault, ...] = ()
+    words: tuple[str, ...] = ()
+    unsigned: bool = False  # whether torque loses its sign
+    told: bool = False  # and whether that is said; only signid can be told
+
+    @property
+    def joints(self) -> tuple[str | None, ...]:
+        """Where it is."""
+        return tuple(fault.joint for fault in self.faults)
+
+
+@dataclass(frozen=True, eq=False)
+class Arm:
+    """The robot as everybody is told it is."""
+
+    body: Body
+    drives: Drives
+
+    @classmethod
+    def ur10(cls) -> Arm:
+        """The arm of the base-parameter job, with the same drives."""
+        robot = load("ur10")
+        return cls(Body(robot.document, robot.joints), drives(robot))
+
+
+def cases(arm: Arm) -> tuple[Case, ...]:
+    """Nothing wrong, then each fault; friction and delay are those of all joints."""
+
+    def each(effect: str, **numbers: float | Array) -> tuple[Fault, ...]:
+        n = len(arm.body.joints)
+        values = {key: np.broadcast_to(x, n).tolist() for key, x in numbers.items()}
+        return tuple(Fault(effect, j, {key: x[i] for key, x in values.items()}) for i, j in enumerate(arm.body.joints))
+
+    dry, mount = np.array(arm.drives.coulomb_friction), Fault("base_tilt", None, {"x": 0.0, "y": TILT})
+    load = {"mass": MASS, "first_moment_x": 0.0, "first_moment_y": 0.0, "first_moment_z": MASS * OUT}
+    held = Fault("payload", arm.body.joints[-1], load)
+    late, read = Fault("time_delay", None, {"delay": LATE}), Fault("encoder_offset", ONE, {"offset": OFFSET})
+    weak, none = Fault("torque_gain", ONE, {"error": GAIN - 1}), np.zeros(len(dry))
+    one_way = {"coulomb_positive": ASIDE * dry, "coulomb_negative": none}
+    aside = each("asymmetric_friction", viscous_positive=none, viscous_negative=none, **one_way)
+    unsigned = ("absolute", "unsigned", "without a sign", "sign is lost", "signs are lost")
+    stribeck = each("stribeck_friction", level=DROP * dry, velocity=SLOW)
+    return (
+        Case("clean", ""),
+        Case("base tilt 3 deg", mount.effect, (mount,), ("tilt", "gravity", "base orientation", "level")),
+        Case("payload 1.5 kg", held.effect, (held,), ("payload", "load", "heavier")),
+        Case("torque 10 ms late", late.effect, (late,), ("delay", "late", "lag", "latency", "time shift")),
+        Case("Stribeck, 60 % of Coulomb", "stribeck_friction", stribeck, ("stribeck", "low speed", "breakaway")),
+        Case("encoder offset 0.02 rad", read.effect, (read,), ("encoder", "offset", "bias", "zero position")),
+        Case("torque gain 0.9, one joint", weak.effect, (weak,), ("gain", "scale", "torque constant")),
+        Case("load-dependent friction 0.1", "load_friction", each("load_friction", coefficient=LOAD), ("load",)),
+        Case("Coulomb 30 % more one way", "asymmetric_friction", aside, ("asymmetr", "direction", "one way")),
+        Case("sign lost", SIGNS, (), unsigned, unsigned=True),
+        Case("sign lost, and told so", SIGNS, (), unsigned, unsigned=True, told=True),
+    )
+
+
+def motion(arm: Arm, seed: int) -> Motion:
+    """Five harmonics of 0.1 Hz, random phases: the motion of the base-parameter job."""
+    n, order = len(arm.body.joints), np.arange(1, HARMONICS + 1)
+    sines, cosines = np.random.default_rng(seed).standard_normal((2, n, HARMONICS))
+    size = REACH / np.sum(np.hypot(sines, cosines), axis=1)
+    rate = np.zeros((2, 10, n))  # the series of plants has ten
+    rate[:, :HARMONICS] = (np.stack([sines, -cosines]) * size[:, None] * 2 * np.pi * 0.1 * order).swapaxes(1, 2)
+    return Motion(rate[0], rate[1], np.zeros(n))
+
+
+def record(arm: Arm, case: Case, seed: int, duration: float) -> Moved:
+    """What is written down along a motion [s, rad, N.m]; noise of the same seed, whatever is wrong."""
+    moved = simulate(arm.body, arm.drives, motion(arm, seed), duration, RATE, case.faults)
+    rng = np.random.default_rng([seed, 7])
+    q = moved.q + ENCODER * rng.standard_normal(moved.q.shape)
+    tau = moved.tau + TORQUE * moved.tau.std(axis=0) * rng.standard_normal(moved.tau.shape)
+    return Moved(moved.t, q, np.abs(tau) if case.unsigned else tau)

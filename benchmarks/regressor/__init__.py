@@ -1,0 +1,1 @@
+"""Parts of `benchmarks.regressor`: one job, and others that do it."""

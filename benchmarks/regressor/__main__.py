@@ -1,0 +1,217 @@
+"""How long base parameters take: `python -m benchmarks.regressor [--figaroh-python PATH] [--json FILE]`.
+
+10,000 samples at 100 Hz of an arm along a periodic motion; torque from its URDF plus armature, viscous and Coulomb
+friction. The floor is a plain Pinocchio loop with normal equations, base columns known beforehand. signid does the same
+job from the same arrays, then with its filter and noise model; figaroh does it in its own environment. All take turns
+on one thread, so that what else the machine does falls on all alike; the best of several turns counts.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from subprocess import PIPE, Popen
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from rich.console import Console
+from rich.table import Table
+
+from signid.estimate import estimate
+from signid.factors import LAGS
+from signid.identify import identify
+from signid.motion import Motion
+from signid.prepare import prepare
+from signid.recording import read_recording
+from signid.regressor import base_rows
+from signid.session import Options, Session
+from signid.types import Recording, Robot
+
+from ..arms import base_parameters
+from ..one_thread import one_thread
+from ..plants.bodies import Body, bare
+from .job import RATE, ROBOTS, SAMPLES, Array, Track, drives, load, move
+from .plain import plain
+
+BARE = Options(cutoff=np.inf, derivatives="recorded", whiten=False)  # what the plain loop does
+TOKEN = 200  # samples held out: judging is not what is timed
+LIMIT, FASTER, AGREE = 1.5, 10.0, 1e-9  # times the floor at most; times figaroh's speed at least; relative error
+PEER = Path(__file__).parent / "figaroh_.py"
+LOOP, PLAIN = "Pinocchio's loop alone", "floor: + least squares"
+SAME, READY, DEFAULT, WHOLE = "signid, same job", "signid, + prepare()", "signid, by default", "signid, identify()"
+FIGAROH = "figaroh 1.0.2"
+
+
+@dataclass
+class Row:
+    """One way to do the job."""
+
+    robot: str
+    job: str
+    seconds: list[float]
+    parameters: float | None = None  # largest error over the largest base parameter
+    torque: float | None = None  # largest error along another motion over the largest torque
+
+
+def fit(session: Session, whiten: bool) -> Array:
+    """Base parameters by signid; lagged products are left out where no noise model asks for them."""
+    lags = LAGS if whiten else 0
+    factors = session.reduce(session.train, lags=lags)
+    return estimate(factors, session.task.base, whiten=whiten).value
+
+
+def prepare_and_fit(robot: Robot, recording: Recording, token: Recording, options: Options) -> Array:
+    """The same with what comes before: base map, survey, band."""
+    return fit(prepare(robot, [recording], [token], options), options.whiten)
+
+
+class Peer:
+    """figaroh in its own environment, waiting to be told to run."""
+
+    def __init__(self, python: str, robot: Robot, train: Track, test: Track, folder: Path) -> None:
+        """Start it with the job in a folder."""
+        (folder / "robot.urdf").write_text(bare(Body(robot.document, robot.joints)), encoding="utf-8")
+        for name, track in (("train", train), ("test", test)):
+            np.savez(folder / f"{name}.npz", **track._asdict())
+        self.errors = folder / "errors.txt"
+        with self.errors.open("w", encoding="utf-8") as errors:
+            self.process = Popen(
+                [python, str(PEER), str(folder)], stdin=PIPE, stdout=PIPE, stderr=errors, text=True, encoding="utf-8"
+            )
+
+    def run(self) -> dict[str, Any]:
+        """Times and errors of one run.
+
+        Raises:
+            RuntimeError: it could not run.
+        """
+        assert self.process.stdin is not None and self.process.stdout is not None, "both are pipes"
+        try:
+            print("run", file=self.process.stdin, flush=True)
+            return dict(json.loads(self.process.stdout.readline()))
+        except (BrokenPipeError, json.JSONDecodeError) as error:
+            last = self.errors.read_text(encoding="utf-8").strip().splitlines()[-1:]
+            raise RuntimeError(f"figaroh does not run in the Python that was given: {' '.join(last)}") from error
+
+    def close(self) -> None:
+        """End it."""
+        self.process.communicate()
+
+
+def measure(name: str, python: str, turns: int) -> Iterator[Row]:
+    """All ways in turn, as often as asked for."""
+    robot = load(name)
+    train, test = (move(robot, seed) for seed in (0, 1))
+    columns = {"t": np.arange(SAMPLES) / RATE, "q": train.q, "dq": train.v, "ddq": train.a, "tau": train.tau}
+    recording = read_recording(columns, robot)
+    token = read_recording({key: x[:TOKEN] for key, x in columns.items()}, robot)
+    same, default = (prepare(robot, [recording], [token], options) for options in (BARE, Options()))
+    base, effects = same.task.base, [law.effect.name for law in same.task.laws]
+    ways: dict[str, Callable[[], Any]] = {
+        LOOP: plain(robot, base, effects, train, solve=False),
+        PLAIN: plain(robot, base, effects, train),
+        SAME: partial(fit, same, False),
+        READY: partial(prepare_and_fit, robot, recording, token, BARE),
+        DEFAULT: partial(fit, default, True),
+        WHOLE: lambda: identify(robot, [recording], held_out=[token]).base_value,
+    }
+    seconds: dict[str, list[float]] = {way: [] for way in ways}
+    answers: dict[str, Any] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        peer = Peer(python, robot, train, test, Path(folder)) if python else None
+        for turn in range(turns + 1):  # the first is not counted
+            for way, run in ways.items():
+                start = time.perf_counter()
+                answers[way] = run()
+                seconds[way] += [time.perf_counter() - start] * (turn > 0)
+            if peer:
+                answers[FIGAROH] = peer.run()
+                seconds.setdefault(FIGAROH, []).extend([answers[FIGAROH]["seconds"]] * (turn > 0))
+        if peer:
+            peer.close()
+    errors = partial(_errors, robot, same, test)
+    for way, times in seconds.items():
+        told = {"torque": answers[way]["torque"]} if way == FIGAROH else errors(answers[way]) if way != LOOP else {}
+        yield Row(name, way, times, **told)
+
+
+def _errors(robot: Robot, session: Session, test: Track, value: Array) -> dict[str, float]:
+    """Against the parameters and the torque that are true."""
+    base, laws = session.task.base, session.task.laws
+    truth = base_parameters(robot, base, laws, drives(robot))
+    motion = Motion(robot, np.arange(SAMPLES) / RATE, test.q, test.v, test.a)
+    rows = base_rows(motion, laws, [base.independent] * len(robot.joints))
+    torque = np.column_stack([x @ value for x in rows])
+    worst = [np.abs(a - b).max() / np.abs(b).max() for a, b in ((value, truth), (torque, test.tau))]
+    return {"parameters": float(worst[0]), "torque": float(worst[1])}
+
+
+def judge(rows: Sequence[Row]) -> Iterator[tuple[str, bool]]:
+    """Each target with whether it is met."""
+    for robot in dict.fromkeys(row.robot for row in rows):
+        ours = {row.job: row for row in rows if row.robot == robot}
+        best = {job: min(row.seconds) for job, row in ours.items()}
+        for job in (SAME, DEFAULT):
+            ratio = best[job] / best[PLAIN]
+            yield f"{robot}: {job}: {ratio:.2f} times the floor (at most {LIMIT:g})", ratio <= LIMIT
+        for job in (SAME, READY) if FIGAROH in best else ():
+            ratio = best[FIGAROH] / best[job]
+            yield f"{robot}: {job}: {ratio:.1f} times as fast as figaroh (at least {FASTER:g})", ratio >= FASTER
+        worst = max(x for job in (PLAIN, SAME) for x in (ours[job].parameters, ours[job].torque) if x is not None)
+        yield f"{robot}: parameters and torque agree with the truth to {worst:.1e} (at most {AGREE:g})", worst <= AGREE
+
+
+def show(robot: str, rows: Sequence[Row]) -> Table:
+    """One robot's rows as a table to read."""
+    table = Table(title=f"{robot}: base parameters from {SAMPLES:,} samples, one thread")
+    for name in ("job", "best, ms", "median", "x floor", "parameters", "torque"):
+        table.add_column(name, justify="left" if name == "job" else "right", no_wrap=True)
+    floor = min(next(row.seconds for row in rows if row.job == PLAIN))
+    for row in rows:
+        best, middle = min(row.seconds), float(np.median(row.seconds))
+        times = [f"{1e3 * best:.1f}", f"{1e3 * middle:.1f}"]
+        errors = ["" if x is None else f"{x:.0e}" for x in (row.parameters, row.torque)]
+        table.add_row(row.job, *times, f"{best / floor:.2f}", *errors)
+    if all(row.job != FIGAROH for row in rows):
+        table.caption = f"{FIGAROH} not measured: give --figaroh-python"
+    return table
+
+
+def main() -> None:
+    """Measure, print the table, write the numbers; exit 1 when a target is missed."""
+    one_thread()
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.regressor", description=__doc__)
+    parser.add_argument("--figaroh-python", default=os.environ.get("SIGNID_FIGAROH_PYTHON", ""), metavar="PATH")
+    parser.add_argument("--turns", type=int, default=7, help="best of so many (7)")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers there")
+    options = parser.parse_args()
+    console, rows = Console(), list[Row]()
+    for name in ROBOTS:
+        try:
+            with console.status(name):
+                found = list(measure(name, options.figaroh_python, options.turns))
+        except RuntimeError as error:
+            parser.error(str(error))
+        console.print(show(name, found))
+        rows += found
+    verdicts = list(judge(rows))
+    for sentence, met in verdicts:
+        console.print(sentence, style="" if met else "red", highlight=False)
+    if options.json:
+        machine = {"python": platform.python_version(), "pinocchio": pin.__version__, "numpy": np.__version__}
+        numbers = {"machine": machine, "rows": [vars(row) for row in rows], "targets": dict(verdicts)}
+        options.json.write_text(json.dumps(numbers, indent=1), encoding="utf-8")
+    raise SystemExit(0 if all(met for _, met in verdicts) else 1)
+
+
+if __name__ == "__main__":
+    main()

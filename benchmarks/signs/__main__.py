@@ -1,0 +1,178 @@
+"""Torque without its sign, on the bench: `python -m benchmarks.signs [--only CASE ...] [--quick] [--json FILE]`.
+
+Signs are thrown away and found again; what is found is held against the true signs, and against what the same
+recordings tell with their signs. Cases: paper and real need SIGNID_DATA.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import mujoco
+from rich.console import Console
+from rich.table import Table
+
+from signid.errors import SignidError
+
+from ..one_thread import one_thread
+from ..told import finite
+from . import bullet, constants, hobby, paper, real, show, simulated, speed, verdicts
+from .row import Row, Verdict
+from .summary import reliability, summarise
+
+NEED_DATA = ("paper", "real", "hobby", "speed")
+Told = tuple[Table, ...]
+
+
+class Bench:
+    """What has been measured so far, case by case."""
+
+    def __init__(self, quick: bool, workers: int) -> None:
+        self.quick, self.workers = quick, workers
+        self.rows: list[Row] = []
+        self.verdicts: list[Verdict] = []
+        self.more: dict[str, Any] = {}
+
+    def add(self, rows: Iterator[Row]) -> list[Row]:
+        """Run the rows of a case, and keep them."""
+        done = list(rows)
+        self.rows += done
+        return done
+
+    def paper(self) -> Told:
+        """The recordings of the paper, by both methods."""
+        rows = self.add(paper.rows(tree=not self.quick))
+        self.verdicts += verdicts.of_rows(rows)
+        keys = ("case", "method", "segments", "mixed", "samples", "b", "error", "off", "seconds", "proof", "nodes")
+        more = (
+            ("paper", lambda row: f"{paper.PAPER[row.case.partition(',')[0]]:.1e}"),
+            ("search", lambda row: f"{row.error_search:.1e}"),
+            ("signed", lambda row: f"{row.error_known:.1e}"),
+            ("unseen, N.m", lambda row: f"{max(row.held_out):.1e}"),
+        )
+        return (show.show_rows("recordings of the paper: 1R and 3R, no noise", rows, keys, more),)
+
+    def table(self) -> Told:
+        """The paper's table of coefficients."""
+        self.verdicts.append(verdicts.of_table())
+        return show.show_entries(), show.show_identifiable(), show.show_quoted()
+
+    def bullet(self) -> Told:
+        """The arm in PyBullet."""
+        rows = self.add(bullet.rows(2 if self.quick else bullet.MOTIONS, self.workers))
+        self.verdicts += verdicts.of_rows(rows)
+        keys = ("case", "segments", "mixed", "samples", "b", "off", "ratio", "worse", "seconds", "proof", "flags")
+        more = (
+            ("ten, off", lambda row: f"{row.error:.2g}"),
+            ("signed", lambda row: f"{row.error_known:.2g}"),
+            ("ratio", lambda row: f"{row.error / row.error_known:.2f}"),
+        )
+        return (show.show_rows("3R in PyBullet, 2 % noise", rows, keys, more),)
+
+    def real(self) -> Told:
+        """Real robots."""
+        rows = self.add(real.rows())
+        self.verdicts += verdicts.of_rows(rows)
+        keys = ("case", "segments", "mixed", "samples", "small", "b", "off", "worse", "seconds", "proof", "flags")
+        return (show.show_rows("real robots, signs thrown away", rows, keys, (("robot", lambda row: row.group),)),)
+
+    def hobby(self) -> Told:
+        """Signs that nobody knows."""
+        report = hobby.report()
+        self.more["hobby"] = asdict(report)
+        self.verdicts.append(verdicts.of_hobby(report))
+        return (show.show_hobby(report),)
+
+    def simulated(self) -> Told:
+        """Arms of six and seven joints."""
+        rows = self.add(simulated.rows(1 if self.quick else simulated.SEEDS, self.workers))
+        self.verdicts += verdicts.of_groups(rows)
+        return (show.show_groups("arms of six and seven joints in MuJoCo", summarise(rows)),)
+
+    def constants(self) -> Told:
+        """Currents whose torque constants are not known."""
+        found = list(constants.found(workers=self.workers))
+        kinds = list(constants.summarise(found))
+        self.more |= {"constants": [asdict(one) for one in found], "kinds": [asdict(kind) for kind in kinds]}
+        self.verdicts += verdicts.of_constants(kinds)
+        return (show.show_constants(kinds),)
+
+    def speed(self) -> Told:
+        """Exact search against the classical tree, and against its fast form."""
+        rows = list(speed.races(self.rows, tree=not self.quick))
+        self.more["speed"] = [asdict(row) for row in rows]
+        self.verdicts += [row.verdict for row in rows]
+        return (speed.show(rows),)
+
+    def confidence(self) -> Told:
+        """Whether confidence is earned, over all that was run."""
+        bins = list(reliability(self.rows))
+        self.verdicts += [verdicts.of_bins(bins), verdicts.of_all(self.rows)]
+        return (show.show_bins(bins),)
+
+
+WORDS = {True: ("met", ""), False: ("NOT MET", "red"), None: ("told", "")}
+CASES = ("table", "paper", "bullet", "real", "hobby", "simulated", "constants", "speed")
+
+
+def run(bench: Bench, cases: Sequence[str], console: Console) -> None:
+    """The cases asked for, each printed when it is done, then confidence over all of them."""
+    for name in (*cases, "confidence"):
+        if name in NEED_DATA and not os.environ.get("SIGNID_DATA"):
+            console.print(f"{name}: left out, SIGNID_DATA is not set", highlight=False)
+            continue
+        work: Callable[[], Told] = getattr(bench, name)
+        start, before = time.perf_counter(), len(bench.verdicts)
+        try:
+            tables = work()
+        except SignidError as error:
+            tables = ()
+            bench.verdicts.append(Verdict(f"{name}: refused: {error}", False))
+        for table in tables:
+            console.print(table)
+        for verdict in bench.verdicts[before:]:
+            told, style = WORDS[verdict.met]
+            console.print(f"{told}: {verdict.sentence}", style=style, highlight=False, soft_wrap=True)
+        console.print(f"{name}: {time.perf_counter() - start:.1f} s\n", highlight=False, style="dim")
+
+
+def main() -> None:
+    """Run, print, write; exit 1 when a target is missed."""
+    one_thread()
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.signs", description=__doc__)
+    parser.add_argument("--only", nargs="+", choices=CASES, metavar="CASE", help=f"some of {', '.join(CASES)}")
+    parser.add_argument("--quick", action="store_true", help="fewer motions, and no tree")
+    parser.add_argument("--workers", type=int, default=2, help="processes at once, by default %(default)s")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers there")
+    options, console = parser.parse_args(), Console(width=160)
+    bench = Bench(options.quick, options.workers)
+    run(bench, options.only or CASES, console)
+    if options.json:
+        import pybullet  # not a dependency of the tests
+
+        versions = {"mujoco": mujoco.__version__, "pybullet": pybullet.getAPIVersion()}
+        machine = {"python": platform.python_version(), "processor": platform.machine(), **versions}
+        groups = summarise([row for row in bench.rows if "noise" in row.group or row.group in simulated.FAILURES])
+        told = {
+            "machine": machine,
+            "rows": [asdict(row) for row in bench.rows],
+            "groups": [asdict(group) for group in groups],
+            "reliability": [asdict(one) for one in reliability(bench.rows)],
+            "verdicts": [verdict._asdict() for verdict in bench.verdicts],
+            **bench.more,
+        }
+        options.json.write_text(json.dumps(finite(told), indent=1, allow_nan=False), encoding="utf-8")
+    sys.exit(any(verdict.met is False for verdict in bench.verdicts))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,88 @@
+"""Intervals against a plant in MuJoCo: they hold the truth as often as they say."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import polars as pl
+import pytest
+
+from benchmarks.arms import ARMS, Arm, load
+from benchmarks.coverage import NOISES, TARGET, identify, judge, record
+from benchmarks.plants.mujoco_ import STEP, Body, Track, draw_motion, log, simulate
+from benchmarks.record_3r import BITS, CENTRE, DRIVES, NOISE, RATE, RECORDINGS, read_body, tell
+from signid.robot import load_robot
+from signid.types import Robot
+
+FOLDER = Path(__file__).parents[1] / "robots" / "3r"
+ARM = ARMS[0]
+
+
+@pytest.fixture(scope="module")
+def arm() -> tuple[Robot, list[Track]]:
+    """The 3R arm, and what truly happens along 20 motions."""
+    robot = load(ARM)
+    return robot, record(ARM, robot)
+
+
+@pytest.mark.parametrize("noise", NOISES)
+def test_intervals_hold_the_truth_as_often_as_they_say(arm: tuple[Robot, list[Track]], noise: str) -> None:
+    row = judge(ARM, *arm, noise)
+    assert row.recordings >= 200
+    assert TARGET[0] <= row.coverage <= TARGET[1]
+    assert TARGET[0] <= row.inertial <= TARGET[1]
+    assert TARGET[0] <= row.drives <= TARGET[1]
+    assert row.worst >= 85, row.worst_parameter
+
+
+@pytest.mark.parametrize("arm", ARMS, ids=lambda arm: arm.robot)
+def test_the_plant_obeys_the_equations_of_motion(arm: Arm) -> None:
+    """Pinocchio's torque at central differences of the positions is the plant's, sample by sample."""
+    robot = load(arm)
+    track = simulate(Body(robot.document, robot.joints), arm.drives, draw_motion(arm.centre, 7), 2.0, 1 / STEP)
+    q, v, a = track.q[1:-1], (track.q[2:] - track.q[:-2]) / (2 * STEP), np.diff(track.q, 2, axis=0) / STEP**2
+    model, drives = robot.model.copy(), arm.drives
+    model.armature[: arm.joints] = drives.armature
+    data, still = model.createData(), np.zeros(model.nv - arm.joints)
+    friction = v * drives.viscous_friction + np.sign(v) * drives.coulomb_friction + drives.torque_offset
+    for j in range(arm.joints):
+        moving = np.flatnonzero(np.abs(v[:, j]) > 0.02)[::7]
+        states = ([np.append(x[k], still) for x in (q, v, a)] for k in moving)
+        rigid = np.array([pin.rnea(model, data, *state)[j] for state in states])
+        wrong = track.tau[1:-1][moving, j] - rigid - friction[moving, j]
+        assert np.sqrt(np.mean(wrong**2)) < 1e-3 * np.sqrt(np.mean(track.tau[:, j] ** 2))
+
+
+@pytest.mark.parametrize("name", RECORDINGS)
+def test_the_recording_is_what_its_script_makes(name: str) -> None:
+    duration, seed = RECORDINGS[name]
+    body = read_body(FOLDER / "robot.urdf")
+    made = log(simulate(body, DRIVES, draw_motion(CENTRE, seed), duration, RATE), seed, BITS, NOISE)
+    kept = pl.read_parquet(FOLDER / f"{name}.parquet")
+    assert kept.columns == list(made)
+    for key, values in made.items():
+        assert np.max(np.abs(kept[key].to_numpy() - values)) < (1e-4 if key.startswith("q") else 1e-3), key
+
+
+def test_the_truth_beside_the_recording_is_the_plants() -> None:
+    written = tomllib.loads((FOLDER / "truth.toml").read_text())
+    told = tomllib.loads("\n".join(tell(read_body(FOLDER / "robot.urdf"))))
+    assert written["joint"] == told["joint"]
+    for link, values in told["link"].items():
+        for key, value in values.items():
+            np.testing.assert_allclose(written["link"][link][key], value, atol=1e-8)
+
+
+def test_the_recording_tells_the_truth() -> None:
+    robot = load_robot(FOLDER)
+    known = tomllib.loads((FOLDER / "truth.toml").read_text())
+    session, found = identify(robot, pl.read_parquet(FOLDER / "recording.parquet").to_dict(as_series=False))
+    links = [known["link"][link] for link in robot.links]
+    bodies = [[link["mass"], *link["first_moment"], *link["inertia"]] for link in links]
+    drives = [known["joint"][robot.joints[law.joints[0]]][law.effect.name] for law in session.task.laws]
+    truth = session.task.base.combination @ np.concatenate([*bodies, drives])
+    assert np.max(np.abs(found.value - truth) / found.std) < 3.5
+    assert np.mean(np.abs(found.value - truth) / found.std < 1.96) > 0.85
