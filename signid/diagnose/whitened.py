@@ -114,6 +114,11 @@ class Whitened(Frozen):
             own[place] = range(len(place))
         return out
 
+    def columns_at(self, joints: Sequence[int]) -> tuple[Indices, list[Indices]]:
+        """The columns (p,) that some joints have, and where each joint has its own (m,) among them."""
+        columns = np.flatnonzero((self.at[list(joints)] >= 0).any(axis=0))
+        return columns, [np.searchsorted(columns, self.place[j]) for j in joints]
+
     @cached_property
     def refitted_gram(self) -> Gram:
         """Of the columns that are refitted."""
@@ -125,7 +130,16 @@ class Whitened(Frozen):
 
     def rows(self, group: Group) -> list[int]:
         """The joints on which a group acts."""
-        return np.flatnonzero(self.at[:, group.start] >= 0).tolist()
+        return self._rows[group.start]
+
+    @cached_property
+    def _rows(self) -> list[list[int]]:
+        """Of each column, the joints that have it."""
+        out: list[list[int]] = [[] for _ in range(self.count)]
+        for j, place in enumerate(self.place):
+            for column in place.tolist():
+                out[column].append(j)
+        return out
 
     def raw(self, joint: int, group: Group) -> Array:
         """(M', size) columns of a group on one joint [torque per coefficient]; zero where it has none."""
