@@ -18,7 +18,7 @@ class Beliefs(NamedTuple):
     """What is believed of g hypotheses of d coefficients each."""
 
     spread: Array  # (g, d, d) [units of the coefficients]
-    mean: Array  # (g,) [1]
+    mean: Array  # (g, d) [1] in units of the spread; where it is not 0, the size does not count
     first: Array  # (g, d) [units of the coefficients] spread of the positive coefficient, NaN where none is
 
     def some(self, which: Indices) -> Beliefs:
@@ -92,7 +92,8 @@ def view(data: Whitened, whole: Sequence[Batch], joints: Sequence[int]) -> View:
 def gather(beliefs: Sequence[Belief]) -> Beliefs:
     """Of hypotheses of one size."""
     first = [b.spread[b.positive] if b.positive >= 0 else b.spread[0] * np.nan for b in beliefs]
-    return Beliefs(np.array([b.spread for b in beliefs]), np.array([b.mean for b in beliefs]), np.array(first))
+    mean = [b.mean / np.diag(b.spread) if b.mean else np.zeros(len(b.spread)) for b in beliefs]
+    return Beliefs(np.array([b.spread for b in beliefs]), np.array(mean), np.array(first))
 
 
 def log_factor(beliefs: Beliefs, own: Array, right: Array) -> Array:
@@ -103,22 +104,18 @@ def log_factor(beliefs: Beliefs, own: Array, right: Array) -> Array:
         own: (g, d, d) Gram, less what is fitted beside [1 per coefficient, squared].
         right: (g, d) right side, less what is fitted beside [1 per coefficient].
     """
-    mean = beliefs.mean[:, None] * np.ones(right.shape)
-    shift = np.sum(right * mean, axis=1) - np.einsum("gi,gij,gj->g", mean, own, mean) / 2
-    right = right - np.einsum("gij,gj->gi", own, mean)
-    spread = beliefs.spread
+    spread, mean = beliefs.spread, beliefs.mean
     values, vectors = np.linalg.eigh(spread.transpose(0, 2, 1) @ own @ spread)
     w = np.maximum(values, 0)  # (g, d)
-    turned = spread @ vectors
-    z = np.einsum("gij,gi->gj", turned, right)
-    f = np.where(beliefs.mean[:, None] != 0, 1.0, SIZES) ** 2  # (g, sizes)
+    z = np.einsum("gij,gi->gj", vectors, np.einsum("gij,gi->gj", spread, right) + mean)
+    f = np.where(mean.any(axis=1)[:, None], 1.0, SIZES) ** 2  # (g, sizes)
     fw = 1 + f[:, :, None] * w[:, None, :]  # (g, sizes, d)
     told = np.sum(f[:, :, None] * z[:, None, :] ** 2 / fw - np.log(fw), axis=2) / 2
     first = np.einsum("gi,gij->gj", np.nan_to_num(beliefs.first), vectors)
     mid = np.sum(first[:, None, :] * f[:, :, None] * z[:, None, :] / fw, axis=2)
     wide = np.sqrt(np.maximum(np.sum(first[:, None, :] ** 2 * f[:, :, None] / fw, axis=2), 1e-300))
     told = told + np.where(np.isnan(beliefs.first[:, :1]), 0.0, np.log(2) + log_ndtr(mid / wide))
-    return np.asarray(shift + np.logaddexp.reduce(told, axis=1) - np.log(len(SIZES)))
+    return np.asarray(np.logaddexp.reduce(told, axis=1) - np.sum(mean**2, axis=1) / 2 - np.log(len(SIZES)))
 
 
 def _batch(data: Whitened, beliefs: Mapping[Group, Belief | None], which: Indices) -> Batch:
