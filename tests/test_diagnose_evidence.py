@@ -2,54 +2,34 @@
 
 from __future__ import annotations
 
-from fractions import Fraction
-from functools import cache
-
 import numpy as np
 import pytest
-from plant import law
+from random_rows import (
+    BODIES,
+    DISPERSION,
+    FRICTION,
+    GROUPS,
+    JOINTS,
+    OFFSET,
+    PLACE,
+    ROWS,
+    SPRING,
+    SWAP,
+    TOLD,
+    VISCOUS,
+    WAVE,
+    rows,
+    table,
+)
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
-from signid.diagnose.batches import gather, log_factor
 from signid.diagnose.evidence import TRUST, TRUST_PRIOR, Evidence
 from signid.diagnose.group import Group
-from signid.diagnose.hypothesis import Hypothesis
 from signid.diagnose.linear import Known
 from signid.diagnose.prior import SIZES, WIDE, Belief
-from signid.diagnose.whitened import Whitened, columns_of, total
+from signid.diagnose.whitened import columns_of, total
 from signid.types import Array, Law
-
-ROWS, JOINTS = 40, 2
-DISPERSION = np.array([1.3, 2.0])
-FRICTION = Group(0, 1, law=law("viscous_friction", 0), deviation=(np.inf,))
-BODIES = Group(1, 2, bodies=True, deviation=(0.4, 0.2))
-VISCOUS = Group(3, 1, Hypothesis((law("viscous_friction", 1),)))  # one coefficient, positive
-OFFSET = Group(4, 1, Hypothesis((law("torque_offset", 0),)))  # one, of either sign
-SPRING = Group(5, 2, Hypothesis((law("spring", 0),)))  # two, the first positive
-WAVE = Group(7, 2, Hypothesis((law("counterbalance", 1),)))  # two, of either sign
-SWAP = Group(9, 1, Hypothesis((law("channel_swap", 0, 1),)))  # there or not
-GROUPS = (FRICTION, BODIES, VISCOUS, OFFSET, SPRING, WAVE, SWAP)
-PLACE = (np.array([0, 1, 2, 4, 5, 6, 9]), np.array([1, 2, 3, 7, 8, 9]))
-TOLD = [VISCOUS, OFFSET, SPRING, WAVE, SWAP]
-
-
-@cache
-def rows(seed: int = 0, size: float = 0.3, bodies: float = 0.0, count: int = ROWS, blocks: int = 1) -> Evidence:
-    """Random columns; the residual holds some viscous friction, something of the bodies, and noise."""
-    rng = np.random.default_rng(seed)
-    columns = tuple(rng.standard_normal((count, len(place))) for place in PLACE)
-    theta = np.zeros(10)
-    theta[[1, 2]], theta[VISCOUS.start] = bodies, size
-    noise = np.sqrt(DISPERSION)[:, None] * rng.standard_normal((JOINTS, count))
-    residual = noise + np.array([x @ theta[place] for x, place in zip(columns, PLACE, strict=True)])
-    return Evidence(table(columns, residual, np.arange(count) * blocks // count))
-
-
-def table(columns: tuple[Array, ...], residual: Array, recording: Array) -> Whitened:
-    moves = np.ones((residual.shape[1], JOINTS), dtype=bool)
-    one = np.ones(JOINTS)
-    return Whitened(GROUPS, 10, PLACE, columns, residual, moves, recording, columns, 3 * one, one)
 
 
 def dense(evidence: Evidence, which: Array) -> Array:
@@ -240,38 +220,6 @@ def test_leaving_one_out_is_as_never_having_it(without: Group) -> None:
     rest = tuple(group for group in true if group is not without)
     for one, other in zip(rows(4).weigh(true, DISPERSION, without), rows(4).weigh(rest, DISPERSION), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-7, atol=1e-7)
-
-
-def test_joints_that_nothing_couples_are_fitted_apart() -> None:
-    evidence = rows(4)
-    for true, trust, expected in (
-        ((), 0.0, [(0,), (1,)]),
-        ((VISCOUS, OFFSET), 0.0, [(0,), (1,)]),
-        ((VISCOUS, SWAP), 0.0, [(0, 1)]),
-        ((VISCOUS,), 1.0, [(0, 1)]),
-    ):
-        found = evidence.components(true, trust)
-        assert [one.joints for one in found] == expected
-        assert {group for one in found for group in one.groups} == {*evidence.refitted(trust), *true}
-
-
-def test_what_was_asked_before_changes_no_answer() -> None:
-    asked = Evidence(rows(4).data)
-    for true in ((VISCOUS, OFFSET), (VISCOUS,), (VISCOUS, SPRING), (SPRING, OFFSET, VISCOUS), (OFFSET,)):
-        for dispersion in (DISPERSION, DISPERSION * [1.0, 1.5]):
-            for one, other in zip(
-                asked.weigh(true, dispersion), Evidence(asked.data).weigh(true, dispersion), strict=True
-            ):
-                np.testing.assert_array_equal(one, other)
-
-
-def test_a_law_that_is_far_too_large_is_weighed_whatever_the_rounding() -> None:
-    own, right, variance = Fraction(473 * 10**15), Fraction(-25 * 10**7), Fraction(4, 25)
-    wide = 1 + variance * own
-    exact = float(right - own / 2 + variance * (right - own) ** 2 / wide / 2) - np.log(float(wide)) / 2
-    beliefs = gather([Belief(np.eye(1) * 0.4, 1.0, -1)])
-    told = log_factor(beliefs, np.array([[[float(own)]]]), np.array([[float(right)]]))
-    assert told[0] == pytest.approx(exact, abs=1e-6)
 
 
 def test_a_law_of_the_rows_is_read_by_its_place() -> None:
