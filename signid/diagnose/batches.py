@@ -108,7 +108,7 @@ def log_factor(beliefs: Beliefs, own: Array, right: Array) -> Array:
     values, vectors = np.linalg.eigh(spread.transpose(0, 2, 1) @ own @ spread)
     w = np.maximum(values, 0)  # (g, d)
     z = np.einsum("gij,gi->gj", vectors, np.einsum("gij,gi->gj", spread, right) + mean)
-    f = np.where(mean.any(axis=1)[:, None], 1.0, SIZES) ** 2  # (g, sizes)
+    f = np.where(np.any(mean, axis=1, keepdims=True), 1.0, SIZES) ** 2  # (g, sizes)
     fw = 1 + f[:, :, None] * w[:, None, :]  # (g, sizes, d)
     told = np.sum(f[:, :, None] * z[:, None, :] ** 2 / fw - np.log(fw), axis=2) / 2
     first = np.einsum("gi,gij->gj", np.nan_to_num(beliefs.first), vectors)
