@@ -6,11 +6,12 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from random_rows import DISPERSION, OFFSET, SPRING, SWAP, VISCOUS, rows
+from random_rows import DISPERSION, FRICTION, OFFSET, SPRING, SWAP, VISCOUS, rows
 
 from signid.diagnose.batches import gather, log_factor
 from signid.diagnose.evidence import Evidence
 from signid.diagnose.prior import Belief
+from signid.residual import leave
 
 
 def test_joints_that_nothing_couples_are_fitted_apart() -> None:
@@ -43,3 +44,10 @@ def test_a_law_that_is_far_too_large_is_weighed_whatever_the_rounding() -> None:
     beliefs = gather([Belief(np.eye(1) * 0.4, 1.0, -1)])
     told = log_factor(beliefs, np.array([[[float(own)]]]), np.array([[float(right)]]))
     assert told[0] == pytest.approx(exact, abs=1e-6)
+
+
+def test_what_refitted_laws_cannot_make_is_left() -> None:
+    data = rows(4).data
+    expected = leave(data.part(0, SPRING), data.part(0, FRICTION))
+    np.testing.assert_allclose(data.free(0, data.part(0, SPRING)), expected, atol=1e-12)
+    np.testing.assert_array_equal(data.free(1, data.part(1, VISCOUS)), data.part(1, VISCOUS))  # bodies do not count

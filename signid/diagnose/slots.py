@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..residual import leave
+from ..residual import RANK, leave
 from ..types import Array, Frozen
 from .found import Found
 from .group import Group
@@ -129,9 +129,13 @@ def _left(judge: Judge, rival: Group, torque: Mapping[int, Array]) -> float:
     """Sum of squares that a rival and the refitted laws leave of some torque, on the rival's joints."""
     data, belief = judge.evidence.data, judge.evidence.beliefs[rival]
     joints = data.rows(rival)
-    known = [group for group in data.refitted if not group.bodies and not set(joints).isdisjoint(data.rows(group))]
-    own, *beside = (np.concatenate([data.part(j, group) for j in joints]) for group in (rival, *known))
+    own = np.concatenate([data.part(j, rival) for j in joints])
     target = np.concatenate([torque[j] for j in joints])
     if belief is not None and belief.mean:  # it is there or not
         target, own = target - own.sum(axis=1), own[:, :0]
-    return float(np.sum(leave(target, np.concatenate([own, *beside], axis=1)) ** 2))
+    wide = [group for group in data.refitted if not group.bodies and len(data.rows(group)) > 1]
+    columns = np.concatenate([own, *(np.concatenate([data.part(j, group) for j in joints]) for group in wide)], axis=1)
+    parts = zip(joints, np.split(np.column_stack([target, columns]), len(joints)), strict=True)
+    free = np.concatenate([data.free(j, part) for j, part in parts])
+    told = np.linalg.norm(free[:, 1:], axis=0) > RANK * np.linalg.norm(columns, axis=0)
+    return float(np.sum(leave(free[:, 0], free[:, 1:][:, told]) ** 2))

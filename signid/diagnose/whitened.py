@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..residual import RANK
 from ..types import Array, Frozen, Indices, Mask
 from .group import Group
 from .noise import Noise, whiten, whole
@@ -127,6 +128,26 @@ class Whitened(Frozen):
     def part(self, joint: int, group: Group) -> Array:
         """(M, size) columns of a group on one joint [1 per coefficient]; zero where it has none."""
         return self._part(self.columns[joint], joint, group)
+
+    def free(self, joint: int, columns: Array) -> Array:
+        """(M, k) what refitted laws of a joint alone cannot make of columns.
+
+        Args:
+            joint: which.
+            columns: (M, k) of this joint [1 per coefficient].
+        """
+        return np.asarray(columns - self._laws[joint] @ (self._laws[joint].T @ columns))
+
+    @cached_property
+    def _laws(self) -> list[Array]:
+        """Per joint (M, a) [1] an orthonormal basis of what is refitted to it alone, but for bodies."""
+        out = list[Array]()
+        for j in range(self.joints):
+            x = self.chosen(j, columns_of([g for g in self.refitted if not g.bodies and self.rows(g) == [j]]))[1]
+            size = np.linalg.norm(x, axis=0)
+            left, singular, _ = np.linalg.svd(x[:, size > 0] / size[size > 0], full_matrices=False)
+            out.append(left[:, singular > RANK * singular.max(initial=0.0)])
+        return out
 
     def rows(self, group: Group) -> list[int]:
         """The joints on which a group acts."""
