@@ -8,37 +8,37 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import log_ndtr, logsumexp
+from scipy.special import logsumexp
 
-from ..types import Array, Indices
+from ..types import Array
+from .batches import Batch, View, batches, gather, log_factor, view
+from .components import Component
 from .cross import Unseen, leave_out
 from .fitted import Fitted
 from .group import Group
 from .linear import Linear
-from .prior import SIZES, Belief
+from .prior import Belief
 from .recent import Recent
 
 TRUST = np.array([0.0, 1.0, 2.0])  # of the tolerance of inertials: how far they are off
 TRUST_PRIOR = np.log([0.5, 0.4, 0.1])
-
-
-class Batch(NamedTuple):
-    """Groups of one size d, with what is needed of them at once."""
-
-    groups: Indices  # (g,) their places in the list of groups
-    columns: Indices  # (g, d)
-    blocks: Array  # (n, g, d, d) [1 per coefficient, squared] own products per joint
-    spread: Array  # (g, d, d) [units of the coefficients]
-    mean: Array  # (g,) [1]
-    first: Array  # (g, d) [units of the coefficients] spread of the positive coefficient, NaN where none is
+TOLD, LEFTS = 256, 16  # answers for some joints that are kept
 
 
 class Left(NamedTuple):
-    """What everything that is fitted leaves of all columns."""
+    """What all that is fitted to some joints leaves of their columns."""
 
     below: Array  # (k, p) [1 per coefficient] what it makes of them, by the fit's factor
     right: Array  # (p,) [1 per coefficient]
-    own: list[Array]  # of each batch (g, d, d) [1 per coefficient, squared]
+    own: list[Array]  # of each portion (g, d, d) [1 per coefficient, squared]
+
+
+class Told(NamedTuple):
+    """What some joints tell of hypotheses."""
+
+    factors: Array  # (h,) [1] log Bayes factors of those that act on no other joint
+    own: list[Array]  # of each portion (g - h, d, d) [1 per coefficient, squared] of those that do
+    right: list[Array]  # of each portion (g - h, d) [1 per coefficient]
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +47,8 @@ class Evidence(Linear):
 
     def weigh(self, true: Sequence[Group], dispersion: Array, without: Group | None = None) -> tuple[Array, Array]:
         """Log Bayes factor of every group (NaN for those that are refitted or true), and the weight of each trust.
+
+        Joints that nothing couples with those where anything changed since they were asked last are not asked again.
 
         Args:
             true: hypotheses that are taken for true.
@@ -57,7 +59,7 @@ class Evidence(Linear):
         fits = [self.fit([group for group in true if group in kept], dispersion, trust) for trust in TRUST]
         weight = TRUST_PRIOR + np.array([fit.log_evidence for fit in fits])
         weight = weight - logsumexp(weight)
-        factors = np.array([self._factors(self._left(true, dispersion, trust, without)) for trust in TRUST])
+        factors = np.array([self._factors(true, dispersion, trust, without) for trust in TRUST])
         factors = factors + weight[:, None]
         factors[:, [k for k, group in enumerate(self.data.groups) if group in kept]] = np.nan
         return np.asarray(logsumexp(factors, axis=0)), np.exp(weight)
@@ -83,10 +85,8 @@ class Evidence(Linear):
         """
         own, right, across = self.data.products(fit.which, dispersion, columns)
         below = fit.below(across)
-        first = belief.spread[belief.positive] if belief.positive >= 0 else belief.spread[0] * np.nan
-        none, empty = np.zeros(1, dtype=np.intp), np.zeros(0)
-        batch = Batch(none, none, empty, belief.spread[None], np.array([belief.mean]), first[None])
-        return float(_log_factor(batch, (own - below.T @ below)[None], (right - below.T @ fit.told)[None])[0])
+        left = (own - below.T @ below)[None], (right - below.T @ fit.told)[None]
+        return float(log_factor(gather([belief]), *left)[0])
 
     def gain_unseen(self, true: Sequence[Group], group: Group, dispersion: Array, trust: float) -> float:
         """By how much a hypothesis lessens the squared whitened residual of blocks that it was not fitted to [1].
@@ -104,87 +104,80 @@ class Evidence(Linear):
     def _unseen(self) -> Recent[Unseen]:
         return Recent(len(TRUST))
 
+    def _factors(self, true: Sequence[Group], dispersion: Array, trust: float, without: Group | None) -> Array:
+        """(groups,) log Bayes factors at one trust."""
+        out, asked = np.full(len(self.data.groups), np.nan), np.zeros(len(self.data.groups), dtype=bool)
+        own = [np.zeros(batch.beliefs.spread.shape) for batch in self._batches]
+        right = [np.zeros(batch.columns.shape) for batch in self._batches]
+        for component in self.components(true, trust):
+            seen = self._view(component.joints)
+            told = self._told(component, dispersion[list(component.joints)], trust, without)
+            out[seen.inside], asked[seen.inside] = told.factors, True
+            for portion, x, y in zip(seen.portions, told.own, told.right, strict=True):
+                own[portion.batch][portion.beyond] += x
+                right[portion.batch][portion.beyond] += y
+        for batch, x, y in zip(self._batches, own, right, strict=True):
+            which = np.flatnonzero(~asked[batch.groups])  # act on joints that are fitted apart
+            if len(which):
+                out[batch.groups[which]] = log_factor(batch.beliefs.some(which), x[which], y[which])
+        return out
+
+    def _told(self, component: Component, dispersion: Array, trust: float, without: Group | None) -> Told:
+        if without is not None and without in component.true:
+            return self._tell(component, self._left_without(component, dispersion, trust, without))
+        key = (component, dispersion.tobytes(), trust)
+        return self._tolds(key, lambda: self._tell(component, self._left(component, dispersion, trust)))
+
     @cached_property
-    def _batches(self) -> list[Batch]:
-        data, by_size = self.data, dict[int, list[int]]()
-        for k, group in enumerate(data.groups):
-            if group.hypothesis is not None and self.beliefs[group] is not None:
-                by_size.setdefault(group.size, []).append(k)
-        return [self._batch(np.array(which, dtype=np.intp)) for which in by_size.values()]
+    def _tolds(self) -> Recent[Told]:
+        return Recent(TOLD)
 
-    def _batch(self, which: Indices) -> Batch:
-        data, groups = self.data, [self.data.groups[k] for k in which]
-        beliefs = [self.beliefs[group] for group in groups]
-        blocks = np.zeros((data.joints, len(groups), groups[0].size, groups[0].size))
-        for j in range(data.joints):
-            there = np.isin([g.start for g in groups], data.place[j])
-            own = [data.part(j, group) for group, yes in zip(groups, there, strict=True) if yes]
-            if own:
-                x = np.stack(own)
-                blocks[j, there] = x.transpose(0, 2, 1) @ x
-        spread = np.array([b.spread for b in beliefs if b is not None])
-        first = np.array([b.spread[b.positive] if b.positive >= 0 else b.spread[0] * np.nan for b in beliefs if b])
-        mean = np.array([b.mean for b in beliefs if b is not None])
-        columns = np.array([np.arange(g.start, g.start + g.size) for g in groups], dtype=np.intp)
-        return Batch(which, columns, blocks, spread, mean, first)
+    def _tell(self, component: Component, left: Left) -> Told:
+        factors, own, right = [np.zeros(0)], list[Array](), list[Array]()
+        for portion, square in zip(self._view(component.joints).portions, left.own, strict=True):
+            inside, across, beside = portion.inside, portion.across, left.right[portion.columns]
+            if len(inside):
+                factors.append(log_factor(portion.beliefs, square[inside], beside[inside]))
+            own.append(square[across])
+            right.append(beside[across])
+        return Told(np.concatenate(factors), own, right)
 
-    def _left(self, true: Sequence[Group], dispersion: Array, trust: float, without: Group | None) -> Left:
-        key = (tuple(true), dispersion.tobytes(), trust)
-        left = self._lefts(key, lambda: self._left_by_all(true, dispersion, trust))
-        if without is None:
-            return left
-        fit = self.fit(true, dispersion, trust)
+    def _left(self, component: Component, dispersion: Array, trust: float) -> Left:
+        fit, seen, own = self.part(component, dispersion, trust), self._view(component.joints), list[Array]()
+        below = fit.below(self.across(component, dispersion))
+        right = (self.data.right[list(component.joints)][:, seen.columns] / dispersion[:, None]).sum(0)
+        for portion in seen.portions:
+            across = below.T[portion.columns]  # (g, d, k)
+            own.append(np.tensordot(1 / dispersion, portion.blocks, axes=1) - across @ across.transpose(0, 2, 1))
+        return Left(below, right - below.T @ fit.told, own)
+
+    def _left_without(self, component: Component, dispersion: Array, trust: float, without: Group) -> Left:
+        """What all but one of the hypotheses leaves."""
+        key = (component, dispersion.tobytes(), trust)
+        left = self._lefts(key, lambda: self._left(component, dispersion, trust))
+        fit = self.part(component, dispersion, trust)
         below = fit.below(np.eye(len(fit.which))[:, fit.place(without)])
         shares = below.T @ left.below  # (d, p) of what it would make of each column
         back = np.linalg.solve(below.T @ below, shares)
         own = [
-            x + np.einsum("dgi,dgj->gij", shares[:, batch.columns], back[:, batch.columns])
-            for x, batch in zip(left.own, self._batches, strict=True)
+            x + np.einsum("dgi,dgj->gij", shares[:, portion.columns], back[:, portion.columns])
+            for x, portion in zip(left.own, self._view(component.joints).portions, strict=True)
         ]
         return Left(left.below, left.right + back.T @ (below.T @ fit.told), own)
 
     @cached_property
     def _lefts(self) -> Recent[Left]:
-        return Recent(len(TRUST))
+        return Recent(LEFTS)
 
-    def _left_by_all(self, true: Sequence[Group], dispersion: Array, trust: float) -> Left:
-        fit, own = self.fit(true, dispersion, trust), list[Array]()
-        below = fit.below(self.across(true, dispersion, trust))
-        right = (self.data.right / dispersion[:, None]).sum(0) - below.T @ fit.told
-        for batch in self._batches:
-            across = below.T[batch.columns]  # (g, d, k)
-            own.append(np.tensordot(1 / dispersion, batch.blocks, axes=1) - across @ across.transpose(0, 2, 1))
-        return Left(below, right, own)
+    @cached_property
+    def _batches(self) -> list[Batch]:
+        return batches(self.data, self.beliefs)
 
-    def _factors(self, left: Left) -> Array:
-        """(groups,) log Bayes factors at one trust."""
-        out = np.full(len(self.data.groups), np.nan)
-        for batch, own in zip(self._batches, left.own, strict=True):
-            out[batch.groups] = _log_factor(batch, own, left.right[batch.columns])
-        return out
+    def _view(self, joints: tuple[int, ...]) -> View:
+        if joints not in self._views:
+            self._views[joints] = view(self.data, self._batches, joints)
+        return self._views[joints]
 
-
-def _log_factor(batch: Batch, own: Array, right: Array) -> Array:
-    """(g,) log Bayes factors, sizes averaged.
-
-    Args:
-        batch: g groups of d columns.
-        own: (g, d, d) Gram, less what is fitted beside.
-        right: (g, d) right side, less what is fitted beside.
-    """
-    mean = batch.mean[:, None] * np.ones(right.shape)
-    shift = np.sum(right * mean, axis=1) - np.einsum("gi,gij,gj->g", mean, own, mean) / 2
-    right = right - np.einsum("gij,gj->gi", own, mean)
-    spread = batch.spread
-    values, vectors = np.linalg.eigh(spread.transpose(0, 2, 1) @ own @ spread)
-    w = np.maximum(values, 0)  # (g, d)
-    turned = spread @ vectors
-    z = np.einsum("gij,gi->gj", turned, right)
-    f = np.where(batch.mean[:, None] != 0, 1.0, SIZES) ** 2  # (g, 4)
-    fw = 1 + f[:, :, None] * w[:, None, :]  # (g, 4, d)
-    told = np.sum(f[:, :, None] * z[:, None, :] ** 2 / fw - np.log(fw), axis=2) / 2
-    first = np.einsum("gi,gij->gj", np.nan_to_num(batch.first), vectors)
-    mid = np.sum(first[:, None, :] * f[:, :, None] * z[:, None, :] / fw, axis=2)
-    wide = np.sqrt(np.maximum(np.sum(first[:, None, :] ** 2 * f[:, :, None] / fw, axis=2), 1e-300))
-    told = told + np.where(np.isnan(batch.first[:, :1]), 0.0, np.log(2) + log_ndtr(mid / wide))
-    return np.asarray(shift + logsumexp(told, axis=1) - np.log(len(SIZES)))
+    @cached_property
+    def _views(self) -> dict[tuple[int, ...], View]:
+        return {}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
 from typing import NamedTuple
 
@@ -15,12 +16,31 @@ from .group import Group
 RIDGES = (1e-11, 1e-9, 1e-7, 1e-5)  # the first with which a Gram can be factored
 
 
+class Factor(NamedTuple):
+    """Of coefficients that nothing couples with others."""
+
+    place: Indices  # (f,) where they stand among the k that are fitted
+    lower: Array  # (f, f) [1] Cholesky factor of Gram and prior, scaled
+    size: Array  # (f,) [1 per coefficient] the scale
+
+    def below(self, rows: Array) -> Array:
+        """(f, m) lower^-1 of some rows (f, m) [1 per coefficient, squared]."""
+        return np.asarray(solve_triangular(self.lower, rows / self.size[:, None], lower=True))
+
+    def solved(self, below: Array) -> Array:
+        """(f, m) coefficients of right sides of which lower^-1 is given.
+
+        Args:
+            below: (f, m) [1].
+        """
+        return np.asarray(solve_triangular(self.lower, below, lower=True, trans="T") / self.size[:, None])
+
+
 class Fitted(NamedTuple):
     """What is refitted and what is taken for true, at one trust in the inertials."""
 
     which: Indices  # (k,) columns
-    lower: Array  # (k, k) [1] Cholesky factor of Gram and prior, scaled
-    size: Array  # (k,) [1 per coefficient] the scale
+    factors: tuple[Factor, ...]
     told: Array  # (k,) [1] lower^-1 right side
     log_evidence: float
 
@@ -37,12 +57,18 @@ class Fitted(NamedTuple):
     @property
     def covariance(self) -> Array:
         """(k, k) of the coefficients."""
-        inverse = solve_triangular(self.lower, np.eye(len(self.size)), lower=True) / self.size
-        return np.asarray(inverse.T @ inverse)
+        out = np.zeros((len(self.which),) * 2)
+        for one in self.factors:
+            inverse = one.below(np.eye(len(one.place)))
+            out[np.ix_(one.place, one.place)] = inverse.T @ inverse
+        return out
 
     def below(self, rows: Array) -> Array:
         """(k, m) lower^-1 of some rows (k, m) [1 per coefficient, squared]."""
-        return np.asarray(solve_triangular(self.lower, rows / self.size[:, None], lower=True))
+        out = np.zeros(rows.shape)
+        for one in self.factors:
+            out[one.place] = one.below(rows[one.place])
+        return out
 
     def solved(self, below: Array) -> Array:
         """(k, m) coefficients of right sides of which lower^-1 is given.
@@ -50,7 +76,10 @@ class Fitted(NamedTuple):
         Args:
             below: (k, m) [1].
         """
-        return np.asarray(solve_triangular(self.lower, below, lower=True, trans="T") / self.size[:, None])
+        out = np.zeros(below.shape)
+        for one in self.factors:
+            out[one.place] = one.solved(below[one.place])
+        return out
 
 
 def solve(which: Indices, gram: Array, right: Array, precision: Array) -> Fitted:
@@ -67,7 +96,22 @@ def solve(which: Indices, gram: Array, right: Array, precision: Array) -> Fitted
     lower = _cholesky(whole / size / size[:, None])
     told = np.asarray(solve_triangular(lower, right / size, lower=True))
     half = np.linalg.slogdet(precision)[1] / 2 - float(np.sum(np.log(np.diag(lower)) + np.log(size)))
-    return Fitted(which, lower, size, told, float(told @ told) / 2 + half)
+    return Fitted(which, (Factor(np.arange(len(which)), lower, size),), told, float(told @ told) / 2 + half)
+
+
+def join(which: Indices, fits: Sequence[Fitted]) -> Fitted:
+    """Fits of what nothing couples, as one.
+
+    Args:
+        which: (k,) columns of all of them.
+        fits: of some of the columns each.
+    """
+    order, told, factors = np.argsort(which), np.zeros(len(which)), list[Factor]()
+    for fit in fits:
+        place = order[np.searchsorted(which, fit.which, sorter=order)]
+        told[place] = fit.told
+        factors += [one._replace(place=place[one.place]) for one in fit.factors]
+    return Fitted(which, tuple(factors), told, sum(fit.log_evidence for fit in fits))
 
 
 def _cholesky(scaled: Array) -> Array:

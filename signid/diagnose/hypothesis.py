@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -37,7 +38,7 @@ class Hypothesis:
         """Whether no law is named."""
         return not self.laws
 
-    @property
+    @cached_property
     def key(self) -> Key:
         """What it says, whatever the shape."""
         if self.unknown:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -11,13 +11,14 @@ import numpy as np
 
 from ..residual import leave
 from ..types import Array, Frozen, Indices
-from .fitted import Fitted, solve
+from .components import Component, split
+from .fitted import Fitted, join, solve
 from .group import Group
 from .prior import WIDE, Belief, believe
 from .recent import Recent
 from .whitened import Block, Gram, Whitened, columns_of, mean_products, total
 
-FITS, SQUARES = 64, 16  # that are kept
+FITS, PARTS, SQUARES, ACROSS = 64, 256, 32, 4  # that are kept
 FLAT = 1e-6  # of the Gram's diagonal: prior precision of what is not known at all
 
 
@@ -63,37 +64,68 @@ class Linear(Frozen):
         return Recent(FITS)
 
     def _fit(self, true: Sequence[Group], dispersion: Array, trust: float) -> Fitted:
-        which, rows = self.columns(true, trust), self._which_rows(true, trust)
-        square = self._squares(tuple(true), lambda: self._square(true))
-        gram = total(square, dispersion, (len(self._could(true)),) * 2)[np.ix_(rows, rows)]
-        right = (self.data.right[:, which] / dispersion[:, None]).sum(0)
-        if self.known is not None and trust > 0:
-            here = np.searchsorted(which, columns_of([group for group in self.data.refitted if group.bodies]))
-            gram[np.ix_(here, here)] += self.known.information
-            right[here] += self.known.right
-        precision = self.precision(true, np.diag(gram), trust)
-        return solve(which, gram, right, precision)
+        fits = [self.part(one, dispersion[list(one.joints)], trust) for one in self.components(true, trust)]
+        return join(self.columns(true, trust), fits)
 
-    def across(self, true: Sequence[Group], dispersion: Array, trust: float) -> Array:
-        """(k, p) products of the columns that are fitted with all [1 per coefficient, squared].
+    def components(self, true: Sequence[Group], trust: float) -> tuple[Component, ...]:
+        """Joints that are fitted together."""
+        return self._components((tuple(true), trust > 0), lambda: self._split(true, trust))
+
+    @cached_property
+    def _components(self) -> Recent[tuple[Component, ...]]:
+        return Recent(FITS)
+
+    def _split(self, true: Sequence[Group], trust: float) -> tuple[Component, ...]:
+        refitted = self.refitted(trust)
+        known = [] if self.known is None else [group for group in refitted if group.bodies]
+        return split(self.data, refitted, true, known)
+
+    def part(self, component: Component, dispersion: Array, trust: float) -> Fitted:
+        """All that is fitted to some joints.
 
         Args:
-            true: hypotheses.
-            dispersion: (n,) variance of the whitened residual [1].
+            component: the joints, c of n.
+            dispersion: (c,) variance of their whitened residual [1].
             trust: of the tolerance of inertials, how far they are off.
         """
-        whole = self._across((tuple(true), dispersion.tobytes()), lambda: self._across_all(true, dispersion))
-        return whole if trust > 0 else np.asarray(whole[self._which_rows(true, trust)])
+        key = (component, dispersion.tobytes(), trust)
+        return self._parts(key, lambda: self._part(component, dispersion, trust))
+
+    @cached_property
+    def _parts(self) -> Recent[Fitted]:
+        return Recent(PARTS)
+
+    def _part(self, component: Component, dispersion: Array, trust: float) -> Fitted:
+        which = columns_of(component.groups)
+        square = self._squares(component, lambda: self._square(component, which))
+        gram = total(square, dispersion, (len(which),) * 2)
+        right = (self.data.right[list(component.joints)][:, which] / dispersion[:, None]).sum(0)
+        bodies = [group for group in component.refitted if group.bodies]
+        if self.known is not None and bodies:
+            here = np.flatnonzero(np.isin(which, columns_of(bodies)))
+            gram[np.ix_(here, here)] += self.known.information
+            right[here] += self.known.right
+        return solve(which, gram, right, self._precision(component.refitted, component.true, np.diag(gram), trust))
+
+    def across(self, component: Component, dispersion: Array) -> Array:
+        """(k, p) products of what is fitted to some joints with all columns of these [1 per coefficient, squared].
+
+        Args:
+            component: the joints, c of n.
+            dispersion: (c,) variance of their whitened residual [1].
+        """
+        return self._across((component, dispersion.tobytes()), lambda: self._products(component, dispersion))
 
     @cached_property
     def _across(self) -> Recent[Array]:
-        return Recent(1)
+        return Recent(ACROSS)
 
-    def _across_all(self, true: Sequence[Group], dispersion: Array) -> Array:
-        """(k, p) of all that could be refitted and some hypotheses."""
-        parts = [(self.data.refitted_gram, len(columns_of(self.data.refitted)))]
-        parts += [(self._gram_of(group), group.size) for group in true]
-        return np.concatenate([total(gram, dispersion, (k, self.data.count)) for gram, k in parts])
+    def _products(self, component: Component, dispersion: Array) -> Array:
+        which, (columns, place) = columns_of(component.groups), self.data.columns_at(component.joints)
+        whole = [
+            Block(rows, at, products) for (rows, products), at in zip(self._rows(component, which), place, strict=True)
+        ]
+        return total(tuple(whole), dispersion, (len(which), len(columns)))
 
     def columns(self, true: Sequence[Group], trust: float) -> Indices:
         """(k,) columns that are fitted."""
@@ -111,7 +143,10 @@ class Linear(Frozen):
             diagonal: (k,) of the Gram [1 per coefficient, squared].
             trust: of the tolerance of inertials, how far they are off.
         """
-        spread = [np.array(g.deviation) * (trust if g.bodies else 1.0) for g in self.refitted(trust)]
+        return self._precision(self.refitted(trust), true, diagonal, trust)
+
+    def _precision(self, refitted: Sequence[Group], true: Sequence[Group], diagonal: Array, trust: float) -> Array:
+        spread = [np.array(g.deviation) * (trust if g.bodies else 1.0) for g in refitted]
         deviation = np.concatenate([*spread, np.zeros(0)])
         at, out = len(deviation), np.zeros((len(diagonal), len(diagonal)))
         flat = FLAT * np.maximum(diagonal[:at], 1e-12)
@@ -152,23 +187,20 @@ class Linear(Frozen):
     def _imitated(self) -> dict[Group, float]:
         return {}
 
-    def _which_rows(self, true: Sequence[Group], trust: float) -> Indices:
-        """(k,) places of the columns that are fitted among those that could be."""
-        return np.flatnonzero(np.isin(self._could(true), self.columns(true, trust)))
-
-    def _could(self, true: Sequence[Group]) -> Indices:
-        """(k,) columns of all that could be refitted and some hypotheses."""
-        return columns_of([*self.data.refitted, *true])
-
-    def _square(self, true: Sequence[Group]) -> Gram:
-        """Products of all that could be refitted and some hypotheses with each other."""
-        which, out = self._could(true), list[Block]()
-        grams = [self.data.refitted_gram, *(self._gram_of(group) for group in true)]
-        for j, at in enumerate(self.data.at[:, which]):
-            here = np.flatnonzero(at >= 0)
-            rows = [gram[j].products[:, at[here]] for gram in grams if len(gram[j].rows)]
-            out.append(Block(here, here, np.concatenate([np.zeros((0, len(here))), *rows])))
+    def _square(self, component: Component, which: Indices) -> Gram:
+        """Products of all that is fitted to some joints with each other."""
+        out = list[Block]()
+        for joint, (here, products) in zip(component.joints, self._rows(component, which), strict=True):
+            out.append(Block(here, here, products[:, self.data.at[joint, which[here]]]))
         return tuple(out)
+
+    def _rows(self, component: Component, which: Indices) -> Iterator[tuple[Indices, Array]]:
+        """Joint by joint, what of some columns (k,) it has (a,), and their products with all of its columns (a, m)."""
+        for joint in component.joints:
+            grams = [self._gram_of(group)[joint] for group in component.groups]
+            products = [gram.products for gram in grams if len(gram.rows)]
+            empty = np.zeros((0, len(self.data.place[joint])))
+            yield np.flatnonzero(self.data.at[joint, which] >= 0), np.concatenate([empty, *products])
 
     def _gram_of(self, group: Group) -> Gram:
         if group not in self._seen:

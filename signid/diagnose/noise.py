@@ -49,7 +49,8 @@ def measure_noise(table: Table, periods: Sequence[float | None], rate: float) ->
 
     Source: autoregressive prewhitening as in Ljung, System Identification, 1999, section 14.4.
     """
-    found = [_of_joint(table, j, periods, rate) for j in range(table.joints)]
+    usual = _usual(table)
+    found = [_of_joint(table, j, usual, periods, rate) for j in range(table.joints)]
     return Noise(*(np.array(x) for x in zip(*found, strict=True)))
 
 
@@ -78,9 +79,9 @@ def whole(piece: Indices, order: int) -> Mask:
 
 
 def _of_joint(
-    table: Table, joint: int, periods: Sequence[float | None], rate: float
+    table: Table, joint: int, usual: Mask, periods: Sequence[float | None], rate: float
 ) -> tuple[float, Array, float, float]:
-    rest, jumps, factor = _saturated(table, joint)
+    rest, jumps, factor = _saturated(table, joint, usual)
     far = OUTLYING * float(np.median(np.abs(np.concatenate(rest)))) or np.inf
     sure = [(u < UNSURE * table.scale[joint]) & (np.abs(x) < far) for x, u in zip(rest, jumps, strict=True)]
     if np.concatenate(sure).mean() < ENOUGH:
@@ -101,14 +102,15 @@ def _lateness(rest: Array, jumps: Array, floor: float) -> float:
     return next((late for late, x in zip(LATER, typical, strict=True) if x <= MEDIAN), LATER[-1])
 
 
-def _saturated(table: Table, joint: int) -> tuple[list[Array], list[Array], float]:
+def _saturated(table: Table, joint: int, usual: Mask) -> tuple[list[Array], list[Array], float]:
     """Run by run, what all columns that are not too many leave of the residual, and how unsure torque is there.
 
     Also how much the fit took of the noise.
     """
     goes = ~table.rests[:, joint]
     goes = goes if goes.sum() > LEAST else np.ones_like(goes)
-    x, y, run = _usual(table, joint)[goes], table.residual[goes, joint], _runs(table, goes)
+    x, y = table.columns[joint][:, usual[table.place[joint]]][goes], table.residual[goes, joint]
+    run = _runs(table, goes)
     size = np.sqrt(np.mean(x**2, axis=0))
     shown = size > 1e-9 * size.max(initial=1e-300)
     x = x[:, shown] / size[shown]
@@ -125,18 +127,17 @@ def _still(rest: Array) -> Array:
     return rest - wave.signal if wave.share > WAVE else rest
 
 
-def _usual(table: Table, joint: int) -> Array:
-    """Columns of the joint, of large grids of shapes a few, none that is made of measured torque."""
-    place, seen, kept = table.place[joint], dict[object, int](), list[int]()
+def _usual(table: Table) -> Mask:
+    """(p,) columns that may explain noise: of large grids of shapes a few, none that is made of measured torque."""
+    seen, kept = dict[object, int](), np.zeros(table.count, dtype=bool)
     for group in table.groups:
         key = None if group.hypothesis is None else group.hypothesis.key
         seen[key] = seen.get(key, 0) + 1
         measured = group.hypothesis is not None and any(
             isinstance(x.effect, ActuatorLaw) for x in group.hypothesis.laws
         )
-        if not measured and (key is None or seen[key] <= FEW):
-            kept.extend(range(group.start, group.start + group.size))
-    return np.asarray(table.columns[joint][:, np.isin(place, kept)])
+        kept[group.place] = not measured and (key is None or seen[key] <= FEW)
+    return kept
 
 
 def _repeated(table: Table, joint: int, periods: Sequence[float | None], rate: float) -> list[Array]:

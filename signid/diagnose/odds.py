@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..types import Array, Frozen
+from ..types import Array, Frozen, Indices
 from .evidence import Evidence
 from .fitted import Fitted
 from .group import Group
@@ -25,6 +25,15 @@ class Odds(NamedTuple):
 
     log: float  # log posterior odds against nothing more
     best: Group  # the likeliest shape
+
+
+class _Grids(NamedTuple):
+    """The m grids of shapes, one after another."""
+
+    members: Indices  # (g,) places in the list of groups
+    starts: Indices  # (m,) of each grid among these
+    counts: Indices  # (m,) members of each
+    priors: Array  # (m,) log prior probabilities
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +63,12 @@ class Judge(Frozen):
     def alone(self, keys: Sequence[Key]) -> tuple[Group, ...]:
         """The hypotheses of single laws without a shape at some places, as far as there are."""
         return tuple(self.evidence.data.groups[self.keys[key][0]] for key in keys if key in self.keys)
+
+    @cached_property
+    def _grids(self) -> _Grids:
+        counts = np.array([len(which) for which in self.keys.values()], dtype=np.intp)
+        members = np.array([k for which in self.keys.values() for k in which], dtype=np.intp)
+        return _Grids(members, np.cumsum(counts) - counts, counts, np.array([self.priors[key] for key in self.keys]))
 
     @cached_property
     def priors(self) -> dict[Key, float]:
@@ -102,14 +117,17 @@ class Judge(Frozen):
             without: one of them that is not, after all.
         """
         factors, trust = self.evidence.weigh(true, dispersion, without)
-        taken = {group.claim.key for group in true if group is not without}
-        out = dict[Key, Odds]()
-        for key, which in self.keys.items():
-            told = factors[which]
-            if key in taken or not np.isfinite(told).any():
-                continue
-            told = np.where(np.isfinite(told), told, -np.inf)
-            best = int(np.argmax(told))
-            mean = told[best] + np.log(np.mean(np.exp(told - told[best])))
-            out[key] = Odds(float(mean + self.priors[key] - np.log(NOTHING)), self.evidence.data.groups[which[best]])
+        grids, taken = self._grids, {group.claim.key for group in true if group is not without}
+        told = np.where(np.isfinite(factors), factors, -np.inf)[grids.members]
+        highest = np.maximum.reduceat(told, grids.starts)
+        shown = np.isfinite(highest)
+        share = np.exp(told - np.repeat(np.where(shown, highest, 0.0), grids.counts))
+        best = np.flatnonzero(told == np.repeat(highest, grids.counts))
+        first = best[np.searchsorted(best, grids.starts)]
+        mean = np.where(shown, np.add.reduceat(share, grids.starts) / grids.counts, 1.0)
+        log = highest + np.log(mean) + grids.priors - np.log(NOTHING)
+        groups, out = self.evidence.data.groups, dict[Key, Odds]()
+        for key, yes, value, which in zip(self.keys, shown, log.tolist(), grids.members[first].tolist(), strict=True):
+            if yes and key not in taken:
+                out[key] = Odds(value, groups[which])
         return out, float(trust[0])

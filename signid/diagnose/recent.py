@@ -9,15 +9,15 @@ Answer = TypeVar("Answer")
 
 
 class Recent(Generic[Answer]):
-    """Some answers, kept until there are too many of them."""
+    """The answers that were asked for last."""
 
     def __init__(self, most: int) -> None:
         self.most, self.kept = most, dict[Hashable, Answer]()
 
     def __call__(self, key: Hashable, make: Callable[[], Answer]) -> Answer:
         """The answer to a question, made where it is not kept."""
-        if key not in self.kept:
-            if len(self.kept) == self.most:
-                self.kept.clear()
-            self.kept[key] = make()
-        return self.kept[key]
+        answer = self.kept.pop(key) if key in self.kept else make()
+        self.kept[key] = answer
+        if len(self.kept) > self.most:
+            del self.kept[next(iter(self.kept))]
+        return answer

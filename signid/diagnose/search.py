@@ -139,12 +139,13 @@ def _is_founded(group: Group, there: set[Key]) -> bool:
 
 def _is_redundant(judge: Judge, true: Sequence[Group], group: Group) -> bool:
     """Whether what is taken for true can make all that a hypothesis could."""
-    if not true:
-        return False
     data = judge.evidence.data
     joints = data.rows(group)
+    near = [g for g in true if not set(joints).isdisjoint(data.rows(g))]
+    if not near:
+        return False
     x = np.concatenate([data.part(j, group) for j in joints])
-    beside = np.concatenate([np.column_stack([data.part(j, g) for g in true]) for j in joints])
+    beside = np.concatenate([np.column_stack([data.part(j, g) for g in near]) for j in joints])
     scale = np.linalg.norm(x, axis=0)
     x = x[:, scale > 0] / scale[scale > 0]
     rest = leave(x, beside)

@@ -8,9 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
-from ..types import Array, Frozen
+from ..types import Array, Frozen, Indices
 from .evidence import Evidence
-from .fitted import Fitted
+from .fitted import Factor, Fitted
 from .group import Group
 from .whitened import Whitened
 
@@ -63,15 +63,33 @@ def energies(sizes: Sizes) -> dict[Group, Array]:
 
     Without it, everything else is what it is likeliest to be where the hypothesis's coefficients are zero.
     """
-    data, fit, groups = sizes.data, sizes.fit, list(sizes.value)
-    if not groups:
-        return {}
-    covariance = fit.covariance
-    places = [fit.place(group) for group in groups]
-    steps = [covariance[:, own] @ np.linalg.solve(covariance[own, own], fit.value[own]) for own in places]
-    taken, out = np.column_stack(steps), np.zeros((len(groups), data.joints))
-    for j in range(data.joints):
-        here, own = data.chosen(j, fit.which)
-        added = own @ taken[here]
+    fit, out = sizes.fit, dict[Group, Array]()
+    for one in fit.factors:
+        which = fit.which[one.place]
+        places = {g: np.flatnonzero(which == g.start)[0] + np.arange(g.size) for g in sizes.value if g.start in which}
+        if places:
+            steps = [_step(one, at, sizes.value[group]) for group, at in places.items()]
+            out |= dict(zip(places, np.maximum(_grown(sizes, which, np.column_stack(steps)), 0.0), strict=True))
+    return {group: out[group] for group in sizes.value}
+
+
+def _step(factor: Factor, own: Indices, value: Array) -> Array:
+    """(f,) by how much the coefficients of a factor are less where some of them, with this value, are zero."""
+    below = factor.below(np.eye(len(factor.place))[:, own])
+    return np.asarray(factor.solved(below @ np.linalg.solve(below.T @ below, value)[:, None])[:, 0])
+
+
+def _grown(sizes: Sizes, which: Indices, steps: Array) -> Array:
+    """(g, n) by how much the residual of each joint grows [1].
+
+    Args:
+        sizes: give it.
+        which: (k,) columns.
+        steps: (k, g) by how much their coefficients become less, in g ways.
+    """
+    out = np.zeros((steps.shape[1], sizes.data.joints))
+    for j in np.flatnonzero((sizes.data.at[:, which] >= 0).any(axis=1)).tolist():
+        here, own = sizes.data.chosen(j, which)
+        added = own @ steps[here]
         out[:, j] = np.sum(added**2, axis=0) + 2 * sizes.rest[j] @ added
-    return dict(zip(groups, np.maximum(out, 0.0), strict=True))
+    return out

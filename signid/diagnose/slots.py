@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..residual import leave
+from ..residual import RANK, leave
 from ..types import Array, Frozen
 from .found import Found
 from .group import Group
@@ -100,34 +100,42 @@ def _slot(judge: Judge, found: Found, group: Group, wide: Array, beside: Mapping
 
 def _is_twin(judge: Judge, group: Group, rival: Group) -> bool:
     """Whether another law at the same place is hard to tell from a hypothesis, as its effect says, at any size."""
-    (name, joints), belief = rival.claim.key, judge.evidence.beliefs[rival]
-    there = joints == group.claim.key[1] and name in group.claim.laws[0].effect.twins
-    return there and belief is not None and not belief.mean
+    name, joints = rival.claim.key
+    if joints != group.claim.key[1] or name not in group.claim.laws[0].effect.twins:
+        return False
+    belief = judge.evidence.beliefs[rival]
+    return belief is not None and not belief.mean
 
 
 def _leftovers(judge: Judge, group: Group, odds: Mapping[Key, Odds], sizes: Sizes) -> dict[Key, float]:
     """What rivals of some weight leave of a torque, sum of squares [variance of noise]; its own key: all of it."""
-    data, joints = judge.evidence.data, judge.evidence.data.rows(group)
+    data, own = judge.evidence.data, group.claim.key
+    joints = set(data.rows(group))
     torque = {j: data.part(j, group) @ sizes.value[group] for j in range(data.joints)}
-    known, own = [g for g in data.refitted if not g.bodies], group.claim.key
+    energy = {j: float(x @ x) for j, x in torque.items()}
     least = odds[own].log - FAR if own in odds else -np.inf
-    out = {own: max(sum(float(x @ x) for x in torque.values()), 1e-300)}
+    out = {own: max(sum(energy.values()), 1e-300)}
     for key, rival in odds.items():
-        there, twin = data.rows(rival.best), _is_twin(judge, group, rival.best)
-        if rival.best.claim.unknown or not set(joints) & set(there) or (rival.log < least and not twin):
+        twin, there = _is_twin(judge, group, rival.best), data.rows(rival.best)
+        if rival.best.claim.unknown or (rival.log < least and not twin) or joints.isdisjoint(there):
             continue
-        elsewhere = sum(float(x @ x) for j, x in torque.items() if j not in there)
+        elsewhere = sum(x for j, x in energy.items() if j not in there)
         if key != own and (twin or elsewhere < SAME):
-            out[key] = elsewhere + _left(judge, rival.best, torque, known)
+            out[key] = elsewhere + _left(judge, rival.best, torque)
     return out
 
 
-def _left(judge: Judge, rival: Group, torque: Mapping[int, Array], known: list[Group]) -> float:
+def _left(judge: Judge, rival: Group, torque: Mapping[int, Array]) -> float:
     """Sum of squares that a rival and the refitted laws leave of some torque, on the rival's joints."""
     data, belief = judge.evidence.data, judge.evidence.beliefs[rival]
     joints = data.rows(rival)
-    own, *beside = (np.concatenate([data.part(j, group) for j in joints]) for group in (rival, *known))
+    own = np.concatenate([data.part(j, rival) for j in joints])
     target = np.concatenate([torque[j] for j in joints])
     if belief is not None and belief.mean:  # it is there or not
         target, own = target - own.sum(axis=1), own[:, :0]
-    return float(np.sum(leave(target, np.concatenate([own, *beside], axis=1)) ** 2))
+    wide = [group for group in data.refitted if not group.bodies and len(data.rows(group)) > 1]
+    columns = np.concatenate([own, *(np.concatenate([data.part(j, group) for j in joints]) for group in wide)], axis=1)
+    parts = zip(joints, np.split(np.column_stack([target, columns]), len(joints)), strict=True)
+    free = np.concatenate([data.free(j, part) for j, part in parts])
+    told = np.linalg.norm(free[:, 1:], axis=0) > RANK * np.linalg.norm(columns, axis=0)
+    return float(np.sum(leave(free[:, 0], free[:, 1:][:, told]) ** 2))

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..residual import RANK
 from ..types import Array, Frozen, Indices, Mask
 from .group import Group
 from .noise import Noise, whiten, whole
@@ -114,6 +115,11 @@ class Whitened(Frozen):
             own[place] = range(len(place))
         return out
 
+    def columns_at(self, joints: Sequence[int]) -> tuple[Indices, list[Indices]]:
+        """The columns (p,) that some joints have, and where each joint has its own (m,) among them."""
+        columns = np.flatnonzero((self.at[list(joints)] >= 0).any(axis=0))
+        return columns, [np.searchsorted(columns, self.place[j]) for j in joints]
+
     @cached_property
     def refitted_gram(self) -> Gram:
         """Of the columns that are refitted."""
@@ -123,9 +129,38 @@ class Whitened(Frozen):
         """(M, size) columns of a group on one joint [1 per coefficient]; zero where it has none."""
         return self._part(self.columns[joint], joint, group)
 
+    def free(self, joint: int, columns: Array) -> Array:
+        """(M, k) what refitted laws of a joint alone cannot make of columns.
+
+        Args:
+            joint: which.
+            columns: (M, k) of this joint [1 per coefficient].
+        """
+        return np.asarray(columns - self._laws[joint] @ (self._laws[joint].T @ columns))
+
+    @cached_property
+    def _laws(self) -> list[Array]:
+        """Per joint (M, a) [1] an orthonormal basis of what is refitted to it alone, but for bodies."""
+        out = list[Array]()
+        for j in range(self.joints):
+            x = self.chosen(j, columns_of([g for g in self.refitted if not g.bodies and self.rows(g) == [j]]))[1]
+            size = np.linalg.norm(x, axis=0)
+            left, singular, _ = np.linalg.svd(x[:, size > 0] / size[size > 0], full_matrices=False)
+            out.append(left[:, singular > RANK * singular.max(initial=0.0)])
+        return out
+
     def rows(self, group: Group) -> list[int]:
         """The joints on which a group acts."""
-        return np.flatnonzero(self.at[:, group.start] >= 0).tolist()
+        return self._rows[group.start]
+
+    @cached_property
+    def _rows(self) -> list[list[int]]:
+        """Of each column, the joints that have it."""
+        out: list[list[int]] = [[] for _ in range(self.count)]
+        for j, place in enumerate(self.place):
+            for column in place.tolist():
+                out[column].append(j)
+        return out
 
     def raw(self, joint: int, group: Group) -> Array:
         """(M', size) columns of a group on one joint [torque per coefficient]; zero where it has none."""

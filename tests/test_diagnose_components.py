@@ -1,0 +1,53 @@
+"""Hypotheses are weighed joint by joint where nothing couples these, and whatever the rounding."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from random_rows import DISPERSION, FRICTION, OFFSET, SPRING, SWAP, VISCOUS, rows
+
+from signid.diagnose.batches import gather, log_factor
+from signid.diagnose.evidence import Evidence
+from signid.diagnose.prior import Belief
+from signid.residual import leave
+
+
+def test_joints_that_nothing_couples_are_fitted_apart() -> None:
+    evidence = rows(4)
+    for true, trust, expected in (
+        ((), 0.0, [(0,), (1,)]),
+        ((VISCOUS, OFFSET), 0.0, [(0,), (1,)]),
+        ((VISCOUS, SWAP), 0.0, [(0, 1)]),
+        ((VISCOUS,), 1.0, [(0, 1)]),
+    ):
+        found = evidence.components(true, trust)
+        assert [one.joints for one in found] == expected
+        assert {group for one in found for group in one.groups} == {*evidence.refitted(trust), *true}
+
+
+def test_what_was_asked_before_changes_no_answer() -> None:
+    asked = Evidence(rows(4).data)
+    for true in ((VISCOUS, OFFSET), (VISCOUS,), (VISCOUS, SPRING), (SPRING, OFFSET, VISCOUS), (OFFSET,)):
+        for dispersion in (DISPERSION, DISPERSION * [1.0, 1.5]):
+            for one, other in zip(
+                asked.weigh(true, dispersion), Evidence(asked.data).weigh(true, dispersion), strict=True
+            ):
+                np.testing.assert_array_equal(one, other)
+
+
+def test_a_law_that_is_far_too_large_is_weighed_whatever_the_rounding() -> None:
+    own, right, variance = Fraction(473 * 10**15), Fraction(-25 * 10**7), Fraction(4, 25)
+    wide = 1 + variance * own
+    exact = float(right - own / 2 + variance * (right - own) ** 2 / wide / 2) - np.log(float(wide)) / 2
+    beliefs = gather([Belief(np.eye(1) * 0.4, 1.0, -1)])
+    told = log_factor(beliefs, np.array([[[float(own)]]]), np.array([[float(right)]]))
+    assert told[0] == pytest.approx(exact, abs=1e-6)
+
+
+def test_what_refitted_laws_cannot_make_is_left() -> None:
+    data = rows(4).data
+    expected = leave(data.part(0, SPRING), data.part(0, FRICTION))
+    np.testing.assert_allclose(data.free(0, data.part(0, SPRING)), expected, atol=1e-12)
+    np.testing.assert_array_equal(data.free(1, data.part(1, VISCOUS)), data.part(1, VISCOUS))  # bodies do not count
