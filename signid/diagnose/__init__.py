@@ -15,7 +15,8 @@ The way of the data through the files, as `run` goes it:
   `period`, `noise`, `wave`, `whitened`, `setting` (all of these together);
 - rows to evidence: `prior`, `components`, `linear` and `fitted` (normal equations), `batches`, `evidence`, `cross`,
   `odds`, `reference`;
-- evidence to what is taken for true: `explain` by `search`, `sizes`, `strain`, `contact`, `refine`, then `prune`;
+- evidence to what is taken for true: `explain` by `search`, `sizes`, `strain`, `contact`, `refine`, `linearise`
+  (what laws do to each other), then `prune`;
 - to what is said: `slots` (how sure), `verdict`, `findings` with `numbers`, `intervals`, `locate` and `separate`;
 - to the extended simulation: `extend`, `bodies`, `empirical`, judged by `prove` and `doubt`.
 """
