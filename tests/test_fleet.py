@@ -153,6 +153,16 @@ def test_a_session_whose_process_dies_twice_does_not_stop_the_others(
     assert elsewhere[1].code is None and "install the same" in elsewhere[1].said[0]
 
 
+def test_a_process_that_died_before_it_was_asked_ends_quietly() -> None:
+    process = process_module._Process()
+    os.kill(process.child.pid, signal.SIGKILL)
+    process.child.wait()
+    with pytest.raises(process_module._Died, match="by signal 9"):
+        process.ask(Order(("effects",), ""))
+    process.end()
+    assert process.child.stdin is not None and process.child.stdin.closed
+
+
 def test_a_process_that_nobody_asks_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(process_module, "IDLE", 0.05)
     processes = process_module.Processes()

@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+from contextlib import suppress
 from threading import Lock, Timer
 from typing import IO
 
@@ -66,7 +67,8 @@ class _Process:
             self.child.wait()
         for pipe in (self.child.stdin, self.child.stdout):
             if pipe is not None:
-                pipe.close()
+                with suppress(BrokenPipeError):  # what the child did not read any more
+                    pipe.close()
 
 
 def _exactly(stream: IO[bytes], count: int) -> bytes:
