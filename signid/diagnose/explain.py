@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..deadline import time_is_up
 from .contact import NAME as CONTACT
 from .contact import find_contact
 from .evidence import Evidence
@@ -18,7 +19,7 @@ from .noise import measure_noise
 from .odds import Judge
 from .refine import refine
 from .result import Diagnosis
-from .search import search, spread
+from .search import SEARCH, search, spread
 from .setting import Setting, append
 from .sizes import measure_sizes
 from .whitened import whitened
@@ -61,6 +62,8 @@ def explain(setting: Setting, judge: Judge, skip: Sequence[str], known: Diagnosi
             return Explained(about, judge_, found)
         about, evidence, named = new, Evidence(whitened(new.table, new.noise), judge.evidence.known), _names(found)
         judge_, found = _search(about, replace(judge, evidence=evidence), skip, known)
+        if time_is_up(SEARCH):
+            return Explained(*first)
     return Explained(about, judge_, found) if _names(found) == named else Explained(*first, (TANGLED,))
 
 
@@ -82,9 +85,10 @@ def _explain(
     noise = measure_noise(rest, setting.periods, band.rate / band.factor)
     if not np.any(noise.floor < QUIETER * setting.noise.floor):
         return setting, judge_, found
-    setting = replace(setting, noise=noise)
+    quieter = replace(setting, noise=noise)
     judge = replace(judge, evidence=Evidence(whitened(table, noise), judge.evidence.known))
-    return setting, *_search(setting, judge, skip, known)
+    again = _search(quieter, judge, skip, known)
+    return (setting, judge_, found) if time_is_up(SEARCH) else (quieter, *again)
 
 
 def _search(setting: Setting, judge: Judge, skip: Sequence[str], known: Diagnosis | None) -> tuple[Judge, Found]:
@@ -96,7 +100,8 @@ def _search(setting: Setting, judge: Judge, skip: Sequence[str], known: Diagnosi
     found = search(judge, expected)
     left = measure_sizes(judge.evidence, found.true, expected, found.trust).left
     if np.any(left > AGAIN * expected):
-        found = search(judge, np.maximum(expected, NOISE_ERROR * left))
+        again = search(judge, np.maximum(expected, NOISE_ERROR * left))
+        found = found if time_is_up(SEARCH) else again
     if CONTACT not in skip:
         judge, found = _touched(setting, judge, found)
     return refine(setting, judge, found)
@@ -115,4 +120,5 @@ def _touched(setting: Setting, judge: Judge, found: Found) -> tuple[Judge, Found
         return judge, found
     data, _ = append(setting, judge.evidence.data, window, columns)
     wider = replace(judge, evidence=replace(judge.evidence, data=data))
-    return wider, search(wider, found.base)
+    again = search(wider, found.base)
+    return (judge, found) if time_is_up(SEARCH) else (wider, again)
