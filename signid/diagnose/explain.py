@@ -31,7 +31,7 @@ TANGLED = (
     "laws that were found change what others do, and no two rounds of the search agree on them: their numbers may be "
     "off by more than their intervals; record a motion that tells the alternatives apart"
 )
-ROUNDS = 3  # of columns about the simulation with what was found
+ROUNDS, MORE = 3, 2  # of columns about the simulation with what was found; laws that one may find beside those before
 QUIET, QUIETER = 0.7, 0.8  # variance left, and share of the noise: less, and a fault was taken for noise
 
 
@@ -64,7 +64,14 @@ def explain(setting: Setting, judge: Judge, skip: Sequence[str], known: Diagnosi
         judge_, found = _search(about, replace(judge, evidence=evidence), skip, known)
         if time_is_up(SEARCH):
             return Explained(*first)
-    return Explained(about, judge_, found) if _names(found) == named else Explained(*first, (TANGLED,))
+        if (
+            len(found.true) > len(first[2].true) + MORE
+        ):  # rounds go astray: what is about a wrong simulation asks for more
+            break
+    else:
+        if _names(found) == named:
+            return Explained(about, judge_, found)
+    return Explained(*first, (TANGLED,))
 
 
 def _names(found: Found) -> set[Key]:

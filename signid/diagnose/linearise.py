@@ -45,6 +45,10 @@ def linearised(setting: Setting, about: Setting, judge: Judge, found: Found) -> 
         inertials = inertials + fit.value[places].reshape(inertials.shape)
     robot = _loaded(setting.model, laws, inertials)
     new = replace(setting, pieces=tuple(p._replace(motion=_about(p.motion, robot, laws)) for p in setting.pieces))
+    if any(np.any(n.motion.inertia <= 0) for n in new.pieces) and all(
+        np.all(o.motion.inertia > 0) for o in setting.pieces
+    ):
+        return None  # bodies that cannot be make nothing known of what they do to others
     off = np.zeros((setting.table.joints, len(setting.whiten({0: setting.table.residual[:, :1]})[0])))
     for group in found.true:
         was, is_ = about.columns(group.claim), new.columns(group.claim)

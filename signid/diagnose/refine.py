@@ -141,7 +141,8 @@ def _fits(judge: Judge, option: tuple[Hypothesis, Group], beside: Beside) -> boo
         return True
     kinds, start = known.laws[0].effect.linear(), _start(judge, option, rest, dispersion)
     return all(
-        abs(x) < FAR.get(kinds[key].unit, np.inf) and not (kinds[key].positive and x <= 0) for key, x in start.items()
+        0 < abs(x) < FAR.get(kinds[key].unit, np.inf) and not (kinds[key].positive and x < 0)
+        for key, x in start.items()
     )
 
 
