@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 Document = dict[str, Any]
 _NUMBERS = re.compile(
     r"\[\n *(?:(?:[-+.\deE]+|null),?\n *)+\]"
-)  # a list of numbers, one a line; no string has line ends
+)  # one a line; no string has line ends
 
 
 def identification_document(result: Identification, inputs: Sequence[Input] = ()) -> Document:
