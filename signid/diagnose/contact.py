@@ -40,7 +40,7 @@ def find_contact(setting: Setting, data: Whitened, residual: Array, dispersion: 
         dispersion: (n,) its variance [1].
     """
     jacobian = _jacobian(setting)
-    white = setting.whiten({j: jacobian[:, :, j] for j in range(data.joints)})
+    white = setting.whitening.local({j: jacobian[:, :, j] for j in range(data.joints)})
     shape = np.stack([white[j] / np.sqrt(dispersion[j]) for j in range(data.joints)])  # (n, M, 3)
     rest = residual / np.sqrt(dispersion)[:, None]
     variance = SIZE**2 / 3 / max(float(np.mean(np.sum(jacobian**2 / data.scale**2, axis=2))), 1e-300)

@@ -56,10 +56,10 @@ class Evidence(Linear):
             without: one of them that is not, after all; to ask so of each in turn costs little more than of one.
         """
         kept = {group for group in true if group is not without}
-        fits = [self.fit([group for group in true if group in kept], dispersion, trust) for trust in TRUST]
-        weight = TRUST_PRIOR + np.array([fit.log_evidence for fit in fits])
+        fits = [self.fit([group for group in true if group in kept], dispersion, trust) for trust in self.scales]
+        weight = self.scale_prior + np.array([fit.log_evidence for fit in fits])
         weight = weight - logsumexp(weight)
-        factors = np.array([self._factors(true, dispersion, trust, without) for trust in TRUST])
+        factors = np.array([self._factors(true, dispersion, trust, without) for trust in self.scales])
         factors = factors + weight[:, None]
         factors[:, [k for k, group in enumerate(self.data.groups) if group in kept]] = np.nan
         return np.asarray(logsumexp(factors, axis=0)), np.exp(weight)
@@ -71,8 +71,23 @@ class Evidence(Linear):
             true: hypotheses that are taken for true.
             dispersion: (n,) variance of the whitened residual [1].
         """
-        told = [self.fit(true, dispersion, trust).log_evidence for trust in TRUST]
-        return float(TRUST[int(np.argmax(told + TRUST_PRIOR))])
+        told = [self.fit(true, dispersion, trust).log_evidence for trust in self.scales]
+        return float(self.scales[int(np.argmax(told + self.scale_prior))])
+
+    @property
+    def informed(self) -> bool:
+        """Whether identification left a covariance: then nothing is to be found out about how far inertials are off."""
+        return self.known is not None
+
+    @property
+    def scales(self) -> Array:
+        """(s,) of the tolerance of inertials: how far they may be off [1]."""
+        return TRUST[1:2] if self.informed else TRUST
+
+    @property
+    def scale_prior(self) -> Array:
+        """(s,) log prior probabilities of the scales."""
+        return np.zeros(1) if self.informed else TRUST_PRIOR
 
     def ask(self, fit: Fitted, dispersion: Array, belief: Belief, columns: Mapping[int, Array]) -> float:
         """Log Bayes factor of columns that are not among the rows' own.

@@ -15,11 +15,13 @@ from .evidence import Evidence
 from .found import Found
 from .hypothesis import Key
 from .linearise import linearised
-from .noise import measure_noise
+from .noise import Noise
+from .noise_model import update_noise
 from .odds import Judge
 from .refine import refine
 from .result import Diagnosis
 from .search import SEARCH, search, spread
+from ..types import Array
 from .setting import Setting, append
 from .sizes import measure_sizes
 from .whitened import whitened
@@ -32,7 +34,9 @@ TANGLED = (
     "off by more than their intervals; record a motion that tells the alternatives apart"
 )
 ROUNDS, MORE = 3, 2  # of columns about the simulation with what was found; laws that one may find beside those before
-QUIET, QUIETER = 0.7, 0.8  # variance left, and share of the noise: less, and a fault was taken for noise
+NOISE_ROUNDS, SAME = 3, 0.05  # of noise and search in turn; change of the noise that matters
+import os
+DEBUG = bool(os.environ.get("DEBUG"))
 
 
 class Explained(NamedTuple):
@@ -83,19 +87,27 @@ def _explain(
 ) -> tuple[Setting, Judge, Found]:
     """Searched; where that shows that noise is less than it seemed, once more with the noise that it is."""
     judge_, found = _search(setting, judge, skip, known)
-    sizes = measure_sizes(judge_.evidence, found.true, found.base, found.trust)
-    if not found.true or not np.any(sizes.left < QUIET):
-        return setting, judge_, found
-    data, table, band = judge_.evidence.data, setting.table, setting.task.band
-    named = [sum(data.raw(j, group) @ sizes.value[group] for group in found.true) for j in range(data.joints)]
-    rest = replace(table, residual=table.residual - np.column_stack(named))
-    noise = measure_noise(rest, setting.periods, band.rate / band.factor)
-    if not np.any(noise.floor < QUIETER * setting.noise.floor):
-        return setting, judge_, found
-    quieter = replace(setting, noise=noise)
-    judge = replace(judge, evidence=Evidence(whitened(table, noise), judge.evidence.known))
-    again = _search(quieter, judge, skip, known)
-    return (setting, judge_, found) if time_is_up(SEARCH) else (quieter, *again)
+    seen = list[set[Key]]()
+    for _ in range(NOISE_ROUNDS):
+        noise = update_noise(setting, judge_.evidence, found)
+        if _alike(noise, setting.noise) or _names(found) in seen:
+            break
+        seen.append(_names(found))
+        quieter = replace(setting, noise=noise)
+        judge_ = replace(judge, evidence=Evidence(whitened(quieter.table, noise), judge.evidence.known))
+        judge_, again = _search(quieter, judge_, skip, known)
+        if time_is_up(SEARCH):
+            break
+        setting, found = quieter, again
+        DEBUG and print("noise", (noise.discrepancy/setting.table.scale).round(4), (noise.floor/setting.table.scale).round(4), [(g.claim.key, round(found.log_odds[g],1)) for g in found.true], flush=True)
+    return setting, judge_, found
+
+
+def _alike(noise: Noise, other: Noise) -> bool:
+    return bool(
+        np.allclose(noise.floor, other.floor, rtol=SAME, atol=0)
+        and np.allclose(noise.discrepancy, other.discrepancy, rtol=SAME, atol=0)
+    )
 
 
 def _search(setting: Setting, judge: Judge, skip: Sequence[str], known: Diagnosis | None) -> tuple[Judge, Found]:
@@ -116,8 +128,7 @@ def _search(setting: Setting, judge: Judge, skip: Sequence[str], known: Diagnosi
 
 def _touched(setting: Setting, judge: Judge, found: Found) -> tuple[Judge, Found]:
     """Once more, with a window of contact where there is one."""
-    rest = measure_sizes(judge.evidence, found.true, found.base, found.trust).rest
-    window = find_contact(setting, judge.evidence.data, rest, found.base)
+    window = find_contact(setting, judge.evidence.data, _local_rest(setting, judge, found), found.base)
     if window is None:
         return judge, found
     dispersion, columns = spread(judge, found), setting.columns(window)
@@ -129,3 +140,14 @@ def _touched(setting: Setting, judge: Judge, found: Found) -> tuple[Judge, Found
     wider = replace(judge, evidence=replace(judge.evidence, data=data))
     again = search(wider, found.base)
     return (judge, found) if time_is_up(SEARCH) else (wider, again)
+
+
+def _local_rest(setting: Setting, judge: Judge, found: Found) -> Array:
+    """(n, M) [1] residual in units of the coloured noise alone, after all that is fitted."""
+    data, fit = judge.evidence.data, judge.evidence.fit(found.true, found.base, found.trust)
+    rest = dict[int, Array]()
+    for j in range(data.joints):
+        at = data.at[j, fit.which]
+        rest[j] = (setting.table.residual[:, j] - data.torque[j][:, at[at >= 0]] @ fit.value[at >= 0])[:, None]
+    white = setting.whitening.local(rest)
+    return np.array([white[j][:, 0] for j in range(data.joints)])

@@ -62,8 +62,9 @@ def extend(
         law, own = _folded(law, own)
         same = [k for k, other in enumerate(own) if _adds(law, other)]
         if same:
-            numbers = {key: own[same[0]].parameters[key] + x for key, x in law.parameters.items()}
-            own[same[0]] = replace(law, parameters=numbers)
+            stated = law.effect.filled(own[same[0]].parameters)
+            sizes = {key: stated[key] + x for key, x in law.effect.filled(law.parameters).items() if key in law.effect.linear()}
+            own[same[0]] = replace(law, parameters={**law.parameters, **sizes})
         else:
             own.append(law)
     return Model(model.robot, inertials, tuple(own))
@@ -106,6 +107,6 @@ def _adds(law: Law, other: Law) -> bool:
     same = effect.name == other.effect.name and law.joints == other.joints
     return (
         same
-        and list(effect.linear()) == list(effect.parameters)
+        and effect.shape(law.parameters) == effect.shape(other.parameters)
         and effect.coefficients(effect.example) == [effect.filled(effect.example)[key] for key in effect.linear()]
     )

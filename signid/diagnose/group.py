@@ -15,6 +15,7 @@ from ..types import Array, Law
 from .hypothesis import Hypothesis, refits
 from .sample import Piece
 
+DRIFT, STEADY, OFFSET = 0.1, 0.03, 0.05  # share of friction, and of all else; offset as a share of dry friction
 MASS, CENTRE, INERTIA = 0.05, 0.005, 0.1  # tolerance of inertials: share, [m], share
 LEAST_MASS = 0.05  # [kg] to which a tolerance is a share at least
 SOFT = 0.7  # of dry friction: how far its law near reversals may be off
@@ -59,23 +60,37 @@ class Nuisance(NamedTuple):
 def nuisances(model: Model, motion: Motion, dry: Array) -> Iterator[Nuisance]:
     """What is refitted beside every hypothesis.
 
-    Laws that the simulation has (flat), how its dry friction turns near a reversal, and all inertials within their
-    tolerance.
+    Laws that the simulation states, within their usual drift; how its dry friction turns near a reversal; and all
+    inertials, within their tolerance.
 
     Args:
         model: the simulation.
         motion: along which columns are made.
         dry: (n,) dry friction of each joint [N.m or N].
     """
+    stated = stated_friction(model)
     for law in model.laws:
         if refits(law):
             rows, columns = law_columns(law, motion)
-            yield Nuisance({j: columns[:, k] for k, j in enumerate(rows)}, [np.inf] * columns.shape[2], law)
+            spread = [np.inf] * columns.shape[2] if model.covariance else drift(law, float(stated[law.joints[0]]))
+            yield Nuisance({j: columns[:, k] for k, j in enumerate(rows)}, spread, law)
     for j in np.flatnonzero(dry > 0).tolist():
         yield Nuisance({j: _turning(motion, j)}, [SOFT * float(dry[j])] * 3)
     for body, spread in enumerate(tolerance(model).tolist()):
         moving = np.flatnonzero(motion.moved[:, body]).tolist()
         yield Nuisance({j: motion.bodies[:, j, body] for j in moving}, spread, bodies=True)
+
+
+def drift(law: Law, dry: float) -> list[float]:
+    """(k,) how far the coefficients of a law usually change from day to day [of each].
+
+    Args:
+        law: with all its numbers.
+        dry: friction of its joint [N.m or N].
+    """
+    share = DRIFT if law.effect.dissipative or law.effect.name == "torque_offset" else STEADY
+    least = OFFSET * dry if law.effect.name == "torque_offset" else 0.0
+    return [max(share * abs(x), least, 1e-9) for x in law.effect.coefficients(law.parameters)]
 
 
 def tolerance(model: Model) -> Array:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from ..effects import EFFECTS
-from ..effects.base import BodyLaw, TorqueLaw
+from ..effects.base import BodyLaw, Effect, TorqueLaw
 from ..effects.law import hypotheses, law_columns
 from ..model import Model
 from ..motion import Motion
@@ -32,6 +32,7 @@ class Hypothesis:
     joint: int = 0  # of an unknown
     variable: str = ""  # of an unknown
     knots: tuple[float, ...] = ()  # of an unknown [unit of the variable]
+    stated: Law | None = None  # the same law as the simulation states it: its size may be wrong
 
     @property
     def unknown(self) -> bool:
@@ -80,16 +81,29 @@ def propose(model: Model, motion: Motion, skip: Sequence[str] = ()) -> list[Hypo
         motion: gives the shapes worth trying.
         skip: effects that are left out.
     """
-    known = {(law.effect.name, law.joints) for law in model.laws if refits(law) and not _shaped(law)}
+    known = {(law.effect.name, law.joints): law for law in model.laws if any(law.effect.coefficients(law.parameters))}
     n = len(motion.robot.joints)
     found = [
-        Hypothesis((law,))
+        Hypothesis((law,), stated=_stated(known.get((effect.name, law.joints)), law))
         for effect in EFFECTS
         if effect.name not in skip
-        for law in hypotheses(effect, motion, n)
-        if (effect.name, law.joints) not in known and law.effect.possible(motion.at(law.joints), **law.parameters)
+        for law in [*_as_stated(effect, known), *hypotheses(effect, motion, n)]
+        if law.effect.possible(motion.at(law.joints), **law.parameters)
     ]
-    return [*found, *_friction(known, n, skip), *_unknown(motion)]
+    return [*found, *_friction(set(known), n, skip), *_unknown(motion)]
+
+
+def _as_stated(effect: Effect, known: Mapping[Key, Law]) -> Iterator[Law]:
+    """Laws of the simulation with a shape, at that shape."""
+    for law in known.values():
+        if law.effect is effect and _shaped(law):
+            yield Law(effect, law.joints, effect.shape(law.parameters))
+
+
+def _stated(known: Law | None, law: Law) -> Law | None:
+    """The law of the simulation, where a hypothesis of this shape is that its size is wrong."""
+    same = known is not None and known.effect.shape(known.parameters) == law.effect.shape(law.parameters)
+    return known if same else None
 
 
 def pooled(motions: Sequence[Motion]) -> Motion:
@@ -131,12 +145,13 @@ def _secant(law: Law, motion: Motion) -> tuple[tuple[int, ...], Array]:
 
 
 def refits(law: Law) -> bool:
-    """Whether the coefficients of a law that the simulation has are refitted in any case.
+    """Whether the coefficients of a law that the simulation states are fitted beside every hypothesis.
 
-    Bodies, rotors and laws of size zero count as they are stated; that they are wrong is a hypothesis.
+    So are torque laws and rotors, within their tolerance. Other laws, and laws of size zero, count as they are stated;
+    that they are wrong is a hypothesis.
     """
     there = any(law.effect.coefficients(law.parameters))
-    return there and isinstance(law.effect, TorqueLaw)
+    return there and (isinstance(law.effect, TorqueLaw) or law.effect.scope == "joint" and isinstance(law.effect, BodyLaw))
 
 
 def happens_once(law: Law) -> bool:

@@ -23,10 +23,10 @@ FLAT = 1e-6  # of the Gram's diagonal: prior precision of what is not known at a
 
 
 class Known(NamedTuple):
-    """Information on the bodies' inertial parameters from other recordings; friction may differ from day to day."""
+    """What other recordings say of the bodies and laws of the simulation: a Gaussian prior about what it states."""
 
-    information: Array  # (k, k) [1 per coefficient, squared]
-    right: Array  # (k,) [1 per coefficient]
+    columns: Indices  # (k,) places of the coefficients
+    information: Array  # (k, k) [1 per coefficient, squared] inverse of their covariance
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +34,7 @@ class Linear(Frozen):
     """The rows' normal equations; products are made once for each hypothesis that is taken for true."""
 
     data: Whitened
-    known: Known | None = None  # what other recordings tell of the bodies
+    known: Known | None = None  # what other recordings say of bodies and laws
 
     @cached_property
     def beliefs(self) -> dict[Group, Belief | None]:
@@ -77,7 +77,7 @@ class Linear(Frozen):
 
     def _split(self, true: Sequence[Group], trust: float) -> tuple[Component, ...]:
         refitted = self.refitted(trust)
-        known = [] if self.known is None else [group for group in refitted if group.bodies]
+        known = [] if self.known is None else [g for g in refitted if g.start in self.known.columns]
         return split(self.data, refitted, true, known)
 
     def part(self, component: Component, dispersion: Array, trust: float) -> Fitted:
@@ -100,12 +100,20 @@ class Linear(Frozen):
         square = self._squares(component, lambda: self._square(component, which))
         gram = total(square, dispersion, (len(which),) * 2)
         right = (self.data.right[list(component.joints)][:, which] / dispersion[:, None]).sum(0)
-        bodies = [group for group in component.refitted if group.bodies]
-        if self.known is not None and bodies:
-            here = np.flatnonzero(np.isin(which, columns_of(bodies)))
-            gram[np.ix_(here, here)] += self.known.information
-            right[here] += self.known.right
         return solve(which, gram, right, self._precision(component.refitted, component.true, np.diag(gram), trust))
+
+    def information(self, which: Indices) -> Array:
+        """(k, k) [1 per coefficient, squared] what other recordings say of some columns.
+
+        Args:
+            which: (k,) columns.
+        """
+        out = np.zeros((len(which),) * 2)
+        if self.known is not None:
+            here = np.flatnonzero(np.isin(which, self.known.columns))
+            there = np.searchsorted(self.known.columns, which[here])
+            out[np.ix_(here, here)] = self.known.information[np.ix_(there, there)]
+        return out
 
     def across(self, component: Component, dispersion: Array) -> Array:
         """(k, p) products of what is fitted to some joints with all columns of these [1 per coefficient, squared].
@@ -154,7 +162,25 @@ class Linear(Frozen):
         for group in true:
             out[at : at + group.size, at : at + group.size] = self.own_precision(group)
             at += group.size
-        return out
+        return out + self.information(columns_of([*refitted, *true]))
+
+    def prior_precision(self, groups: Sequence[Group], trust: float) -> Array:
+        """(k, k) [1 per coefficient, squared] of the prior of some groups that are fitted; 0 where it is flat.
+
+        Args:
+            groups: refitted ones first, then selected hypotheses.
+            trust: of the tolerance of inertials, how far they are off.
+        """
+        out, at = np.zeros((sum(g.size for g in groups),) * 2), 0
+        for group in groups:
+            place = slice(at, at + group.size)
+            if group.hypothesis is not None:
+                out[place, place] = self.own_precision(group)
+            else:
+                deviation = np.array(group.deviation) * (trust if group.bodies else 1.0)
+                out[place, place] = np.diag(np.where(np.isinf(deviation), 0.0, np.maximum(deviation, 1e-150) ** -2.0))
+            at += group.size
+        return out + self.information(columns_of(groups))
 
     def own_precision(self, group: Group) -> Array:
         """(d, d) [1 per coefficient, squared] of the prior of a hypothesis that is taken for true."""

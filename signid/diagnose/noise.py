@@ -36,6 +36,7 @@ class Noise(Frozen):
     floor: Array  # (n,) [N.m or N] rms
     coefficients: Array  # (n, 4) [1] of the last four values
     innovation: Array  # (n,) [N.m or N] standard deviation of what is new in each row
+    discrepancy: Array  # (n,) [N.m or N] size of the torque that no law of the library makes
     late: Array  # (n,) [1] how far off torque is near reversals, as a multiple of what is presumed
 
 
@@ -51,7 +52,8 @@ def measure_noise(table: Table, periods: Sequence[float | None], rate: float) ->
     """
     usual = _usual(table)
     found = [_of_joint(table, j, usual, periods, rate) for j in range(table.joints)]
-    return Noise(*(np.array(x) for x in zip(*found, strict=True)))
+    floor, coefficients, innovation, late = (np.array(x) for x in zip(*found, strict=True))
+    return Noise(floor, coefficients, innovation, np.zeros(table.joints), late)
 
 
 def whiten(x: Array, coefficients: Array, innovation: float, piece: Indices) -> Array:
@@ -82,15 +84,36 @@ def _of_joint(
     table: Table, joint: int, usual: Mask, periods: Sequence[float | None], rate: float
 ) -> tuple[float, Array, float, float]:
     rest, jumps, factor = _saturated(table, joint, usual)
-    far = OUTLYING * float(np.median(np.abs(np.concatenate(rest)))) or np.inf
-    sure = [(u < UNSURE * table.scale[joint]) & (np.abs(x) < far) for x, u in zip(rest, jumps, strict=True)]
-    if np.concatenate(sure).mean() < ENOUGH:
-        sure = [np.ones(len(x), dtype=bool) for x in jumps]
-    choices = [_fit(rest, factor, sure)]
+    choices = [_fit(rest, factor, _sure(rest, jumps, float(table.scale[joint])))]
     if again := _repeated(table, joint, periods, rate):
         choices.append(_fit(again, MARGIN, [np.ones(len(x), dtype=bool) for x in again]))
     best = min(choices, key=lambda choice: choice[0])
     return *best, _lateness(factor * np.concatenate(rest), np.concatenate(jumps), best[0])
+
+
+def noise_of_rest(table: Table, joint: int, rest: Array, factor: float) -> tuple[float, Array, float]:
+    """Rms, autoregressive coefficients (4,) and innovation of one joint's noise, from what a fit leaves.
+
+    Args:
+        table: rows.
+        joint: which.
+        rest: (M,) residual of the fit [N.m or N].
+        factor: by which the fit made it smaller than the noise is [1].
+    """
+    goes = ~table.rests[:, joint]
+    goes = goes if goes.sum() > LEAST else np.ones_like(goes)
+    run = _runs(table, goes)
+    parts, jumps = _split(rest[goes], run), _split(table.jumps[goes, joint], run)
+    return _fit(parts, factor, _sure(parts, jumps, float(table.scale[joint])))
+
+
+def _sure(rest: Sequence[Array], jumps: Sequence[Array], scale: float) -> list[Mask]:
+    """Run by run, rows that are neither near a reversal nor outliers."""
+    far = OUTLYING * float(np.median(np.abs(np.concatenate(rest)))) or np.inf
+    sure = [(u < UNSURE * scale) & (np.abs(x) < far) for x, u in zip(rest, jumps, strict=True)]
+    if np.concatenate(sure).mean() < ENOUGH:
+        sure = [np.ones(len(x), dtype=bool) for x in jumps]
+    return sure
 
 
 def _lateness(rest: Array, jumps: Array, floor: float) -> float:

@@ -91,5 +91,7 @@ def _power(unit: str) -> int:
 
 
 def _positive(hypothesis: Hypothesis) -> int:
+    if hypothesis.stated is not None:
+        return -1
     kinds: Sequence[bool] = [k.positive for law in hypothesis.laws for k in law.effect.linear().values()]
     return kinds.index(True) if sum(kinds) == 1 else -1

@@ -28,13 +28,12 @@ from .explain import explain
 from .findings import find
 from .group import dry_friction, lay_out
 from .hypothesis import happens_once, pooled, propose
-from .linear import Known
+from .knowledge import known_before
 from .noise import measure_noise
 from .odds import Judge
 from .period import find_period
 from .prove import prove, show
 from .prune import prune
-from .reference import learn_bodies
 from .result import Diagnosis
 from .sample import pieces
 from .setting import Setting
@@ -82,8 +81,8 @@ def diagnose(
     session, gross = _prepare(model, recovered, options, told)
     setting, data = _build(model, session, skip, told)
     told("searching", 0.4)
-    other = _learn(model, reference, session, skip, options) if known else None
-    setting, judge, found, tangled = explain(setting, _judge(model, Evidence(data, other), skip), skip, known)
+    evidence = Evidence(data, known_before(model, data.groups))
+    setting, judge, found, tangled = explain(setting, _judge(model, evidence, skip), skip, known)
     told("judging", 0.7)
     found, slots = settle(judge, prune(setting, session, judge, found))
     verdict = decide(judge, found, slots).doubted(any(one.kind == "excitation" for one in gross.findings))
@@ -158,15 +157,6 @@ def _build(model: Model, session: Session, skip: Sequence[str], told: Progress) 
     periods = tuple(_period(part) for part in parts)
     noise = measure_noise(table, periods, task.band.rate / task.band.factor)
     return Setting(task, model, made, periods, table, noise), whitened(table, noise)
-
-
-def _learn(
-    model: Model, reference: Sequence[Recording], session: Session, skip: Sequence[str], options: Options
-) -> Known:
-    """What the reference tells of the bodies of its own extended simulation."""
-    same = replace(options, cutoff=session.task.band.cutoff)
-    _, data = _build(model, enough(prepare(model.robot, reference, reference, same)), skip, _silent)
-    return learn_bodies(_judge(model, Evidence(data), skip))
 
 
 def _lasting(model: Model) -> Model:

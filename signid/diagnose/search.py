@@ -82,7 +82,7 @@ def needed(
 
     Inertials within their tolerance imitate bodies, but not those of the joints whose links are strained without them.
     """
-    if trusted >= 0.5 or group.claim.bodies.intersection(strained):
+    if trusted >= 0.5 or judge.evidence.informed or group.claim.bodies.intersection(strained):
         return usual
     if judge.evidence.imitated(group) > IMITATED:
         return max(usual, LOOKALIKE)
@@ -116,6 +116,8 @@ def is_sound(judge: Judge, state: Found, group: Group, log: float) -> bool:
     low, high = CLIPPED if isinstance(group.claim.laws[0].effect, ActuatorLaw) else APPROXIMATE
     if sizes.share[group].max() < LEAST or (belief.mean and not low < value[0] < high):
         return False
+    if not _is_possible(group, value):
+        return False
     if belief.positive >= 0 and value[belief.positive] <= 0:
         fit = judge.evidence.fit(true, state.base, trust)
         at = fit.place(group).start + belief.positive
@@ -127,6 +129,15 @@ def is_sound(judge: Judge, state: Found, group: Group, log: float) -> bool:
         happens_once(group.claim.laws[0])
         or judge.evidence.gain_unseen(state.true, group, state.base, trust) >= -WORSE * log
     )
+
+
+def _is_possible(group: Group, change: Array) -> bool:
+    """Whether numbers that the simulation states stay positive where physics wants that."""
+    law = group.claim.stated
+    if law is None:
+        return True
+    kinds, stated = law.effect.linear().values(), law.effect.coefficients(law.parameters)
+    return all(not kind.positive or x + step > 0 for kind, x, step in zip(kinds, stated, change.tolist(), strict=False))
 
 
 def _is_founded(group: Group, there: set[Key]) -> bool:

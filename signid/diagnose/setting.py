@@ -15,10 +15,10 @@ from ..rows import Task
 from ..types import Array, Frozen
 from .group import Group
 from .hypothesis import Hypothesis
-from .noise import Noise, whiten
+from .noise import Noise
 from .sample import Piece, row_filter, thinned
 from .table import Table
-from .whitened import Whitened, weights
+from .whitened import Whitened, Whitening
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,21 +50,17 @@ class Setting(Frozen):
         return self.thinned([hypothesis.columns(piece.motion) for piece in self.pieces])
 
     def whiten(self, columns: Mapping[int, Array]) -> dict[int, Array]:
-        """Per joint, (M', k) in units of the noise.
+        """Per joint, (M', k) in units of noise and discrepancy.
 
         Args:
             columns: per joint (M, k) [torque per coefficient].
         """
-        noise, piece, weight = self.noise, self.table.piece, self._weight
-        return {
-            j: whiten(x, noise.coefficients[j], float(noise.innovation[j]), piece) * weight[:, j, None]
-            for j, x in columns.items()
-        }
+        return self.whitening(columns)
 
     @cached_property
-    def _weight(self) -> Array:
-        """(M', n) of whitened rows [1]."""
-        return weights(self.table, self.noise)
+    def whitening(self) -> Whitening:
+        """What turns rows of torque into rows in units of their noise."""
+        return Whitening(self.table, self.noise)
 
 
 def append(

@@ -21,7 +21,7 @@ def strained_links(judge: Judge, state: Found) -> dict[int, float]:
         judge: library and evidence.
         state: what is taken for true.
     """
-    if judge.evidence.trust(state.true, state.base) == 0:
+    if judge.evidence.informed or judge.evidence.trust(state.true, state.base) == 0:
         return {}
     fit = judge.evidence.fit(state.true, state.base, TRUST[-1])
     bodies = [group for group in judge.evidence.data.refitted if group.bodies]

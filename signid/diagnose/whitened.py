@@ -11,6 +11,7 @@ import numpy as np
 
 from ..residual import RANK
 from ..types import Array, Frozen, Indices, Mask
+from .discrepancy import Projection, features, project
 from .group import Group
 from .noise import Noise, whiten, whole
 from .table import Table
@@ -195,18 +196,58 @@ def mean_products(columns: Mapping[int, Array], scale: Array) -> Array:
     return np.asarray(sum(x.T @ x / len(x) / scale[j] ** 2 for j, x in columns.items()))
 
 
+@dataclass(frozen=True, eq=False)
+class Whitening(Frozen):
+    """Rows of torque -> rows in units of their noise: coloured noise and model discrepancy, joint by joint."""
+
+    table: Table
+    noise: Noise
+
+    def local(self, columns: Mapping[int, Array]) -> dict[int, Array]:
+        """Per joint, (M', k) in units of the coloured noise alone: a row depends on the rows just before it only.
+
+        Args:
+            columns: per joint (M, k) [torque per coefficient].
+        """
+        noise, piece = self.noise, self.table.piece
+        return {
+            j: whiten(x, noise.coefficients[j], float(noise.innovation[j]), piece) * self._weight[:, j, None]
+            for j, x in columns.items()
+        }
+
+    def __call__(self, columns: Mapping[int, Array]) -> dict[int, Array]:
+        """Per joint, (M', k) in units of noise and discrepancy.
+
+        Args:
+            columns: per joint (M, k) [torque per coefficient].
+        """
+        projections = self._projections
+        return {j: x if projections[j] is None else projections[j](x) for j, x in self.local(columns).items()}
+
+    @cached_property
+    def _weight(self) -> Array:
+        """(M', n) of whitened rows [1]."""
+        return weights(self.table, self.noise)
+
+    @cached_property
+    def _projections(self) -> list[Projection | None]:
+        sizes = self.noise.discrepancy.tolist()
+        return [
+            project(self.local({j: features(self.table, j)})[j], size) if size > 0 else None
+            for j, size in enumerate(sizes)
+        ]
+
+
 def whitened(table: Table, noise: Noise) -> Whitened:
-    """Rows through the joints' own autoregressive filters."""
+    """Rows in units of noise and discrepancy."""
     n, order = table.joints, noise.coefficients.shape[1]
-    told = [(noise.coefficients[j], float(noise.innovation[j]), table.piece) for j in range(n)]
-    moves = moving(table, order)
-    weight = weights(table, noise)
+    moves, whitening = moving(table, order), Whitening(table, noise)
     return Whitened(
         groups=table.groups,
         count=table.count,
         place=table.place,
-        columns=tuple(whiten(table.columns[j], *told[j]) * weight[:, j, None] for j in range(n)),
-        residual=np.array([whiten(table.residual[:, j, None], *told[j])[:, 0] * weight[:, j] for j in range(n)]),
+        columns=tuple(whitening(dict(enumerate(table.columns))).values()),
+        residual=np.array([whitening({j: table.residual[:, j, None]})[j][:, 0] for j in range(n)]),
         moves=moves,
         recording=table.recording[order:][whole(table.piece, order)],
         torque=table.columns,
