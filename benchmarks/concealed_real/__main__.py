@@ -34,9 +34,7 @@ def parse() -> argparse.Namespace:
     """The command line."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.concealed_real", description=__doc__)
     parser.add_argument("--sets", nargs="+", choices=SETS, default=list(SETS), metavar="SET", help=", ".join(SETS))
-    parser.add_argument(
-        "--cases", nargs="+", default=[], metavar="KIND", help='kinds of changes, such as "link +20 %%"'
-    )
+    parser.add_argument("--cases", nargs="+", default=[], metavar="KIND", help="kinds of changes")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write all rows there, each as it finishes")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes, a set each")
     parser.add_argument("--limit", type=float, metavar="S", help="seconds that a diagnosis may take")

@@ -52,7 +52,7 @@ def rest(model: Model, recording: Recording, cutoff: float | None) -> Array:
 def rms(x: Array) -> Array:
     """(n,) root mean square of the rows that count; NaN where none does."""
     count = np.isfinite(x).sum(axis=0)
-    return np.sqrt(np.nansum(x**2, axis=0) / np.where(count > 0, count, np.nan))
+    return np.asarray(np.sqrt(np.nansum(x**2, axis=0) / np.where(count > 0, count, np.nan)))
 
 
 def ratios(changed: Array, control: Array) -> Array:
@@ -94,6 +94,6 @@ def compare(given: Array, extended: Array, joints: Sequence[str]) -> list[Worse]
         error = float(np.std(blocks, ddof=1) / np.sqrt(len(blocks))) if len(blocks) >= LEAST else np.inf
         gain = float(np.mean(after) - np.mean(before))
         worse = gain > error + ROUNDING * float(np.mean(before))
-        sizes = [float(np.sqrt(np.mean(x))) for x in (before, after)]
-        found.append(Worse(joint, *sizes, error / float(np.mean(before)), worse))
+        small, large = (float(np.sqrt(np.mean(x))) for x in (before, after))
+        found.append(Worse(joint, small, large, error / float(np.mean(before)), worse))
     return found

@@ -20,7 +20,7 @@ ALONE = (  # one and the same on a single joint
 ALIKE = ({"torque_offset", "asymmetric_friction"}, {"time_delay", "torque_lag"})  # at the same joints
 FIRST = {"armature", "link_inertia"}
 LAST = {"payload", "link_inertia", "encoder_offset"}
-SLIDES = {"base_tilt", "torque_offset"}  # of a single prismatic joint: a constant force
+SLIDES = ({"base_tilt", "torque_offset"}, {"armature", "payload"})  # of a single prismatic joint: a force, a mass
 BODIES = {"payload", "link_inertia"}
 WHOLE = {"asymmetric_friction": ("viscous_friction", "coulomb_friction", "torque_offset")}  # laws that it contains
 FAULTS = {
@@ -125,12 +125,34 @@ def relation(name: Named, truth: Truth, arm: Arm) -> str:
     same = anywhere or set(name.joints) == set(truth.joints or ())
     if name.effect in truth.effects and same:
         return EXACT
-    return TWIN if any(_twins({name.effect, x}, name, truth, same, arm) for x in truth.effects) else _part(name, truth)
+    if any(_twins({name.effect, x}, name, truth, same, arm) for x in truth.effects):
+        return TWIN
+    inside = truth.joints is None or set(name.joints) <= set(truth.joints)
+    return PART if contains(name, truth, arm) or inside and name.effect in truth.effects else ""
+
+
+def contains(name: Named, truth: Truth, arm: Arm) -> bool:
+    """Whether a law at the joint has the truth, or its twin, in it and more.
+
+    Args:
+        name: a finding.
+        truth: what was changed.
+        arm: whose joints.
+    """
+    inner = {x for effect in truth.effects for x in (effect, *_slides(effect, arm))}
+    place = truth.joints is None or len(arm.joints) == 1 or set(name.joints) == set(truth.joints)
+    return place and not inner.isdisjoint(WHOLE.get(name.effect, ()))
+
+
+def _slides(effect: str, arm: Arm) -> set[str]:
+    return {x for group in SLIDES if arm.slides and effect in group for x in group}
 
 
 def _twins(both: set[str], name: Named, truth: Truth, same: bool, arm: Arm) -> bool:
     """Whether no motion separates two effects."""
-    if len(arm.joints) == 1 and (any(both <= group for group in ALONE) or arm.slides and both <= SLIDES):
+    if len(arm.joints) == 1 and (
+        any(both <= group for group in ALONE) or arm.slides and any(both <= group for group in SLIDES)
+    ):
         return True
     if any(both <= group for group in ALIKE) and same:
         return True
@@ -138,12 +160,6 @@ def _twins(both: set[str], name: Named, truth: Truth, same: bool, arm: Arm) -> b
     here = set(place) == set(name.joints) or "payload" in both
     first, last = 0 in place and 0 in name.joints, n - 1 in place and n - 1 in name.joints
     return here and (both <= FIRST and first or both <= LAST and last)
-
-
-def _part(name: Named, truth: Truth) -> str:
-    inside = truth.joints is None or set(name.joints) <= set(truth.joints)
-    contains = any(effect in WHOLE.get(name.effect, ()) for effect in truth.effects)
-    return PART if inside and (contains or name.effect in truth.effects) else ""
 
 
 def flagged(sentences: Sequence[str], truth: Truth, arm: Arm) -> bool:
@@ -164,15 +180,16 @@ def flagged(sentences: Sequence[str], truth: Truth, arm: Arm) -> bool:
 
 
 def knows(control: Said, truth: Truth, arm: Arm) -> bool:
-    """Whether the control names the truth already, as a cause or a flag.
+    """Whether the control names the truth already, or a law that contains it, as a cause or a flag.
 
     Args:
         control: what is said with nothing changed.
         truth: what will be changed.
         arm: whose joints.
     """
-    causes = (name for name in control.named if name.cause)
-    return any(relation(name, truth, arm) in (EXACT, TWIN) for name in causes) or flagged(control.sentences, truth, arm)
+    causes = [name for name in control.named if name.cause]
+    named = any(relation(name, truth, arm) in (EXACT, TWIN) or contains(name, truth, arm) for name in causes)
+    return named or flagged(control.sentences, truth, arm)
 
 
 def judge(said: Said, truth: Truth, control: Said, arm: Arm) -> Verdict:

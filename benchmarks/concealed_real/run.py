@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 import time
 import traceback
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, dataclass, replace
 from types import FrameType
@@ -19,11 +19,11 @@ from signid.errors import SignidError
 from signid.model import Model
 from signid.types import Recording
 
-from .band import compare, ratios, ratios_apart, rest
+from .band import Array, compare, ratios, ratios_apart, rest
 from .case import Case
 from .cases import every
 from .changes import Scene
-from .judge import Arm, Said, judge, knows, said_of, spoken
+from .judge import SURE, Arm, Said, judge, knows, said_of, spoken
 from .nature import KIND, concealed
 from .sets import RealSet, read
 
@@ -111,8 +111,8 @@ def _stopped(limit: float | None) -> Iterator[None]:
 
 def _control(one: RealSet, scene: Scene, found: Attempt, arm: Arm) -> Row:
     causes = [name for name in found.said.named if name.cause]
-    told = {"outcome": found.said.verdict if found.said.verdict in ("refused", "crash") else CONTROL}
-    sure = [spoken(name, arm) for name in causes if name.probability > 0.99]
+    told: Row = {"outcome": found.said.verdict if found.said.verdict in ("refused", "crash") else CONTROL}
+    sure = [spoken(name, arm) for name in causes if name.probability > SURE]
     return (
         _base(one, CONTROL, "nothing changed", found, arm) | told | {"sure": sure} | _worse(scene.model, scene.c, found)
     )
@@ -140,16 +140,16 @@ def _row(one: RealSet, scene: Scene, case: Case, found: Attempt, control: Attemp
     return _base(one, case.kind, case.what, found, arm) | told | _worse(case.model, case.c, found)
 
 
-def _bound(scene: Scene, case: Case) -> Sequence[float]:
+def _bound(scene: Scene, case: Case) -> Array:
     try:
         if case.other:
-            return ratios_apart(rest(case.model, case.b, scene.cutoff), scene.rest).tolist()
+            return ratios_apart(rest(case.model, case.b, scene.cutoff), scene.rest)
         if case.knowing is not None:
             own = rest(case.knowing, case.b, scene.cutoff)
-            return ratios(rest(case.model, case.b, scene.cutoff), own).tolist()
-        return scene.ratios(case.model, case.b).tolist()
+            return ratios(rest(case.model, case.b, scene.cutoff), own)
+        return scene.ratios(case.model, case.b)
     except SignidError:
-        return []
+        return np.zeros(0)
 
 
 def _base(one: RealSet, kind: str, what: str, found: Attempt, arm: Arm) -> Row:

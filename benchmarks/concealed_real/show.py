@@ -26,7 +26,8 @@ def line(row: Row) -> str:
     said = "; ".join(row.get("causes", [])[:3]) or "; ".join(row["sentences"][:1])
     lost = sum(x["worse"] for x in row.get("unseen", []))
     unseen = f", {lost} of {len(row['unseen'])} worse" if row.get("unseen") else ""
-    return f"{row['set']} | {row['kind']} | {row['what']} | {row['outcome']} | {fair} | {said} | {row['seconds']:.1f} s{unseen}"
+    parts = (row["set"], row["kind"], row["what"], row["outcome"], fair, said, f"{row['seconds']:.1f} s{unseen}")
+    return " | ".join(parts)
 
 
 def tables(rows: Sequence[Row]) -> Iterator[Table]:
