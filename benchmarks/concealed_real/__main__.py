@@ -1,0 +1,96 @@
+"""What diagnosis is worth on real robots: `python -m benchmarks.concealed_real [--sets S ...] [--json FILE]`.
+
+Needs SIGNID_DATA. Every set is identified from one part (A), a known change is made to the model or to a second part
+(B), which is diagnosed, and the extended model is held against a third (C) that took no part. A case is fair where its
+torque is at least as large as what the unchanged model leaves of B, and the control does not name it already.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from collections.abc import Collection, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import Manager
+from pathlib import Path
+from queue import Empty
+from typing import Any
+
+from rich.console import Console
+
+from ..one_thread import one_thread
+from ..told import finite
+from .run import Row, run
+from .sets import SETS
+from .show import line, tables
+from .summary import totals
+
+WAIT = 1.0  # [s] between looks at processes
+
+
+def parse() -> argparse.Namespace:
+    """The command line."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.concealed_real", description=__doc__)
+    parser.add_argument("--sets", nargs="+", choices=SETS, default=list(SETS), metavar="SET", help=", ".join(SETS))
+    parser.add_argument("--cases", nargs="+", default=[], metavar="KIND", help="kinds of changes")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write all rows there, each as it finishes")
+    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes, a set each")
+    parser.add_argument("--limit", type=float, metavar="S", help="seconds that a diagnosis may take")
+    parser.add_argument("--show", type=Path, metavar="FILE", help="only print the tables of a file of rows")
+    return parser.parse_args()
+
+
+def main() -> int:
+    """Every case, and tables."""
+    one_thread()
+    options, console = parse(), Console(width=240)
+    if options.show:
+        rows: list[Row] = json.loads(options.show.read_text(encoding="utf-8"))["rows"]
+        console.print(*tables(rows))
+        return 0
+    if not os.environ.get("SIGNID_DATA"):
+        sys.exit("SIGNID_DATA is unset: real recordings are not part of the repository")
+    rows = []
+    for row in _rows(options.sets, options.cases, options.limit, options.jobs):
+        rows.append(row)
+        console.print(line(row), soft_wrap=True, highlight=False, markup=False)
+        if options.json:
+            _write(options.json, rows)
+    console.print(*tables(rows))
+    return 0
+
+
+def _write(path: Path, rows: Sequence[Row]) -> None:
+    """Whole or not at all."""
+    text = json.dumps({"rows": finite(rows), "totals": totals(rows)}, indent=1) + "\n"
+    part = path.with_name(f"{path.name}.part")
+    part.write_text(text, encoding="utf-8")
+    part.replace(path)
+
+
+def _rows(sets: Sequence[str], kinds: Collection[str], limit: float | None, jobs: int) -> Iterator[Row]:
+    if jobs == 1:
+        for name in sets:
+            yield from run(SETS[name], kinds, limit)
+        return
+    with Manager() as manager, ProcessPoolExecutor(jobs) as pool:
+        queue = manager.Queue()
+        futures = [pool.submit(_feed, queue, name, kinds, limit) for name in sets]
+        while not (done := all(future.done() for future in futures)) or not queue.empty():
+            try:
+                yield queue.get(timeout=0.01 if done else WAIT)
+            except Empty:
+                continue
+        for future in futures:
+            future.result()
+
+
+def _feed(queue: Any, name: str, kinds: Collection[str], limit: float | None) -> None:
+    for row in run(SETS[name], kinds, limit):
+        queue.put(row)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,99 @@
+"""What a model leaves of a recording in a given band: how large a change is there, and what generalises."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from signid.diagnose.prove import residuals
+from signid.model import Model
+from signid.prepare import prepare
+from signid.rollout.joints import restrict_joints
+from signid.session import Options
+from signid.types import Recording
+
+Array = NDArray[np.float64]
+BLOCKS, LEAST = 20, 4  # blocks of a recording whose means are compared, and the fewest that say how they spread
+ROUNDING = 1e-9  # share of the mean square
+
+
+@dataclass(frozen=True)
+class Worse:
+    """One joint, on a recording that took no part."""
+
+    joint: str
+    given: float  # rms [N.m or N]
+    extended: float
+    error: float  # standard error of the difference of mean squares, as a share of the given mean square [1]
+    worse: bool  # beyond that
+
+
+def rest(model: Model, recording: Recording, cutoff: float | None) -> Array:
+    """(M, n) [N.m or N] measured - predicted in a band; NaN where a row does not count.
+
+    Args:
+        model: the simulation.
+        recording: of its joints.
+        cutoff: [Hz]; None: the band that the recording suggests.
+
+    Raises:
+        RecordingError: no stretch is as long as the filter.
+    """
+    own = restrict_joints(model, [recording])[0]
+    options = replace(Options(effects=()), cutoff=cutoff)
+    session = prepare(own.robot, [recording], [recording], options)
+    own = restrict_joints(own, [recording])[0]
+    return np.asarray(residuals(session.task, own, session.held_out).rest)
+
+
+def rms(x: Array) -> Array:
+    """(n,) root mean square of the rows that count; NaN where none does."""
+    count = np.isfinite(x).sum(axis=0)
+    return np.asarray(np.sqrt(np.nansum(x**2, axis=0) / np.where(count > 0, count, np.nan)))
+
+
+def ratios(changed: Array, control: Array) -> Array:
+    """(n,) rms of the torque that a change makes, over the rms that the control leaves [1].
+
+    Args:
+        changed: (M, n) residual with the change.
+        control: (M, n) residual without it, of the same rows.
+    """
+    return np.nan_to_num(rms(changed - control) / rms(control))
+
+
+def ratios_apart(changed: Array, control: Array) -> Array:
+    """(n,) the same of two recordings, whose rows cannot be compared: what one leaves beyond the other [1].
+
+    Args:
+        changed: (M, n) residual of the one.
+        control: (N, n) residual of the other.
+    """
+    ours, usual = rms(changed), rms(control)
+    return np.nan_to_num(np.sqrt(np.maximum(ours**2 - usual**2, 0.0)) / usual)
+
+
+def compare(given: Array, extended: Array, joints: Sequence[str]) -> list[Worse]:
+    """Whether an extended model predicts each joint worse than the given one, beyond the error of blocks in time.
+
+    Args:
+        given: (M, n) residual of the one.
+        extended: (M, n) residual of the other, of the same rows.
+        joints: n names.
+    """
+    found = []
+    for j, joint in enumerate(joints):
+        both = np.isfinite(given[:, j]) & np.isfinite(extended[:, j])
+        before, after = given[both, j] ** 2, extended[both, j] ** 2
+        if not len(before) or not before.any():
+            continue
+        blocks = [np.mean(x) for x in np.array_split(after - before, min(BLOCKS, len(before)))]
+        error = float(np.std(blocks, ddof=1) / np.sqrt(len(blocks))) if len(blocks) >= LEAST else np.inf
+        gain = float(np.mean(after) - np.mean(before))
+        worse = gain > error + ROUNDING * float(np.mean(before))
+        small, large = (float(np.sqrt(np.mean(x))) for x in (before, after))
+        found.append(Worse(joint, small, large, error / float(np.mean(before)), worse))
+    return found

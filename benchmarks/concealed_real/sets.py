@@ -1,0 +1,153 @@
+"""The sets of real recordings: a robot each, and three parts that share no sample."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+import signid
+from signid.types import Recording, Robot
+
+ROBOTS = Path(__file__).parents[2] / "robots"
+
+
+@dataclass(frozen=True)
+class Part:
+    """A whole recording, or what of it lies between two times."""
+
+    file: str
+    start: float = -np.inf  # [s]
+    end: float = np.inf  # [s]
+
+
+@dataclass(frozen=True)
+class RealSet:
+    """A robot's files: A is identified, B is diagnosed, C judges what was made of both."""
+
+    name: str
+    folder: str
+    urdf: str
+    a: tuple[Part, ...]
+    b: Part
+    c: Part
+    actuators: Path | None = None
+    joints: tuple[str, ...] | None = None  # that move; None: all
+    more: Mapping[str, Part] = field(default_factory=dict)  # of cases that nature concealed
+
+    def robot(self) -> Robot:
+        """As its description states it."""
+        path = data() / self.folder / self.urdf
+        return signid.load_robot(path, actuators=self.actuators, joints=self.joints)
+
+
+def _thirds(file: str, edges: Sequence[tuple[float, float]]) -> tuple[tuple[Part, ...], Part, Part]:
+    """Three blocks of one recording, with gaps between them."""
+    a, b, c = (Part(file, *edge) for edge in edges)
+    return (a,), b, c
+
+
+UR10E = "identification_data__20_02_"
+LOADED = f"{UR10E}19_14harm50secLoad"
+TABLE = (
+    RealSet(
+        "ur10e",
+        "ur10e_mamedov",
+        "ur10e.urdf",
+        (Part(f"{UR10E}19_14harm50sec"), Part(f"{UR10E}10_30sec_12harm")),
+        Part(f"{UR10E}12_40sec_12harm"),
+        Part(f"{UR10E}12_50sec_12harm"),
+        actuators=ROBOTS / "ur10e" / "actuators.toml",
+        more={"loaded": Part(LOADED, end=30.0), "loaded, judged": Part(LOADED, start=30.5)},
+    ),
+    RealSet(
+        "emps",
+        "emps_janot",
+        "emps.urdf",
+        (Part("emps_train", end=13.0),),
+        Part("emps_train", start=13.5),
+        Part("emps_pulses"),
+    ),
+    RealSet("tx40", "staubli_tx40", "tx40.urdf", *_thirds("exciting_traj", ((0, 4), (4.1, 6.5), (6.6, 9)))),
+    RealSet("panda", "panda_gaz2019", "panda.urdf", *_thirds("exciting_traj_1", ((0, 9), (9.3, 15.5), (15.8, 21)))),
+    RealSet("rokae", "rokae_xmate", "xmate3pro.urdf", *_thirds("excit_motor", ((0, 9), (9.3, 15), (15.3, 20)))),
+    RealSet(
+        "rokae_sensor", "rokae_xmate", "xmate3pro.urdf", *_thirds("excit_joint_sensor", ((0, 9), (9.3, 15), (15.3, 20)))
+    ),
+    RealSet("psm", "dvrk_wpi", "psm3.urdf", (Part("psm3_one"),), Part("psm3_two"), Part("psm3_one_no_weight")),
+    RealSet(
+        "lwr4",
+        "kuka_lwr4_flobaroid",
+        "kuka_lwr4.urdf",
+        (Part("measurements_1"),),
+        Part("measurements_2"),
+        Part("measurements_3"),
+    ),
+    RealSet(
+        "dfki",
+        "dfki_simple_pendulum",
+        "pendulum.urdf",
+        (Part("ddp"),),
+        Part("direct_collocation"),
+        Part("pd__system_identification"),
+    ),
+    RealSet(
+        "openarm_1",
+        "openarm_yizhi",
+        "am_d02.urdf",
+        *_thirds("collect_joint_1", ((0, 50), (52, 95), (97, 140))),
+        joints=("1",),
+    ),
+    RealSet(
+        "openarm_3",
+        "openarm_yizhi",
+        "am_d02.urdf",
+        *_thirds("collect_joint_3", ((0, 45), (47, 83), (85, 130))),
+        joints=("3",),
+    ),
+)
+SETS = {one.name: one for one in TABLE}
+
+
+def data() -> Path:
+    """The folder of recordings."""
+    return Path(os.environ["SIGNID_DATA"])
+
+
+def read(one: RealSet, robot: Robot, part: Part) -> Recording:
+    """A part of a set, in memory, currents as torques.
+
+    Args:
+        one: the set.
+        robot: its robot.
+        part: file and times.
+    """
+    whole = signid.read_recording(data() / one.folder / f"{part.file}.csv.gz", robot)
+    return rebuilt(robot, columns_of(whole, part.start, part.end))
+
+
+def columns_of(recording: Recording, start: float = -np.inf, end: float = np.inf) -> dict[str, np.ndarray]:
+    """Arrays (N,) and (N, n) of a recording between two times, by the name of the signal.
+
+    Args:
+        recording: of n joints.
+        start: [s].
+        end: [s], no longer in it.
+    """
+    found = recording.read()
+    inside = (found.t >= start) & (found.t < end)
+    named = {key: getattr(found, key) for key in ("q", "tau", "dq", "ddq", "q_des")}
+    return {"t": found.t[inside], **{key: x[inside] for key, x in named.items() if x is not None}}
+
+
+def rebuilt(robot: Robot, columns: Mapping[str, np.ndarray]) -> Recording:
+    """A recording of arrays.
+
+    Args:
+        robot: of n joints.
+        columns: t (N,), q (N, n), tau (N, n) and so on.
+    """
+    return signid.read_recording(dict(columns), robot)

@@ -1,0 +1,133 @@
+"""Rows -> shares, by kind of change and by set."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from .run import CONTROL
+
+Row = dict[str, Any]
+EDGES = (0.0, 0.5, 0.9, 0.99, 0.999, 1.0 + 1e-12)
+
+
+@dataclass(frozen=True)
+class Share:
+    """So many of so many."""
+
+    some: int
+    of: int
+
+    def __str__(self) -> str:
+        return f"{100 * self.some / self.of:.0f} % ({self.some} of {self.of})" if self.of else "none"
+
+
+@dataclass(frozen=True)
+class Cell:
+    """What became of the cases of one kind, or of one set."""
+
+    name: str
+    cases: int
+    fair: int
+    outcomes: dict[str, int]  # of the fair ones
+    leads: int  # fair, first among the causes that the control lacks
+    sure: int  # fair, with a cause that is wrong and sure
+    within: Share
+
+
+def changed(rows: Sequence[Row]) -> list[Row]:
+    """The rows of cases.
+
+    Args:
+        rows: of controls too.
+    """
+    return [row for row in rows if row["kind"] not in (CONTROL, "set")]
+
+
+def cell(name: str, rows: Sequence[Row]) -> Cell:
+    """Counts of some cases.
+
+    Args:
+        name: of them.
+        rows: of them.
+    """
+    fair = [row for row in rows if row["fair"]]
+    outcomes = {
+        key: sum(row["outcome"] == key for row in fair) for key in dict.fromkeys(row["outcome"] for row in fair)
+    }
+    numbers = [number for row in fair for number in row["numbers"]]
+    within = Share(sum(number["within"] for number in numbers), len(numbers))
+    return Cell(
+        name, len(rows), len(fair), outcomes, sum(r["leads"] for r in fair), sum(bool(r["sure"]) for r in fair), within
+    )
+
+
+def cells(rows: Sequence[Row], key: Callable[[Row], str]) -> list[Cell]:
+    """Counts by a key, in the order of the rows.
+
+    Args:
+        rows: of controls too.
+        key: of a row.
+    """
+    cases = changed(rows)
+    return [cell(name, [r for r in cases if key(r) == name]) for name in dict.fromkeys(map(key, cases))]
+
+
+def totals(rows: Sequence[Row]) -> dict[str, str]:
+    """The figures that have targets, in words.
+
+    Args:
+        rows: of controls too.
+    """
+    cases = changed(rows)
+    fair = [row for row in cases if row["fair"]]
+
+    def share(these: Sequence[Row], *outcomes: str) -> str:
+        return str(Share(sum(row["outcome"] in outcomes for row in these), len(these)))
+
+    numbers = cell("", cases).within
+    unseen = [joint for row in rows for joint in row.get("unseen", [])]
+    alone = [joint for row in rows if row["kind"] == CONTROL for joint in row.get("unseen", [])]
+    return {
+        "named first or flagged (85 %)": share(fair, "first", "flag"),
+        "the same, the control's causes left aside": str(Share(sum(row["leads"] for row in fair), len(fair))),
+        "in the list (95 %)": share(fair, "first", "flag", "list"),
+        "wrong and sure, of all cases (1 %)": str(Share(sum(bool(row["sure"]) for row in cases), len(cases))),
+        "numbers within their intervals (90 %)": str(numbers),
+        "refused": share(rows, "refused"),
+        "crashed": share(rows, "crash"),
+        "joints no worse on an unseen recording (98 %)": str(Share(sum(not x["worse"] for x in unseen), len(unseen))),
+        "the same, nothing changed": str(Share(sum(not x["worse"] for x in alone), len(alone))),
+        "processor time": f"{sum(row['seconds'] for row in rows):.0f} s",
+        "the same, of the slowest": f"{max((row['seconds'] for row in rows), default=0):.1f} s",
+    }
+
+
+def reliability(rows: Sequence[Row]) -> list[tuple[str, int, float, float]]:
+    """Bins of the probability of the first cause that the control lacks: name, number, mean P, share that is right.
+
+    Args:
+        rows: of controls too.
+    """
+    found = []
+    for low, high in zip(EDGES, EDGES[1:], strict=False):
+        some = [row for row in changed(rows) if row["probability"] and low <= row["probability"] < high]
+        if some:
+            said, right = (sum(row[key] for row in some) / len(some) for key in ("probability", "right"))
+            found.append((f"{low:g} to {min(high, 1):g}", len(some), said, right))
+    return found
+
+
+def worse(rows: Sequence[Row]) -> list[tuple[str, str, str, str, float, float]]:
+    """Joints that the extended model predicts worse: set, case, joint, the times, and the error of that.
+
+    Args:
+        rows: of controls too.
+    """
+    return [
+        (row["set"], row["kind"], row["what"], x["joint"], x["extended"] / x["given"], x["error"])
+        for row in rows
+        for x in row.get("unseen", [])
+        if x["worse"]
+    ]
