@@ -17,10 +17,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import cho_solve
 
 from ..residual import leave
 from ..types import Array
-from .fitted import solve
 from .table import Table
 
 FEATURES = 40  # F random frequencies
@@ -28,6 +28,8 @@ LENGTHS = (1.5, 0.6)  # of the kernel, in standard deviations of each variable: 
 SEED = 0  # of the frequencies
 TURN = 0.1  # of the rms velocity: width of the change of direction
 SIZES = (0.0, 0.001, 0.002, 0.004, 0.008, 0.015, 0.03, 0.06, 0.12, 0.25)  # of s, as shares of the joint's rms torque
+ROUNDS = 3  # of expectation and maximisation, from the variance of the size before
+RIDGE = 1e-10  # of the scaled normal equations
 FLAT = 1e-6  # of the Gram's diagonal: prior precision of what is not known at all
 
 
@@ -72,8 +74,18 @@ def project(white: Array, size: float) -> Projection:
     return Projection(basis, 1 - 1 / np.sqrt(1 + singular**2))
 
 
-def discrepancy_size(white: Array, fitted: Array, precision: Array, residual: Array, scale: float) -> float:
-    """The likeliest size s of the discrepancy [N.m or N], everything that is fitted integrated out.
+class Likeliest(NamedTuple):
+    """Noise and discrepancy of one joint, and what is fitted under them."""
+
+    size: float  # of the discrepancy [N.m or N]
+    variance: float  # of the noise, over what it was presumed to be [1]
+    value: Array  # (k + 2 F,) or (k,) without a discrepancy: posterior mean of the coefficients
+    used: float  # rows that the fit uses up, its effective number of parameters
+    log: float  # log density of the rows
+
+
+def likeliest(white: Array, fitted: Array, precision: Array, residual: Array, scale: float) -> Likeliest:
+    """The likeliest size of the discrepancy and variance of the noise, everything that is fitted integrated out.
 
     Args:
         white: (M, 2 F) features [1 / N.m] in units of the noise.
@@ -81,19 +93,38 @@ def discrepancy_size(white: Array, fitted: Array, precision: Array, residual: Ar
         precision: (k, k) [1 per coefficient, squared] of their prior.
         residual: (M,) [1].
         scale: rms torque of the joint [N.m or N].
+
+    Source: Dempster, Laird, Rubin, J. R. Statist. Soc. B 39(1), 1977 (the variance, by expectation and maximisation).
     """
     columns = np.column_stack([fitted, white])
-    gram, right = columns.T @ columns, columns.T @ residual
-    k, own = fitted.shape[1], gram[: fitted.shape[1], : fitted.shape[1]]
-    flat = np.where(np.diag(precision) > 0, 0.0, FLAT * np.maximum(np.diag(own), 1e-12))
-    told = []
+    gram, right, square = columns.T @ columns, columns.T @ residual, float(residual @ residual)
+    k, rows = fitted.shape[1], max(int(np.count_nonzero(residual)), 1)
+    flat = np.where(np.diag(precision) > 0, 0.0, FLAT * np.maximum(np.diag(gram)[:k], 1e-12))
+    found, variance = list[Likeliest](), 1.0
     for share in SIZES:
-        prior = np.zeros_like(gram)
-        prior[:k, :k] = precision + np.diag(flat)
         used = slice(0, k if share == 0 else len(gram))
-        prior[range(k, len(gram)), range(k, len(gram))] = (max(share, 1e-9) * scale) ** -2.0
-        told.append(solve(np.arange(len(gram))[used], gram[used, used], right[used], prior[used, used]).log_evidence)
-    return SIZES[int(np.argmax(told))] * scale
+        prior = np.diag(np.full(len(gram), (max(share, 1e-9) * scale) ** -2.0))
+        prior[:k, :k] = precision + np.diag(flat)
+        own = gram[used, used], right[used], prior[used, used]
+        for _ in range(ROUNDS):
+            fit = _fit(*own, square, variance, rows)
+            variance = max(fit.variance, 1e-12)
+        found.append(_fit(*own, square, variance, rows)._replace(size=share * scale, variance=variance))
+    return max(found, key=lambda one: one.log)
+
+
+def _fit(gram: Array, right: Array, prior: Array, square: float, variance: float, rows: int) -> Likeliest:
+    """At one variance of the noise: the fit, its log density, and the variance that its residual suggests."""
+    whole = gram / variance + prior
+    size = np.sqrt(np.maximum(np.diag(whole), 1e-300))
+    lower = np.linalg.cholesky(whole / size / size[:, None] + RIDGE * np.eye(len(whole)))
+    factor = (lower, True)
+    value = cho_solve(factor, right / variance / size) / size
+    used = float(np.trace(cho_solve(factor, gram / variance / size / size[:, None])))
+    rest = max(square - 2 * float(value @ right) + float(value @ gram @ value), 0.0)
+    log = -(rest / variance + float(value @ prior @ value)) / 2 - rows / 2 * np.log(variance)
+    log += np.linalg.slogdet(prior)[1] / 2 - float(np.sum(np.log(np.diag(lower)) + np.log(size)))
+    return Likeliest(0.0, (rest + variance * used) / rows, value, used, log)
 
 
 def _scaled(x: Array) -> Array:

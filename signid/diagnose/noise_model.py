@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
 from ..types import Array
-from .discrepancy import FLAT, discrepancy_size, features
+from .discrepancy import Likeliest, features, likeliest
 from .found import Found
 from .linear import Linear
 from .noise import Noise, noise_of_rest
 from .setting import Setting
 from .whitened import Whitening
 
-ROUNDS = 2  # of coloured noise and discrepancy in turn
+LEAST = 0.1  # of the rows that a fit leaves free, at least
 
 
 def update_noise(setting: Setting, linear: Linear, found: Found) -> Noise:
@@ -29,22 +29,42 @@ def update_noise(setting: Setting, linear: Linear, found: Found) -> Noise:
         linear: the rows' columns.
         found: the selected laws.
     """
+    return update_joints(setting, linear, found, range(setting.table.joints))
+
+
+def update_joints(
+    setting: Setting, linear: Linear, found: Found, joints: Sequence[int], colour: bool = True
+) -> Noise:
+    """The same with new noise of some joints only.
+
+    Args:
+        setting: rows.
+        linear: the rows' columns.
+        found: the selected laws.
+        joints: which.
+        colour: whether the autoregressive models are estimated as well; else only variances and discrepancies.
+    """
     noise = setting.noise
-    for _ in range(ROUNDS):
+    for last in ((False, False, True) if colour else (True,)):
         whitening = Whitening(setting.table, noise)
-        noise = _stacked([_of_joint(setting, linear, found, whitening, j) for j in range(setting.table.joints)], noise)
+        floor, coefficients = noise.floor.copy(), noise.coefficients.copy()
+        innovation, size = noise.innovation.copy(), noise.discrepancy.copy()
+        for j in joints:
+            here, rest = _of_joint(setting, linear, found, whitening, j)
+            size[j], used = here.size, here.used / max(len(rest), 1)
+            if last:
+                floor[j], innovation[j] = np.sqrt(here.variance) * np.array([floor[j], innovation[j]])
+            else:
+                free = 1 / np.sqrt(max(1 - used, LEAST))
+                floor[j], coefficients[j], innovation[j] = noise_of_rest(setting.table, j, rest, float(free))
+        noise = replace(noise, floor=floor, coefficients=coefficients, innovation=innovation, discrepancy=size)
     return noise
-
-
-def _stacked(found: list[tuple[float, Array, float, float]], noise: Noise) -> Noise:
-    floor, coefficients, innovation, size = (np.array(x) for x in zip(*found, strict=True))
-    return replace(noise, floor=floor, coefficients=coefficients, innovation=innovation, discrepancy=size)
 
 
 def _of_joint(
     setting: Setting, linear: Linear, found: Found, whitening: Whitening, joint: int
-) -> tuple[float, Array, float, float]:
-    """Floor [N.m or N], coefficients, innovation and size of the discrepancy [N.m or N]."""
+) -> tuple[Likeliest, Array]:
+    """The likeliest noise, and (M,) [N.m or N] what fit and discrepancy leave."""
     table, data = setting.table, linear.data
     groups = [g for g in (*linear.refitted(found.trust), *found.true) if joint in data.rows(g)]
     raw = np.concatenate([np.zeros((len(table), 0)), *(data.raw(joint, g) for g in groups)], axis=1)
@@ -52,21 +72,5 @@ def _of_joint(
     white = whitening.local({joint: np.column_stack([raw, shape, y])})[joint]
     k = raw.shape[1]
     precision = linear.prior_precision(groups, found.trust)
-    size = discrepancy_size(white[:, k:-1], white[:, :k], precision, white[:, -1], float(table.scale[joint]))
-    value, free = _fit(white, precision, size)
-    rest = y - np.column_stack([raw, shape])[:, : len(value)] @ value
-    return *noise_of_rest(table, joint, rest, free), size
-
-
-def _fit(white: Array, precision: Array, size: float) -> tuple[Array, float]:
-    """Posterior mean of the coefficients, and by how much the fit makes the noise smaller than it is [1]."""
-    k = len(precision)
-    x, y = white[:, : -1 if size > 0 else k], white[:, -1]
-    gram = x.T @ x
-    prior = np.diag(np.full(len(gram), max(size, 1e-12) ** -2.0))
-    prior[:k, :k] = precision + np.diag(np.where(np.diag(precision) > 0, 0.0, FLAT * np.diag(gram)[:k]))
-    scale = np.sqrt(np.maximum(np.diag(gram + prior), 1e-300))
-    factor = cho_factor((gram + prior) / scale / scale[:, None] + 1e-10 * np.eye(len(gram)), lower=True)
-    value = cho_solve(factor, x.T @ y / scale) / scale
-    used = float(np.trace(cho_solve(factor, gram / scale / scale[:, None])))
-    return value, float(np.sqrt(len(y) / max(len(y) - used, 0.1 * len(y))))
+    here = likeliest(white[:, k:-1], white[:, :k], precision, white[:, -1], float(table.scale[joint]))
+    return here, y - np.column_stack([raw, shape])[:, : len(here.value)] @ here.value

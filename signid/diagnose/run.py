@@ -84,7 +84,7 @@ def diagnose(
     evidence = Evidence(data, known_before(model, data.groups))
     setting, judge, found, tangled = explain(setting, _judge(model, evidence, skip), skip, known)
     told("judging", 0.7)
-    found, slots = settle(judge, prune(setting, session, judge, found))
+    found, slots = settle(setting, judge, prune(setting, session, judge, found))
     verdict = decide(judge, found, slots).doubted(any(one.kind == "excitation" for one in gross.findings))
     result = model_rest(session, find(setting, session, judge, found, slots, verdict, options.seed))
     proof = prove(show(session, given), result.shown, setting.noise)

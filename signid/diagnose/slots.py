@@ -13,12 +13,16 @@ from .found import Found
 from .group import Group
 from .hypothesis import Key
 from .odds import Judge, Odds
+from .likelihood import Likelihood
 from .search import SHAPE_ERROR, is_sound, spread, without
+from .setting import Setting
 from .sizes import Sizes, measure_sizes
 
+import os
+DEBUG = bool(os.environ.get('DEBUG'))
 TOLD = 0.03  # probability from which on a rival is listed
 WIDE = 4.0  # times what is left: the shape error of what is taken for true, where rivals are weighed
-ROUNDS, DOUBT, LIKELY = 4, 0.2, 0.5  # of settling; probability of what goes, and of what takes its place
+ROUNDS, DOUBT, LIKELY = 12, 0.2, 0.5  # of settling; probability of what goes, and of what takes its place
 FAR = 40.0  # log odds behind an effect that no rival falls that leaves nothing of it
 SAME = 4.0  # variance units: what a rival leaves of an effect, up to which nothing tells them apart
 
@@ -31,9 +35,10 @@ class Slot(Frozen):
     probability: float
     unknown: float  # probability that no law of the library is behind it
     rivals: Mapping[Key, tuple[float, Group]]  # probability of each, and its likeliest shape
+    log: float  # log posterior odds against its absence, noise and discrepancy at their likeliest either way
 
 
-def judge_slots(judge: Judge, found: Found) -> tuple[Slot, ...]:
+def judge_slots(setting: Setting, judge: Judge, found: Found) -> tuple[Slot, ...]:
     """Each in turn against all others in its place; what a rival would gain beside it anyway does not count for it.
 
     The shape error of what is taken for true makes rivals that are nearly as good be listed.
@@ -41,10 +46,11 @@ def judge_slots(judge: Judge, found: Found) -> tuple[Slot, ...]:
     wide = spread(judge, found, WIDE)
     beside, _ = judge.odds(found.true, wide)
     sizes = measure_sizes(judge.evidence, found.true, wide, found.trust)
-    return tuple(_slot(judge, found, group, wide, beside, sizes) for group in found.true)
+    likelihood = Likelihood(setting, judge.evidence, found)
+    return tuple(_slot(judge, found, group, wide, beside, sizes, likelihood) for group in found.true)
 
 
-def settle(judge: Judge, found: Found) -> tuple[Found, tuple[Slot, ...]]:
+def settle(setting: Setting, judge: Judge, found: Found) -> tuple[Found, tuple[Slot, ...]]:
     """Without hypotheses that hardly anything speaks for; the likeliest rival in the place of each, where there is one.
 
     Args:
@@ -52,7 +58,7 @@ def settle(judge: Judge, found: Found) -> tuple[Found, tuple[Slot, ...]]:
         found: what is taken for true.
     """
     for _ in range(ROUNDS):
-        slots = judge_slots(judge, found)
+        slots = judge_slots(setting, judge, found)
         weak = [slot for slot in slots if slot.probability < max(DOUBT, _best_rival(slot))]
         if not weak:
             return found, slots
@@ -65,7 +71,7 @@ def settle(judge: Judge, found: Found) -> tuple[Found, tuple[Slot, ...]]:
         true = (*rest.true, *better)
         log_odds = {**found.log_odds, **dict.fromkeys(better, log)}
         found = Found(true, log_odds, found.base, judge.evidence.trust(true, found.base), found.first)
-    return found, judge_slots(judge, found)
+    return found, judge_slots(setting, judge, found)
 
 
 def _best_rival(slot: Slot) -> float:
@@ -74,8 +80,13 @@ def _best_rival(slot: Slot) -> float:
     return best if best > LIKELY else 0.0
 
 
-def _slot(judge: Judge, found: Found, group: Group, wide: Array, beside: Mapping[Key, Odds], sizes: Sizes) -> Slot:
+def _slot(
+    judge: Judge, found: Found, group: Group, wide: Array, beside: Mapping[Key, Odds], sizes: Sizes, likelihood: Likelihood
+) -> Slot:
     rest = without(judge, found, group)
+    alone, _ = judge.odds(found.true, found.base, without=group)
+    log = alone[group.claim.key].log if group.claim.key in alone else found.log_odds[group]
+    log += likelihood.penalty(group)
     odds, _ = judge.odds(found.true, wide, without=group)
     odds = {key: o for key, o in odds.items() if key == group.claim.key or len(o.best.claim.laws) <= 1}
     logs = {key: o.log - max(0.0, beside[key].log if key in beside else 0.0) for key, o in odds.items()}
@@ -86,7 +97,7 @@ def _slot(judge: Judge, found: Found, group: Group, wide: Array, beside: Mapping
         logs[key] = max(logs[key], logs[own] + likely)
     highest = max(logs.values())
     share = {key: float(np.exp(x - highest)) for key, x in logs.items()}
-    nothing = 1 / (1 + float(np.exp(min(found.log_odds[group], 500.0))))
+    nothing = 1 / (1 + float(np.exp(np.clip(log, -500.0, 500.0))))
     total = sum(share.values())
     probability = {key: (1 - nothing) * x / total for key, x in share.items()}
     rivals = {
@@ -95,7 +106,8 @@ def _slot(judge: Judge, found: Found, group: Group, wide: Array, beside: Mapping
         if key != own and not odds[key].best.claim.unknown and (p > TOLD or left.get(key, np.inf) < SAME)
     }
     unknown = sum(p for key, p in probability.items() if odds[key].best.claim.unknown)
-    return Slot(group, probability.get(own, 0.0), unknown, rivals)
+    DEBUG and print("slot", own, "search", round(found.log_odds[group],1), "alone", round(alone[own].log if own in alone else -1,1), "penalty", round(likelihood.penalty(group),1), "P", round(probability.get(own,0),3), {k: round(p,3) for k,(p,_) in list(rivals.items())[:3]}, "unknown", round(unknown,3))
+    return Slot(group, probability.get(own, 0.0), unknown, rivals, log)
 
 
 def _is_twin(judge: Judge, group: Group, rival: Group) -> bool:

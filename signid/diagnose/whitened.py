@@ -221,8 +221,18 @@ class Whitening(Frozen):
         Args:
             columns: per joint (M, k) [torque per coefficient].
         """
-        projections = self._projections
-        return {j: x if projections[j] is None else projections[j](x) for j, x in self.local(columns).items()}
+        out = dict[int, Array]()
+        for j, x in self.local(columns).items():
+            projection = self._projections[j]
+            out[j] = x if projection is None else projection(x)
+        return out
+
+    def log_scale(self, joint: int) -> float:
+        """Log of the volume by which a joint's rows shrink where they are whitened [-]."""
+        weight, projection = self._weight[:, joint], self._projections[joint]
+        counted = weight[weight > 0]
+        own = float(np.sum(np.log(counted))) - len(counted) * float(np.log(self.noise.innovation[joint]))
+        return own if projection is None else own + float(np.sum(np.log1p(-projection.shrinkage)))
 
     @cached_property
     def _weight(self) -> Array:
@@ -230,12 +240,22 @@ class Whitening(Frozen):
         return weights(self.table, self.noise)
 
     @cached_property
-    def _projections(self) -> list[Projection | None]:
-        sizes = self.noise.discrepancy.tolist()
-        return [
-            project(self.local({j: features(self.table, j)})[j], size) if size > 0 else None
-            for j, size in enumerate(sizes)
-        ]
+    def _projections(self) -> _Projections:
+        return _Projections(self)
+
+
+class _Projections(dict[int, "Projection | None"]):
+    """Of each joint, made when it is first asked for."""
+
+    def __init__(self, whitening: Whitening) -> None:
+        super().__init__()
+        self.whitening = whitening
+
+    def __missing__(self, joint: int) -> Projection | None:
+        whitening, size = self.whitening, float(self.whitening.noise.discrepancy[joint])
+        shape = features(whitening.table, joint) if size > 0 else None
+        self[joint] = None if shape is None else project(whitening.local({joint: shape})[joint], size)
+        return self[joint]
 
 
 def whitened(table: Table, noise: Noise) -> Whitened:

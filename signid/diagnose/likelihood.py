@@ -1,0 +1,77 @@
+"""How likely the rows are under one noise model or another, everything that is fitted integrated out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from ..types import Array, Frozen, Indices
+from .fitted import solve
+from .found import Found
+from .group import Group
+from .linear import Linear
+from .noise import Noise
+from .noise_model import update_joints
+from .setting import Setting
+from .whitened import Whitening, columns_of
+
+
+class _Terms(NamedTuple):
+    """What one joint adds to the normal equations of all that is fitted, and to the log density."""
+
+    place: Indices  # (a,) which of the fitted columns it has
+    gram: Array  # (a, a) [1 per coefficient, squared]
+    right: Array  # (a,) [1 per coefficient]
+    log: float  # log density of rows that nothing is fitted to
+
+
+@dataclass(frozen=True, eq=False)
+class Likelihood(Frozen):
+    """Of rows with some laws selected; what one of them gains when the noise may explain its torque instead."""
+
+    setting: Setting
+    linear: Linear
+    found: Found
+
+    def penalty(self, group: Group) -> float:
+        """By how much the noise model that is likeliest without a law makes the rows likelier without it, log [-].
+
+        The discrepancy may take over what the law explained; never positive.
+
+        Args:
+            group: one of the selected laws.
+        """
+        rest = replace(self.found, true=tuple(g for g in self.found.true if g is not group))
+        joints, now = self.linear.data.rows(group), self.setting.noise
+        other = update_joints(self.setting, self.linear, rest, joints, colour=False)
+        return min(0.0, self._log(rest.true, now, joints) - self._log(rest.true, other, joints))
+
+    def _log(self, true: Sequence[Group], noise: Noise, joints: Sequence[int]) -> float:
+        """Log density of all rows, with a noise model of some joints [-]."""
+        groups = [*self.linear.refitted(self.found.trust), *true]
+        which = columns_of(groups)
+        gram, right, log = np.zeros((len(which),) * 2), np.zeros(len(which)), 0.0
+        whitening = Whitening(self.setting.table, noise)
+        for j in range(self.linear.data.joints):
+            own = self._terms(which, j, whitening if j in joints else self._present)
+            gram[np.ix_(own.place, own.place)] += own.gram
+            right[own.place] += own.right
+            log += own.log
+        precision = self.linear.precision(true, np.diag(gram), self.found.trust)
+        return log + solve(which, gram, right, precision).log_evidence
+
+    @cached_property
+    def _present(self) -> Whitening:
+        return self.setting.whitening
+
+    def _terms(self, which: Indices, joint: int, whitening: Whitening) -> _Terms:
+        data, variance = self.linear.data, float(self.found.base[joint])
+        at = data.at[joint, which]
+        x, y = data.torque[joint][:, at[at >= 0]], self.setting.table.residual[:, joint, None]
+        white = whitening({joint: np.column_stack([x, y])})[joint] / np.sqrt(variance)
+        x, y = white[:, :-1], white[:, -1]
+        return _Terms(np.flatnonzero(at >= 0), x.T @ x, x.T @ y, whitening.log_scale(joint) - float(y @ y) / 2)
