@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     from .session import Options as Options
     from .simulate import Sensors as Sensors, record as record, simulate as simulate, track as track  # isort: skip
     from .validate import validate as validate
-NAMES = {name: name for name in "check diagnose export fleet identify inspect payload replay report".split()} | {
+NAMES = {n: n for n in "check diagnose export fleet identify inspect payload replay report validate".split()} | {
     "deadline": "time_limit", "errors": "SignidError", "excite": "excite separate", "model": "load_model",
     "rollout": "roll_out", "reduced": "encode_factors load_factors reduce", "robot": "load_robot urdf_from_dh",
-    "session": "Options", "recording": "read_recording", "simulate": "Sensors record simulate track", "validate": "validate"}  # fmt: skip
+    "session": "Options", "recording": "read_recording", "simulate": "Sensors record simulate track"}  # fmt: skip
 sys.modules[__name__].__class__ = _package(NAMES)
