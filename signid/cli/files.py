@@ -86,13 +86,11 @@ def diagnosis_files(result: Diagnosis, inputs: Sequence[Input], command: str) ->
     return result, {"model.json": model, **described, "report.html": page, **signed}
 
 
-def deliver_validation(
-    result: Validation, inputs: Sequence[Input], output: str | None, json: bool, command: str
-) -> int:
+def deliver_validation(found: Validation, inputs: Sequence[Input], output: str | None, json: bool, command: str) -> int:
     """Writes the files of a validation, prints its tables or its document, and returns the exit code.
 
     Args:
-        result: the validation.
+        found: the validation.
         inputs: what was read besides the recordings.
         output: folder of the files, if any.
         json: whether the document is printed instead of the tables.
