@@ -108,6 +108,8 @@ def _is_model(name: str) -> bool:
     if not path.is_dir():
         if recorded:
             return False
+        if path.is_file():
+            raise OptionError(f"the name of {name} is neither that of a model nor of a recording; {EXPECTED}")
         try:
             locate(name)
         except RobotError as error:

@@ -10,6 +10,7 @@ from ..errors import shorten
 from ..fit import LITTLE
 from ..gross import Gross
 from ..gross.result import REFUSE, WARN
+from ..rollout import RollOut
 from .joints import Candidate
 from .result import ValidatedModel
 
@@ -85,8 +86,22 @@ def row_notes(one: ValidatedModel, lost: Sequence[str]) -> Iterator[str]:
         one: the model.
         lost: its joints that `row_flags` names.
     """
-    for j, joint in enumerate(one.fit.joints):
-        if one.fit.held_out_r2[j] < LITTLE:
-            yield f"{one.name} predicts little of the torque of {joint} (R2 {one.fit.held_out_r2[j]:.2f})"
-        elif joint not in lost and np.isnan(one.fit.held_out_rms[j]):
+    fit = one.fit
+    if poor := [f"{joint} (R2 {r2:.2f})" for joint, r2 in zip(fit.joints, fit.held_out_r2, strict=True) if r2 < LITTLE]:
+        yield f"{one.name} predicts little of the torque of {shorten(poor)}"
+    for joint, rms in zip(fit.joints, fit.held_out_rms, strict=True):
+        if np.isnan(rms) and joint not in lost:
             yield f"no row of {joint} counts: its torque is not recorded, or it stands still throughout"
+
+
+def rollout_notes(name: str, found: RollOut, horizon: float) -> Iterator[str]:
+    """A sentence on a simulation that diverges: its errors are infinite.
+
+    Args:
+        name: of the model.
+        found: its roll-out.
+        horizon: of the roll-out [s].
+    """
+    if np.isinf(found.end(horizon)).any():
+        share = np.isinf(found.end(horizon)).any(axis=1).mean()
+        yield f"{name} diverges within {horizon:g} s in {share:.0%} of the simulations: their error is infinite"

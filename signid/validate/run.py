@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,13 +18,21 @@ from ..recording import same_joints
 from ..rollout import RollOut, roll_out
 from ..session import Options, Progress, Session
 from ..types import Input, Recording
-from .flags import constant_flags, fault_flags, joint_flags, row_flags, row_notes
+from .flags import constant_flags, fault_flags, joint_flags, rollout_notes, row_flags, row_notes
 from .joints import Candidate, share_joints
 from .result import ValidatedModel, Validation
 from .rows import model_rows
 
 HORIZON = 0.5  # [s] of roll-outs, as in a diagnosis
 NO_EXCITATION = ExcitationVerdict(np.ones(1), np.ones(1), (), (), (), (), ())  # not judged: nothing is fitted
+
+
+class _Rolled(NamedTuple):
+    """The roll-out of a model, and what is to be said of it."""
+
+    result: RollOut | None = None
+    flags: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
 def validate(
@@ -62,12 +71,12 @@ def validate(
             progress(f"validating {one.name}", k / len(candidates))
         session = sessions[one.model.robot.joints]
         faults.append(examine(one.model, session, NO_EXCITATION))
-        rolled, said = _roll_out(session, one, candidates) if rollout else (None, ())
+        rolled = _roll_out(session, one, candidates) if rollout else _Rolled()
         rows, lost = model_rows(one.model, session)
         fit = fit_rows(one.model.robot, rows.residual, rows.torque, session.task.band.torque_floor)
-        validated.append(ValidatedModel(one.name, one.model, fit, rolled, *rows))
-        flags += row_flags(validated[-1], lost)
-        notes += [*one.notes, *session.notes, *faults[-1].notes, *said, *row_notes(validated[-1], lost)]
+        validated.append(ValidatedModel(one.name, one.model, fit, rolled.result, *rows))
+        flags += [*row_flags(validated[-1], lost), *rolled.flags]
+        notes += [*one.notes, *session.notes, *faults[-1].notes, *rolled.notes, *row_notes(validated[-1], lost)]
     band = sessions[candidates[0].model.robot.joints].task.band
     return Validation(
         models=tuple(validated),
@@ -123,15 +132,13 @@ def _sessions(candidates: Sequence[Candidate], options: Options) -> dict[tuple[s
     return sessions
 
 
-def _roll_out(
-    session: Session, one: Candidate, candidates: Sequence[Candidate]
-) -> tuple[RollOut | None, tuple[str, ...]]:
+def _roll_out(session: Session, one: Candidate, candidates: Sequence[Candidate]) -> _Rolled:
     """Short simulations in windows that leave room for the laws of all models, so that all have the same windows."""
     laws = tuple(law for other in candidates for law in other.model.laws)
     try:
         found = roll_out(one.model, session, (HORIZON,), beside=replace(one.model, laws=laws))
+    except RecordingError as error:
+        return _Rolled(notes=(f"no roll-out was made: {error}",))
     except InputError as error:
-        return None, (f"no roll-out was made: {error}",)
-    except np.linalg.LinAlgError:
-        return None, (f"no roll-out of {one.name} was made: its bodies are impossible and cannot be simulated",)
-    return found, ()
+        return _Rolled(flags=(f"{one.name} cannot be simulated: {error}",))
+    return _Rolled(found, notes=tuple(rollout_notes(one.name, found, HORIZON)))
