@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
 
 from ..errors import OptionError, RecordingError, RobotError
@@ -128,6 +128,6 @@ def _reader(models: Sequence[Model]) -> Robot:
     """The robot that recordings are read for: with most joints, then with most torque constants, then the first."""
 
     def known(robot: Robot) -> tuple[int, int]:
-        return len(robot.joints), int(np.isfinite(robot.actuators.torque_constant).sum())
+        return len(robot.joints), sum(map(isfinite, robot.actuators.torque_constant.tolist()))
 
     return max((model.robot for model in models), key=known)
