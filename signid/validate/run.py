@@ -53,7 +53,7 @@ def validate(
         recordings: with signed torque, one or several, all of the same joints.
         options: cut-off and the like; its effects do not count.
         rollout: whether to simulate short horizons from measured states, too.
-        progress: told what is being done and how far it is.
+        progress: called with what is being done and the share of it that is done.
 
     Raises:
         OptionError: a model or a recording is missing or was given twice, or they have no joint in common.

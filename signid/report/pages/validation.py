@@ -63,8 +63,8 @@ def _cards(models: Sequence[ValidatedModel]) -> Iterator[Card]:
         j, fit = worst(one.fit)[0], one.fit
         beside = f"noise floor {figure(float(fit.noise_floor[j]), 2)} {fit.unit[j]}"
         r2 = determination(float(fit.held_out_r2[j]))
-        told = f"{figure(float(fit.held_out_rms[j]))} {fit.unit[j]}"
-        yield Card(f"{one.name}: rms of its worst joint, {fit.joints[j]}", told, f"{beside}, R2 {r2}")
+        rms = f"{figure(float(fit.held_out_rms[j]))} {fit.unit[j]}"
+        yield Card(f"{one.name}: rms of its worst joint, {fit.joints[j]}", rms, f"{beside}, R2 {r2}")
 
 
 def _joints(result: Validation) -> Iterator[JointPlots]:
