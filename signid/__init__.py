@@ -2,8 +2,8 @@
 
 `load_robot` and `read_recording` begin. `check` says what recordings can tell, `identify` makes a model of them, with
 intervals, `diagnose` names the physics that a simulation (`load_model`) lacks, `payload` what a robot carries; `fleet`
-is for many. `roll_out` proves a model, `report` and `replay` show it, `export` hands it on, `excite` and `simulate` try
-it. Units are SI; `(N, n) [rad or m]`: N samples of n joints. Errors are `SignidError`, laws `signid.effects`.
+is for many. `validate` and `roll_out` judge models, `report` and `replay` show them, `export`, `excite` and `simulate`
+use them. Units are SI; `(N, n) [rad or m]`: N samples of n joints. Errors are `SignidError`, laws `signid.effects`.
 """
 
 import sys
@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from .rollout import roll_out as roll_out
     from .session import Options as Options
     from .simulate import Sensors as Sensors, record as record, simulate as simulate, track as track  # isort: skip
-
-NAMES = {name: name for name in "check diagnose export fleet identify inspect payload replay report".split()} | {
+    from .validate import validate as validate
+NAMES = {n: n for n in "check diagnose export fleet identify inspect payload replay report validate".split()} | {
     "deadline": "time_limit", "errors": "SignidError", "excite": "excite separate", "model": "load_model",
     "rollout": "roll_out", "reduced": "encode_factors load_factors reduce", "robot": "load_robot urdf_from_dh",
     "session": "Options", "recording": "read_recording", "simulate": "Sensors record simulate track"}  # fmt: skip

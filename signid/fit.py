@@ -8,7 +8,7 @@ import numpy as np
 
 from .factors import Factors
 from .session import Session
-from .types import Array, Frozen
+from .types import Array, Frozen, Robot
 
 LITTLE = 0.5  # held-out R2 below which a joint's torque is hardly predicted
 CONSTANT = 1e-12  # of a torque's power: less variance is rounding
@@ -55,6 +55,42 @@ def judge_fit(session: Session, train: Factors, test: Factors, base_value: Array
     robot, (learned, _), (judged, r2) = session.robot, _rms(train, base_value), _rms(test, base_value)
     units = tuple("N" if prismatic else "N.m" for prismatic in robot.prismatic)
     return Fit(robot.joints, units, learned, judged, session.task.band.torque_floor, r2)
+
+
+def fit_rows(robot: Robot, residual: Array, torque: Array, floor: Array, learned: Array | None = None) -> Fit:
+    """The fit of M rows of torque residuals; rows that are NaN do not count.
+
+    Args:
+        robot: gives the joints.
+        residual: (M, n) [N.m or N] measured - predicted, of what was held out.
+        torque: (M, n) [N.m or N] measured.
+        floor: (n,) [N.m or N] noise floor.
+        learned: (L, n) [N.m or N] residual in training; None: nothing was fitted, the training rms is NaN.
+    """
+    spread = np.nansum((torque - _mean(torque)) ** 2, axis=0)
+    return Fit(
+        joints=robot.joints,
+        unit=tuple("N" if prismatic else "N.m" for prismatic in robot.prismatic),
+        train_rms=np.full(len(robot.joints), np.nan) if learned is None else rms_of(learned),
+        held_out_rms=rms_of(residual),
+        noise_floor=floor,
+        held_out_r2=1 - np.nansum(residual**2, axis=0) / np.where(spread > 0, spread, np.nan),
+    )
+
+
+def rms_of(x: Array) -> Array:
+    """Root mean square (n,) [unit of x] over the rows that are not NaN; NaN where all are.
+
+    Args:
+        x: (M, n) [any unit].
+    """
+    return np.asarray(np.sqrt(_mean(x**2)))
+
+
+def _mean(x: Array) -> Array:
+    """(n,) of the rows that count; NaN where none does."""
+    count = np.sum(np.isfinite(x), axis=0)
+    return np.asarray(np.nansum(x, axis=0) / np.where(count > 0, count, np.nan))
 
 
 def _rms(factors: Factors, value: Array) -> tuple[Array, Array]:

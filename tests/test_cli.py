@@ -20,9 +20,8 @@ from signid.cli import run
 from signid.effects import EFFECT_NAMES
 
 ROOT = Path(__file__).parents[1]
-COMMANDS = (
-    "demo inspect check identify diagnose payload effects convert excite export simulate replay reduce fleet data"
-)
+COMMANDS = """demo inspect check identify diagnose validate payload effects convert excite export simulate replay
+reduce fleet data"""
 OUTPUTS = ["identification.json", "model.json", "report.html", "robot.urdf"]
 
 

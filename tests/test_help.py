@@ -16,7 +16,7 @@ from signid.cli.commands import app
 
 GROUP: Any = get_command(app)
 COMMANDS = tuple(GROUP.commands)
-ORDER = ("simulate", "inspect", "check", "identify", "diagnose", "effects", "excite", "export", "replay")
+ORDER = ("simulate", "inspect", "check", "identify", "diagnose", "validate", "effects", "excite", "export", "replay")
 FILES = ("-o", "--html", "--urdf", "--mjcf")
 
 

@@ -14,6 +14,7 @@ LEVELS = (
     "factors session course prepare fit estimate excitation consistent retrieve laws model standard simulate "
     "estimators rollout excite signs gross reduced",
     "identify check inspect payload diagnose convert gallery",
+    "validate",
     "report replay export fleet",
     "demo",
     "cli",

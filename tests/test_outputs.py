@@ -26,6 +26,7 @@ ROBOT, RECORDING, OUT = "'mein Arm ö.xacro'", "'ä b.csv'", "'aus gabe ß'"
 COMMANDS = {
     "identify": f"identify {ROBOT} {RECORDING} -o {OUT}",
     "diagnose": f"diagnose {ROBOT} {RECORDING} -o {OUT}",
+    "validate": f"validate {ROBOT} {RECORDING} -o {OUT}",
     "convert": f"convert {RECORDING} -o {OUT}/é.parquet",
     "excite": f"excite {ROBOT} --duration 3 --kind random -o {OUT}/é.csv",
     "export": f"export {ROBOT} --urdf {OUT}/é.urdf --mjcf {OUT}/é.xml --function {OUT}/é.py --ros {OUT}/é.yaml",

@@ -10,7 +10,7 @@ from chromium import Chromium
 from test_report_diagnosis import made
 
 import signid
-from signid.report import diagnosis_page, identification_page
+from signid.report import diagnosis_page, identification_page, validation_page
 
 ROOT = Path(__file__).parents[1]
 DRAWN = "[...document.querySelectorAll('.plot')].filter(box => box.querySelector('.main-svg'))"
@@ -34,7 +34,7 @@ WIDTHS = (390, 700, 1300)
 
 @pytest.fixture(scope="module")
 def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """The report of a diagnosis, of an identification, and of one without signs."""
+    """The report of a diagnosis, of an identification, of one without signs, and of a validation."""
     folder = tmp_path_factory.mktemp("pages")
     robot = signid.load_robot("3r")
     given, lost = (
@@ -45,6 +45,7 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         "diagnosis": diagnosis_page(made()),
         "identification": identification_page(signid.identify(robot, [given]), command="signid identify 3r x"),
         "unsigned": identification_page(signid.identify(robot, [lost])),
+        "validation": validation_page(signid.validate([signid.load_model("3r")] * 2, given)),
     }
     for name, text in texts.items():
         assert len(text) < 6e6, name
@@ -70,7 +71,7 @@ def show(browser: Chromium, page: Path, width: int = 1200, **media: str) -> None
     )
 
 
-@pytest.mark.parametrize("name", ["diagnosis", "identification", "unsigned"])
+@pytest.mark.parametrize("name", ["diagnosis", "identification", "unsigned", "validation"])
 def test_every_plot_is_drawn_and_nothing_is_loaded(browser: Chromium, pages: dict[str, Path], name: str) -> None:
     show(browser, pages[name])
     assert browser.value(EMPTY) == []
@@ -94,7 +95,7 @@ def test_a_page_that_needs_the_network_is_caught(browser: Chromium, pages: dict[
         assert all(url.startswith(("file:", "data:", "blob:")) for url in browser.requests)
 
 
-@pytest.mark.parametrize("name", ["diagnosis", "identification", "unsigned"])
+@pytest.mark.parametrize("name", ["diagnosis", "identification", "unsigned", "validation"])
 @pytest.mark.parametrize("width", WIDTHS)
 def test_no_letters_run_into_each_other(browser: Chromium, pages: dict[str, Path], name: str, width: int) -> None:
     show(browser, pages[name], width)

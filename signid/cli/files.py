@@ -1,4 +1,4 @@
-"""What an identification or a diagnosis leaves: files in a folder, and what the terminal shows."""
+"""What an identification, a diagnosis or a validation leaves: files in a folder, and what the terminal shows."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from ..report import Content
     from ..signs import Signs
     from ..types import Array, Input, Law, Recording, Robot
+    from ..validate import Validation
 
 
 FRICTION = ("viscous_friction", "coulomb_friction")
@@ -83,6 +84,24 @@ def diagnosis_files(result: Diagnosis, inputs: Sequence[Input], command: str) ->
     model = to_json(result.model.document())
     page = diagnosis_page(result, inputs, command)
     return result, {"model.json": model, **described, "report.html": page, **signed}
+
+
+def deliver_validation(found: Validation, inputs: Sequence[Input], output: str | None, json: bool, command: str) -> int:
+    """Writes the files of a validation, prints its tables or its document, and returns the exit code.
+
+    Args:
+        found: the validation.
+        inputs: what was read besides the recordings.
+        output: folder of the files, if any.
+        json: whether the document is printed instead of the tables.
+        command: that does it again.
+    """
+    from ..report import to_json, validation_document, validation_page, validation_tables
+
+    document = to_json(validation_document(found, inputs))
+    page = {} if output is None else {"report.html": validation_page(found, inputs, command)}
+    files = {"validation.json": document, **page}
+    return _hand_over(document, files, validation_tables(found), found.flags, output, json)
 
 
 def _hand_over(

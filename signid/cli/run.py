@@ -16,6 +16,7 @@ from ..errors import SignidError
 
 from . import demo as demo  # isort: skip (help lists commands in this order)
 from . import diagnosis as diagnosis  # isort: skip
+from . import validation as validation  # isort: skip
 from . import payload as payload  # isort: skip
 from . import catalogue as catalogue
 from . import convert as convert

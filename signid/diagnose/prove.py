@@ -9,7 +9,7 @@ import numpy as np
 
 from ..course import Course
 from ..filters import Decimator
-from ..fit import Fit
+from ..fit import Fit, fit_rows, rms_of
 from ..model import Model
 from ..rows import Task
 from ..session import Part, Session
@@ -68,16 +68,8 @@ def show(session: Session, model: Model) -> Shown:
 
 def fit_of(shown: Shown, noise: Noise) -> Fit:
     """Residual rms of a simulation in training and held out, beside what no simulation could predict."""
-    robot, residual, torque = shown.model.robot, shown.judged.rest, shown.judged.torque
-    spread = np.nansum((torque - _mean(torque)) ** 2, axis=0)
-    return Fit(
-        joints=robot.joints,
-        unit=tuple("N" if prismatic else "N.m" for prismatic in robot.prismatic),
-        train_rms=_rms(shown.learned.rest),
-        held_out_rms=_rms(residual),
-        noise_floor=_rms(shown.judged.unforeseen(noise)),
-        held_out_r2=1 - np.nansum(residual**2, axis=0) / np.where(spread > 0, spread, np.nan),
-    )
+    judged, floor = shown.judged, rms_of(shown.judged.unforeseen(noise))
+    return fit_rows(shown.model.robot, judged.rest, judged.torque, floor, shown.learned.rest)
 
 
 def prove(before: Shown, after: Shown, noise: Noise) -> Proof:
@@ -135,18 +127,17 @@ def residuals(task: Task, model: Model, parts: Sequence[Part]) -> Rows:
         parts: recordings and their sampling.
     """
     thin, found = row_filter(task), tuple(pieces(task, model, parts))
-    rest = np.concatenate([thin(piece.residual) for piece in found])
-    predicted = np.concatenate([thin(np.asarray(piece.motion.predicted)) for piece in found])
-    still = [thin.at(stands_still(p.motion, thin)) for p in found]
-    rest = np.where(np.concatenate(still) > 0, np.nan, rest)
-    return Rows(found, thin, rest, rest + predicted, unsure_rows(thin, found, stated_friction(model)))
+    rest, torque = (np.concatenate(x) for x in zip(*(filtered(piece, thin) for piece in found), strict=True))
+    return Rows(found, thin, rest, torque, unsure_rows(thin, found, stated_friction(model)))
 
 
-def _rms(x: Array) -> Array:
-    return np.asarray(np.sqrt(_mean(x**2)))
+def filtered(piece: Piece, thin: Decimator) -> tuple[Array, Array]:
+    """Rows of one piece: (M, n) residual and (M, n) measured torque [N.m or N]; NaN where a joint stands still.
 
-
-def _mean(x: Array) -> Array:
-    """(n,) of the rows that count; NaN where none does."""
-    count = np.sum(np.isfinite(x), axis=0)
-    return np.asarray(np.nansum(x, axis=0) / np.where(count > 0, count, np.nan))
+    Args:
+        piece: a motion with its residual.
+        thin: the filter of the rows.
+    """
+    still = thin.at(stands_still(piece.motion, thin)) > 0
+    rest = np.where(still, np.nan, thin(piece.residual))
+    return rest, rest + thin(np.asarray(piece.motion.predicted))

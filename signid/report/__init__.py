@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from .pages import fleet_page as fleet_page
     from .pages import identification_page as identification_page
     from .pages import signs_page as signs_page
+    from .pages import validation_page as validation_page
     from .payload import payload_document as payload_document
     from .payload import payload_tables as payload_tables
     from .screen import Screen as Screen
@@ -43,6 +44,8 @@ if TYPE_CHECKING:
     from .tables import check_tables as check_tables
     from .tables import identification_tables as identification_tables
     from .tables import inspection_tables as inspection_tables
+    from .validation import validation_document as validation_document
+    from .validation import validation_tables as validation_tables
     from .write import Content as Content
     from .write import probe_folder as probe_folder
     from .write import write_files as write_files
@@ -59,12 +62,13 @@ NAMES = {
     "report.motions": "excitation_document excitation_tables",
     "report.numbers": "figure with_interval",
     "report.page": "report",
-    "report.pages": "diagnosis_page fleet_page identification_page signs_page",
+    "report.pages": "diagnosis_page fleet_page identification_page signs_page validation_page",
     "report.payload": "payload_document payload_tables",
     "report.screen": "Screen",
     "report.signs": "signed_csv signs_document signs_tables",
     "report.simulation": "Run simulation_document simulation_tables",
     "report.tables": "check_tables identification_tables inspection_tables",
+    "report.validation": "validation_document validation_tables",
     "report.write": "Content probe_folder write_files",
 }
 

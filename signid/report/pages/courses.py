@@ -9,7 +9,7 @@ import numpy as np
 
 from ...course import Course
 from ...fit import Fit
-from ...types import Array
+from ...types import Array, Indices
 from ..numbers import determination, figure
 from .frame import AFTER, BEFORE, FAINT, INK, Plot, axis, packed
 from .thin import thinned
@@ -28,6 +28,16 @@ class JointPlots(NamedTuple):
     told: str
     open: bool
     plots: tuple[Plot, ...]
+
+
+class Line(NamedTuple):
+    """A line of a plot of torque over time."""
+
+    name: str
+    axis: str  # "y": torque, "y2": residual
+    colour: str
+    style: dict[str, Any]
+    values: Array  # (M,) [N.m or N]
 
 
 def joint_plots(course: Course, before: Fit, after: Fit, chosen: Sequence[int]) -> list[JointPlots]:
@@ -62,35 +72,49 @@ def _plots(course: Course, j: int) -> Iterator[Plot]:
 
 def _over_time(course: Course, j: int, unit: str) -> Plot:
     measured, left = course.torque[:, j], (course.before[:, j], course.after[:, j])
-    lines = np.column_stack([measured, measured - left[0], measured - left[1], *left])
-    first = np.flatnonzero(np.diff(course.stretch, prepend=course.stretch[:1] - 1))
-    t, lines = thinned(clock(course), lines, first, max(FEWEST, POINTS // len(course.joints)))
-    styles: tuple[tuple[str, str, str, dict[str, Any]], ...] = (
-        ("measured", "y", INK, {"width": 1.6}),
-        ("predicted before", "y", BEFORE, {"width": 1.4, "dash": "dot"}),
-        ("predicted after", "y", AFTER, {"width": 1.4}),
-        ("residual before", "y2", BEFORE, {"width": 1.2, "dash": "dot"}),
-        ("residual after", "y2", AFTER, {"width": 1.2}),
+    lines = (
+        Line("measured", "y", INK, {"width": 1.6}, measured),
+        Line("predicted before", "y", BEFORE, {"width": 1.4, "dash": "dot"}, measured - left[0]),
+        Line("predicted after", "y", AFTER, {"width": 1.4}, measured - left[1]),
+        Line("residual before", "y2", BEFORE, {"width": 1.2, "dash": "dot"}, left[0]),
+        Line("residual after", "y2", AFTER, {"width": 1.2}, left[1]),
     )
+    most = max(FEWEST, POINTS // len(course.joints))
+    return torque_plot(course.joints[j], clock(course.t, course.recording), course.stretch, unit, lines, most)
+
+
+def torque_plot(joint: str, t: Array, stretch: Indices, unit: str, lines: Sequence[Line], most: int) -> Plot:
+    """Torque over time above, residuals below.
+
+    Args:
+        joint: its name.
+        t: (M,) [s].
+        stretch: (M,) number of the stretch without gaps.
+        unit: of torque.
+        lines: to be drawn, each over the same time.
+        most: points a line.
+    """
+    first = np.flatnonzero(np.diff(stretch, prepend=stretch[:1] - 1))
+    t, values = thinned(t, np.column_stack([line.values for line in lines]), first, most)
     data = [
         {
             "type": "scatter",
             "mode": "lines",
-            "name": name,
+            "name": line.name,
             "x": packed(t),
             "y": packed(y),
-            "yaxis": where,
-            "line": {"color": colour, **line},
-            "hovertemplate": f"{name}: %{{y:.4g}} {unit} at %{{x:.5g}} s<extra></extra>",
+            "yaxis": line.axis,
+            "line": {"color": line.colour, **line.style},
+            "hovertemplate": f"{line.name}: %{{y:.4g}} {unit} at %{{x:.5g}} s<extra></extra>",
         }
-        for (name, where, colour, line), y in zip(styles, lines.T, strict=True)
+        for line, y in zip(lines, values.T, strict=True)
     ]
     layout = {
         "xaxis": axis("time [s]", anchor="y2"),
         "yaxis": axis(f"torque [{unit}]", domain=[TOP + GAP, 1], nticks=6),
         "yaxis2": axis(f"residual [{unit}]", domain=[0, TOP - GAP], nticks=5, zeroline=True, zerolinecolor=FAINT),
     }
-    return Plot(f"{course.joints[j]}: torque over time, and measured - predicted", data, layout, 360, wide=True)
+    return Plot(f"{joint}: torque over time, and measured - predicted", data, layout, 360, wide=True)
 
 
 def _against(course: Course, j: int, title: str, x: Array, unit: str) -> Plot:
@@ -119,14 +143,18 @@ def _means(x: Array, y: Array) -> tuple[Array, Array]:
     return np.array([x[part].mean() for part in parts]), np.array([y[part].mean() for part in parts])
 
 
-def clock(course: Course) -> Array:
-    """(M,) time of the rows [s]; recordings one after the other where there are several."""
-    if not len(course) or course.recording[0] == course.recording[-1]:
-        return np.asarray(course.t)
-    ends = np.flatnonzero(np.diff(course.recording)) + 1
-    t = np.split(course.t, ends)
-    starts = np.cumsum([0.0, *(float(part[-1] - part[0]) for part in t[:-1])])
-    return np.concatenate([part - part[0] + start for part, start in zip(t, starts, strict=True)])
+def clock(t: Array, recording: Indices) -> Array:
+    """(M,) time of rows [s]; recordings one after the other where there are several.
+
+    Args:
+        t: (M,) [s].
+        recording: (M,) number of the recording.
+    """
+    if not len(t) or recording[0] == recording[-1]:
+        return np.asarray(t)
+    parts = np.split(t, np.flatnonzero(np.diff(recording)) + 1)
+    starts = np.cumsum([0.0, *(float(part[-1] - part[0]) for part in parts[:-1])])
+    return np.concatenate([part - part[0] + start for part, start in zip(parts, starts, strict=True)])
 
 
 def worst(before: Fit, size: Callable[[Array], Array] = np.asarray) -> list[int]:

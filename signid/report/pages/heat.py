@@ -52,7 +52,7 @@ def _variables(course: Course) -> Iterator[tuple[str, str, Array, Array, tuple[s
     low, high = course.q.min(axis=0), course.q.max(axis=0)
     yield "position", "position [% of range]", course.q, np.linspace(low, high, BINS + 1).T, tuple(length)
     yield "load", "load [% of max]", load, np.outer(most, share), course.unit
-    t = clock(course)
+    t = clock(course.t, course.recording)
     edges = np.tile(np.linspace(t[0], t[-1], BINS + 1), (len(course.joints), 1))
     yield "time", "time [s]", np.tile(t[:, None], (1, len(course.joints))), edges, ("s",) * len(course.joints)
 

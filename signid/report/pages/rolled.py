@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,21 +22,31 @@ def rollout_plots(before: RollOut, after: RollOut) -> list[Plot]:
         before: of the simulation as it was.
         after: of the simulation with what it lacked.
     """
-    step = -(-len(before.t) // MOST)
-    kept = np.arange(len(before.t) - 1, -1, -step)[::-1]
-    plots = []
-    for j, (joint, unit) in enumerate(zip(before.joints, before.unit, strict=True)):
-        data = []
-        for name, found, colour, dash in (("before", before, BEFORE, "dot"), ("after", after, AFTER, "solid")):
-            error = np.sqrt(np.mean(found.error[:, kept, j] ** 2, axis=0))
+    return error_plots([("before", before, BEFORE, "dot"), ("after", after, AFTER, "solid")])
+
+
+def error_plots(rolled: Sequence[tuple[str, RollOut, str, str]]) -> list[Plot]:
+    """Rms error over windows of several models against the time since their start, a plot for each joint.
+
+    Args:
+        rolled: name, roll-out, colour and dash of each model; a joint's plot has the models that move it.
+    """
+    found: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    for name, one, colour, dash in rolled:
+        step = -(-len(one.t) // MOST)
+        kept = np.arange(len(one.t) - 1, -1, -step)[::-1]
+        for j, (joint, unit) in enumerate(zip(one.joints, one.unit, strict=True)):
+            error = np.sqrt(np.mean(one.error[:, kept, j] ** 2, axis=0))
             hover = f"{name}: %{{y:.3g}} {unit} after %{{x:.3g}} s<extra></extra>"
             line = {"color": colour, "width": 2, "dash": dash}
             whole = {"type": "scatter", "mode": "lines", "name": name, "line": line, "hovertemplate": hover}
             y = packed(np.where(np.isfinite(error), error, np.nan))
-            data.append({**whole, "x": packed(found.t[kept]), "y": y})
-        layout = {
-            "xaxis": axis("time since the start [s]", rangemode="tozero", nticks=6),
-            "yaxis": axis(f"rms error [{unit}]", rangemode="tozero", nticks=6),
-        }
-        plots.append(Plot(joint, data, layout, 210))
-    return plots
+            found.setdefault((joint, unit), []).append({**whole, "x": packed(one.t[kept]), "y": y})
+    return [Plot(joint, data, _layout(unit), 210) for (joint, unit), data in found.items()]
+
+
+def _layout(unit: str) -> dict[str, Any]:
+    return {
+        "xaxis": axis("time since the start [s]", rangemode="tozero", nticks=6),
+        "yaxis": axis(f"rms error [{unit}]", rangemode="tozero", nticks=6),
+    }

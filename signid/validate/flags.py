@@ -1,0 +1,107 @@
+"""Sentences on what makes figures of a validation unreliable or incomparable."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from ..errors import shorten
+from ..fit import LITTLE
+from ..gross import Gross
+from ..gross.result import REFUSE, WARN
+from ..rollout import RollOut
+from .joints import Candidate
+from .result import ValidatedModel
+
+OF_A_FIT = ("too little data", "excitation")  # faults that matter only where something is fitted
+
+
+def joint_flags(candidates: Sequence[Candidate], recorded: Sequence[str]) -> Iterator[str]:
+    """A sentence on each model that does not move all joints that the recordings move.
+
+    Args:
+        candidates: over the joints that each shares with the recordings.
+        recorded: joints of the recordings.
+    """
+    for one in candidates:
+        if lacking := [joint for joint in recorded if joint not in one.model.robot.joints]:
+            yield (
+                f"{one.name} lacks or holds {shorten(lacking)}, which the recordings move: its figures are those of a "
+                f"robot that does not move there; give a model of all recorded joints"
+            )
+
+
+def constant_flags(candidates: Sequence[Candidate]) -> Iterator[str]:
+    """A sentence on each model whose torque constants are not those that the recorded currents were multiplied by."""
+    for one in candidates:
+        stated = np.abs(one.model.robot.actuators.torque_constant)
+        for recording in one.recordings:
+            used = recording.torque_per_unit
+            other = (used != 1) & np.isfinite(stated) & ~np.isclose(stated, np.abs(used), rtol=1e-6)
+            if other.any():
+                names = [recording.joints[j] for j in np.flatnonzero(other)]
+                yield (
+                    f"{one.name} states another torque constant of {shorten(names)} than the one by which the current "
+                    f"in {recording.path or 'the recording'} became torque: its residual contains the difference; "
+                    f"state the same constants for all models"
+                )
+                break
+
+
+def fault_flags(names: Sequence[str], faults: Sequence[Gross]) -> Iterator[str]:
+    """The sentence of each gross fault of the recordings once; the models that show it where not all do.
+
+    Args:
+        names: of the models.
+        faults: gross faults of the recordings, as each model shows them.
+    """
+    shown: dict[tuple[str, tuple[str, ...]], tuple[str, list[str]]] = {}
+    for name, found in zip(names, faults, strict=True):
+        for fault in (f for severity in (REFUSE, WARN) for f in found.findings if f.severity == severity):
+            if fault.kind not in OF_A_FIT:
+                shown.setdefault((fault.kind, fault.joints), (fault.sentence, []))[1].append(name)
+    for sentence, by in shown.values():
+        yield sentence if len(by) == len(names) else f"judged by {shorten(by)}: {sentence}"
+
+
+def row_flags(one: ValidatedModel, lost: Sequence[str]) -> Iterator[str]:
+    """A sentence on a model that predicts torque that is not finite: it has no figure there.
+
+    Args:
+        one: the model.
+        lost: its joints where a torque is recorded and the predicted one is not finite.
+    """
+    if lost:
+        yield (
+            f"{one.name} predicts torque of {shorten(lost)} that is not finite: there is no rms of it; correct the "
+            f"numbers of the model"
+        )
+
+
+def row_notes(one: ValidatedModel, lost: Sequence[str]) -> Iterator[str]:
+    """A sentence on each joint whose torque a model hardly predicts, or where no row counts.
+
+    Args:
+        one: the model.
+        lost: its joints that `row_flags` names.
+    """
+    fit = one.fit
+    if poor := [f"{joint} (R2 {r2:.2f})" for joint, r2 in zip(fit.joints, fit.held_out_r2, strict=True) if r2 < LITTLE]:
+        yield f"{one.name} predicts little of the torque of {shorten(poor)}"
+    for joint, rms in zip(fit.joints, fit.held_out_rms, strict=True):
+        if np.isnan(rms) and joint not in lost:
+            yield f"no row of {joint} counts: its torque is not recorded, or it stands still throughout"
+
+
+def rollout_notes(name: str, found: RollOut, horizon: float) -> Iterator[str]:
+    """A sentence on a simulation that diverges: its errors are infinite.
+
+    Args:
+        name: of the model.
+        found: its roll-out.
+        horizon: of the roll-out [s].
+    """
+    if np.isinf(found.end(horizon)).any():
+        share = np.isinf(found.end(horizon)).any(axis=1).mean()
+        yield f"{name} diverges within {horizon:g} s in {share:.0%} of the simulations: their error is infinite"

@@ -1,0 +1,39 @@
+"""The result of a validation: per model the fit, the roll-out and the rows that they rest on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..fit import Fit
+from ..model import Model
+from ..rollout import RollOut
+from ..types import Array, Frozen, Indices, Input
+
+
+@dataclass(frozen=True, eq=False)
+class ValidatedModel(Frozen):
+    """One model on all recordings: M rows of n joints, NaN where no torque is recorded or the joint stands still."""
+
+    name: str  # its path, or the name that it was given by
+    model: Model  # over the joints of the recordings
+    fit: Fit  # nothing is fitted: `train_rms` is NaN, `held_out_rms` is the rms on the recordings
+    rollout: RollOut | None  # None where it was not asked for, or no stretch of a recording is long enough
+    recording: Indices  # (M,) number of the recording
+    stretch: Indices  # (M,) number of the stretch without gaps
+    t: Array  # (M,) [s]
+    torque: Array  # (M, n) [N.m or N] measured, low-passed
+    residual: Array  # (M, n) [N.m or N] measured - predicted, low-passed
+
+
+@dataclass(frozen=True, eq=False)
+class Validation(Frozen):
+    """Given models against given recordings. `flags` say which figures not to rely on; empty when all is well."""
+
+    models: tuple[ValidatedModel, ...]
+    inputs: tuple[Input, ...]  # the recordings
+    flags: tuple[str, ...]
+    notes: tuple[str, ...]
+    horizon: float  # of the roll-outs [s]
+    cutoff: float  # [Hz] of the torque
+    position_cutoff: float  # [Hz]
+    seed: int

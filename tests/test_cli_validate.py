@@ -1,0 +1,197 @@
+"""Validate as a user meets it."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+from bags import START, state, store, write2
+from test_signs_page import Page, figures
+
+import signid
+from signid.cli import run
+from signid.report import report
+
+EXAMPLES = Path(__file__).parents[1] / "robots" / "3r"
+MODELS = ["3r", "id/model.json"]
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with recordings of an arm, and a model identified from one of them."""
+    folder = tmp_path_factory.mktemp("validate")
+    for name in ("recording", "held_out"):
+        shutil.copy(EXAMPLES / f"{name}.parquet", folder)
+    assert run(["identify", "3r", str(folder / "recording.parquet"), "-o", str(folder / "id")]) == 0
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def inside(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Commands run in that folder."""
+    monkeypatch.chdir(place)
+    monkeypatch.delenv("SIGNID_DEBUG", raising=False)
+
+
+def read(text: str) -> Any:
+    def refuse(word: str) -> None:
+        raise AssertionError(f"{word} is no JSON")
+
+    return json.loads(text, parse_constant=refuse)
+
+
+def printed(capfd: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -> Any:
+    capfd.readouterr()
+    assert run(["validate", *arguments, "--json"]) == code
+    return read(capfd.readouterr().out)
+
+
+def test_the_document_has_the_fields_of_the_contract(capfd: pytest.CaptureFixture[str]) -> None:
+    found = printed(capfd, *MODELS, "held_out.parquet")
+    assert found["schema"] == "signid.validation/1" and (found["seed"], found["version"]) == (0, signid.__version__)
+    assert [one["path"] for one in found["models"]] == MODELS
+    for one in found["models"]:
+        fit, rolled = one["fit"], one["rollout"]
+        keys = {"joints", "unit", "train_rms", "held_out_rms", "noise_floor", "held_out_r2"}
+        assert set(fit) == keys and fit["train_rms"] is None
+        assert fit["joints"] == ["joint_1", "joint_2", "joint_3"] and fit["unit"] == ["N.m"] * 3
+        assert all(len(fit[key]) == 3 for key in keys - {"train_rms"})
+        assert set(rolled) == {"horizon", "rms", "unit"} and rolled["horizon"] == 0.5 and rolled["unit"] == ["rad"] * 3
+        assert all(x > 0 for x in rolled["rms"])
+    assert found["models"][0]["fit"]["noise_floor"] == found["models"][1]["fit"]["noise_floor"]
+    files = {entry["path"]: entry["sha256"] for entry in found["inputs"]}
+    assert set(files) == {"held_out.parquet", *MODELS}
+    assert all(files[name] == sha256(Path(name).read_bytes()).hexdigest() for name in ("held_out.parquet", MODELS[1]))
+
+
+def test_what_the_terminal_shows(capfd: pytest.CaptureFixture[str]) -> None:
+    assert run(["validate", "held_out.parquet", *MODELS]) == 0
+    out, err = capfd.readouterr()
+    lines = [line.rstrip() for line in out.splitlines()]
+    assert lines[:3] == ["2 models: validated on 1 recording", "1  3r", "2  id/model.json"] and not err
+    heads = " ".join(next(line for line in lines if line.startswith("joint ")).split())
+    assert heads == "joint rms 1 rms 2 noise floor unit R2 1 R2 2"
+    assert "Simulated for 0.5 s" in out and max(map(len, lines)) <= 100 and "written" not in out
+    assert run(["validate", "id/model.json", "held_out.parquet", "--no-rollout"]) == 0
+    out = capfd.readouterr().out
+    assert out.startswith("id/model.json: validated on 1 recording") and "Simulated" not in out
+
+
+def test_figures_are_those_of_the_library(capfd: pytest.CaptureFixture[str]) -> None:
+    robot = signid.load_robot("3r")
+    models = [signid.load_model(name) for name in MODELS]
+    given = signid.validate(models, signid.read_recording("held_out.parquet", robot))
+    for one, shown in zip(given.models, printed(capfd, *MODELS, "held_out.parquet")["models"], strict=True):
+        assert shown["fit"]["held_out_rms"] == one.fit.held_out_rms.tolist()
+        assert shown["fit"]["held_out_r2"] == one.fit.held_out_r2.tolist()
+        assert one.rollout is not None and shown["rollout"]["rms"] == one.rollout.rms(0.5).tolist()
+
+
+def test_files_are_complete_and_the_same_every_time(place: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    for name in ("one", "two"):
+        capfd.readouterr()
+        assert run(["validate", *MODELS, "held_out.parquet", "-o", name, "--json", "--seed", "4"]) == 0
+        assert capfd.readouterr().out == Path(name, "validation.json").read_text()
+        assert sorted(path.name for path in Path(name).iterdir()) == ["report.html", "validation.json"]
+    for name in ("validation.json", "report.html"):
+        assert Path("one", name).read_bytes() == Path("two", name).read_bytes(), name
+    assert run(["validate", *MODELS, "missing.csv", "-o", "three"]) == 2
+    assert not Path("three").exists()
+
+
+def test_the_page_says_the_same_and_loads_nothing() -> None:
+    robot = signid.load_robot("3r")
+    models = {name: signid.load_model(name) for name in MODELS}
+    found = signid.validate(models, signid.read_recording("held_out.parquet", robot))
+    page = report(found, command="signid validate 3r id/model.json held_out.parquet")
+    text = " ".join(" ".join(Page(page).texts).split())
+    rms = f"{found.models[1].fit.held_out_rms[0]:.3g}"
+    for words in ("2 models", *MODELS, rms, "R2 2", "joint_3", "held_out.parquet", "Before you trust it", "seed 0"):
+        assert (words in text) is (words != "Before you trust it"), words
+    plots = figures(page)
+    assert len(plots) == 6 and len(page) < 6e6
+    assert {trace.name for trace in plots[0].data} == {
+        *("measured", "predicted 1", "residual 1", "predicted 2", "residual 2")
+    }
+    assert {trace.name for trace in plots[3].data} == {"model 1", "model 2"}
+    alone = report(signid.validate(models["3r"], signid.read_recording("held_out.parquet", robot), rollout=False))
+    assert len(figures(alone)) == 3
+
+
+def test_options_reach_the_library(place: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    table = pl.read_parquet("held_out.parquet")
+    names = {name: f"{name}_own" for name in table.columns if name != "t"}
+    table.rename(names).write_parquet("own.parquet")
+    (place / "map.toml").write_text("".join(f'{name} = "{own}"\n' for name, own in names.items()))
+    (place / "drive.toml").write_text("[joint.1]\ncoulomb_friction = 1.0\nviscous_friction = 1.0\n")
+    plain = printed(capfd, *MODELS, "held_out.parquet", "--cutoff", "9")
+    assert plain["cutoff"]["torque"] == pytest.approx(9, rel=0.1)
+    mapped = printed(capfd, *MODELS, "own.parquet", "--cutoff", "9", "--columns", "map.toml")
+    assert mapped["models"] == plain["models"] and "map.toml" in [entry["path"] for entry in mapped["inputs"]]
+    driven = printed(capfd, *MODELS, "held_out.parquet", "--cutoff", "9", "--actuators", "drive.toml", "--no-rollout")
+    before, after = (found["models"][0]["fit"]["held_out_rms"] for found in (plain, driven))
+    assert after[0] < 0.9 * before[0] and after[1:] == before[1:]
+    assert driven["models"][1]["fit"] == plain["models"][1]["fit"] and driven["models"][1]["rollout"] is None
+    locked = printed(capfd, *MODELS, "held_out.parquet", "--lock", "joint_3=0", code=3)
+    assert locked["models"][0]["fit"]["joints"] == ["joint_1", "joint_2"] and len(locked["flags"]) == 1
+
+
+def test_a_bag_is_a_recording(place: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    robot = signid.load_robot("3r")
+    samples = signid.read_recording("held_out.parquet", robot).read()
+    known = store()
+    stamps = START + np.rint(1e9 * samples.t).astype(int)
+    rows = zip(stamps.tolist(), samples.q, samples.tau, strict=True)
+    messages = [("/joint_states", state(known, t, robot.joints, q, (), tau), t) for t, q, tau in rows]
+    folder = write2(place / "bag", known, messages)
+    plain, logged = (printed(capfd, MODELS[1], name, "--no-rollout") for name in ("held_out.parquet", folder.name))
+    rms = [np.array(found["models"][0]["fit"]["held_out_rms"]) for found in (plain, logged)]
+    np.testing.assert_allclose(*rms, rtol=1e-3)
+
+
+def test_a_gross_fault_is_a_flag(place: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    pl.read_parquet("held_out.parquet").with_columns(-pl.col("tau_2")).write_parquet("negated.parquet")
+    found = printed(capfd, *MODELS, "negated.parquet", "--no-rollout", code=3)
+    assert len(found["flags"]) == 1 and "the torque of joint_2 has the wrong sign" in found["flags"][0]
+    assert run(["validate", *MODELS, "negated.parquet", "--no-rollout"]) == 3
+    assert "the torque of joint_2 has the wrong sign" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        ("3r", "no recording was given beside 3r"),
+        ("held_out.parquet", "no model was given beside held_out.parquet"),
+        ("3r 3r held_out.parquet", "3r was given twice"),
+        ("3r nothing.csv", "nothing.csv does not exist"),
+        ("nobody held_out.parquet", "nobody is neither a model nor a recording"),
+        ("nothing.json held_out.parquet", "cannot read nothing.json"),
+        ("id/identification.json held_out.parquet", "holds 'signid.identification/1'; expected 'signid.model/1'"),
+        ("id held_out.parquet", "the folder id holds model.json and robot.urdf; name the file that is meant"),
+        ("empty held_out.parquet", "the folder empty holds neither a model nor a recording"),
+        ("3r notes.txt", "the name of notes.txt is neither that of a model nor of a recording"),
+        ("3r signless.parquet", "signless.parquet has no sign of the torque of joint_1, joint_2, joint_3"),
+        ("3r panda held_out.parquet", "3r moves joint_1, joint_2, joint_3, the recordings panda_joint1"),
+        ("id/model.json held_out.parquet --lock joint_1=0", "states its joints and drives itself"),
+        ("3r held_out.parquet --cutoff -1", "a positive frequency is needed"),
+        ("3r held_out.parquet -o notes.txt", "notes.txt is a file"),
+        ("3r held_out.parquet -o ''", "no folder for the results was named"),
+    ],
+)
+def test_bad_input_gets_a_sentence(command: str, words: str, place: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    (place / "empty").mkdir(exist_ok=True)
+    (place / "notes.txt").write_text("no samples\n")
+    table = pl.read_parquet("held_out.parquet")
+    lost = {name: f"abs_{name}" for name in table.columns if name.startswith("tau_")}
+    table.with_columns(pl.col(*lost).abs()).rename(lost).write_parquet("signless.parquet")
+    before = sorted(place.rglob("*"))
+    assert run(["validate", *(word.strip("'") for word in command.split())]) == 2
+    out, err = capfd.readouterr()
+    assert words in err and len(err.splitlines()) == 1 and not out
+    assert sorted(place.rglob("*")) == before
