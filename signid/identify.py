@@ -14,6 +14,7 @@ from .estimators import ESTIMATORS, Estimator, Given
 from .excitation import ExcitationVerdict, judge_excitation
 from .factors import LAGS, Factors, Weigh
 from .fit import Fit, judge_fit
+from .gross import find_delay
 from .model import Model, fitted_model, stated_parameters
 from .prepare import only_once, prepare, recordings_used
 from .reduced import Reduced
@@ -145,13 +146,15 @@ def _conclude(
     parameters = chosen.parameters
     base_value = session.task.base.combination @ parameters.values
     fit = judge_fit(session, train, test, base_value)
+    model = fitted_model(session.task, parameters)
+    late = find_delay(model, session) if recovered.signs is None else None
     return Identification(
         robot=session.robot,
         base=session.task.base,
         estimate=recovered.widen(found, train, session.task.base, given.whiten),
         base_value=base_value,
         parameters=parameters,
-        model=fitted_model(session.task, parameters),
+        model=model,
         fit=fit,
         excitation=excitation,
         method=method,
@@ -159,7 +162,14 @@ def _conclude(
         inputs=(),
         signs=recovered.signs,
         recordings=(*recovered.recordings, *recovered.held_out),
-        flags=(*recovered.flags, *found.flags, *excitation.sentences, *_untold(given, found), *chosen.flags),
+        flags=(
+            *recovered.flags,
+            *found.flags,
+            *excitation.sentences,
+            *_untold(given, found),
+            *chosen.flags,
+            *([late.sentence] if late else []),
+        ),
         notes=(*session.notes, *found.notes, *chosen.notes, *fit.sentences),
         cutoff=session.task.band.cutoff,
         position_cutoff=session.task.band.position_cutoff,

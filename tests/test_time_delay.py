@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,16 +14,18 @@ import signid
 from signid.cli import run
 from signid.effects import EFFECTS
 from signid.effects.trial import Trial
+from signid.identify import Identification
 from signid.laws import parse_law
 from signid.types import Array
 
-DELAY, ALL = EFFECTS["time_delay"], (0, 1, 2)
+DELAY: Any = EFFECTS["time_delay"]
+ALL = (0, 1, 2)
 ENOUGH = 1e-3  # [s] that a delay may be off by
 
 
 def shifted(torque: Array, delay: float, dt: float = 1e-3) -> Array:
     x = Trial(torque, torque, t=dt * np.arange(len(torque))[:, None], dt=dt, torque=torque, joints=(0,))
-    return DELAY.recorded_torque(x, delay=delay)
+    return np.asarray(DELAY.recorded_torque(x, delay=delay))
 
 
 @pytest.mark.parametrize("delay", (0.008, -0.008, 0.00413, -0.00413, 0.0))
@@ -83,3 +86,20 @@ def test_the_diagnosis_of_a_robot_in_mujoco_finds_the_direction(delay: float) ->
     assert np.all(found.after.held_out_rms < 1.6 * found.after.noise_floor)
     if delay < 0:  # no amplifier answers before it is asked
         assert finding.probability > 0.99 and "torque_lag" not in {a.law.effect.name for a in finding.alternatives}
+
+
+def identified(delay: float) -> Identification:
+    from diagnosed import fault, read, recorded
+
+    planted = [fault("time_delay", delay=delay)] if delay else []
+    return signid.identify(signid.load_robot("3r"), read("3r", recorded("3r", *planted)))
+
+
+@pytest.mark.parametrize(("delay", "words"), ((0.008, "torque is recorded "), (-0.008, "torque leads the motion by ")))
+def test_identify_flags_a_delay_and_names_the_next_command(delay: float, words: str) -> None:
+    pytest.importorskip("mujoco", reason="MuJoCo is not installed; pip install 'signid[bench]'")
+    (flag,) = identified(delay).flags
+    assert flag.startswith(words) and "signid diagnose" in flag
+    said = float(flag.removeprefix(words).split()[0])
+    assert said == pytest.approx(8, abs=1)  # [ms]
+    assert identified(0.0).flags == ()
