@@ -15,6 +15,7 @@ from .estimators import ESTIMATORS, Estimator, Given
 from .excitation import ExcitationVerdict, judge_excitation
 from .factors import LAGS, Factors, Weigh
 from .fit import Fit, judge_fit
+from .gross import find_delay
 from .model import Model, fitted_model, stated_parameters
 from .prepare import only_once, prepare, recordings_used
 from .reduced import Reduced
@@ -151,6 +152,7 @@ def _conclude(
         fitted_model(session.task, parameters),
         covariance=base_covariance(session.task.base, base_value, widened.covariance),
     )
+    late = find_delay(model, session) if recovered.signs is None else None
     return Identification(
         robot=session.robot,
         base=session.task.base,
@@ -165,7 +167,14 @@ def _conclude(
         inputs=(),
         signs=recovered.signs,
         recordings=(*recovered.recordings, *recovered.held_out),
-        flags=(*recovered.flags, *found.flags, *excitation.sentences, *_untold(given, found), *chosen.flags),
+        flags=(
+            *recovered.flags,
+            *found.flags,
+            *excitation.sentences,
+            *_untold(given, found),
+            *chosen.flags,
+            *([late.sentence] if late else []),
+        ),
         notes=(*session.notes, *found.notes, *chosen.notes, *fit.sentences),
         cutoff=session.task.band.cutoff,
         position_cutoff=session.task.band.position_cutoff,

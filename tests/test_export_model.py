@@ -149,7 +149,7 @@ def test_what_is_no_function_is_named(tmp_path: Path) -> None:
         "Only the MJCF holds torque_saturation of joint_3; base_tilt; elsewhere, take GRAVITY.",
         "backlash of joint_1, as it moves by itself between motor and link.",
         "presliding_friction of joint_2, as it has a memory.",
-        "time_delay, as it changes what is recorded, not the torque that acts.",
+        "time_delay (torque recorded 4.0 ms late), as it changes what is recorded, not the torque that acts.",
     ):
         assert part in told
     assert len(made.notes) == 5

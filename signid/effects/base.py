@@ -7,10 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import product
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
-import pinocchio as pin
 
 from ..types import Array, Coefficient, Shape, View
 from .trial import Trial
@@ -67,6 +66,10 @@ class Effect:
         """The shape among some parameters."""
         shaped = [key for key, p in self.parameters.items() if isinstance(p, Shape)]
         return {key: parameters[key] for key in shaped if key in parameters}
+
+    def meaning(self, parameters: Numbers) -> str:
+        """What the numbers say in words; empty where the numbers say it themselves."""
+        return ""
 
     possible: Callable[..., bool]
     """possible(x, **shape): whether the motion allows the law at all, before its columns are tried."""
@@ -223,28 +226,3 @@ def amplitude_phase(effect: Effect, coefficients: Sequence[float], shape: Number
     """Of sine * sin(x) + cosine * cos(x) = amplitude * sin(x + phase)."""
     sine, cosine = coefficients
     return {"amplitude": float(np.hypot(sine, cosine)), "phase": float(np.arctan2(cosine, sine)), **shape}
-
-
-def point_inertia(mass: float, moment: Sequence[float]) -> list[float]:
-    """Inertia Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the origin of a point of that mass and first moment [kg.m2].
-
-    Args:
-        mass: [kg].
-        moment: (3,) first moment [kg.m].
-    """
-    c = np.array(moment)
-    full = (c @ c * np.eye(3) - np.outer(c, c)) / mass if mass else np.zeros((3, 3))
-    return [float(full[i, j]) for i, j in ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))]
-
-
-def add_body(model: Any, body: int, added: Sequence[float]) -> None:
-    """Add the first of the ten inertial parameters to a body of a pin.Model, about its joint's frame.
-
-    Args:
-        model: a pin.Model, changed.
-        body: the joint that moves the body.
-        added: mass [kg], first moment [kg.m], and so on in Pinocchio's order.
-    """
-    whole = model.inertias[body].toDynamicParameters()
-    whole[: len(added)] += added
-    model.inertias[body] = pin.Inertia.FromDynamicParameters(whole)

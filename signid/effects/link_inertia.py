@@ -3,7 +3,8 @@
 from typing import Any
 
 from ..types import Array, Coefficient, View
-from .base import BodyLaw, Numbers, add_body
+from .base import BodyLaw, Numbers
+from .bodies import add_body
 from .payload import INERTIA, MOMENT
 
 

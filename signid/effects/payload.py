@@ -3,7 +3,8 @@
 from typing import Any
 
 from ..types import Array, Coefficient, View
-from .base import BodyLaw, Numbers, add_body, point_inertia
+from .base import BodyLaw, Numbers
+from .bodies import add_body, point_inertia
 
 MOMENT, INERTIA = ([f"{name}_{k}" for k in ks.split()] for name, ks in
                    (("first_moment", "x y z"), ("inertia", "xx xy yy xz yz zz")))  # fmt: skip
@@ -18,8 +19,7 @@ class Payload(BodyLaw):
     typical = "up to the rated payload: 3 kg (Panda), 5 kg (UR5), 10 kg (UR10E)"
     parameters = {"mass": Coefficient("kg", positive=True), **dict.fromkeys(MOMENT, Coefficient("kg.m")),
                   **dict.fromkeys(INERTIA, Coefficient("kg.m2", same=True))}  # fmt: skip
-    optional = tuple(INERTIA)
-    example = dict(zip(parameters, VALUES, strict=True))
+    optional, example = tuple(INERTIA), dict(zip(parameters, VALUES, strict=True))
     scope = "tip"
     twins = ("link_inertia", "counterbalance", "encoder_offset")
 

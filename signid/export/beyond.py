@@ -45,7 +45,9 @@ def lacking(robot: Robot, laws: Iterable[Law], carried: Collection[Law]) -> str:
     for law in laws:
         if not any(law is other for other in carried):
             every = law.effect.scope in ("robot", "any") and len(law.joints) == len(robot.joints)
-            where.setdefault(law.effect.name, []).extend([] if every else [robot.joints[j] for j in law.joints])
+            said = law.effect.meaning(law.parameters)
+            name = f"{law.effect.name} ({said})" if said else law.effect.name
+            where.setdefault(name, []).extend([] if every else [robot.joints[j] for j in law.joints])
     return "; ".join(f"{name} of {shorten(joints, MOST)}" if joints else name for name, joints in where.items())
 
 

@@ -4,7 +4,7 @@
 comes late or reaches a limit. Each `Finding` is a sentence: what is wrong, how sure that is, and how to mend it.
 """
 
-from .examine import examine
+from .examine import examine, find_delay
 from .result import Finding, Gross
 
-__all__ = ["Finding", "Gross", "examine"]
+__all__ = ["Finding", "Gross", "examine", "find_delay"]

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import BSpline, make_interp_spline
 
 from ..effects.base import BodyLaw, TorqueLaw
 from ..filters import Decimator
@@ -82,15 +80,19 @@ class Evidence(Frozen):
             return self.plain.torque
         late = np.empty_like(self.plain.torque)
         for d in np.unique(lag):
-            pieces = [
-                curve(np.clip(t + d, *curve.t[[0, -1]])) for curve, t in zip(self._curves, self.moments, strict=True)
-            ]
-            late[:, lag == d] = np.concatenate(pieces)[:, lag == d]
+            which = np.flatnonzero(lag == d)
+            pieces = zip(self.torques, self.moments, strict=True)
+            late[:, which] = np.concatenate([_between(t, x[:, which], at + d) for (t, x), at in pieces])
         return late
 
-    @cached_property
-    def _curves(self) -> list[BSpline]:
-        return [make_interp_spline(t, torque) for t, torque in self.torques]
+
+def _between(t: Array, x: Array, at: Array) -> Array:
+    """(K, k) values between uniform samples (M, k), which are dense: Catmull and Rom's cubic; held at the ends."""
+    place = np.clip((at - t[0]) / (t[1] - t[0]), 0, len(t) - 1)
+    first = np.clip(place.astype(np.intp), 1, len(t) - 3)
+    u = (place - first)[:, None]
+    a, b, c, d = (x[first + k] for k in (-1, 0, 1, 2))
+    return np.asarray(b + u / 2 * (c - a + u * (2 * a - 5 * b + 4 * c - d + u * (3 * (b - c) + d - a))))
 
 
 def gather(model: Model, session: Session, parts: Sequence[Part]) -> Evidence | None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import nnls
 
 from ..types import Array
 from .evidence import Signals
@@ -37,6 +36,8 @@ class Columns:
         Args:
             torque: (K,) [N.m or N].
         """
+        from scipy.optimize import nnls  # takes long to import
+
         y = torque - torque.mean()
         found = nnls(self.factor, self.basis.T @ y)[0] / self.size
         residual = y - self.columns @ found

@@ -70,6 +70,7 @@ def _finding(robot: Robot, finding: Finding) -> Document:
         "role": finding.role,
         "probability": finding.probability,
         "parameters": finding_numbers(robot, finding),
+        "meaning": finding.law.effect.meaning(finding.law.parameters),
         "torque_share": {
             name: float(share) for name, share in zip(robot.joints, finding.torque_share, strict=True) if share > 0
         },

@@ -77,7 +77,7 @@ def finding_words(robot: Robot, finding: Finding) -> FindingWords:
     others = sum(x >= GONE for joint, x in torque.items() if joint != first)
     return FindingWords(
         spoken(finding.law, robot),
-        _numbers(robot, finding),
+        (*_numbers(robot, finding), *filter(None, [finding.law.effect.meaning(finding.law.parameters)])),
         confidence(finding.probability),
         share(torque[first]) + (f" of {first}" if others else ""),
         finding.where.region + ("" if where == first else f" of {where}"),
