@@ -34,4 +34,5 @@ class Case:
     c: Recording
     truth: Truth
     knowing: Model | None = None  # of what nature concealed: a model that has it
-    other: bool = False  # its recording is not the control's, so that rows cannot be compared
+    before: Recording | None = None  # the rows of B without the change, where the control's are others
+    other: bool = False  # its recording is another one, so that rows cannot be compared

@@ -11,20 +11,8 @@ from signid.rigid import carried
 
 from .band import Array, rms
 from .case import Case, Truth
-from .changes import (
-    Change,
-    Scene,
-    load_of,
-    plus,
-    recorded,
-    scaled_law,
-    shifted,
-    swapped,
-    tilted,
-    times,
-    with_body,
-    without,
-)  # fmt: skip
+from .changes import Change, Scene, plus, recorded, scaled_law, shifted, swapped, tilted, times, with_body, without
+from .payloads import carrying, load_of
 from .sets import columns_of
 
 LAWS = ("coulomb_friction", "viscous_friction", "armature", "torque_offset")
@@ -66,11 +54,12 @@ def laws(scene: Scene) -> Iterator[Case]:
 def bodies(scene: Scene) -> Iterator[Case]:
     """A payload more and less, a link too heavy, and a base that leans."""
     model, last = scene.model, len(scene.model.robot.joints) - 1
-    for sign, kind in ((1, "payload carried"), (-1, "payload gone")):
-        load = load_of(model, sign)
-        truth = Truth(("payload",), (last,), {"mass": sign * float(load[0])}, last=True)
-        changed = with_body(model, carried(model.robot, last), -sign * load)
-        yield _case(scene, kind, f"{sign * load[0]:+.3g} kg", last, changed, truth)
+    load, body = load_of(model), carried(model.robot, last)
+    truth = Truth(("payload",), (last,), {"mass": -float(load[0])}, last=True)
+    yield _case(scene, "payload gone", f"{-load[0]:.3g} kg", last, with_body(model, body, load), truth)
+    truth = Truth(("payload",), (last,), {"mass": float(load[0])}, last=True)
+    before, b, c = (carrying(x, model, y, scene.band) for x, y in ((scene.b, None), (scene.b, load), (scene.c, load)))
+    yield Case("payload carried", _at(scene, f"{load[0]:.3g} kg", last), model, b, c, truth, before=before)
     middle = range(last + 1) if last < 2 else range(1, last)
     own = {j: model.inertials[carried(model.robot, j)] for j in middle}
     heavier = {j: with_body(model, carried(model.robot, j), (HEAVIER - 1) * x) for j, x in own.items()}

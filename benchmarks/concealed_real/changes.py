@@ -8,16 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
-from signid.model import Model, stated_inertials
-from signid.parameters import pseudo_inertia
-from signid.rigid import carried
+from signid.model import Model
 from signid.types import Law, Recording
 
 from .band import Array, ratios, rest
 from .sets import columns_of, rebuilt
 
-SHARE, PLACE, RADIUS = 0.1, (0.05, 0.02, 0.1), 0.05  # of the mass that is moved; centre [m] and radius [m] of a payload
-HALVES = 4  # times that a payload is halved until what is left of the link is possible
+USUAL = 8.0  # Hz
 Columns = Mapping[str, Array]
 Change = Callable[[Columns], Columns]
 
@@ -31,6 +28,11 @@ class Scene:
     c: Recording
     cutoff: float | None  # [Hz] of the control's diagnosis
     rest: Array  # (M, n) [N.m or N] what the model leaves of B in that band
+
+    @property
+    def band(self) -> float:
+        """The cut-off, or a usual one where there is no diagnosis [Hz]."""
+        return self.cutoff or USUAL
 
     def ratios(self, model: Model, b: Recording | None = None) -> Array:
         """(n,) rms of the torque that a change makes over what the control leaves [1]."""
@@ -154,33 +156,3 @@ def recorded(recording: Recording, model: Model, change: Change) -> Recording:
         change: of its columns.
     """
     return rebuilt(model.robot, change(columns_of(recording)))
-
-
-def load_of(model: Model, sign: int) -> Array:
-    """(10,) inertial parameters of a small ball that the last link carries, as heavy as the link may lose.
-
-    Args:
-        model: a simulation, of which a payload is taken away (1) or to which it is added (-1).
-        sign: of what the robot carries and the model does not.
-    """
-    own = model.inertials[carried(model.robot, len(model.robot.joints) - 1)]
-    place = PLACE if len(model.robot.joints) > 1 else _centre(stated_inertials(model.robot)[-1])
-    ball = pin.Inertia(1.0, np.array(place), 0.4 * RADIUS**2 * np.eye(3)).toDynamicParameters()
-    for k in range(HALVES + 1):
-        load = np.asarray(SHARE * float(model.inertials[:, 0].sum()) / 2**k * ball)
-        if sign < 0 or possible(own - load):
-            return load
-    return np.asarray(own / 2)
-
-
-def possible(inertial: Array) -> bool:
-    """Whether a body can have ten inertial parameters.
-
-    Args:
-        inertial: (10,) in Pinocchio's order [kg, kg.m, kg.m2].
-    """
-    return bool(np.linalg.eigvalsh(pseudo_inertia(inertial))[0] > 0)
-
-
-def _centre(inertial: Array) -> Array:
-    return np.asarray(inertial[1:4] / inertial[0])

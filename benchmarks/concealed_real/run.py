@@ -147,7 +147,8 @@ def _bound(scene: Scene, case: Case) -> Array:
         if case.knowing is not None:
             own = rest(case.knowing, case.b, scene.cutoff)
             return ratios(rest(case.model, case.b, scene.cutoff), own)
-        return scene.ratios(case.model, case.b)
+        usual = scene.rest if case.before is None else rest(scene.model, case.before, scene.cutoff)
+        return ratios(rest(case.model, case.b, scene.cutoff), usual)
     except SignidError:
         return np.zeros(0)
 
@@ -195,5 +196,6 @@ def run(one: RealSet, kinds: Collection[str], limit: float | None) -> Iterator[R
     except Exception as error:
         frame = traceback.extract_tb(error.__traceback__)[-1]
         told = f"{type(error).__name__}: {error} ({frame.name})"
-        failed = {"set": one.name, "kind": "set", "what": "cannot go on", "outcome": "crash"}
+        outcome = "refused" if isinstance(error, SignidError) else "crash"
+        failed = {"set": one.name, "kind": "set", "what": "cannot go on", "outcome": outcome}
         yield {**failed, "sentences": [told], "seconds": 0.0}

@@ -35,13 +35,12 @@ class RealSet:
     b: Part
     c: Part
     actuators: Path | None = None
-    joints: tuple[str, ...] | None = None  # that move; None: all
     more: Mapping[str, Part] = field(default_factory=dict)  # of cases that nature concealed
 
     def robot(self) -> Robot:
         """As its description states it."""
         path = data() / self.folder / self.urdf
-        return signid.load_robot(path, actuators=self.actuators, joints=self.joints)
+        return signid.load_robot(path, actuators=self.actuators)
 
 
 def _thirds(file: str, edges: Sequence[tuple[float, float]]) -> tuple[tuple[Part, ...], Part, Part]:
@@ -71,11 +70,14 @@ TABLE = (
         Part("emps_train", start=13.5),
         Part("emps_pulses"),
     ),
-    RealSet("tx40", "staubli_tx40", "tx40.urdf", *_thirds("exciting_traj", ((0, 4), (4.1, 6.5), (6.6, 9)))),
-    RealSet("panda", "panda_gaz2019", "panda.urdf", *_thirds("exciting_traj_1", ((0, 9), (9.3, 15.5), (15.8, 21)))),
-    RealSet("rokae", "rokae_xmate", "xmate3pro.urdf", *_thirds("excit_motor", ((0, 9), (9.3, 15), (15.3, 20)))),
+    RealSet("tx40", "staubli_tx40", "tx40.urdf", *_thirds("exciting_traj", ((0, 3.6), (3.65, 6.9), (6.95, 9)))),
+    RealSet("panda", "panda_gaz2019", "panda.urdf", *_thirds("exciting_traj_1", ((0, 10.5), (10.7, 16.2), (16.4, 21)))),
+    RealSet("rokae", "rokae_xmate", "xmate3pro.urdf", *_thirds("excit_motor", ((0, 10), (10.2, 15.4), (15.6, 20)))),
     RealSet(
-        "rokae_sensor", "rokae_xmate", "xmate3pro.urdf", *_thirds("excit_joint_sensor", ((0, 9), (9.3, 15), (15.3, 20)))
+        "rokae_sensor",
+        "rokae_xmate",
+        "xmate3pro.urdf",
+        *_thirds("excit_joint_sensor", ((0, 10), (10.2, 15.4), (15.6, 20))),
     ),
     RealSet("psm", "dvrk_wpi", "psm3.urdf", (Part("psm3_one"),), Part("psm3_two"), Part("psm3_one_no_weight")),
     RealSet(
@@ -93,20 +95,6 @@ TABLE = (
         (Part("ddp"),),
         Part("direct_collocation"),
         Part("pd__system_identification"),
-    ),
-    RealSet(
-        "openarm_1",
-        "openarm_yizhi",
-        "am_d02.urdf",
-        *_thirds("collect_joint_1", ((0, 50), (52, 95), (97, 140))),
-        joints=("1",),
-    ),
-    RealSet(
-        "openarm_3",
-        "openarm_yizhi",
-        "am_d02.urdf",
-        *_thirds("collect_joint_3", ((0, 45), (47, 83), (85, 130))),
-        joints=("3",),
     ),
 )
 SETS = {one.name: one for one in TABLE}
