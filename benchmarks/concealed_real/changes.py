@@ -1,42 +1,60 @@
-"""Known changes: laws and bodies of the simulation, torques and positions of the recordings."""
+"""Primitive changes of models and recordings, and the setup that they are applied to."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pinocchio as pin
 
+from signid.identify import Identification
 from signid.model import Model
 from signid.types import Law, Recording
 
-from .band import Array, ratios, rest
+from .band import Array, ratios, residual
 from .sets import columns_of, rebuilt
 
-USUAL = 8.0  # Hz
+DEFAULT_BAND = 8.0  # Hz
 Columns = Mapping[str, Array]
 Change = Callable[[Columns], Columns]
 
 
 @dataclass(frozen=True)
-class Scene:
-    """A robot that was identified, and the recordings that are diagnosed and judged by."""
+class Setup:
+    """The model identified from A, and the recordings B to diagnose and C to judge by."""
 
-    model: Model  # of A
+    model: Model
     b: Recording
     c: Recording
-    cutoff: float | None  # [Hz] of the control's diagnosis
-    rest: Array  # (M, n) [N.m or N] what the model leaves of B in that band
+    cutoff: float | None  # of the control's diagnosis [Hz]
+    residual: Array  # (M, n) of the model on B in that band [N.m or N]
+    std: Mapping[tuple[str, int], float] = field(default_factory=dict)  # of identified laws, by effect and joint
 
     @property
     def band(self) -> float:
-        """The cut-off, or a usual one where there is no diagnosis [Hz]."""
-        return self.cutoff or USUAL
+        """The cut-off, or a default where the control has none [Hz]."""
+        return self.cutoff or DEFAULT_BAND
 
     def ratios(self, model: Model, b: Recording | None = None) -> Array:
-        """(n,) rms of the torque that a change makes over what the control leaves [1]."""
-        return ratios(rest(model, b or self.b, self.cutoff), self.rest)
+        """(n,) rms of the torque that a change makes over the rms residual of the control [1]."""
+        return ratios(residual(model, b or self.b, self.cutoff), self.residual)
+
+
+def identified_std(found: Identification) -> dict[tuple[str, int], float]:
+    """Standard deviations of the laws that are base parameters by themselves, by effect and joint.
+
+    Args:
+        found: the identification of A.
+    """
+    base, laws = found.base, found.session.task.laws
+    stds = {}
+    for row, std in zip(base.combination, found.estimate.std, strict=True):
+        used = np.flatnonzero(row)
+        label = base.labels[used[0]]
+        if len(used) == 1 and label.law is not None and label.joint is not None and np.isfinite(std):
+            stds[laws[label.law].effect.name, label.joint] = float(std / abs(row[used[0]]))
+    return stds
 
 
 def without(model: Model, effect: str, joint: int | None = None) -> Model:

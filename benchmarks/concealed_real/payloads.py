@@ -1,4 +1,4 @@
-"""A body at the last link: in the simulation, or in what a robot that carries it would have recorded."""
+"""A body at the last link, in a model or in the torque of a recording."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from .band import Array
 from .changes import with_body
 from .sets import rebuilt
 
-SHARE, PLACE, RADIUS = 0.1, (0.05, 0.02, 0.1), 0.05  # of the mass that is moved; centre [m] and radius [m] of the body
-WIDER = 3.0  # times the band of the diagnosis, the band in which the body's accelerations are taken
+SHARE, PLACE, RADIUS = 0.1, (0.05, 0.02, 0.1), 0.05  # of the robot's mass; centre and radius of the body [m]
+WIDER = 3.0  # band of the accelerations over that of the diagnosis
 
 
 def load_of(model: Model) -> Array:
@@ -35,13 +35,13 @@ def load_of(model: Model) -> Array:
 
 
 def carrying(recording: Recording, model: Model, load: Array | None, cutoff: float) -> Recording:
-    """What would have been recorded, had the last link carried a body; without its ends, where accelerations lack.
+    """The recording with the torque of a body at the last link added, without the ends where acceleration is unknown.
 
     Args:
-        recording: without it.
+        recording: without the body.
         model: of the robot.
-        load: (10,) of the body; None: the same rows without it.
-        cutoff: [Hz] of the diagnosis.
+        load: (10,) inertial parameters of the body; None: the same rows without it.
+        cutoff: of the diagnosis [Hz].
     """
     session = prepare(model.robot, [recording], [recording], Options(effects=(), cutoff=WIDER * cutoff))
     given, sampling = session.held_out[0]
