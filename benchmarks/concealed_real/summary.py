@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -53,20 +54,11 @@ def cell(name: str, rows: Sequence[Row]) -> Cell:
         rows: its cases.
     """
     fair = [row for row in rows if row["fair"]]
-    outcomes = {
-        key: sum(row["outcome"] == key for row in fair) for key in dict.fromkeys(row["outcome"] for row in fair)
-    }
+    outcomes = dict(Counter(row["outcome"] for row in fair))
     numbers = [number for row in fair for number in row["numbers"]]
     within = Share(sum(number["within"] for number in numbers), len(numbers))
-    return Cell(
-        name,
-        len(rows),
-        len(fair),
-        outcomes,
-        sum(r["first_new"] for r in fair),
-        sum(bool(r["sure"]) for r in fair),
-        within,
-    )
+    new, sure = (sum(bool(row[key]) for row in fair) for key in ("first_new", "sure"))
+    return Cell(name, len(rows), len(fair), outcomes, new, sure, within)
 
 
 def cells(rows: Sequence[Row], key: Callable[[Row], str]) -> list[Cell]:
