@@ -1,1 +1,1 @@
-"""Known changes of identified models and of real recordings, diagnosed: names, numbers, and whether they generalise."""
+"""Diagnosis of known changes on real robots: names, numbers, and prediction of unseen recordings."""

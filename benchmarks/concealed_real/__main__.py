@@ -1,8 +1,8 @@
-"""What diagnosis is worth on real robots: `python -m benchmarks.concealed_real [--sets S ...] [--json FILE]`.
+"""Known changes on real robots: `python -m benchmarks.concealed_real [--sets S ...] [--json FILE]`, with SIGNID_DATA.
 
-Needs SIGNID_DATA. Every set is identified from one part (A), a known change is made to the model or to a second part
-(B), which is diagnosed, and the extended model is held against a third (C) that took no part. A case is fair where its
-torque is at least as large as what the unchanged model leaves of B, and the control does not name it already.
+Part A of each set is identified. One known change is made to the model, or to the recording B, which is diagnosed.
+Recording C compares the extended model with the given one. A case is fair if its torque is at least as large as the
+residual of the unchanged model on B, and if the control (nothing changed) does not name the change already.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from .sets import SETS
 from .show import line, tables
 from .summary import totals
 
-WAIT = 1.0  # [s] between looks at processes
+WAIT = 1.0  # between polls of the processes [s]
 
 
 def parse() -> argparse.Namespace:
@@ -35,15 +35,15 @@ def parse() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.concealed_real", description=__doc__)
     parser.add_argument("--sets", nargs="+", choices=SETS, default=list(SETS), metavar="SET", help=", ".join(SETS))
     parser.add_argument("--cases", nargs="+", default=[], metavar="KIND", help="kinds of changes")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write all rows there, each as it finishes")
-    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes, a set each")
-    parser.add_argument("--limit", type=float, metavar="S", help="seconds that a diagnosis may take")
-    parser.add_argument("--show", type=Path, metavar="FILE", help="only print the tables of a file of rows")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the rows here, each when it finishes")
+    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes; each runs one set at a time")
+    parser.add_argument("--limit", type=float, metavar="S", help="time limit of a diagnosis")
+    parser.add_argument("--show", type=Path, metavar="FILE", help="only print the tables of such a file")
     return parser.parse_args()
 
 
 def main() -> int:
-    """Every case, and tables."""
+    """Run the cases and print the tables."""
     one_thread()
     options, console = parse(), Console(width=240)
     if options.show:
@@ -63,7 +63,7 @@ def main() -> int:
 
 
 def _write(path: Path, rows: Sequence[Row]) -> None:
-    """Whole or not at all."""
+    """Write the whole file or nothing."""
     text = json.dumps({"rows": finite(rows), "totals": totals(rows)}, indent=1) + "\n"
     part = path.with_name(f"{path.name}.part")
     part.write_text(text, encoding="utf-8")

@@ -1,4 +1,4 @@
-"""What a model leaves of a recording in a given band: how large a change is there, and what generalises."""
+"""Residuals of a model in a given band, the size of a change there, and the comparison on an unseen recording."""
 
 from __future__ import annotations
 
@@ -16,28 +16,28 @@ from signid.session import Options
 from signid.types import Recording
 
 Array = NDArray[np.float64]
-BLOCKS, LEAST = 20, 4  # blocks of a recording whose means are compared, and the fewest that say how they spread
+BLOCKS, LEAST = 20, 4  # blocks in time of a recording, and the fewest for a standard error
 ROUNDING = 1e-9  # share of the mean square
 
 
 @dataclass(frozen=True)
 class Worse:
-    """One joint, on a recording that took no part."""
+    """Both models at one joint of an unseen recording."""
 
     joint: str
     given: float  # rms [N.m or N]
     extended: float
     error: float  # standard error of the difference of mean squares, as a share of the given mean square [1]
-    worse: bool  # beyond that
+    worse: bool  # by more than that
 
 
-def rest(model: Model, recording: Recording, cutoff: float | None) -> Array:
+def residual(model: Model, recording: Recording, cutoff: float | None) -> Array:
     """(M, n) [N.m or N] measured - predicted in a band; NaN where a row does not count.
 
     Args:
         model: the simulation.
         recording: of its joints.
-        cutoff: [Hz]; None: the band that the recording suggests.
+        cutoff: [Hz]; None: chosen from the recording.
 
     Raises:
         RecordingError: no stretch is as long as the filter.
@@ -56,7 +56,7 @@ def rms(x: Array) -> Array:
 
 
 def ratios(changed: Array, control: Array) -> Array:
-    """(n,) rms of the torque that a change makes, over the rms that the control leaves [1].
+    """(n,) rms of the torque that a change makes over the rms residual of the control [1].
 
     Args:
         changed: (M, n) residual with the change.
@@ -66,22 +66,22 @@ def ratios(changed: Array, control: Array) -> Array:
 
 
 def ratios_apart(changed: Array, control: Array) -> Array:
-    """(n,) the same of two recordings, whose rows cannot be compared: what one leaves beyond the other [1].
+    """(n,) the same for two recordings whose rows cannot be compared: rms of the excess residual [1].
 
     Args:
-        changed: (M, n) residual of the one.
-        control: (N, n) residual of the other.
+        changed: (M, n) residual on the one.
+        control: (N, n) residual on the other.
     """
-    ours, usual = rms(changed), rms(control)
-    return np.nan_to_num(np.sqrt(np.maximum(ours**2 - usual**2, 0.0)) / usual)
+    ours, plain = rms(changed), rms(control)
+    return np.nan_to_num(np.sqrt(np.maximum(ours**2 - plain**2, 0.0)) / plain)
 
 
 def compare(given: Array, extended: Array, joints: Sequence[str]) -> list[Worse]:
-    """Whether an extended model predicts each joint worse than the given one, beyond the error of blocks in time.
+    """Compare mean squares per joint, with a standard error from blocks in time.
 
     Args:
-        given: (M, n) residual of the one.
-        extended: (M, n) residual of the other, of the same rows.
+        given: (M, n) residual of the given model.
+        extended: (M, n) residual of the extended model, same rows.
         joints: n names.
     """
     found = []

@@ -1,4 +1,4 @@
-"""What a case is: a simulation and recordings, what was changed, and what the answer should be."""
+"""A case: a simulation, recordings, the change that was made, and the expected answer."""
 
 from __future__ import annotations
 
@@ -13,19 +13,20 @@ Joints = tuple[int, ...]
 
 @dataclass(frozen=True)
 class Truth:
-    """What the simulation lacks, or the recording has."""
+    """The change, as a diagnosis should name it."""
 
     effects: tuple[str, ...]  # any of which is right
     joints: Joints | None  # None: any
-    numbers: Mapping[str, float] = field(default_factory=dict)  # what is to be added to the simulation
-    wholes: Mapping[str, float] = field(default_factory=dict)  # with what it states already
-    fault: str = ""  # the gross fault that a flag or a refusal may name: sign, swap, late, early or gain
-    last: bool = False  # payload and link_inertia of the last joint count alike, with their numbers
+    numbers: Mapping[str, float] = field(default_factory=dict)  # to be added to the simulation
+    totals: Mapping[str, float] = field(default_factory=dict)  # together with what the simulation states
+    std: float = 0.0  # of these numbers; 0 where the change is exact
+    fault: str = ""  # recording fault that a flag or a refusal may name: sign, swap, late, early or gain
+    last: bool = False  # payload and link_inertia of the last joint are the same, with their numbers
 
 
 @dataclass(frozen=True)
 class Case:
-    """One thing to diagnose."""
+    """A model and recordings with one known change."""
 
     kind: str
     what: str
@@ -33,5 +34,6 @@ class Case:
     b: Recording
     c: Recording
     truth: Truth
-    knowing: Model | None = None  # of what nature concealed: a model that has it
-    other: bool = False  # its recording is not the control's, so that rows cannot be compared
+    complete: Model | None = None  # for physics that nature concealed: a model that includes it
+    before: Recording | None = None  # the same rows without the change, where they are not those of the control
+    other: bool = False  # B is another recording than the control's, rows cannot be compared

@@ -1,8 +1,9 @@
-"""The cases of a set, of which each knows what it changed and what should be said."""
+"""The cases of a set: laws, bodies and recordings with one known change each."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,20 +12,8 @@ from signid.rigid import carried
 
 from .band import Array, rms
 from .case import Case, Truth
-from .changes import (
-    Change,
-    Scene,
-    load_of,
-    plus,
-    recorded,
-    scaled_law,
-    shifted,
-    swapped,
-    tilted,
-    times,
-    with_body,
-    without,
-)  # fmt: skip
+from .changes import Change, Setup, plus, recorded, scaled_law, shifted, swapped, tilted, times, with_body, without
+from .payloads import carrying, load_of
 from .sets import columns_of
 
 LAWS = ("coulomb_friction", "viscous_friction", "armature", "torque_offset")
@@ -33,98 +22,99 @@ TILT = float(np.radians(3.0))
 LATE, GAIN, OFFSET = 3, 1.15, 0.05  # samples, 1, rad or m
 
 
-def every(scene: Scene) -> Iterator[Case]:
-    """All of them, the plainest first.
+def all_cases(setup: Setup) -> Iterator[Case]:
+    """All cases: laws, bodies, recordings.
 
     Args:
-        scene: of the set.
+        setup: model and recordings of the set.
     """
-    yield from laws(scene)
-    yield from bodies(scene)
-    yield from recordings(scene)
+    yield from laws(setup)
+    yield from bodies(setup)
+    yield from recordings(setup)
 
 
-def laws(scene: Scene) -> Iterator[Case]:
-    """One law less, of each kind, at the joint where it matters most; and one of the wrong size."""
-    size = _torque(scene)
+def laws(setup: Setup) -> Iterator[Case]:
+    """Remove each kind of law at the joint with its largest share of torque; state one Coulomb level too small."""
+    size = _torque(setup)
     for effect in LAWS:
-        own = {law.joints[0]: law for law in scene.model.laws if law.effect.name == effect}
+        own = {law.joints[0]: law for law in setup.model.laws if law.effect.name == effect}
         if not own:
             continue
-        changed = scene.ratios(without(scene.model, effect)) * rms(scene.rest) / size
+        changed = setup.ratios(without(setup.model, effect)) * rms(setup.residual) / size
         joint = max(own, key=lambda j: changed[j])
         numbers = dict(own[joint].parameters)
-        truth = Truth((effect,), (joint,), numbers, numbers)
-        yield _case(scene, "law removed", f"no {effect}", joint, without(scene.model, effect, joint), truth)
+        truth = Truth((effect,), (joint,), numbers, numbers, setup.std.get((effect, joint), 0.0))
+        yield _case(setup, "law removed", f"no {effect}", joint, without(setup.model, effect, joint), truth)
         if effect == "coulomb_friction":
-            smaller = scaled_law(scene.model, effect, joint, 1 / SMALLER)
+            smaller = scaled_law(setup.model, effect, joint, 1 / SMALLER)
             lacking = {key: (1 - 1 / SMALLER) * x for key, x in numbers.items()}
-            truth = Truth((effect,), (joint,), lacking, numbers)
-            yield _case(scene, "law of wrong size", f"{effect} / {SMALLER:g}", joint, smaller, truth)
+            truth = replace(truth, numbers=lacking)
+            yield _case(setup, "law of wrong size", f"{effect} / {SMALLER:g}", joint, smaller, truth)
 
 
-def bodies(scene: Scene) -> Iterator[Case]:
-    """A payload more and less, a link too heavy, and a base that leans."""
-    model, last = scene.model, len(scene.model.robot.joints) - 1
-    for sign, kind in ((1, "payload carried"), (-1, "payload gone")):
-        load = load_of(model, sign)
-        truth = Truth(("payload",), (last,), {"mass": sign * float(load[0])}, last=True)
-        changed = with_body(model, carried(model.robot, last), -sign * load)
-        yield _case(scene, kind, f"{sign * load[0]:+.3g} kg", last, changed, truth)
+def bodies(setup: Setup) -> Iterator[Case]:
+    """A payload gone and one carried, a link that is too heavy in the model, a tilted base."""
+    model, last = setup.model, len(setup.model.robot.joints) - 1
+    load, body = load_of(model), carried(model.robot, last)
+    truth = Truth(("payload",), (last,), {"mass": -float(load[0])}, last=True)
+    yield _case(setup, "payload gone", f"{-load[0]:.3g} kg", last, with_body(model, body, load), truth)
+    truth = Truth(("payload",), (last,), {"mass": float(load[0])}, last=True)
+    before, b, c = (carrying(x, model, y, setup.band) for x, y in ((setup.b, None), (setup.b, load), (setup.c, load)))
+    yield Case("payload carried", _at(setup, f"{load[0]:.3g} kg", last), model, b, c, truth, before=before)
     middle = range(last + 1) if last < 2 else range(1, last)
     own = {j: model.inertials[carried(model.robot, j)] for j in middle}
     heavier = {j: with_body(model, carried(model.robot, j), (HEAVIER - 1) * x) for j, x in own.items()}
-    joint = _largest(scene, heavier)
+    joint = _largest(setup, heavier)
     truth = Truth(("link_inertia",), (joint,), {"mass": (1 - HEAVIER) * float(own[joint][0])}, last=joint == last)
-    yield _case(scene, "link +20 %", "its link", joint, heavier[joint], truth)
+    yield _case(setup, "link +20 %", "its link", joint, heavier[joint], truth)
     leaning = {axis: tilted(model, *(TILT * (k == axis) for k in (0, 1))) for axis in (0, 1)}
-    axis = _largest(scene, leaning)
+    axis = _largest(setup, leaning)
     truth = Truth(("base_tilt",), None, {key: -TILT * (k == axis) for k, key in enumerate("xy")})
-    yield _case(scene, "base tilted", f"3 degrees about {'xy'[axis]}", None, leaning[axis], truth)
+    yield _case(setup, "base tilted", f"3 degrees about {'xy'[axis]}", None, leaning[axis], truth)
 
 
-def recordings(scene: Scene) -> Iterator[Case]:
-    """Torque late and early, a gain, a zero, a sign and an exchange, in both recordings alike."""
-    n, step = len(scene.model.robot.joints), float(np.median(np.diff(columns_of(scene.b)["t"])))
+def recordings(setup: Setup) -> Iterator[Case]:
+    """Delay, lead, gain, encoder offset, sign and channel swap, the same in B and C."""
+    n, step = len(setup.model.robot.joints), float(np.median(np.diff(columns_of(setup.b)["t"])))
     for samples, word in ((LATE, "late"), (-LATE, "early")):
         truth = Truth(("time_delay",), tuple(range(n)), {"delay": samples * step}, fault=word)
         what = f"{LATE} samples, {1e3 * LATE * step:.3g} ms"
-        yield _logged(scene, f"torque {word}", what, None, truth, lambda x, k=samples: shifted(x, k))  # type: ignore[misc]
-    order = np.argsort(-_torque(scene) / rms(scene.rest)).tolist()  # the joint whose torque is clearest first
+        yield _logged(setup, f"torque {word}", what, None, truth, lambda x, k=samples: shifted(x, k))  # type: ignore[misc]
+    order = np.argsort(-_torque(setup) / rms(setup.residual)).tolist()  # joints by signal over residual
     first, middle = order[0], order[n // 2]
     truth = Truth(("torque_gain",), (first,), {"error": GAIN - 1}, fault="gain")
-    yield _logged(scene, "torque gain", f"x {GAIN:g}", first, truth, lambda x: times(x, first, GAIN))
-    trials = [recorded(scene.b, scene.model, lambda x, j=j: plus(x, j, OFFSET)) for j in range(n)]  # type: ignore[misc]
-    zero = int(np.argmax([np.max(scene.ratios(scene.model, b)) for b in trials]))
+    yield _logged(setup, "torque gain", f"x {GAIN:g}", first, truth, lambda x: times(x, first, GAIN))
+    trials = [recorded(setup.b, setup.model, lambda x, j=j: plus(x, j, OFFSET)) for j in range(n)]  # type: ignore[misc]
+    zero = int(np.argmax([np.max(setup.ratios(setup.model, b)) for b in trials]))
     truth = Truth(("encoder_offset",), (zero,), {"offset": OFFSET})
-    yield _logged(scene, "encoder offset", f"+{OFFSET:g}", zero, truth, lambda x: plus(x, zero, OFFSET))
+    yield _logged(setup, "encoder offset", f"+{OFFSET:g}", zero, truth, lambda x: plus(x, zero, OFFSET))
     truth = Truth(("torque_sign",), (middle,), fault="sign")
-    yield _logged(scene, "torque sign", "negated", middle, truth, lambda x: times(x, middle, -1.0))
+    yield _logged(setup, "torque sign", "negated", middle, truth, lambda x: times(x, middle, -1.0))
     if n > 1:
         pair = (middle, middle + 1) if middle + 1 < n else (middle - 1, middle)
         truth = Truth(("channel_swap",), pair, fault="swap")
-        yield _logged(scene, "channels swapped", "with the next", pair[0], truth, lambda x: swapped(x, pair))
+        yield _logged(setup, "channels swapped", "with the next", pair[0], truth, lambda x: swapped(x, pair))
 
 
-def _case(scene: Scene, kind: str, what: str, joint: int | None, model: Model, truth: Truth) -> Case:
-    return Case(kind, _at(scene, what, joint), model, scene.b, scene.c, truth)
+def _case(setup: Setup, kind: str, what: str, joint: int | None, model: Model, truth: Truth) -> Case:
+    return Case(kind, _at(setup, what, joint), model, setup.b, setup.c, truth)
 
 
-def _logged(scene: Scene, kind: str, what: str, joint: int | None, truth: Truth, change: Change) -> Case:
-    b, c = (recorded(one, scene.model, change) for one in (scene.b, scene.c))
-    return Case(kind, _at(scene, what, joint), scene.model, b, c, truth)
+def _logged(setup: Setup, kind: str, what: str, joint: int | None, truth: Truth, change: Change) -> Case:
+    b, c = (recorded(one, setup.model, change) for one in (setup.b, setup.c))
+    return Case(kind, _at(setup, what, joint), setup.model, b, c, truth)
 
 
-def _at(scene: Scene, what: str, joint: int | None) -> str:
-    return what if joint is None else f"{what} at {scene.model.robot.joints[joint]}"
+def _at(setup: Setup, what: str, joint: int | None) -> str:
+    return what if joint is None else f"{what} at {setup.model.robot.joints[joint]}"
 
 
-def _largest(scene: Scene, changed: Mapping[int, Model]) -> int:
-    """The key of the model that leaves most."""
-    sizes = {key: float(np.max(scene.ratios(model))) for key, model in changed.items()}
+def _largest(setup: Setup, changed: Mapping[int, Model]) -> int:
+    """The key of the model with the largest change."""
+    sizes = {key: float(np.max(setup.ratios(model))) for key, model in changed.items()}
     return max(sizes, key=lambda key: sizes[key])
 
 
-def _torque(scene: Scene) -> Array:
+def _torque(setup: Setup) -> Array:
     """(n,) [N.m or N] rms of the recorded torque."""
-    return rms(columns_of(scene.b)["tau"])
+    return rms(columns_of(setup.b)["tau"])

@@ -1,40 +1,60 @@
-"""Known changes: laws and bodies of the simulation, torques and positions of the recordings."""
+"""Primitive changes of models and recordings, and the setup that they are applied to."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pinocchio as pin
 
-from signid.model import Model, stated_inertials
-from signid.parameters import pseudo_inertia
-from signid.rigid import carried
+from signid.identify import Identification
+from signid.model import Model
 from signid.types import Law, Recording
 
-from .band import Array, ratios, rest
+from .band import Array, ratios, residual
 from .sets import columns_of, rebuilt
 
-SHARE, PLACE, RADIUS = 0.1, (0.05, 0.02, 0.1), 0.05  # of the mass that is moved; centre [m] and radius [m] of a payload
-HALVES = 4  # times that a payload is halved until what is left of the link is possible
+DEFAULT_BAND = 8.0  # Hz
 Columns = Mapping[str, Array]
 Change = Callable[[Columns], Columns]
 
 
 @dataclass(frozen=True)
-class Scene:
-    """A robot that was identified, and the recordings that are diagnosed and judged by."""
+class Setup:
+    """The model identified from A, and the recordings B to diagnose and C to judge by."""
 
-    model: Model  # of A
+    model: Model
     b: Recording
     c: Recording
-    cutoff: float | None  # [Hz] of the control's diagnosis
-    rest: Array  # (M, n) [N.m or N] what the model leaves of B in that band
+    cutoff: float | None  # of the control's diagnosis [Hz]
+    residual: Array  # (M, n) of the model on B in that band [N.m or N]
+    std: Mapping[tuple[str, int], float] = field(default_factory=dict)  # of identified laws, by effect and joint
+
+    @property
+    def band(self) -> float:
+        """The cut-off, or a default where the control has none [Hz]."""
+        return self.cutoff or DEFAULT_BAND
 
     def ratios(self, model: Model, b: Recording | None = None) -> Array:
-        """(n,) rms of the torque that a change makes over what the control leaves [1]."""
-        return ratios(rest(model, b or self.b, self.cutoff), self.rest)
+        """(n,) rms of the torque that a change makes over the rms residual of the control [1]."""
+        return ratios(residual(model, b or self.b, self.cutoff), self.residual)
+
+
+def identified_std(found: Identification) -> dict[tuple[str, int], float]:
+    """Standard deviations of the laws that are base parameters by themselves, by effect and joint.
+
+    Args:
+        found: the identification of A.
+    """
+    base, laws = found.base, found.session.task.laws
+    stds = {}
+    for row, std in zip(base.combination, found.estimate.std, strict=True):
+        used = np.flatnonzero(row)
+        label = base.labels[used[0]]
+        if len(used) == 1 and label.law is not None and label.joint is not None and np.isfinite(std):
+            stds[laws[label.law].effect.name, label.joint] = float(std / abs(row[used[0]]))
+    return stds
 
 
 def without(model: Model, effect: str, joint: int | None = None) -> Model:
@@ -154,33 +174,3 @@ def recorded(recording: Recording, model: Model, change: Change) -> Recording:
         change: of its columns.
     """
     return rebuilt(model.robot, change(columns_of(recording)))
-
-
-def load_of(model: Model, sign: int) -> Array:
-    """(10,) inertial parameters of a small ball that the last link carries, as heavy as the link may lose.
-
-    Args:
-        model: a simulation, of which a payload is taken away (1) or to which it is added (-1).
-        sign: of what the robot carries and the model does not.
-    """
-    own = model.inertials[carried(model.robot, len(model.robot.joints) - 1)]
-    place = PLACE if len(model.robot.joints) > 1 else _centre(stated_inertials(model.robot)[-1])
-    ball = pin.Inertia(1.0, np.array(place), 0.4 * RADIUS**2 * np.eye(3)).toDynamicParameters()
-    for k in range(HALVES + 1):
-        load = np.asarray(SHARE * float(model.inertials[:, 0].sum()) / 2**k * ball)
-        if sign < 0 or possible(own - load):
-            return load
-    return np.asarray(own / 2)
-
-
-def possible(inertial: Array) -> bool:
-    """Whether a body can have ten inertial parameters.
-
-    Args:
-        inertial: (10,) in Pinocchio's order [kg, kg.m, kg.m2].
-    """
-    return bool(np.linalg.eigvalsh(pseudo_inertia(inertial))[0] > 0)
-
-
-def _centre(inertial: Array) -> Array:
-    return np.asarray(inertial[1:4] / inertial[0])

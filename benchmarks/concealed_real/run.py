@@ -1,4 +1,4 @@
-"""A set, case by case: identified, changed, diagnosed, judged, and held against a recording that took no part."""
+"""Run the cases of a set: identify A, change the model or B, diagnose, judge, and compare both models on C."""
 
 from __future__ import annotations
 
@@ -19,31 +19,48 @@ from signid.errors import SignidError
 from signid.model import Model
 from signid.types import Recording
 
-from .band import Array, compare, ratios, ratios_apart, rest
+from .band import Array, compare, ratios, ratios_apart, residual, rms
 from .case import Case
-from .cases import every
-from .changes import Scene
-from .judge import SURE, Arm, Said, judge, knows, said_of, spoken
+from .cases import all_cases
+from .changes import Setup, identified_std
+from .judge import SURE, Answer, already_named, answer_of, judge
+from .names import Arm, label
 from .nature import KIND, concealed
-from .sets import RealSet, read
+from .sets import RealSet, columns_of, read
 
 CONTROL = "control"
-BEYOND = 2.0  # times the limit, of processor time, after which a diagnosis is stopped from outside
-ONCE = {"start", "end"}  # numbers of laws that happened once
+BEYOND = 2.0  # processor time, over the limit, at which a diagnosis is stopped from outside
+ONCE = {"start", "end"}  # parameters of laws that describe a single event
 Row = dict[str, Any]
 
 
 class OutOfTimeError(Exception):
-    """A diagnosis took far longer than its limit."""
+    """A diagnosis exceeded its time limit by far."""
 
 
 @dataclass(frozen=True)
 class Attempt:
-    """A diagnosis, or why there is none."""
+    """A diagnosis, or the reason why there is none."""
 
-    said: Said
-    seconds: float  # of processor time
+    answer: Answer
+    seconds: float  # processor time
     diagnosis: Diagnosis | None = None
+
+
+def run(one: RealSet, kinds: Collection[str], limit: float | None) -> Iterator[Row]:
+    """Rows of a set as they finish; a set that cannot start or go on gives a row with the reason.
+
+    Args:
+        one: the set.
+        kinds: kinds of cases; empty: all.
+        limit: time limit of a diagnosis [s]; None: none.
+    """
+    try:
+        yield from rows_of(one, kinds, limit)
+    except Exception as error:  # one set must not end the others
+        outcome = "refused" if isinstance(error, SignidError) else "crash"
+        failed = {"set": one.name, "kind": "set", "what": "cannot go on", "outcome": outcome}
+        yield {**failed, "sentences": [_sentence(error)], "seconds": 0.0}
 
 
 def rows_of(one: RealSet, kinds: Collection[str], limit: float | None) -> Iterator[Row]:
@@ -51,48 +68,47 @@ def rows_of(one: RealSet, kinds: Collection[str], limit: float | None) -> Iterat
 
     Args:
         one: the set.
-        kinds: of cases; empty: all.
-        limit: of a diagnosis [s]; None: none.
+        kinds: kinds of cases; empty: all.
+        limit: time limit of a diagnosis [s]; None: none.
     """
     robot = one.robot()
     a = [read(one, robot, part) for part in one.a]
     b, c = read(one, robot, one.b), read(one, robot, one.c)
-    model = signid.identify(robot, a).model
+    identified = signid.identify(robot, a)
+    model = identified.model
     arm = Arm(model.robot.joints, len(model.robot.joints) == 1 and bool(model.robot.prismatic[0]))
     control = attempt(model, b, limit)
     cutoff = control.diagnosis.cutoff if control.diagnosis else None
-    scene = Scene(model, b, c, cutoff, rest(model, b, cutoff))
-    yield _control(one, scene, control, arm)
-    for case in (*concealed(one, scene, a), *every(scene)):
+    setup = Setup(model, b, c, cutoff, residual(model, b, cutoff), identified_std(identified))
+    yield _control(one, setup, control, arm)
+    for case in (*concealed(one, setup, a), *all_cases(setup)):
         if not kinds or case.kind in kinds:
             unchanged = case.model is model and case.b is b
-            yield _row(one, scene, case, control if unchanged else attempt(case.model, case.b, limit), control, arm)
+            yield _row(one, setup, case, control if unchanged else attempt(case.model, case.b, limit), control, arm)
 
 
 def attempt(model: Model, b: Recording, limit: float | None) -> Attempt:
-    """A diagnosis, timed; a crash is a result.
+    """A diagnosis with its processor time; a refusal or a crash is a result.
 
     Args:
         model: the simulation.
         b: the recording.
-        limit: [s]; None: none.
+        limit: time limit [s]; None: none.
     """
     start = time.process_time()
     try:
         with signid.time_limit(limit) if limit else nullcontext(), _stopped(limit):
             diagnosis = signid.diagnose(model, [b])
     except SignidError as error:
-        return Attempt(Said("refused", (), (str(error),)), time.process_time() - start)
-    except Exception as error:  # whatever it is, it must not end the benchmark
-        frame = traceback.extract_tb(error.__traceback__)[-1]
-        told = f"{type(error).__name__}: {error} ({frame.name})"
-        return Attempt(Said("crash", (), (told,)), time.process_time() - start)
-    return Attempt(said_of(diagnosis), time.process_time() - start, diagnosis)
+        return Attempt(Answer("refused", (), (str(error),)), time.process_time() - start)
+    except Exception as error:  # a crash of one case must not end the benchmark
+        return Attempt(Answer("crash", (), (_sentence(error),)), time.process_time() - start)
+    return Attempt(answer_of(diagnosis), time.process_time() - start, diagnosis)
 
 
 @contextmanager
 def _stopped(limit: float | None) -> Iterator[None]:
-    """Ended from outside after far more processor time than the limit."""
+    """Raise inside the block when its processor time is far beyond the limit."""
 
     def stop(number: int, frame: FrameType | None) -> None:
         raise OutOfTimeError(f"stopped after {BEYOND * (limit or 0):g} s of processor time")
@@ -109,91 +125,81 @@ def _stopped(limit: float | None) -> Iterator[None]:
         signal.signal(signal.SIGPROF, before)
 
 
-def _control(one: RealSet, scene: Scene, found: Attempt, arm: Arm) -> Row:
-    causes = [name for name in found.said.named if name.cause]
-    told: Row = {"outcome": found.said.verdict if found.said.verdict in ("refused", "crash") else CONTROL}
-    sure = [spoken(name, arm) for name in causes if name.probability > SURE]
-    return (
-        _base(one, CONTROL, "nothing changed", found, arm) | told | {"sure": sure} | _worse(scene.model, scene.c, found)
-    )
+def _sentence(error: Exception) -> str:
+    frame = traceback.extract_tb(error.__traceback__)[-1]
+    return f"{type(error).__name__}: {error} ({frame.name})"
 
 
-def _row(one: RealSet, scene: Scene, case: Case, found: Attempt, control: Attempt, arm: Arm) -> Row:
+def _control(one: RealSet, setup: Setup, found: Attempt, arm: Arm) -> Row:
+    answer = found.answer
+    share = rms(setup.residual) / rms(columns_of(setup.b)["tau"])
+    row: Row = {
+        "outcome": answer.verdict if answer.verdict in ("refused", "crash") else CONTROL,
+        "sure": [label(x, arm) for x in answer.candidates if x.cause and x.probability > SURE],
+        "residual_share": dict(zip(arm.joints, share.tolist(), strict=True)),
+    }
+    return _common(one, CONTROL, "nothing changed", found, arm) | row | _unseen(setup.model, setup.c, found)
+
+
+def _row(one: RealSet, setup: Setup, case: Case, found: Attempt, control: Attempt, arm: Arm) -> Row:
     reused = found is control
-    usual = control.said if not reused else replace(control.said, named=())
-    verdict = judge(found.said, case.truth, usual, arm)
-    sizes = _bound(scene, case)
-    largest = int(np.argmax(sizes)) if len(sizes) else 0
-    known = case.kind != KIND and knows(control.said, case.truth, arm)
-    bound = float(sizes[largest]) if len(sizes) else 0.0
-    told = {
-        "bound": bound,
+    verdict = judge(found.answer, case.truth, replace(control.answer, candidates=()) if reused else control.answer, arm)
+    sizes = _bound(setup, case)
+    largest = int(np.argmax(sizes))
+    known = case.kind != KIND and already_named(control.answer, case.truth, arm)
+    row: Row = {
+        "bound": float(sizes[largest]),
         "bound_joint": arm.joints[largest],
         "known": known,
-        "fair": bound >= 1 and not known,
-        "numbers": [{**asdict(number), "within": number.within} for number in verdict.numbers],
+        "fair": float(sizes[largest]) >= 1 and not known,
         "numbers_asked": len(case.truth.numbers),
-        **{key: value for key, value in asdict(verdict).items() if key != "numbers"},
+        **asdict(verdict),
+        "numbers": [{**asdict(number), "within": number.within} for number in verdict.numbers],
     }
     if reused:
-        told["sure"] = []  # of what else the model lacks, nothing is known
-    return _base(one, case.kind, case.what, found, arm) | told | _worse(case.model, case.c, found)
+        row["sure"] = []  # the truth about the rest of the model is not known
+    return _common(one, case.kind, case.what, found, arm) | row | _unseen(case.model, case.c, found)
 
 
-def _bound(scene: Scene, case: Case) -> Array:
+def _bound(setup: Setup, case: Case) -> Array:
+    """(n,) rms of the torque that the change makes over the rms that the control leaves [1]; 0 without rows."""
     try:
+        changed = residual(case.model, case.b, setup.cutoff)
         if case.other:
-            return ratios_apart(rest(case.model, case.b, scene.cutoff), scene.rest)
-        if case.knowing is not None:
-            own = rest(case.knowing, case.b, scene.cutoff)
-            return ratios(rest(case.model, case.b, scene.cutoff), own)
-        return scene.ratios(case.model, case.b)
-    except SignidError:
-        return np.zeros(0)
+            return ratios_apart(changed, setup.residual)
+        if case.complete is not None:
+            return ratios(changed, residual(case.complete, case.b, setup.cutoff))
+        plain = setup.residual if case.before is None else residual(setup.model, case.before, setup.cutoff)
+        return ratios(changed, plain)
+    except (SignidError, ValueError, ArithmeticError):
+        return np.zeros(len(setup.model.robot.joints))
 
 
-def _base(one: RealSet, kind: str, what: str, found: Attempt, arm: Arm) -> Row:
-    said = found.said
+def _common(one: RealSet, kind: str, what: str, found: Attempt, arm: Arm) -> Row:
+    answer = found.answer
     return {
         "set": one.name,
         "kind": kind,
         "what": what,
-        "verdict": said.verdict,
-        "causes": [spoken(name, arm) for name in said.named if name.cause],
-        "secondary": [spoken(name, arm) for name in said.named if not name.cause],
-        "sentences": list(said.sentences),
+        "verdict": answer.verdict,
+        "causes": [label(x, arm) for x in answer.candidates if x.cause],
+        "secondary": [label(x, arm) for x in answer.candidates if not x.cause],
+        "sentences": list(answer.sentences),
         "seconds": found.seconds,
         "cutoff": found.diagnosis.cutoff if found.diagnosis else None,
     }
 
 
-def _worse(given: Model, c: Recording, found: Attempt) -> Row:
-    """Both simulations on a recording that took no part, in the band of the diagnosis."""
+def _unseen(given: Model, c: Recording, found: Attempt) -> Row:
+    """Both models on recording C, in the band of the diagnosis."""
     if found.diagnosis is None:
         return {"unseen": []}
     extended, cutoff = found.diagnosis.model, found.diagnosis.cutoff
     extended = replace(extended, laws=tuple(law for law in extended.laws if not set(law.parameters) >= ONCE))
     try:
-        before, after = (rest(model, c, cutoff) for model in (given, extended))
+        before, after = (residual(model, c, cutoff) for model in (given, extended))
     except SignidError as error:
         return {"unseen": [], "unseen_refused": str(error)}
-    except Exception as error:  # an extended model that cannot be simulated is a result
-        return {"unseen": [], "unseen_crash": f"{type(error).__name__}: {error}"}
+    except Exception as error:  # an extended model that cannot be evaluated is a result
+        return {"unseen": [], "unseen_crash": _sentence(error)}
     return {"unseen": [asdict(one) for one in compare(before, after, extended.robot.joints)]}
-
-
-def run(one: RealSet, kinds: Collection[str], limit: float | None) -> Iterator[Row]:
-    """A set's rows as they come; a set that cannot be begun, or cannot go on, is a row.
-
-    Args:
-        one: the set.
-        kinds: of cases; empty: all.
-        limit: of a diagnosis [s]; None: none.
-    """
-    try:
-        yield from rows_of(one, kinds, limit)
-    except Exception as error:
-        frame = traceback.extract_tb(error.__traceback__)[-1]
-        told = f"{type(error).__name__}: {error} ({frame.name})"
-        failed = {"set": one.name, "kind": "set", "what": "cannot go on", "outcome": "crash"}
-        yield {**failed, "sentences": [told], "seconds": 0.0}

@@ -1,4 +1,4 @@
-"""The sets of real recordings: a robot each, and three parts that share no sample."""
+"""The sets of real recordings: one robot each, and three parts without common samples."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ ROBOTS = Path(__file__).parents[2] / "robots"
 
 @dataclass(frozen=True)
 class Part:
-    """A whole recording, or what of it lies between two times."""
+    """A whole recording, or the samples between two times."""
 
     file: str
     start: float = -np.inf  # [s]
@@ -26,7 +26,7 @@ class Part:
 
 @dataclass(frozen=True)
 class RealSet:
-    """A robot's files: A is identified, B is diagnosed, C judges what was made of both."""
+    """A robot's files: A is identified, B is diagnosed, C judges the extended model."""
 
     name: str
     folder: str
@@ -35,17 +35,16 @@ class RealSet:
     b: Part
     c: Part
     actuators: Path | None = None
-    joints: tuple[str, ...] | None = None  # that move; None: all
-    more: Mapping[str, Part] = field(default_factory=dict)  # of cases that nature concealed
+    more: Mapping[str, Part] = field(default_factory=dict)  # for physics that nature concealed
 
     def robot(self) -> Robot:
-        """As its description states it."""
+        """The robot of the description."""
         path = data() / self.folder / self.urdf
-        return signid.load_robot(path, actuators=self.actuators, joints=self.joints)
+        return signid.load_robot(path, actuators=self.actuators)
 
 
-def _thirds(file: str, edges: Sequence[tuple[float, float]]) -> tuple[tuple[Part, ...], Part, Part]:
-    """Three blocks of one recording, with gaps between them."""
+def thirds(file: str, edges: Sequence[tuple[float, float]]) -> tuple[tuple[Part, ...], Part, Part]:
+    """Three blocks in time of one recording, with gaps between them."""
     a, b, c = (Part(file, *edge) for edge in edges)
     return (a,), b, c
 
@@ -71,11 +70,14 @@ TABLE = (
         Part("emps_train", start=13.5),
         Part("emps_pulses"),
     ),
-    RealSet("tx40", "staubli_tx40", "tx40.urdf", *_thirds("exciting_traj", ((0, 4), (4.1, 6.5), (6.6, 9)))),
-    RealSet("panda", "panda_gaz2019", "panda.urdf", *_thirds("exciting_traj_1", ((0, 9), (9.3, 15.5), (15.8, 21)))),
-    RealSet("rokae", "rokae_xmate", "xmate3pro.urdf", *_thirds("excit_motor", ((0, 9), (9.3, 15), (15.3, 20)))),
+    RealSet("tx40", "staubli_tx40", "tx40.urdf", *thirds("exciting_traj", ((0, 3.6), (3.65, 6.9), (6.95, 9)))),
+    RealSet("panda", "panda_gaz2019", "panda.urdf", *thirds("exciting_traj_1", ((0, 10.5), (10.7, 16.2), (16.4, 21)))),
+    RealSet("rokae", "rokae_xmate", "xmate3pro.urdf", *thirds("excit_motor", ((0, 10), (10.2, 15.4), (15.6, 20)))),
     RealSet(
-        "rokae_sensor", "rokae_xmate", "xmate3pro.urdf", *_thirds("excit_joint_sensor", ((0, 9), (9.3, 15), (15.3, 20)))
+        "rokae_sensor",
+        "rokae_xmate",
+        "xmate3pro.urdf",
+        *thirds("excit_joint_sensor", ((0, 10), (10.2, 15.4), (15.6, 20))),
     ),
     RealSet("psm", "dvrk_wpi", "psm3.urdf", (Part("psm3_one"),), Part("psm3_two"), Part("psm3_one_no_weight")),
     RealSet(
@@ -94,20 +96,6 @@ TABLE = (
         Part("direct_collocation"),
         Part("pd__system_identification"),
     ),
-    RealSet(
-        "openarm_1",
-        "openarm_yizhi",
-        "am_d02.urdf",
-        *_thirds("collect_joint_1", ((0, 50), (52, 95), (97, 140))),
-        joints=("1",),
-    ),
-    RealSet(
-        "openarm_3",
-        "openarm_yizhi",
-        "am_d02.urdf",
-        *_thirds("collect_joint_3", ((0, 45), (47, 83), (85, 130))),
-        joints=("3",),
-    ),
 )
 SETS = {one.name: one for one in TABLE}
 
@@ -118,7 +106,7 @@ def data() -> Path:
 
 
 def read(one: RealSet, robot: Robot, part: Part) -> Recording:
-    """A part of a set, in memory, currents as torques.
+    """A part of a set in memory, currents converted to torques.
 
     Args:
         one: the set.
@@ -135,7 +123,7 @@ def columns_of(recording: Recording, start: float = -np.inf, end: float = np.inf
     Args:
         recording: of n joints.
         start: [s].
-        end: [s], no longer in it.
+        end: [s], excluded.
     """
     found = recording.read()
     inside = (found.t >= start) & (found.t < end)
@@ -144,7 +132,7 @@ def columns_of(recording: Recording, start: float = -np.inf, end: float = np.inf
 
 
 def rebuilt(robot: Robot, columns: Mapping[str, np.ndarray]) -> Recording:
-    """A recording of arrays.
+    """A recording from arrays.
 
     Args:
         robot: of n joints.

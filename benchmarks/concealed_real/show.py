@@ -1,4 +1,4 @@
-"""Rows as tables to read."""
+"""Print rows as tables."""
 
 from __future__ import annotations
 
@@ -15,48 +15,46 @@ Row = dict[str, Any]
 
 
 def line(row: Row) -> str:
-    """One case as it finishes.
+    """One line for a finished case.
 
     Args:
         row: of the case.
     """
     fair = "" if "fair" not in row else f"bound {row['bound']:.2g} at {row['bound_joint']}"
     if "fair" in row and not row["fair"]:
-        fair += ", known to the control" if row["known"] else ", too small"
-    said = "; ".join(row.get("causes", [])[:3]) or "; ".join(row["sentences"][:1])
+        fair += ", named by the control" if row["known"] else ", too small"
+    text = "; ".join(row.get("causes", [])[:3]) or "; ".join(row["sentences"][:1])
     lost = sum(x["worse"] for x in row.get("unseen", []))
     unseen = f", {lost} of {len(row['unseen'])} worse" if row.get("unseen") else ""
-    parts = (row["set"], row["kind"], row["what"], row["outcome"], fair, said, f"{row['seconds']:.1f} s{unseen}")
+    parts = (row["set"], row["kind"], row["what"], row["outcome"], fair, text, f"{row['seconds']:.1f} s{unseen}")
     return " | ".join(parts)
 
 
 def tables(rows: Sequence[Row]) -> Iterator[Table]:
-    """Cases, counts, reliability and joints that became worse.
+    """Cases, counts, reliability, and joints that the extended model predicts worse.
 
     Args:
-        rows: of controls too.
+        rows: all.
     """
     yield _cases(rows)
     yield _counts("fair cases by kind of change", cells(rows, lambda row: str(row["kind"])))
     yield _counts("fair cases by set", cells(rows, lambda row: str(row["set"])))
-    table = frame("stated probability of the first cause that the control lacks", ("P", "cases", "said", "right"))
-    for name, number, said, right in reliability(rows):
-        table.add_row(name, str(number), f"{said:.3f}", f"{right:.3f}")
+    table = frame("probability of the first new cause", ("P", "cases", "mean P", "right"))
+    for name, number, mean, right in reliability(rows):
+        table.add_row(name, str(number), f"{mean:.3f}", f"{right:.3f}")
     yield table
-    table = frame(
-        "worse on an unseen recording", ("set", "case", "", "joint", "rms, times", "error of its square"), left=4
-    )
+    table = frame("worse on recording C", ("set", "case", "", "joint", "rms, times", "error of its square"), left=4)
     for robot, kind, what, joint, ratio, error in worse(rows):
         table.add_row(robot, kind, what, joint, f"{ratio:.3f}", f"{error:.3f}")
     yield table
-    table = frame("altogether", ("", ""), left=2)
+    table = frame("summary", ("", ""), left=2)
     for key, value in totals(rows).items():
         table.add_row(key, value)
     yield table
 
 
 def _cases(rows: Sequence[Row]) -> Table:
-    names = ("set", "change", "", "bound", "at", "outcome", "first causes", "P", "numbers", "sure, wrong", "worse", "s")
+    names = ("set", "change", "", "bound", "at", "outcome", "first causes", "P", "numbers", "wrong, sure", "worse", "s")
     table = frame("cases", names, left=3)
     for row in rows:
         fair = row.get("fair", True)
@@ -81,9 +79,9 @@ def _cases(rows: Sequence[Row]) -> Table:
 
 
 def _counts(title: str, found: Sequence[Cell]) -> Table:
-    names = ("", "cases", "fair", *OUTCOMES, "first but for the control's", "sure, wrong", "numbers within")
+    names = ("", "cases", "fair", *OUTCOMES, "first new", "wrong, sure", "numbers within")
     table = frame(title, names)
     for one in found:
-        counts = [one.cases, one.fair, *(one.outcomes.get(key, 0) for key in OUTCOMES), one.leads, one.sure]
+        counts = [one.cases, one.fair, *(one.outcomes.get(key, 0) for key in OUTCOMES), one.first_new, one.sure]
         table.add_row(one.name, *(str(x or "") for x in counts), str(one.within))
     return table

@@ -1,7 +1,8 @@
-"""Rows -> shares, by kind of change and by set."""
+"""Shares of the rows, by kind of change and by set, and the figures that have targets."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -14,7 +15,7 @@ EDGES = (0.0, 0.5, 0.9, 0.99, 0.999, 1.0 + 1e-12)
 
 @dataclass(frozen=True)
 class Share:
-    """So many of so many."""
+    """A count and its total."""
 
     some: int
     of: int
@@ -25,14 +26,14 @@ class Share:
 
 @dataclass(frozen=True)
 class Cell:
-    """What became of the cases of one kind, or of one set."""
+    """Outcomes of the cases of one kind or one set."""
 
     name: str
     cases: int
     fair: int
     outcomes: dict[str, int]  # of the fair ones
-    leads: int  # fair, first among the causes that the control lacks
-    sure: int  # fair, with a cause that is wrong and sure
+    first_new: int  # fair, named first among the new causes
+    sure: int  # fair, with a new cause that is wrong and sure
     within: Share
 
 
@@ -40,34 +41,31 @@ def changed(rows: Sequence[Row]) -> list[Row]:
     """The rows of cases.
 
     Args:
-        rows: of controls too.
+        rows: all.
     """
     return [row for row in rows if row["kind"] not in (CONTROL, "set")]
 
 
 def cell(name: str, rows: Sequence[Row]) -> Cell:
-    """Counts of some cases.
+    """Counts over some cases.
 
     Args:
-        name: of them.
-        rows: of them.
+        name: of the cell.
+        rows: its cases.
     """
     fair = [row for row in rows if row["fair"]]
-    outcomes = {
-        key: sum(row["outcome"] == key for row in fair) for key in dict.fromkeys(row["outcome"] for row in fair)
-    }
+    outcomes = dict(Counter(row["outcome"] for row in fair))
     numbers = [number for row in fair for number in row["numbers"]]
     within = Share(sum(number["within"] for number in numbers), len(numbers))
-    return Cell(
-        name, len(rows), len(fair), outcomes, sum(r["leads"] for r in fair), sum(bool(r["sure"]) for r in fair), within
-    )
+    new, sure = (sum(bool(row[key]) for row in fair) for key in ("first_new", "sure"))
+    return Cell(name, len(rows), len(fair), outcomes, new, sure, within)
 
 
 def cells(rows: Sequence[Row], key: Callable[[Row], str]) -> list[Cell]:
     """Counts by a key, in the order of the rows.
 
     Args:
-        rows: of controls too.
+        rows: all.
         key: of a row.
     """
     cases = changed(rows)
@@ -75,10 +73,10 @@ def cells(rows: Sequence[Row], key: Callable[[Row], str]) -> list[Cell]:
 
 
 def totals(rows: Sequence[Row]) -> dict[str, str]:
-    """The figures that have targets, in words.
+    """The figures that have targets, as text.
 
     Args:
-        rows: of controls too.
+        rows: all.
     """
     cases = changed(rows)
     fair = [row for row in cases if row["fair"]]
@@ -91,7 +89,7 @@ def totals(rows: Sequence[Row]) -> dict[str, str]:
     alone = [joint for row in rows if row["kind"] == CONTROL for joint in row.get("unseen", [])]
     return {
         "named first or flagged (85 %)": share(fair, "first", "flag"),
-        "the same, the control's causes left aside": str(Share(sum(row["leads"] for row in fair), len(fair))),
+        "the same, without the causes of the control": str(Share(sum(row["first_new"] for row in fair), len(fair))),
         "in the list (95 %)": share(fair, "first", "flag", "list"),
         "wrong and sure, of all cases (1 %)": str(Share(sum(bool(row["sure"]) for row in cases), len(cases))),
         "numbers within their intervals (90 %)": str(numbers),
@@ -105,10 +103,10 @@ def totals(rows: Sequence[Row]) -> dict[str, str]:
 
 
 def reliability(rows: Sequence[Row]) -> list[tuple[str, int, float, float]]:
-    """Bins of the probability of the first cause that the control lacks: name, number, mean P, share that is right.
+    """Bins of the probability of the first new cause: name, number, mean probability, share that is right.
 
     Args:
-        rows: of controls too.
+        rows: all.
     """
     found = []
     for low, high in zip(EDGES, EDGES[1:], strict=False):
@@ -120,10 +118,10 @@ def reliability(rows: Sequence[Row]) -> list[tuple[str, int, float, float]]:
 
 
 def worse(rows: Sequence[Row]) -> list[tuple[str, str, str, str, float, float]]:
-    """Joints that the extended model predicts worse: set, case, joint, the times, and the error of that.
+    """Joints that the extended model predicts worse: set, kind, case, joint, ratio of rms, error of its square.
 
     Args:
-        rows: of controls too.
+        rows: all.
     """
     return [
         (row["set"], row["kind"], row["what"], x["joint"], x["extended"] / x["given"], x["error"])
