@@ -9,6 +9,7 @@ has rank 2 F, and rows are whitened by a projection:
 s maximises the marginal likelihood of the rows with everything that is fitted integrated out.
 
 Source: Kennedy, O'Hagan, Bayesian calibration of computer models, J. R. Statist. Soc. B 63(3), 2001 (discrepancy);
+Gelman, Bayesian Analysis 1(3), 2006 (half-Cauchy prior of its size);
 Rahimi, Recht, Random features for large-scale kernel machines, NIPS 2007 (features).
 """
 
@@ -28,6 +29,7 @@ LENGTHS = (1.5, 0.6)  # of the kernel, in standard deviations of each variable: 
 SEED = 0  # of the frequencies
 TURN = 0.1  # of the rms velocity: width of the change of direction
 SIZES = (0.0, 0.001, 0.002, 0.004, 0.008, 0.015, 0.03, 0.06, 0.12, 0.25)  # of s, as shares of the joint's rms torque
+USUAL = 0.02  # scale of the half-Cauchy prior of the size, as a share of the joint's rms torque
 ROUNDS = 3  # of expectation and maximisation, from the variance of the size before
 RIDGE = 1e-10  # of the scaled normal equations
 FLAT = 1e-6  # of the Gram's diagonal: prior precision of what is not known at all
@@ -110,7 +112,7 @@ def likeliest(white: Array, fitted: Array, precision: Array, residual: Array, sc
             fit = _fit(*own, square, variance, rows)
             variance = max(fit.variance, 1e-12)
         found.append(_fit(*own, square, variance, rows)._replace(size=share * scale, variance=variance))
-    return max(found, key=lambda one: one.log)
+    return max(found, key=lambda one: one.log - float(np.log1p((one.size / (USUAL * scale)) ** 2)))
 
 
 def _fit(gram: Array, right: Array, prior: Array, square: float, variance: float, rows: int) -> Likeliest:

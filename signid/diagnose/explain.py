@@ -27,7 +27,6 @@ from .sizes import measure_sizes
 from .whitened import whitened
 
 NOISE_ERROR, DISCREPANCY = 1.3, 0.003  # of the noise's variance; of torque, in which every simulation is wrong
-AGAIN = 1.6  # of the dispersion that was expected: more, and the search is done again with what was found
 WINDOWS = 10  # of contact that are looked at, for each row
 TANGLED = (
     "laws that were found change what others do, and no two rounds of the search agree on them: their numbers may be "
@@ -116,11 +115,10 @@ def _search(setting: Setting, judge: Judge, skip: Sequence[str], known: Diagnosi
     expected = NOISE_ERROR * (1 + (DISCREPANCY * data.scale / data.floor) ** 2)
     if known is not None:
         expected = np.maximum(expected, (known.after.train_rms / known.after.noise_floor) ** 2)
+    if not setting.noise.discrepancy.any():  # not measured yet: all that the simulation leaves counts as noise
+        left = measure_sizes(judge.evidence, (), expected, judge.evidence.trust((), expected)).left
+        expected = np.maximum(expected, NOISE_ERROR * left)
     found = search(judge, expected)
-    left = measure_sizes(judge.evidence, found.true, expected, found.trust).left
-    if np.any(left > AGAIN * expected):
-        again = search(judge, np.maximum(expected, NOISE_ERROR * left))
-        found = found if time_is_up(SEARCH) else again
     if CONTACT not in skip:
         judge, found = _touched(setting, judge, found)
     return refine(setting, judge, found)

@@ -53,7 +53,8 @@ def extend(
         base: which combinations of inertial parameters torque shows; of the robot's rigid bodies.
     """
     steps = iter([fit.value[fit.place(group)] for group in refitted if group.law is not None])
-    own, inertials = [_moved(law, next(steps)) if refits(law) else law for law in model.laws], model.inertials
+    moved = [_moved(law, next(steps)) if refits(law) else law for law in model.laws] if refitted else [*model.laws]
+    own, inertials = moved, model.inertials
     bodies = inertial_places(refitted, fit)
     if len(bodies):
         step, spread = fit.value[bodies].reshape(inertials.shape), fit.covariance[np.ix_(bodies, bodies)]

@@ -11,13 +11,13 @@ from ..laws import spoken
 from ..model import Model
 from ..session import Session
 from ..types import Array, Law, Shape
-from .extend import extended
 from .found import Found
+from .handout import hand_out
 from .hypothesis import VARIABLES
 from .intervals import deviations
 from .locate import Place, locate
 from .odds import Judge
-from .prove import Shown, show
+from .prove import Shown
 from .result import Alternative, Finding, Unexplained
 from .sample import torque_rows
 from .search import FIRST, NEXT, needed
@@ -67,8 +67,8 @@ def find(
         seed: of motions that tell laws apart.
     """
     order = [*verdict.causes, *verdict.secondary]
-    laws, model = extended(setting.model, session.task.base, judge, found, order)
-    shown = show(session, model)
+    laws, shown, _ = hand_out(session, setting.model, judge, found, order)
+    model = shown.model
     gains = {group: [_held_out_gain(shown, law) for law in laws[group]] for group in order}
     verdict = verdict.raised(slots, {group: min(own) for group, own in gains.items()})
     findings, stds = list[Finding](), deviations(setting, judge, found, laws)

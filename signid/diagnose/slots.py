@@ -14,14 +14,14 @@ from .group import Group
 from .hypothesis import Key
 from .odds import Judge, Odds
 from .likelihood import Likelihood
-from .search import SHAPE_ERROR, is_sound, spread, without
+from .search import is_sound, without
 from .setting import Setting
 from .sizes import Sizes, measure_sizes
 
 import os
 DEBUG = bool(os.environ.get('DEBUG'))
 TOLD = 0.03  # probability from which on a rival is listed
-WIDE = 4.0  # times what is left: the shape error of what is taken for true, where rivals are weighed
+NEAR = 4.0  # log odds behind the likeliest, up to which a rival must be physically possible to count
 ROUNDS, DOUBT, LIKELY = 12, 0.2, 0.5  # of settling; probability of what goes, and of what takes its place
 FAR = 40.0  # log odds behind an effect that no rival falls that leaves nothing of it
 SAME = 4.0  # variance units: what a rival leaves of an effect, up to which nothing tells them apart
@@ -39,15 +39,11 @@ class Slot(Frozen):
 
 
 def judge_slots(setting: Setting, judge: Judge, found: Found) -> tuple[Slot, ...]:
-    """Each in turn against all others in its place; what a rival would gain beside it anyway does not count for it.
-
-    The shape error of what is taken for true makes rivals that are nearly as good be listed.
-    """
-    wide = spread(judge, found, WIDE)
-    beside, _ = judge.odds(found.true, wide)
-    sizes = measure_sizes(judge.evidence, found.true, wide, found.trust)
+    """Each in turn against all others in its place; what a rival would gain beside it anyway does not count for it."""
+    beside, _ = judge.odds(found.true, found.base)
+    sizes = measure_sizes(judge.evidence, found.true, found.base, found.trust)
     likelihood = Likelihood(setting, judge.evidence, found)
-    return tuple(_slot(judge, found, group, wide, beside, sizes, likelihood) for group in found.true)
+    return tuple(_slot(judge, found, group, beside, sizes, likelihood) for group in found.true)
 
 
 def settle(setting: Setting, judge: Judge, found: Found) -> tuple[Found, tuple[Slot, ...]]:
@@ -81,20 +77,21 @@ def _best_rival(slot: Slot) -> float:
 
 
 def _slot(
-    judge: Judge, found: Found, group: Group, wide: Array, beside: Mapping[Key, Odds], sizes: Sizes, likelihood: Likelihood
+    judge: Judge, found: Found, group: Group, beside: Mapping[Key, Odds], sizes: Sizes, likelihood: Likelihood
 ) -> Slot:
     rest = without(judge, found, group)
-    alone, _ = judge.odds(found.true, found.base, without=group)
-    log = alone[group.claim.key].log if group.claim.key in alone else found.log_odds[group]
-    log += likelihood.penalty(group)
-    odds, _ = judge.odds(found.true, wide, without=group)
+    odds, _ = judge.odds(found.true, found.base, without=group)
     odds = {key: o for key, o in odds.items() if key == group.claim.key or len(o.best.claim.laws) <= 1}
+    own = group.claim.key
+    penalty = likelihood.penalty(group)
+    log = (odds[own].log if own in odds else found.log_odds[group]) + penalty
     logs = {key: o.log - max(0.0, beside[key].log if key in beside else 0.0) for key, o in odds.items()}
-    own, left = group.claim.key, _leftovers(judge, group, odds, sizes)
-    twins = [key for key in left if own in logs and _is_twin(judge, group, odds[key].best)]
-    for key in (key for key in twins if is_sound(judge, rest, odds[key].best, odds[own].log)):
-        likely = judge.priors[key] - judge.priors[own] - left[key] / left[own] / (2 * SHAPE_ERROR**2)
-        logs[key] = max(logs[key], logs[own] + likely)
+    left = _leftovers(judge, group, odds, sizes)
+    highest = max(logs.values())
+    near = [key for key, x in logs.items() if highest - x < NEAR and key != own and not odds[key].best.claim.unknown]
+    for key in near:
+        if not is_sound(judge, rest, odds[key].best, logs[key]):
+            del logs[key]
     highest = max(logs.values())
     share = {key: float(np.exp(x - highest)) for key, x in logs.items()}
     nothing = 1 / (1 + float(np.exp(np.clip(log, -500.0, 500.0))))
@@ -106,7 +103,7 @@ def _slot(
         if key != own and not odds[key].best.claim.unknown and (p > TOLD or left.get(key, np.inf) < SAME)
     }
     unknown = sum(p for key, p in probability.items() if odds[key].best.claim.unknown)
-    DEBUG and print("slot", own, "search", round(found.log_odds[group],1), "alone", round(alone[own].log if own in alone else -1,1), "penalty", round(likelihood.penalty(group),1), "P", round(probability.get(own,0),3), {k: round(p,3) for k,(p,_) in list(rivals.items())[:3]}, "unknown", round(unknown,3))
+    DEBUG and print("slot", own, "search", round(found.log_odds[group],1), "log", round(log,1), "penalty", round(penalty,1), "P", round(probability.get(own,0),3), {k: round(p,3) for k,(p,_) in list(rivals.items())[:3]}, "unknown", round(unknown,3))
     return Slot(group, probability.get(own, 0.0), unknown, rivals, log)
 
 

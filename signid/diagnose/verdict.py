@@ -54,12 +54,6 @@ class Verdict(Frozen):
         secondary = tuple(group for group in self.secondary if group not in more)
         return replace(self, causes=(*self.causes, *more), secondary=secondary)
 
-    def doubted(self, excitation: bool) -> Verdict:
-        """Without causes where the motion tells too little to name any: they are leads."""
-        if not excitation or not self.causes:
-            return self
-        return replace(self, name="unknown", causes=(), secondary=(*self.causes, *self.secondary))
-
 
 def decide(judge: Judge, found: Found, slots: Sequence[Slot]) -> Verdict:
     """Named, unknown, or nothing missing.

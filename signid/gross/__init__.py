@@ -5,6 +5,6 @@ comes late or reaches a limit. Each `Finding` is a sentence: what is wrong, how 
 """
 
 from .examine import examine, find_delay
-from .result import Finding, Gross
+from .result import REFUSE, Finding, Gross
 
-__all__ = ["Finding", "Gross", "examine", "find_delay"]
+__all__ = ["REFUSE", "Finding", "Gross", "examine", "find_delay"]
