@@ -14,7 +14,7 @@ from ..types import Array, Frozen, Indices
 from .components import Component, split
 from .fitted import Fitted, join, solve
 from .group import Group
-from .prior import WIDE, Belief, believe
+from .prior import BODY, WIDE, Belief, believe
 from .recent import Recent
 from .whitened import Block, Gram, Whitened, columns_of, mean_products, total
 
@@ -203,7 +203,8 @@ class Linear(Frozen):
         if group not in self._precisions:
             belief = self.beliefs[group]
             assert belief is not None, "what does not show is never taken for true"
-            covariance = (1.0 if belief.mean else WIDE**2) * belief.spread @ belief.spread.T
+            wide = 1.0 if belief.mean else BODY if group.claim.bodies else WIDE
+            covariance = wide**2 * belief.spread @ belief.spread.T
             scale = np.sqrt(np.maximum(np.diag(covariance), 1e-200))
             inverse = np.linalg.inv(covariance / scale / scale[:, None] + 1e-9 * np.eye(group.size))
             self._precisions[group] = inverse / scale / scale[:, None]
