@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .discrepancy import discrepancy_covariance
 from .factors import Factors, JointFactors
 from .types import Array, BaseMap, Estimate, Indices, Mask
 
@@ -47,15 +48,15 @@ def estimate(
 
     In turn: weighted least squares; the autocovariances of each joint's residual, corrected for what the fitted
     parameters took away; an autoregressive model of them, its order by Akaike's criterion. The covariance is that of
-    weighted least squares under this noise. (Generalised least squares is no more accurate, and trusts frequencies
-    where the model is wrong.) With instruments, the same columns along the desired motion, the estimate is the
-    instrumental-variable one.
+    weighted least squares under this noise, and of what no law says, as `signid.discrepancy` learns it. (Generalised
+    least squares is no more accurate, and trusts frequencies where the model is wrong.) With instruments, the same
+    columns along the desired motion, the estimate is the instrumental-variable one.
 
     Args:
         factors: of the recordings to learn from.
         base: what the columns are.
         prior: (b,) [units of base] values kept where the recordings tell nothing; default 0.
-        whiten: False: the noise is taken to be white.
+        whiten: False: the noise is taken to be white, and the model to be true.
         spoilt: per joint (m, m) [products of the units of the columns] what noise of the positions adds to the Gram
             matrix of the columns; it is taken away from the normal equations.
         weakest: by how much intervals may widen before instruments are called weak and least squares is kept.
@@ -80,7 +81,16 @@ def estimate(
     covariance[solution.unknown, solution.unknown] = np.inf
     scales = np.array([np.sqrt(n.colour[0]) for n in noise])
     found = Estimate(solution.value, covariance, solution.information, scales, tuple(n.order for n in noise))
-    return _with_instruments(factors, noise, found, weakest) if factors.instruments else found
+    found = _with_instruments(factors, noise, found, weakest) if factors.instruments else found
+    return _with_discrepancy(factors, base, found, solution.inverse) if whiten else found
+
+
+def _with_discrepancy(factors: Factors, base: BaseMap, found: Estimate, white: Array) -> Estimate:
+    """The estimate, its covariance with what no law says."""
+    if factors.sample is None:
+        return found
+    added = discrepancy_covariance(factors.sample, factors.columns, base, found.value, found.noise**2, white)
+    return replace(found, covariance=found.covariance + added)
 
 
 def _alike(new: Array, old: Array) -> bool:

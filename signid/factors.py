@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .row_sample import RowSample, sample_rows
 from .rows import Rows, Task
 from .types import Array, Frozen, Indices
 
@@ -51,6 +52,7 @@ class Factors(Frozen):
     velocity: Array  # (n, n) [rad2/s2] sum of v v'
     acceleration: Array  # (n,) [rad2/s4] sum of a squared
     rows: int
+    sample: RowSample | None = None  # of the rows; None where the noise is taken to be white
 
     def __add__(self, other: Factors) -> Factors:
         return Factors(
@@ -62,6 +64,7 @@ class Factors(Frozen):
             self.velocity + other.velocity,
             self.acceleration + other.acceleration,
             self.rows + other.rows,
+            self.sample + other.sample if self.sample and other.sample else None,
         )
 
 
@@ -105,8 +108,9 @@ def window_factors(
         if window.first:
             tails = [np.zeros((0, c + 1)) for c in sizes]
         parts = []
+        weights = [weigh(j, window) for j in range(len(sizes))] if weigh else None
         for j in range(len(sizes)):
-            part, tails[j] = _reduce_joint(window, j, tails[j], lags, weigh)
+            part, tails[j] = _reduce_joint(window, j, tails[j], lags, weights[j] if weights else None)
             parts.append(part)
         if number >= past:
             yield Factors(
@@ -118,6 +122,7 @@ def window_factors(
                 window.v.T @ window.v,
                 (window.a**2).sum(0),
                 len(window.t),
+                sample_rows(task, window, weights) if lags else None,
             )
 
 
@@ -148,7 +153,7 @@ def total(nodes: Sequence[Node]) -> Factors | None:
     return fold(lambda right, left: left.factors + right, nodes[-2::-1], nodes[-1].factors) if nodes else None
 
 
-def _reduce_joint(window: Rows, j: int, tail: Array, lags: int, weigh: Weigh | None) -> tuple[JointFactors, Array]:
+def _reduce_joint(window: Rows, j: int, tail: Array, lags: int, weight: Array | None) -> tuple[JointFactors, Array]:
     """The joint's factors, and the last rows for the lags of the next window."""
     known, old, m = bool(window.recorded[j]), len(tail), window.columns[j].shape[1]
     keep = window.steady[:, j] & known
@@ -160,10 +165,10 @@ def _reduce_joint(window: Rows, j: int, tail: Array, lags: int, weigh: Weigh | N
     rows = np.concatenate(parts, axis=1, out=z[old:, :c])
     plain = rows[:, c - m - 1 :]
     total, masked = float(plain[:, m].sum()), plain[~keep]
-    whole = None if weigh is None else plain.T @ plain
+    whole = None if weight is None else plain.T @ plain
     rows[~keep] = 0
-    if weigh is not None:
-        rows *= np.sqrt(weigh(j, window))[:, None]
+    if weight is not None:
+        rows *= np.sqrt(weight)[:, None]
     grams, counts = np.zeros((lags + 1, c, c)), np.zeros(lags + 1)
     for d in range(lags + 1):
         start = max(old, d)

@@ -11,8 +11,8 @@ LEVELS = (
     "version errors deadline plain unfinished registry arrays parameters covariance types",
     "robot formats effects optimisers",
     "recording sampling filters cutoff rigid motion regressor basis residual rows",
-    "factors session course prepare fit estimate excitation consistent retrieve laws model standard simulate "
-    "estimators rollout excite signs gross reduced",
+    "row_sample factors session course prepare fit discrepancy estimate excitation consistent retrieve laws model "
+    "standard simulate estimators rollout excite signs gross reduced",
     "identify check inspect payload diagnose convert gallery",
     "validate",
     "report replay export fleet",

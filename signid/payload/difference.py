@@ -33,7 +33,9 @@ class Difference(Frozen):
         return Estimate(self.value, self.covariance, information, np.zeros(0), ())
 
 
-def subtract(base: BaseMap, body: int, bare: Estimate, loaded: Estimate, factors: Factors) -> Difference:
+def subtract(
+    base: BaseMap, body: int, bare: Estimate, loaded: Estimate, factors: Factors, added: Array | None = None
+) -> Difference:
     """What a body that is added to another explains of the difference of two estimates.
 
     All that is the robot's own is the same in both and falls out, but for friction and offsets, which may have changed
@@ -45,6 +47,8 @@ def subtract(base: BaseMap, body: int, bare: Estimate, loaded: Estimate, factors
         bare: without the load.
         loaded: with it.
         factors: of recordings without it; they give the size of torque and speed.
+        added: (b, b) [units of base] covariance of what widens the intervals without weighing in the fit, as most of it
+            is the same without the load and with it.
 
     Source: Khalil, Gautier, Lemoine, Identification of the payload inertial parameters of industrial manipulators, IEEE
     ICRA 2007.
@@ -58,16 +62,22 @@ def subtract(base: BaseMap, body: int, bare: Estimate, loaded: Estimate, factors
     covariance[~told] = covariance[:, ~told] = 0.0
     covariance[~told, ~told] = far[~told] ** 2
     root = np.linalg.cholesky(covariance)
-    load, spread, rank = _solve(np.linalg.solve(root, columns), np.linalg.solve(root, value))
+    inverse, spread, rank = _solve(np.linalg.solve(root, columns))
+    gain = inverse @ np.linalg.inv(root)
+    load = gain @ value
     left = np.linalg.solve(root, value - columns @ load)
     misfit = max(1.0, float(left @ left) / max(len(rows) - rank, 1))
     back = np.linalg.solve(root.T, left)
     drifted = float(np.abs(likely * (change.T @ back)).max(initial=0.0))
-    return Difference(columns, value, misfit * covariance, load, misfit * spread, misfit, drifted)
+    spread = misfit * spread
+    if added is not None:
+        known = np.where(np.isinf(np.diag(spread))[:, None], 0.0, gain)
+        spread = spread + known @ np.where(np.outer(told, told), added, 0.0) @ known.T
+    return Difference(columns, value, misfit * covariance, load, spread, misfit, drifted)
 
 
-def _solve(columns: Array, value: Array) -> tuple[Array, Array, int]:
-    """Least squares of white rows: ten numbers, their covariance, and how many combinations of them are told."""
+def _solve(columns: Array) -> tuple[Array, Array, int]:
+    """Least squares of white rows: (10, b) that gives ten numbers, their covariance, how many combinations are told."""
     size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     left, s, right = np.linalg.svd(columns / size, full_matrices=False)
     told = s > UNTOLD * s[0]
@@ -75,7 +85,7 @@ def _solve(columns: Array, value: Array) -> tuple[Array, Array, int]:
     spread = inverse @ inverse.T
     lost = (np.sum(right[~told] ** 2, axis=0) > 1e-8) | (size <= 1e-300)
     spread[lost, lost] = np.inf
-    return inverse @ (left[:, told].T @ value), spread, int(told.sum())
+    return inverse @ left[:, told].T, spread, int(told.sum())
 
 
 def _changes(base: BaseMap, bare: Estimate, factors: Factors) -> tuple[Array, Array]:

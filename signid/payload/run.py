@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,12 +11,13 @@ from ..consistent import fit_consistent
 from ..deadline import ends_in_time
 from ..errors import OptionError, RecordingError
 from ..estimate import estimate
-from ..factors import LAGS
+from ..factors import LAGS, Factors
 from ..model import stated_parameters
 from ..prepare import prepare
 from ..rigid import carried
 from ..session import Options, Progress
-from ..types import INERTIAL, INERTIAL_UNITS, BaseMap, Input, Label, Parameters, Recording, Robot
+from ..signs.gains_shared import constant_sensitivity
+from ..types import INERTIAL, INERTIAL_UNITS, Array, BaseMap, Estimate, Input, Label, Mask, Parameters, Recording, Robot
 from .difference import Difference, subtract
 from .result import Payload
 
@@ -25,6 +27,7 @@ RADIUS, LIGHT, FAR = (
     0.3,
 )  # [m] of gyration, [kg] at least, [m] to the centre: of the load believed in
 CERTAIN = 3.0  # standard deviations of a mass that is there
+CONSTANT = 0.03  # relative standard deviation of a torque constant: a magnet loses a tenth of a per cent per kelvin
 DRIFT, MISFIT = 3.0, 10.0  # from which changes of friction and what no load explains are told
 ROLES = ("recording, without the load", "recording, with the load")
 
@@ -65,9 +68,10 @@ def payload(
     factors = [session.reduce(side, progress=progress, lags=lags) for side in sides]
     base = session.task.base
     prior = base.combination @ stated_parameters(session.task).values
-    bare, loaded = (estimate(f, base, prior, options.whiten) for f in factors)
+    bare, loaded = (estimate(replace(f, sample=None), base, prior, options.whiten) for f in factors)
+    added = _beyond_noise(base, prior, (bare, loaded), factors, _currents(both), options.whiten)
     body = carried(session.robot, len(session.robot.joints) - 1)
-    difference = subtract(base, body, bare, loaded, factors[0])
+    difference = subtract(base, body, bare, loaded, factors[0], added)
     fitted = fit_consistent(_one_body(difference), difference.estimate, _before(difference))
     inertial = fitted.parameters.bodies()[0]
     untold = _untold(difference)
@@ -87,6 +91,28 @@ def payload(
         flags=_flags(difference, untold),
         notes=(*session.notes, *fitted.notes, *_notes(difference)),
     )
+
+
+def _beyond_noise(
+    base: BaseMap,
+    prior: Array,
+    found: tuple[Estimate, Estimate],
+    factors: Sequence[Factors],
+    currents: Mask,
+    whiten: bool,
+) -> Array:
+    """Covariance (b, b) of the difference by what no law says and by torque constants, beside that by noise."""
+    turns, total = [], np.zeros((base.rank, base.rank))
+    for one, own in zip(found, factors, strict=True):
+        total += np.nan_to_num(estimate(own, base, prior, whiten).covariance - one.covariance, nan=0.0)
+        turns.append(constant_sensitivity(one, own, base, currents, whiten))
+    apart = CONSTANT * (turns[1] - turns[0])
+    return np.asarray(total + apart @ apart.T)
+
+
+def _currents(recordings: Sequence[Recording]) -> Mask:
+    """(n,) whether the torque of a joint is a current times its constant."""
+    return np.asarray(np.any([recording.torque_per_unit != 1 for recording in recordings], axis=0))
 
 
 def _check(without: Sequence[Recording], carrying: Sequence[Recording]) -> None:

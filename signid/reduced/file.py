@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
@@ -20,8 +20,9 @@ from ..factors import Factors, JointFactors, Node, reduce_rows
 from ..formats.npz import HEADER
 from ..regressor import labels
 from ..robot import hold, resting
+from ..row_sample import RowSample
 from ..rows import Task
-from ..types import Array, BaseMap, Input, Law, Robot
+from ..types import Array, BaseMap, Indices, Input, Law, Robot
 from ..version import __version__
 from .reduce import WHOLE, Reduced
 
@@ -31,6 +32,7 @@ BASE = ("combination", "sees", "singular_values", "independent")
 BAND = ("per_joint", "velocity_noise", "torque_floor")
 MOTION = ("lower", "upper", "velocity", "acceleration")
 JOINT = ("grams", "counts", "whole")
+SAMPLE = ("number", "q", "v", "torque", "slope", "kept", "columns")
 SUMS = ("train", "held_out")
 FLAGS = ("recorded_derivatives", "instruments")
 
@@ -164,7 +166,13 @@ def _digest(robot: Robot) -> str:
 def _arrays(factors: Factors) -> dict[str, Any]:
     joints = {f"{j}_{key}": getattr(each, key) for j, each in enumerate(factors.joints) for key in JOINT}
     totals = np.array([[each.total, each.rows] for each in factors.joints] + [[0.0, factors.rows]])
-    return {**joints, **{key: getattr(factors, key) for key in MOTION}, "totals": totals}
+    found: dict[str, Any] = {**joints, **{key: getattr(factors, key) for key in MOTION}, "totals": totals}
+    if factors.sample is not None:
+        sample = {key: getattr(factors.sample, key) for key in SAMPLE}
+        single = {key: x.astype(np.float32) if x.dtype.kind == "f" else x for key, x in sample.items()}
+        found |= {f"sample_{key}": x for key, x in single.items()}
+        found["sample_stride"] = np.array(factors.sample.stride)
+    return found
 
 
 def _factors(part: str, arrays: Mapping[str, Any], task: Task) -> Factors:
@@ -176,7 +184,23 @@ def _factors(part: str, arrays: Mapping[str, Any], task: Task) -> Factors:
         grams, counts, whole = (_same_shape(arrays[f"{part}_{j}_{key}"], getattr(empty, key)) for key in JOINT)
         joints.append(JointFactors(grams, counts, whole, float(totals[j, 0]), int(totals[j, 1])))
     motion: dict[str, Any] = {key: _same_shape(arrays[f"{part}_{key}"], getattr(like, key)) for key in MOTION}
-    return replace(like, joints=tuple(joints), rows=int(totals[-1, 1]), **motion)
+    return replace(
+        like, joints=tuple(joints), rows=int(totals[-1, 1]), sample=_sample(part, arrays, task, like.columns), **motion
+    )
+
+
+def _sample(part: str, arrays: Mapping[str, Array], task: Task, seen: Sequence[Indices]) -> RowSample | None:
+    """The sample of rows, which files of earlier versions lack."""
+    if f"{part}_sample_stride" not in arrays:
+        return None
+    found: dict[str, Any] = {key: arrays[f"{part}_sample_{key}"] for key in SAMPLE}
+    wide, rows = (len(found["number"]), len(task.robot.joints)), found["columns"]
+    whole = all(found[key].shape == wide for key in SAMPLE[1:-1])
+    if not whole or rows.shape != (wide[0], sum(map(len, seen))) or found["number"].dtype.kind != "i":
+        raise ValueError("a sample of rows has another shape than its task")
+    found = {key: x.astype(np.float64) if x.dtype.kind == "f" else x for key, x in found.items()}
+    period = task.band.factor / task.band.rate
+    return RowSample(period=period, stride=int(arrays[f"{part}_sample_stride"]), **found)
 
 
 def _same_shape(array: Array, other: Array) -> Array:

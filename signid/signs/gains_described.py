@@ -37,7 +37,7 @@ def describe_constants(task: Task, factors: Factors) -> Constants:
         columns = np.column_stack([rigid[seen], task.base.combination[seen][:, laws]])
         if not joint.counts[0] or not rigid[seen].any():
             continue
-        one = replace(factors, joints=(move(joint, columns),), columns=(np.arange(len(laws) + 1),))
+        one = replace(factors, joints=(move(joint, columns),), columns=(np.arange(len(laws) + 1),), sample=None)
         found = estimate(one, task.base, np.zeros(len(laws) + 1))
         inverse, std = float(found.value[0]), float(np.sqrt(found.covariance[0, 0]))
         if inverse > 0 and std < WEAK * inverse:

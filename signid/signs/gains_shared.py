@@ -77,11 +77,25 @@ def count_constants(found: Estimate, factors: Factors, base: BaseMap, covariance
         covariance: (n, n) [1] of the logarithms of the constants.
         whiten: as for the estimate.
     """
-    turns = np.zeros((base.rank, len(covariance)))
-    for j in np.flatnonzero(np.diag(covariance) > 0).tolist():
-        nudged = _scaled(factors, NUDGE * np.eye(len(covariance))[j])
-        turns[:, j] = (estimate(nudged, base, found.value, whiten).value - found.value) / NUDGE
+    turns = constant_sensitivity(found, factors, base, np.diag(covariance) > 0, whiten)
     return replace(found, covariance=found.covariance + turns @ covariance @ turns.T)
+
+
+def constant_sensitivity(found: Estimate, factors: Factors, base: BaseMap, joints: Mask, whiten: bool) -> Array:
+    """What the logarithm of each torque constant does to base parameters (b, n) [units of base].
+
+    Args:
+        found: from the factors, with the constants taken to be exact.
+        factors: of n joints, in torque.
+        base: what the columns are.
+        joints: (n,) whose constants matter; 0 elsewhere.
+        whiten: as for the estimate.
+    """
+    turns = np.zeros((base.rank, len(joints)))
+    for j in np.flatnonzero(joints).tolist():
+        nudged = _scaled(factors, NUDGE * np.eye(len(joints))[j])
+        turns[:, j] = (estimate(nudged, base, found.value, whiten).value - found.value) / NUDGE
+    return turns
 
 
 def move(joint: JointFactors, columns: Array, scale: float = 1.0) -> JointFactors:
@@ -108,7 +122,8 @@ def _recorded(factors: Factors) -> Mask:
 def _scaled(factors: Factors, log: Array) -> Factors:
     """In torque, with these constants."""
     joints = zip(factors.joints, factors.columns, np.exp(log).tolist(), strict=True)
-    return replace(factors, joints=tuple(move(joint, np.eye(len(seen)), scale) for joint, seen, scale in joints))
+    moved = tuple(move(joint, np.eye(len(seen)), scale) for joint, seen, scale in joints)
+    return replace(factors, joints=moved, sample=None)
 
 
 def _with_gains(factors: Factors, value: Array, free: Indices, rank: int) -> Factors:
