@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ from .found import Found
 from .handout import hand_out
 from .hypothesis import VARIABLES
 from .intervals import deviations
+from .knowledge import covariance_after
 from .locate import Place, locate
 from .odds import Judge
 from .prove import Shown
@@ -23,7 +25,7 @@ from .sample import torque_rows
 from .search import FIRST, NEXT, needed
 from .separate import tell_apart
 from .setting import Setting
-from .slots import Slot
+from .slots import Slot, with_held_out
 from .verdict import Verdict
 
 UNSURE = 0.95  # probability below which a cause is flagged
@@ -67,7 +69,12 @@ def find(
         seed: of motions that tell laws apart.
     """
     order = [*verdict.causes, *verdict.secondary]
-    laws, shown, _ = hand_out(session, setting.model, judge, found, order)
+    extended = hand_out(session, setting.model, judge, found, order)
+    laws, shown = extended.laws, extended.shown
+    slots = [with_held_out(slot, extended.support[slot.group]) for slot in slots]
+    if order:
+        covariance = covariance_after(shown.model, judge.evidence, found, extended)
+        shown = shown._replace(model=replace(shown.model, covariance=covariance))
     model = shown.model
     gains = {group: [_held_out_gain(shown, law) for law in laws[group]] for group in order}
     verdict = verdict.raised(slots, {group: min(own) for group, own in gains.items()})

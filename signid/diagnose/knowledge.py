@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -11,12 +11,15 @@ from ..covariance import Covariance, base_covariance
 from ..effects.law import coefficient_count
 from ..model import Model
 from ..regressor import labels
+from ..rigid import carried
 from ..types import INERTIAL, Array, Law
 from .evidence import Evidence
 from .found import Found
-from .group import Group, drift, stated_friction
+from .group import Group
+from .handout import Extended
 from .hypothesis import refits
 from .linear import Known
+from .whitened import columns_of
 
 WEAK = 1e-9  # of the largest variance, scaled: the least that a covariance is inverted with
 
@@ -24,8 +27,7 @@ WEAK = 1e-9  # of the largest variance, scaled: the least that a covariance is i
 def known_before(model: Model, groups: Sequence[Group]) -> Known | None:
     """What identification left open of a simulation, as a prior about what it states; None where it carries nothing.
 
-    Friction changes from day to day: the variance of each law's number grows by the square of its usual drift. What the
-    simulation does not have any more (a law that was taken out) does not count.
+    What the simulation does not have any more (a law that was taken out) does not count.
 
     Args:
         model: the simulation.
@@ -39,9 +41,7 @@ def known_before(model: Model, groups: Sequence[Group]) -> Known | None:
     rows = np.isfinite(own.std) & (np.abs(own.combination) @ there > 0)
     combination = own.combination[np.ix_(rows, there)]
     places = np.array([columns[label] for label, yes in zip(own.labels, there, strict=True) if yes], dtype=np.intp)
-    spread = dict(_drifts(model, groups))
-    change = np.array([spread.get(int(place), 0.0) for place in places])
-    covariance = own.matrix[np.ix_(rows, rows)] + (combination * change**2) @ combination.T
+    covariance = own.matrix[np.ix_(rows, rows)]
     size = np.sqrt(np.diag(covariance))
     inverse = np.linalg.inv(covariance / size / size[:, None] + WEAK * np.eye(len(size))) / size / size[:, None]
     order = np.argsort(places)
@@ -49,32 +49,37 @@ def known_before(model: Model, groups: Sequence[Group]) -> Known | None:
     return Known(places[order], information)
 
 
-def covariance_after(model: Model, evidence: Evidence, found: Found, laws: Mapping[Group, tuple[Law, ...]]) -> Covariance:
-    """The covariance of base parameters and laws of the extended simulation, from the fit that made it.
+def covariance_after(model: Model, evidence: Evidence, found: Found, extended: Extended) -> Covariance:
+    """The covariance of base parameters and laws of the extended simulation, about what it states.
+
+    Where numbers were not refitted though the recordings would have moved them, the square of that step is added.
 
     Args:
         model: the extended simulation.
         evidence: rows.
         found: the selected laws.
-        laws: of each selected hypothesis.
+        extended: what was handed out.
     """
     fit = evidence.fit(found.true, found.base, max(found.trust, 1.0))
     linear = [law for law in model.laws if _is_base_law(law)]
     base = build_base(model.robot, linear)
-    names = [label.name for label in base.labels]
-    place = {name: k for k, name in enumerate(names)}
-    share = np.zeros((len(names), len(fit.which)))
+    place = {label.name: k for k, label in enumerate(base.labels)}
+    sources = list(_columns(model, evidence.data.refitted).items())
+    for group, own in extended.laws.items():
+        sources += _of_body(model, group, own) if group.claim.bodies else _of_laws(model, group, own)
     at = {int(column): k for k, column in enumerate(fit.which)}
-    sources = [(name, column) for name, column in _columns(model, evidence.data.refitted).items()]
-    for group, own in laws.items():
-        sources += _of_laws(model, group, own)
+    share = np.zeros((len(place), len(fit.which)))
     for name, column in sources:
         if name in place and column in at:
             share[place[name], at[column]] = 1.0
     mixed = base.combination @ share
     matrix = mixed @ fit.covariance @ mixed.T
+    if not extended.refitted:
+        kept = np.isin(fit.which, columns_of(found.true))
+        step = mixed @ np.where(kept, 0.0, fit.value)
+        matrix = matrix + np.outer(step, step)
     values = base.combination @ np.concatenate([model.inertials.ravel(), *(_coefficients(law) for law in linear)])
-    lost = ~(np.diag(matrix) > 0)
+    lost = np.diag(matrix) <= 0
     matrix[lost, lost] = np.inf
     return base_covariance(base, values, matrix)
 
@@ -96,14 +101,9 @@ def _of_laws(model: Model, group: Group, own: Sequence[Law]) -> list[tuple[str, 
     return [(name, group.start + k) for k, name in enumerate(names[: group.size])]
 
 
-def _drifts(model: Model, groups: Sequence[Group]) -> list[tuple[int, float]]:
-    dry = stated_friction(model)
-    return [
-        (group.start + k, x)
-        for group in groups
-        if group.law is not None
-        for k, x in enumerate(drift(group.law, float(dry[group.law.joints[0]])))
-    ]
+def _of_body(model: Model, group: Group, own: Sequence[Law]) -> list[tuple[str, int]]:
+    body = carried(model.robot, own[0].joints[0]) + 1
+    return [(f"{name}_{body}", group.start + k) for k, name in enumerate(INERTIAL[: group.size])]
 
 
 def _is_base_law(law: Law) -> bool:

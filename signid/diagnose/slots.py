@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -36,6 +36,22 @@ class Slot(Frozen):
     unknown: float  # probability that no law of the library is behind it
     rivals: Mapping[Key, tuple[float, Group]]  # probability of each, and its likeliest shape
     log: float  # log posterior odds against its absence, noise and discrepancy at their likeliest either way
+
+
+def with_held_out(slot: Slot, support: float) -> Slot:
+    """The probabilities after held-out rows were seen as well.
+
+    Args:
+        slot: one hypothesis and its rivals.
+        support: log Bayes factor of the held-out rows for it, against its absence [-].
+    """
+    log = slot.log + support
+    before, after = (float(np.clip(x, -500.0, 500.0)) for x in (slot.log, log))
+    factor = (1 + np.exp(-before)) / (1 + np.exp(-after))
+    rivals = {key: (float(p * factor), group) for key, (p, group) in slot.rivals.items()}
+    return replace(
+        slot, probability=float(slot.probability * factor), unknown=float(slot.unknown * factor), rivals=rivals, log=log
+    )
 
 
 def judge_slots(setting: Setting, judge: Judge, found: Found) -> tuple[Slot, ...]:

@@ -11,7 +11,7 @@ from ..types import Array, Frozen, Mask
 from .found import Found
 from .group import Group
 from .odds import Judge
-from .sizes import Sizes, energies, measure_sizes
+from .sizes import Sizes, measure_sizes
 from .slots import Slot
 
 CAUSE = 0.05  # of the largest energy: less is a small correction
@@ -72,8 +72,7 @@ def decide(judge: Judge, found: Found, slots: Sequence[Slot]) -> Verdict:
     told_of = max((o.log for o in found.first.values() if o.best.claim.unknown), default=-np.inf)
     threshold = NOTICED * np.sqrt(2 * count) + count * (DISCREPANCY * scale / data.floor) ** 2
     threshold = threshold * (CLEARLY if told_of > CLEAR and not found.true else 1.0)
-    exact = measure_sizes(judge.evidence, found.true, found.base, 0.0)  # a payload is what tolerances could imitate
-    energy = {group: float(gone.sum()) for group, gone in energies(exact).items()}
+    energy = {group: _weight(judge, found, sizes, group) for group in found.true}
     largest = max(energy.values(), default=0.0)
     ranked = sorted(found.true, key=lambda group: -energy[group])
     causes = tuple(group for group in ranked if energy[group] >= CAUSE * largest)
@@ -86,6 +85,18 @@ def decide(judge: Judge, found: Found, slots: Sequence[Slot]) -> Verdict:
     else:
         name = "named"
     return Verdict(name, causes, secondary, before, after, threshold, sizes)
+
+
+def _weight(judge: Judge, found: Found, sizes: Sizes, group: Group) -> float:
+    """Mean square of the torque that a law explains and nothing else would, in units of the joints' torque [1]."""
+    data, fit, total = judge.evidence.data, sizes.fit, 0.0
+    rest = measure_sizes(judge.evidence, tuple(g for g in found.true if g is not group), found.base, found.trust)
+    for j in data.rows(group):
+        here, there = (data.at[j, one.which] for one in (fit, rest.fit))
+        now = data.torque[j][:, here[here >= 0]] @ fit.value[here >= 0]
+        then = data.torque[j][:, there[there >= 0]] @ rest.fit.value[there >= 0]
+        total += float(np.mean((now - then) ** 2)) / float(data.scale[j]) ** 2
+    return total
 
 
 def _abstains(
