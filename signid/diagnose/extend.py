@@ -59,6 +59,17 @@ def extend(
     if len(bodies):
         step, spread = fit.value[bodies].reshape(inertials.shape), fit.covariance[np.ix_(bodies, bodies)]
         inertials = move_bodies(base or build_base(model.robot), inertials, step, spread)
+    return Model(model.robot, inertials, extended_laws(own, laws))
+
+
+def extended_laws(known: Sequence[Law], laws: Sequence[Law]) -> tuple[Law, ...]:
+    """Laws with more of them: one at the same joints becomes the sum of both.
+
+    Args:
+        known: laws, with all their numbers.
+        laws: to be added.
+    """
+    own = [*known]
     for law in laws:
         law, own = _folded(law, own)
         same = [k for k, other in enumerate(own) if _adds(law, other)]
@@ -68,7 +79,7 @@ def extend(
             own[same[0]] = replace(law, parameters={**law.parameters, **sizes})
         else:
             own.append(law)
-    return Model(model.robot, inertials, tuple(own))
+    return tuple(own)
 
 
 def inertial_places(refitted: Sequence[Group], fit: Fitted) -> Indices:
