@@ -195,7 +195,7 @@ def main() -> int:
     if not os.environ.get("SIGNID_DATA"):
         sys.exit("SIGNID_DATA is unset: real recordings are not part of the repository")
     rows = [judge(group) for group in SETS]
-    Console().print(show(rows))
+    Console(width=160).print(show(rows))
     if options.json:
         options.json.write_text(json.dumps([asdict(row) for row in rows], indent=1) + "\n", encoding="utf-8")
     return 0 if all(row.holds for row in rows) else 1
