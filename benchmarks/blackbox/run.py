@@ -66,12 +66,10 @@ def judge(task: Task, found: Mapping[str, Answer | str]) -> Judged:
         found: answers, or the reason why there is none.
     """
     answers = {name: x for name, x in found.items() if isinstance(x, Answer)}
-    torque, shape = task.judged.torque, task.judged.rest.shape
-    finite = {name: np.isfinite(x.residual) for name, x in answers.items() if x.residual.shape == shape}
-    empty = {
-        name for name, own in finite.items() if not own.any(axis=0)[np.isfinite(task.judged.rest).any(axis=0)].all()
-    }
-    counts = np.logical_and.reduce([np.isfinite(task.judged.rest), *(finite[x] for x in finite if x not in empty)])
+    torque, base = task.judged.torque, np.isfinite(task.judged.rest)
+    finite = {name: np.isfinite(x.residual) & base for name, x in answers.items() if x.residual.shape == base.shape}
+    finite = {name: own for name, own in finite.items() if own.any(axis=0)[base.any(axis=0)].all()}
+    counts = np.logical_and.reduce([base, *finite.values()])
     scores = []
     for name, answer in found.items():
         if isinstance(answer, str):

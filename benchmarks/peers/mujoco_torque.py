@@ -52,12 +52,23 @@ def assign(key: str, joint: str) -> Any:
     return write
 
 
+def assign_inertia(body: str) -> Any:
+    """The function that writes a pseudo-inertia; its axes are no numbers after mujoco.sysid 4.0.0 wrote it."""
+
+    def write(spec: Any, parameter: Any) -> None:
+        sysid.apply_body_inertia(spec, body, parameter)
+        spec.body(body).iquat = [1, 0, 0, 0]
+
+    return write
+
+
 def parameters(spec: Any, model: Any, joints: list[str], rows: dict[str, Any]) -> Any:
     """Ten of each moving body, and four of each joint whose start is a share of the joint's torque."""
     found = sysid.ParameterDict()
     for i, name in enumerate(joints):
         body = spec.joint(name).parent.name
-        found.add(sysid.body_inertia_param(spec, model, body, sysid.InertiaType.Pseudo))
+        write = assign_inertia(body)
+        found.add(sysid.body_inertia_param(spec, model, body, sysid.InertiaType.Pseudo, modifier=write))
         torque, v, a = (float(np.sqrt(np.mean(rows[key][:, i] ** 2))) for key in ("tau", "v", "a"))
         for key, motion in zip(KEYS, (a, v, 1.0), strict=True):
             size = SIZE[key] * torque / max(motion, 1e-9)
