@@ -106,7 +106,7 @@ def gaussian(task: Task) -> Answer:
         own = np.isfinite(y[:, j])
         features = np.arange(j, x.shape[1], y.shape[1])
         added[:, j] = interpolate(x[own][:, features], y[own, j], new[:, features])
-    return Answer(task.judged.rest - added, time.process_time() - start, f"{POINTS} rows a joint")
+    return Answer(task.judged.rest - added, time.process_time() - start, f"at most {POINTS} rows a joint")
 
 
 def interpolate(x: Array, y: Array, new: Array) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,7 +38,7 @@ def ratios(one: Judged, score: Score) -> list[float]:
     return [x / y if y > 0 else np.nan for x, y in zip(score.rms, base, strict=True)]
 
 
-def geometric(values: Sequence[float]) -> float:
+def geometric(values: Iterable[float]) -> float:
     """Geometric mean of the positive finite values; NaN without any.
 
     Args:

@@ -8,6 +8,7 @@ from functools import cached_property
 
 import signid
 from signid.errors import SignidError
+from signid.identify import Identification
 from signid.model import Model, stated_inertials, stated_laws
 from signid.types import Recording, Robot
 
@@ -107,7 +108,7 @@ def together(task: Task) -> list[Recording]:
     return one_rate(task.robot, [*task.a, task.b])
 
 
-def identified(robot: Robot, recordings: Sequence[Recording], **options: object) -> signid.Identification:
+def identified(robot: Robot, recordings: Sequence[Recording], **options: object) -> Identification:
     """Identify from all rows of some recordings.
 
     `identify` needs a recording to judge by. It gets the last of them without its first sample, not C: the fit that it

@@ -36,7 +36,6 @@ TANGLED = (
 ROUNDS, MORE = 3, 2  # of columns about the simulation with what was found; laws that one may find beside those before
 NOISE_ROUNDS, SAME = 3, 0.05  # of noise and search in turn; change of the noise that matters
 import os
-
 DEBUG = bool(os.environ.get("DEBUG"))
 
 
@@ -100,13 +99,7 @@ def _explain(
         if time_is_up(SEARCH):
             break
         setting, found = quieter, again
-        DEBUG and print(
-            "noise",
-            (noise.discrepancy / setting.table.scale).round(4),
-            (noise.floor / setting.table.scale).round(4),
-            [(g.claim.key, round(found.log_odds[g], 1)) for g in found.true],
-            flush=True,
-        )
+        DEBUG and print("noise", (noise.discrepancy/setting.table.scale).round(4), (noise.floor/setting.table.scale).round(4), [(g.claim.key, round(found.log_odds[g],1)) for g in found.true], flush=True)
     return setting, judge_, found
 
 

@@ -49,9 +49,7 @@ def known_before(model: Model, groups: Sequence[Group]) -> Known | None:
     return Known(places[order], information)
 
 
-def covariance_after(
-    model: Model, evidence: Evidence, found: Found, laws: Mapping[Group, tuple[Law, ...]]
-) -> Covariance:
+def covariance_after(model: Model, evidence: Evidence, found: Found, laws: Mapping[Group, tuple[Law, ...]]) -> Covariance:
     """The covariance of base parameters and laws of the extended simulation, from the fit that made it.
 
     Args:
@@ -116,3 +114,5 @@ def _is_base_law(law: Law) -> bool:
 
 def _coefficients(law: Law) -> Array:
     return np.array(law.effect.coefficients(law.parameters)[: coefficient_count(law)])
+
+

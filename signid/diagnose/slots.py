@@ -19,8 +19,7 @@ from .setting import Setting
 from .sizes import Sizes, measure_sizes
 
 import os
-
-DEBUG = bool(os.environ.get("DEBUG"))
+DEBUG = bool(os.environ.get('DEBUG'))
 TOLD = 0.03  # probability from which on a rival is listed
 WIDE = 4.0  # times what is left: the shape error of what is taken for true, where rivals are weighed
 ROUNDS, DOUBT, LIKELY = 12, 0.2, 0.5  # of settling; probability of what goes, and of what takes its place
@@ -82,13 +81,7 @@ def _best_rival(slot: Slot) -> float:
 
 
 def _slot(
-    judge: Judge,
-    found: Found,
-    group: Group,
-    wide: Array,
-    beside: Mapping[Key, Odds],
-    sizes: Sizes,
-    likelihood: Likelihood,
+    judge: Judge, found: Found, group: Group, wide: Array, beside: Mapping[Key, Odds], sizes: Sizes, likelihood: Likelihood
 ) -> Slot:
     rest = without(judge, found, group)
     alone, _ = judge.odds(found.true, found.base, without=group)
@@ -113,21 +106,7 @@ def _slot(
         if key != own and not odds[key].best.claim.unknown and (p > TOLD or left.get(key, np.inf) < SAME)
     }
     unknown = sum(p for key, p in probability.items() if odds[key].best.claim.unknown)
-    DEBUG and print(
-        "slot",
-        own,
-        "search",
-        round(found.log_odds[group], 1),
-        "alone",
-        round(alone[own].log if own in alone else -1, 1),
-        "penalty",
-        round(likelihood.penalty(group), 1),
-        "P",
-        round(probability.get(own, 0), 3),
-        {k: round(p, 3) for k, (p, _) in list(rivals.items())[:3]},
-        "unknown",
-        round(unknown, 3),
-    )
+    DEBUG and print("slot", own, "search", round(found.log_odds[group],1), "alone", round(alone[own].log if own in alone else -1,1), "penalty", round(likelihood.penalty(group),1), "P", round(probability.get(own,0),3), {k: round(p,3) for k,(p,_) in list(rivals.items())[:3]}, "unknown", round(unknown,3))
     return Slot(group, probability.get(own, 0.0), unknown, rivals, log)
 
 

@@ -27,7 +27,9 @@ if TYPE_CHECKING:
     from ..inspect import Inspection
 
 Document = dict[str, Any]
-_NUMBERS = re.compile(r"\[\n *(?:(?:[-+.\deE]+|null),?\n *)+\]")  # one a line; no string has line ends
+_NUMBERS = re.compile(
+    r"\[\n *(?:(?:[-+.\deE]+|null),?\n *)+\]"
+)  # one a line; no string has line ends
 
 
 def identification_document(result: Identification, inputs: Sequence[Input] = ()) -> Document:
