@@ -48,14 +48,15 @@ def number_cells(robot: Robot, finding: Finding) -> list[NumberCells]:
 
 
 def number_lines(robot: Robot, finding: Finding) -> tuple[str, ...]:
-    """The same, a line each, and what the numbers mean."""
+    """The same, a line each, then what the numbers mean, and whether the extended simulation goes without them."""
     lines = [
         f"{cells.key}: {_compared(cells)}"
         if cells.stated
         else " ".join(filter(None, [cells.key, cells.value, cells.half and f"± {cells.half}", cells.unit]))
         for cells in number_cells(robot, finding)
     ]
-    return (*lines, *filter(None, [finding.law.effect.meaning(finding.law.parameters)]))
+    absent = "" if finding.in_model else "not in the extended simulation"
+    return (*lines, *filter(None, [finding.law.effect.meaning(finding.law.parameters), absent]))
 
 
 def stated_words(robot: Robot, finding: Finding) -> str:

@@ -78,7 +78,11 @@ def _causes(causes: Sequence[FindingWords]) -> Iterator[RenderableType]:
             column.no_wrap, column.min_width = True, wide
         table.add_row(*rows[k])
         yield table
-        yield from (Padding(paragraph(line), (0, 0, 0, 2)) for line in words.numbers)
+        yield from map(_indented, words.numbers)
+
+
+def _indented(line: str) -> RenderableType:
+    return Padding(paragraph(line), (0, 0, 0, 2), expand=False)
 
 
 def _more(number: int, what: str) -> list[RenderableType]:
@@ -92,7 +96,7 @@ def _alternatives(result: Diagnosis) -> Iterator[RenderableType]:
     for finding, words in rivals:
         if words:
             yield paragraph(law_words(result.robot, finding.law))
-            yield from (Padding(paragraph(line), (0, 0, 0, 2)) for line in words)
+            yield from map(_indented, words)
 
 
 def _fit(result: Diagnosis) -> Table:
