@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .deadline import ends_in_time
+from .deadline import ends_in_time, seconds_left
 from .errors import OptionError, shorten
 from .estimate import estimate
 from .estimators import ESTIMATORS, Estimator, Given
@@ -20,9 +20,14 @@ from .reduced import Reduced
 from .rows import Rows
 from .session import Options, Progress, Session
 from .signs import Recovered, Signs, recover
-from .standard import METHODS, Search, choose_standard
+from .standard import METHODS, Search, Standard, choose_standard
 from .types import Array, BaseMap, Estimate, Frozen, Input, Parameters, Recording, Robot
 
+WORSE = 1.05  # times the training rms of least squares, from which on a fit that time cut short is dropped
+CUT_SHORT = (
+    "the {} fit that time cut short predicts torque worse than plain least squares, whose parameters are given instead "
+    "(--method wls): they need not be physically consistent"
+)
 HUBER = 1.345  # residual, in standard deviations, beyond which a row counts less
 ROBUST_ROUNDS = 3
 
@@ -141,7 +146,7 @@ def _conclude(
     session, train = given.session, given.factors
     found = way.estimate(given)
     excitation = judge_excitation(session.task, train, found, seed)
-    chosen = choose_standard(session, found, method, search, seed)
+    chosen, method = _chosen(given, found, method, search, seed)
     parameters = chosen.parameters
     base_value = session.task.base.combination @ parameters.values
     fit = judge_fit(session, train, test, base_value)
@@ -166,6 +171,20 @@ def _conclude(
         seed=seed,
         session=session,
     )
+
+
+def _chosen(given: Given, found: Estimate, method: str, search: Search, seed: int) -> tuple[Standard, str]:
+    """Standard parameters and the method that they come from: plain least squares where time cut a worse fit short."""
+    session, train = given.session, given.factors
+    chosen = choose_standard(session, found, method, search, seed)
+    if method == "wls" or seconds_left() > 0:
+        return chosen, method
+    value = session.task.base.combination @ chosen.parameters.values
+    cut, plain = (judge_fit(session, train, train, v).train_rms for v in (value, found.value))
+    if not np.any(cut > WORSE * plain):
+        return chosen, method
+    plainly = choose_standard(session, found, "wls", search, seed)
+    return plainly._replace(flags=(*chosen.flags, CUT_SHORT.format(method))), "wls"
 
 
 def _untold(given: Given, found: Estimate) -> Iterator[str]:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..deadline import ends_in_time
+from ..deadline import OutOfTimeError, ends_in_time, time_is_up
 from ..effects import EFFECTS
 from ..errors import InputError, OptionError, RecordingError
 from ..gross import Gross, examine
@@ -25,6 +25,7 @@ from .empirical import model_rest
 from .enough import enough
 from .evidence import Evidence
 from .explain import explain
+from .fallback import never_worse
 from .findings import find
 from .group import dry_friction, lay_out
 from .hypothesis import happens_once, pooled, propose
@@ -37,6 +38,7 @@ from .prune import prune
 from .reference import learn_bodies
 from .result import Diagnosis
 from .sample import pieces
+from .search import SEARCH
 from .setting import Setting
 from .slots import settle
 from .table import tabulate
@@ -80,15 +82,18 @@ def diagnose(
     given, notes = restrict_joints(model, [*recordings, *held_out])
     model = restrict_joints(_lasting(known.model), [*recordings, *held_out])[0] if known else given
     session, gross = _prepare(model, recovered, options, told)
-    setting, data = _build(model, session, skip, told)
+    setting, data = _build_in_time(model, session, skip, told)
     told("searching", 0.4)
     other = _learn(model, reference, session, skip, options) if known else None
+    time_is_up(SEARCH)  # from here on there is an answer: the simulation as it was given
     setting, judge, found, tangled = explain(setting, _judge(model, Evidence(data, other), skip), skip, known)
     told("judging", 0.7)
     found, slots = settle(judge, prune(setting, session, judge, found))
     verdict = decide(judge, found, slots).doubted(any(one.kind == "excitation" for one in gross.findings))
     result = model_rest(session, find(setting, session, judge, found, slots, verdict, options.seed))
-    proof = prove(show(session, given), result.shown, setting.noise)
+    first = show(session, given)
+    result = never_worse(first, result, setting.noise) if time_is_up(SEARCH) else result
+    proof = prove(first, result.shown, setting.noise)
     rolled = _roll_out(session, given, result.shown.model, told)
     return Diagnosis(
         robot=session.robot,
@@ -143,7 +148,16 @@ def _prepare(model: Model, given: Recovered, options: Options, told: Progress) -
     return session, gross
 
 
-def _build(model: Model, session: Session, skip: Sequence[str], told: Progress) -> tuple[Setting, Whitened]:
+def _build_in_time(model: Model, session: Session, skip: Sequence[str], told: Progress) -> tuple[Setting, Whitened]:
+    """Motions and rows of all hypotheses, or of none where time is up before they are made."""
+    try:
+        return _build(model, session, skip, told)
+    except OutOfTimeError:
+        return _build(model, session, None, told)
+
+
+def _build(model: Model, session: Session, skip: Sequence[str] | None, told: Progress) -> tuple[Setting, Whitened]:
+    """Motions and rows; without `skip` those of the simulation's own numbers alone, where time is up."""
     told("building hypotheses", 0.2)
     task, parts = session.task, session.train
     made = tuple(pieces(task, model, parts))
@@ -152,7 +166,8 @@ def _build(model: Model, session: Session, skip: Sequence[str], told: Progress) 
             f"no stretch of the recordings is as long as the filter for {task.band.cutoff:.3g} Hz; record for longer, "
             f"or raise the cut-off"
         )
-    hypotheses = propose(model, pooled([p.motion for p in made]), (*skip, CONTACT))
+    motion = pooled([p.motion for p in made])
+    hypotheses = [] if skip is None else propose(model, motion, (*skip, CONTACT))
     dry = dry_friction(model, made)
     table = tabulate(task, model, lay_out(model, made[0].motion, hypotheses, dry), made, dry)
     periods = tuple(_period(part) for part in parts)
@@ -165,7 +180,7 @@ def _learn(
 ) -> Known:
     """What the reference tells of the bodies of its own extended simulation."""
     same = replace(options, cutoff=session.task.band.cutoff)
-    _, data = _build(model, enough(prepare(model.robot, reference, reference, same)), skip, _silent)
+    _, data = _build_in_time(model, enough(prepare(model.robot, reference, reference, same)), skip, _silent)
     return learn_bodies(_judge(model, Evidence(data), skip))
 
 

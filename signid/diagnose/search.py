@@ -53,7 +53,7 @@ def search(judge: Judge, base: Array) -> Found:
         if set(state.true) in seen:
             break
         seen.append(set(state.true))
-    for _ in range(2):
+    for _ in range(0 if time_is_up(SEARCH) else 2):
         before, state = state.true, _exchanged(judge, _plainer(judge, state), BETTER / 2)
         if before == state.true:
             break
@@ -98,7 +98,7 @@ def _pick(judge: Judge, state: Found, odds: Mapping[Key, Odds], trusted: float, 
         open_, key=lambda o: (-max((strained.get(j, 0.0) for j in o.best.claim.bodies), default=0.0), -o.log)
     )
     for candidate in ranked[:CROWDED]:
-        if candidate.log < usual:
+        if candidate.log < usual or time_is_up(SEARCH):
             continue
         enough = candidate.log >= needed(judge, candidate.best, trusted, len(state.true), usual, strained)
         if enough and is_sound(judge, state, candidate.best, candidate.log):
@@ -166,6 +166,8 @@ def _exchanged(judge: Judge, state: Found, better: float) -> Found:
     In the place of a link's that is strained without it, only what relieves that link could.
     """
     for group in state.true:
+        if time_is_up(SEARCH):
+            break
         rest = without(judge, state, group)
         odds, trusted = judge.odds(rest.true, spread(judge, rest))
         links = relieved(judge, rest, group)

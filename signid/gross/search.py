@@ -10,12 +10,14 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from ..deadline import time_is_up
 from ..types import Array, Frozen, Indices, Mask
 from .correction import Correction
 from .evidence import Evidence, Signals
 from .fits import Columns, fit_joints, unexplained
 from .lag import LATE, lag_table
 
+SEARCH = "the search for gross faults"
 WELL, CLOSELY = 0.05, 0.01  # unexplained share of the variance that passes for a good fit, and that settles ties
 WORTH, NEARLY = 0.8, 0.3  # nats of unexplained variance that a claim needs; by which a rival may do less
 LEFT, BETTER = 0.35, 0.5  # unexplained at most afterwards, and at most that share of what it was, on some joint
@@ -79,6 +81,8 @@ def search(evidence: Evidence, told: Mask) -> list[Claim]:
     claims: list[Claim] = []
     done = Correction.none(len(told))
     for _ in range(2 * len(told)):
+        if time_is_up(SEARCH, answer=False):
+            break
         claim = _next(evidence, done, told)
         if claim is None:
             break
@@ -92,6 +96,8 @@ def _next(evidence: Evidence, done: Correction, told: Mask) -> Claim | None:
         return None
     judged = []
     for trial in _trials(evidence, done, told[list(done.tau_from)]):
+        if time_is_up(SEARCH, answer=False):
+            return None
         left = _left(evidence, trial.correction)
         if np.any((left - before)[evidence.signed] > WORSE) or not _betters_all(trial, done, told, before, left):
             continue
