@@ -14,6 +14,7 @@ from .estimators import ESTIMATORS, Estimator, Given
 from .excitation import ExcitationVerdict, judge_excitation
 from .factors import LAGS, Factors, Weigh
 from .fit import Fit, judge_fit
+from .gross import fit_flags, negative_viscosity, recording_flags
 from .model import Model, fitted_model, stated_parameters
 from .prepare import only_once, prepare, recordings_used
 from .reduced import Reduced
@@ -21,7 +22,7 @@ from .rows import Rows
 from .session import Options, Progress, Session
 from .signs import Recovered, Signs, recover
 from .standard import METHODS, Search, Standard, choose_standard
-from .types import Array, BaseMap, Estimate, Frozen, Input, Parameters, Recording, Robot
+from .types import Array, BaseMap, Estimate, Frozen, Input, Mask, Parameters, Recording, Robot
 
 WORSE = 1.05  # times the training rms of least squares, from which on a fit that time cut short is dropped
 CUT_SHORT = (
@@ -113,8 +114,10 @@ def identify(
     train, test, weigh = _factors(session, options, progress)
     given = Given(session, train, _prior(session), options.whiten, weigh, progress)
     found = _conclude(given, test, way, recovered, method, search, options.seed)
+    signed = np.all([recording.signed for recording in (*recordings, *held_out)], axis=0)
     notes = (*recovered.notes, *_judged_by_itself(recordings, held_out), *found.notes)
-    return replace(found, inputs=recordings_used(recordings, held_out), notes=notes)
+    flags = (*found.flags, *_doubts(found, (train, test), signed))
+    return replace(found, inputs=recordings_used(recordings, held_out), flags=flags, notes=notes)
 
 
 def _from_factors(
@@ -132,7 +135,21 @@ def _from_factors(
     given = Given(session, reduced.train[0].factors, _prior(session), options.whiten)
     nothing = Recovered((), (), ())
     found = _conclude(given, reduced.held_out[0].factors, ESTIMATORS["wls"], nothing, method, search, options.seed)
-    return replace(found, inputs=reduced.inputs)
+    flags = (*found.flags, *fit_flags(found.fit, _described(session, given.factors, reduced.held_out[0].factors)))
+    return replace(found, inputs=reduced.inputs, flags=flags)
+
+
+def _doubts(found: Identification, factors: tuple[Factors, Factors], signed: Mask) -> tuple[str, ...]:
+    """Flags from what the recordings and the fit show: gross faults, a delay of the torque, joints that fit badly."""
+    session = found.session
+    negative = negative_viscosity(found.estimate.value, found.base, session.task.laws)
+    flags, faulty = recording_flags(session, found.model, found.excitation, found.fit, signed, negative)
+    return (*flags, *fit_flags(found.fit, _described(session, *factors), faulty))
+
+
+def _described(session: Session, train: Factors, test: Factors) -> Fit:
+    """The fit of what the description states, on the same rows."""
+    return judge_fit(session, train, test, _prior(session))
 
 
 def _prior(session: Session) -> Array:
