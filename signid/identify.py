@@ -116,7 +116,8 @@ def identify(
     found = _conclude(given, test, way, recovered, method, search, options.seed)
     signed = np.all([recording.signed for recording in (*recordings, *held_out)], axis=0)
     notes = (*recovered.notes, *_judged_by_itself(recordings, held_out), *found.notes)
-    flags = (*found.flags, *_doubts(found, (train, test), signed))
+    doubtful = dict.fromkeys(flag for recording in (*recordings, *held_out) for flag in recording.flags)
+    flags = (*doubtful, *found.flags, *_doubts(found, (train, test), signed))
     return replace(found, inputs=recordings_used(recordings, held_out), flags=flags, notes=notes)
 
 

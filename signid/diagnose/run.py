@@ -109,7 +109,14 @@ def diagnose(
         trust=found.trust,
         signs=recovered.signs,
         inputs=recordings_used(recordings, held_out, reference),
-        flags=(*recovered.flags, *gross.flags, *tangled, *result.flags, *doubts(proof.before, proof.after)),
+        flags=(
+            *_doubtful([*recordings, *held_out, *reference]),
+            *recovered.flags,
+            *gross.flags,
+            *tangled,
+            *result.flags,
+            *doubts(proof.before, proof.after),
+        ),
         notes=(*recovered.notes, *notes, *session.notes, *gross.notes, *rolled[2]),
         cutoff=session.task.band.cutoff,
         seed=options.seed,
@@ -124,6 +131,11 @@ def _check(recordings: Sequence[Recording], reference: Sequence[Recording], skip
         raise OptionError(f"{same[0]} is its own reference; give a recording of the robot when all was well")
     for name in skip:
         EFFECTS[name]
+
+
+def _doubtful(recordings: Sequence[Recording]) -> dict[str, None]:
+    """Sentences on columns of recordings whose joint is doubtful, each once."""
+    return dict.fromkeys(flag for recording in recordings for flag in recording.flags)
 
 
 def _silent(what: str, share: float) -> None:

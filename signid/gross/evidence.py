@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import BSpline, make_interp_spline
 
 from ..effects.base import BodyLaw, TorqueLaw
 from ..filters import Decimator
@@ -18,6 +17,7 @@ from ..rows import Task
 from ..session import Part, Session, longest_piece
 from ..types import Array, Frozen, Indices, Law, Mask, Robot
 from .correction import Correction
+from .curve import Curve
 
 SAMPLES = 2**16  # that are looked at, of all recordings together
 FINE = 4  # times as dense as the rows of identification: lags are told between them
@@ -82,15 +82,13 @@ class Evidence(Frozen):
             return self.plain.torque
         late = np.empty_like(self.plain.torque)
         for d in np.unique(lag):
-            pieces = [
-                curve(np.clip(t + d, *curve.t[[0, -1]])) for curve, t in zip(self._curves, self.moments, strict=True)
-            ]
+            pieces = [curve.at(t + d) for curve, t in zip(self._curves, self.moments, strict=True)]
             late[:, lag == d] = np.concatenate(pieces)[:, lag == d]
         return late
 
     @cached_property
-    def _curves(self) -> list[BSpline]:
-        return [make_interp_spline(t, torque) for t, torque in self.torques]
+    def _curves(self) -> list[Curve]:
+        return [Curve(t, torque) for t, torque in self.torques]
 
 
 def gather(model: Model, session: Session, parts: Sequence[Part]) -> Evidence | None:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import nnls
 
 from ..types import Array
 from .evidence import Signals
+from .nonnegative import nonnegative
 
 
 class Fit(NamedTuple):
@@ -38,7 +38,7 @@ class Columns:
             torque: (K,) [N.m or N].
         """
         y = torque - torque.mean()
-        found = nnls(self.factor, self.basis.T @ y)[0] / self.size
+        found = nonnegative(self.factor, self.basis.T @ y) / self.size
         residual = y - self.columns @ found
         power = float(y @ y)
         share = float(residual @ residual) / power if power else 1.0

@@ -8,7 +8,6 @@ from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from ..deadline import time_is_up
 from ..types import Array, Frozen, Indices, Mask
@@ -159,6 +158,8 @@ def _trials(evidence: Evidence, done: Correction, told: Mask) -> Iterator[Trial]
 
 def _best_order(x: Signals, told: Mask) -> tuple[int, ...]:
     """Whose torque each joint's is, by what the joints' columns explain of the torques, whatever their sign."""
+    from scipy.optimize import linear_sum_assignment  # here, because it takes longer to import than all other checks
+
     left = np.where(np.eye(len(told)), 0.0, 2.0)
     for i in np.flatnonzero(told):
         columns = Columns(x, int(i))
