@@ -7,28 +7,23 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .deadline import ends_in_time, seconds_left
+from .deadline import ends_in_time
 from .errors import OptionError, shorten
 from .estimate import estimate
 from .estimators import ESTIMATORS, Estimator, Given
 from .excitation import ExcitationVerdict, judge_excitation
 from .factors import LAGS, Factors, Weigh
 from .fit import Fit, judge_fit
-from .gross import fit_flags, negative_viscosity, recording_flags
+from .gross import Judged, identification_flags
 from .model import Model, fitted_model, stated_parameters
 from .prepare import only_once, prepare, recordings_used
 from .reduced import Reduced
 from .rows import Rows
 from .session import Options, Progress, Session
 from .signs import Recovered, Signs, recover
-from .standard import METHODS, Search, Standard, choose_standard
-from .types import Array, BaseMap, Estimate, Frozen, Input, Mask, Parameters, Recording, Robot
+from .standard import METHODS, Search, choose_in_time
+from .types import Array, BaseMap, Estimate, Frozen, Input, Parameters, Recording, Robot
 
-WORSE = 1.05  # times the training rms of least squares, from which on a fit that time cut short is dropped
-CUT_SHORT = (
-    "the {} fit that time cut short predicts torque worse than plain least squares, whose parameters are given instead "
-    "(--method wls): they need not be physically consistent"
-)
 HUBER = 1.345  # residual, in standard deviations, beyond which a row counts less
 ROBUST_ROUNDS = 3
 
@@ -114,11 +109,9 @@ def identify(
     train, test, weigh = _factors(session, options, progress)
     given = Given(session, train, _prior(session), options.whiten, weigh, progress)
     found = _conclude(given, test, way, recovered, method, search, options.seed)
-    signed = np.all([recording.signed for recording in (*recordings, *held_out)], axis=0)
     notes = (*recovered.notes, *_judged_by_itself(recordings, held_out), *found.notes)
-    doubtful = dict.fromkeys(flag for recording in (*recordings, *held_out) for flag in recording.flags)
-    flags = (*doubtful, *found.flags, *_doubts(found, (train, test), signed))
-    return replace(found, inputs=recordings_used(recordings, held_out), flags=flags, notes=notes)
+    found = _judged(found, train, test, (*recordings, *held_out))
+    return replace(found, inputs=recordings_used(recordings, held_out), notes=notes)
 
 
 def _from_factors(
@@ -136,21 +129,14 @@ def _from_factors(
     given = Given(session, reduced.train[0].factors, _prior(session), options.whiten)
     nothing = Recovered((), (), ())
     found = _conclude(given, reduced.held_out[0].factors, ESTIMATORS["wls"], nothing, method, search, options.seed)
-    flags = (*found.flags, *fit_flags(found.fit, _described(session, given.factors, reduced.held_out[0].factors)))
-    return replace(found, inputs=reduced.inputs, flags=flags)
+    return replace(_judged(found, given.factors, reduced.held_out[0].factors, ()), inputs=reduced.inputs)
 
 
-def _doubts(found: Identification, factors: tuple[Factors, Factors], signed: Mask) -> tuple[str, ...]:
-    """Flags from what the recordings and the fit show: gross faults, a delay of the torque, joints that fit badly."""
-    session = found.session
-    negative = negative_viscosity(found.estimate.value, found.base, session.task.laws)
-    flags, faulty = recording_flags(session, found.model, found.excitation, found.fit, signed, negative)
-    return (*flags, *fit_flags(found.fit, _described(session, *factors), faulty))
-
-
-def _described(session: Session, train: Factors, test: Factors) -> Fit:
-    """The fit of what the description states, on the same rows."""
-    return judge_fit(session, train, test, _prior(session))
+def _judged(found: Identification, train: Factors, test: Factors, recordings: Sequence[Recording]) -> Identification:
+    """With flags on the recordings and on joints that fit badly."""
+    rows = Judged(found.session, train, test, recordings)
+    own = identification_flags(rows, found.model, found.excitation, found.fit, found.estimate.value)
+    return replace(found, flags=(*found.flags, *own))
 
 
 def _prior(session: Session) -> Array:
@@ -164,7 +150,7 @@ def _conclude(
     session, train = given.session, given.factors
     found = way.estimate(given)
     excitation = judge_excitation(session.task, train, found, seed)
-    chosen, method = _chosen(given, found, method, search, seed)
+    chosen, method = choose_in_time(session, train, found, method, search, seed)
     parameters = chosen.parameters
     base_value = session.task.base.combination @ parameters.values
     fit = judge_fit(session, train, test, base_value)
@@ -189,20 +175,6 @@ def _conclude(
         seed=seed,
         session=session,
     )
-
-
-def _chosen(given: Given, found: Estimate, method: str, search: Search, seed: int) -> tuple[Standard, str]:
-    """Standard parameters and the method that they come from: plain least squares where time cut a worse fit short."""
-    session, train = given.session, given.factors
-    chosen = choose_standard(session, found, method, search, seed)
-    if method == "wls" or seconds_left() > 0:
-        return chosen, method
-    value = session.task.base.combination @ chosen.parameters.values
-    cut, plain = (judge_fit(session, train, train, v).train_rms for v in (value, found.value))
-    if not np.any(cut > WORSE * plain):
-        return chosen, method
-    plainly = choose_standard(session, found, "wls", search, seed)
-    return plainly._replace(flags=(*chosen.flags, CUT_SHORT.format(method))), "wls"
 
 
 def _untold(given: Given, found: Estimate) -> Iterator[str]:

@@ -5,7 +5,7 @@ comes late or reaches a limit. Each `Finding` is a sentence: what is wrong, how 
 """
 
 from .examine import examine
-from .identified import fit_flags, negative_viscosity, recording_flags
+from .identified import Judged, identification_flags
 from .result import Finding, Gross
 
-__all__ = ["Finding", "Gross", "examine", "fit_flags", "negative_viscosity", "recording_flags"]
+__all__ = ["Finding", "Gross", "Judged", "examine", "identification_flags"]

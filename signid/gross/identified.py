@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from ..errors import shorten
 from ..excitation import ExcitationVerdict
-from ..fit import LITTLE, LOUD, Fit
-from ..model import Model, stated_inertials, stated_laws
+from ..factors import Factors
+from ..fit import LITTLE, LOUD, Fit, judge_fit
+from ..model import Model, stated_inertials, stated_laws, stated_parameters
+from ..rows import Task
 from ..session import Session
-from ..types import Array, BaseMap, Law, Mask, Robot
+from ..types import Array, Mask, Recording, Robot
 from .delay import Delay, estimate_delay
 from .examine import examine
 from .result import NOTE, Finding
@@ -25,8 +28,50 @@ USABLE = 0.5  # share of the bodies that must have a mass, for the description t
 NEXT = "run signid check on the recordings, then signid diagnose"
 
 
-def fit_flags(fit: Fit, described: Fit, faulty: Sequence[str] = ()) -> Iterator[str]:
-    """A sentence on the joints that hardly fit, and one on those that the description predicts better.
+class Judged(NamedTuple):
+    """Recordings that a model was identified from."""
+
+    session: Session
+    train: Factors
+    test: Factors  # held out
+    recordings: Sequence[Recording]  # as they were given; none where only their factors are left
+
+
+def identification_flags(
+    rows: Judged, model: Model, excitation: ExcitationVerdict, fit: Fit, value: Array
+) -> tuple[str, ...]:
+    """Sentences on faults of the recordings, and on joints that fit badly for another reason.
+
+    Args:
+        rows: of the recordings.
+        model: that was identified.
+        excitation: of the same recordings.
+        fit: of the model.
+        value: (b,) [units of base] by least squares, without physical constraints.
+    """
+    session, faults = rows.session, list[Finding]()
+    sentences = [flag for recording in rows.recordings for flag in recording.flags]
+    if rows.recordings:
+        signed = np.all([recording.signed for recording in rows.recordings], axis=0)
+        faults = _faults(session, _described(session.robot) or model, excitation, fit, signed)
+        sentences += [f"{fault.sentence}; {NEXT}" for fault in faults]
+        delay = None if any(fault.kind == "lag" for fault in faults) else estimate_delay(session, signed)
+        if delay is not None and delay.is_clear(_negative_viscosity(value, session.task)):
+            sentences.append(_delay_sentence(delay))
+    stated = session.task.base.combination @ stated_parameters(session.task).values
+    described = judge_fit(session, rows.train, rows.test, stated)
+    faulty = {joint for fault in faults for joint in fault.joints}
+    return (*dict.fromkeys(sentences), *_fit_flags(fit, described, faulty))
+
+
+def _faults(session: Session, judge: Model, excitation: ExcitationVerdict, fit: Fit, signed: Mask) -> list[Finding]:
+    """Gross faults but poor excitation, which an identification says itself."""
+    found = examine(judge, session, excitation, signed).findings
+    return [f for f in found if f.severity != NOTE and f.kind != "excitation" and _holds(f, fit)]
+
+
+def _fit_flags(fit: Fit, described: Fit, faulty: Collection[str]) -> Iterator[str]:
+    """A sentence on the joints that hardly fit, and one on each that the description predicts better.
 
     Args:
         fit: of the identified model.
@@ -51,46 +96,14 @@ def fit_flags(fit: Fit, described: Fit, faulty: Sequence[str] = ()) -> Iterator[
         )
 
 
-def recording_flags(
-    session: Session, model: Model, excitation: ExcitationVerdict, fit: Fit, signed: Mask, negative: float
-) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Sentences on what is wrong with the recordings, and the joints that they are about.
-
-    Judged by the bodies of the description, or by those of the identified model where the description has none.
-
-    Args:
-        session: the recordings.
-        model: that was identified from them.
-        excitation: of the same recordings.
-        fit: of the model.
-        signed: (n,) joints whose torque was recorded with its sign.
-        negative: share of the joints whose viscous friction was estimated as negative [1].
-    """
-    judge = _described(session.robot) or model
-    gross = examine(judge, session, excitation, signed)
-    faults = [f for f in gross.findings if f.severity != NOTE and f.kind != "excitation" and _holds(f, fit)]
-    sentences = [f"{fault.sentence}; {NEXT}" for fault in faults]
-    joints = {joint for fault in faults for joint in fault.joints}
-    delay = None if any(fault.kind == "lag" for fault in faults) else estimate_delay(session, signed)
-    if delay is not None and delay.is_clear(negative):
-        sentences.append(_delay_sentence(delay))
-    return tuple(sentences), tuple(sorted(joints))
-
-
-def negative_viscosity(value: Array, base: BaseMap, laws: Sequence[Law]) -> float:
-    """Share of the viscous coefficients that least squares estimates as negative [1]; of those told one by one.
-
-    Args:
-        value: (b,) [units of base] by least squares, without physical constraints.
-        base: what the values are.
-        laws: that the labels of `base` refer to.
-    """
-    signs = []
+def _negative_viscosity(value: Array, task: Task) -> float:
+    """[1] share of the viscous coefficients that least squares estimates as negative, of those identifiable alone."""
+    base, signs = task.base, list[bool]()
     for k, label in enumerate(base.labels):
-        if label.law is not None and laws[label.law].effect.name == "viscous_friction":
+        if label.law is not None and task.laws[label.law].effect.name == "viscous_friction":
             rows = np.flatnonzero(base.combination[:, k])
             if len(rows) == 1 and np.count_nonzero(base.combination[rows[0]]) == 1:
-                signs.append(value[rows[0]] / base.combination[rows[0], k] <= 0)
+                signs.append(bool(value[rows[0]] / base.combination[rows[0], k] <= 0))
     return float(np.mean(signs)) if signs else 0.0
 
 
