@@ -1,4 +1,7 @@
-"""Time limits of searches, and early stops. A result whose search was cut short is flagged: another run may differ."""
+"""Time limits of searches, early stops, and what a search is trying.
+
+A result whose search was cut short is flagged, since another run may differ.
+"""
 
 from __future__ import annotations
 
@@ -24,6 +27,8 @@ class _Limit:
     stopped: str = ""  # what ended the searches before their time
 
 
+_Listener = Callable[[str, float], None]  # what is being tried, and the share that is done [1]
+_LISTENER: ContextVar[_Listener | None] = ContextVar("listener", default=None)
 _LIMITS: ContextVar[tuple[_Limit, ...]] = ContextVar("limits", default=())  # the innermost last
 
 
@@ -82,6 +87,41 @@ def stop_searches(reason: str) -> bool:
     for limit in limits:
         limit.stopped = limit.stopped or reason
     return True
+
+
+@contextmanager
+def steps_shown(progress: Callable[[str, float], None], start: float, stop: float) -> Iterator[None]:
+    """What searches inside say with `show_step` goes to a progress function.
+
+    Args:
+        progress: called with what is being done and the share of the whole that is done [1].
+        start: share that is done when the searches begin [1].
+        stop: and when they have ended [1].
+    """
+    most = start
+
+    def listen(what: str, share: float) -> None:
+        nonlocal most
+        most = max(most, start + (stop - start) * min(max(share, 0.0), 1.0))
+        progress(what, most)
+
+    token = _LISTENER.set(listen)
+    try:
+        yield
+    finally:
+        _LISTENER.reset(token)
+
+
+def show_step(what: str, share: float) -> None:
+    """Say what a search is trying now; nobody hears it outside of `steps_shown`.
+
+    Args:
+        what: "weighing laws".
+        share: of the search that is done; a share below the last one is ignored [1].
+    """
+    listener = _LISTENER.get()
+    if listener is not None:
+        listener(what, share)
 
 
 class OutOfTimeError(Exception):

@@ -11,7 +11,6 @@ from .session import Session
 from .types import Array, Frozen
 
 LITTLE = 0.5  # held-out R2 below which a joint's torque is hardly predicted
-LOUD = 3.0  # noise floors that a held-out rms must exceed for that to be more than noise
 CONSTANT = 1e-12  # of a torque's power: less variance is rounding
 
 
@@ -30,12 +29,11 @@ class Fit(Frozen):
     def sentences(self) -> tuple[str, ...]:
         """One on each joint whose torque the model hardly predicts, or that does not put it to the test."""
         found = []
-        rows = zip(self.joints, self.held_out_rms, self.noise_floor, self.held_out_r2, strict=True)
-        for joint, rms, floor, r2 in rows:
-            if r2 < LITTLE and rms <= LOUD * floor:
+        for joint, rms, r2 in zip(self.joints, self.held_out_rms, self.held_out_r2, strict=True):
+            if r2 < LITTLE:
                 found.append(
-                    f"the model predicts little of the torque of {joint} (held-out R2 {r2:.2f}), which is hardly more "
-                    f"than the measurement noise there"
+                    f"the model predicts little of the torque of {joint} (held-out R2 {r2:.2f}): something is missing "
+                    f"from it there, or the recorded torque is not this motion's"
                 )
             elif np.isfinite(rms) and np.isnan(r2):
                 found.append(

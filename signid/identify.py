@@ -136,7 +136,7 @@ def _judged(found: Identification, train: Factors, test: Factors, recordings: Se
     """With flags on the recordings and on joints that fit badly."""
     rows = Judged(found.session, train, test, recordings)
     own = identification_flags(rows, found.model, found.excitation, found.fit, found.estimate.value)
-    return replace(found, flags=(*found.flags, *own))
+    return replace(found, flags=(*own, *found.flags))
 
 
 def _prior(session: Session) -> Array:

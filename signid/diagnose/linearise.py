@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..deadline import OutOfTimeError, time_is_up
+from ..deadline import OutOfTimeError, show_step, time_is_up
 from ..effects.base import ActuatorLaw, BodyLaw, RecordingLaw
 from ..effects.law import law_torque
 from ..model import Model
@@ -41,6 +41,7 @@ def linearised(setting: Setting, about: Setting, judge: Judge, found: Found) -> 
     """
     if time_is_up(SEARCH):
         return None
+    show_step(f"linearising about {len(found.true)} laws", 0.8)
     fit = judge.evidence.fit(found.true, found.base, found.trust)
     value = {group: fit.value[fit.place(group)] for group in found.true}
     laws = [law for group in found.true for law in read_laws(group, value[group])]

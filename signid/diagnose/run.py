@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..deadline import OutOfTimeError, ends_in_time, time_is_up
+from ..deadline import OutOfTimeError, ends_in_time, steps_shown, time_is_up
 from ..effects import EFFECTS
 from ..errors import InputError, OptionError, RecordingError
 from ..gross import Gross, examine
@@ -24,7 +24,7 @@ from .doubt import doubts
 from .empirical import model_rest
 from .enough import enough
 from .evidence import Evidence
-from .explain import explain
+from .explain import Explained, explain
 from .fallback import never_worse
 from .findings import find
 from .group import dry_friction, lay_out
@@ -83,16 +83,13 @@ def diagnose(
     model = restrict_joints(_lasting(known.model), [*recordings, *held_out])[0] if known else given
     session, gross = _prepare(model, recovered, options, told)
     setting, data = _build_in_time(model, session, skip, told)
-    told("searching", 0.4)
     other = _learn(model, reference, session, skip, options) if known else None
-    time_is_up(SEARCH)  # from here on there is an answer: the simulation as it was given
-    setting, judge, found, tangled = explain(setting, _judge(model, Evidence(data, other), skip), skip, known)
-    told("judging", 0.7)
+    setting, judge, found, tangled = _search(setting, _judge(model, Evidence(data, other), skip), skip, known, told)
     found, slots = settle(judge, prune(setting, session, judge, found))
     verdict = decide(judge, found, slots).doubted(any(one.kind == "excitation" for one in gross.findings))
     result = model_rest(session, find(setting, session, judge, found, slots, verdict, options.seed))
     first = show(session, given)
-    result = never_worse(first, result, setting.noise) if time_is_up(SEARCH) else result
+    result = never_worse(first, result, setting.noise)
     proof = prove(first, result.shown, setting.noise)
     rolled = _roll_out(session, given, result.shown.model, told)
     return Diagnosis(
@@ -109,14 +106,7 @@ def diagnose(
         trust=found.trust,
         signs=recovered.signs,
         inputs=recordings_used(recordings, held_out, reference),
-        flags=(
-            *_doubtful([*recordings, *held_out, *reference]),
-            *recovered.flags,
-            *gross.flags,
-            *tangled,
-            *result.flags,
-            *doubts(proof.before, proof.after),
-        ),
+        flags=(*_flags(recovered, gross), *tangled, *result.flags, *doubts(proof.before, proof.after)),
         notes=(*recovered.notes, *notes, *session.notes, *gross.notes, *rolled[2]),
         cutoff=session.task.band.cutoff,
         seed=options.seed,
@@ -133,9 +123,20 @@ def _check(recordings: Sequence[Recording], reference: Sequence[Recording], skip
         EFFECTS[name]
 
 
-def _doubtful(recordings: Sequence[Recording]) -> dict[str, None]:
-    """Sentences on columns of recordings whose joint is doubtful, each once."""
-    return dict.fromkeys(flag for recording in recordings for flag in recording.flags)
+def _search(setting: Setting, judge: Judge, skip: Sequence[str], known: Diagnosis | None, told: Progress) -> Explained:
+    """Everything from the first search on, with its steps shown; a stop leaves the best found until then."""
+    told("searching", 0.4)
+    time_is_up(SEARCH)  # from here on there is an answer: the simulation as it was given
+    with steps_shown(told, 0.4, 0.7):
+        found = explain(setting, judge, skip, known)
+    told("judging", 0.7)
+    return found
+
+
+def _flags(given: Recovered, gross: Gross) -> tuple[str, ...]:
+    """Sentences on the recordings: doubtful columns, doubtful signs, gross faults."""
+    columns = dict.fromkeys(flag for one in (*given.recordings, *given.held_out) for flag in one.flags)
+    return (*columns, *given.flags, *gross.flags)
 
 
 def _silent(what: str, share: float) -> None:
@@ -163,7 +164,8 @@ def _prepare(model: Model, given: Recovered, options: Options, told: Progress) -
 def _build_in_time(model: Model, session: Session, skip: Sequence[str], told: Progress) -> tuple[Setting, Whitened]:
     """Motions and rows of all hypotheses, or of none where time is up before they are made."""
     try:
-        return _build(model, session, skip, told)
+        with steps_shown(told, 0.2, 0.4):
+            return _build(model, session, skip, told)
     except OutOfTimeError:
         return _build(model, session, None, told)
 

@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
-from ..deadline import time_is_up
+from ..deadline import show_step, time_is_up
 from ..effects.base import ActuatorLaw
 from ..residual import leave
 from ..types import Array
@@ -41,6 +41,7 @@ def search(judge: Judge, base: Array) -> Found:
     state = Found((), {}, base, judge.evidence.trust((), base))
     first, seen = dict[Key, Odds](), list[set[Group]]()
     for step in range(MOST):
+        show_step(f"weighing laws beside {len(state.true)} found", 1 - 0.7 ** (step + 1))
         odds, trusted = judge.odds(state.true, spread(judge, state))
         first = odds if step == 0 else first
         chosen = _pick(judge, state, odds, trusted, FIRST if step == 0 else NEXT)

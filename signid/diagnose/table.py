@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..deadline import need_time
+from ..deadline import need_time, show_step
 from ..filters import Decimator, least
 from ..model import Model
 from ..motion import Motion
@@ -166,6 +166,7 @@ def _columns(model: Model, groups: Sequence[Group], piece: Piece, dry: Array) ->
     yield from (found.columns for found in nuisances(model, piece.motion, dry))
     for group in (group for group in groups if group.hypothesis is not None):
         need_time("the search for laws")
+        show_step(f"columns of {group.claim.key[0]}", group.start / max(groups[-1].start, 1))
         yield {j: _finite(x) for j, x in group.claim.columns(piece.motion).items()}
 
 

@@ -13,10 +13,10 @@ NODES = 6  # samples around a moment. Measured: off by 3 % of a sine of four sam
 
 @dataclass(frozen=True, eq=False)
 class Curve(Frozen):
-    """Samples (M, n) [any unit] at uniform moments (M,) [s]."""
+    """Uniform samples of n signals."""
 
-    t: Array
-    x: Array
+    t: Array  # (M,) [s]
+    x: Array  # (M, n) [any unit]
 
     def at(self, t: Array) -> Array:
         """(K, n) values by the polynomial through the nearest samples; those at the ends hold beyond them.

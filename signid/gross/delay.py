@@ -13,9 +13,9 @@ from ..types import Array, Mask
 
 SECONDS = 30.0  # [s] of recordings that are read, in evenly spread stretches
 SPARE = 2.0  # rows per column, at least
-LEAST = (
-    0.003  # [s] of a delay that is worth a flag. Measured on real arms: TX40 -2.8 ms, UR10e, panda, EMPS below 2.2 ms
-)
+# [s] of a delay that is worth a flag, and that the rate tells. Measured on real arms: TX40 -2.8 ms, UR10e, panda and
+# EMPS below 2.2 ms; longer ones are found by `judge_lags`
+LEAST, LONGEST = 0.003, 0.04
 # Mean over the joints of the logarithm by which a delay lessens the residual's variance, and the same where viscous
 # friction is negative at most joints. Measured: 0.30 TX40, 0.19 rokae, 0.03 panda, 0.02 UR10e, 0.08 EMPS; simulated
 # arms with torque 8 ms late or early 0.54 (go2), 0.88 (3r), 1.2 (ur10)
@@ -37,7 +37,7 @@ class Delay(NamedTuple):
         Args:
             negative: share of the joints whose viscous friction was estimated as negative [1].
         """
-        if abs(self.common) < LEAST or abs(self.common) < SURE * self.std:
+        if not LEAST <= abs(self.common) <= LONGEST or abs(self.common) < SURE * self.std:
             return False
         leads = self.common < 0 and negative >= MOST
         return self.gain >= (SUPPORTED if leads else CLEAR)
@@ -51,7 +51,7 @@ def estimate_delay(session: Session, signed: Mask) -> Delay | None:
 
     Args:
         session: recordings to learn from.
-        signed: (n,) joints whose torque is recorded with its sign.
+        signed: (n,) joints that move and whose torque is recorded with its sign.
     """
     rows = _rows(session, signed)
     rates, residuals = zip(*rows, strict=True) if rows else ((), ())

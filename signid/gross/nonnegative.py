@@ -10,7 +10,11 @@ ROUNDING = 1e-12  # share of the largest number beside it that rounding may make
 
 
 def nonnegative(matrix: Array, target: Array) -> Array:
-    """(k,) the coefficients that bring matrix (m, k) nearest to target (m,), none of them negative.
+    """(k,) the coefficients that bring the columns nearest to the target, none of them negative.
+
+    Args:
+        matrix: (m, k) [unit of the target per unit of the coefficient] columns.
+        target: (m,) [any unit].
 
     Source: Lawson, Hanson, Solving Least Squares Problems, 1974, chapter 23.
     """
