@@ -13,6 +13,14 @@ from ..deadline import stop_searches
 NAMES = {signal.SIGINT: "Ctrl-C", signal.SIGTERM: "SIGTERM"}
 
 
+class Interruption(KeyboardInterrupt):
+    """The end of a command.
+
+    A KeyboardInterrupt itself that passes through `exec` of a text, as where dataclasses are made, lets CPython end the
+    process by the signal, whatever exit code was asked for.
+    """
+
+
 @dataclass
 class Heard:
     """Signals of a command: the last of them, and how many there were."""
@@ -24,11 +32,11 @@ class Heard:
         """End the searches under way, or the command where none has an answer or this is not the first signal.
 
         Raises:
-            KeyboardInterrupt: the command ends.
+            Interruption: the command ends.
         """
         self.last, self.count = signal.Signals(number), self.count + 1
         if self.count > 1 or not stop_searches(NAMES[self.last]):
-            raise KeyboardInterrupt
+            raise Interruption
 
     def sentence(self, number: signal.Signals) -> str:
         """The reason why a command that a signal ended has no result."""
