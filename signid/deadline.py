@@ -176,9 +176,15 @@ def _limit_flags(limit: _Limit, seconds: float) -> Iterator[str]:
 
 
 def _stop_flags(limit: _Limit) -> Iterator[str]:
-    searches = " and ".join(limit.ended)
-    ended = f"{searches} ended with the best found until then" if searches else "what was left to do was done"
-    yield f"stopped early by {limit.stopped}: {ended}; run the command again without a stop for the whole result"
+    *others, last = limit.ended or ("",)
+    if not last:
+        yield f"stopped early by {limit.stopped}: every search had ended before, the result is whole"
+        return
+    searches = f"{', '.join(others)} and {last}" if others else last
+    yield (
+        f"stopped early by {limit.stopped}: {searches} ended with the best found until then; run the command again "
+        "without a stop for the whole result"
+    )
 
 
 @contextmanager
