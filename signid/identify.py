@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .covariance import base_covariance
 from .deadline import ends_in_time
 from .errors import OptionError, shorten
 from .estimate import estimate
@@ -154,13 +155,18 @@ def _conclude(
     parameters = chosen.parameters
     base_value = session.task.base.combination @ parameters.values
     fit = judge_fit(session, train, test, base_value)
+    widened = recovered.widen(found, train, session.task.base, given.whiten)
+    model = replace(
+        fitted_model(session.task, parameters),
+        covariance=base_covariance(session.task.base, base_value, widened.covariance),
+    )
     return Identification(
         robot=session.robot,
         base=session.task.base,
-        estimate=recovered.widen(found, train, session.task.base, given.whiten),
+        estimate=widened,
         base_value=base_value,
         parameters=parameters,
-        model=fitted_model(session.task, parameters),
+        model=model,
         fit=fit,
         excitation=excitation,
         method=method,

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from .covariance import Covariance, read_covariance
 from .effects import EFFECT_NAMES, EFFECTS
 from .effects.base import ActuatorLaw, BodyLaw, RecordingLaw
 from .effects.law import law_torque
@@ -32,6 +33,7 @@ class Model(Frozen):
     robot: Robot
     inertials: Array  # (nb, 10) in Pinocchio's order [kg, kg.m, kg.m2]
     laws: tuple[Law, ...] = ()
+    covariance: Covariance | None = None  # of the base parameters, about what inertials and laws state
 
     def bodies(self) -> pin.Model:
         """A pin.Model of its own with these inertials, reshaped by the laws of bodies; rotors are its armature."""
@@ -102,6 +104,7 @@ class Model(Frozen):
                 for law in self.laws
                 for joint, parameters in [placed(law, robot)]
             ],
+            **({} if self.covariance is None else {"covariance": self.covariance.document()}),
         }
 
 
@@ -183,13 +186,25 @@ def _read(path: Path) -> Model:
         laws = tuple(
             law_at(EFFECTS[entry["effect"]], robot, entry["joint"], entry["parameters"]) for entry in content["effects"]
         )
+        covariance = _covariance(path, content.get("covariance"), len(robot.links))
     except OSError as error:
         raise RobotError(f"cannot read {path}: {error.strerror}") from None
     except SignidError:
         raise
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise RobotError(f"{path} is no model.json as `signid identify` writes it ({error!r})") from None
-    return Model(robot, np.array(inertials), laws)
+    return Model(robot, np.array(inertials), laws, covariance)
+
+
+def _covariance(path: Path, content: Any, bodies: int) -> Covariance | None:
+    if content is None:
+        return None
+    try:
+        return read_covariance(content, bodies)
+    except ValueError as error:
+        raise RobotError(
+            f"the covariance in {path} cannot be read: {error}; identify once more, or take the key out"
+        ) from None
 
 
 def _inertial(entry: Mapping[str, Any]) -> Sequence[float]:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,6 +19,7 @@ from signid.errors import RobotError
 from signid.identify import Identification
 from signid.model import Model, load_model, stated_inertials
 from signid.motion import Motion
+from signid.rollout.joints import restrict_joints
 from signid.types import Array, Law, Robot
 
 
@@ -68,6 +71,79 @@ def law_torque(model: Model, motion: Motion) -> list[Array]:
         part[:, list(rows)] = columns @ np.array(law.effect.coefficients(law.parameters))
         total.append(part)
     return total
+
+
+def written(folder: Path, document: Any) -> Path:
+    path = folder / "model.json"
+    path.write_text(json.dumps(document))
+    return path
+
+
+def test_a_model_carries_the_covariance_of_its_base_parameters(found: Identification, tmp_path: Path) -> None:
+    document = found.model.document()
+    assert set(document["covariance"]) == {"names", "values", "terms", "lower_triangle"}
+    kept = load_model(written(tmp_path, document)).covariance
+    assert kept is not None and found.model.covariance is not None
+    assert kept.expressions == found.base.expressions and len(set(kept.labels)) == len(kept.labels)
+    assert kept.labels[:3] == ("m_1", "mx_1", "my_1")
+    assert_allclose(kept.values, found.base_value)
+    assert_allclose(kept.std, found.estimate.std, rtol=1e-5)
+    assert_allclose(kept.combination, found.model.covariance.combination, atol=1e-9)
+    stated = dict(zip((label.name for label in found.base.labels), found.parameters.values, strict=True))
+    assert_allclose(kept.combination @ [stated[name] for name in kept.labels], found.base_value, atol=1e-9)
+    share = np.linalg.solve(found.estimate.covariance, kept.matrix)
+    assert_allclose(np.linalg.eigvals(share).real, 1, atol=0.05)  # no direction has lost its width
+
+
+def test_an_edited_model_keeps_the_covariance_and_an_old_one_has_none(found: Identification, tmp_path: Path) -> None:
+    document = found.model.document()
+    last = found.robot.links[-1]
+    document["effects"] = [law for law in document["effects"] if law["effect"] != "coulomb_friction"]
+    document["standard_parameters"][last]["mass"] += 1.0
+    edited = load_model(written(tmp_path, document))
+    assert len(edited.laws) < len(found.model.laws) and edited.covariance is not None
+    assert_allclose(edited.covariance.values, found.base_value)
+    del document["covariance"]
+    assert load_model(written(tmp_path, document)).covariance is None
+
+
+def test_a_variance_without_end_is_written_as_null(found: Identification, tmp_path: Path) -> None:
+    known = found.model.covariance
+    assert known is not None
+    matrix = known.matrix.copy()
+    matrix[2, 2] = np.inf
+    document = replace(found.model, covariance=replace(known, matrix=matrix)).document()
+    assert document["covariance"]["lower_triangle"].count(None) == 1
+    kept = load_model(written(tmp_path, document)).covariance
+    assert kept is not None and np.flatnonzero(np.isinf(kept.std)).tolist() == [2]
+
+
+def test_a_covariance_goes_where_joints_are_held(found: Identification, arm: Robot) -> None:
+    held = signid.load_robot("3r", lock={"joint_2": 0.0})
+    fewer, _ = restrict_joints(found.model, [trial(held).recording()])
+    same, _ = restrict_joints(found.model, [trial(arm).recording()])
+    assert fewer.covariance is None and same.covariance is found.model.covariance
+
+
+@pytest.mark.parametrize(
+    ("change", "what"),
+    [
+        (lambda c: c.pop("values"), "it lacks 'values'"),
+        (lambda c: c["values"].pop(), "24"),
+        (lambda c: c.update(terms=[1] * 25), "no lists"),
+        (lambda c: c["terms"][0].update(Izz_9=1.0), "Izz_9"),
+        (lambda c: c["lower_triangle"].__setitem__(0, -1.0), "not positive"),
+        (lambda c: c["lower_triangle"].__setitem__(1, 1e9), "negative variance"),
+        (lambda c: c["lower_triangle"].__setitem__(1, "x"), "no lists"),
+        (lambda c: c["values"].__setitem__(1, float("nan")), "finite"),
+    ],
+)
+def test_a_malformed_covariance_is_refused(change: Any, what: str, found: Identification, tmp_path: Path) -> None:
+    document = found.model.document()
+    change(document["covariance"])
+    with pytest.raises(RobotError) as caught:
+        load_model(written(tmp_path, document))
+    assert what in str(caught.value) and "covariance" in str(caught.value) and "\n" not in str(caught.value)
 
 
 def test_what_is_no_model_is_refused(arm: Robot, tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from math import isfinite
 from typing import TYPE_CHECKING, Any
@@ -26,6 +27,9 @@ if TYPE_CHECKING:
     from ..inspect import Inspection
 
 Document = dict[str, Any]
+_NUMBERS = re.compile(
+    r"\[\n *(?:(?:[-+.\deE]+|null),?\n *)+\]"
+)  # one a line; no string has line ends
 
 
 def identification_document(result: Identification, inputs: Sequence[Input] = ()) -> Document:
@@ -117,8 +121,9 @@ def inspection_document(found: Inspection, inputs: Sequence[Input] = (), seed: i
 
 
 def to_json(document: Document) -> str:
-    """Strict JSON text: what is infinite or not a number becomes null."""
-    return json.dumps(_strict(document), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+    """Strict JSON text, a list of numbers on one line: what is infinite or not a number becomes null."""
+    text = json.dumps(_strict(document), indent=2, allow_nan=False, ensure_ascii=False)
+    return _NUMBERS.sub(lambda found: " ".join(found[0].split()).replace("[ ", "[").replace(" ]", "]"), text) + "\n"
 
 
 def _strict(value: Any) -> Any:
