@@ -89,6 +89,20 @@ def read_rows(task: Task, recording: Recording, sampling: Sampling) -> Iterator[
             yield _window_rows(task, window, sampling.period, grid, k == 0)
 
 
+def torque_rates(task: Task, recording: Recording, sampling: Sampling) -> Iterator[Array]:
+    """(M, n) [N.m/s or N/s] rate of the recorded torque at the rows that `read_rows` gives, window by window.
+
+    Central differences of the samples pass the filter of the rows; 0 where no torque is recorded.
+    """
+    grid, edge = _grid(task), margin(task.band, task.recorded_derivatives)
+    for span in sampling.spans:
+        total = grid.rows(sampling.length(span))
+        for k in range(0, total, grid.step):
+            tau = samples(recording, sampling, span, *grid.samples(k, min(total, k + grid.step))).tau
+            rate = np.gradient(np.where(np.isnan(tau).all(axis=0), 0.0, tau), sampling.period, axis=0)
+            yield grid.thin(rate[edge : len(rate) - edge])
+
+
 def cut_rows(task: Task, sampling: Sampling, start: int, stop: int) -> Iterator[tuple[Sampling, int]]:
     """Some of the windows that `read_rows` gives, to the last bit, span by span.
 

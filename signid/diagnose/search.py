@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
-from ..deadline import time_is_up
+from ..deadline import show_step, time_is_up
 from ..effects.base import ActuatorLaw
 from ..residual import leave
 from ..types import Array
@@ -44,6 +44,7 @@ def search(judge: Judge, base: Array) -> Found:
     state = Found((), {}, base, judge.evidence.trust((), base))
     first, seen = dict[Key, Odds](), list[set[Group]]()
     for step in range(MOST):
+        show_step(f"weighing laws beside {len(state.true)} found", 1 - 0.7 ** (step + 1))
         odds, trusted = judge.odds(state.true, spread(judge, state))
         first = odds if step == 0 else first
         chosen = _pick(judge, state, odds, trusted, FIRST if step == 0 else NEXT)
@@ -56,7 +57,7 @@ def search(judge: Judge, base: Array) -> Found:
         if set(state.true) in seen:
             break
         seen.append(set(state.true))
-    for _ in range(2):
+    for _ in range(0 if time_is_up(SEARCH) else 2):
         before, state = state.true, _exchanged(judge, _plainer(judge, state), BETTER / 2)
         if before == state.true:
             break
@@ -101,7 +102,7 @@ def _pick(judge: Judge, state: Found, odds: Mapping[Key, Odds], trusted: float, 
         open_, key=lambda o: (-max((strained.get(j, 0.0) for j in o.best.claim.bodies), default=0.0), -o.log)
     )
     for candidate in ranked[:CROWDED]:
-        if candidate.log < usual:
+        if candidate.log < usual or time_is_up(SEARCH):
             continue
         enough = candidate.log >= needed(judge, candidate.best, trusted, len(state.true), usual, strained)
         if enough and is_sound(judge, state, candidate.best, candidate.log):
@@ -198,6 +199,8 @@ def _exchanged(judge: Judge, state: Found, better: float) -> Found:
     In the place of a link's that is strained without it, only what relieves that link could.
     """
     for group in state.true:
+        if time_is_up(SEARCH):
+            break
         rest = without(judge, state, group)
         odds, trusted = judge.odds(rest.true, spread(judge, rest))
         links = relieved(judge, rest, group)
