@@ -84,6 +84,7 @@ def diagnose(
     given, notes = restrict_joints(model, [*recordings, *held_out])
     model = restrict_joints(_lasting(known.model), [*recordings, *held_out])[0] if known else given
     session, gross = _prepare(model, recovered, options, told)
+    session = _judged_by_itself(model, session)
     setting, data = _build_in_time(model, session, skip, told)
     evidence = Evidence(data, known_before(model, data.groups))
     setting, judge, found, tangled = _search(setting, _judge(model, evidence, skip), skip, known, told)
@@ -163,6 +164,14 @@ def _prepare(model: Model, given: Recovered, options: Options, told: Progress) -
         if fault.severity == REFUSE and not (fault.kind == SHORT and fault.measures["rows"] >= FEW_ROWS):
             raise RecordingError(fault.sentence)
     return session, gross
+
+
+def _judged_by_itself(model: Model, session: Session) -> Session:
+    """The session; what is too short to hold anything out is judged by itself, and a note says so."""
+    if next(pieces(session.task, model, session.held_out), None) is not None:
+        return session
+    note = "too short to hold anything out: the extended simulation is judged by the rows that it was learned from"
+    return replace(session, held_out=session.train, notes=(*session.notes, note))
 
 
 def _build_in_time(model: Model, session: Session, skip: Sequence[str], told: Progress) -> tuple[Setting, Whitened]:
