@@ -83,7 +83,15 @@ def extended_laws(known: Sequence[Law], laws: Sequence[Law]) -> tuple[Law, ...]:
             own[same[0]] = replace(law, parameters={**law.parameters, **sizes})
         else:
             own.append(law)
-    return tuple(own)
+    return tuple(law for one in own for law in _physical(one))
+
+
+def _physical(law: Law) -> tuple[Law, ...]:
+    """The law with numbers that physics wants positive at zero at least; none where nothing of it stays."""
+    kinds = law.effect.linear()
+    low = {key: 0.0 for key, x in law.parameters.items() if key in kinds and kinds[key].positive and x < 0}
+    mended = replace(law, parameters={**law.parameters, **low})
+    return (mended,) if not low or any(mended.parameters[key] for key in kinds) else ()
 
 
 def _possible(given: Model, model: Model, base: BaseMap | None) -> Model:

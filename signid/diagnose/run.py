@@ -11,7 +11,7 @@ from ..basis import build_base
 from ..deadline import OutOfTimeError, ends_in_time, steps_shown, time_is_up
 from ..effects import EFFECTS
 from ..errors import InputError, OptionError, RecordingError
-from ..gross import REFUSE, Gross, examine
+from ..gross import Gross, examine
 from ..model import Model
 from ..prepare import prepare, recordings_used
 from ..rigid import carried
@@ -160,9 +160,12 @@ def _prepare(model: Model, given: Recovered, options: Options, told: Progress) -
     session = enough(session)
     told("looking for gross faults", 0.1)
     gross = examine(model, session)
-    for fault in gross.findings:
-        if fault.severity == REFUSE and not (fault.kind == SHORT and fault.measures["rows"] >= FEW_ROWS):
-            raise RecordingError(fault.sentence)
+    if short := [one for one in gross.findings if one.kind == SHORT and one.measures["rows"] >= FEW_ROWS]:
+        gross = replace(
+            gross, findings=tuple(short)
+        )  # too few rows to tell gross faults; priors mend what else is lacking
+    elif gross.refusal:
+        raise RecordingError(gross.refusal)
     return session, gross
 
 
