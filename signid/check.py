@@ -46,7 +46,8 @@ class Check(Frozen):
     def flags(self) -> tuple[str, ...]:
         """What makes the recordings insufficient; empty when they are good."""
         lost = self.signs.flags if self.signs else ()
-        return tuple(dict.fromkeys((*lost, *self.excitation.sentences, *self.gross.flags)))
+        doubtful = [flag for recording in self.recordings for flag in recording.flags]
+        return tuple(dict.fromkeys((*doubtful, *lost, *self.excitation.sentences, *self.gross.flags)))
 
 
 def check(

@@ -15,14 +15,14 @@ from .estimators import ESTIMATORS, Estimator, Given
 from .excitation import ExcitationVerdict, judge_excitation
 from .factors import LAGS, Factors, Weigh
 from .fit import Fit, judge_fit
-from .gross import find_delay
+from .gross import Judged, identification_flags
 from .model import Model, fitted_model, stated_parameters
 from .prepare import only_once, prepare, recordings_used
 from .reduced import Reduced
 from .rows import Rows
 from .session import Options, Progress, Session
 from .signs import Recovered, Signs, recover
-from .standard import METHODS, Search, choose_standard
+from .standard import METHODS, Search, choose_in_time
 from .types import Array, BaseMap, Estimate, Frozen, Input, Parameters, Recording, Robot
 
 HUBER = 1.345  # residual, in standard deviations, beyond which a row counts less
@@ -111,6 +111,7 @@ def identify(
     given = Given(session, train, _prior(session), options.whiten, weigh, progress)
     found = _conclude(given, test, way, recovered, method, search, options.seed)
     notes = (*recovered.notes, *_judged_by_itself(recordings, held_out), *found.notes)
+    found = _judged(found, train, test, (*recordings, *held_out))
     return replace(found, inputs=recordings_used(recordings, held_out), notes=notes)
 
 
@@ -129,7 +130,14 @@ def _from_factors(
     given = Given(session, reduced.train[0].factors, _prior(session), options.whiten)
     nothing = Recovered((), (), ())
     found = _conclude(given, reduced.held_out[0].factors, ESTIMATORS["wls"], nothing, method, search, options.seed)
-    return replace(found, inputs=reduced.inputs)
+    return replace(_judged(found, given.factors, reduced.held_out[0].factors, ()), inputs=reduced.inputs)
+
+
+def _judged(found: Identification, train: Factors, test: Factors, recordings: Sequence[Recording]) -> Identification:
+    """With flags on the recordings and on joints that fit badly."""
+    rows = Judged(found.session, train, test, recordings)
+    own = identification_flags(rows, found.model, found.excitation, found.fit, found.estimate.value)
+    return replace(found, flags=(*own, *found.flags))
 
 
 def _prior(session: Session) -> Array:
@@ -143,7 +151,7 @@ def _conclude(
     session, train = given.session, given.factors
     found = way.estimate(given)
     excitation = judge_excitation(session.task, train, found, seed)
-    chosen = choose_standard(session, found, method, search, seed)
+    chosen, method = choose_in_time(session, train, found, method, search, seed)
     parameters = chosen.parameters
     base_value = session.task.base.combination @ parameters.values
     fit = judge_fit(session, train, test, base_value)
@@ -152,7 +160,6 @@ def _conclude(
         fitted_model(session.task, parameters),
         covariance=base_covariance(session.task.base, base_value, widened.covariance),
     )
-    late = find_delay(model, session) if recovered.signs is None else None
     return Identification(
         robot=session.robot,
         base=session.task.base,
@@ -167,14 +174,7 @@ def _conclude(
         inputs=(),
         signs=recovered.signs,
         recordings=(*recovered.recordings, *recovered.held_out),
-        flags=(
-            *recovered.flags,
-            *found.flags,
-            *excitation.sentences,
-            *_untold(given, found),
-            *chosen.flags,
-            *([late.sentence] if late else []),
-        ),
+        flags=(*recovered.flags, *found.flags, *excitation.sentences, *_untold(given, found), *chosen.flags),
         notes=(*session.notes, *found.notes, *chosen.notes, *fit.sentences),
         cutoff=session.task.band.cutoff,
         position_cutoff=session.task.band.position_cutoff,

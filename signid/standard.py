@@ -9,11 +9,19 @@ from typing import NamedTuple
 import numpy as np
 
 from .consistent import fit_consistent, standard_from_base
+from .deadline import seconds_left
+from .factors import Factors
+from .fit import judge_fit
 from .model import stated_parameters
 from .retrieve import Bounds, bounds_around, read_bounds, retrieve
 from .session import Session
 from .types import Estimate, Parameters
 
+WORSE = 1.05  # times the training rms of least squares, from which on a fit that time cut short is dropped
+CUT_SHORT = (
+    "the {} fit that time cut short predicts torque worse than plain least squares, whose parameters are given instead "
+    "(--method wls): they need not be physically consistent"
+)
 METHODS = ("convex", "wls", "pbrp")  # the first by default; the last after a tree of sign choices
 
 
@@ -66,6 +74,30 @@ def choose_standard(session: Session, found: Estimate, method: str, search: Sear
     flags = [] if got.feasible else ["retrieval found no parameters that a real robot could have; use --method convex"]
     flags += [] if got.converged else ["retrieval spent its budget before it converged; use --method convex"]
     return Standard(got.parameters, float(np.max(moves)), got.notes, tuple(flags))
+
+
+def choose_in_time(
+    session: Session, train: Factors, found: Estimate, method: str, search: Search, seed: int
+) -> tuple[Standard, str]:
+    """Standard parameters and their method: plain least squares where time cut the search short with a worse fit.
+
+    Args:
+        session: gives robot and base map.
+        train: factors that the estimate comes from.
+        found: base parameters.
+        method: one of METHODS.
+        search: of penalty-based parameter retrieval.
+        seed: of it.
+    """
+    chosen = choose_standard(session, found, method, search, seed)
+    if method == "wls" or seconds_left() > 0:
+        return chosen, method
+    value = session.task.base.combination @ chosen.parameters.values
+    cut, plain = (judge_fit(session, train, train, v).train_rms for v in (value, found.value))
+    if not np.any(cut > WORSE * plain):
+        return chosen, method
+    plainly = choose_standard(session, found, "wls", search, seed)
+    return plainly._replace(flags=(*chosen.flags, CUT_SHORT.format(method))), "wls"
 
 
 def _box(session: Session, found: Estimate, prior: Parameters, search: Search) -> Bounds | None:

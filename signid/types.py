@@ -113,6 +113,7 @@ class Recording(Frozen):
     sha256: str = ""
     notes: tuple[str, ...] = ()
     scaled: Mask | None = None  # (n,) False where the torque constant of a current is not known; None: all are
+    flags: tuple[str, ...] = ()  # what is doubtful about its columns, a sentence each
 
     def __len__(self) -> int:
         return self.table.rows

@@ -98,3 +98,35 @@ def test_the_command_ends_with_3(tmp_path: Path, capfd: pytest.CaptureFixture[st
     assert run(words) == 3
     assert f"the fit of possible inertials {CUT}" in capfd.readouterr().err.replace("\n", " ")
     assert (tmp_path / "out" / "identification.json").is_file()
+
+
+def stopped_by_hand(verb: Callable[[], Any]) -> Any:
+    """What a verb finds whose searches are asked to stop as soon as one has an answer."""
+    from signid import deadline
+
+    with pytest.MonkeyPatch.context() as patch:
+        look = deadline.seconds_left
+        patch.setattr(deadline, "seconds_left", lambda: (deadline.stop_searches("a test"), look())[1])
+        return verb()
+
+
+def test_a_stop_is_flagged_by_what_asked_for_it(robot: Robot, recording: Recording) -> None:
+    found = stopped_by_hand(lambda: signid.identify(robot, [recording], method="pbrp"))
+    (flag,) = [flag for flag in found.flags if flag.startswith("stopped early by a test: ")]
+    assert "the search for standard parameters" in flag and "ended with the best found until then" in flag
+
+
+def test_a_fit_that_was_cut_short_is_not_worse_than_least_squares(robot: Robot, recording: Recording) -> None:
+    plain = signid.identify(robot, [recording], method="wls")
+    with time_limit(AT_ONCE):
+        cut = signid.identify(robot, [recording], method="pbrp")
+    assert cut.method == "wls" and np.array_equal(cut.base_value, plain.base_value)
+    assert any("worse than plain least squares" in flag for flag in cut.flags)
+
+
+def test_a_diagnosis_without_time_keeps_the_simulation(recording: Recording) -> None:
+    given = signid.load_model("3r")
+    with time_limit(AT_ONCE):
+        found = signid.diagnose(given, [recording])
+    assert not found.findings and found.verdict != "named"
+    assert np.all(found.after.held_out_rms <= 1.05 * found.before.held_out_rms)

@@ -60,7 +60,7 @@ def test_a_fault_is_named_with_its_numbers(
     first = found.findings[0]
     assert len(found.findings) == 1 and 0 < first.probability <= 1 and first.statistic > first.threshold >= 3
     for key, value in truth.items():
-        got, std = first.law.parameters[key], first.std[key]
+        got, std = first.law.parameters[key] - first.stated.get(key, 0.0), first.std[key]
         assert got == pytest.approx(value, rel=share, abs=0.003), key
         assert abs(got - value) < SURE * std + 0.005 * abs(value), key
     on = np.flatnonzero(first.torque_share > 0)
@@ -186,7 +186,7 @@ def test_torque_without_a_sign_is_diagnosed() -> None:
     assert diagnosis_document(found)["signs"]["segments"]
 
 
-@pytest.mark.parametrize("rows", (40, 100, 200, 400))
+@pytest.mark.parametrize("rows", (40, 100, 200))
 def test_too_little_is_refused_in_a_sentence(rows: int) -> None:
     (whole,) = recorded("3r", motions=1)
     with pytest.raises(RecordingError) as refused:

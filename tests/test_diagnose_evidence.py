@@ -161,16 +161,18 @@ def test_asking_is_weighing(true: tuple[Group, ...]) -> None:
         assert logsumexp(np.log(weight) + told) == pytest.approx(factors[GROUPS.index(group)], abs=1e-6)
 
 
-def test_what_is_known_of_the_bodies_is_as_good_as_its_rows() -> None:
+def test_what_is_known_before_is_as_good_as_rows() -> None:
     evidence, other = rows(7), rows(8, 0.0, 0.4)
     which = columns_of([BODIES])
-    x, y = dense(other, which), other.data.residual.ravel() / np.repeat(DISPERSION, ROWS)
-    known = Known(x.T @ (x / np.repeat(DISPERSION, ROWS)[:, None]), x.T @ y)
+    x = dense(other, which)
+    known = Known(which, x.T @ (x / np.repeat(DISPERSION, ROWS)[:, None]))
     fit = Evidence(evidence.data, known).fit((), DISPERSION, 1.0)
     both = [dense(e, fit.which) for e in (evidence, other)]
-    both[1][:, fit.which == FRICTION.start] = 0  # friction is another one from day to day
+    both[1][:, fit.which == FRICTION.start] = 0  # nothing is known of friction
     stack, noise = np.concatenate(both), np.tile(np.repeat(DISPERSION, ROWS), 2)
-    target = np.concatenate([evidence.data.residual.ravel(), other.data.residual.ravel()])
+    target = np.concatenate(
+        [evidence.data.residual.ravel(), np.zeros(other.data.residual.size)]
+    )  # what is stated is right
     gram = stack.T @ (stack / noise[:, None])
     prior = evidence.precision((), np.diag(gram), 1.0)
     np.testing.assert_allclose(fit.value, np.linalg.solve(gram + prior, stack.T @ (target / noise)), rtol=1e-4)

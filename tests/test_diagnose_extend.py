@@ -139,12 +139,16 @@ def test_tolerances_are_shares_of_the_bodies() -> None:
 SPRING = fault("spring", 2, stiffness=1.0, rest=0.2)
 
 
-def test_what_is_there_already_is_no_hypothesis() -> None:
+def test_of_a_law_that_is_stated_its_size_is_a_hypothesis() -> None:
     one = posed("3r")
     motion = one.setting.pieces[0].motion
-    keys = {h.key for h in propose(one.setting.model, motion, ("spring",))}
-    bare = {h.key for h in propose(simulation("3r", ()), motion)}
-    assert ("viscous_friction", (0,)) not in keys and ("viscous_friction", (0,)) in bare
+    whole = {h.key: h for h in propose(one.setting.model, motion, ("spring",))}
+    lacking = {h.key: h for h in propose(simulation("3r", ()), motion)}
+    keys, bare = set(whole), set(lacking)
+    stated = whole["viscous_friction", (0,)].stated
+    assert stated is not None and stated.parameters["coefficient"] == DRIVES["3r"].viscous_friction[0]
+    assert lacking["viscous_friction", (0,)].stated is None
+    assert not any(name.startswith("viscous_friction+") for name, _ in keys)
     assert ("armature", (0,)) in keys and not any(name == "spring" for name, _ in keys)
     assert ("viscous_friction+coulomb_friction", (0, 1, 2)) in bare and ("time", (2,)) in keys
 

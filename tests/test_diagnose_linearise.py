@@ -65,12 +65,12 @@ def test_a_search_that_does_not_settle_is_told(monkeypatch: pytest.MonkeyPatch) 
 def test_time_that_runs_out_in_a_later_round_leaves_what_was_found(monkeypatch: pytest.MonkeyPatch) -> None:
     whole, asked = TOGETHER._search, list[bool]()
 
-    def interrupted(*given: object) -> object:
+    def interrupted(*given: object, **more: object) -> object:
         """The first search ends; in those that follow time is up before they find anything."""
         asked.append(len(asked) > 0)
         monkeypatch.setattr(TOGETHER, "time_is_up", lambda _: asked[-1])
         monkeypatch.setattr(import_module("signid.diagnose.search"), "time_is_up", lambda _: asked[-1])
-        return whole(*given)
+        return whole(*given, **more)
 
     monkeypatch.setattr(TOGETHER, "_search", interrupted)
     found = signid.diagnose(simulation("3r"), read("3r", recorded("3r", LOAD, OTHERS[1])))

@@ -164,18 +164,19 @@ def identify(
     judges = [given_recording(path, described, columns, unsigned) for path in held_out or ()]
     options = given_options(effects, cutoff, derivatives, no_instruments, white, seed, robust)
     search = given_search(bounds, global_algorithm, local_algorithm, total_mass)
-    with limited(time_limit), bars(json) as progress:
-        result = learn(
-            described,
-            given,
-            held_out=judges,
-            method=method,
-            signs=signs,
-            estimator=estimator,
-            search=search,
-            options=options,
-            progress=progress,
-        )
-    read = given_inputs(robot, described, actuators, columns=columns, bounds=bounds)
-    read += factor_inputs(recordings)
-    return deliver(result, read, output, json, again(context))
+    with limited(time_limit):
+        with bars(json) as progress:
+            result = learn(
+                described,
+                given,
+                held_out=judges,
+                method=method,
+                signs=signs,
+                estimator=estimator,
+                search=search,
+                options=options,
+                progress=progress,
+            )
+        read = given_inputs(robot, described, actuators, columns=columns, bounds=bounds)
+        read += factor_inputs(recordings)
+        return deliver(result, read, output, json, again(context))

@@ -78,17 +78,18 @@ def diagnose(
         _read(paths, model.robot, columns, unsigned) for paths in (recordings, held_out, reference)
     )
     options = Options(cutoff=cutoff, seed=seed)
-    with limited(time_limit), bars(json, one=True) as progress:
-        result = search(
-            model,
-            given,
-            held_out=judges,
-            reference=healthy,
-            skip=[name.strip() for text in skip or () for name in text.split(",")],
-            options=options,
-            progress=progress,
-        )
-    return deliver_diagnosis(result, source.inputs(model.robot, columns=columns), output, json, again(context))
+    with limited(time_limit):
+        with bars(json, one=True) as progress:
+            result = search(
+                model,
+                given,
+                held_out=judges,
+                reference=healthy,
+                skip=[name.strip() for text in skip or () for name in text.split(",")],
+                options=options,
+                progress=progress,
+            )
+        return deliver_diagnosis(result, source.inputs(model.robot, columns=columns), output, json, again(context))
 
 
 def _read(paths: Paths, robot: Robot, columns: str | None, unsigned: bool) -> list[Recording]:

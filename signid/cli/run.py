@@ -29,6 +29,7 @@ from . import factors as factors  # isort: skip
 from . import fleet as fleet  # isort: skip
 from . import data as data  # isort: skip
 from .commands import app
+from .interrupt import signals_heard
 from .show import BAD, BROKEN, DONE, INTERRUPTED, complain
 
 USAGE: Any = next(
@@ -37,8 +38,13 @@ USAGE: Any = next(
 
 
 def main() -> NoReturn:
-    """Run the command that the arguments of the process ask for, and exit with its code."""
-    sys.exit(run(sys.argv[1:]))
+    """Run the command that the arguments of the process ask for, hearing signals meanwhile, and exit with its code."""
+    with signals_heard() as heard:
+        code = run(sys.argv[1:])
+        if code == INTERRUPTED and heard.last is not None:
+            complain(heard.sentence(heard.last))
+            code = 128 + heard.last
+    sys.exit(code)
 
 
 def run(arguments: Sequence[str]) -> int:

@@ -1,7 +1,7 @@
 """Model discrepancy: torque of a joint that no law of the library makes, as a random function of the joint's state.
 
 recorded - predicted = laws + d(q, v, load, direction) + noise, per joint, with d a zero-mean Gaussian process of size s
-and stationary kernel. d is written by F random Fourier features, d = Z w with w ~ N(0, s^2 I), so its covariance s^2 Z Z'
+and stationary kernel. d is written by F random Fourier features, d = Z w with w ~ N(0, s^2 I), of covariance s^2 Z Z'
 has rank 2 F, and rows are whitened by a projection:
 
     (I + s^2 Z Z')^-1/2 = I - U (I - (I + D^2)^-1/2) U',    s Z = U D V' (singular values D).

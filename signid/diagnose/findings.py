@@ -115,9 +115,7 @@ def _findings(
             yield _finding(case, law, std, gain, rivals)
 
 
-def _finding(
-    case: _Case, law: Law, std: dict[str, float], gain: float, rivals: tuple[Alternative, ...]
-) -> Finding:
+def _finding(case: _Case, law: Law, std: dict[str, float], gain: float, rivals: tuple[Alternative, ...]) -> Finding:
     setting, judge, found, slot = case[:4]
     in_model = case.extended.holds(slot.group)
     whole = _whole(law, setting.model, case.extended.shown.model if in_model else None)

@@ -151,7 +151,9 @@ def refits(law: Law) -> bool:
     that they are wrong is a hypothesis.
     """
     there = any(law.effect.coefficients(law.parameters))
-    return there and (isinstance(law.effect, TorqueLaw) or law.effect.scope == "joint" and isinstance(law.effect, BodyLaw))
+    return there and (
+        isinstance(law.effect, TorqueLaw) or law.effect.scope == "joint" and isinstance(law.effect, BodyLaw)
+    )
 
 
 def happens_once(law: Law) -> bool:

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..deadline import OutOfTimeError, show_step, time_is_up
 from ..effects.base import ActuatorLaw, BodyLaw, RecordingLaw
 from ..effects.law import law_torque
 from ..model import Model
@@ -18,6 +19,7 @@ from .group import dry_friction
 from .numbers import read_laws
 from .odds import Judge
 from .sample import bodies_of
+from .search import SEARCH
 from .setting import Setting
 from .table import retabulated
 
@@ -29,7 +31,7 @@ def linearised(setting: Setting, about: Setting, judge: Judge, found: Found) -> 
 
     A payload adds to the load that friction grows with and that a tilted base turns, friction to the torque that is
     written down too late, and so on. Each of these products is counted once, as a column of the law that acts on what
-    others bring about. The residual stays that of the simulation.
+    others bring about. The residual stays that of the simulation. None, too, where time is up.
 
     Args:
         setting: motions and rows, columns about the simulation.
@@ -37,6 +39,9 @@ def linearised(setting: Setting, about: Setting, judge: Judge, found: Found) -> 
         judge: library and evidence of these.
         found: what is taken for true.
     """
+    if time_is_up(SEARCH):
+        return None
+    show_step(f"linearising about {len(found.true)} laws", 0.8)
     fit = judge.evidence.fit(found.true, found.base, found.trust)
     value = {group: fit.value[fit.place(group)] for group in found.true}
     laws = [law for group in found.true for law in read_laws(group, value[group])]
@@ -57,7 +62,10 @@ def linearised(setting: Setting, about: Setting, judge: Judge, found: Found) -> 
     if not np.sum(off**2, axis=1) @ (1 / found.base) > MATTERS:
         return None
     dry = dry_friction(setting.model, setting.pieces)
-    return replace(new, table=retabulated(setting.table, setting.task, setting.model, new.pieces, dry))
+    try:
+        return replace(new, table=retabulated(setting.table, setting.task, setting.model, new.pieces, dry))
+    except OutOfTimeError:
+        return None
 
 
 def _loaded(model: Model, laws: Sequence[Law], inertials: Array) -> Robot:

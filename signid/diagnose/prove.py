@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..course import Course
+from ..errors import RecordingError
 from ..filters import Decimator
 from ..fit import Fit, fit_rows, rms_of
 from ..model import Model
@@ -36,7 +37,7 @@ class Rows(NamedTuple):
             noise: of the rows.
             least: of what is presumed near reversals, where no more is seen [1].
         """
-        return np.asarray(np.hypot(noise.floor, np.maximum(noise.late, least) * self.unsure))
+        return np.asarray(np.hypot(noise.least, np.maximum(noise.late, least) * self.unsure))
 
 
 class Shown(NamedTuple):
@@ -127,6 +128,11 @@ def residuals(task: Task, model: Model, parts: Sequence[Part]) -> Rows:
         parts: recordings and their sampling.
     """
     thin, found = row_filter(task), tuple(pieces(task, model, parts))
+    if not found:
+        raise RecordingError(
+            f"no stretch of the held-out recordings is as long as the filter for {task.band.cutoff:.3g} Hz; hold out "
+            f"more with --held-out, or raise the cut-off"
+        )
     rest, torque = (np.concatenate(x) for x in zip(*(filtered(piece, thin) for piece in found), strict=True))
     return Rows(found, thin, rest, torque, unsure_rows(thin, found, stated_friction(model)))
 

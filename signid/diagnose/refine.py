@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..deadline import time_is_up
+from ..deadline import show_step, time_is_up
 from ..effects import EFFECTS
 from ..effects.base import Effect, RecordingLaw
 from ..optimisers import OPTIMISERS, Problem
@@ -41,6 +41,7 @@ def refine(setting: Setting, judge: Judge, found: Found) -> tuple[Judge, Found]:
         options = _options(judge, group)
         if not options or time_is_up(SEARCH):
             continue
+        show_step(f"fitting numbers of {group.claim.key[0]}", 0.7)
         rest = without(judge, found, group)
         dispersion = spread(judge, rest)
         fit = judge.evidence.fit(rest.true, dispersion, found.trust)

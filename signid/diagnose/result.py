@@ -39,7 +39,9 @@ class Finding(Frozen):
     threshold: float  # that it needed
     held_out_gain: float  # share of the held-out sum of squares that it takes away, on its joints [1]
     alternatives: tuple[Alternative, ...]
-    stated: Mapping[str, float] = field(default_factory=dict)  # of numbers that the simulation states [as its parameter]
+    stated: Mapping[str, float] = field(
+        default_factory=dict
+    )  # of numbers that the simulation states [as its parameter]
     in_model: bool = True  # whether the extended simulation has it: held-out torque is predicted no worse with it
 
 

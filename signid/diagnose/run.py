@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..deadline import ends_in_time
+from ..basis import build_base
+from ..deadline import OutOfTimeError, ends_in_time, steps_shown, time_is_up
 from ..effects import EFFECTS
 from ..errors import InputError, OptionError, RecordingError
 from ..gross import REFUSE, Gross, examine
@@ -24,18 +25,21 @@ from .doubt import doubts
 from .empirical import model_rest
 from .enough import enough
 from .evidence import Evidence
-from .explain import explain
+from .explain import Explained, explain
+from .extend import stated_bodies
+from .fallback import never_worse
 from .findings import find
 from .group import dry_friction, lay_out
 from .hypothesis import happens_once, pooled, propose
 from .knowledge import known_before
 from .noise import measure_noise
-from .odds import Judge
+from .odds import Bodies, Judge
 from .period import find_period
 from .prove import prove, show
 from .prune import prune
 from .result import Diagnosis
 from .sample import pieces
+from .search import SEARCH
 from .setting import Setting
 from .slots import settle
 from .table import tabulate
@@ -80,15 +84,16 @@ def diagnose(
     given, notes = restrict_joints(model, [*recordings, *held_out])
     model = restrict_joints(_lasting(known.model), [*recordings, *held_out])[0] if known else given
     session, gross = _prepare(model, recovered, options, told)
-    setting, data = _build(model, session, skip, told)
-    told("searching", 0.4)
+    session = _judged_by_itself(model, session)
+    setting, data = _build_in_time(model, session, skip, told)
     evidence = Evidence(data, known_before(model, data.groups))
-    setting, judge, found, tangled = explain(setting, _judge(model, evidence, skip), skip, known)
-    told("judging", 0.7)
+    setting, judge, found, tangled = _search(setting, _judge(model, evidence, skip), skip, known, told)
     found, slots = settle(setting, judge, prune(setting, session, judge, found))
     verdict = decide(setting, judge, found, slots)
     result = model_rest(session, find(setting, session, judge, found, slots, verdict, options.seed))
-    proof = prove(show(session, given), result.shown, setting.noise)
+    first = show(session, given)
+    result = never_worse(first, result, setting.noise)
+    proof = prove(first, result.shown, setting.noise)
     rolled = _roll_out(session, given, result.shown.model, told)
     return Diagnosis(
         robot=session.robot,
@@ -104,7 +109,7 @@ def diagnose(
         trust=found.trust,
         signs=recovered.signs,
         inputs=recordings_used(recordings, held_out, reference),
-        flags=(*recovered.flags, *gross.flags, *tangled, *result.flags, *doubts(proof.before, proof.after)),
+        flags=(*_flags(recovered, gross), *tangled, *result.flags, *doubts(proof.before, proof.after)),
         notes=(*recovered.notes, *notes, *session.notes, *gross.notes, *rolled[2]),
         cutoff=session.task.band.cutoff,
         seed=options.seed,
@@ -120,6 +125,22 @@ def _check(recordings: Sequence[Recording], reference: Sequence[Recording], skip
         raise OptionError(f"{same[0]} is its own reference; give a recording of the robot when all was well")
     for name in skip:
         EFFECTS[name]
+
+
+def _search(setting: Setting, judge: Judge, skip: Sequence[str], known: Diagnosis | None, told: Progress) -> Explained:
+    """Everything from the first search on, with its steps shown; a stop leaves the best found until then."""
+    told("searching", 0.4)
+    time_is_up(SEARCH)  # from here on there is an answer: the simulation as it was given
+    with steps_shown(told, 0.4, 0.7):
+        found = explain(setting, judge, skip, known)
+    told("judging", 0.7)
+    return found
+
+
+def _flags(given: Recovered, gross: Gross) -> tuple[str, ...]:
+    """Sentences on the recordings: doubtful columns, doubtful signs, gross faults."""
+    columns = dict.fromkeys(flag for one in (*given.recordings, *given.held_out) for flag in one.flags)
+    return (*columns, *given.flags, *gross.flags)
 
 
 def _silent(what: str, share: float) -> None:
@@ -145,7 +166,25 @@ def _prepare(model: Model, given: Recovered, options: Options, told: Progress) -
     return session, gross
 
 
-def _build(model: Model, session: Session, skip: Sequence[str], told: Progress) -> tuple[Setting, Whitened]:
+def _judged_by_itself(model: Model, session: Session) -> Session:
+    """The session; what is too short to hold anything out is judged by itself, and a note says so."""
+    if next(pieces(session.task, model, session.held_out), None) is not None:
+        return session
+    note = "too short to hold anything out: the extended simulation is judged by the rows that it was learned from"
+    return replace(session, held_out=session.train, notes=(*session.notes, note))
+
+
+def _build_in_time(model: Model, session: Session, skip: Sequence[str], told: Progress) -> tuple[Setting, Whitened]:
+    """Motions and rows of all hypotheses, or of none where time is up before they are made."""
+    try:
+        with steps_shown(told, 0.2, 0.4):
+            return _build(model, session, skip, told)
+    except OutOfTimeError:
+        return _build(model, session, None, told)
+
+
+def _build(model: Model, session: Session, skip: Sequence[str] | None, told: Progress) -> tuple[Setting, Whitened]:
+    """Motions and rows; without `skip` those of the simulation's own numbers alone, where time is up."""
     told("building hypotheses", 0.2)
     task, parts = session.task, session.train
     made = tuple(pieces(task, model, parts))
@@ -154,7 +193,8 @@ def _build(model: Model, session: Session, skip: Sequence[str], told: Progress) 
             f"no stretch of the recordings is as long as the filter for {task.band.cutoff:.3g} Hz; record for longer, "
             f"or raise the cut-off"
         )
-    hypotheses = propose(model, pooled([p.motion for p in made]), (*skip, CONTACT))
+    motion = pooled([p.motion for p in made])
+    hypotheses = [] if skip is None else propose(model, motion, (*skip, CONTACT))
     dry = dry_friction(model, made)
     table = tabulate(task, model, lay_out(model, made[0].motion, hypotheses, dry), made, dry)
     periods = tuple(_period(part) for part in parts)
@@ -169,7 +209,8 @@ def _lasting(model: Model) -> Model:
 
 def _judge(model: Model, evidence: Evidence, skip: Sequence[str]) -> Judge:
     bodies = tuple(carried(model.robot, j) for j in range(len(model.robot.joints)))
-    return Judge(evidence, len(list(EFFECTS)), len(skip), bodies)
+    own = Bodies(build_base(model.robot), stated_bodies(model))
+    return Judge(evidence, len(list(EFFECTS)), len(skip), bodies, own)
 
 
 def _period(part: Part) -> float | None:

@@ -6,10 +6,11 @@ from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
-from ..deadline import time_is_up
+from ..deadline import show_step, time_is_up
 from ..effects.base import ActuatorLaw
 from ..residual import leave
 from ..types import Array
+from .bodies import is_possible, nearest_bodies
 from .found import Found
 from .group import Group
 from .hypothesis import Key, happens_once
@@ -26,6 +27,8 @@ CROWDED = 16  # hypotheses looked at in one step
 LEAST = 0.007  # share of some joint's torque that an effect needs
 SHAPE_ERROR = 0.05  # of an effect that is taken for true: what its law leaves of it
 WORSE = 2.0  # log odds: by so many squared deviations may unseen rows grow by chance
+IMPOSSIBLE = 4.0  # squared deviations of each number from the nearest possible bodies: more, and a change is impossible
+NARROW = 1e-10  # variance of bodies that do not change [kg2, kg2.m2, kg2.m4]
 SPANNED = 1e-3  # of a hypothesis's columns that others leave: it says nothing new
 BETTER = 2.0  # log odds by which another hypothesis must be better to take a place
 APPROXIMATE, CLIPPED = (0.3, 2.0), (0.6, 1.5)  # coefficients of laws that are there (1) or not
@@ -41,6 +44,7 @@ def search(judge: Judge, base: Array) -> Found:
     state = Found((), {}, base, judge.evidence.trust((), base))
     first, seen = dict[Key, Odds](), list[set[Group]]()
     for step in range(MOST):
+        show_step(f"weighing laws beside {len(state.true)} found", 1 - 0.7 ** (step + 1))
         odds, trusted = judge.odds(state.true, spread(judge, state))
         first = odds if step == 0 else first
         chosen = _pick(judge, state, odds, trusted, FIRST if step == 0 else NEXT)
@@ -53,7 +57,7 @@ def search(judge: Judge, base: Array) -> Found:
         if set(state.true) in seen:
             break
         seen.append(set(state.true))
-    for _ in range(2):
+    for _ in range(0 if time_is_up(SEARCH) else 2):
         before, state = state.true, _exchanged(judge, _plainer(judge, state), BETTER / 2)
         if before == state.true:
             break
@@ -98,7 +102,7 @@ def _pick(judge: Judge, state: Found, odds: Mapping[Key, Odds], trusted: float, 
         open_, key=lambda o: (-max((strained.get(j, 0.0) for j in o.best.claim.bodies), default=0.0), -o.log)
     )
     for candidate in ranked[:CROWDED]:
-        if candidate.log < usual:
+        if candidate.log < usual or time_is_up(SEARCH):
             continue
         enough = candidate.log >= needed(judge, candidate.best, trusted, len(state.true), usual, strained)
         if enough and is_sound(judge, state, candidate.best, candidate.log):
@@ -123,7 +127,7 @@ def is_sound(judge: Judge, state: Found, group: Group, log: float) -> bool:
         at = fit.place(group).start + belief.positive
         if group.size == 1 or value[belief.positive] <= -2 * np.sqrt(fit.covariance[at, at]):
             return False
-    if _is_redundant(judge, state.true, group):
+    if _is_redundant(judge, state.true, group) or not _has_bodies(judge, true, state.base, trust, group):
         return False
     return (
         happens_once(group.claim.laws[0])
@@ -138,6 +142,24 @@ def _is_possible(group: Group, change: Array) -> bool:
         return True
     kinds, stated = law.effect.linear().values(), law.effect.coefficients(law.parameters)
     return all(not kind.positive or x + step > 0 for kind, x, step in zip(kinds, stated, change.tolist(), strict=False))
+
+
+def _has_bodies(judge: Judge, true: Sequence[Group], base: Array, trust: float, group: Group) -> bool:
+    """Whether a change of a body leaves bodies that a real robot could have, within what the rows leave open."""
+    law, own = group.claim.laws[0], judge.bodies
+    if own is None or law.effect.name not in ("link_inertia", "payload"):
+        return True
+    fit = judge.evidence.fit(true, base, trust)
+    place, body = fit.place(group), judge.carried[law.joints[0]]
+    step = np.zeros_like(own.inertials)
+    step[body, : group.size] = fit.value[place]
+    if is_possible(own.inertials, own.inertials + step):
+        return True
+    covariance = np.diag(np.full(step.size, NARROW))
+    at = 10 * body + np.arange(group.size)
+    covariance[np.ix_(at, at)] += fit.covariance[place, place]
+    near = nearest_bodies(own.base, own.inertials, step, covariance)
+    return near.feasible_without_moving or near.chi2 < IMPOSSIBLE * group.size
 
 
 def _is_founded(group: Group, there: set[Key]) -> bool:
@@ -177,6 +199,8 @@ def _exchanged(judge: Judge, state: Found, better: float) -> Found:
     In the place of a link's that is strained without it, only what relieves that link could.
     """
     for group in state.true:
+        if time_is_up(SEARCH):
+            break
         rest = without(judge, state, group)
         odds, trusted = judge.odds(rest.true, spread(judge, rest))
         links = relieved(judge, rest, group)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 
+from ..deadline import time_is_up
 from ..effects import EFFECTS
 from ..effects.base import TorqueLaw
 from ..effects.law import coefficient_count, law_columns
@@ -20,6 +21,7 @@ from ..residual import leave
 from ..types import Array, Law
 from .sample import torque_of
 
+SEARCH, UNSOUGHT = "the search for motions that separate alternatives", "not searched for: time was up"
 MOTIONS, DURATION, RATE = 6, 8.0, 50.0  # random ones, [s], [Hz]
 INDEPENDENT = 20.0  # [Hz] samples of torque with independent errors
 HARMONICS, AMPLITUDE = 5, (0.3, 0.9)  # least and most share of the limits
@@ -40,6 +42,8 @@ def tell_apart(model: Model, law: Law, rival: Law, floor: Array, seed: int) -> s
 
     Source: T-optimality, Atkinson, Fedorov, Biometrika 62(1), 1975.
     """
+    if time_is_up(SEARCH):
+        return UNSOUGHT
     tried = [(*_left(model, law, rival, floor, motion), motion) for motion in _motions(model, seed)]
     left, share, motion = max(tried, key=lambda t: t[0])
     if max(s for _, s, _ in tried) < STRUCTURAL:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ..deadline import need_time, show_step
 from ..filters import Decimator, least
 from ..model import Model
 from ..motion import Motion
@@ -164,6 +165,8 @@ def _thinned(
 def _columns(model: Model, groups: Sequence[Group], piece: Piece, dry: Array) -> Iterator[dict[int, Array]]:
     yield from (found.columns for found in nuisances(model, piece.motion, dry))
     for group in (group for group in groups if group.hypothesis is not None):
+        need_time("the search for laws")
+        show_step(f"columns of {group.claim.key[0]}", group.start / max(groups[-1].start, 1))
         yield {j: _finite(x) for j, x in group.claim.columns(piece.motion).items()}
 
 

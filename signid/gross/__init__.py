@@ -4,7 +4,8 @@
 comes late or reaches a limit. Each `Finding` is a sentence: what is wrong, how sure that is, and how to mend it.
 """
 
-from .examine import examine, find_delay
+from .examine import examine
+from .identified import Judged, identification_flags
 from .result import REFUSE, Finding, Gross
 
-__all__ = ["REFUSE", "Finding", "Gross", "examine", "find_delay"]
+__all__ = ["REFUSE", "Finding", "Gross", "Judged", "examine", "identification_flags"]

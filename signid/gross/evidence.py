@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +17,7 @@ from ..rows import Task
 from ..session import Part, Session, longest_piece
 from ..types import Array, Frozen, Indices, Law, Mask, Robot
 from .correction import Correction
+from .curve import Curve
 
 SAMPLES = 2**16  # that are looked at, of all recordings together
 FINE = 4  # times as dense as the rows of identification: lags are told between them
@@ -80,19 +82,13 @@ class Evidence(Frozen):
             return self.plain.torque
         late = np.empty_like(self.plain.torque)
         for d in np.unique(lag):
-            which = np.flatnonzero(lag == d)
-            pieces = zip(self.torques, self.moments, strict=True)
-            late[:, which] = np.concatenate([_between(t, x[:, which], at + d) for (t, x), at in pieces])
+            pieces = [curve.at(t + d) for curve, t in zip(self._curves, self.moments, strict=True)]
+            late[:, lag == d] = np.concatenate(pieces)[:, lag == d]
         return late
 
-
-def _between(t: Array, x: Array, at: Array) -> Array:
-    """(K, k) values between uniform samples (M, k), which are dense: Catmull and Rom's cubic; held at the ends."""
-    place = np.clip((at - t[0]) / (t[1] - t[0]), 0, len(t) - 1)
-    first = np.clip(place.astype(np.intp), 1, len(t) - 3)
-    u = (place - first)[:, None]
-    a, b, c, d = (x[first + k] for k in (-1, 0, 1, 2))
-    return np.asarray(b + u / 2 * (c - a + u * (2 * a - 5 * b + 4 * c - d + u * (3 * (b - c) + d - a))))
+    @cached_property
+    def _curves(self) -> list[Curve]:
+        return [Curve(t, torque) for t, torque in self.torques]
 
 
 def gather(model: Model, session: Session, parts: Sequence[Part]) -> Evidence | None:

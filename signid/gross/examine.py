@@ -17,7 +17,6 @@ from ..types import Array, Mask
 from .absolute import judge_absolute
 from .channels import judge_channels
 from .correction import Correction
-from .delay import judge_delay
 from .evidence import Evidence, Signals, gather
 from .fits import Columns, unexplained
 from .gains import Gains, judge_gains
@@ -31,7 +30,6 @@ from .sentences import (
     tell_amount,
     tell_beyond,
     tell_claims,
-    tell_delay,
     tell_excitation,
     tell_factors,
     tell_fault,
@@ -93,22 +91,6 @@ def examine(
     causes = [*absolute, *_causes(session, parts, evidence, seen)]
     findings = [*causes, *_effects(session, parts, evidence, excitation, causes)]
     return _gross(robot.joints, evidence, seen, findings)
-
-
-def find_delay(model: Model, session: Session) -> Finding | None:
-    """A delay of torque against the motion, either way, as short as one that biases friction.
-
-    This is the `delay` of `examine` alone, which needs a tenth of its time: a gain, offset and sign of each torque make
-    no difference to it.
-
-    Args:
-        model: of the session's joints, identified from these recordings or not.
-        session: the recordings, as `prepare` gives them; torques count only where their sign was recorded.
-    """
-    parts = [*session.held_out, *session.train]
-    evidence = gather(model, session, list({id(recording): (recording, s) for recording, s in parts}.values()))
-    delay = None if evidence is None else judge_delay(evidence, telling(evidence.plain, evidence.signed))
-    return None if delay is None else tell_delay(delay, session.robot.joints)
 
 
 def _see(evidence: Evidence) -> _Seen:
@@ -174,9 +156,7 @@ def _gross(
     signs, order = _verdicts(evidence.corrected(seen.done), seen)
     late = seen.done.lag[list(seen.done.tau_from)] + seen.lags.own
     explained = np.where(evidence.signed, 1 - seen.left, np.nan)
-    mild = None if seen.claims or seen.lags.gross.any() else judge_delay(evidence, seen.told)
-    delay = None if mild is None else tell_delay(mild, joints)
-    return Gross(joints, explained, seen.gains.factor, late, signs, order, tuple(findings), delay)
+    return Gross(joints, explained, seen.gains.factor, late, signs, order, tuple(findings))
 
 
 def _verdicts(x: Signals, seen: _Seen) -> tuple[tuple[str, ...], tuple[str, ...]]:

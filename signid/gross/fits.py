@@ -8,6 +8,7 @@ import numpy as np
 
 from ..types import Array
 from .evidence import Signals
+from .nonnegative import nonnegative
 
 
 class Fit(NamedTuple):
@@ -36,10 +37,8 @@ class Columns:
         Args:
             torque: (K,) [N.m or N].
         """
-        from scipy.optimize import nnls  # takes long to import
-
         y = torque - torque.mean()
-        found = nnls(self.factor, self.basis.T @ y)[0] / self.size
+        found = nonnegative(self.factor, self.basis.T @ y) / self.size
         residual = y - self.columns @ found
         power = float(y @ y)
         share = float(residual @ residual) / power if power else 1.0

@@ -52,12 +52,12 @@ def judge_lags(evidence: Evidence, done: Correction, told: Mask) -> Lags:
         told: (n,) joints whose torque tells something.
     """
     lags, left = lag_table(evidence, done)
-    best = np.array([minimum(lags, column) for column in left.T])
+    best = np.array([_minimum(lags, column) for column in left.T])
     zero, least = left[len(lags) // 2], left.min(axis=0)
     tells = told & (np.abs(best) < EDGE * LAG) & (least <= zero)
     saves = tells & (least <= np.minimum(HALVES * zero, LEFT)) & (zero - least >= GAINS)
     own = np.where(tells, best, np.nan)
-    common = minimum(lags, np.log(np.maximum(left[:, told], TINY)).sum(axis=1)) if told.any() else EDGE * LAG
+    common = _minimum(lags, np.log(np.maximum(left[:, told], TINY)).sum(axis=1)) if told.any() else EDGE * LAG
     at = np.array([np.interp(common, lags, column) for column in left.T])
     together = bool(np.all(at[told] <= TOGETHER * least[told] + FLOOR)) and abs(common) < EDGE * LAG
     changed, size = _change(evidence, done, best), np.maximum(_rms(evidence.corrected(done).torque), 1e-300)
@@ -82,13 +82,8 @@ def _rms(x: Array) -> Array:
     return np.asarray(np.sqrt(np.mean(x**2, axis=0)))
 
 
-def minimum(x: Array, y: Array) -> float:
-    """Where a curve is lowest, by the parabola through its lowest point and the neighbours.
-
-    Args:
-        x: (L,) equally spaced [any unit].
-        y: (L,) [any unit].
-    """
+def _minimum(x: Array, y: Array) -> float:
+    """Where a curve is lowest, by the parabola through its lowest point and the neighbours."""
     k = int(np.argmin(y))
     if k in (0, len(x) - 1):
         return float(x[k])

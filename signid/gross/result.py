@@ -33,7 +33,6 @@ class Gross(Frozen):
     signs: tuple[str, ...]  # (n,) verdicts on the sign of torque against the position's
     order: tuple[str, ...]  # (n,) verdicts on whose torque it is
     findings: tuple[Finding, ...]
-    delay: Finding | None = None  # too short to be gross, and so none of the findings: for a model of these recordings
 
     @property
     def refusal(self) -> str:

@@ -9,12 +9,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..deadline import time_is_up
 from ..types import Array, Frozen, Indices, Mask
 from .correction import Correction
 from .evidence import Evidence, Signals
 from .fits import Columns, fit_joints, unexplained
 from .lag import LATE, lag_table
 
+SEARCH = "the search for gross faults"
 WELL, CLOSELY = 0.05, 0.01  # unexplained share of the variance that passes for a good fit, and that settles ties
 WORTH, NEARLY = 0.8, 0.3  # nats of unexplained variance that a claim needs; by which a rival may do less
 LEFT, BETTER = 0.35, 0.5  # unexplained at most afterwards, and at most that share of what it was, on some joint
@@ -78,6 +80,8 @@ def search(evidence: Evidence, told: Mask) -> list[Claim]:
     claims: list[Claim] = []
     done = Correction.none(len(told))
     for _ in range(2 * len(told)):
+        if time_is_up(SEARCH, answer=False):
+            break
         claim = _next(evidence, done, told)
         if claim is None:
             break
@@ -91,6 +95,8 @@ def _next(evidence: Evidence, done: Correction, told: Mask) -> Claim | None:
         return None
     judged = []
     for trial in _trials(evidence, done, told[list(done.tau_from)]):
+        if time_is_up(SEARCH, answer=False):
+            return None
         left = _left(evidence, trial.correction)
         if np.any((left - before)[evidence.signed] > WORSE) or not _betters_all(trial, done, told, before, left):
             continue
@@ -152,7 +158,7 @@ def _trials(evidence: Evidence, done: Correction, told: Mask) -> Iterator[Trial]
 
 def _best_order(x: Signals, told: Mask) -> tuple[int, ...]:
     """Whose torque each joint's is, by what the joints' columns explain of the torques, whatever their sign."""
-    from scipy.optimize import linear_sum_assignment  # takes long to import
+    from scipy.optimize import linear_sum_assignment  # here, because it takes longer to import than all other checks
 
     left = np.where(np.eye(len(told)), 0.0, 2.0)
     for i in np.flatnonzero(told):

@@ -11,7 +11,6 @@ from ..excitation import ExcitationVerdict
 from ..types import Robot
 from .channels import Fault
 from .correction import Correction
-from .delay import Delay
 from .gains import Gains
 from .lag import Lags
 from .limits import Amount, Beyond
@@ -83,16 +82,6 @@ def tell_lags(lags: Lags, done: Correction, joints: Sequence[str]) -> Iterator[F
         told = f"the torque of {who} is recorded {1e3 * abs(lag):.0f} ms {side} against the motion"
         mend = "record both with one clock, or shift the columns by that much"
         yield Finding("lag", about, WARN, {"lag": lag, "share": float(lags.share[group].max())}, f"{told}; {mend}")
-
-
-def tell_delay(delay: Delay, joints: Sequence[str]) -> Finding:
-    """A delay of all joints that is too short to be gross."""
-    size = f"{1e3 * abs(delay.seconds):.1f} ± {2e3 * delay.std:.1f} ms"
-    told = f"torque leads the motion by {size}" if delay.seconds < 0 else f"torque is recorded {size} late"
-    why = "friction and inertias that are fitted to it are wrong"
-    mend = "run signid diagnose, which adds the delay to the model, or shift the torque columns by that much"
-    measures = {"lag": delay.seconds, "std": delay.std}
-    return Finding("delay", tuple(joints), WARN, measures, f"{told}: {why}; {mend}")
 
 
 def tell_factors(gains: Gains, robot: Robot) -> Iterator[Finding]:

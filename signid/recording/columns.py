@@ -11,6 +11,7 @@ from ..formats.base import About
 from ..types import Robot, Table
 from .mapping import ColumnMap, Columns, Signal, read_map, split
 from .names import suggest
+from .numbering import doubt_numbers
 from .source import Opened
 from .units import Change, Changed
 
@@ -25,6 +26,7 @@ class Assignment:
     signals: Mapping[tuple[str, int], Signal]
     notes: tuple[str, ...]
     table: Table
+    flags: tuple[str, ...] = ()  # sentences on columns whose joint is doubtful
 
     def column(self, kind: str, joint: int) -> str:
         """The column of a signal, "" where the source has none."""
@@ -60,7 +62,14 @@ def assign_columns(opened: Opened, given: ColumnMap | None, robot: Robot) -> Ass
                 raise RecordingError(f"{source} has {names}, which are the same signal of one joint; keep one of them")
             signals[key] = signal if signal.mapped else rival
     notes = _ignored(strangers, signals, robot, opened)
-    return Assignment(signals, notes, _in_units(opened, columns, signals, robot))
+    numbered = [j for (kind, j), signal in signals.items() if kind == "q" and _is_number(signal, robot)]
+    flags = doubt_numbers(source, robot, numbered)
+    return Assignment(signals, notes, _in_units(opened, columns, signals, robot), flags)
+
+
+def _is_number(signal: Signal, robot: Robot) -> bool:
+    """Whether a column of the source names its joint by a number that nobody put there on purpose."""
+    return not signal.mapped and not any(token in robot.joints for _, token in split(signal.logical))
 
 
 def _in_units(opened: Opened, columns: Columns, signals: Mapping[tuple[str, int], Signal], robot: Robot) -> Table:

@@ -70,6 +70,7 @@ def read_recording(
         opened.sha256,
         (*About.of(opened.table).notes, *_notes(found, robot, joints), *found.notes),
         ~np.isnan(constants) if np.isnan(constants).any() else None,
+        found.flags,
     )
 
 

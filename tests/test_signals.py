@@ -1,0 +1,219 @@
+"""Ctrl-C, SIGTERM and time limits: the best answer so far, whole and flagged, or none at all."""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import re
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+import signid
+from signid.cli import run
+from signid.cli.show import remaining
+from signid.deadline import OutOfTimeError, need_time, show_step, steps_shown, stop_searches, time_is_up, time_limit
+
+ROOT = Path(__file__).parents[1]
+THERE = {**os.environ, "PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+LIMIT, SPARE = 5.0, 10.0  # s; of processor time beyond the limit, start and report included
+SIGNALS = [(signal.SIGINT, "Ctrl-C"), (signal.SIGTERM, "SIGTERM")]
+FILES = {
+    "diagnose": ["diagnosis.json", "model.json", "report.html", "robot.urdf"],
+    "identify": ["identification.json", "model.json", "report.html", "robot.urdf"],
+}
+COMMANDS = {"diagnose": (), "identify": ("--method", "pbrp")}
+BEGUN = {"diagnose": ("weighing laws", 0.0), "identify": ("judging by", 1.0)}  # what is shown so long [s] before
+CODES = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")  # of a terminal
+
+
+class Ended(NamedTuple):
+    code: int
+    said: str
+    seconds: float  # of processor time
+
+
+@pytest.fixture(scope="module")
+def long(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Five minutes of a simulated panda with friction that its description lacks."""
+    return simulated(tmp_path_factory.mktemp("long"), 300)
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same for forty seconds."""
+    return simulated(tmp_path_factory.mktemp("short"), 40)
+
+
+def simulated(folder: Path, seconds: float) -> Path:
+    path = folder / "panda.parquet"
+    words = f"simulate panda --duration {seconds} --rate 250 --step 0.002 --noise 0.01"
+    assert run([*words.split(), "--inject", "stribeck_friction@panda_joint4", "-o", str(path)]) == 0
+    return path
+
+
+def command(words: Sequence[str], signals: Sequence[tuple[float, signal.Signals]]) -> Ended:
+    """A command in a process of its own that gets signals so many seconds after it began, or after the one before."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    with subprocess.Popen(
+        [sys.executable, "-m", "signid", *words],
+        env=THERE,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as child:
+        for seconds, number in signals:
+            time.sleep(seconds)
+            child.send_signal(number)
+        _, said = child.communicate(timeout=300)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return Ended(child.returncode, said, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
+
+
+def stopped(verb: str, path: Path, out: Path, number: signal.Signals, again: bool = False) -> Ended:
+    """A command in a terminal that gets a signal once its search has begun, and perhaps another one."""
+    words = [verb, "panda", str(path), *COMMANDS[verb], "-o", str(out)]
+    (shown, seconds), (ours, its) = BEGUN[verb], pty.openpty()
+    with subprocess.Popen(
+        [sys.executable, "-m", "signid", *words], env={**THERE, "TERM": "xterm"}, stdout=subprocess.DEVNULL, stderr=its
+    ) as child:
+        os.close(its)
+        said, sent = "", False
+        while piece := _piece(ours):
+            said += piece
+            if shown in said and not sent:
+                time.sleep(seconds)
+                sent = True
+                for _ in range(1 + again):
+                    child.send_signal(number)
+                    time.sleep(0.1)
+    os.close(ours)
+    return Ended(child.returncode, CODES.sub("", said).replace("\r\n", "\n"), 0.0)
+
+
+def _piece(terminal: int) -> str:
+    """What was written to a terminal; nothing where nobody writes any more."""
+    try:
+        return os.read(terminal, 65536).decode(errors="replace")
+    except OSError:
+        return ""
+
+
+def whole(out: Path, verb: str) -> dict[str, object]:
+    """The document; all files are there, complete, and nothing else is."""
+    assert sorted(path.name for path in out.iterdir()) == FILES[verb]
+    assert (out / "report.html").read_text().rstrip().endswith("</html>")
+    signid.load_model(out / "model.json")
+    document: dict[str, object] = json.loads((out / FILES[verb][0]).read_text())
+    return document
+
+
+def test_a_long_diagnosis_ends_in_time(long: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    ended = command(["diagnose", "panda", str(long), "-o", str(out), "--time-limit", f"{LIMIT:g}"], [])
+    assert ended.code == 3
+    assert ended.seconds < LIMIT + SPARE
+    document = whole(out, "diagnose")
+    assert f"the search for laws was cut short after {LIMIT:g} s" in str(document["flags"])
+    fits = document["fit"]
+    assert isinstance(fits, dict)
+    worse = [a > 1.05 * b for b, a in zip(*(fits[key]["held_out_rms"] for key in ("before", "after")), strict=True)]
+    loud = [a > 3 * f for f, a in zip(fits["after"]["noise_floor"], fits["after"]["held_out_rms"], strict=True)]
+    assert not any(w and one for w, one in zip(worse, loud, strict=True)), "never worse than the given simulation"
+
+
+@pytest.mark.parametrize(("number", "name"), SIGNALS)
+@pytest.mark.parametrize("verb", COMMANDS)
+def test_a_signal_leaves_the_best_so_far(
+    verb: str, number: signal.Signals, name: str, short: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    ended = stopped(verb, short, out, number)
+    assert ended.code == 3, ended.said
+    assert f"signid: stopped early by {name}: " in ended.said
+    assert f"stopped early by {name}: " in str(whole(out, verb)["flags"])
+
+
+def test_an_identification_that_was_stopped_is_not_worse_than_least_squares(short: Path, tmp_path: Path) -> None:
+    assert stopped("identify", short, tmp_path / "out", signal.SIGTERM).code == 3
+    robot = signid.load_robot("panda")
+    plain = signid.identify(robot, [signid.read_recording(short, robot)], method="wls").fit.train_rms
+    fit = whole(tmp_path / "out", "identify")["fit"]
+    assert isinstance(fit, dict)
+    assert all(rms <= 1.051 * least for rms, least in zip(fit["train_rms"], plain, strict=True))
+
+
+@pytest.mark.parametrize(("number", "name"), SIGNALS)
+def test_a_second_signal_ends_at_once(number: signal.Signals, name: str, short: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    ended = stopped("diagnose", short, out, number, again=True)
+    assert ended.code == 128 + number
+    assert f"signid: {name} ended the command again, before the result was complete; no file of it was" in ended.said
+    assert not out.exists() and not list(tmp_path.rglob(".signid-*"))
+
+
+@pytest.mark.parametrize(("number", "name"), SIGNALS)
+def test_a_signal_before_any_answer_leaves_nothing(
+    number: signal.Signals, name: str, short: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    ended = command(["diagnose", "panda", str(short), "-o", str(out)], [(1.5, number)])
+    assert ended.code == 128 + number
+    assert ended.said.splitlines() == [
+        f"signid: {name} ended the command before there was a result; no file of it was written"
+    ]
+    assert not out.exists()
+
+
+def test_the_library_has_no_handlers(tmp_path: Path) -> None:
+    before = [signal.getsignal(number) for number, _ in SIGNALS]
+    assert run(["identify", "3r", str(ROOT / "robots/3r/recording.parquet"), "-o", str(tmp_path / "out")]) == 0
+    assert [signal.getsignal(number) for number, _ in SIGNALS] == before
+
+
+def test_a_stop_waits_for_an_answer() -> None:
+    assert not stop_searches("a test")
+    with time_limit(1000.0):
+        assert not time_is_up("a search", answer=False)
+        assert not stop_searches("a test"), "nothing was found yet"
+        need_time("a search")
+        assert not time_is_up("a search")
+        assert stop_searches("a test")
+        assert time_is_up("a search")
+        with pytest.raises(OutOfTimeError):
+            need_time("a search")
+    assert not time_is_up("a search")
+
+
+def test_steps_are_heard_in_their_share_and_never_go_back() -> None:
+    heard = list[tuple[str, float]]()
+    show_step("nobody listens", 0.5)
+    with steps_shown(lambda what, share: heard.append((what, share)), 0.4, 0.6):
+        for share in (0.0, 0.5, 0.2, 2.0):
+            show_step(f"step {share:g}", share)
+    assert [what for what, _ in heard] == ["step 0", "step 0.5", "step 0.2", "step 2"]
+    assert [share for _, share in heard] == pytest.approx([0.4, 0.5, 0.5, 0.6])
+
+
+@pytest.mark.parametrize(
+    ("elapsed", "done", "limit", "says"),
+    [
+        (10.0, 0.5, float("inf"), "about 10 s left"),
+        (10.0, 0.5, 30.0, "about 10 s, at most 30 s left"),
+        (10.0, 0.5, 3600.0, "about 10 s left"),
+        (10.0, 0.5, 4.0, "at most 4 s left"),
+        (0.5, 0.5, 600.0, "at most 10 min left"),
+        (10.0, 0.0, float("inf"), ""),
+        (10.0, 0.0, -1.0, "at most 0 s left"),
+    ],
+)
+def test_the_time_that_is_left(elapsed: float, done: float, limit: float, says: str) -> None:
+    assert remaining(elapsed, done, 1 - done, limit) == says
