@@ -58,7 +58,9 @@ def test_both_numbers_have_the_digits_that_they_deserve(changes: dict[str, Any],
 def test_several_numbers_of_a_law_are_compared_in_the_list() -> None:
     law = "asymmetric_friction@2:viscous_positive=0.1,viscous_negative=0.2,coulomb_positive=1,coulomb_negative=2"
     std = dict.fromkeys(("viscous_positive", "viscous_negative", "coulomb_positive", "coulomb_negative"), 0.01)
-    text = told(made(findings=(finding(law, std, stated={"coulomb_positive": 0.5, "coulomb_negative": 0.5}),)))
+    result = made(findings=(finding(law, std, stated={"coulomb_positive": 0.5, "coulomb_negative": 0.5}), FRICTION))
+    assert f"3r: {SENTENCE}; numbers of the simulation are wrong: asymmetric" in " ".join(told(result).split())
+    text = told(replace(result, findings=result.findings[:1]))
     assert "3r: numbers of the simulation are wrong: asymmetric_friction of joint_2 (probability >0.999)\n" in text
     assert "\n  coulomb_positive: 0.500 in the simulation, 1.000 ± 0.020 N.m recorded\n" in text
     assert "\n  viscous_negative 0.200 ± 0.020 N.m.s/rad\n" in text and max(map(len, text.splitlines())) <= 100

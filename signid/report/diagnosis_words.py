@@ -57,11 +57,11 @@ def _cause_words(result: Diagnosis) -> Iterator[str]:
     missing, wrong = ([f for f in result.causes if bool(f.stated) == stated] for stated in (False, True))
     if missing:
         yield f"the simulation lacks {_together(result.robot, missing)}"
-    compared = [stated_words(result.robot, finding) for finding in wrong]
-    if all(compared) and len(wrong) <= COMPARED:
-        yield from compared
-    else:
-        yield f"numbers of the simulation are wrong: {_together(result.robot, wrong)}"
+    compared = {k: words for k, finding in enumerate(wrong) if (words := stated_words(result.robot, finding))}
+    compared = compared if len(compared) <= COMPARED else {}
+    yield from compared.values()
+    if others := [finding for k, finding in enumerate(wrong) if k not in compared]:
+        yield f"numbers of the simulation are wrong: {_together(result.robot, others)}"
 
 
 def role_words(result: Diagnosis) -> dict[str, str]:
