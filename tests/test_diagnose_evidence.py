@@ -178,34 +178,6 @@ def test_what_is_known_before_is_as_good_as_rows() -> None:
     np.testing.assert_allclose(fit.value, np.linalg.solve(gram + prior, stack.T @ (target / noise)), rtol=1e-4)
 
 
-def test_unseen_blocks_tell_a_law_from_a_chance() -> None:
-    true = [rows(k, 0.8, count=160, blocks=4).gain_unseen((), VISCOUS, DISPERSION, 0.0) for k in range(12)]
-    chance = [rows(k, 0.4, count=160, blocks=4).gain_unseen((), WAVE, DISPERSION, 0.0) for k in range(12)]
-    assert np.mean(chance) < 0 and min(true) > 2 * max(chance)
-    assert rows(0, 0.8, count=160).gain_unseen((), VISCOUS, DISPERSION, 0.0) > 3  # eighths of one recording
-
-
-@pytest.mark.parametrize("blocks", [1, 4])
-@pytest.mark.parametrize("trust", [0.0, 2.0])
-def test_unseen_blocks_are_predicted_by_the_others(blocks: int, trust: float) -> None:
-    evidence = rows(3, 0.8, count=160, blocks=blocks)
-    block = evidence.data.recording if blocks > 1 else np.arange(160) * 8 // 160
-
-    def unseen(true: tuple[Group, ...]) -> float:
-        which, left = evidence.columns(true, trust), 0.0
-        x = dense(evidence, which).reshape(JOINTS, 160, -1) / np.sqrt(DISPERSION)[:, None, None]
-        y = evidence.data.residual / np.sqrt(DISPERSION)[:, None]
-        prior = evidence.precision(true, np.einsum("jmk,jmk->k", x, x), trust)
-        for b in range(block.max() + 1):
-            a, c = x[:, block != b].reshape(-1, len(which)), y[:, block != b].ravel()
-            value = np.linalg.solve(a.T @ a + prior, a.T @ c)
-            left += float(np.sum((y[:, block == b] - x[:, block == b] @ value) ** 2))
-        return left
-
-    told = evidence.gain_unseen((OFFSET,), SPRING, DISPERSION, trust)
-    assert told == pytest.approx(unseen((OFFSET,)) - unseen((OFFSET, SPRING)), rel=1e-6, abs=1e-6)
-
-
 def test_what_happens_in_one_recording_only_is_not_foretold() -> None:
     evidence = rows(9, 0.0, count=160, blocks=4)
     data = evidence.data

@@ -15,7 +15,7 @@ from signid.diagnose.locate import locate
 from signid.diagnose.noise import MARGIN, measure_noise, whiten
 from signid.diagnose.table import Table
 from signid.diagnose.wave import find_wave
-from signid.diagnose.whitened import weights
+from signid.diagnose.whitening import weights
 from signid.types import Array
 
 RATE = 20.0  # Hz

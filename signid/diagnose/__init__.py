@@ -13,7 +13,7 @@ The way of the data through the files, as `run` goes it:
 
 - recordings to rows: `enough`, `sample` (motions and residual), `hypothesis`, `group` (what columns mean), `table`,
   `period`, `noise`, `wave`, `whitened`, `setting` (all of these together);
-- rows to evidence: `prior`, `components`, `linear` and `fitted` (normal equations), `batches`, `evidence`, `cross`,
+- rows to evidence: `prior`, `components`, `linear` and `fitted` (normal equations), `batches`, `evidence`,
   `odds`, `reference`;
 - evidence to what is taken for true: `explain` by `search`, `sizes`, `strain`, `contact`, `refine`, `linearise`
   (what laws do to each other), then `prune`;

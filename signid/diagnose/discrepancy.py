@@ -69,7 +69,7 @@ def project(white: Array, size: float) -> Projection:
     """Whitening against a discrepancy.
 
     Args:
-        white: (M, 2 F) features in units of the noise of a torque of 1 N.m [1 / N.m].
+        white: (M, 2 F) [1/N.m] features in units of the noise.
         size: of the discrepancy [N.m or N].
     """
     basis, singular, _ = np.linalg.svd(size * white, full_matrices=False)
@@ -81,7 +81,7 @@ class Likeliest(NamedTuple):
 
     size: float  # of the discrepancy [N.m or N]
     variance: float  # of the noise, over what it was presumed to be [1]
-    value: Array  # (k + 2 F,) or (k,) without a discrepancy: posterior mean of the coefficients
+    value: Array  # (k + 2 F,) or (k,) [of each coefficient] posterior mean, without features if there is no discrepancy
     used: float  # rows that the fit uses up, its effective number of parameters
     log: float  # log density of the rows
 
@@ -90,7 +90,7 @@ def likeliest(white: Array, fitted: Array, precision: Array, residual: Array, sc
     """The likeliest size of the discrepancy and variance of the noise, everything that is fitted integrated out.
 
     Args:
-        white: (M, 2 F) features [1 / N.m] in units of the noise.
+        white: (M, 2 F) [1/N.m] features in units of the noise.
         fitted: (M, k) columns that are fitted [1 per coefficient].
         precision: (k, k) [1 per coefficient, squared] of their prior.
         residual: (M,) [1].

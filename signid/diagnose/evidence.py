@@ -13,7 +13,6 @@ from scipy.special import logsumexp
 from ..types import Array
 from .batches import Batch, View, batches, gather, log_factor, view
 from .components import Component
-from .cross import Unseen, leave_out
 from .fitted import Fitted
 from .group import Group
 from .linear import Linear
@@ -102,22 +101,6 @@ class Evidence(Linear):
         below = fit.below(across)
         left = (own - below.T @ below)[None], (right - below.T @ fit.told)[None]
         return float(log_factor(gather([belief]), *left)[0])
-
-    def gain_unseen(self, true: Sequence[Group], group: Group, dispersion: Array, trust: float) -> float:
-        """By how much a hypothesis lessens the squared whitened residual of blocks that it was not fitted to [1].
-
-        Args:
-            true: hypotheses that are taken for true beside it.
-            group: the hypothesis.
-            dispersion: (n,) variance of the whitened residual [1].
-            trust: of the tolerance of inertials, how far they are off.
-        """
-        key = (tuple(true), dispersion.tobytes(), trust)
-        return self._unseen(key, lambda: leave_out(self, true, dispersion, trust)).gain(group)
-
-    @cached_property
-    def _unseen(self) -> Recent[Unseen]:
-        return Recent(len(TRUST))
 
     def _factors(self, true: Sequence[Group], dispersion: Array, trust: float, without: Group | None) -> Array:
         """(groups,) log Bayes factors at one trust."""

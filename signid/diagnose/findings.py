@@ -156,13 +156,11 @@ def _whole(law: Law, given: Model, extended: Model | None) -> Law:
 
 
 def _stated(model: Model, whole: Law) -> dict[str, float]:
-    """What the simulation states of a law, and of plainer ones that it contains."""
+    """What the simulation states of a law."""
     effect, out = whole.effect, dict[str, float]()
     for law in (law for law in model.laws if law.joints == whole.joints):
         if law.effect is effect and effect.shape(law.parameters) == effect.shape(whole.parameters):
             out |= {key: float(x) for key, x in law.parameters.items() if key in effect.linear()}
-        for key, share in effect.contains.get(law.effect.name, {}).items():
-            out[key] = out.get(key, 0.0) + share * float(next(iter(law.parameters.values())))
     return out
 
 

@@ -18,7 +18,8 @@ from .group import Group
 from .noise import Noise
 from .noise_model import update_joints
 from .setting import Setting
-from .whitened import Whitening, columns_of
+from .whitened import columns_of
+from .whitening import Whitening
 
 
 class _Terms(NamedTuple):

@@ -170,15 +170,11 @@ class Linear(Frozen):
         return self._precision(self.refitted(trust), true, diagonal, trust)
 
     def _precision(self, refitted: Sequence[Group], true: Sequence[Group], diagonal: Array, trust: float) -> Array:
-        spread = [np.array(g.deviation) * (trust if g.bodies else 1.0) for g in refitted]
-        deviation = np.concatenate([*spread, np.zeros(0)])
-        at, out = len(deviation), np.zeros((len(diagonal), len(diagonal)))
-        flat = FLAT * np.maximum(diagonal[:at], 1e-12)
-        out[range(at), range(at)] = np.where(np.isinf(deviation), flat, np.maximum(deviation, 1e-150) ** -2.0)
-        for group in true:
-            out[at : at + group.size, at : at + group.size] = self.own_precision(group)
-            at += group.size
-        return out + self.information(columns_of([*refitted, *true]))
+        out = self.prior_precision([*refitted, *true], trust)
+        flat = np.concatenate([np.isinf(group.deviation) for group in refitted] + [np.zeros(len(out), dtype=bool)])
+        where = np.flatnonzero(flat[: len(out)])
+        out[where, where] += FLAT * np.maximum(diagonal[where], 1e-12)
+        return out
 
     def prior_precision(self, groups: Sequence[Group], trust: float) -> Array:
         """(k, k) [1 per coefficient, squared] of the prior of some groups that are fitted; 0 where it is flat.

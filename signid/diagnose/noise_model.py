@@ -13,7 +13,7 @@ from .found import Found
 from .linear import Linear
 from .noise import Noise, noise_of_rest
 from .setting import Setting
-from .whitened import Whitening
+from .whitening import Whitening
 
 LEAST = 0.1  # of the rows that a fit leaves free, at least
 

@@ -126,6 +126,9 @@ def residuals(task: Task, model: Model, parts: Sequence[Part]) -> Rows:
         task: gives the band and the width of a reversal.
         model: the simulation.
         parts: recordings and their sampling.
+
+    Raises:
+        RecordingError: no stretch is as long as the filter.
     """
     thin, found = row_filter(task), tuple(pieces(task, model, parts))
     if not found:

@@ -13,7 +13,7 @@ from ..types import Array
 from .bodies import is_possible, nearest_bodies
 from .found import Found
 from .group import Group
-from .hypothesis import Key, happens_once
+from .hypothesis import Key
 from .odds import Judge, Odds
 from .sizes import energies, measure_sizes
 from .strain import relieved, strained_links
@@ -26,7 +26,6 @@ MOST = 14  # hypotheses altogether
 CROWDED = 16  # hypotheses looked at in one step
 LEAST = 0.007  # share of some joint's torque that an effect needs
 SHAPE_ERROR = 0.05  # of an effect that is taken for true: what its law leaves of it
-WORSE = 2.0  # log odds: by so many squared deviations may unseen rows grow by chance
 IMPOSSIBLE = 4.0  # squared deviations of each number from the nearest possible bodies: more, and a change is impossible
 NARROW = 1e-10  # variance of bodies that do not change [kg2, kg2.m2, kg2.m4]
 SPANNED = 1e-3  # of a hypothesis's columns that others leave: it says nothing new
@@ -105,13 +104,13 @@ def _pick(judge: Judge, state: Found, odds: Mapping[Key, Odds], trusted: float, 
         if candidate.log < usual or time_is_up(SEARCH):
             continue
         enough = candidate.log >= needed(judge, candidate.best, trusted, len(state.true), usual, strained)
-        if enough and is_sound(judge, state, candidate.best, candidate.log):
+        if enough and is_sound(judge, state, candidate.best):
             return candidate
     return None
 
 
-def is_sound(judge: Judge, state: Found, group: Group, log: float) -> bool:
-    """Whether an effect is large enough, has the sign that physics wants, foretells, and is near 1 without a number."""
+def is_sound(judge: Judge, state: Found, group: Group) -> bool:
+    """Whether an effect is large enough, possible, says something new, and is near 1 where it has no number."""
     true = (*state.true, group)
     trust = judge.evidence.trust(true, state.base)
     sizes = measure_sizes(judge.evidence, true, state.base, trust)
@@ -127,12 +126,7 @@ def is_sound(judge: Judge, state: Found, group: Group, log: float) -> bool:
         at = fit.place(group).start + belief.positive
         if group.size == 1 or value[belief.positive] <= -2 * np.sqrt(fit.covariance[at, at]):
             return False
-    if _is_redundant(judge, state.true, group) or not _has_bodies(judge, true, state.base, trust, group):
-        return False
-    return (
-        happens_once(group.claim.laws[0])
-        or judge.evidence.gain_unseen(state.true, group, state.base, trust) >= -WORSE * log
-    )
+    return not _is_redundant(judge, state.true, group) and _has_bodies(judge, true, state.base, trust, group)
 
 
 def _is_possible(group: Group, change: Array) -> bool:

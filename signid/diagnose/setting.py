@@ -18,7 +18,8 @@ from .hypothesis import Hypothesis
 from .noise import Noise
 from .sample import Piece, row_filter, thinned
 from .table import Table
-from .whitened import Whitened, Whitening
+from .whitened import Whitened
+from .whitening import Whitening
 
 
 @dataclass(frozen=True, eq=False)

@@ -77,7 +77,7 @@ def settle(setting: Setting, judge: Judge, found: Found) -> tuple[Found, tuple[S
         worst = min(weak, key=lambda slot: slot.probability)
         rest, rivals = without(judge, found, worst.group), list(worst.rivals.values())
         log = found.log_odds[worst.group]
-        better = [group for p, group in rivals[:1] if p > LIKELY and is_sound(judge, rest, group, log)]
+        better = [group for p, group in rivals[:1] if p > LIKELY and is_sound(judge, rest, group)]
         if not better and worst.probability > DOUBT:
             return found, slots
         true = (*rest.true, *better)
@@ -106,7 +106,7 @@ def _slot(
     highest = max(logs.values())
     near = [key for key, x in logs.items() if highest - x < NEAR and key != own and not odds[key].best.claim.unknown]
     for key in near:
-        if not is_sound(judge, rest, odds[key].best, logs[key]):
+        if not is_sound(judge, rest, odds[key].best):
             del logs[key]
     highest = max(logs.values())
     share = {key: float(np.exp(x - highest)) for key, x in logs.items()}

@@ -16,7 +16,7 @@ from .odds import Judge
 from .setting import Setting
 from .sizes import Sizes, measure_sizes
 from .slots import Slot
-from .whitened import weights
+from .whitening import weights
 
 CAUSE = 0.2  # of the largest ratio of torque to residual: less is a small correction
 LARGE, HOLDS = 0.03, 0.2  # share of some joint's torque, and held-out gain: more is no small correction
