@@ -90,11 +90,11 @@ def stop_searches(reason: str) -> bool:
 
 
 @contextmanager
-def steps_shown(progress: Callable[[str, float], None], start: float, stop: float) -> Iterator[None]:
+def steps_shown(progress: _Listener | None, start: float = 0.0, stop: float = 1.0) -> Iterator[None]:
     """What searches inside say with `show_step` goes to a progress function.
 
     Args:
-        progress: called with what is being done and the share of the whole that is done [1].
+        progress: called with what is being done and the share of the whole that is done [1]; None hears nothing.
         start: share that is done when the searches begin [1].
         stop: and when they have ended [1].
     """
@@ -103,7 +103,8 @@ def steps_shown(progress: Callable[[str, float], None], start: float, stop: floa
     def listen(what: str, share: float) -> None:
         nonlocal most
         most = max(most, start + (stop - start) * min(max(share, 0.0), 1.0))
-        progress(what, most)
+        if progress is not None:
+            progress(what, most)
 
     token = _LISTENER.set(listen)
     try:
@@ -160,8 +161,8 @@ def ends_in_time(verb: Callable[_P, _R]) -> Callable[_P, _R]:
             found = verb(*args, **kwargs)
         if not (limit.ended or limit.stopped):
             return found
-        told = _stop_flags(limit) if limit.stopped else _limit_flags(limit, seconds)
-        flags, result = dict.fromkeys((*found.flags, *told)), cast("Any", found)
+        sentences = _stop_flags(limit) if limit.stopped else _limit_flags(limit, seconds)
+        flags, result = dict.fromkeys((*found.flags, *sentences)), cast("Any", found)
         return cast("_R", replace(result, flags=tuple(flags)))
 
     return within

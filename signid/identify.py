@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .covariance import base_covariance
-from .deadline import ends_in_time
+from .deadline import ends_in_time, steps_shown
 from .errors import OptionError, shorten
 from .estimate import estimate
 from .estimators import ESTIMATORS, Estimator, Given
@@ -151,7 +151,8 @@ def _conclude(
     session, train = given.session, given.factors
     found = way.estimate(given)
     excitation = judge_excitation(session.task, train, found, seed)
-    chosen, method = choose_in_time(session, train, found, method, search, seed)
+    with steps_shown(given.progress):
+        chosen, method = choose_in_time(session, train, found, method, search, seed)
     parameters = chosen.parameters
     base_value = session.task.base.combination @ parameters.values
     fit = judge_fit(session, train, test, base_value)

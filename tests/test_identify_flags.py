@@ -93,7 +93,7 @@ def test_a_fault_is_flagged_with_the_next_command(name: str, robot: Robot, healt
 
 
 @pytest.mark.parametrize("seconds", DELAYS)
-def test_a_delay_is_told_to_a_millisecond(seconds: float, robot: Robot, healthy: Table) -> None:
+def test_a_delay_is_found_to_a_millisecond(seconds: float, robot: Robot, healthy: Table) -> None:
     table = dict(healthy)
     delayed(seconds)(table)
     found = signid.identify(robot, [signid.read_recording(table, robot)])

@@ -213,6 +213,7 @@ def test_steps_are_heard_in_their_share_and_never_go_back() -> None:
         (0.5, 0.5, 600.0, "at most 10 min left"),
         (10.0, 0.0, float("inf"), ""),
         (10.0, 0.0, -1.0, "at most 0 s left"),
+        (10.0, 1.0, 60.0, ""),
     ],
 )
 def test_the_time_that_is_left(elapsed: float, done: float, limit: float, says: str) -> None:

@@ -61,6 +61,8 @@ def remaining(elapsed: float, done: float, rest: float, limit: float) -> str:
         rest: share that is to be done [1].
         limit: until the time limit; infinite where there is none [s].
     """
+    if rest <= 0:
+        return ""
     guess = elapsed * rest / done if elapsed >= BRIEF and done >= LITTLE else float("inf")
     known = [f"about {_spell(guess)}"] if guess < limit else []
     if limit < float("inf") and (not known or limit < NEAR * guess):

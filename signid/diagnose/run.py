@@ -127,13 +127,15 @@ def _check(recordings: Sequence[Recording], reference: Sequence[Recording], skip
         EFFECTS[name]
 
 
-def _search(setting: Setting, judge: Judge, skip: Sequence[str], known: Diagnosis | None, told: Progress) -> Explained:
+def _search(
+    setting: Setting, judge: Judge, skip: Sequence[str], known: Diagnosis | None, progress: Progress
+) -> Explained:
     """Everything from the first search on, with its steps shown; a stop leaves the best found until then."""
-    told("searching", 0.4)
+    progress("searching", 0.4)
     time_is_up(SEARCH)  # from here on there is an answer: the simulation as it was given
-    with steps_shown(told, 0.4, 0.7):
+    with steps_shown(progress, 0.4, 0.7):
         found = explain(setting, judge, skip, known)
-    told("judging", 0.7)
+    progress("judging", 0.7)
     return found
 
 
@@ -177,13 +179,13 @@ def _judged_by_itself(model: Model, session: Session) -> Session:
     return replace(session, held_out=session.train, notes=(*session.notes, note))
 
 
-def _build_in_time(model: Model, session: Session, skip: Sequence[str], told: Progress) -> tuple[Setting, Whitened]:
+def _build_in_time(model: Model, session: Session, skip: Sequence[str], progress: Progress) -> tuple[Setting, Whitened]:
     """Motions and rows of all hypotheses, or of none where time is up before they are made."""
     try:
-        with steps_shown(told, 0.2, 0.4):
-            return _build(model, session, skip, told)
+        with steps_shown(progress, 0.2, 0.4):
+            return _build(model, session, skip, progress)
     except OutOfTimeError:
-        return _build(model, session, None, told)
+        return _build(model, session, None, progress)
 
 
 def _build(model: Model, session: Session, skip: Sequence[str] | None, told: Progress) -> tuple[Setting, Whitened]:

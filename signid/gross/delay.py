@@ -98,11 +98,11 @@ def _own(windows: list[tuple[Rows, Array]], joint: int) -> _Own | None:
     rate = np.concatenate([rate[k, joint] for (_, rate), k in pairs])
     instrument = np.concatenate([np.gradient(rows.columns[joint] @ value, rows.t)[k] for (rows, _), k in pairs])
     y, d, z = (x - basis @ (basis.T @ x) for x in (torque, rate, instrument))
-    told = float(z @ d)
-    if told <= 0 or not y.any():
+    overlap = float(z @ d)
+    if overlap <= 0 or not y.any():
         return None
-    delay = -float(z @ y) / told
+    delay = -float(z @ y) / overlap
     rest = y + delay * d
     variance = float(rest @ rest) / len(y)
-    std = max(variance * float(z @ z), 1e-300) ** 0.5 / told
+    std = max(variance * float(z @ z), 1e-300) ** 0.5 / overlap
     return _Own(delay, std, float(np.log(float(y @ y) / max(float(rest @ rest), 1e-300))))

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..consistent.cone import information_root
-from ..deadline import time_is_up
+from ..deadline import show_step, time_is_up
 from ..errors import OptionError
 from ..optimisers import OPTIMISERS, Optimum
 from ..types import BaseMap, Estimate, Frozen, Label, Parameters
@@ -130,7 +130,9 @@ def retrieve(
         OPTIMISERS["nlopt"].chosen(cost.problem(np.zeros(len(cost.free)), 0.0), name)
     weights = (schedule * np.arange(rounds)).tolist()
     for k in range(runs):
+        show_step("searching standard parameters", k / runs)
         first = descend(cost, rng.uniform(size=len(cost.free)), [0.0], global_algorithm, budget_global, seed + k)
+        show_step("searching standard parameters", (k + 1 / 3) / runs)
         ends = [first, descend(cost, first.x, weights, local_algorithm, budget_local, seed + k)]
         run = _judge(base, estimate, cost, weights[-1], ends)
         while not (run.feasible and run.converged) and len(ends) < 2 + _MORE and not time_is_up(SEARCH):

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..deadline import time_is_up
+from ..deadline import show_step, time_is_up
 from ..types import Array, Frozen
 from .branch import MOST, SEARCH, WIDEST, branch
 from .certificate import certify
@@ -119,6 +119,7 @@ def _prove(
     if scores.best - lower > scores.same:
         _improve(problem, scores, moves)
     while scores.best - lower > scores.same and nodes < most and not time_is_up(SEARCH):
+        show_step("searching signs", nodes / most)
         before = scores.best, scores.cuts.shape[1]
         window = scores.best - problem.loss(scores.signs)
         tree = branch(problem, scores.signs, window, scores.cuts, scores.coordinates, width, most - nodes)

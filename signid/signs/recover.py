@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..deadline import steps_shown
 from ..errors import OptionError, RecordingError, shorten
 from ..factors import Factors
 from ..prepare import prepare
@@ -106,10 +107,11 @@ def recover(
     learn = [parts[r] for r in recordings if r not in judges]
     _same_torques([recording for recording, _ in learn])
     if progress is not None:
-        progress("searching signs in", 0.0)
+        progress("searching signs", 0.0)
     observed = observe(session.task, learn)
     choose = by_tree(session.task, options.seed, progress) if method == "tree" else None
-    inferred = infer(session.task, observed, options.seed, choose)
+    with steps_shown(progress):
+        inferred = infer(session.task, observed, options.seed, choose)
     notes = (*_notes(observed, inferred), *_unused(observed, learn))
     traced = _traces(observed, learn, inferred, inferred.refined.signs)
     for part in (parts[r] for r in judges if not r.signed.all()):
