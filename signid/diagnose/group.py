@@ -97,8 +97,10 @@ def tolerance(model: Model) -> Array:
     """(nb, 10) how far inertial parameters of a drawing are usually off [kg, kg.m, kg.m2]."""
     out = []
     for inertia in list(model.bodies().inertias)[1:]:
-        mass, lever = max(inertia.mass, LEAST_MASS), np.abs(inertia.lever)
+        mass = max(abs(inertia.mass), LEAST_MASS)
+        lever = np.abs(inertia.mass * inertia.lever) / mass
         moment = INERTIA * float(np.max(np.abs(np.diag(inertia.inertia)) + mass * (lever @ lever)))
+        moment = max(moment, mass * CENTRE**2)
         half = moment / 2
         first = np.hypot(MASS * mass * lever, CENTRE * mass)
         out.append([MASS * mass, *first, moment, half, moment, half, half, moment])

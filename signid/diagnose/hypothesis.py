@@ -17,6 +17,7 @@ from ..types import Array, Law
 
 VARIABLES = ("position", "velocity", "acceleration", "torque", "time")
 KNOTS = 8
+HUGE = 1e60  # torque per coefficient of which squares cannot be added any more
 Key = tuple[str, tuple[int, ...]]  # effect and joints: members of one grid of shapes share it
 
 
@@ -70,7 +71,13 @@ class Hypothesis:
                 out.setdefault(j, np.zeros((len(motion), width)))
                 out[j][:, start : start + columns.shape[2]] = columns[:, k]
             start += columns.shape[2]
-        return out
+        return {j: finite(x) for j, x in out.items()}
+
+
+def finite(x: Array) -> Array:
+    """Columns (N, k), zero where a number is beyond all bounds: a law that cannot be computed explains nothing."""
+    told = np.abs(x).max(axis=0, initial=0.0) < HUGE  # False for NaN
+    return x if told.all() else np.where(told, x, 0.0)
 
 
 def propose(model: Model, motion: Motion, skip: Sequence[str] = ()) -> list[Hypothesis]:
@@ -151,7 +158,9 @@ def refits(law: Law) -> bool:
     that they are wrong is a hypothesis.
     """
     there = any(law.effect.coefficients(law.parameters))
-    return there and (isinstance(law.effect, TorqueLaw) or law.effect.scope == "joint" and isinstance(law.effect, BodyLaw))
+    return there and (
+        isinstance(law.effect, TorqueLaw) or law.effect.scope == "joint" and isinstance(law.effect, BodyLaw)
+    )
 
 
 def happens_once(law: Law) -> bool:

@@ -13,6 +13,7 @@ from ..types import Array
 from .found import Found
 from .group import Group
 from .hypothesis import Key, happens_once
+from .numbers import has_possible_numbers
 from .odds import Judge, Odds
 from .sizes import energies, measure_sizes
 from .strain import relieved, strained_links
@@ -116,7 +117,7 @@ def is_sound(judge: Judge, state: Found, group: Group, log: float) -> bool:
     low, high = CLIPPED if isinstance(group.claim.laws[0].effect, ActuatorLaw) else APPROXIMATE
     if sizes.share[group].max() < LEAST or (belief.mean and not low < value[0] < high):
         return False
-    if not _is_possible(group, value):
+    if not has_possible_numbers(group, value):
         return False
     if belief.positive >= 0 and value[belief.positive] <= 0:
         fit = judge.evidence.fit(true, state.base, trust)
@@ -129,15 +130,6 @@ def is_sound(judge: Judge, state: Found, group: Group, log: float) -> bool:
         happens_once(group.claim.laws[0])
         or judge.evidence.gain_unseen(state.true, group, state.base, trust) >= -WORSE * log
     )
-
-
-def _is_possible(group: Group, change: Array) -> bool:
-    """Whether numbers that the simulation states stay positive where physics wants that."""
-    law = group.claim.stated
-    if law is None:
-        return True
-    kinds, stated = law.effect.linear().values(), law.effect.coefficients(law.parameters)
-    return all(not kind.positive or x + step > 0 for kind, x, step in zip(kinds, stated, change.tolist(), strict=False))
 
 
 def _is_founded(group: Group, there: set[Key]) -> bool:
