@@ -25,7 +25,7 @@ from .sample import torque_rows
 from .search import FIRST, NEXT, needed
 from .separate import tell_apart
 from .setting import Setting
-from .slots import Slot, with_held_out
+from .slots import DOUBT, Slot, with_held_out
 from .verdict import Verdict
 
 UNSURE = 0.95  # probability below which a cause is flagged
@@ -77,6 +77,7 @@ def find(
         shown = shown._replace(model=replace(shown.model, covariance=covariance))
     model = shown.model
     gains = {group: [_held_out_gain(shown, law) for law in laws[group]] for group in order}
+    verdict = verdict.without({slot.group for slot in slots if slot.probability < DOUBT})
     verdict = verdict.raised(slots, {group: min(own) for group, own in gains.items()})
     findings, stds = list[Finding](), deviations(setting, judge, found, laws)
     for group in (*verdict.causes, *verdict.secondary):

@@ -131,15 +131,15 @@ def stated_friction(model: Model) -> Array:
 
 
 def dry_friction(model: Model, pieces: Sequence[Piece]) -> Array:
-    """(n,) dry friction of each joint [N.m or N]: what the simulation has, or roughly what the residual shows."""
+    """(n,) dry friction of each joint [N.m or N]: what the simulation has, and roughly what the residual adds."""
     found = stated_friction(model)
     few = [piece.motion[::STRIDE] for piece in pieces]
-    for j in np.flatnonzero(found == 0).tolist():
+    for j in range(len(found)):
         rows = [np.column_stack([_plain(m, j), p.residual[::STRIDE, j]]) for m, p in zip(few, pieces, strict=True)]
         x = np.concatenate(rows)
         x = x[np.isfinite(x).all(axis=1)]
         if len(x):
-            found[j] = max(float(np.linalg.lstsq(x[:, :-1], x[:, -1], rcond=1e-6)[0][0]), 0.0)
+            found[j] += max(float(np.linalg.lstsq(x[:, :-1], x[:, -1], rcond=1e-6)[0][0]), 0.0)
     return found
 
 

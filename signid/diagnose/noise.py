@@ -37,6 +37,7 @@ class Noise(Frozen):
     coefficients: Array  # (n, 4) [1] of the last four values
     innovation: Array  # (n,) [N.m or N] standard deviation of what is new in each row
     discrepancy: Array  # (n,) [N.m or N] size of the torque that no law of the library makes
+    least: Array  # (n,) [N.m or N] rms that columns of everything leave: the floor that a simulation is judged by
     late: Array  # (n,) [1] how far off torque is near reversals, as a multiple of what is presumed
 
 
@@ -53,7 +54,7 @@ def measure_noise(table: Table, periods: Sequence[float | None], rate: float) ->
     usual = _usual(table)
     found = [_of_joint(table, j, usual, periods, rate) for j in range(table.joints)]
     floor, coefficients, innovation, late = (np.array(x) for x in zip(*found, strict=True))
-    return Noise(floor, coefficients, innovation, np.zeros(table.joints), late)
+    return Noise(floor, coefficients, innovation, np.zeros(table.joints), floor, late)
 
 
 def whiten(x: Array, coefficients: Array, innovation: float, piece: Indices) -> Array:

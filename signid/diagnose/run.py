@@ -86,7 +86,7 @@ def diagnose(
     setting, judge, found, tangled = explain(setting, _judge(model, evidence, skip), skip, known)
     told("judging", 0.7)
     found, slots = settle(setting, judge, prune(setting, session, judge, found))
-    verdict = decide(judge, found, slots)
+    verdict = decide(setting, judge, found, slots)
     result = model_rest(session, find(setting, session, judge, found, slots, verdict, options.seed))
     proof = prove(show(session, given), result.shown, setting.noise)
     rolled = _roll_out(session, given, result.shown.model, told)

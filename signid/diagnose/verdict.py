@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,17 +10,20 @@ import numpy as np
 from ..types import Array, Frozen, Mask
 from .found import Found
 from .group import Group
+from .noise import whole
 from .odds import Judge
+from .setting import Setting
 from .sizes import Sizes, measure_sizes
 from .slots import Slot
+from .whitened import weights
 
-CAUSE = 0.05  # of the largest energy: less is a small correction
+CAUSE = 0.2  # of the largest ratio of torque to residual: less is a small correction
 LARGE, HOLDS = 0.03, 0.2  # share of some joint's torque, and held-out gain: more is no small correction
-EXPLAINED, ROUGHLY = 0.75, 0.5  # of the excess, of plain laws and of those whose shape is approximate
+NOTICEABLE = 0.01  # of torque: a discrepancy that follows the joint's state and is larger is something missing
+EXPLAINED, ROUGHLY = 0.6, 0.5  # of the excess, of plain laws and of those whose shape is approximate
 NOTICED = 4.0  # standard deviations of a mean square
 DISCREPANCY = 0.006  # of torque, in which every simulation is wrong
 FAINT = 0.1  # of the largest rms torque: no joint's counts as smaller
-CROWD, MOST_OF_IT = 3, 0.6  # causes; share of the excess that the first of so many must explain
 CLEAR, CLEARLY = 20.0, 0.8  # log odds that a variable explains it, from which on so much of the threshold is enough
 PLAIN = 3.0  # times the threshold, from which on something is missing though it depends on no variable
 STAYS = 0.25  # of a joint's excess that causes at other joints leave: they are not what is missing there
@@ -39,6 +42,16 @@ class Verdict(Frozen):
     threshold: Array  # (n,) of the excess [1]
     sizes: Sizes
 
+    def without(self, weak: Collection[Group]) -> Verdict:
+        """Without hypotheses that held-out rows speak against; unknown where no cause stays.
+
+        Args:
+            weak: these hypotheses.
+        """
+        causes, secondary = (tuple(g for g in some if g not in weak) for some in (self.causes, self.secondary))
+        name = "unknown" if self.name == "named" and not causes else self.name
+        return replace(self, name=name, causes=causes, secondary=secondary)
+
     def raised(self, slots: Sequence[Slot], gains: Mapping[Group, float]) -> Verdict:
         """With what is no small correction beside a larger cause among the causes.
 
@@ -55,59 +68,65 @@ class Verdict(Frozen):
         return replace(self, causes=(*self.causes, *more), secondary=secondary)
 
 
-def decide(judge: Judge, found: Found, slots: Sequence[Slot]) -> Verdict:
+def decide(setting: Setting, judge: Judge, found: Found, slots: Sequence[Slot]) -> Verdict:
     """Named, unknown, or nothing missing.
 
     Args:
+        setting: rows.
         judge: library and evidence.
-        found: what is taken for true.
+        found: the selected laws.
         slots: how sure each is.
     """
-    data = judge.evidence.data
+    data, noise = judge.evidence.data, setting.noise
     sizes = measure_sizes(judge.evidence, found.true, found.base, found.trust)
     bare = measure_sizes(judge.evidence, (), found.base, judge.evidence.trust((), found.base))
     count = data.counts
-    after, before = (sizes.left - 1) * count, (bare.left - 1) * count
+    after, before = (_excess(setting, judge, one) for one in (sizes, bare))
     scale = np.maximum(data.scale, FAINT * data.scale.max())
-    told_of = max((o.log for o in found.first.values() if o.best.claim.unknown), default=-np.inf)
-    threshold = NOTICED * np.sqrt(2 * count) + count * (DISCREPANCY * scale / data.floor) ** 2
-    threshold = threshold * (CLEARLY if told_of > CLEAR and not found.true else 1.0)
-    energy = {group: _weight(judge, found, sizes, group) for group in found.true}
+    clear = max((o.log for o in found.first.values() if o.best.claim.unknown), default=-np.inf)
+    threshold = NOTICED * np.sqrt(2 * count) + count * (DISCREPANCY * scale / noise.least) ** 2
+    threshold = threshold * (CLEARLY if clear > CLEAR and not found.true else 1.0)
+    left = np.sqrt(np.maximum(after / count + 1, 0)) * noise.least
+    energy = {group: _weight(judge, sizes, left, group) for group in found.true}
     largest = max(energy.values(), default=0.0)
     ranked = sorted(found.true, key=lambda group: -energy[group])
     causes = tuple(group for group in ranked if energy[group] >= CAUSE * largest)
     secondary = tuple(group for group in ranked if group not in causes)
-    told = {slot.group: slot for slot in slots}
+    slot = {slot.group: slot for slot in slots}
     if not causes:
-        name = "unknown" if np.any(after > threshold * (1 if told_of > 0 else PLAIN)) else "nothing_missing"
-    elif _abstains(data.joints, causes, before, after, threshold, told[causes[0]], energy):
+        state = clear > 0 or np.any(noise.discrepancy > NOTICEABLE * scale)
+        name = "unknown" if np.any(after > threshold * (1 if state else PLAIN)) else "nothing_missing"
+    elif _abstains(data.joints, causes, (before, after, threshold), slot[causes[0]]):
         name = "unknown"
     else:
         name = "named"
     return Verdict(name, causes, secondary, before, after, threshold, sizes)
 
 
-def _weight(judge: Judge, found: Found, sizes: Sizes, group: Group) -> float:
-    """Mean square of the torque that a law explains and nothing else would, in units of the joints' torque [1]."""
-    data, fit, total = judge.evidence.data, sizes.fit, 0.0
-    rest = measure_sizes(judge.evidence, tuple(g for g in found.true if g is not group), found.base, found.trust)
+def _excess(setting: Setting, judge: Judge, sizes: Sizes) -> Array:
+    """(n,) sum of squares of the residual, discrepancy included, beyond that of the floor [variance of the floor]."""
+    data, fit, noise, out = judge.evidence.data, sizes.fit, setting.noise, np.zeros(judge.evidence.data.joints)
+    weight, order = weights(setting.table, noise), noise.coefficients.shape[1]
+    kept = whole(setting.table.piece, order)
+    for j in range(data.joints):
+        at = data.at[j, fit.which]
+        rest = setting.table.residual[:, j] - data.torque[j][:, at[at >= 0]] @ fit.value[at >= 0]
+        out[j] = float(np.sum((rest[order:][kept] * weight[:, j] / noise.least[j]) ** 2)) - data.counts[j]
+    return out
+
+
+def _weight(judge: Judge, sizes: Sizes, left: Array, group: Group) -> float:
+    """Rms torque of a law over the rms of what all laws together leave, at the joint where that is largest [1]."""
+    data, ratio = judge.evidence.data, 0.0
     for j in data.rows(group):
-        here, there = (data.at[j, one.which] for one in (fit, rest.fit))
-        now = data.torque[j][:, here[here >= 0]] @ fit.value[here >= 0]
-        then = data.torque[j][:, there[there >= 0]] @ rest.fit.value[there >= 0]
-        total += float(np.mean((now - then) ** 2)) / float(data.scale[j]) ** 2
-    return total
+        torque = data.raw(j, group) @ sizes.value[group]
+        ratio = max(ratio, float(np.sqrt(np.mean(torque**2))) / max(float(left[j]), 1e-300))
+    return ratio
 
 
-def _abstains(
-    joints: int,
-    causes: Sequence[Group],
-    before: Array,
-    after: Array,
-    threshold: Array,
-    first: Slot,
-    energy: dict[Group, float],
-) -> bool:
+def _abstains(joints: int, causes: Sequence[Group], excess: tuple[Array, Array, Array], first: Slot) -> bool:
+    """Whether the causes leave most of what differs, at their joints or elsewhere."""
+    before, after, threshold = excess
     concerned = np.zeros(joints, dtype=bool)
     for group in causes:
         concerned |= _concerned(group, before > threshold)
@@ -116,11 +135,8 @@ def _abstains(
     loud = concerned & (after > threshold) & (after > LEFT * before.max())
     if 1 - left / max(whole, 1e-9) < needed and loud.any():
         return True
-    elsewhere = ~concerned & (after > PLAIN * threshold) & (after > LEFT * before.max()) & (after > STAYS * before)
-    if elsewhere.any():
-        return True
-    crowded = len(causes) >= CROWD and np.any(after > threshold) and left > LEFT * whole
-    return first.unknown > 0.5 or bool(crowded and energy[causes[0]] < MOST_OF_IT * max(float(before.sum()), 1e-9))
+    elsewhere = ~concerned & (after > PLAIN * threshold) & (after > STAYS * before)
+    return first.unknown > 0.5 or bool(after[elsewhere].sum() > max(whole - left, 0.0))
 
 
 def _concerned(group: Group, loud: Mask) -> Mask:
