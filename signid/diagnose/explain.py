@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ..deadline import time_is_up
-from ..types import Array
 from .contact import NAME as CONTACT
 from .contact import find_contact
 from .evidence import Evidence
@@ -22,6 +21,7 @@ from .odds import Judge
 from .refine import refine
 from .result import Diagnosis
 from .search import SEARCH, search, spread
+from ..types import Array
 from .setting import Setting, append
 from .sizes import measure_sizes
 from .whitened import whitened
@@ -35,7 +35,6 @@ TANGLED = (
 ROUNDS, MORE = 3, 2  # of columns about the simulation with what was found; laws that one may find beside those before
 NOISE_ROUNDS, SAME = 3, 0.05  # of noise and search in turn; change of the noise that matters
 import os
-
 DEBUG = bool(os.environ.get("DEBUG"))
 
 
@@ -99,13 +98,7 @@ def _explain(
         if time_is_up(SEARCH):
             break
         setting, found = quieter, again
-        DEBUG and print(
-            "noise",
-            (noise.discrepancy / setting.table.scale).round(4),
-            (noise.floor / setting.table.scale).round(4),
-            [(g.claim.key, round(found.log_odds[g], 1)) for g in found.true],
-            flush=True,
-        )
+        DEBUG and print("noise", (noise.discrepancy/setting.table.scale).round(4), (noise.floor/setting.table.scale).round(4), [(g.claim.key, round(found.log_odds[g],1)) for g in found.true], flush=True)
     return setting, judge_, found
 
 

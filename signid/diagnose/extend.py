@@ -64,11 +64,7 @@ def extend(
         same = [k for k, other in enumerate(own) if _adds(law, other)]
         if same:
             stated = law.effect.filled(own[same[0]].parameters)
-            sizes = {
-                key: stated[key] + x
-                for key, x in law.effect.filled(law.parameters).items()
-                if key in law.effect.linear()
-            }
+            sizes = {key: stated[key] + x for key, x in law.effect.filled(law.parameters).items() if key in law.effect.linear()}
             own[same[0]] = replace(law, parameters={**law.parameters, **sizes})
         else:
             own.append(law)

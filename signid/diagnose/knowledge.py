@@ -114,3 +114,5 @@ def _is_base_law(law: Law) -> bool:
 
 def _coefficients(law: Law) -> Array:
     return np.array(law.effect.coefficients(law.parameters)[: coefficient_count(law)])
+
+

@@ -32,7 +32,9 @@ def update_noise(setting: Setting, linear: Linear, found: Found) -> Noise:
     return update_joints(setting, linear, found, range(setting.table.joints))
 
 
-def update_joints(setting: Setting, linear: Linear, found: Found, joints: Sequence[int], colour: bool = True) -> Noise:
+def update_joints(
+    setting: Setting, linear: Linear, found: Found, joints: Sequence[int], colour: bool = True
+) -> Noise:
     """The same with new noise of some joints only.
 
     Args:
@@ -43,7 +45,7 @@ def update_joints(setting: Setting, linear: Linear, found: Found, joints: Sequen
         colour: whether the autoregressive models are estimated as well; else only variances and discrepancies.
     """
     noise = setting.noise
-    for last in (False, False, True) if colour else (True,):
+    for last in ((False, False, True) if colour else (True,)):
         whitening = Whitening(setting.table, noise)
         floor, coefficients = noise.floor.copy(), noise.coefficients.copy()
         innovation, size = noise.innovation.copy(), noise.discrepancy.copy()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -13,13 +12,14 @@ from ..types import Array, Frozen
 from .found import Found
 from .group import Group
 from .hypothesis import Key
-from .likelihood import Likelihood
 from .odds import Judge, Odds
+from .likelihood import Likelihood
 from .search import is_sound, without
 from .setting import Setting
 from .sizes import Sizes, measure_sizes
 
-DEBUG = bool(os.environ.get("DEBUG"))
+import os
+DEBUG = bool(os.environ.get('DEBUG'))
 TOLD = 0.03  # probability from which on a rival is listed
 NEAR = 4.0  # log odds behind the likeliest, up to which a rival must be physically possible to count
 ROUNDS, DOUBT, LIKELY = 12, 0.2, 0.5  # of settling; probability of what goes, and of what takes its place
@@ -119,21 +119,7 @@ def _slot(
         if key != own and not odds[key].best.claim.unknown and (p > TOLD or left.get(key, np.inf) < SAME)
     }
     unknown = sum(p for key, p in probability.items() if odds[key].best.claim.unknown)
-    DEBUG and print(
-        "slot",
-        own,
-        "search",
-        round(found.log_odds[group], 1),
-        "log",
-        round(log, 1),
-        "penalty",
-        round(penalty, 1),
-        "P",
-        round(probability.get(own, 0), 3),
-        {k: round(p, 3) for k, (p, _) in list(rivals.items())[:3]},
-        "unknown",
-        round(unknown, 3),
-    )
+    DEBUG and print("slot", own, "search", round(found.log_odds[group],1), "log", round(log,1), "penalty", round(penalty,1), "P", round(probability.get(own,0),3), {k: round(p,3) for k,(p,_) in list(rivals.items())[:3]}, "unknown", round(unknown,3))
     return Slot(group, probability.get(own, 0.0), unknown, rivals, log)
 
 
