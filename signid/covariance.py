@@ -1,4 +1,4 @@
-"""How far base parameters may be off: the covariance that a model carries from identification to diagnosis."""
+"""Covariance of base parameters, which model.json carries from identification to diagnosis."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ import numpy as np
 from .arrays import Array, Frozen
 from .parameters import INERTIAL, BaseMap
 
-DIGITS = 6  # significant ones of a variance in a file, at least
-SPARE_DIGITS = 2  # that the smallest principal variance keeps when the file rounds
-TERM_DIGITS = 10  # of a coefficient of a base parameter
-INDEFINITE = 1e-3  # most negative eigenvalue of the correlations that rounding may excuse
+DIGITS = 6  # least number of significant digits of a variance in a file
+SPARE_DIGITS = 2  # significant digits of the smallest eigenvalue after rounding
+TERM_DIGITS = 10  # significant digits of a coefficient of a base parameter
+INDEFINITE = 1e-3  # most negative eigenvalue of the correlation matrix, per row, that counts as rounding
 _BODY = re.compile(rf"(?:{'|'.join(INERTIAL)})_(\d+)")
 
 
 @dataclass(frozen=True, eq=False)
 class Covariance(Frozen):
-    """Base parameters = combination @ standard parameters, and their covariance about what a model states.
+    """Base parameters = combination @ standard parameters, and the covariance of their errors.
 
     The p standard parameters are ten for each of the nb bodies in Pinocchio's order, then the coefficients of laws in
-    the order in which base parameters name them. An infinite variance says that nothing is known.
+    the order in which base parameters name them. The variance of an unidentifiable base parameter is infinite.
     """
 
     labels: tuple[str, ...]  # p names: "Izz_2", "coulomb_friction_1"
     expressions: tuple[str, ...]  # b formulas, "Izz_2 + 0.09 m_3"
     combination: Array  # (b, p) [unit of base over unit of standard]
-    values: Array  # (b,) [units of base] as identified; the model may have been edited since
+    values: Array  # (b,) [units of base] as identified; a model that was edited later states others
     matrix: Array  # (b, b) [units of base]
 
     @property
@@ -39,7 +39,7 @@ class Covariance(Frozen):
         return np.sqrt(np.diag(self.matrix))
 
     def document(self) -> dict[str, Any]:
-        """The covariance as model.json holds it, with as many digits as keep it positive; null: nothing is known."""
+        """JSON object of model.json, with enough digits to stay positive definite; null stands for infinity."""
         lower = self.matrix[np.tril_indices(len(self.matrix))]
         digits = _digits(self.matrix)
         terms = [
@@ -55,10 +55,10 @@ class Covariance(Frozen):
 
 
 def base_covariance(base: BaseMap, values: Array, matrix: Array) -> Covariance:
-    """The covariance of base parameters, by the names of their standard parameters.
+    """Covariance of base parameters with the names of their standard parameters.
 
     Args:
-        base: which combinations they are.
+        base: the base parameters.
         values: (b,) of the base parameters that a model states [units of base].
         matrix: (b, b) of their errors [units of base].
     """
@@ -69,14 +69,14 @@ def base_covariance(base: BaseMap, values: Array, matrix: Array) -> Covariance:
 
 
 def read_covariance(content: Mapping[str, Any], bodies: int) -> Covariance:
-    """The covariance that a model.json holds.
+    """Covariance in the content of a model.json.
 
     Args:
         content: as `Covariance.document` gives it.
-        bodies: how many the robot has.
+        bodies: number of bodies of the robot.
 
     Raises:
-        ValueError: it is malformed; the sentence says where.
+        ValueError: the content is malformed; the message says where.
     """
     try:
         expressions = tuple(map(str, content["names"]))
@@ -104,7 +104,7 @@ def read_covariance(content: Mapping[str, Any], bodies: int) -> Covariance:
 
 
 def _by_appearance(combination: Array, bodies: set[int]) -> list[int]:
-    """Columns of laws in the order in which the rows name them."""
+    """Columns of laws in order of appearance."""
     return list(dict.fromkeys(int(k) for row in combination for k in np.flatnonzero(row) if int(k) not in bodies))
 
 
@@ -118,7 +118,7 @@ def _labels(terms: Sequence[Mapping[str, float]], bodies: int) -> tuple[str, ...
 
 
 def _matrix(lower: Array, b: int) -> Array:
-    """The matrix, whole, symmetric and positive as far as rounding took that away."""
+    """Symmetric matrix of its lower triangle; eigenvalues that rounding made negative are raised."""
     matrix = np.zeros((b, b))
     matrix[np.tril_indices(b)] = lower
     matrix += np.tril(matrix, -1).T

@@ -1,10 +1,11 @@
-"""What no law of the model says, as a random function of the state, and what it does to base parameters.
+"""Model discrepancy: the covariance that model error, delay and friction drift add to base parameters.
 
-torque of joint j = columns @ base parameters + noise + d_j(state) + delay * slope of the torque,
-d_j = the sum of zero-mean Gaussian processes over speed, load, position, speed and load, position and speed.
+    torque of joint j = columns @ base parameters + noise + d_j(state) + delay * slope of the torque
 
-Noise forgets in a moment; a discrepancy comes back when the robot comes back to the same state. The variance of each
-process is what residuals at like states, apart in time, have in common beyond what noise would make them have.
+d_j is a sum of independent zero-mean Gaussian processes: over velocity, load, position, velocity and load, position and
+velocity of the joint. Noise is correlated over short times only; discrepancy returns whenever the robot returns to the
+same state. The variance of each process is estimated from products of residuals at similar states and distant times,
+after subtraction of their expectation under noise.
 """
 
 from __future__ import annotations
@@ -17,41 +18,43 @@ import numpy as np
 from .row_sample import RowSample
 from .types import Array, BaseMap, Indices, Mask
 
-PROCESSES = ("v", "l", "q", "vl", "qv")  # of speed, load and position, of whose like states
-LENGTH = 0.3  # over which a process changes, in standard deviations of the state
-APART, LAGS = 0.6, 6.0  # [s] and rows: nearer in time, noise may be the same
-DOUBT = 1.0  # standard deviations of noise that a variance must exceed; only the excess counts
-SURE = 2.0  # standard deviations that a delay must differ from none
+PROCESSES = ("v", "l", "q", "vl", "qv")  # states of each process: velocity, load, position
+# Length, thresholds and number of processes were chosen on the recordings of `benchmarks.intervals_real` and on the
+# simulations of `benchmarks.coverage`: shares within the intervals as large as asked on both.
+LENGTH = 0.3  # correlation length of a process, in standard deviations of the state
+APART, LAGS = 0.6, 6.0  # [s] and rows: noise at larger distances in time is uncorrelated
+DOUBT = 1.0  # standard errors under noise, subtracted from each variance
 FEWEST = 10  # rows of a joint
-# Friction of joints 4 to 6 of a real UR10e, whose residual shows next to no discrepancy, in five recordings of three
-# weeks (Mamedov, Mikhel, Frontiers in Robotics and AI 7, 2020), noise taken away: it follows the temperature.
-VISCOUS_DRIFT, COULOMB_DRIFT = 0.05, 0.02  # relative standard deviation from one recording to another
+# Relative standard deviation of friction between recordings. Measured on joints 4 to 6 of a UR10e, five recordings
+# within three weeks, variance of noise subtracted (data: Mamedov, Mikhel, Frontiers in Robotics and AI 7, 2020). Their
+# residuals show almost no discrepancy: one recording alone cannot show this change. Temperature is the likely cause.
+VISCOUS_DRIFT, COULOMB_DRIFT = 0.05, 0.02  # [1]
 FRICTION = {"N.m.s/rad": VISCOUS_DRIFT, "N.s/m": VISCOUS_DRIFT, "N.m": COULOMB_DRIFT, "N": COULOMB_DRIFT}
 
 
 class _Joint(NamedTuple):
-    """The rows of one joint that count, K' of them."""
+    """The K' valid sample rows of one joint."""
 
     columns: Indices  # (m,) base parameters
     x: Array  # (K', m) [torque per unit of base]
     rest: Array  # (K',) residual [N.m or N]
     slope: Array  # (K',) of the torque [N.m/s or N/s]
     state: dict[str, Array]  # (K',) each, in standard deviations
-    apart: Mask  # (K', K') far enough apart in time
+    apart: Mask  # (K', K') whether two rows are distant in time
     weight: float  # of a row of the sample [1/N2.m2]
-    taken: Array  # (K', m) taken @ x' is the share of a process that the fit takes away
-    stride: int  # rows that one of the sample stands for
+    taken: Array  # (K', m) taken @ x' projects a process onto the fit
+    stride: int  # rows that one sample row represents
 
 
 def discrepancy_covariance(
     sample: RowSample, seen: Sequence[Indices], base: BaseMap, value: Array, variance: Array, white: Array
 ) -> Array:
-    """Covariance (b, b) [units of base] that discrepancy, delay and drift of friction add to that of noise.
+    """Covariance (b, b) [units of base] of discrepancy, delay and friction drift, to be added to that of noise.
 
     Args:
-        sample: of the rows that were learned from.
+        sample: of the training rows.
         seen: per joint, the base parameters (m,) that its torque depends on.
-        base: what the base parameters are.
+        base: the base parameters.
         value: (b,) their estimate [units of base].
         variance: (n,) of each joint's noise [N2.m2 or N2].
         white: (b, b) covariance under white noise [units of base].
@@ -90,7 +93,7 @@ def _joint(sample: RowSample, j: int, seen: Sequence[Indices], value: Array, var
 
 
 def _processes(joint: _Joint) -> tuple[Array, float]:
-    """Covariance (m, m) of the weighted sums of rows times the discrepancy, and its variance [N2.m2 or N2]."""
+    """Covariance (m, m) of the normal equations' right-hand side due to discrepancy; its variance [N2.m2 or N2]."""
     spread, size = np.zeros((len(joint.columns),) * 2), 0.0
     for names in PROCESSES:
         like = _likeness(np.column_stack([joint.state[name] for name in names]))
@@ -109,15 +112,15 @@ def _likeness(state: Array) -> Array:
 
 
 def _variance(joint: _Joint, like: Array, reach: Array) -> float:
-    """Variance of a process, by the products of residuals at like states, apart in time.
+    """Variance of a process [N2.m2 or N2], from products of residuals at similar states and distant times.
 
-    The residual is (1 - P) (noise + process), P = taken @ x'; both terms' expectations are traces.
+    The residual is (1 - P) (noise + process) with P = taken @ x'; the expectations of both terms are traces.
     """
     pairs = like * joint.apart
     near, x, taken = pairs @ np.column_stack([joint.taken, reach]), joint.x, joint.taken
     m = x.shape[1]
     turned = taken @ (x.T @ reach)
-    within = float(np.trace(like) - 2 * np.sum(taken * reach) + np.sum(turned * taken))  # of all that is left
+    within = float(np.trace(like) - 2 * np.sum(taken * reach) + np.sum(turned * taken))  # E[residual'residual]
     across = float(np.sum(pairs * like) - 2 * np.sum(near[:, m:] * taken) + np.sum(near[:, :m] * turned))
     if across <= 0 or within <= 0:
         return 0.0
@@ -129,23 +132,24 @@ def _variance(joint: _Joint, like: Array, reach: Array) -> float:
 
 
 def _delay(joints: Sequence[_Joint], white: Array) -> Array:
-    """What a delay of all torques does to base parameters (b,), where the residual shows one."""
-    turn, seen, told = np.zeros(len(white)), 0.0, 0.0
+    """Standard deviation (b,) [units of base] that a common delay of all torques causes, with signs; rank one."""
+    turn, power, product = np.zeros(len(white)), 0.0, 0.0
     for joint in joints:
         turn[joint.columns] -= joint.weight * joint.x.T @ joint.slope
-        told -= joint.weight * float(joint.slope @ joint.rest)
-        seen += joint.weight * float(joint.slope @ joint.slope)
-    free = seen - float(turn @ white @ turn)
-    if free <= 1e-9 * seen or told**2 <= SURE**2 * free:
+        product -= joint.weight * float(joint.slope @ joint.rest)
+        power += joint.weight * float(joint.slope @ joint.slope)
+    free = power - float(turn @ white @ turn)
+    if free <= 1e-9 * power:
         return np.zeros(len(white))
-    return np.asarray(white @ turn * (told / free))
+    excess = (product / free) ** 2 - 1 / free  # of the squared delay over its expectation under noise [s2]
+    return np.asarray(white @ turn * np.sqrt(max(excess, 0.0)))
 
 
 def _drift(joints: dict[int, _Joint], sizes: Array, base: BaseMap, value: Array) -> Array:
-    """By how much each standard parameter may be another in another recording (p,) [units of the labels].
+    """Standard deviation (p,) [units of the labels] of each standard parameter between recordings.
 
-    A robot that has no discrepancy at any joint is taken to keep its friction: where friction is not what the laws
-    say, temperature and load are not what they were, either.
+    It is proportional to the discrepancy, relative to friction, in the mean over all joints, up to the measured drift:
+    robots whose friction follows its laws exactly are simulated, or their friction does not depend on temperature.
     """
     place = {int(k): row for row, k in enumerate(base.independent)}
     drift, shares = np.zeros(len(base.labels)), []

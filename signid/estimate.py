@@ -48,7 +48,7 @@ def estimate(
 
     In turn: weighted least squares; the autocovariances of each joint's residual, corrected for what the fitted
     parameters took away; an autoregressive model of them, its order by Akaike's criterion. The covariance is that of
-    weighted least squares under this noise, and of what no law says, as `signid.discrepancy` learns it. (Generalised
+    weighted least squares under this noise, plus that of model discrepancy (`signid.discrepancy`). (Generalised
     least squares is no more accurate, and trusts frequencies where the model is wrong.) With instruments, the same
     columns along the desired motion, the estimate is the instrumental-variable one.
 
@@ -56,7 +56,7 @@ def estimate(
         factors: of the recordings to learn from.
         base: what the columns are.
         prior: (b,) [units of base] values kept where the recordings tell nothing; default 0.
-        whiten: False: the noise is taken to be white, and the model to be true.
+        whiten: False: assume white noise and no model discrepancy.
         spoilt: per joint (m, m) [products of the units of the columns] what noise of the positions adds to the Gram
             matrix of the columns; it is taken away from the normal equations.
         weakest: by how much intervals may widen before instruments are called weak and least squares is kept.
@@ -86,7 +86,7 @@ def estimate(
 
 
 def _with_discrepancy(factors: Factors, base: BaseMap, found: Estimate, white: Array) -> Estimate:
-    """The estimate, its covariance with what no law says."""
+    """Add the covariance of model discrepancy."""
     if factors.sample is None:
         return found
     added = discrepancy_covariance(factors.sample, factors.columns, base, found.value, found.noise**2, white)

@@ -52,7 +52,7 @@ class Factors(Frozen):
     velocity: Array  # (n, n) [rad2/s2] sum of v v'
     acceleration: Array  # (n,) [rad2/s4] sum of a squared
     rows: int
-    sample: RowSample | None = None  # of the rows; None where the noise is taken to be white
+    sample: RowSample | None = None  # of the rows; None for white noise and in older files
 
     def __add__(self, other: Factors) -> Factors:
         return Factors(

@@ -34,7 +34,7 @@ class Model(Frozen):
     robot: Robot
     inertials: Array  # (nb, 10) in Pinocchio's order [kg, kg.m, kg.m2]
     laws: tuple[Law, ...] = ()
-    covariance: Covariance | None = None  # of the base parameters, about what inertials and laws state
+    covariance: Covariance | None = None  # of the base parameters, from identification
 
     def bodies(self) -> pin.Model:
         """A pin.Model of its own with these inertials, reshaped by the laws of bodies; rotors are its armature."""

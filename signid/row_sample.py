@@ -1,4 +1,4 @@
-"""Rows -> a sample of them, of bounded size: what covariances need of the states that a recording passes through."""
+"""Rows -> a sample of bounded size, for covariances that depend on the states of a recording."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ import numpy as np
 from .rows import Rows, Task
 from .types import Array, Frozen, Indices, Mask
 
-ROWS = 512  # of a sample at most
-LEAST = 128  # of them, however many columns there are
-NUMBERS = 2**18  # in the columns of a sample, otherwise
+ROWS = 512  # largest sample; with 256 intervals hold less often on real recordings
+LEAST = 128  # rows kept even where columns are many
+NUMBERS = 2**18  # largest number of entries of `columns` otherwise: 2 MB
 
 
 @dataclass(frozen=True, eq=False)
 class RowSample(Frozen):
-    """K rows, evenly spread over recordings: those whose number is a multiple of `stride`, a power of two.
+    """K rows, evenly spaced: those whose number is a multiple of `stride`, a power of two.
 
-    Rows are numbered by their time, so that the sample is the same in whatever order its parts were added.
+    Rows are numbered by time, so that the sample does not depend on the order in which parts are added.
     """
 
     number: Indices  # (K,) of each row, time over `period`
@@ -28,8 +28,8 @@ class RowSample(Frozen):
     q: Array  # (K, n) [rad or m]
     v: Array  # (K, n) [rad/s or m/s]
     torque: Array  # (K, n) [N.m or N]
-    slope: Array  # (K, n) [N.m/s or N/s] of the torque, 0 where it is not known
-    kept: Mask  # (K, n) whether the row of the joint counts
+    slope: Array  # (K, n) [N.m/s or N/s] of the torque
+    kept: Mask  # (K, n) whether the row of the joint is valid
     columns: Array  # (K, c) [torque per unit of the base parameter], joint by joint
 
     def __add__(self, other: RowSample) -> RowSample:
@@ -62,31 +62,28 @@ def sample_rows(task: Task, window: Rows, weights: Sequence[Array] | None = None
     """A sample of a window of rows.
 
     Args:
-        task: what the rows were made for.
+        task: of the rows.
         window: consecutive rows.
         weights: per joint, robust weight (M,) of each row, in [0, 1].
     """
     period = task.band.factor / task.band.rate
     kept = window.steady & window.recorded
-    slope = np.zeros_like(window.torque)
-    inner = kept[2:] & kept[1:-1] & kept[:-2]
-    slope[1:-1] = np.where(inner, (window.torque[2:] - window.torque[:-2]) / (2 * period), 0.0)
     root = [np.sqrt(w) for w in weights] if weights else [np.ones(len(kept))] * kept.shape[1]
     scale = np.where(kept, np.column_stack(root), 0.0)
     columns = [x * scale[:, j, None] for j, x in enumerate(window.columns)]
-    signals = (window.q, window.v, window.torque * scale, slope * scale, np.concatenate(columns, axis=1))
-    q, v, torque, slope, beside = (_single(x) for x in signals)
-    number = np.rint(window.t / period).astype(np.intp)
-    return _thinned(RowSample(number, period, 1, q, v, torque, slope, kept, beside))
+    signals = (window.q, window.v, window.torque * scale, window.slope * scale, np.concatenate(columns, axis=1))
+    q, v, torque, slope, joined = (_single(x) for x in signals)
+    number = int(np.floor(window.t[0] / period)) + np.arange(len(window.t)) if len(window.t) else np.zeros(0, np.intp)
+    return _thinned(RowSample(number, period, 1, q, v, torque, slope, kept, joined))
 
 
 def _single(x: Array) -> Array:
-    """Numbers of single precision, which files hold in half the room."""
+    """Round to single precision, which halves the size of files."""
     return x.astype(np.float32).astype(np.float64)
 
 
 def _thinned(sample: RowSample) -> RowSample:
-    """The sample with the smallest stride that makes it small enough."""
+    """Thin to the smallest stride at which the sample fits."""
     most = int(np.clip(NUMBERS // max(sample.columns.shape[1], 1), LEAST, ROWS))
     stride, here = sample.stride, sample.number % sample.stride == 0
     while np.count_nonzero(here) > most:

@@ -66,6 +66,7 @@ class Rows(NamedTuple):
     a: Array  # (M, n) [rad/s2 or m/s2]
     columns: list[Array]  # per joint (M, m) [torque per unit of the base parameter]
     torque: Array  # (M, n) [N.m or N], 0 where absent
+    slope: Array  # (M, n) [N.m/s or N/s] derivative of the torque
     recorded: Mask  # (n,) whether the joint's torque is recorded at all
     steady: Mask  # (M, n) no reversal of the joint nearby
     instruments: list[Array] | None = None  # per joint (M, m) [as columns], the same columns along the desired motion
@@ -160,7 +161,8 @@ def _window_rows(task: Task, window: Samples, period: float, grid: _Grid, first:
     columns = grid.columns(task, motion)
     known = np.asarray(~np.isnan(motion.recorded).all(0))
     torque = np.where(known, motion.recorded, 0.0)
-    torque, v, a = np.split(thin(np.concatenate([torque, motion.v, motion.a], axis=1)), 3, axis=1)
+    slope = np.gradient(torque, period, axis=0) if len(torque) > 1 else np.zeros_like(torque)
+    torque, slope, v, a = np.split(thin(np.concatenate([torque, slope, motion.v, motion.a], axis=1)), 4, axis=1)
     return Rows(
         first,
         thin.at(motion.t),
@@ -169,6 +171,7 @@ def _window_rows(task: Task, window: Samples, period: float, grid: _Grid, first:
         a,
         columns,
         torque,
+        slope,
         known,
         thin.at(_steady(task, motion)),
         _instruments(task, window, period, grid) if task.instruments else None,

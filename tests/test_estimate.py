@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from motions import FRICTION, Trial, trial, truth
@@ -128,3 +130,60 @@ def test_robust_weights_survive_outliers(arm: Robot) -> None:
         right = found.base.combination @ truth(arm)
         errors.append(np.linalg.norm((found.estimate.value - right) / np.linalg.norm(right)))
     assert errors[1] < 0.4 * errors[0]
+
+
+def inside(session: Session, found: Estimate) -> float:
+    """Share of the 95 % intervals that contain the truth."""
+    right = session.task.base.combination @ truth(session.robot)
+    return float(np.mean(np.abs(found.value - right) < 1.96 * found.std))
+
+
+def noise_alone(session: Session) -> Estimate:
+    """The estimate without model discrepancy in its covariance."""
+    return estimate(replace(session.reduce(session.train), sample=None), session.task.base)
+
+
+def test_noise_alone_is_no_discrepancy(arm: Robot) -> None:
+    wider = []
+    for seed in range(4):
+        made = trial(arm, seed=seed, seconds=40)
+        noise = np.random.default_rng(seed).standard_normal(made.torque.shape)
+        session, found = solve(made, Options(), tau=made.torque + 0.3 * noise)
+        wider.append(np.median(found.std / noise_alone(session).std))
+    assert 1 <= np.median(wider) < 1.05 and max(wider) < 1.3
+
+
+@pytest.mark.parametrize("error", ["friction", "ripple", "delay", "hold"])
+def test_intervals_hold_where_the_model_is_in_error(arm: Robot, error: str) -> None:
+    shares: list[tuple[float, float]] = []
+    for seed in range(6):
+        made = trial(arm, seed=seed, seconds=40, rate=500.0)
+        index = np.arange(len(made.t))
+        added = {
+            "friction": 0.3 * np.sign(made.v) * np.exp(-((made.v / 0.4) ** 2)),
+            "ripple": 0.2 * np.sin(6 * made.q) * np.sign(made.v),
+            "delay": made.torque[np.maximum(index - 1, 0)] - made.torque,
+            "hold": made.torque[index // 2 * 2] - made.torque,
+        }[error]
+        noise = 0.05 * np.random.default_rng(seed).standard_normal(added.shape)
+        session, found = solve(made, Options(), tau=made.torque + added + noise)
+        shares.append((inside(session, found), inside(session, noise_alone(session))))
+    share, before = np.mean(shares, axis=0)
+    assert share >= 0.9 and share > before
+
+
+def test_friction_may_drift_only_where_there_is_discrepancy(arm: Robot) -> None:
+    made, noise = trial(arm, seconds=40), np.random.default_rng(2).standard_normal((8000, 3))
+    waves = 0.5 * np.sign(made.v) * np.cos(3 * made.v)
+    clean, rough = (solve(made, Options(), tau=made.torque + x + 0.01 * noise) for x in (0 * waves, waves))
+    leads = [clean[0].task.base.labels[k].name for k in clean[0].task.base.independent]
+    for share, name in ((0.05, "viscous_friction"), (0.02, "coulomb_friction")):
+        own = [k for k, lead in enumerate(leads) if lead.startswith(name)]
+        assert np.all(clean[1].std[own] < 0.5 * share * FRICTION[name])
+        assert np.all(rough[1].std[own] > 0.99 * share * np.abs(rough[1].value[own]))
+
+
+def test_the_covariance_stays_positive(arm: Robot) -> None:
+    made = trial(arm, seconds=10)
+    found = solve(made, Options(), tau=made.torque + 0.3 * np.sin(5 * made.q))[1]
+    assert np.linalg.eigvalsh(found.covariance / np.outer(found.std, found.std))[0] > 0

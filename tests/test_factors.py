@@ -78,7 +78,7 @@ def joined(rows: list[Rows]) -> dict[str, Array]:
 
 
 def cut(rows: Rows, span: slice) -> Rows:
-    signals = {key: getattr(rows, key)[span] for key in ("t", "q", "v", "a", "torque", "steady")}
+    signals = {key: getattr(rows, key)[span] for key in ("t", "q", "v", "a", "torque", "slope", "steady")}
     return rows._replace(first=rows.first and not span.start, columns=[x[span] for x in rows.columns], **signals)
 
 

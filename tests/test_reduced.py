@@ -196,6 +196,19 @@ def test_a_file_is_small_and_the_same_every_time(robot: Robot, whole: Reduced, t
     assert is_factor_file(path) and not is_factor_file(ARM / "recording.parquet") and not is_factor_file("none.npz")
 
 
+def test_a_file_without_a_sample_of_rows_is_read(robot: Robot, whole: Reduced, tmp_path: Path) -> None:
+    """As earlier versions wrote it; intervals then count noise alone."""
+    node = whole.train[0]
+    old = replace(whole, train=(node._replace(factors=replace(node.factors, sample=None)),))
+    found = load_factors(saved(tmp_path, old), robot)
+    assert found.train[0].factors.sample is None
+    now = load_factors(saved(tmp_path, whole, "now.npz"), robot).train[0].factors.sample
+    assert now is not None and node.factors.sample is not None
+    assert np.array_equal(now.columns, node.factors.sample.columns) and now.stride == node.factors.sample.stride
+    known, alone = signid.identify(robot, whole).estimate, signid.identify(robot, found).estimate
+    assert np.array_equal(known.value, alone.value) and np.all(known.std >= alone.std)
+
+
 def test_a_damaged_file_is_refused(robot: Robot, whole: Reduced, tmp_path: Path) -> None:
     content = encode_factors(whole)
     rng = np.random.default_rng(0)

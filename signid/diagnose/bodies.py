@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..consistent import fit_consistent
+from ..consistent import ConsistentFit, fit_consistent
 from ..types import INERTIAL, Array, BaseMap, Estimate, Parameters, pseudo_inertia
 
 EXACT, TINY = 1e-6, 1e-12  # share of a base parameter, and size, to which it is never known: spreads are inverted
@@ -21,16 +21,36 @@ def move_bodies(base: BaseMap, inertials: Array, step: Array, covariance: Array)
         step: (nb, 10) of each [kg, kg.m, kg.m2].
         covariance: (k, k) of the k = 10 nb numbers of the step [products of their units].
     """
-    moved = inertials + step
-    if np.all(_least(moved) > np.minimum(0.0, _least(inertials))):
-        return moved
-    value, spread = base.combination @ moved.ravel(), base.combination @ covariance @ base.combination.T
+    if is_possible(inertials, inertials + step):
+        return inertials + step
+    return nearest_bodies(base, inertials, step, covariance).parameters.bodies()
+
+
+def nearest_bodies(base: BaseMap, inertials: Array, step: Array, covariance: Array) -> ConsistentFit:
+    """The feasible bodies nearest to some that are not, as the recordings measure distance.
+
+    Args:
+        base: which combinations of inertial parameters torque shows.
+        inertials: (nb, 10) in Pinocchio's order [kg, kg.m, kg.m2].
+        step: (nb, 10) of each [kg, kg.m, kg.m2].
+        covariance: (k, k) of the k = 10 nb numbers of the step [products of their units].
+    """
+    value, spread = base.combination @ (inertials + step).ravel(), base.combination @ covariance @ base.combination.T
     spread = spread + np.diag((EXACT * np.abs(value) + TINY) ** 2)
     size = np.sqrt(np.diag(spread))
     information = np.linalg.pinv(spread / size / size[:, None], rcond=1e-10, hermitian=True) / size / size[:, None]
     estimate = Estimate(value, spread, information, np.zeros(len(base.sees)), ())
-    prior = Parameters(base.labels, inertials.ravel())
-    return fit_consistent(base, estimate, prior).parameters.bodies()
+    return fit_consistent(base, estimate, Parameters(base.labels, inertials.ravel()))
+
+
+def is_possible(stated: Array, inertials: Array) -> bool:
+    """Whether real bodies could have these inertials; one that was impossible already may stay so.
+
+    Args:
+        stated: (nb, 10) as the simulation states them [kg, kg.m, kg.m2].
+        inertials: (nb, 10) [kg, kg.m, kg.m2].
+    """
+    return bool(np.all(_least(inertials) > np.minimum(0.0, _least(stated))))
 
 
 def _least(inertials: Array) -> Array:

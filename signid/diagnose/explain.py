@@ -64,7 +64,7 @@ def explain(setting: Setting, judge: Judge, skip: Sequence[str], known: Diagnosi
         if new is None:
             return Explained(about, judge_, found)
         about, evidence, named = new, Evidence(whitened(new.table, new.noise), judge.evidence.known), _names(found)
-        judge_, found = _search(about, replace(judge, evidence=evidence), skip, known)
+        judge_, found = _search(about, replace(judge, evidence=evidence), skip, known, measured=True)
         if time_is_up(SEARCH):
             return Explained(*first)
         if (
@@ -89,12 +89,12 @@ def _explain(
     seen = list[set[Key]]()
     for _ in range(NOISE_ROUNDS):
         noise = update_noise(setting, judge_.evidence, found)
-        if _alike(noise, setting.noise) or _names(found) in seen:
+        if seen and (_alike(noise, setting.noise) or _names(found) in seen):
             break
         seen.append(_names(found))
         quieter = replace(setting, noise=noise)
         judge_ = replace(judge, evidence=Evidence(whitened(quieter.table, noise), judge.evidence.known))
-        judge_, again = _search(quieter, judge_, skip, known)
+        judge_, again = _search(quieter, judge_, skip, known, measured=True)
         if time_is_up(SEARCH):
             break
         setting, found = quieter, again
@@ -109,13 +109,15 @@ def _alike(noise: Noise, other: Noise) -> bool:
     )
 
 
-def _search(setting: Setting, judge: Judge, skip: Sequence[str], known: Diagnosis | None) -> tuple[Judge, Found]:
+def _search(
+    setting: Setting, judge: Judge, skip: Sequence[str], known: Diagnosis | None, measured: bool = False
+) -> tuple[Judge, Found]:
     """Search; where more is left than expected, again with dispersions that say so; then for a contact."""
     data = judge.evidence.data
     expected = NOISE_ERROR * (1 + (DISCREPANCY * data.scale / data.floor) ** 2)
     if known is not None:
         expected = np.maximum(expected, (known.after.train_rms / known.after.noise_floor) ** 2)
-    if not setting.noise.discrepancy.any():  # not measured yet: all that the simulation leaves counts as noise
+    if not measured:  # all that the simulation leaves counts as noise, until a first search has explained some of it
         left = measure_sizes(judge.evidence, (), expected, judge.evidence.trust((), expected)).left
         expected = np.maximum(expected, NOISE_ERROR * left)
     found = search(judge, expected)

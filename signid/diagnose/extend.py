@@ -10,10 +10,10 @@ import numpy as np
 from ..basis import build_base
 from ..model import Model
 from ..types import Array, BaseMap, Indices, Law
-from .bodies import move_bodies
+from .bodies import is_possible, move_bodies, nearest_bodies
 from .fitted import Fitted
 from .found import Found
-from .group import Group
+from .group import Group, tolerance
 from .hypothesis import refits
 from .numbers import read_laws
 from .odds import Judge
@@ -59,6 +59,17 @@ def extend(
     if len(bodies):
         step, spread = fit.value[bodies].reshape(inertials.shape), fit.covariance[np.ix_(bodies, bodies)]
         inertials = move_bodies(base or build_base(model.robot), inertials, step, spread)
+    return _possible(model, Model(model.robot, inertials, extended_laws(own, laws)), base)
+
+
+def extended_laws(known: Sequence[Law], laws: Sequence[Law]) -> tuple[Law, ...]:
+    """Laws with more of them: one at the same joints becomes the sum of both.
+
+    Args:
+        known: laws, with all their numbers.
+        laws: to be added.
+    """
+    own = [*known]
     for law in laws:
         law, own = _folded(law, own)
         same = [k for k, other in enumerate(own) if _adds(law, other)]
@@ -68,7 +79,30 @@ def extend(
             own[same[0]] = replace(law, parameters={**law.parameters, **sizes})
         else:
             own.append(law)
-    return Model(model.robot, inertials, tuple(own))
+    return tuple(own)
+
+
+def _possible(given: Model, model: Model, base: BaseMap | None) -> Model:
+    """The model; where laws of bodies make impossible ones of possible ones, they are folded into the nearest possible.
+
+    Args:
+        given: the simulation.
+        model: the extended one.
+        base: which combinations of inertial parameters torque shows; of the robot's rigid bodies.
+    """
+    changes = [law for law in model.laws if law.effect.name in ("link_inertia", "payload")]
+    total = stated_bodies(model) if changes else model.inertials
+    if not changes or is_possible(stated_bodies(given), total):
+        return model
+    step, kept = total - model.inertials, tuple(law for law in model.laws if law not in changes)
+    spread = np.diag(tolerance(given).ravel() ** 2)
+    near = nearest_bodies(base or build_base(model.robot), model.inertials, step, spread)
+    return Model(model.robot, near.parameters.bodies(), kept)
+
+
+def stated_bodies(model: Model) -> Array:
+    """(nb, 10) inertials of a model with what its laws of bodies add to them [kg, kg.m, kg.m2]."""
+    return np.array([body.toDynamicParameters() for body in list(model.bodies().inertias)[1:]]).reshape(-1, 10)
 
 
 def inertial_places(refitted: Sequence[Group], fit: Fitted) -> Indices:

@@ -13,6 +13,7 @@ from ..model import Model
 from ..session import Session
 from ..types import Array, Law, Shape
 from .found import Found
+from .extend import extended_laws
 from .handout import hand_out
 from .hypothesis import VARIABLES
 from .intervals import deviations
@@ -84,7 +85,8 @@ def find(
         slot = next(s for s in slots if s.group is group)
         case = _Case(setting, judge, found, slot, "cause" if group in verdict.causes else "secondary", seed)
         for law, std, gain in zip(laws[group], stds[group], gains[group], strict=True):
-            findings.append(_finding(case, law, _whole(law, model), std, gain))
+            whole = _whole(law, setting.model, model if extended.holds(group) else None)
+            findings.append(_finding(case, law, whole, std, gain))
     floor, scale = judge.evidence.data.floor, judge.evidence.data.scale
     return Result(
         shown=shown,
@@ -115,13 +117,33 @@ def _finding(case: _Case, law: Law, whole: Law, std: dict[str, float], gain: flo
         threshold=needed(judge, slot.group, float(found.trust == 0), 0, FIRST if len(found.true) == 1 else NEXT),
         held_out_gain=gain,
         alternatives=tuple(_alternatives(case, law)),
+        stated=_stated(setting.model, whole),
     )
 
 
-def _whole(law: Law, model: Model) -> Law:
-    """The law with all that the simulation had of plainer ones that it contains."""
+def _whole(law: Law, given: Model, extended: Model | None) -> Law:
+    """The law with all that the simulation states of it, or of plainer ones that it contains.
+
+    Args:
+        law: as it was found, a change of what the simulation states.
+        given: the simulation.
+        extended: the extended one, None where it does not have the law.
+    """
+    model = extended or Model(given.robot, given.inertials, extended_laws(given.laws, [law]))
     same = [other for other in model.laws if (other.effect.name, other.joints) == (law.effect.name, law.joints)]
-    return same[0] if same and law.effect.contains else law
+    shape = law.effect.shape(law.parameters)
+    return next((other for other in same if other.effect.shape(other.parameters) == shape), law)
+
+
+def _stated(model: Model, whole: Law) -> dict[str, float]:
+    """What the simulation states of a law, and of plainer ones that it contains."""
+    effect, out = whole.effect, dict[str, float]()
+    for law in (law for law in model.laws if law.joints == whole.joints):
+        if law.effect is effect and effect.shape(law.parameters) == effect.shape(whole.parameters):
+            out |= {key: float(x) for key, x in law.parameters.items() if key in effect.linear()}
+        for key, share in effect.contains.get(law.effect.name, {}).items():
+            out[key] = out.get(key, 0.0) + share * float(next(iter(law.parameters.values())))
+    return out
 
 
 def _alternatives(case: _Case, law: Law) -> Iterator[Alternative]:

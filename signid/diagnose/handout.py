@@ -20,7 +20,8 @@ from .prove import Rows, Shown, show
 from .sample import torque_rows
 from .search import without
 
-BETTER = 0.05  # log of the held-out rms, mean over joints, by which more change must predict better than less
+BETTER, REFIT = 0.05, 0.15  # log of the held-out rms, mean over joints, by which laws alone, and refitted numbers of the
+# simulation, must predict better than less change
 LEAST = 1e-3  # of the rms torque: smaller residuals count as this large
 INDEPENDENT = 4.0  # held-out rows for one that tells something of its own: their errors are correlated
 
@@ -72,12 +73,12 @@ def _candidate(session: Session, model: Model, judge: Judge, found: Found, order
     evidence, base = judge.evidence, session.task.base
     alone, whole = evidence.fit_alone(found.true, found.base), evidence.fit(found.true, found.base, found.trust)
     best, least = None, np.inf
-    for fit, refitted in ((whole, False), (alone, False), (whole, True)):
+    for fit, refitted, margin in ((whole, False, 0.0), (alone, False, BETTER), (whole, True, REFIT)):
         laws = {group: read_laws(group, fit.value[fit.place(group)]) for group in order}
         flat = [law for own in laws.values() for law in own]
         shown = show(session, extend(model, evidence.data.refitted if refitted else (), fit, flat, base))
         loss = _loss(shown.judged)
-        if best is None or loss < least - BETTER:
+        if best is None or loss < least - margin:
             best, least = Extended(laws, shown, refitted, {}), loss
     assert best is not None, "the first candidate is always taken"
     return best

@@ -8,12 +8,13 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import logsumexp
 
 from ..types import Array, Frozen, Indices
+from .evidence import Evidence
 from .fitted import solve
 from .found import Found
 from .group import Group
-from .linear import Linear
 from .noise import Noise
 from .noise_model import update_joints
 from .setting import Setting
@@ -34,7 +35,7 @@ class Likelihood(Frozen):
     """Of rows with some laws selected; what one of them gains when the noise may explain its torque instead."""
 
     setting: Setting
-    linear: Linear
+    evidence: Evidence
     found: Found
 
     def penalty(self, group: Group) -> float:
@@ -45,23 +46,28 @@ class Likelihood(Frozen):
         Args:
             group: one of the selected laws.
         """
-        rest = replace(self.found, true=tuple(g for g in self.found.true if g is not group))
-        joints, now = self.linear.data.rows(group), self.setting.noise
-        other = update_joints(self.setting, self.linear, rest, joints, colour=False)
-        return min(0.0, self._log(rest.true, now, joints) - self._log(rest.true, other, joints))
+        true = tuple(g for g in self.found.true if g is not group)
+        joints, now = self.evidence.data.rows(group), self.setting.noise
+        logs = np.zeros((2, len(self.evidence.scales)))
+        for k, trust in enumerate(self.evidence.scales.tolist()):
+            rest = replace(self.found, true=true, trust=trust)
+            other = update_joints(self.setting, self.evidence, rest, joints, colour=False)
+            logs[:, k] = [self._log(rest, noise, joints) for noise in (now, other)]
+        present, without = logsumexp(logs + self.evidence.scale_prior, axis=1).tolist()
+        return float(min(0.0, present - without))
 
-    def _log(self, true: Sequence[Group], noise: Noise, joints: Sequence[int]) -> float:
+    def _log(self, found: Found, noise: Noise, joints: Sequence[int]) -> float:
         """Log density of all rows, with a noise model of some joints [-]."""
-        groups = [*self.linear.refitted(self.found.trust), *true]
+        groups = [*self.evidence.refitted(found.trust), *found.true]
         which = columns_of(groups)
         gram, right, log = np.zeros((len(which),) * 2), np.zeros(len(which)), 0.0
         whitening = Whitening(self.setting.table, noise)
-        for j in range(self.linear.data.joints):
+        for j in range(self.evidence.data.joints):
             own = self._terms(which, j, whitening if j in joints else self._present)
             gram[np.ix_(own.place, own.place)] += own.gram
             right[own.place] += own.right
             log += own.log
-        precision = self.linear.precision(true, np.diag(gram), self.found.trust)
+        precision = self.evidence.precision(found.true, np.diag(gram), found.trust)
         return log + solve(which, gram, right, precision).log_evidence
 
     @cached_property
@@ -69,7 +75,7 @@ class Likelihood(Frozen):
         return self.setting.whitening
 
     def _terms(self, which: Indices, joint: int, whitening: Whitening) -> _Terms:
-        data, variance = self.linear.data, float(self.found.base[joint])
+        data, variance = self.evidence.data, float(self.found.base[joint])
         at = data.at[joint, which]
         x, y = data.torque[joint][:, at[at >= 0]], self.setting.table.residual[:, joint, None]
         white = whitening({joint: np.column_stack([x, y])})[joint] / np.sqrt(variance)

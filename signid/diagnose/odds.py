@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..types import Array, Frozen, Indices
+from ..types import Array, BaseMap, Frozen, Indices
 from .evidence import Evidence
 from .fitted import Fitted
 from .group import Group
@@ -36,6 +36,13 @@ class _Grids(NamedTuple):
     priors: Array  # (m,) log prior probabilities
 
 
+class Bodies(NamedTuple):
+    """Rigid bodies of the simulation, to see whether a change of one is possible."""
+
+    base: BaseMap
+    inertials: Array  # (nb, 10) in Pinocchio's order [kg, kg.m, kg.m2]
+
+
 @dataclass(frozen=True, eq=False)
 class Judge(Frozen):
     """The library with its priors, and the evidence."""
@@ -44,6 +51,7 @@ class Judge(Frozen):
     kinds: int  # effects of the library, those left out too
     skipped: int
     carried: tuple[int, ...]  # (n,) which body each joint moves
+    bodies: Bodies | None = None  # of the simulation; None: any change of them counts as possible
 
     @cached_property
     def keys(self) -> dict[Key, list[int]]:

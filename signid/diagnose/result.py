@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -39,6 +39,7 @@ class Finding(Frozen):
     threshold: float  # that it needed
     held_out_gain: float  # share of the held-out sum of squares that it takes away, on its joints [1]
     alternatives: tuple[Alternative, ...]
+    stated: Mapping[str, float] = field(default_factory=dict)  # of numbers that the simulation states [as its parameter]
 
 
 @dataclass(frozen=True)

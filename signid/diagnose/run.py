@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..basis import build_base
 from ..deadline import ends_in_time
 from ..effects import EFFECTS
 from ..errors import InputError, OptionError, RecordingError
@@ -25,12 +26,13 @@ from .empirical import model_rest
 from .enough import enough
 from .evidence import Evidence
 from .explain import explain
+from .extend import stated_bodies
 from .findings import find
 from .group import dry_friction, lay_out
 from .hypothesis import happens_once, pooled, propose
 from .knowledge import known_before
 from .noise import measure_noise
-from .odds import Judge
+from .odds import Bodies, Judge
 from .period import find_period
 from .prove import prove, show
 from .prune import prune
@@ -168,7 +170,8 @@ def _lasting(model: Model) -> Model:
 
 def _judge(model: Model, evidence: Evidence, skip: Sequence[str]) -> Judge:
     bodies = tuple(carried(model.robot, j) for j in range(len(model.robot.joints)))
-    return Judge(evidence, len(list(EFFECTS)), len(skip), bodies)
+    own = Bodies(build_base(model.robot), stated_bodies(model))
+    return Judge(evidence, len(list(EFFECTS)), len(skip), bodies, own)
 
 
 def _period(part: Part) -> float | None:

@@ -10,6 +10,7 @@ from ..deadline import time_is_up
 from ..effects.base import ActuatorLaw
 from ..residual import leave
 from ..types import Array
+from .bodies import is_possible, nearest_bodies
 from .found import Found
 from .group import Group
 from .hypothesis import Key, happens_once
@@ -27,6 +28,8 @@ CROWDED = 16  # hypotheses looked at in one step
 LEAST = 0.007  # share of some joint's torque that an effect needs
 SHAPE_ERROR = 0.05  # of an effect that is taken for true: what its law leaves of it
 WORSE = 2.0  # log odds: by so many squared deviations may unseen rows grow by chance
+IMPOSSIBLE = 4.0  # squared deviations of each number from the nearest possible bodies: more, and a change is impossible
+NARROW = 1e-10  # variance of bodies that do not change [kg2, kg2.m2, kg2.m4]
 SPANNED = 1e-3  # of a hypothesis's columns that others leave: it says nothing new
 BETTER = 2.0  # log odds by which another hypothesis must be better to take a place
 APPROXIMATE, CLIPPED = (0.3, 2.0), (0.6, 1.5)  # coefficients of laws that are there (1) or not
@@ -124,12 +127,30 @@ def is_sound(judge: Judge, state: Found, group: Group, log: float) -> bool:
         at = fit.place(group).start + belief.positive
         if group.size == 1 or value[belief.positive] <= -2 * np.sqrt(fit.covariance[at, at]):
             return False
-    if _is_redundant(judge, state.true, group):
+    if _is_redundant(judge, state.true, group) or not _has_bodies(judge, true, state.base, trust, group):
         return False
     return (
         happens_once(group.claim.laws[0])
         or judge.evidence.gain_unseen(state.true, group, state.base, trust) >= -WORSE * log
     )
+
+
+def _has_bodies(judge: Judge, true: Sequence[Group], base: Array, trust: float, group: Group) -> bool:
+    """Whether a change of a body leaves bodies that a real robot could have, within what the rows leave open."""
+    law, own = group.claim.laws[0], judge.bodies
+    if own is None or law.effect.name not in ("link_inertia", "payload"):
+        return True
+    fit = judge.evidence.fit(true, base, trust)
+    place, body = fit.place(group), judge.carried[law.joints[0]]
+    step = np.zeros_like(own.inertials)
+    step[body, : group.size] = fit.value[place]
+    if is_possible(own.inertials, own.inertials + step):
+        return True
+    covariance = np.diag(np.full(step.size, NARROW))
+    at = 10 * body + np.arange(group.size)
+    covariance[np.ix_(at, at)] += fit.covariance[place, place]
+    near = nearest_bodies(own.base, own.inertials, step, covariance)
+    return near.feasible_without_moving or near.chi2 < IMPOSSIBLE * group.size
 
 
 def _is_founded(group: Group, there: set[Key]) -> bool:

@@ -24,6 +24,7 @@ TOLD = 0.03  # probability from which on a rival is listed
 NEAR = 4.0  # log odds behind the likeliest, up to which a rival must be physically possible to count
 ROUNDS, DOUBT, LIKELY = 12, 0.2, 0.5  # of settling; probability of what goes, and of what takes its place
 FAR = 40.0  # log odds behind an effect that no rival falls that leaves nothing of it
+HALF = 0.5  # share of an effect that a rival may leave to be listed
 SAME = 4.0  # variance units: what a rival leaves of an effect, up to which nothing tells them apart
 
 
@@ -116,7 +117,7 @@ def _slot(
     rivals = {
         key: (p, odds[key].best)
         for key, p in sorted(probability.items(), key=lambda item: -item[1])
-        if key != own and not odds[key].best.claim.unknown and (p > TOLD or left.get(key, np.inf) < SAME)
+        if key != own and left.get(key, np.inf) <= max(HALF * left[own], SAME) and (p > TOLD or left[key] < SAME)
     }
     unknown = sum(p for key, p in probability.items() if odds[key].best.claim.unknown)
     DEBUG and print("slot", own, "search", round(found.log_odds[group],1), "log", round(log,1), "penalty", round(penalty,1), "P", round(probability.get(own,0),3), {k: round(p,3) for k,(p,_) in list(rivals.items())[:3]}, "unknown", round(unknown,3))

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..residual import leave
 from ..types import Array, Frozen, Mask
 from .found import Found
 from .group import Group
@@ -116,12 +117,21 @@ def _excess(setting: Setting, judge: Judge, sizes: Sizes) -> Array:
 
 
 def _weight(judge: Judge, sizes: Sizes, left: Array, group: Group) -> float:
-    """Rms torque of a law over the rms of what all laws together leave, at the joint where that is largest [1]."""
-    data, ratio = judge.evidence.data, 0.0
+    """Rms torque of a law that no other selected one could make, over the rms of what all leave; joints summed [1].
+
+    Args:
+        judge: library and evidence.
+        sizes: of the selected laws.
+        left: (n,) rms of what all laws together leave [N.m or N].
+        group: one of them.
+    """
+    data, square = judge.evidence.data, 0.0
     for j in data.rows(group):
         torque = data.raw(j, group) @ sizes.value[group]
-        ratio = max(ratio, float(np.sqrt(np.mean(torque**2))) / max(float(left[j]), 1e-300))
-    return ratio
+        others = [data.raw(j, g) for g in sizes.value if g is not group and j in data.rows(g)]
+        own = leave(torque, np.column_stack(others)) if others else torque
+        square += float(np.mean(own**2)) / max(float(left[j]) ** 2, 1e-300)
+    return float(np.sqrt(square))
 
 
 def _abstains(joints: int, causes: Sequence[Group], excess: tuple[Array, Array, Array], first: Slot) -> bool:

@@ -47,8 +47,8 @@ def subtract(
         bare: without the load.
         loaded: with it.
         factors: of recordings without it; they give the size of torque and speed.
-        added: (b, b) [units of base] covariance of what widens the intervals without weighing in the fit, as most of it
-            is the same without the load and with it.
+        added: (b, b) [units of base] covariance that widens the intervals but does not weight the fit: most of this
+            error is equal with and without the load.
 
     Source: Khalil, Gautier, Lemoine, Identification of the payload inertial parameters of industrial manipulators, IEEE
     ICRA 2007.
@@ -77,7 +77,7 @@ def subtract(
 
 
 def _solve(columns: Array) -> tuple[Array, Array, int]:
-    """Least squares of white rows: (10, b) that gives ten numbers, their covariance, how many combinations are told."""
+    """Least squares of white rows: estimator (10, b), covariance of the ten parameters, rank."""
     size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     left, s, right = np.linalg.svd(columns / size, full_matrices=False)
     told = s > UNTOLD * s[0]

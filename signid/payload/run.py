@@ -101,7 +101,7 @@ def _beyond_noise(
     currents: Mask,
     whiten: bool,
 ) -> Array:
-    """Covariance (b, b) of the difference by what no law says and by torque constants, beside that by noise."""
+    """Covariance (b, b) of the difference due to model discrepancy and to errors of torque constants."""
     turns, total = [], np.zeros((base.rank, base.rank))
     for one, own in zip(found, factors, strict=True):
         total += np.nan_to_num(estimate(own, base, prior, whiten).covariance - one.covariance, nan=0.0)

@@ -190,7 +190,7 @@ def _factors(part: str, arrays: Mapping[str, Any], task: Task) -> Factors:
 
 
 def _sample(part: str, arrays: Mapping[str, Array], task: Task, seen: Sequence[Indices]) -> RowSample | None:
-    """The sample of rows, which files of earlier versions lack."""
+    """Sample of rows; None in files of earlier versions."""
     if f"{part}_sample_stride" not in arrays:
         return None
     found: dict[str, Any] = {key: arrays[f"{part}_sample_{key}"] for key in SAMPLE}

@@ -90,8 +90,14 @@ def _finding(robot: Robot, finding: Finding) -> Document:
 
 
 def finding_numbers(robot: Robot, finding: Finding) -> Document:
-    """By key: value, standard deviation (None where it is not known) and unit; the value of a partner is its name."""
-    return told_numbers(robot, finding.law, finding.std)
+    """By key: value, standard deviation (None where it is not known), unit, and what the simulation states, if it does.
+
+    The value of a partner is its name.
+    """
+    numbers = told_numbers(robot, finding.law, finding.std)
+    for key in numbers.keys() & finding.stated.keys():
+        numbers[key]["stated"] = finding.stated[key]
+    return numbers
 
 
 def told_numbers(robot: Robot, law: Law, std: Mapping[str, float]) -> Document:

@@ -82,13 +82,13 @@ def count_constants(found: Estimate, factors: Factors, base: BaseMap, covariance
 
 
 def constant_sensitivity(found: Estimate, factors: Factors, base: BaseMap, joints: Mask, whiten: bool) -> Array:
-    """What the logarithm of each torque constant does to base parameters (b, n) [units of base].
+    """Derivative (b, n) [units of base] of base parameters with respect to the logarithms of torque constants.
 
     Args:
-        found: from the factors, with the constants taken to be exact.
+        found: estimate from the factors.
         factors: of n joints, in torque.
-        base: what the columns are.
-        joints: (n,) whose constants matter; 0 elsewhere.
+        base: the base parameters.
+        joints: (n,) joints to differentiate for; columns of others are zero.
         whiten: as for the estimate.
     """
     turns = np.zeros((base.rank, len(joints)))

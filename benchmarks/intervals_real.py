@@ -1,0 +1,205 @@
+"""Do intervals hold between recordings of one real robot? `python -m benchmarks.intervals_real [--json FILE]`.
+
+Every recording of a robot in SIGNID_DATA is identified by itself. Two of them differ in noise, motion, day and
+temperature, not in the robot: 95 % of the differences of a parameter ought to lie within 1.96 joint standard
+deviations. `noise alone` is the same with the discrepancy, delay and drift of friction left out of the covariance.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import json
+import os
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+
+import signid
+from signid.errors import SignidError
+from signid.estimate import estimate
+from signid.identify import Identification
+from signid.types import TWO_SIDED, Robot
+
+from .one_thread import one_thread
+from .real.data import data, ur10e
+
+Array = NDArray[np.float64]
+
+TARGET = 93.0  # % of the differences
+FRICTION = ("viscous_friction", "coulomb_friction")
+
+
+@dataclass(frozen=True)
+class Set:
+    """Recordings of one robot."""
+
+    name: str
+    folder: str
+    robot: Callable[[], Robot]
+    recordings: tuple[str, ...]
+
+
+def _urdf(folder: str, name: str) -> Callable[[], Robot]:
+    return lambda: signid.load_robot(data() / folder / name)
+
+
+_UR = tuple(
+    f"identification_data__{name}"
+    for name in (
+        "20_01_31_unload",
+        "20_02_10_30sec_12harm",
+        "20_02_12_40sec_12harm",
+        "20_02_12_50sec_12harm",
+        "20_02_19_14harm50sec",
+    )
+)
+SETS = (
+    Set("UR10e", "ur10e_mamedov", ur10e, _UR),
+    Set("PSM", "dvrk_wpi", _urdf("dvrk_wpi", "psm3.urdf"), ("psm3_one", "psm3_two", "psm3_one_no_weight")),
+    Set("EMPS", "emps_janot", _urdf("emps_janot", "emps.urdf"), ("emps_train", "emps_pulses")),
+    Set(
+        "LWR4+",
+        "kuka_lwr4_flobaroid",
+        _urdf("kuka_lwr4_flobaroid", "kuka_lwr4.urdf"),
+        ("measurements_1", "measurements_2", "measurements_3"),
+    ),
+    Set(
+        "pendulum",
+        "dfki_simple_pendulum",
+        _urdf("dfki_simple_pendulum", "pendulum.urdf"),
+        ("ddp", "direct_collocation", "pd__system_identification"),
+    ),
+)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One robot; shares are of differences within their intervals [%]."""
+
+    robot: str
+    recordings: int  # accepted
+    refused: int
+    pairs: int
+    base: float  # of the least-squares estimate: all base parameters
+    friction: float  # viscous and Coulomb alone
+    consistent: float  # of the values after the physically consistent fit
+    consistent_friction: float
+    noise_base: float  # of the estimate, with noise alone in the covariance
+    noise_friction: float
+    wider: float  # median of the standard deviation over that of noise alone [1]
+    seconds: float  # of one recording, processor time
+
+    @property
+    def holds(self) -> bool:
+        """Whether every share reaches the target; a robot with one usable recording has none."""
+        shares = (self.base, self.friction, self.consistent, self.consistent_friction)
+        return self.pairs == 0 or min(shares) >= TARGET
+
+
+def judge(group: Set) -> Row:
+    """Shares of one robot."""
+    start = time.process_time()
+    robot, found = group.robot(), list[Identification]()
+    for name in group.recordings:
+        try:
+            recording = signid.read_recording(data() / group.folder / f"{name}.csv.gz", robot)
+            found.append(signid.identify(robot, [recording]))
+        except SignidError:
+            continue
+    seconds = (time.process_time() - start) / max(len(found), 1)
+    full = [one.estimate.std for one in found]
+    noise = [noise_alone(one) for one in found]
+    values, consistent = [one.estimate.value for one in found], [one.base_value for one in found]
+    pairs = [(i, k) for i, k in itertools.combinations(range(len(found)), 2) if _same(found[i], found[k])]
+    friction = _friction(found[0]) if found else np.zeros(0, bool)
+    rows = [(values, full), (consistent, full), (values, noise)]
+    shares = [share(pairs, value, std, which) for value, std in rows for which in (friction | True, friction)]
+    wider = [np.median((a / b)[np.isfinite(a)]) for a, b in zip(full, noise, strict=True)]
+    return Row(
+        group.name,
+        len(found),
+        len(group.recordings) - len(found),
+        len(pairs),
+        *shares,
+        float(np.median(wider)) if wider else float("nan"),
+        seconds,
+    )
+
+
+def share(pairs: Sequence[tuple[int, int]], values: Sequence[Array], stds: Sequence[Array], which: Array) -> float:
+    """Share of differences within 1.96 joint standard deviations [%]; infinite standard deviations are left out.
+
+    Args:
+        pairs: of recordings.
+        values: per recording (b,) [units of base].
+        stds: per recording (b,) [units of base].
+        which: (b,) mask of parameters.
+    """
+    z = [np.abs(values[i] - values[k])[which] / np.hypot(stds[i], stds[k])[which] for i, k in pairs]
+    known = [np.isfinite(np.hypot(stds[i], stds[k]))[which] for i, k in pairs]
+    if not z or not np.any(known):
+        return float("nan")
+    return float(100 * np.mean(np.concatenate(z)[np.concatenate(known)] <= TWO_SIDED))
+
+
+def noise_alone(found: Identification) -> Array:
+    """(b,) standard deviations [units of base] due to noise alone."""
+    factors = replace(found.session.reduce(found.session.train), sample=None)
+    return estimate(factors, found.base).std
+
+
+def _same(one: Identification, other: Identification) -> bool:
+    return one.base.expressions == other.base.expressions
+
+
+def _friction(found: Identification) -> Array:
+    leads = [found.base.labels[int(k)].name for k in found.base.independent]
+    return np.array([lead.startswith(FRICTION) for lead in leads])
+
+
+def show(rows: Sequence[Row]) -> Table:
+    """The rows as a table to read."""
+    table = Table(
+        box=SIMPLE_HEAD,
+        pad_edge=False,
+        collapse_padding=True,
+        title=f"differences between recordings within 1.96 standard deviations, % (target {TARGET:g})",
+    )
+    names = ("robot", "recordings", "refused", "base", "friction", "consistent", "friction", "noise alone", "friction")
+    for name in (*names, "wider", "CPU s"):
+        table.add_column(name, justify="left" if name == "robot" else "right")
+    for row in rows:
+        shares = (row.base, row.friction, row.consistent, row.consistent_friction, row.noise_base, row.noise_friction)
+        cells = ["-" if np.isnan(x) else f"{x:.1f}" for x in shares]
+        numbers = [f"{row.wider:.2f}", f"{row.seconds:.2f}"]
+        counts = [str(row.recordings), str(row.refused)]
+        table.add_row(row.robot, *counts, *cells, *numbers, style="" if row.holds else "red")
+    return table
+
+
+def main() -> int:
+    """Every set, the table, and 1 where a target is missed."""
+    one_thread()
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.intervals_real", description=__doc__)
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers there")
+    options = parser.parse_args()
+    if not os.environ.get("SIGNID_DATA"):
+        sys.exit("SIGNID_DATA is unset: real recordings are not part of the repository")
+    rows = [judge(group) for group in SETS]
+    Console(width=160).print(show(rows))
+    if options.json:
+        options.json.write_text(json.dumps([asdict(row) for row in rows], indent=1) + "\n", encoding="utf-8")
+    return 0 if all(row.holds for row in rows) else 1
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
