@@ -152,7 +152,6 @@ def _conclude(
         fitted_model(session.task, parameters),
         covariance=base_covariance(session.task.base, base_value, widened.covariance),
     )
-    late = find_delay(model, session) if recovered.signs is None else None
     return Identification(
         robot=session.robot,
         base=session.task.base,
@@ -173,7 +172,7 @@ def _conclude(
             *excitation.sentences,
             *_untold(given, found),
             *chosen.flags,
-            *([late.sentence] if late else []),
+            *_delayed(model, session, recovered),
         ),
         notes=(*session.notes, *found.notes, *chosen.notes, *fit.sentences),
         cutoff=session.task.band.cutoff,
@@ -181,6 +180,13 @@ def _conclude(
         seed=seed,
         session=session,
     )
+
+
+def _delayed(model: Model, session: Session, recovered: Recovered) -> Iterator[str]:
+    """Torque that does not belong to the moment of the motion; signs that were found belong to it anyhow."""
+    late = find_delay(model, session) if recovered.signs is None else None
+    if late is not None:
+        yield late.sentence
 
 
 def _untold(given: Given, found: Estimate) -> Iterator[str]:

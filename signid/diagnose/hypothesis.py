@@ -75,7 +75,11 @@ class Hypothesis:
 
 
 def finite(x: Array) -> Array:
-    """Columns (N, k), zero where a number is beyond all bounds: a law that cannot be computed explains nothing."""
+    """Columns, zero where a number is beyond all bounds: a law that cannot be computed explains nothing.
+
+    Args:
+        x: (N, k) [torque per coefficient].
+    """
     told = np.abs(x).max(axis=0, initial=0.0) < HUGE  # False for NaN
     return x if told.all() else np.where(told, x, 0.0)
 
