@@ -14,6 +14,7 @@ pytest.importorskip("mujoco", reason="MuJoCo is not installed; pip install 'sign
 from diagnosed import Planted, fault, look  # noqa: E402
 
 from signid.diagnose import Diagnosis  # noqa: E402
+from signid.diagnose.findings import LISTED, PLAUSIBLE, SEPARATED  # noqa: E402
 from signid.effects import EFFECTS  # noqa: E402
 from signid.report import diagnosis_document, to_json  # noqa: E402
 
@@ -84,11 +85,12 @@ def test_every_finding(found: Diagnosis) -> None:
     for one in written(found)["findings"]:
         effect = EFFECTS[one["effect"]]
         assert one["joint"] in joints if effect.scope in ("joint", "link", "pair", "tip") else one["joint"] is None
-        assert one["role"] in ("cause", "secondary") and share(one["probability"])
+        assert one["role"] in ("cause", "secondary") and share(one["probability"]) and one["in_model"] in (True, False)
+        assert (one["link"] in found.robot.links) if one["effect"] in ("payload", "link_inertia") else not one["link"]
         keys = set(effect.parameters) | ({"partner"} if effect.scope == "pair" else set())
         assert set(one["parameters"]) == keys
         for key, entry in one["parameters"].items():
-            assert set(entry) == {"value", "std", "unit"}
+            assert set(entry) - {"stated"} == {"value", "std", "unit"} and number(entry.get("stated", 0.0))
             if key == "partner":
                 assert entry["value"] in joints and entry["unit"] == ""
                 continue
@@ -109,11 +111,15 @@ def test_every_finding(found: Diagnosis) -> None:
         assert one["probability"] + sum(x["probability"] for x in one["alternatives"]) <= 1 + 1e-9
 
 
-def test_the_likeliest_alternatives_come_first_and_are_told_apart(found: Diagnosis) -> None:
+def test_the_likeliest_alternatives_come_first_and_have_separating_motions(found: Diagnosis) -> None:
+    sought = 0
     for one in written(found)["findings"]:
         chances = [other["probability"] for other in one["alternatives"]]
         assert chances == sorted(chances, reverse=True)
-        assert all(other["separating_motion"] for other in one["alternatives"][:4])
+        for k, other in enumerate(one["alternatives"]):
+            wanted = other["probability"] > PLAUSIBLE and k < LISTED and sought < SEPARATED
+            assert bool(other["separating_motion"]) == wanted
+            sought += wanted
 
 
 def test_the_shares_are_those_of_the_laws(found: Diagnosis) -> None:

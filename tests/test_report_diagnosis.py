@@ -160,16 +160,26 @@ def test_the_document_is_the_contract() -> None:
 @pytest.mark.parametrize(
     ("verdict", "findings", "words"),
     [
-        ("named", FINDINGS, "3r: the simulation lacks coulomb_friction of joint_2; payload\n"),
+        ("named", FINDINGS, "3r: the simulation lacks coulomb_friction of joint_2; payload of joint_3 (link link_3)\n"),
         ("named", FINDINGS[:1], "3r: the simulation lacks coulomb_friction of joint_2 (probability >0.999)\n"),
-        ("unknown", FINDINGS[:1], "something that no law explains; nearest to it: coulomb_friction of joint_2\n"),
+        (
+            "unknown",
+            FINDINGS[:1],
+            "3r: coulomb_friction of joint_2 leaves more than it explains; the simulation lacks something that no law",
+        ),
+        (
+            "unknown",
+            FINDINGS[:2],
+            "payload of joint_3 (link link_3) leave more than they explain; the simulation lacks",
+        ),
         ("unknown", (), "3r: the simulation lacks something that no law explains\n"),
         ("nothing_missing", (), "3r: nothing is missing, within 1 % of torque\n"),
     ],
 )
 def test_the_verdict_is_a_sentence(verdict: str, findings: tuple[Finding, ...], words: str) -> None:
-    text = told(made(verdict=verdict, findings=findings, after=fit(AFTER if findings else BEFORE)))
-    assert words in text and ("Missing" in text) == (verdict == "named")
+    result = made(verdict=verdict, findings=findings, after=fit(AFTER if findings else BEFORE))
+    text = told(result)
+    assert words in shown(diagnosis_tables(result), 200) and ("Missing" in text) == (verdict == "named")
 
 
 def test_numbers_that_were_wrong_are_no_law_and_still_said() -> None:
@@ -192,7 +202,7 @@ def test_the_terminal_says_what_matters() -> None:
     for words in ("level 0.800 ± 0.020 N.m", "mass 0.300 ± 0.039 kg", "26 %", "30 % of joint_3", "0.800"):
         assert words in flat, words
     assert (
-        "not told" not in flat
+        "not identifiable" not in flat
         and "inertia_xx" not in flat
         and "1 more number: could be zero" in flat
         and "partner" not in flat
@@ -200,15 +210,16 @@ def test_the_terminal_says_what_matters() -> None:
     assert "joint_coupling of joint_2 and joint_3" in flat and "base_tilt" in flat.partition("Small corrections")[2]
     assert f"or viscous_friction of joint_2, probability 0.020: {APART}" in flat
     assert f"or asymmetric_friction of joint_2, probability <0.001: {NEVER}" in flat
-    assert "spring" not in flat and "1 more with a probability below 0.001" in flat
+    assert "spring" not in flat and "and 1 more in diagnosis.json" in flat
     assert "joint_3: 5 % of its torque, 40 % of that 3 to 4 s; no single variable explains it" in flat
-    assert "Simulated for 0.5 s" in flat and "note: a <note>" in flat and "refitted" not in flat
-    assert "inertials of the simulation were refitted" in told(made(trust=2.0))
+    assert "Simulated for 0.5 s" in flat and "note: a <note>" in flat and "inertials" not in flat
+    off = "The inertials of the simulation seem to be off, by about 2.0 times what is usual."
+    assert off in told(made(trust=2.0)) and off not in told(made(trust=2.0, informed=True))
 
 
 def test_a_number_without_an_interval_says_so() -> None:
     text = told(made(findings=(finding("spring@1:stiffness=3,rest=1", {"stiffness": np.inf}),)))
-    assert "stiffness not told" in text and "not told N" not in text and "rest 1.00 rad" in text
+    assert "stiffness not identifiable\n" in text and "rest 1.00 rad" in text
 
 
 def test_a_joint_that_got_worse_is_red() -> None:

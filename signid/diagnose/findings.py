@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
+from ..errors import shorten
 from ..laws import spoken
 from ..model import Model
 from ..session import Session
 from ..types import Array, Law, Shape
-from .found import Found
 from .extend import extended_laws
-from .handout import hand_out
+from .found import Found
+from .group import Group
+from .handout import Extended, hand_out
 from .hypothesis import VARIABLES
 from .intervals import deviations
 from .knowledge import covariance_after
@@ -30,7 +32,9 @@ from .slots import DOUBT, Slot, with_held_out
 from .verdict import Verdict
 
 UNSURE = 0.95  # probability below which a cause is flagged
-LISTED = 4  # rivals whose separating motion is sought
+LISTED = 4  # rivals of a finding whose separating motion is sought
+SEPARATED = 2 * LISTED  # rivals of all findings together: each search simulates several motions
+PLAUSIBLE = 0.05  # probability of a rival above which a separating motion is sought
 
 
 class Result(NamedTuple):
@@ -52,6 +56,7 @@ class _Case(NamedTuple):
     found: Found
     slot: Slot
     role: str
+    extended: Extended
     seed: int
 
 
@@ -76,17 +81,16 @@ def find(
     if order:
         covariance = covariance_after(shown.model, judge.evidence, found, extended)
         shown = shown._replace(model=replace(shown.model, covariance=covariance))
-    model = shown.model
     gains = {group: [_held_out_gain(shown, law) for law in laws[group]] for group in order}
     verdict = verdict.without({slot.group for slot in slots if slot.probability < DOUBT})
     verdict = verdict.raised(slots, {group: min(own) for group, own in gains.items()})
-    findings, stds = list[Finding](), deviations(setting, judge, found, laws)
-    for group in (*verdict.causes, *verdict.secondary):
-        slot = next(s for s in slots if s.group is group)
-        case = _Case(setting, judge, found, slot, "cause" if group in verdict.causes else "secondary", seed)
-        for law, std, gain in zip(laws[group], stds[group], gains[group], strict=True):
-            whole = _whole(law, setting.model, model if extended.holds(group) else None)
-            findings.append(_finding(case, law, whole, std, gain))
+    cases = [
+        _Case(setting, judge, found, slot, "cause" if group in verdict.causes else "secondary", extended, seed)
+        for group in (*verdict.causes, *verdict.secondary)
+        for slot in slots
+        if slot.group is group
+    ]
+    findings = list(_findings(cases, deviations(setting, judge, found, laws), gains))
     floor, scale = judge.evidence.data.floor, judge.evidence.data.scale
     return Result(
         shown=shown,
@@ -98,8 +102,25 @@ def find(
     )
 
 
-def _finding(case: _Case, law: Law, whole: Law, std: dict[str, float], gain: float) -> Finding:
+def _findings(
+    cases: Sequence[_Case], stds: Mapping[Group, Sequence[dict[str, float]]], gains: Mapping[Group, Sequence[float]]
+) -> Iterator[Finding]:
+    """The findings of all laws, with separating motions as far as time allows."""
+    left = SEPARATED
+    for case in cases:
+        group = case.slot.group
+        for law, std, gain in zip(case.extended.laws[group], stds[group], gains[group], strict=True):
+            rivals = tuple(_alternatives(case, law, left))
+            left -= sum(bool(rival.separating_motion) for rival in rivals)
+            yield _finding(case, law, std, gain, rivals)
+
+
+def _finding(
+    case: _Case, law: Law, std: dict[str, float], gain: float, rivals: tuple[Alternative, ...]
+) -> Finding:
     setting, judge, found, slot = case[:4]
+    in_model = case.extended.holds(slot.group)
+    whole = _whole(law, setting.model, case.extended.shown.model if in_model else None)
     torque = torque_rows(setting.thin, setting.pieces, law)
     share = np.zeros(setting.table.joints)
     for j, x in torque.items():
@@ -116,8 +137,9 @@ def _finding(case: _Case, law: Law, whole: Law, std: dict[str, float], gain: flo
         statistic=float(found.log_odds[slot.group]),
         threshold=needed(judge, slot.group, float(found.trust == 0), 0, FIRST if len(found.true) == 1 else NEXT),
         held_out_gain=gain,
-        alternatives=tuple(_alternatives(case, law)),
+        alternatives=rivals,
         stated=_stated(setting.model, whole),
+        in_model=in_model,
     )
 
 
@@ -146,11 +168,13 @@ def _stated(model: Model, whole: Law) -> dict[str, float]:
     return out
 
 
-def _alternatives(case: _Case, law: Law) -> Iterator[Alternative]:
-    model, floor = case.setting.model, case.judge.evidence.data.floor
+def _alternatives(case: _Case, law: Law, most: int) -> Iterator[Alternative]:
+    """The rivals of a law, the likeliest first; at most so many plausible ones with a separating motion."""
+    model, floor, most = case.setting.model, case.judge.evidence.data.floor, min(most, LISTED)
     for k, (probability, group) in enumerate(case.slot.rivals.values()):
         for rival in group.claim.laws[:1]:
-            motion = "" if k >= LISTED else tell_apart(model, law, rival, floor, case.seed)
+            sought = k < most and probability > PLAUSIBLE
+            motion = tell_apart(model, law, rival, floor, case.seed) if sought else ""
             yield Alternative(rival, probability, motion)
 
 
@@ -182,7 +206,19 @@ def _unexplained(setting: Setting, shown: Shown, verdict: Verdict) -> Iterator[U
 def _flags(setting: Setting, findings: Sequence[Finding], verdict: Verdict) -> Iterator[str]:
     robot = setting.model.robot
     if verdict.name == "unknown":
-        yield "something is missing that no effect of the library explains; what it depends on is said, not what it is"
+        named = any(finding.role == "cause" for finding in findings)
+        lead = "the causes named leave more than they explain: " if named else ""
+        yield (
+            f"{lead}something is missing that no effect of the library explains; "
+            "what it depends on is said, not what it is"
+        )
+    if out := list(dict.fromkeys(spoken(finding.law, robot) for finding in findings if not finding.in_model)):
+        explain, they = ("explains", "it was found in") if len(out) == 1 else ("explain", "they were found in")
+        are = "it is" if len(out) == 1 else "they are"
+        yield (
+            f"{shorten(out)} {explain} the recordings {they}, but not what was held out: "
+            f"{are} not in the extended simulation"
+        )
     for finding in findings:
         if finding.role == "cause" and finding.probability < UNSURE and verdict.name == "named":
             rivals = ", ".join(f"{spoken(a.law, robot)} ({a.probability:.0%})" for a in finding.alternatives[:3])

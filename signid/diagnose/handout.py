@@ -20,8 +20,8 @@ from .prove import Rows, Shown, show
 from .sample import torque_rows
 from .search import without
 
-BETTER, REFIT = 0.05, 0.15  # log of the held-out rms, mean over joints, by which laws alone, and refitted numbers of the
-# simulation, must predict better than less change
+BETTER = 0.05  # log of the held-out rms, mean over joints, by which more change must predict better than less
+REFIT = 0.15  # the same of refitting numbers that identification found
 LEAST = 1e-3  # of the rms torque: smaller residuals count as this large
 INDEPENDENT = 4.0  # held-out rows for one that tells something of its own: their errors are correlated
 
@@ -44,7 +44,7 @@ def hand_out(session: Session, model: Model, judge: Judge, found: Found, order: 
 
     One law after another that makes the prediction of held-out torque worse is left out, the worst first. Bodies and
     laws that the simulation states are refitted only where held-out torque is predicted clearly better for it: a short
-    recording may override better knowledge. Where nothing was selected, the simulation stays as it is.
+    recording may override better knowledge.
 
     Args:
         session: recordings.
@@ -68,12 +68,14 @@ def hand_out(session: Session, model: Model, judge: Judge, found: Found, order: 
 
 def _candidate(session: Session, model: Model, judge: Judge, found: Found, order: Sequence[Group]) -> Extended:
     """The best of three: laws alone, laws fitted beside all that the simulation states, and that refitted as well."""
-    if not order:
-        return Extended({}, show(session, model), False, {})
     evidence, base = judge.evidence, session.task.base
-    alone, whole = evidence.fit_alone(found.true, found.base), evidence.fit(found.true, found.base, found.trust)
+    refit = REFIT if evidence.informed else BETTER
+    whole = evidence.fit(found.true, found.base, found.trust)
+    tried = [(whole, False, 0.0), (whole, True, refit)]
+    if order:
+        tried.insert(1, (evidence.fit_alone(found.true, found.base), False, BETTER))
     best, least = None, np.inf
-    for fit, refitted, margin in ((whole, False, 0.0), (alone, False, BETTER), (whole, True, REFIT)):
+    for fit, refitted, margin in tried:
         laws = {group: read_laws(group, fit.value[fit.place(group)]) for group in order}
         flat = [law for own in laws.values() for law in own]
         shown = show(session, extend(model, evidence.data.refitted if refitted else (), fit, flat, base))

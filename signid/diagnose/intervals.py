@@ -11,14 +11,17 @@ from ..types import Array, Coefficient, Indices, Law
 from .fitted import Fitted, solve
 from .found import Found
 from .group import Group
+from .noise import whole
 from .odds import Judge
 from .sample import torque_of
 from .search import spread
 from .setting import Setting
+from .sizes import measure_sizes
 from .whitened import columns_of, total
 
 STEP = 1e-3  # of a number, for derivatives
 UNTOLD = 1e-8  # share of a number's torque that nothing else makes: less does not tell it
+BLOCK = 8.0  # periods of the cut-off in which the motion becomes another
 
 
 class Asked(NamedTuple):
@@ -35,21 +38,24 @@ def deviations(
 ) -> dict[Group, list[dict[str, float]]]:
     """Standard deviation of every number of each law, shapes too, while everything else is fitted beside.
 
-    Model error widens them through the discrepancy in the noise model.
+    Model error that the discrepancy does not cover repeats with the motion: where the scores vary more from block to
+    block of the recordings than white rows would let them, the larger deviation holds.
 
     Args:
         setting: gives the motions.
         judge: gives what is fitted beside.
         found: the selected laws.
         laws: of each hypothesis, with all their numbers.
+
+    Source: Liang and Zeger, Longitudinal data analysis using generalized linear models, Biometrika 73, 1986.
     """
     each = [law for own in laws.values() for law in own]
     keys = [(law, key) for law in each for key in law.parameters]
-    std = iter(_spreads(judge, _asked(setting, judge, found, laws, keys)) if keys else ())
+    std = iter(_spreads(setting, judge, found, _asked(setting, judge, found, laws, keys)) if keys else ())
     return {group: [{key: float(next(std)) for key in law.parameters} for law in own] for group, own in laws.items()}
 
 
-def _spreads(judge: Judge, asked: Asked) -> Array:
+def _spreads(setting: Setting, judge: Judge, found: Found, asked: Asked) -> Array:
     """(d,) standard deviations [units of the numbers]."""
     data, beside, dispersion = judge.evidence.data, asked.beside, asked.dispersion
     own, _, across = data.products(beside.which, dispersion, asked.slopes)
@@ -58,8 +64,45 @@ def _spreads(judge: Judge, asked: Asked) -> Array:
     information = free + asked.precision
     size = np.sqrt(np.maximum(np.diag(own + asked.precision), 1e-300))
     covariance = np.linalg.pinv(information / size / size[:, None], rcond=1e-8, hermitian=True) / size / size[:, None]
-    known = np.diag(free) > UNTOLD * np.diag(own)
-    return np.asarray(np.where(known, np.sqrt(np.maximum(np.diag(covariance), 0)), np.inf))
+    scores = _scores(setting, judge, found, asked, beside.solved(below)) @ covariance
+    variance = np.maximum(np.diag(covariance), np.sum(scores**2, axis=0) * len(scores) / max(len(scores) - 1, 1))
+    told = np.diag(free) > UNTOLD * np.diag(own)
+    return np.asarray(np.where(told, np.sqrt(np.maximum(variance, 0)), np.inf))
+
+
+def _scores(setting: Setting, judge: Judge, found: Found, asked: Asked, shadow: Array) -> Array:
+    """(blocks, d) [1 per unit of each number] slopes, less what is fitted beside, times what is left, per block.
+
+    Args:
+        setting: gives the motions.
+        judge: gives the rows.
+        found: the selected laws.
+        asked: the numbers.
+        shadow: (k, d) what is fitted beside, of each slope [its unit per unit of the number].
+    """
+    data, which = judge.evidence.data, asked.beside.which
+    rest = measure_sizes(judge.evidence, found.true, found.base, found.trust).rest
+    rows = np.zeros((len(data), shadow.shape[1]))
+    for j in range(data.joints):
+        here, beside = data.chosen(j, which)
+        free = asked.slopes.get(j, 0.0) - beside @ shadow[here]
+        rows += free * (rest[j] / asked.dispersion[j])[:, None]
+    block = _blocks(setting)
+    out = np.zeros((int(block.max()) + 1, rows.shape[1]))
+    np.add.at(out, block, rows)
+    return out
+
+
+def _blocks(setting: Setting) -> Indices:
+    """(M',) which block a whitened row is of: of a motion that repeats, rows at the same place in it are of one."""
+    table, length = setting.table, BLOCK / setting.task.band.cutoff
+    place = table.t.copy()
+    for k, period in enumerate(setting.periods):
+        own = table.recording == k
+        place[own] = place[own] if period is None else place[own] % period
+    order = setting.noise.coefficients.shape[1]
+    rows = np.column_stack([table.recording, place // length])[order:][whole(table.piece, order)]
+    return np.unique(rows, axis=0, return_inverse=True)[1].ravel()
 
 
 def _asked(

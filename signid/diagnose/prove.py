@@ -36,7 +36,7 @@ class Rows(NamedTuple):
             noise: of the rows.
             least: of what is presumed near reversals, where no more is seen [1].
         """
-        return np.asarray(np.hypot(noise.floor, np.maximum(noise.late, least) * self.unsure))
+        return np.asarray(np.hypot(noise.least, np.maximum(noise.late, least) * self.unsure))
 
 
 class Shown(NamedTuple):

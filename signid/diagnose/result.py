@@ -40,6 +40,7 @@ class Finding(Frozen):
     held_out_gain: float  # share of the held-out sum of squares that it takes away, on its joints [1]
     alternatives: tuple[Alternative, ...]
     stated: Mapping[str, float] = field(default_factory=dict)  # of numbers that the simulation states [as its parameter]
+    in_model: bool = True  # whether the extended simulation has it: held-out torque is predicted no worse with it
 
 
 @dataclass(frozen=True)
@@ -78,6 +79,7 @@ class Diagnosis(Frozen):
     cutoff: float  # [Hz]
     seed: int
     recordings: tuple[Recording, ...] = ()  # held-out ones too, with the signs that were found
+    informed: bool = False  # whether the simulation carries the covariance that identification left
 
     @property
     def causes(self) -> tuple[Finding, ...]:

@@ -111,6 +111,7 @@ def diagnose(
         cutoff=session.task.band.cutoff,
         seed=options.seed,
         recordings=(*recovered.recordings, *recovered.held_out),
+        informed=judge.evidence.informed,
     )
 
 

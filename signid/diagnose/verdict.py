@@ -96,7 +96,8 @@ def decide(setting: Setting, judge: Judge, found: Found, slots: Sequence[Slot]) 
     slot = {slot.group: slot for slot in slots}
     if not causes:
         state = clear > 0 or np.any(noise.discrepancy > NOTICEABLE * scale)
-        name = "unknown" if np.any(after > threshold * (1 if state else PLAIN)) else "nothing_missing"
+        differs = clear > CLEAR or np.any(after > threshold * (1 if state else PLAIN))
+        name = "unknown" if differs else "nothing_missing"
     elif _abstains(data.joints, causes, (before, after, threshold), slot[causes[0]]):
         name = "unknown"
     else:

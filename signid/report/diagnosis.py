@@ -5,13 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from ..effects.base import BodyLaw
 from ..laws import placed
+from ..rigid import carried
 from ..types import Coefficient, Input, Law, Robot
 from .documents import Document, description, fit_document, provenance
 from .signs import signs_document
 
 if TYPE_CHECKING:
     from ..diagnose import Alternative, Diagnosis, Finding
+
+INFORMED = "Bodies and laws of the simulation count as known as well as identification left them"
 
 
 def diagnosis_document(result: Diagnosis, inputs: Sequence[Input] = ()) -> Document:
@@ -52,13 +56,25 @@ def diagnosis_document(result: Diagnosis, inputs: Sequence[Input] = ()) -> Docum
         ],
         "fit": {"before": fit_document(result.before), "after": fit_document(result.after)},
         "rollout": None if before is None or after is None else after.document(before),
-        "inertials": {"off": result.trust},
+        "inertials": {"off": None if result.informed else result.trust, "covariance": result.informed},
         "signs": signs_document(result.signs),
         "cutoff": {"torque": result.cutoff, "unit": "Hz"},
         "flags": list(result.flags),
-        "notes": list(result.notes),
+        "notes": diagnosis_notes(result),
         **provenance(result.inputs, inputs or [description(robot)], result.seed),
     }
+
+
+def diagnosis_notes(result: Diagnosis) -> list[str]:
+    """The notes of a diagnosis, and what the simulation's own covariance means for it."""
+    return [*result.notes, *([INFORMED] if result.informed else [])]
+
+
+def mended_link(robot: Robot, law: Law) -> str | None:
+    """The link whose body a law changes; None for a law that changes more or something else."""
+    if not isinstance(law.effect, BodyLaw) or law.effect.scope not in ("link", "tip"):
+        return None
+    return robot.links[carried(robot, law.joints[0])]
 
 
 def _finding(robot: Robot, finding: Finding) -> Document:
@@ -67,7 +83,9 @@ def _finding(robot: Robot, finding: Finding) -> Document:
     return {
         "effect": finding.law.effect.name,
         "joint": joint,
+        "link": mended_link(robot, finding.law),
         "role": finding.role,
+        "in_model": finding.in_model,
         "probability": finding.probability,
         "parameters": finding_numbers(robot, finding),
         "meaning": finding.law.effect.meaning(finding.law.parameters),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from rich.console import RenderableType
 from rich.padding import Padding
@@ -10,22 +10,26 @@ from rich.table import Table
 from rich.text import Text
 
 from ..diagnose import Diagnosis
-from ..laws import spoken
+from .diagnosis import diagnosis_notes
+from .diagnosis_numbers import law_words
 from .diagnosis_words import (
     WORSE,
+    FindingWords,
     alternative_words,
     finding_words,
     place_words,
     role_words,
+    secondary_words,
     trust_words,
     unexplained_words,
     verdict_words,
 )
-from .layout import heading, new_table, note_lines, paragraph
+from .layout import heading, new_table, note_lines, paragraph, plural
 from .numbers import determination, figure
 from .signs import signs_tables
 
 COLOURS = {"nothing_missing": "bold green", "named": "bold", "unknown": "bold yellow"}
+CAUSES, CORRECTIONS = 6, 3  # that the terminal shows
 
 
 def diagnosis_tables(result: Diagnosis) -> list[RenderableType]:
@@ -43,30 +47,56 @@ def diagnosis_tables(result: Diagnosis) -> list[RenderableType]:
         heading("Held out: rms of the torque left unexplained"),
         _fit(result),
         *_rolled(result),
-        *note_lines(result.notes),
+        *note_lines(diagnosis_notes(result)),
     ]
 
 
 def _findings(result: Diagnosis) -> Iterator[RenderableType]:
-    for role, title in role_words(result).items():
-        some = [finding_words(result.robot, finding) for finding in result.findings if finding.role == role]
-        if some:
-            table = new_table("law and its numbers, ± 95 %", "probability>", "of torque", "mostly")
-            table.columns[0].no_wrap = True
-            for law, numbers, *cells in some:
-                table.add_row("\n  ".join([law, *numbers]), *cells)
-            yield heading(title)
-            yield table
+    """The largest causes with their numbers, the largest corrections in a line each, the others counted."""
+    robot, titles = result.robot, role_words(result)
+    small = [finding for finding in result.findings if finding.role == "secondary"]
+    if result.causes:
+        yield heading(titles["cause"])
+        yield from _causes([finding_words(robot, finding) for finding in result.causes[:CAUSES]])
+        yield from _more(len(result.causes) - CAUSES, "smaller one")
+    if small:
+        yield heading(titles["secondary"])
+        lines = (secondary_words(robot, finding) for finding in small[:CORRECTIONS])
+        yield from (Text(line, no_wrap=True, overflow="ellipsis") for line in lines)
+        yield from _more(len(small) - CORRECTIONS, "smaller one")
+
+
+def _causes(causes: Sequence[FindingWords]) -> Iterator[RenderableType]:
+    """A row for each, and below it its numbers, which are too long for a cell."""
+    heads = ("law and its numbers, ± 95 %", "probability>", "of torque", "mostly")
+    rows = [(words.law, words.probability, words.torque, words.where) for words in causes]
+    width = [max(map(len, [head.removesuffix(">"), *cells])) for head, *cells in zip(heads, *rows, strict=True)]
+    for k, words in enumerate(causes):
+        table = new_table(*heads)
+        table.show_header = k == 0
+        for column, wide in zip(table.columns[:3], width, strict=False):
+            column.no_wrap, column.min_width = True, wide
+        table.add_row(*rows[k])
+        yield table
+        yield from map(_indented, words.numbers)
+
+
+def _indented(line: str) -> RenderableType:
+    return Padding(paragraph(line), (0, 0, 0, 2), expand=False)
+
+
+def _more(number: int, what: str) -> list[RenderableType]:
+    return [paragraph(f"and {plural(number, what)} in diagnosis.json")] if number > 0 else []
 
 
 def _alternatives(result: Diagnosis) -> Iterator[RenderableType]:
-    told = [(finding, alternative_words(result.robot, finding)) for finding in result.findings]
-    if any(words for _, words in told):
+    rivals = [(finding, alternative_words(result.robot, finding)) for finding in result.causes[:CAUSES]]
+    if any(words for _, words in rivals):
         yield heading("What explains the recordings as well, or nearly")
-    for finding, words in told:
+    for finding, words in rivals:
         if words:
-            yield paragraph(spoken(finding.law, result.robot))
-            yield from (Padding(paragraph(line), (0, 0, 0, 2)) for line in words)
+            yield paragraph(law_words(result.robot, finding.law))
+            yield from map(_indented, words)
 
 
 def _fit(result: Diagnosis) -> Table:

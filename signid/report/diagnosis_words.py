@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 from ..errors import shorten
-from ..laws import spoken
-from ..types import TWO_SIDED
-from .diagnosis import finding_numbers
-from .layout import plural
-from .numbers import figure, share, with_interval
+from .diagnosis_numbers import law_words, number_lines, stated_words
+from .numbers import figure, share
 from .signs import confidence
 
 if TYPE_CHECKING:
     from ..diagnose import Alternative, Diagnosis, Finding, Unexplained
     from ..diagnose.locate import Place
-    from ..types import Law, Robot
+    from ..types import Robot
 
 NOISE = 1.08  # of the noise floor: so much residual is noise
 NEGLIGIBLE = 0.001  # probability
@@ -24,6 +21,8 @@ BETTER = 0.8  # held-out residual over what it was: less is no chance
 LITTLE = 0.3  # share that a variable explains: less is as good as nothing
 WORSE = 1.02  # times the error before: less is no worse
 GONE = 0.005  # of torque: less is not shown as a share
+RIVALS = 3  # alternatives of a finding that the terminal shows
+COMPARED = 3  # wrong numbers that the verdict shows; of more it shows the names of the laws
 
 
 class FindingWords(NamedTuple):
@@ -38,7 +37,6 @@ class FindingWords(NamedTuple):
 
 def verdict_words(result: Diagnosis) -> str:
     """The verdict in a sentence."""
-    causes = _together(result.robot, [finding.law for finding in result.causes])
     if result.verdict == "nothing_missing":
         better = [joint for joint, gain in zip(result.robot.joints, result.gain, strict=True) if gain < BETTER]
         refit = f", but numbers that it states are wrong (at {shorten(better)})" if better else ""
@@ -46,14 +44,32 @@ def verdict_words(result: Diagnosis) -> str:
     if result.verdict == "named":
         alone = len(result.causes) == 1
         sure = f" (probability {confidence(result.causes[0].probability)})" if alone else ""
-        return f"the simulation lacks {causes}{sure}"
-    lead = f"; nearest to it: {causes}" if causes else ""
-    return f"the simulation lacks something that no law explains{lead}"
+        return "; ".join(_cause_words(result)) + sure
+    unexplained = "the simulation lacks something that no law explains"
+    if not result.causes:
+        return unexplained
+    leave = "leaves more than it explains" if len(result.causes) == 1 else "leave more than they explain"
+    return f"{_together(result.robot, result.causes)} {leave}; {unexplained}"
+
+
+def _cause_words(result: Diagnosis) -> Iterator[str]:
+    """Laws that are missing, then those whose numbers are wrong: the numbers of few, the names of many."""
+    missing, wrong = ([f for f in result.causes if bool(f.stated) == stated] for stated in (False, True))
+    if missing:
+        yield f"the simulation lacks {_together(result.robot, missing)}"
+    compared = [stated_words(result.robot, finding) for finding in wrong]
+    if all(compared) and len(wrong) <= COMPARED:
+        yield from compared
+    else:
+        yield f"numbers of the simulation are wrong: {_together(result.robot, wrong)}"
 
 
 def role_words(result: Diagnosis) -> dict[str, str]:
     """What stands above the findings of each role."""
-    causes = "Nearest to what is missing" if result.verdict == "unknown" else "Missing"
+    stated = [bool(finding.stated) for finding in result.causes]
+    causes = "Wrong in the simulation" if all(stated) else "Missing or wrong" if any(stated) else "Missing"
+    if result.verdict == "unknown":
+        causes = "Causes that leave more than they explain"
     return {"cause": causes, "secondary": "Small corrections beside it"}
 
 
@@ -76,25 +92,37 @@ def finding_words(robot: Robot, finding: Finding) -> FindingWords:
     where = robot.joints[finding.where.joint]
     others = sum(x >= GONE for joint, x in torque.items() if joint != first)
     return FindingWords(
-        spoken(finding.law, robot),
-        (*_numbers(robot, finding), *filter(None, [finding.law.effect.meaning(finding.law.parameters)])),
+        law_words(robot, finding.law),
+        number_lines(robot, finding),
         confidence(finding.probability),
         share(torque[first]) + (f" of {first}" if others else ""),
         finding.where.region + ("" if where == first else f" of {where}"),
     )
 
 
-def alternative_words(robot: Robot, finding: Finding) -> list[str]:
-    """Laws that explain a finding as well, or nearly, and what would tell; those that are out of question counted."""
-    said, out = list[str](), 0
-    for rival in finding.alternatives:
-        if rival.probability < NEGLIGIBLE and not _is_twin(rival):
-            out += 1
-            continue
-        told = confidence(rival.probability) if rival.probability >= NEGLIGIBLE else f"<{NEGLIGIBLE}"
+def secondary_words(robot: Robot, finding: Finding) -> str:
+    """A small correction in a line."""
+    words = finding_words(robot, finding)
+    lead = f"{words.law}, probability {words.probability}, {words.torque}"
+    return f"{lead}: {'; '.join(words.numbers)}" if words.numbers else lead
+
+
+def alternative_words(robot: Robot, finding: Finding, most: int | None = RIVALS) -> list[str]:
+    """Laws that explain a finding as well, or nearly, and what would separate them; the others counted.
+
+    Args:
+        robot: gives the names.
+        finding: with its alternatives.
+        most: of them; None for all, however improbable.
+    """
+    rivals = [rival for rival in finding.alternatives if most is None or _is_near(rival)][:most]
+    said = list[str]()
+    for rival in rivals:
+        sure = confidence(rival.probability) if rival.probability >= NEGLIGIBLE else f"<{NEGLIGIBLE}"
         motion = f": {rival.separating_motion}" if rival.separating_motion else ""
-        said.append(f"or {spoken(rival.law, robot)}, probability {told}{motion}")
-    return [*said, *([f"{out} more with a probability below {NEGLIGIBLE}"] if said and out else [])]
+        said.append(f"or {law_words(robot, rival.law)}, probability {sure}{motion}")
+    more = len(finding.alternatives) - len(rivals)
+    return [*said, *([f"and {more} more in diagnosis.json"] if said and more else [])]
 
 
 def unexplained_words(result: Diagnosis) -> list[str]:
@@ -116,12 +144,10 @@ def _modelled(left: Unexplained) -> str:
 
 
 def trust_words(result: Diagnosis) -> list[str]:
-    """What became of the bodies of the simulation, if anything."""
-    if result.trust <= 0:
+    """How far the bodies of a simulation without covariance seem to be off, if at all."""
+    if result.trust <= 0 or result.informed:
         return []
-    return [
-        f"The inertials of the simulation were refitted: off by about {figure(result.trust, 2)} times what is usual."
-    ]
+    return [f"The inertials of the simulation seem to be off, by about {figure(result.trust, 2)} times what is usual."]
 
 
 def _follows(place: Place) -> str:
@@ -130,36 +156,16 @@ def _follows(place: Place) -> str:
     return f"{place.variable} explains {share(place.explained)}"
 
 
-def _is_twin(rival: Alternative) -> bool:
-    return rival.separating_motion.startswith("no motion")
+def _is_near(rival: Alternative) -> bool:
+    """Whether a rival is probable enough to be shown, or is the same to any motion."""
+    return rival.probability >= NEGLIGIBLE or rival.separating_motion.startswith("no motion")
 
 
-def number_cells(robot: Robot, finding: Finding) -> list[tuple[str, str, str, str]]:
-    """Each number: key, value, half width of its 95 % interval, unit; those that could be zero are only counted."""
-    numbers = finding_numbers(robot, finding)
-    optional = {key: number for key, number in numbers.items() if key in finding.law.effect.optional}
-    hidden = [key for key, x in optional.items() if x["std"] is not None and abs(x["value"]) < TWO_SIDED * x["std"]]
-    told = [(key, *_cells(**number)) for key, number in numbers.items() if key not in (*hidden, "partner")]
-    return [*told, *([(f"{plural(len(hidden), 'more number')}: could be zero", "", "", "")] if hidden else [])]
-
-
-def _cells(value: float, std: float | None, unit: str) -> tuple[str, str, str]:
-    told, half = (figure(value), "-") if std is None else with_interval(value, std)
-    known = std is None or half != "-"
-    return told, "" if half == "-" else half, unit if known and unit != "1" else ""
-
-
-def _numbers(robot: Robot, finding: Finding) -> tuple[str, ...]:
-    """The same, a line each."""
-    cells = ((key, value, half and f"± {half}", unit) for key, value, half, unit in number_cells(robot, finding))
-    return tuple(" ".join(filter(None, line)) for line in cells)
-
-
-def _together(robot: Robot, laws: Sequence[Law]) -> str:
+def _together(robot: Robot, findings: Sequence[Finding]) -> str:
     """Laws by effect, each effect once with its joints, effects of the same joints together."""
     joints, effects = dict[str, list[str]](), dict[str, list[str]]()
-    for law in laws:
-        effect, _, where = spoken(law, robot).partition(" of ")
+    for finding in findings:
+        effect, _, where = law_words(robot, finding.law).partition(" of ")
         known = joints.setdefault(effect, [])
         known += [where] if where not in known else []
     for effect, places in joints.items():

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ...laws import spoken
 from ...version import __version__
+from ..diagnosis import diagnosis_notes
+from ..diagnosis_numbers import law_words, number_cells
 from ..diagnosis_words import (
     NEGLIGIBLE,
     WORSE,
     alternative_words,
     finding_words,
-    number_cells,
     place_words,
     role_words,
     trust_words,
@@ -73,13 +73,13 @@ def diagnosis_page(result: Diagnosis, inputs: Sequence[Input] = (), command: str
         heat_top=figure(top, 2),
         roles=[(title, list(_laws(result, role))) for role, title in role_words(result).items()],
         trust=trust_words(result),
-        untold=[(_title(result, f), said) for f in result.findings if (said := alternative_words(result.robot, f))],
+        rivals=list(_alternatives(result)),
         left=unexplained_words(result),
         fit=_fit_rows(result),
         joints=joint_plots(result.judged, result.before, result.after, chosen or order[:1]),
         rolled=None if None in rolled else rollout_plots(*rolled),  # type: ignore[arg-type]
         horizon=0.0 if rolled[0] is None else max(rolled[0].horizons),
-        notes=result.notes,
+        notes=diagnosis_notes(result),
         cutoff=result.cutoff,
         files=once([*result.inputs, *(inputs or [description(result.robot)])]),
         command=command,
@@ -120,6 +120,8 @@ def _laws(result: Diagnosis, role: str) -> Iterator[dict[str, Any]]:
             "equation": effect.equation,
             "source": effect.source,
             "numbers": number_cells(robot, finding),
+            "stated": bool(finding.stated),
+            "in_model": finding.in_model,
             "torque": words.torque,
             "where": words.where,
             "gain": share(finding.held_out_gain),
@@ -131,15 +133,24 @@ def _laws(result: Diagnosis, role: str) -> Iterator[dict[str, Any]]:
 
 def _title(result: Diagnosis, finding: Finding) -> str:
     """The law with its effect in plain letters."""
-    effect, of, where = spoken(finding.law, result.robot).partition(" of ")
+    effect, of, where = law_words(result.robot, finding.law).partition(" of ")
     return f"{effect.replace('_', ' ')}{of}{where}"
+
+
+def _alternatives(result: Diagnosis) -> Iterator[tuple[str, list[str], list[str]]]:
+    """Of each finding its likeliest alternatives in words, and the others, which the page folds."""
+    for finding in result.findings:
+        if shown := alternative_words(result.robot, finding):
+            whole = alternative_words(result.robot, finding, None)
+            first = [line for line in shown if line in whole]
+            yield _title(result, finding), first, [line for line in whole if line not in first]
 
 
 def _rivals(result: Diagnosis, finding: Finding) -> list[tuple[str, float, str]]:
     """The law and its likeliest alternatives: name, probability [%], probability in words."""
     rivals = [(rival.law, rival.probability) for rival in finding.alternatives if rival.probability >= NEGLIGIBLE]
     first = [(finding.law, finding.probability), *sorted(rivals, key=lambda pair: -pair[1])[:LISTED]]
-    return [(spoken(law, result.robot), 100 * p, confidence(p)) for law, p in first]
+    return [(law_words(result.robot, law), 100 * p, confidence(p)) for law, p in first]
 
 
 def _fit_rows(result: Diagnosis) -> list[dict[str, Any]]:

@@ -1,0 +1,90 @@
+"""Filtered rows of recordings: motion, measured torque, and the residual of a model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from signid.diagnose.prove import Rows, residuals
+from signid.model import Model
+from signid.prepare import prepare
+from signid.recording import same_joints
+from signid.robot import hold, resting
+from signid.rollout.joints import restrict_joints
+from signid.sampling import survey
+from signid.session import SAME_RATE, Options
+from signid.types import Recording, Robot
+
+from ..concealed_real.sets import columns_of, rebuilt
+
+Array = NDArray[np.float64]
+
+
+class Table(NamedTuple):
+    """M rows of one recording; NaN where a row does not count."""
+
+    motion: Array  # (M, 3 n) q, v, a of all joints, through the filter of the rows
+    rest: Array  # (M, n) [N.m or N] measured - predicted
+    torque: Array  # (M, n) [N.m or N] measured
+
+
+def table(model: Model, recording: Recording, cutoff: float) -> Table:
+    """Rows of a recording in a band.
+
+    Args:
+        model: the simulation; its recording laws change the motion, so features come from a model without any.
+        recording: of its joints.
+        cutoff: [Hz].
+
+    Raises:
+        RecordingError: no stretch is as long as the filter.
+    """
+    rows = filtered(model, recording, cutoff)
+    moved = (np.hstack([x.motion.q, x.motion.v, x.motion.a]) for x in rows.pieces)
+    return Table(np.concatenate([rows.thin(x) for x in moved]), rows.rest, rows.torque)
+
+
+def filtered(model: Model, recording: Recording, cutoff: float) -> Rows:
+    """Rows of a recording in a band, with the motions and the filter that they are made of.
+
+    Args:
+        model: the simulation.
+        recording: of its joints.
+        cutoff: [Hz].
+
+    Raises:
+        RecordingError: no stretch is as long as the filter.
+    """
+    own = restrict_joints(model, [recording])[0]
+    session = prepare(own.robot, [recording], [recording], replace(Options(effects=()), cutoff=cutoff))
+    return residuals(session.task, restrict_joints(own, [recording])[0], session.held_out)
+
+
+def one_rate(robot: Robot, recordings: Sequence[Recording]) -> list[Recording]:
+    """The recordings at the lowest of their sampling rates; unchanged where they have one rate.
+
+    Positions and torques are interpolated linearly: the rates are many times the band of the rows.
+
+    Args:
+        robot: of the recordings.
+        recordings: with positions and torques.
+    """
+    moving = hold(robot, resting(robot, but=same_joints(recordings)))
+    periods = [survey(recording, moving).period for recording in recordings]
+    longest = max(periods)
+    return [
+        x if longest / period - 1 <= SAME_RATE else _slower(robot, x, longest)
+        for x, period in zip(recordings, periods, strict=True)
+    ]
+
+
+def _slower(robot: Robot, recording: Recording, period: float) -> Recording:
+    columns = columns_of(recording)
+    t = columns["t"]
+    coarse = np.arange(t[0], t[-1], period)
+    found = {k: np.column_stack([np.interp(coarse, t, x) for x in columns[k].T]) for k in ("q", "tau")}
+    return rebuilt(robot, {"t": coarse, **found})

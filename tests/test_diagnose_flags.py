@@ -1,0 +1,64 @@
+"""Flags of what a diagnosis names: not held out, not enough; and separating motions as far as time allows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from test_report_diagnosis import ROBOT, finding
+
+import signid
+from signid.diagnose import Finding, findings
+from signid.laws import parse_law
+
+SETTING: Any = SimpleNamespace(model=signid.load_model("3r"))
+MISSING = "something is missing that no effect of the library explains; what it depends on is said, not what it is"
+LAWS = [parse_law(text, ROBOT) for text in ("spring@2:stiffness=3", "armature@2", "viscous_friction@2")]
+
+
+def flags(verdict: str, *some: Finding) -> list[str]:
+    return list(findings._flags(SETTING, some, SimpleNamespace(name=verdict)))  # type: ignore[arg-type]
+
+
+def test_what_does_not_hold_on_held_out_data_is_flagged_in_a_sentence() -> None:
+    out = finding("spring@2:stiffness=3", {}, in_model=False)
+    assert flags("named", finding("armature@1", {})) == []
+    assert flags("named", out, finding("armature@1", {})) == [
+        "spring of joint_2 explains the recordings it was found in, but not what was held out: "
+        "it is not in the extended simulation"
+    ]
+    assert flags("named", out, finding("armature@1", {}, in_model=False, role="secondary")) == [
+        "spring of joint_2, armature of joint_1 explain the recordings they were found in, but not what was held out: "
+        "they are not in the extended simulation"
+    ]
+
+
+def test_causes_that_leave_more_than_they_explain_are_not_said_to_be_nothing() -> None:
+    assert flags("unknown") == [MISSING] == flags("unknown", finding("armature@1", {}, role="secondary"))
+    assert flags("unknown", finding("armature@1", {})) == [f"the causes named leave more than they explain: {MISSING}"]
+
+
+def made(probabilities: Sequence[float]) -> Any:
+    """A case whose law has rivals of these probabilities."""
+    rivals = {k: (p, SimpleNamespace(claim=SimpleNamespace(laws=LAWS[:1]))) for k, p in enumerate(probabilities)}
+    judge = SimpleNamespace(evidence=SimpleNamespace(data=SimpleNamespace(floor=None)))
+    slot = SimpleNamespace(group=object(), rivals=rivals)
+    extended = SimpleNamespace(laws={slot.group: LAWS[1:2]})
+    return findings._Case(SETTING, judge, None, slot, "cause", extended, 0)  # type: ignore[arg-type]
+
+
+def test_separating_motions_are_sought_for_few_plausible_rivals(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(findings, "tell_apart", lambda *_: "a motion")
+    monkeypatch.setattr(findings, "_finding", lambda case, law, std, gain, rivals: rivals)
+    cases = [made(p) for p in ([0.3, 0.06, 0.05, 1e-9], [0.1] * 6, [0.2, 0.2, 0.2], [0.5])]
+    numbers = {case.slot.group: [{}] for case in cases}
+    gains = {case.slot.group: [0.5] for case in cases}
+    found: Any = list(findings._findings(cases, numbers, gains))
+    assert [[bool(rival.separating_motion) for rival in rivals] for rivals in found] == [
+        [True, True, False, False],
+        [True] * 4 + [False] * 2,
+        [True, True, False],
+        [False],
+    ]
