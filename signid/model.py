@@ -13,6 +13,7 @@ import pinocchio as pin
 from .covariance import Covariance, read_covariance
 from .effects import EFFECT_NAMES, EFFECTS
 from .effects.base import ActuatorLaw, BodyLaw, RecordingLaw
+from .effects.bodies import body_inertia
 from .effects.law import law_torque
 from .errors import RobotError, SignidError
 from .laws import law_at, placed
@@ -39,10 +40,7 @@ class Model(Frozen):
         """A pin.Model of its own with these inertials, reshaped by the laws of bodies; rotors are its armature."""
         whole = self.robot.model.copy()
         for body, inertial in enumerate(self.inertials):
-            if inertial.any():  # of nothing, Pinocchio makes no numbers
-                whole.inertias[body + 1] = pin.Inertia.FromDynamicParameters(inertial)
-            else:
-                whole.inertias[body + 1] = pin.Inertia.Zero()
+            whole.inertias[body + 1] = body_inertia(inertial)
         for law in self.of(BodyLaw):
             row = own_row(self.robot, law.joints[0])
             law.effect.reshape(whole, row, carrier(whole, row), **law.parameters)

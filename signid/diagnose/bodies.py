@@ -7,6 +7,8 @@ import numpy as np
 from ..consistent import ConsistentFit, fit_consistent
 from ..types import INERTIAL, Array, BaseMap, Estimate, Parameters, pseudo_inertia
 
+EXACT, TINY = 1e-6, 1e-12  # share of a base parameter, and size, to which it is never known: spreads are inverted
+
 
 def move_bodies(base: BaseMap, inertials: Array, step: Array, covariance: Array) -> Array:
     """The bodies moved by a step; where that is impossible, the nearest that real bodies could have.
@@ -34,7 +36,8 @@ def nearest_bodies(base: BaseMap, inertials: Array, step: Array, covariance: Arr
         covariance: (k, k) of the k = 10 nb numbers of the step [products of their units].
     """
     value, spread = base.combination @ (inertials + step).ravel(), base.combination @ covariance @ base.combination.T
-    size = np.sqrt(np.maximum(np.diag(spread), 1e-300))
+    spread = spread + np.diag((EXACT * np.abs(value) + TINY) ** 2)
+    size = np.sqrt(np.diag(spread))
     information = np.linalg.pinv(spread / size / size[:, None], rcond=1e-10, hermitian=True) / size / size[:, None]
     estimate = Estimate(value, spread, information, np.zeros(len(base.sees)), ())
     return fit_consistent(base, estimate, Parameters(base.labels, inertials.ravel()))

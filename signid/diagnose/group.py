@@ -17,7 +17,7 @@ from .sample import Piece
 
 DRIFT, STEADY, OFFSET = 0.1, 0.03, 0.05  # share of friction, and of all else; offset as a share of dry friction
 MASS, CENTRE, INERTIA = 0.05, 0.005, 0.1  # tolerance of inertials: share, [m], share
-LEAST_MASS = 0.05  # [kg] to which a tolerance is a share at least
+LEAST_MASS, MASSLESS = 0.05, 1e-6  # [kg] to which a tolerance is a share at least; of a body without a centre of mass
 SOFT = 0.7  # of dry friction: how far its law near reversals may be off
 EARLY = 0.008  # [s] that friction may turn before the motion does
 STRIDE = 8  # samples of which one tells how large friction is, roughly
@@ -97,8 +97,12 @@ def tolerance(model: Model) -> Array:
     """(nb, 10) how far inertial parameters of a drawing are usually off [kg, kg.m, kg.m2]."""
     out = []
     for inertia in list(model.bodies().inertias)[1:]:
-        mass, lever = max(inertia.mass, LEAST_MASS), np.abs(inertia.lever)
-        moment = INERTIA * float(np.max(np.abs(np.diag(inertia.inertia)) + mass * (lever @ lever)))
+        mass = max(abs(inertia.mass), LEAST_MASS)
+        about, lever = np.diag(inertia.inertia), np.abs(inertia.lever)
+        if abs(inertia.mass) < MASSLESS:  # has no centre
+            about, lever = inertia.toDynamicParameters()[[4, 6, 9]], np.abs(inertia.mass * inertia.lever) / mass
+        moment = INERTIA * float(np.max(np.abs(about) + mass * (lever @ lever)))
+        moment = max(moment, mass * CENTRE**2)
         half = moment / 2
         first = np.hypot(MASS * mass * lever, CENTRE * mass)
         out.append([MASS * mass, *first, moment, half, moment, half, half, moment])

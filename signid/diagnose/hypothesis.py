@@ -17,6 +17,7 @@ from ..types import Array, Law
 
 VARIABLES = ("position", "velocity", "acceleration", "torque", "time")
 KNOTS = 8
+HUGE = 1e60  # torque per coefficient of which squares cannot be added any more
 Key = tuple[str, tuple[int, ...]]  # effect and joints: members of one grid of shapes share it
 
 
@@ -70,7 +71,17 @@ class Hypothesis:
                 out.setdefault(j, np.zeros((len(motion), width)))
                 out[j][:, start : start + columns.shape[2]] = columns[:, k]
             start += columns.shape[2]
-        return out
+        return {j: finite(x) for j, x in out.items()}
+
+
+def finite(x: Array) -> Array:
+    """Columns, zero where a number is beyond all bounds: a law that cannot be computed explains nothing.
+
+    Args:
+        x: (N, k) [torque per coefficient].
+    """
+    told = np.abs(x).max(axis=0, initial=0.0) < HUGE  # False for NaN
+    return x if told.all() else np.where(told, x, 0.0)
 
 
 def propose(model: Model, motion: Motion, skip: Sequence[str] = ()) -> list[Hypothesis]:

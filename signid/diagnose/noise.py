@@ -135,11 +135,11 @@ def _saturated(table: Table, joint: int, usual: Mask) -> tuple[list[Array], list
     goes = goes if goes.sum() > LEAST else np.ones_like(goes)
     x, y = table.columns[joint][:, usual[table.place[joint]]][goes], table.residual[goes, joint]
     run = _runs(table, goes)
-    size = np.sqrt(np.mean(x**2, axis=0))
+    size = np.nan_to_num(np.sqrt(np.mean(x**2, axis=0)), posinf=0.0)
     shown = size > 1e-9 * size.max(initial=1e-300)
     x = x[:, shown] / size[shown]
     left, singular, _ = np.linalg.svd(x, full_matrices=False)
-    left = left[:, singular > RANK * singular[0]]
+    left = left[:, singular > RANK * singular.max(initial=0.0)]
     left = left[:, : max(1, int(len(y) / FREE))]
     rest = [_still(part) for part in _split(y - left @ (left.T @ y), run)]
     return rest, _split(table.jumps[goes, joint], run), float(np.sqrt(len(y) / max(len(y) - left.shape[1], 1)))

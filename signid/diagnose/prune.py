@@ -9,6 +9,7 @@ from ..types import Array
 from .extend import extended
 from .found import Found
 from .group import Group
+from .numbers import has_possible_numbers
 from .odds import Judge
 from .prove import residuals
 from .sample import torque_rows
@@ -30,12 +31,23 @@ def prune(setting: Setting, session: Session, judge: Judge, found: Found) -> Fou
         judge: library and evidence.
         found: what is taken for true.
     """
-    found = _told(judge, found)
+    found = _told(judge, _possible(judge, found))
     while found.true:
         worst, harm = max(((g, h) for g, h in _harms(setting, session, judge, found).items()), key=lambda item: item[1])
         if harm <= 0:
             return found
         found = without(judge, found, worst)
+    return found
+
+
+def _possible(judge: Judge, found: Found) -> Found:
+    """Without hypotheses whose numbers became impossible beside the others, the least likely first."""
+    while found.true:
+        fit = judge.evidence.fit(found.true, found.base, found.trust)
+        wrong = [group for group in found.true if not has_possible_numbers(group, fit.value[fit.place(group)])]
+        if not wrong:
+            break
+        found = without(judge, found, min(wrong, key=lambda group: found.log_odds[group]))
     return found
 
 

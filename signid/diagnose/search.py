@@ -14,6 +14,7 @@ from .bodies import is_possible, nearest_bodies
 from .found import Found
 from .group import Group
 from .hypothesis import Key
+from .numbers import has_possible_numbers
 from .odds import Judge, Odds
 from .sizes import energies, measure_sizes
 from .strain import relieved, strained_links
@@ -119,7 +120,7 @@ def is_sound(judge: Judge, state: Found, group: Group) -> bool:
     low, high = CLIPPED if isinstance(group.claim.laws[0].effect, ActuatorLaw) else APPROXIMATE
     if sizes.share[group].max() < LEAST or (belief.mean and not low < value[0] < high):
         return False
-    if not _is_possible(group, value):
+    if not has_possible_numbers(group, value):
         return False
     if belief.positive >= 0 and value[belief.positive] <= 0:
         fit = judge.evidence.fit(true, state.base, trust)
@@ -127,15 +128,6 @@ def is_sound(judge: Judge, state: Found, group: Group) -> bool:
         if group.size == 1 or value[belief.positive] <= -2 * np.sqrt(fit.covariance[at, at]):
             return False
     return not _is_redundant(judge, state.true, group) and _has_bodies(judge, true, state.base, trust, group)
-
-
-def _is_possible(group: Group, change: Array) -> bool:
-    """Whether numbers that the simulation states stay positive where physics wants that."""
-    law = group.claim.stated
-    if law is None:
-        return True
-    kinds, stated = law.effect.linear().values(), law.effect.coefficients(law.parameters)
-    return all(not kind.positive or x + step > 0 for kind, x, step in zip(kinds, stated, change.tolist(), strict=False))
 
 
 def _has_bodies(judge: Judge, true: Sequence[Group], base: Array, trust: float, group: Group) -> bool:

@@ -15,6 +15,7 @@ from ..motion import Motion
 from ..rows import Task
 from ..types import Array, Frozen, Indices, Mask
 from .group import Group, nuisances
+from .hypothesis import finite
 from .sample import Piece, row_filter, unsure_rows
 
 
@@ -153,7 +154,7 @@ def _thinned(
     for group, made in zip(groups, _columns(model, groups, piece, dry), strict=True):
         for j, x in made.items():
             place[j].extend(range(group.start, group.start + group.size))
-            waiting[j].append(x)
+            waiting[j].append(finite(x))
             if len(waiting[j]) == MANY:
                 rows[j].append(thin(np.concatenate(waiting[j], axis=1)))
                 waiting[j].clear()
@@ -167,9 +168,4 @@ def _columns(model: Model, groups: Sequence[Group], piece: Piece, dry: Array) ->
     for group in (group for group in groups if group.hypothesis is not None):
         need_time("the search for laws")
         show_step(f"columns of {group.claim.key[0]}", group.start / max(groups[-1].start, 1))
-        yield {j: _finite(x) for j, x in group.claim.columns(piece.motion).items()}
-
-
-def _finite(x: Array) -> Array:
-    """Columns, zero where a number is beyond all bounds: a law that cannot be computed explains nothing."""
-    return x if np.isfinite(x).all() else np.where(np.isfinite(x).all(axis=0), x, 0.0)
+        yield group.claim.columns(piece.motion)

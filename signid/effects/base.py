@@ -71,6 +71,10 @@ class Effect:
         """What the numbers say in words; empty where the numbers say it themselves."""
         return ""
 
+    def possible_value(self, parameters: Numbers) -> bool:
+        """Whether a real robot could have these numbers: a search finds no others. By default any."""
+        return True
+
     possible: Callable[..., bool]
     """possible(x, **shape): whether the motion allows the law at all, before its columns are tried."""
 
@@ -118,6 +122,13 @@ class TransmissionLaw(Effect):
     """A motor and a link that may part: x.q is the deflection, link minus motor; the motor is what is recorded."""
 
     scope, approximate = "link", True
+
+    def _possible(self, x: View, **shape: float) -> bool:
+        """Whether the link has inertia everywhere; impossible bodies swing without bounds."""
+        return bool(np.all(x.inertia > 0))
+
+    possible = _possible
+
     hold: Callable[..., Array]
     """hold(x, **parameters): torque (..., m) against the deflection x.q and its rate x.v."""
 
@@ -150,6 +161,10 @@ class RecordingLaw(Effect):
     """What is written down differs from what was. Columns: how the record changes with each coefficient, at zero."""
 
     step: ClassVar[float] = 1e-4  # of a coefficient, for the derivative
+
+    def possible_value(self, parameters: Numbers) -> bool:
+        """Nothing that must be positive is negative."""
+        return all(parameters[key] >= 0 for key, kind in self.linear().items() if kind.positive)
 
     recorded_q: Callable[..., Array]
     """recorded_q(x, **parameters): position (..., m) that is written down; without it x.q."""

@@ -8,6 +8,10 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from ..types import Array
+
+FAR = 1e6  # [m] lever of a body that has a first moment and no mass, as a mass that nothing shows
+
 
 def point_inertia(mass: float, moment: Sequence[float]) -> list[float]:
     """Inertia Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the origin of a point of that mass and first moment [kg.m2].
@@ -31,4 +35,19 @@ def add_body(model: Any, body: int, added: Sequence[float]) -> None:
     """
     whole = model.inertias[body].toDynamicParameters()
     whole[: len(added)] += added
-    model.inertias[body] = pin.Inertia.FromDynamicParameters(whole)
+    model.inertias[body] = body_inertia(whole)
+
+
+def body_inertia(numbers: Array) -> pin.Inertia:
+    """A pin.Inertia of ten inertial parameters, of bodies without mass too, whose lever Pinocchio cannot compute.
+
+    Args:
+        numbers: (10,) in Pinocchio's order [kg, kg.m, kg.m2].
+    """
+    mass, moment = float(numbers[0]), numbers[1:4]
+    if mass == 0:
+        mass = float(np.linalg.norm(moment)) / FAR
+    if mass == 0:
+        xx, xy, yy, xz, yz, zz = numbers[4:]
+        return pin.Inertia(0.0, np.zeros(3), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+    return pin.Inertia.FromDynamicParameters(np.append(mass, numbers[1:]))

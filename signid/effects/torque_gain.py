@@ -1,7 +1,9 @@
 """Torque gain: a torque constant that is not what the sheet says."""
 
 from ..types import Array, Coefficient, View
-from .base import RecordingLaw
+from .base import Numbers, RecordingLaw
+
+FACTOR = (0.3, 3.3)  # of recorded torque over true torque: less or more is no torque constant, but another quantity
 
 
 class TorqueGain(RecordingLaw):
@@ -15,6 +17,10 @@ class TorqueGain(RecordingLaw):
     parameters = {"error": Coefficient("1")}
     example = {"error": 0.1}
     twins = ("torque_sign", "link_inertia")
+
+    def possible_value(self, parameters: Numbers) -> bool:
+        """The factor keeps away from zero, where the law deletes the torque, and from units that are wrong."""
+        return FACTOR[0] <= 1 + parameters["error"] <= FACTOR[1]
 
     def recorded_torque(self, x: View, error: float) -> Array:
         """Enlarged."""

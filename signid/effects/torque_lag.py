@@ -6,6 +6,8 @@ from scipy.linalg import solve_banded
 from ..types import Array, Coefficient, View
 from .base import RecordingLaw
 
+SHORTEST = 1e-3  # of a sample: a lag that no record shows
+
 
 class TorqueLag(RecordingLaw):
     """The record follows the true torque through a first-order low-pass."""
@@ -19,7 +21,8 @@ class TorqueLag(RecordingLaw):
     twins = ("time_delay",)
 
     def recorded_torque(self, x: View, time_constant: float) -> Array:
-        """Exact where the torque is linear between samples; settled at the first."""
+        """Exact where the torque is linear between samples; settled at the first. No time constant is negative."""
+        time_constant = max(time_constant, x.dt * SHORTEST)
         keep = np.exp(-x.dt / time_constant)
         slope = (1 - keep) * time_constant / x.dt
         given = x.torque.reshape(len(x.torque), -1)
