@@ -11,7 +11,6 @@ from random_rows import (
     GROUPS,
     JOINTS,
     OFFSET,
-    PLACE,
     ROWS,
     SPRING,
     SWAP,
@@ -19,7 +18,6 @@ from random_rows import (
     VISCOUS,
     WAVE,
     rows,
-    table,
 )
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
@@ -176,16 +174,6 @@ def test_what_is_known_before_is_as_good_as_rows() -> None:
     gram = stack.T @ (stack / noise[:, None])
     prior = evidence.precision((), np.diag(gram), 1.0)
     np.testing.assert_allclose(fit.value, np.linalg.solve(gram + prior, stack.T @ (target / noise)), rtol=1e-4)
-
-
-def test_what_happens_in_one_recording_only_is_not_foretold() -> None:
-    evidence = rows(9, 0.0, count=160, blocks=4)
-    data = evidence.data
-    residual = data.residual.copy()
-    there = (data.recording == 2).astype(float) - (data.recording == 1)
-    residual[0] += 1.5 * there * data.columns[0][:, np.searchsorted(PLACE[0], OFFSET.start)]
-    spoilt = Evidence(table(data.columns, residual, data.recording))
-    assert spoilt.gain_unseen((), OFFSET, DISPERSION, 0.0) < -5
 
 
 @pytest.mark.parametrize("without", [VISCOUS, SPRING], ids=["one coefficient", "two"])

@@ -163,4 +163,4 @@ def test_a_gain_that_deletes_the_torque_is_not_found() -> None:
     state = posed.found(gain)
     value = measure_sizes(posed.judge.evidence, (gain,), state.base, 0.0).value[gain]
     assert value[0] == pytest.approx(-1, abs=0.1)
-    assert not is_sound(posed.judge, posed.found(), gain, 1e3)
+    assert not is_sound(posed.judge, posed.found(), gain)

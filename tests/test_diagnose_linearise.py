@@ -63,16 +63,18 @@ def test_a_search_that_does_not_settle_is_told(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_time_that_runs_out_in_a_later_round_leaves_what_was_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    whole, asked = TOGETHER._search, list[bool]()
+    whole, about, asked = TOGETHER._search, TOGETHER.linearised, list[bool]()
+    later = list[bool]()
 
     def interrupted(*given: object, **more: object) -> object:
-        """The first search ends; in those that follow time is up before they find anything."""
-        asked.append(len(asked) > 0)
+        """Searches about the simulation end; in those about what was found time is up before they find anything."""
+        asked.append(bool(later))
         monkeypatch.setattr(TOGETHER, "time_is_up", lambda _: asked[-1])
         monkeypatch.setattr(import_module("signid.diagnose.search"), "time_is_up", lambda _: asked[-1])
         return whole(*given, **more)
 
     monkeypatch.setattr(TOGETHER, "_search", interrupted)
+    monkeypatch.setattr(TOGETHER, "linearised", lambda *given: later.append(True) or about(*given))
     found = signid.diagnose(simulation("3r"), read("3r", recorded("3r", LOAD, OTHERS[1])))
-    assert asked == [False, True] and TANGLED not in found.flags
+    assert asked[0] is False and asked[-1] is True and sum(asked) == 1 and TANGLED not in found.flags
     assert set(named(found)) == {("payload", (2,)), ("load_friction", (1,))} and off(found, OTHERS[1]) > 0.2

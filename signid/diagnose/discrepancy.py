@@ -69,7 +69,7 @@ def project(white: Array, size: float) -> Projection:
     """Whitening against a discrepancy.
 
     Args:
-        white: (M, 2 F) [1/N.m] features in units of the noise.
+        white: (M, f) [1 / N.m] the f = 2 F features in units of the noise.
         size: of the discrepancy [N.m or N].
     """
     basis, singular, _ = np.linalg.svd(size * white, full_matrices=False)
@@ -90,7 +90,7 @@ def likeliest(white: Array, fitted: Array, precision: Array, residual: Array, sc
     """The likeliest size of the discrepancy and variance of the noise, everything that is fitted integrated out.
 
     Args:
-        white: (M, 2 F) [1/N.m] features in units of the noise.
+        white: (M, f) [1 / N.m] the f = 2 F features in units of the noise.
         fitted: (M, k) columns that are fitted [1 per coefficient].
         precision: (k, k) [1 per coefficient, squared] of their prior.
         residual: (M,) [1].

@@ -163,17 +163,16 @@ class Linear(Frozen):
         """(k, k) [1 per coefficient, squared] of the prior.
 
         Args:
-            true: hypotheses that are taken for true.
+            true: selected hypotheses.
             diagonal: (k,) of the Gram [1 per coefficient, squared].
-            trust: of the tolerance of inertials, how far they are off.
+            trust: scale of the tolerance of inertials.
         """
         return self._precision(self.refitted(trust), true, diagonal, trust)
 
     def _precision(self, refitted: Sequence[Group], true: Sequence[Group], diagonal: Array, trust: float) -> Array:
         out = self.prior_precision([*refitted, *true], trust)
-        flat = np.concatenate([np.isinf(group.deviation) for group in refitted] + [np.zeros(len(out), dtype=bool)])
-        where = np.flatnonzero(flat[: len(out)])
-        out[where, where] += FLAT * np.maximum(diagonal[where], 1e-12)
+        flat = np.flatnonzero([np.isinf(x) for group in refitted for x in group.deviation])
+        out[flat, flat] += FLAT * np.maximum(diagonal[flat], 1e-12)
         return out
 
     def prior_precision(self, groups: Sequence[Group], trust: float) -> Array:

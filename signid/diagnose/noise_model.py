@@ -15,6 +15,7 @@ from .noise import Noise, noise_of_rest
 from .setting import Setting
 from .whitening import Whitening
 
+QUIETER = 0.8  # share of the first floor: less, and what was selected had been taken for noise
 LEAST = 0.1  # of the rows that a fit leaves free, at least
 
 
@@ -55,7 +56,10 @@ def update_joints(setting: Setting, linear: Linear, found: Found, joints: Sequen
             else:
                 free = 1 / np.sqrt(max(1 - used, LEAST))
                 floor[j], coefficients[j], innovation[j] = noise_of_rest(setting.table, j, rest, float(free))
-        noise = replace(noise, floor=floor, coefficients=coefficients, innovation=innovation, discrepancy=size)
+        least = np.where(floor < QUIETER * setting.noise.least, floor, setting.noise.least) if colour else noise.least
+        noise = replace(
+            noise, least=least, floor=floor, coefficients=coefficients, innovation=innovation, discrepancy=size
+        )
     return noise
 
 

@@ -118,7 +118,7 @@ def _excess(setting: Setting, judge: Judge, sizes: Sizes) -> Array:
 
 
 def _weight(judge: Judge, sizes: Sizes, left: Array, group: Group) -> float:
-    """Rms torque of a law that no other selected one could make, over the rms of what all leave; joints summed [1].
+    """Rms torque of a law over the rms of what all leave; geometric mean of all of it and what no other could make [1].
 
     Args:
         judge: library and evidence.
@@ -126,13 +126,14 @@ def _weight(judge: Judge, sizes: Sizes, left: Array, group: Group) -> float:
         left: (n,) rms of what all laws together leave [N.m or N].
         group: one of them.
     """
-    data, square = judge.evidence.data, 0.0
+    data, own, whole = judge.evidence.data, 0.0, 0.0
     for j in data.rows(group):
         torque = data.raw(j, group) @ sizes.value[group]
         others = [data.raw(j, g) for g in sizes.value if g is not group and j in data.rows(g)]
-        own = leave(torque, np.column_stack(others)) if others else torque
-        square += float(np.mean(own**2)) / max(float(left[j]) ** 2, 1e-300)
-    return float(np.sqrt(square))
+        alone = leave(torque, np.column_stack(others)) if others else torque
+        variance = max(float(left[j]) ** 2, 1e-300)
+        own, whole = own + float(np.mean(alone**2)) / variance, whole + float(np.mean(torque**2)) / variance
+    return float((own * whole) ** 0.25)
 
 
 def _abstains(joints: int, causes: Sequence[Group], excess: tuple[Array, Array, Array], first: Slot) -> bool:

@@ -86,5 +86,5 @@ def weights(table: Table, noise: Noise) -> Array:
     """(M, n) [1] of whitened rows: less near reversals, none where a joint stands still."""
     order = noise.coefficients.shape[1]
     unsure = np.max([table.jumps[order - k : len(table) - k] for k in range(order + 1)], axis=0)
-    weight = 1 / np.sqrt(1 + (np.maximum(noise.late, 1) * unsure / noise.floor) ** 2)
+    weight = 1 / np.sqrt(1 + (np.maximum(noise.late, 1) * unsure / noise.least) ** 2)
     return np.asarray(weight[whole(table.piece, order)] * moving(table, order))

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.console import RenderableType
 from rich.table import Table
 
-from ..rollout import RollOut
 from ..types import Array, Input
-from ..validate import ValidatedModel, Validation
 from .documents import Document, description, fit_document, provenance
 from .layout import heading, new_table, note_lines, paragraph, plural
 from .numbers import determination, figure
+
+if TYPE_CHECKING:
+    from ..rollout import RollOut
+    from ..validate import ValidatedModel, Validation
 
 
 def validation_document(result: Validation, inputs: Sequence[Input] = ()) -> Document:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...types import Input
-from ...validate import ValidatedModel, Validation
 from ...version import __version__
 from ..documents import description, once
 from ..numbers import determination, figure
@@ -17,6 +16,9 @@ from .courses import FEWEST, OPEN, POINTS, JointPlots, Line, clock, torque_plot,
 from .diagnosis import Card
 from .frame import AFTER, BEFORE, FLOOR, INK, render
 from .rolled import error_plots
+
+if TYPE_CHECKING:
+    from ...validate import ValidatedModel, Validation
 
 COLOURS = (BEFORE, AFTER, FLOOR, "#b3539b", "#7a6ff0", "#8a6d3b")
 DASHES = ("solid", "dot", "dash")
