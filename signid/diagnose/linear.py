@@ -68,12 +68,7 @@ class Linear(Frozen):
         return join(self.columns(true, trust), fits)
 
     def fit_alone(self, true: Sequence[Group], dispersion: Array) -> Fitted:
-        """Some selected hypotheses, while bodies and laws stay as the simulation states them.
-
-        Args:
-            true: hypotheses.
-            dispersion: (n,) variance of the whitened residual [1].
-        """
+        """Some selected hypotheses, while bodies and laws stay as stated; dispersion (n,) [1] as in `fit`."""
         which = columns_of(true)
         gram = total(self.data.gram(which), dispersion, (len(which), self.data.count))[:, which]
         right = (self.data.right[:, which] / dispersion[:, None]).sum(0)

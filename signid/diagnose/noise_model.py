@@ -11,11 +11,12 @@ from ..types import Array
 from .discrepancy import Likeliest, features, likeliest
 from .found import Found
 from .linear import Linear
-from .noise import Noise, noise_of_rest
+from .noise import Noise, measure_noise, noise_of_rest
 from .setting import Setting
 from .whitening import Whitening
 
 QUIETER = 0.8  # share of the first floor: less, and what was selected had been taken for noise
+LOWEST = 0.7  # share of what columns of everything leave, that noise is at least
 LEAST = 0.1  # of the rows that a fit leaves free, at least
 
 
@@ -30,7 +31,21 @@ def update_noise(setting: Setting, linear: Linear, found: Found) -> Noise:
         linear: the rows' columns.
         found: the selected laws.
     """
-    return update_joints(setting, linear, found, range(setting.table.joints))
+    noise = update_joints(setting, linear, found, range(setting.table.joints))
+    if not np.any(noise.floor < QUIETER * noise.least):
+        return noise
+    data, fit, table, band = (
+        linear.data,
+        linear.fit(found.true, found.base, found.trust),
+        setting.table,
+        setting.task.band,
+    )
+    named = [sum(data.raw(j, g) @ fit.value[fit.place(g)] for g in found.true) for j in range(data.joints)]
+    rest = replace(table, residual=table.residual - np.column_stack([x + np.zeros(len(table)) for x in named]))
+    first = measure_noise(rest, setting.periods, band.rate / band.factor)
+    least = np.minimum(noise.least, first.floor)
+    raised = np.maximum(1.0, LOWEST * least / noise.floor)
+    return replace(noise, least=least, floor=raised * noise.floor, innovation=raised * noise.innovation)
 
 
 def update_joints(setting: Setting, linear: Linear, found: Found, joints: Sequence[int], colour: bool = True) -> Noise:
@@ -56,10 +71,7 @@ def update_joints(setting: Setting, linear: Linear, found: Found, joints: Sequen
             else:
                 free = 1 / np.sqrt(max(1 - used, LEAST))
                 floor[j], coefficients[j], innovation[j] = noise_of_rest(setting.table, j, rest, float(free))
-        least = np.where(floor < QUIETER * setting.noise.least, floor, setting.noise.least) if colour else noise.least
-        noise = replace(
-            noise, least=least, floor=floor, coefficients=coefficients, innovation=innovation, discrepancy=size
-        )
+        noise = replace(noise, floor=floor, coefficients=coefficients, innovation=innovation, discrepancy=size)
     return noise
 
 
