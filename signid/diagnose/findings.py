@@ -34,7 +34,7 @@ from .verdict import Verdict
 UNSURE = 0.95  # probability below which a cause is flagged
 LISTED = 4  # rivals of a finding whose separating motion is sought
 SEPARATED = 2 * LISTED  # rivals of all findings together: each search simulates several motions
-PLAUSIBLE = 0.05  # probability of a rival above which a separating motion is sought
+PLAUSIBLE = 0.05  # probability of a rival above which a separating motion is sought; of twins it always is
 
 
 class Result(NamedTuple):
@@ -169,7 +169,8 @@ def _alternatives(case: _Case, law: Law, most: int) -> Iterator[Alternative]:
     model, floor, most = case.setting.model, case.judge.evidence.data.floor, min(most, LISTED)
     for k, (probability, group) in enumerate(case.slot.rivals.values()):
         for rival in group.claim.laws[:1]:
-            sought = k < most and probability > PLAUSIBLE
+            twin = rival.effect.name in law.effect.twins
+            sought = k < most and (probability > PLAUSIBLE or twin)
             motion = tell_apart(model, law, rival, floor, case.seed) if sought else ""
             yield Alternative(rival, probability, motion)
 
