@@ -49,13 +49,18 @@ class Likelihood(Frozen):
         """
         true = tuple(g for g in self.found.true if g is not group)
         joints, now = self.evidence.data.rows(group), self.setting.noise
+        gained = self._gained(self.found.true, joints, now)
+        return float(min(0.0, gained - self._gained(true, joints, now)))
+
+    def _gained(self, true: Sequence[Group], joints: Sequence[int], now: Noise) -> float:
+        """Log of how much likelier the rows are under the noise model that is likeliest beside some laws [-]."""
         logs = np.zeros((2, len(self.evidence.scales)))
         for k, trust in enumerate(self.evidence.scales.tolist()):
-            rest = replace(self.found, true=true, trust=trust)
+            rest = replace(self.found, true=tuple(true), trust=trust)
             other = update_joints(self.setting, self.evidence, rest, joints, colour=False)
             logs[:, k] = [self._log(rest, noise, joints) for noise in (now, other)]
-        present, without = logsumexp(logs + self.evidence.scale_prior, axis=1).tolist()
-        return float(min(0.0, present - without))
+        present, changed = logsumexp(logs + self.evidence.scale_prior, axis=1).tolist()
+        return float(max(0.0, changed - present))
 
     def _log(self, found: Found, noise: Noise, joints: Sequence[int]) -> float:
         """Log density of all rows, with a noise model of some joints [-]."""

@@ -23,6 +23,7 @@ NEAR = 4.0  # log odds behind the likeliest, up to which a rival must be physica
 ROUNDS, DOUBT, LIKELY = 12, 0.2, 0.5  # of settling; probability of what goes, and of what takes its place
 FAR = 40.0  # log odds behind an effect that no rival falls that leaves nothing of it
 HALF = 0.5  # share of an effect that a rival may leave to be listed
+INEXACT = 0.1  # share of a real law's torque that its formula misses
 SAME = 4.0  # variance units: what a rival leaves of an effect, up to which nothing tells them apart
 
 
@@ -35,6 +36,7 @@ class Slot(Frozen):
     unknown: float  # probability that no law of the library is behind it
     rivals: Mapping[Key, tuple[float, Group]]  # probability of each, and its likeliest shape
     log: float  # log posterior odds against its absence, noise and discrepancy at their likeliest either way
+    instead: Group | None = None  # what is likelier than all else in its place together, whatever it explains
 
 
 def with_held_out(slot: Slot, support: float) -> Slot:
@@ -71,25 +73,19 @@ def settle(setting: Setting, judge: Judge, found: Found) -> tuple[Found, tuple[S
     """
     for _ in range(ROUNDS):
         slots = judge_slots(setting, judge, found)
-        weak = [slot for slot in slots if slot.probability < max(DOUBT, _best_rival(slot))]
+        weak = [slot for slot in slots if slot.probability < DOUBT or slot.instead is not None]
         if not weak:
             return found, slots
         worst = min(weak, key=lambda slot: slot.probability)
-        rest, rivals = without(judge, found, worst.group), list(worst.rivals.values())
+        rest, rival = without(judge, found, worst.group), worst.instead
         log = found.log_odds[worst.group]
-        better = [group for p, group in rivals[:1] if p > LIKELY and is_sound(judge, rest, group)]
+        better = [] if rival is None or not is_sound(judge, rest, rival) else [rival]
         if not better and worst.probability > DOUBT:
             return found, slots
         true = (*rest.true, *better)
         log_odds = {**found.log_odds, **dict.fromkeys(better, log)}
         found = Found(true, log_odds, found.base, judge.evidence.trust(true, found.base), found.first)
     return found, judge_slots(setting, judge, found)
-
-
-def _best_rival(slot: Slot) -> float:
-    """Probability of the likeliest rival, where it is likelier than all else together."""
-    best = max((p for p, _ in slot.rivals.values()), default=0.0)
-    return best if best > LIKELY else 0.0
 
 
 def _slot(
@@ -102,6 +98,8 @@ def _slot(
     penalty = likelihood.penalty(group)
     log = (odds[own].log if own in odds else found.log_odds[group]) + penalty
     logs = {key: o.log - max(0.0, beside[key].log if key in beside else 0.0) for key, o in odds.items()}
+    for key in (key for key, o in odds.items() if o.best.claim.unknown):
+        logs[key] -= INEXACT**2 * max(0.0, odds[own].log if own in odds else 0.0)
     left = _leftovers(judge, group, odds, sizes)
     highest = max(logs.values())
     near = [key for key, x in logs.items() if highest - x < NEAR and key != own and not odds[key].best.claim.unknown]
@@ -119,7 +117,9 @@ def _slot(
         if key != own and left.get(key, np.inf) <= max(HALF * left[own], SAME) and (p > TOLD or left[key] < SAME)
     }
     unknown = sum(p for key, p in probability.items() if odds[key].best.claim.unknown)
-    return Slot(group, probability.get(own, 0.0), unknown, rivals, log)
+    instead = [odds[key].best for key, p in probability.items() if p > LIKELY and key != own]
+    instead = [best for best in instead if not best.claim.unknown]
+    return Slot(group, probability.get(own, 0.0), unknown, rivals, log, instead[0] if instead else None)
 
 
 def _is_twin(judge: Judge, group: Group, rival: Group) -> bool:

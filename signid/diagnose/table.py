@@ -61,7 +61,7 @@ class Table(Frozen):
         return np.asarray(signals[name][:, joint])
 
 
-STILL, WHILE = 2.0, 0.3  # widths of a reversal that a joint at rest is slower than, and for how long [s]
+STILL, WHILE = 2.0, 0.1  # widths of a reversal that a joint at rest is slower than, and for how long [s]
 MANY = 32  # groups of columns that go through the low-pass at once
 FAINT = 0.02  # of the largest rms torque: no joint's counts as smaller
 
