@@ -54,7 +54,7 @@ def test_separating_motions_are_sought_for_few_plausible_rivals(monkeypatch: pyt
     monkeypatch.setattr(findings, "_finding", lambda case, law, std, gain, rivals: rivals)
     cases = [made(p) for p in ([0.3, 0.06, 0.05, 1e-9], [0.1] * 6, [0.2, 0.2, 0.2], [0.5])]
     numbers = {case.slot.group: [{}] for case in cases}
-    gains = {case.slot.group: [0.5] for case in cases}
+    gains = {case.slot.group: 0.5 for case in cases}
     found: Any = list(findings._findings(cases, numbers, gains))
     assert [[bool(rival.separating_motion) for rival in rivals] for rivals in found] == [
         [True, True, False, False],

@@ -15,10 +15,11 @@ Rahimi, Recht, Random features for large-scale kernel machines, NIPS 2007 (featu
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import cho_solve
+from scipy.linalg import block_diag
 
 from ..residual import leave
 from ..types import Array
@@ -30,8 +31,9 @@ SEED = 0  # of the frequencies
 TURN = 0.1  # of the rms velocity: width of the change of direction
 SIZES = (0.0, 0.001, 0.002, 0.004, 0.008, 0.015, 0.03, 0.06, 0.12, 0.25)  # of s, as shares of the joint's rms torque
 USUAL = 0.02  # scale of the half-Cauchy prior of the size, as a share of the joint's rms torque
-ROUNDS = 3  # of expectation and maximisation, from the variance of the size before
-RIDGE = 1e-10  # of the scaled normal equations
+APART = 3  # sizes that are tried first
+ROUNDS = 8  # of expectation and maximisation, from the variance that was presumed
+RIDGE = 1e-10  # of the scaled precision
 FLAT = 1e-6  # of the Gram's diagonal: prior precision of what is not known at all
 
 
@@ -102,31 +104,54 @@ def likeliest(white: Array, fitted: Array, precision: Array, residual: Array, sc
     gram, right, square = columns.T @ columns, columns.T @ residual, float(residual @ residual)
     k, rows = fitted.shape[1], max(int(np.count_nonzero(residual)), 1)
     flat = np.where(np.diag(precision) > 0, 0.0, FLAT * np.maximum(np.diag(gram)[:k], 1e-12))
-    found, variance = list[Likeliest](), 1.0
-    for share in SIZES:
+    spread = _spread(precision + np.diag(flat))
+
+    def at(share: float) -> Likeliest:
         used = slice(0, k if share == 0 else len(gram))
-        prior = np.diag(np.full(len(gram), (max(share, 1e-9) * scale) ** -2.0))
-        prior[:k, :k] = precision + np.diag(flat)
-        own = gram[used, used], right[used], prior[used, used]
-        for _ in range(ROUNDS):
-            fit = _fit(*own, square, variance, rows)
-            variance = max(fit.variance, 1e-12)
-        found.append(_fit(*own, square, variance, rows)._replace(size=share * scale, variance=variance))
-    return max(found, key=lambda one: one.log - float(np.log1p((one.size / (USUAL * scale)) ** 2)))
+        unit = block_diag(spread, share * scale * np.eye(len(gram) - k))[used, used]
+        whole = _maximised(unit.T @ gram[used, used] @ unit, unit.T @ right[used], square, rows)
+        log = whole.log - float(np.log1p((share / USUAL) ** 2))
+        return whole._replace(size=share * scale, value=unit @ whole.value, log=log)
+
+    return _highest(at)
 
 
-def _fit(gram: Array, right: Array, prior: Array, square: float, variance: float, rows: int) -> Likeliest:
-    """At one variance of the noise: the fit, its log density, and the variance that its residual suggests."""
-    whole = gram / variance + prior
-    size = np.sqrt(np.maximum(np.diag(whole), 1e-300))
-    lower = np.linalg.cholesky(whole / size / size[:, None] + RIDGE * np.eye(len(whole)))
-    factor = (lower, True)
-    value = cho_solve(factor, right / variance / size) / size
-    used = float(np.trace(cho_solve(factor, gram / variance / size / size[:, None])))
-    rest = max(square - 2 * float(value @ right) + float(value @ gram @ value), 0.0)
-    log = -(rest / variance + float(value @ prior @ value)) / 2 - rows / 2 * np.log(variance)
-    log += np.linalg.slogdet(prior)[1] / 2 - float(np.sum(np.log(np.diag(lower)) + np.log(size)))
-    return Likeliest(0.0, (rest + variance * used) / rows, value, used, log)
+def _highest(at: Callable[[float], Likeliest]) -> Likeliest:
+    """The best of all sizes: of some that lie apart, then along the way up from there."""
+    found = {k: at(SIZES[k]) for k in range(0, len(SIZES), APART)}
+    while True:
+        best = max(found, key=lambda k: found[k].log)
+        near = [k for k in (best - 1, best + 1) if 0 <= k < len(SIZES) and k not in found]
+        if not near:
+            return found[best]
+        found |= {k: at(SIZES[k]) for k in near}
+
+
+def _spread(precision: Array) -> Array:
+    """(k, k) [of each coefficient] by which coefficients of unit prior become those of a prior precision."""
+    size = np.sqrt(np.maximum(np.diag(precision), 1e-300))
+    lower = np.linalg.cholesky(precision / size / size[:, None] + RIDGE * np.eye(len(precision)))
+    return np.asarray(np.linalg.inv(lower).T / size[:, None])
+
+
+def _maximised(gram: Array, right: Array, square: float, rows: int) -> Likeliest:
+    """The likeliest variance of the noise, with coefficients of unit prior integrated out.
+
+    Args:
+        gram: (c, c) [1] of the columns.
+        right: (c,) [1] their products with the residual.
+        square: of the residual [1].
+        rows: that count.
+    """
+    eigen, vectors = np.linalg.eigh(gram)
+    eigen, turned, variance = np.maximum(eigen, 0.0), vectors.T @ right, 1.0
+    for last in (*[False] * ROUNDS, True):
+        value, kept = turned / (eigen + variance), eigen / (eigen + variance)
+        rest, used = max(square - float(value @ (2 * turned - eigen * value)), 0.0), float(kept.sum())
+        if not last:
+            variance = max((rest + variance * used) / rows, 1e-12)
+    log = -(rest / variance + float(value @ value) + float(np.sum(np.log1p(eigen / variance)))) / 2
+    return Likeliest(0.0, variance, vectors @ value, used, log - rows / 2 * float(np.log(variance)))
 
 
 def _scaled(x: Array) -> Array:

@@ -86,6 +86,8 @@ def _explain(
     judge_, found = _search(setting, judge, skip, known)
     seen = list[set[Key]]()
     for _ in range(NOISE_ROUNDS):
+        if time_is_up(SEARCH):
+            break
         noise = update_noise(setting, judge_.evidence, found)
         if seen and (_alike(noise, setting.noise) or _names(found) in seen):
             break

@@ -34,7 +34,7 @@ from .verdict import Verdict
 UNSURE = 0.95  # probability below which a cause is flagged
 LISTED = 4  # rivals of a finding whose separating motion is sought
 SEPARATED = 2 * LISTED  # rivals of all findings together: each search simulates several motions
-PLAUSIBLE = 0.05  # probability of a rival above which a separating motion is sought; of twins it always is
+PLAUSIBLE = 0.05  # probability of a rival above which a separating motion is sought
 
 
 class Result(NamedTuple):
@@ -81,9 +81,9 @@ def find(
     if order:
         covariance = covariance_after(shown.model, judge.evidence, found, extended)
         shown = shown._replace(model=replace(shown.model, covariance=covariance))
-    gains = {group: [_held_out_gain(shown, law) for law in laws[group]] for group in order}
+    gains = extended.gain
     verdict = verdict.without({slot.group for slot in slots if slot.probability < DOUBT})
-    verdict = verdict.raised(slots, {group: min(own) for group, own in gains.items()})
+    verdict = verdict.raised(slots, gains)
     cases = [
         _Case(setting, judge, found, slot, "cause" if group in verdict.causes else "secondary", extended, seed)
         for group in (*verdict.causes, *verdict.secondary)
@@ -103,16 +103,16 @@ def find(
 
 
 def _findings(
-    cases: Sequence[_Case], stds: Mapping[Group, Sequence[dict[str, float]]], gains: Mapping[Group, Sequence[float]]
+    cases: Sequence[_Case], stds: Mapping[Group, Sequence[dict[str, float]]], gains: Mapping[Group, float]
 ) -> Iterator[Finding]:
     """The findings of all laws, with separating motions as far as time allows."""
     left = SEPARATED
     for case in cases:
         group = case.slot.group
-        for law, std, gain in zip(case.extended.laws[group], stds[group], gains[group], strict=True):
+        for law, std in zip(case.extended.laws[group], stds[group], strict=True):
             rivals = tuple(_alternatives(case, law, left))
             left -= sum(bool(rival.separating_motion) for rival in rivals)
-            yield _finding(case, law, std, gain, rivals)
+            yield _finding(case, law, std, gains[group], rivals)
 
 
 def _finding(case: _Case, law: Law, std: dict[str, float], gain: float, rivals: tuple[Alternative, ...]) -> Finding:
@@ -169,8 +169,7 @@ def _alternatives(case: _Case, law: Law, most: int) -> Iterator[Alternative]:
     model, floor, most = case.setting.model, case.judge.evidence.data.floor, min(most, LISTED)
     for k, (probability, group) in enumerate(case.slot.rivals.values()):
         for rival in group.claim.laws[:1]:
-            twin = rival.effect.name in law.effect.twins
-            sought = k < most and (probability > PLAUSIBLE or twin)
+            sought = k < most and probability > PLAUSIBLE
             motion = tell_apart(model, law, rival, floor, case.seed) if sought else ""
             yield Alternative(rival, probability, motion)
 
@@ -182,14 +181,6 @@ def _place(setting: Setting, joint: int, torque: Array, variables: Sequence[str]
 def _passes(law: Law) -> bool:
     """Whether a law changes with time by itself."""
     return any(kind.unit == "s" for kind in law.effect.parameters.values() if isinstance(kind, Shape))
-
-
-def _held_out_gain(shown: Shown, law: Law) -> float:
-    """Share of the held-out sum of squares, on its joints, that a law takes away."""
-    told = torque_rows(shown.judged.thin, shown.judged.pieces, law)
-    rest, own = shown.judged.rest[:, list(told)], np.column_stack(list(told.values()))
-    after, before = float(np.nansum(rest**2)), float(np.nansum((rest + own) ** 2))
-    return 1 - after / before if before > 0 else 0.0
 
 
 def _unexplained(setting: Setting, shown: Shown, verdict: Verdict) -> Iterator[Unexplained]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -32,7 +32,9 @@ class Extended(NamedTuple):
     laws: Mapping[Group, tuple[Law, ...]]  # of every selected hypothesis, with all their numbers
     shown: Shown
     refitted: bool  # whether numbers that the simulation states were refitted as well
+    alone: bool  # whether the laws were fitted without these
     support: Mapping[Group, float]  # of each hypothesis, log Bayes factor of the held-out rows [-]
+    gain: Mapping[Group, float]  # share of the held-out sum of squares, on its joints, that each takes away [1]
 
     def holds(self, group: Group) -> bool:
         """Whether a hypothesis is part of the extended simulation: held-out torque is predicted better with it."""
@@ -53,15 +55,16 @@ def hand_out(session: Session, model: Model, judge: Judge, found: Found, order: 
         found: what was selected.
         order: the same, in the order in which the simulation gets their laws.
     """
-    laws, support, kept = dict[Group, tuple[Law, ...]](), dict[Group, float](), list(order)
+    laws, judged, kept = dict[Group, tuple[Law, ...]](), dict[Group, tuple[float, float]](), list(order)
     while True:
         extended = _candidate(session, model, judge, found, kept)
         laws = {**laws, **extended.laws}
-        support = {**support, **{group: _support(extended.shown, extended.laws[group]) for group in kept}}
-        out = [g for g in kept if support[g] < 0 and not happens_once(g.claim.laws[0])]
+        judged |= {group: _judged(judge, found, extended, group) for group in kept}
+        out = [g for g in kept if judged[g][0] < 0 and not happens_once(g.claim.laws[0])]
         if not out:
-            return extended._replace(laws=laws, support=support)
-        worst = min(out, key=lambda group: support[group])
+            support, gain = ({group: x[k] for group, x in judged.items()} for k in (0, 1))
+            return extended._replace(laws=laws, support=support, gain=gain)
+        worst = min(out, key=lambda group: judged[group][0])
         kept.remove(worst)
         found = without(judge, found, worst)
 
@@ -71,17 +74,17 @@ def _candidate(session: Session, model: Model, judge: Judge, found: Found, order
     evidence, base = judge.evidence, session.task.base
     refit = REFIT if evidence.informed else BETTER
     whole = evidence.fit(found.true, found.base, found.trust)
-    tried = [(whole, False, 0.0), (whole, True, refit)]
+    tried = [(whole, False, False, 0.0), (whole, True, False, refit)]
     if order:
-        tried.insert(1, (evidence.fit_alone(found.true, found.base), False, BETTER))
+        tried.insert(1, (evidence.fit_alone(found.true, found.base), False, True, BETTER))
     best, least = None, np.inf
-    for fit, refitted, margin in tried:
+    for fit, refitted, alone, margin in tried:
         laws = {group: read_laws(group, fit.value[fit.place(group)]) for group in order}
         flat = [law for own in laws.values() for law in own]
         shown = show(session, extend(model, evidence.data.refitted if refitted else (), fit, flat, base))
         loss = _loss(shown.judged)
         if best is None or loss < least - margin:
-            best, least = Extended(laws, shown, refitted, {}), loss
+            best, least = Extended(laws, shown, refitted, alone, {}, {}), loss
     assert best is not None, "the first candidate is always taken"
     return best
 
@@ -93,22 +96,42 @@ def _loss(judged: Rows) -> float:
     return float(np.mean(np.log(np.maximum(counted, LEAST**2)))) / 2 if len(counted) else 0.0
 
 
-def _support(shown: Shown, laws: Sequence[Law]) -> float:
-    """Log Bayes factor of held-out rows for laws against their absence, the size of errors unknown [-].
+def _judged(judge: Judge, found: Found, extended: Extended, group: Group) -> tuple[float, float]:
+    """What held-out rows say of a hypothesis: log Bayes factor against its absence [-], and share it takes away [1].
+
+    Without it, all other laws are fitted again: two that only undo each other need none of both. The size of errors
+    is unknown.
 
     Source: the marginal likelihood of normal errors of unknown variance, e.g. Gelman et al., Bayesian Data Analysis,
     2013, section 14.2.
     """
-    rows, torque = shown.judged, np.zeros_like(shown.judged.rest)
-    for law in laws:
-        for j, x in torque_rows(rows.thin, rows.pieces, law).items():
-            torque[:, j] += x
-    after, before = _mean_square(rows.rest), _mean_square(rows.rest + torque)
+    rest, rows = without(judge, found, group), extended.shown.judged
+    fit = (
+        judge.evidence.fit_alone(rest.true, rest.base)
+        if extended.alone
+        else judge.evidence.fit(rest.true, rest.base, rest.trust)
+    )
+    own = {g: (*extended.laws[g],) for g in extended.laws}
+    fewer = {g: read_laws(g, fit.value[fit.place(g)]) for g in extended.laws if g is not group}
+    change = _torque(rows, own.values()) - _torque(rows, fewer.values())
+    acts = np.abs(_torque(rows, [own[group]])).max(axis=0) > 0
+    after, before = _mean_square(rows.rest), _mean_square(rows.rest + change)
+    acts &= np.isfinite(after)
     least = LEAST**2 * _mean_square(rows.torque)
-    acts = np.isfinite(after) & (np.abs(torque).max(axis=0) > 0)
     count = np.sum(np.isfinite(rows.rest), axis=0) / INDEPENDENT
     log = np.log(np.maximum(before, least)[acts]) - np.log(np.maximum(after, least)[acts])
-    return float(np.sum(count[acts] / 2 * log))
+    missed = float(np.sum((before * count)[acts]))
+    gain = 1 - float(np.sum((after * count)[acts])) / missed if missed > 0 else 0.0
+    return float(np.sum(count[acts] / 2 * log)), gain
+
+
+def _torque(rows: Rows, laws: Iterable[Sequence[Law]]) -> Array:
+    """(M, n) [N.m or N] of some laws, all together."""
+    torque = np.zeros_like(rows.rest)
+    for law in (law for own in laws for law in own):
+        for j, x in torque_rows(rows.thin, rows.pieces, law).items():
+            torque[:, j] += x
+    return torque
 
 
 def _mean_square(x: Array) -> Array:

@@ -21,6 +21,8 @@ from .setting import Setting
 from .whitened import columns_of
 from .whitening import Whitening
 
+FAR = 12.0  # log density behind the likeliest, from which on how far inertials are trusted does not count
+
 
 class _Terms(NamedTuple):
     """What one joint adds to the normal equations of all that is fitted, and to the log density."""
@@ -48,19 +50,35 @@ class Likelihood(Frozen):
             group: one of the selected laws.
         """
         true = tuple(g for g in self.found.true if g is not group)
-        joints, now = self.evidence.data.rows(group), self.setting.noise
-        gained = self._gained(self.found.true, joints, now)
-        return float(min(0.0, gained - self._gained(true, joints, now)))
+        joints = self.evidence.data.rows(group)
+        return float(min(0.0, self._gained(self.found.true, joints) - self._gained(true, joints)))
 
-    def _gained(self, true: Sequence[Group], joints: Sequence[int], now: Noise) -> float:
+    def _gained(self, true: tuple[Group, ...], joints: Sequence[int]) -> float:
         """Log of how much likelier the rows are under the noise model that is likeliest beside some laws [-]."""
         logs = np.zeros((2, len(self.evidence.scales)))
-        for k, trust in enumerate(self.evidence.scales.tolist()):
-            rest = replace(self.found, true=tuple(true), trust=trust)
-            other = update_joints(self.setting, self.evidence, rest, joints, colour=False)
-            logs[:, k] = [self._log(rest, noise, joints) for noise in (now, other)]
+        some = [replace(self.found, true=true, trust=trust) for trust in self.evidence.scales.tolist()]
+        logs[:] = [self._log(rest, self.setting.noise, joints) for rest in some]
+        for k in np.flatnonzero(logs[0] > logs[0].max() - FAR):
+            logs[1, k] = self._log(some[k], self._likeliest(some[k], joints), joints)
         present, changed = logsumexp(logs + self.evidence.scale_prior, axis=1).tolist()
         return float(max(0.0, changed - present))
+
+    def _likeliest(self, found: Found, joints: Sequence[int]) -> Noise:
+        """The noise model with the likeliest variance and discrepancy of some joints."""
+        noise, data = self.setting.noise, self.evidence.data
+        arrays = {key: getattr(noise, key).copy() for key in ("floor", "innovation", "discrepancy")}
+        for j in joints:
+            key = j, found.trust, tuple(g.start for g in found.true if j in data.rows(g))
+            if key not in self._known:
+                self._known[key] = update_joints(self.setting, self.evidence, found, [j], colour=False)
+            for name, array in arrays.items():
+                array[j] = getattr(self._known[key], name)[j]
+        return replace(noise, **arrays)
+
+    @cached_property
+    def _known(self) -> dict[tuple[int, float, tuple[int, ...]], Noise]:
+        """Noise models that were asked for, by joint, trust and the laws that act on the joint."""
+        return {}
 
     def _log(self, found: Found, noise: Noise, joints: Sequence[int]) -> float:
         """Log density of all rows, with a noise model of some joints [-]."""

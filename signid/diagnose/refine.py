@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +15,7 @@ from ..types import Array, Law
 from .fitted import Fitted
 from .found import Found
 from .group import Group
-from .hypothesis import Hypothesis
+from .hypothesis import Hypothesis, Key
 from .odds import Judge
 from .search import SEARCH, spread, without
 from .setting import Setting, append
@@ -38,7 +38,7 @@ def refine(setting: Setting, judge: Judge, found: Found) -> tuple[Judge, Found]:
         found: what is taken for true.
     """
     for group in found.true:
-        options = _options(judge, group)
+        options = _options(judge, group, {other.claim.key for other in found.true})
         if not options or time_is_up(SEARCH):
             continue
         show_step(f"fitting numbers of {group.claim.key[0]}", 0.7)
@@ -60,8 +60,14 @@ def refine(setting: Setting, judge: Judge, found: Found) -> tuple[Judge, Found]:
     return judge, found
 
 
-def _options(judge: Judge, group: Group) -> list[tuple[Hypothesis, Group]]:
-    """What may stand in the place of a hypothesis, each with where to begin: itself, and twins in the record."""
+def _options(judge: Judge, group: Group, taken: Collection[Key]) -> list[tuple[Hypothesis, Group]]:
+    """What may stand in the place of a hypothesis, each with where to begin: itself, and twins in the record.
+
+    Args:
+        judge: library and evidence.
+        group: the hypothesis.
+        taken: what is taken for true already.
+    """
     hypothesis = group.claim
     if len(hypothesis.laws) != 1:
         return []
@@ -69,7 +75,7 @@ def _options(judge: Judge, group: Group) -> list[tuple[Hypothesis, Group]]:
     twins = [
         (_at_size(EFFECTS[name], law.joints), judge.evidence.data.groups[judge.keys[name, law.joints][0]])
         for name in law.effect.twins
-        if _is_small(EFFECTS[name]) and (name, law.joints) in judge.keys
+        if _is_small(EFFECTS[name]) and (name, law.joints) in judge.keys and (name, law.joints) not in taken
     ]
     if _is_small(law.effect):
         return [(_at_size(law.effect, law.joints), group), *twins]

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..deadline import time_is_up
 from ..residual import RANK, leave
 from ..types import Array, Frozen
 from .found import Found
@@ -14,7 +15,7 @@ from .group import Group
 from .hypothesis import Key
 from .likelihood import Likelihood
 from .odds import Judge, Odds
-from .search import is_sound, without
+from .search import SEARCH, is_sound, without
 from .setting import Setting
 from .sizes import Sizes, measure_sizes
 
@@ -73,6 +74,8 @@ def settle(setting: Setting, judge: Judge, found: Found) -> tuple[Found, tuple[S
     """
     for _ in range(ROUNDS):
         slots = judge_slots(setting, judge, found)
+        if time_is_up(SEARCH):
+            return found, slots
         weak = [slot for slot in slots if slot.probability < DOUBT or slot.instead is not None]
         if not weak:
             return found, slots
@@ -95,7 +98,7 @@ def _slot(
     odds, _ = judge.odds(found.true, found.base, without=group)
     odds = {key: o for key, o in odds.items() if key == group.claim.key or len(o.best.claim.laws) <= 1}
     own = group.claim.key
-    penalty = likelihood.penalty(group)
+    penalty = 0.0 if time_is_up(SEARCH) else likelihood.penalty(group)
     log = (odds[own].log if own in odds else found.log_odds[group]) + penalty
     logs = {key: o.log - max(0.0, beside[key].log if key in beside else 0.0) for key, o in odds.items()}
     for key in (key for key, o in odds.items() if o.best.claim.unknown):

@@ -61,16 +61,23 @@ class Table(Frozen):
         return np.asarray(signals[name][:, joint])
 
 
-STILL, WHILE = 2.0, 0.1  # widths of a reversal that a joint at rest is slower than, and for how long [s]
+STILL, WHILE = 2.0, 0.3  # widths of a reversal that a joint at rest is slower than, and for how long [s]
+HELD = 0.1  # [s] for which friction may hold a joint, so that no row of it tells what friction is
 MANY = 32  # groups of columns that go through the low-pass at once
 FAINT = 0.02  # of the largest rms torque: no joint's counts as smaller
 
 
-def stands_still(motion: Motion, thin: Decimator) -> Array:
-    """(N, n) 1 where a joint stands still for a while, or does so near that the filter feels it, else 0."""
+def stands_still(motion: Motion, thin: Decimator, seconds: float = WHILE) -> Array:
+    """(N, n) 1 where a joint stands still for a while, or does so near that the filter feels it, else 0.
+
+    Args:
+        motion: of all joints.
+        thin: the filter.
+        seconds: a while [s].
+    """
     assert motion.slow is not None, "a diagnosed motion knows how wide a reversal is"
     slow = (np.abs(motion.v) < STILL * motion.slow).astype(np.float64)
-    half = max(1, round(WHILE / 2 / motion.dt))
+    half = max(1, round(seconds / 2 / motion.dt))
     opened = least(slow, half)
     return -least(-opened, half + thin.half // 2)
 
@@ -104,7 +111,7 @@ def tabulate(task: Task, model: Model, groups: Sequence[Group], pieces: Sequence
         v=inner([piece.motion.v for piece in pieces]),
         a=inner([piece.motion.a for piece in pieces]),
         jumps=unsure_rows(thin, pieces, dry),
-        rests=inner([stands_still(piece.motion, thin) for piece in pieces]) > 0,
+        rests=inner([stands_still(piece.motion, thin, HELD) for piece in pieces]) > 0,
         torque=torque,
         predicted=torque - residual,
         residual=residual,

@@ -17,7 +17,7 @@ class TorqueLag(RecordingLaw):
     typical = "1 to 10 ms, a current loop of 20 to 200 Hz"
     parameters = {"time_constant": Coefficient("s", positive=True)}
     example = {"time_constant": 0.004}
-    scope, common = "any", 0.5  # a delay is more usual
+    scope, common = "any", 0.3  # a delay is more usual
     twins = ("time_delay",)
 
     def recorded_torque(self, x: View, time_constant: float) -> Array:
