@@ -14,6 +14,7 @@ from functools import wraps
 from typing import Any, ParamSpec, Protocol, TypeVar, cast
 
 from .errors import OptionError
+from .threads import one_thread
 
 USUAL = 3600.0  # [s], of a verb where no other limit is set
 
@@ -157,7 +158,7 @@ def ends_in_time(verb: Callable[_P, _R]) -> Callable[_P, _R]:
     @wraps(verb)
     def within(*args: _P.args, **kwargs: _P.kwargs) -> _R:
         seconds = min((limit.seconds for limit in _LIMITS.get()), default=USUAL)
-        with _limited(USUAL if not _LIMITS.get() else float("inf")) as limit:
+        with one_thread(), _limited(USUAL if not _LIMITS.get() else float("inf")) as limit:
             found = verb(*args, **kwargs)
         if not (limit.ended or limit.stopped):
             return found

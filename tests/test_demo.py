@@ -153,7 +153,7 @@ def test_a_miss_is_told(told: Told, tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert found.code == 3 and wrong.flags == (flag,)
     assert flag in found.err and f"{flag}." in " ".join(found.out.split())
     assert "2 of 3 concealed laws found; " in found.out and "only an alternative" in found.out
-    assert f"{spoken(third.law, robot)} " in found.out and "found, as a correction" in found.out
+    assert f"{third.law.effect.name} of" in found.out and "found, as a correction" in found.out
     another = replace(second, law=other, alternatives=())
     wrong = replace(story, result=replace(story.result, findings=(first, another, third)))
     gone = command(monkeypatch, tmp_path, story=wrong)

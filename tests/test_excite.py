@@ -98,13 +98,13 @@ def test_it_tells_more_than_random_motions() -> None:
     model, family = arm("3r"), Fourier(DURATION, 5, 1 / DURATION)
     setting, rng = ready(model, family), np.random.default_rng(3)
     basis, t = family.basis(np.linspace(0, DURATION, 1001)), np.arange(1001) / 100
-    best = -np.inf
-    for _ in range(20):
-        safe = make_safe(setting, family, DURATION, random_parameters(basis, setting.limits, rng))
-        best = max(best, judge(setting, sample(family, model.robot.joints, safe.x, t)).log_det)
+    drawn = [random_parameters(basis, setting.limits, rng) for _ in range(20)]
+    safe = [make_safe(setting, family, DURATION, x).x for x in drawn]
+    told = [judge(setting, sample(family, model.robot.joints, x, t)).log_det for x in safe]
     found = excite(model, duration=DURATION, harmonics=5, budget=Budget(20, 2, 60, 150, 80))
     obeys(found, model)
-    assert found.log_det > best + len(found.std) / 2  # standard deviations less than 0.8 of theirs
+    assert found.log_det > max(told)  # than each of them; the best of twenty differs by 6 from one BLAS to another
+    assert found.log_det > np.median(told) + 0.65 * len(found.std)  # standard deviations 0.72 of the usual one's
 
 
 def test_the_condition_number_can_be_the_goal() -> None:

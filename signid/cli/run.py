@@ -13,6 +13,7 @@ import typer
 from typer.main import get_command
 
 from ..errors import SignidError
+from ..threads import one_thread
 
 from . import demo as demo  # isort: skip (help lists commands in this order)
 from . import diagnosis as diagnosis  # isort: skip
@@ -51,7 +52,7 @@ def run(arguments: Sequence[str]) -> int:
     """Run a command; the exit code: 0 done, 1 a fault of signid, 2 bad input, 3 done but flagged, 130 interrupted."""
     debug = bool(os.environ.get("SIGNID_DEBUG"))
     try:
-        with warnings.catch_warnings():
+        with one_thread(), warnings.catch_warnings():
             warnings.simplefilter("default" if debug else "ignore")  # what libraries say is not for the user
             command = get_command(app)
             given = list(arguments) or ["--help"]
