@@ -11,11 +11,11 @@ from plant import law
 
 from signid.basis import build_base
 from signid.diagnose.extend import extend
+from signid.diagnose.findings import PLAUSIBLE
 from signid.diagnose.fitted import Fitted, solve
 from signid.diagnose.group import Group, tolerance
 from signid.diagnose.hypothesis import propose, refits
 from signid.diagnose.prune import prune
-from signid.diagnose.findings import PLAUSIBLE
 from signid.diagnose.separate import tell_apart
 from signid.diagnose.sizes import energies, measure_sizes
 from signid.diagnose.strain import strained_links
