@@ -79,7 +79,14 @@ TABLE = (
         "xmate3pro.urdf",
         *thirds("excit_joint_sensor", ((0, 10), (10.2, 15.4), (15.6, 20))),
     ),
-    RealSet("psm", "dvrk_wpi", "psm3.urdf", (Part("psm3_one"),), Part("psm3_two"), Part("psm3_one_no_weight")),
+    RealSet(  # psm3_one_no_weight has another counterweight
+        "psm",
+        "dvrk_wpi",
+        "psm3.urdf",
+        (Part("psm3_one"),),
+        Part("psm3_two", end=14.5),
+        Part("psm3_two", start=15.0),
+    ),
     RealSet(
         "lwr4",
         "kuka_lwr4_flobaroid",

@@ -12,13 +12,17 @@ to trust.
 The way of the data through the files, as `run` goes it:
 
 - recordings to rows: `enough`, `sample` (motions and residual), `hypothesis`, `group` (what columns mean), `table`,
-  `period`, `noise`, `wave`, `whitened`, `setting` (all of these together);
-- rows to evidence: `prior`, `components`, `linear` and `fitted` (normal equations), `batches`, `evidence`,
-  `odds`, `reference`;
-- evidence to what is taken for true: `explain` by `search`, `sizes`, `strain`, `contact`, `refine`, `linearise`
-  (what laws do to each other), then `prune`;
-- to what is said: `slots` (how sure), `verdict`, `findings` with `numbers`, `intervals`, `locate` and `separate`;
-- to the extended simulation: `extend`, `bodies`, `empirical`, judged by `prove` and `doubt`.
+  `period`, `noise`, `wave`, `discrepancy`, `whitening`, `whitened`, `setting` (all of these together);
+- rows to evidence: `knowledge` and `prior`, `components`, `linear` and `fitted` (normal equations), `batches`,
+  `evidence`, `odds`;
+- evidence to the selected laws: `explain` by `search`, `sizes`, `strain`, `contact`, `refine`, `noise_model` (what the
+  selected laws leave), `linearise` (what laws do to each other), then `prune`;
+- to what is said: `slots` by `likelihood` (how sure), `verdict`, `findings` with `numbers`, `intervals`, `locate` and
+  `separate`;
+- to the extended simulation: `handout` by `extend` and `bodies`, `empirical`, judged by `prove`, `doubt` and, where
+  nothing else holds, `fallback`.
+
+The model behind it, with formulas and sources, is `README.md` in this folder.
 """
 
 import sys
