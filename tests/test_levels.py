@@ -8,7 +8,7 @@ from pathlib import Path
 
 PACKAGE = Path(__file__).parents[1] / "signid"
 LEVELS = (
-    "version errors deadline plain unfinished registry arrays parameters covariance types",
+    "version errors threads deadline plain unfinished registry arrays parameters covariance types",
     "robot formats effects optimisers",
     "recording sampling filters cutoff rigid motion regressor basis residual rows",
     "row_sample factors session course prepare fit discrepancy estimate excitation consistent retrieve laws model "
