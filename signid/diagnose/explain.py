@@ -21,7 +21,7 @@ from .noise_model import update_noise
 from .odds import Judge
 from .refine import refine
 from .result import Diagnosis
-from .search import SEARCH, search, spread
+from .search import SEARCH, posterior, search, spread
 from .setting import Setting, append
 from .sizes import measure_sizes
 from .whitened import whitened
@@ -62,7 +62,7 @@ def explain(setting: Setting, judge: Judge, skip: Sequence[str], known: Diagnosi
         if new is None:
             return Explained(about, judge_, found)
         about, evidence, named = new, Evidence(whitened(new.table, new.noise), judge.evidence.known), _names(found)
-        judge_, found = _search(about, replace(judge, evidence=evidence), skip, known, measured=True)
+        judge_, found = _search(about, replace(judge, evidence=evidence), skip, known, found)
         if time_is_up(SEARCH):
             return Explained(*first)
         if (
@@ -93,11 +93,11 @@ def _explain(
             break
         seen.append(_names(found))
         quieter = replace(setting, noise=noise)
-        judge_ = replace(judge, evidence=Evidence(whitened(quieter.table, noise), judge.evidence.known))
-        judge_, again = _search(quieter, judge_, skip, known, measured=True)
+        asked = replace(judge, evidence=Evidence(whitened(quieter.table, noise), judge.evidence.known))
+        asked, again = _search(quieter, asked, skip, known, found)
         if time_is_up(SEARCH):
             break
-        setting, found = quieter, again
+        setting, judge_, found = quieter, asked, again
     return setting, judge_, found
 
 
@@ -109,17 +109,23 @@ def _alike(noise: Noise, other: Noise) -> bool:
 
 
 def _search(
-    setting: Setting, judge: Judge, skip: Sequence[str], known: Diagnosis | None, measured: bool = False
+    setting: Setting, judge: Judge, skip: Sequence[str], known: Diagnosis | None, before: Found | None = None
 ) -> tuple[Judge, Found]:
-    """Search; where more is left than expected, again with dispersions that say so; then for a contact."""
+    """Search from nothing and from what was selected before, for what is likelier; then for a contact.
+
+    The first time, all that the simulation leaves counts as noise.
+    """
     data = judge.evidence.data
     expected = NOISE_ERROR * (1 + (DISCREPANCY * data.scale / data.floor) ** 2)
     if known is not None:
         expected = np.maximum(expected, (known.after.train_rms / known.after.noise_floor) ** 2)
-    if not measured:  # all that the simulation leaves counts as noise, until a first search has explained some of it
+    if before is None:
         left = measure_sizes(judge.evidence, (), expected, judge.evidence.trust((), expected)).left
         expected = np.maximum(expected, NOISE_ERROR * left)
     found = search(judge, expected)
+    if before is not None and before.true:
+        start = {group.claim.key: before.log_odds[group] for group in before.true}
+        found = max(found, search(judge, expected, start), key=lambda one: posterior(judge, one))
     if CONTACT not in skip:
         judge, found = _touched(setting, judge, found)
     return refine(setting, judge, found)

@@ -12,29 +12,11 @@ from ..model import Model
 from ..types import Array, BaseMap, Indices, Law
 from .bodies import is_possible, move_bodies, nearest_bodies
 from .fitted import Fitted
-from .found import Found
 from .group import Group, tolerance
 from .hypothesis import refits
-from .numbers import read_laws
-from .odds import Judge
 from .whitened import columns_of
 
-
-def extended(
-    model: Model, base: BaseMap, judge: Judge, found: Found, order: Sequence[Group]
-) -> tuple[dict[Group, tuple[Law, ...]], Model]:
-    """The laws of what is taken for true, and the simulation with them.
-
-    Args:
-        model: the simulation.
-        base: which combinations of inertial parameters torque shows.
-        judge: library and evidence.
-        found: what is taken for true.
-        order: the same hypotheses, in the order in which the simulation gets their laws.
-    """
-    fit = judge.evidence.fit(found.true, found.base, found.trust)
-    laws = {group: read_laws(group, fit.value[fit.place(group)]) for group in order}
-    return laws, extend(model, judge.evidence.data.refitted, fit, [law for own in laws.values() for law in own], base)
+SOFT = 0.02  # share of a body's mass and first moment that may change where its inertia is impossible
 
 
 def extend(
@@ -107,9 +89,20 @@ def _possible(given: Model, model: Model, base: BaseMap | None) -> Model:
     if not changes or is_possible(stated_bodies(given), total):
         return model
     step, kept = total - model.inertials, tuple(law for law in model.laws if law not in changes)
-    spread = np.diag(tolerance(given).ravel() ** 2)
+    spread = np.diag(tolerance(given).ravel() ** 2 + _softness(step).ravel() ** 2)
     near = nearest_bodies(base or build_base(model.robot), model.inertials, step, spread)
     return Model(model.robot, near.parameters.bodies(), kept)
+
+
+def _softness(step: Array) -> Array:
+    """(nb, 10) how far changes of bodies may be off [kg, kg.m, kg.m2]: torque tells their inertia least.
+
+    Args:
+        step: (nb, 10) the changes [kg, kg.m, kg.m2].
+    """
+    mass, moment = np.abs(step[:, :1]), np.linalg.norm(step[:, 1:4], axis=1, keepdims=True)
+    inertia = moment**2 / np.maximum(mass, 1e-12)
+    return np.repeat(np.concatenate([SOFT * mass, SOFT * moment, inertia], axis=1), (1, 3, 6), axis=1)
 
 
 def stated_bodies(model: Model) -> Array:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ..session import Session
-from ..types import Array
-from .extend import extended
+from ..types import Array, Law
+from .extend import extend
 from .found import Found
 from .group import Group
-from .numbers import has_possible_numbers
+from .numbers import has_possible_numbers, read_laws
 from .odds import Judge
 from .prove import residuals
 from .sample import torque_rows
@@ -74,17 +76,34 @@ def _told(judge: Judge, found: Found) -> Found:
 
 
 def _harms(setting: Setting, session: Session, judge: Judge, found: Found) -> dict[Group, float]:
-    """By how much each hypothesis's law makes the squared residual larger, over that of the simulation as given [1]."""
-    laws, model = extended(setting.model, session.task.base, judge, found, found.true)
-    rows, out = residuals(session.task, model, session.train), dict[Group, float]()
-    rest, noise = rows.rest, rows.unforeseen(setting.noise, 1)
-    for group, own in laws.items():
-        torque = np.zeros_like(rest)
-        for law in own:
-            for j, x in torque_rows(setting.thin, setting.pieces, law).items():
-                torque[:, j] += x
-        out[group] = _square(rest / noise) - _square((rest + torque) / noise)
-    return out
+    """By how much each hypothesis's law makes the squared residual larger, over that of the simulation as given [1].
+
+    In the better of two extended simulations: everything fitted again, or the laws alone.
+    """
+    evidence, tried = judge.evidence, list[tuple[float, dict[Group, float]]]()
+    fits = (
+        (evidence.fit(found.true, found.base, found.trust), evidence.data.refitted),
+        (evidence.fit_alone(found.true, found.base), ()),
+    )
+    for fit, refitted in fits:
+        laws = {group: read_laws(group, fit.value[fit.place(group)]) for group in found.true}
+        flat = [law for own in laws.values() for law in own]
+        model = extend(setting.model, refitted, fit, flat, session.task.base)
+        rows = residuals(session.task, model, session.train)
+        noise = rows.unforeseen(setting.noise, 1)
+        whole = _square(rows.rest / noise)
+        lacking = {group: rows.rest + _torque(setting, own) for group, own in laws.items()}
+        tried.append((whole, {group: whole - _square(rest / noise) for group, rest in lacking.items()}))
+    return min(tried, key=lambda one: one[0])[1]
+
+
+def _torque(setting: Setting, laws: Sequence[Law]) -> Array:
+    """(M, n) [N.m or N] of some laws."""
+    torque = np.zeros_like(setting.table.residual)
+    for law in laws:
+        for j, x in torque_rows(setting.thin, setting.pieces, law).items():
+            torque[:, j] += x
+    return torque
 
 
 def _square(x: Array) -> float:

@@ -16,6 +16,7 @@ from .group import Group
 from .hypothesis import Key
 from .numbers import has_possible_numbers
 from .odds import Judge, Odds
+from .prior import NOTHING
 from .sizes import energies, measure_sizes
 from .strain import relieved, strained_links
 
@@ -34,20 +35,24 @@ BETTER = 2.0  # log odds by which another hypothesis must be better to take a pl
 APPROXIMATE, CLIPPED = (0.3, 2.0), (0.6, 1.5)  # coefficients of laws that are there (1) or not
 
 
-def search(judge: Judge, base: Array) -> Found:
+def search(judge: Judge, base: Array, start: Mapping[Key, float] | None = None) -> Found:
     """Forward steps, after each an exchange: nothing stays that another hypothesis explains better.
 
     Args:
         judge: library and evidence.
         base: (n,) dispersion that no effect explains [1].
+        start: what to begin with, with the log odds that it was accepted by; None: nothing.
     """
     state = Found((), {}, base, judge.evidence.trust((), base))
-    first, seen = dict[Key, Odds](), list[set[Group]]()
+    first, trusted = judge.odds((), spread(judge, state))
+    odds, seen = first, list[set[Group]]()
+    if start:
+        state = _exchanged(judge, _begun(judge, state, start), BETTER)
     for step in range(MOST):
         show_step(f"weighing laws beside {len(state.true)} found", 1 - 0.7 ** (step + 1))
-        odds, trusted = judge.odds(state.true, spread(judge, state))
-        first = odds if step == 0 else first
-        chosen = _pick(judge, state, odds, trusted, FIRST if step == 0 else NEXT)
+        if state.true:
+            odds, trusted = judge.odds(state.true, spread(judge, state))
+        chosen = _pick(judge, state, odds, trusted, NEXT if state.true else FIRST)
         if chosen is None or time_is_up(SEARCH):
             break
         state = larger = _with(judge, state, chosen)
@@ -62,6 +67,28 @@ def search(judge: Judge, base: Array) -> Found:
         if before == state.true:
             break
     return Found(state.true, state.log_odds, base, state.trust, first)
+
+
+def posterior(judge: Judge, found: Found) -> float:
+    """Log posterior density of what was selected, up to what is common to all selections under the same noise [-].
+
+    Args:
+        judge: library and evidence.
+        found: what was selected.
+    """
+    groups, evidence = judge.evidence.data.groups, judge.evidence
+    fit = evidence.fit(found.true, found.base, found.trust)
+    priors = (judge.priors.get(group.claim.key, 0.0) for group in found.true)
+    scale = float(evidence.scale_prior[np.argmin(np.abs(evidence.scales - found.trust))])
+    assert set(found.true) <= set(groups), "selected among the rows' own"
+    return fit.log_evidence + scale + sum(priors) - len(found.true) * float(np.log(NOTHING))
+
+
+def _begun(judge: Judge, state: Found, start: Mapping[Key, float]) -> Found:
+    """The hypotheses of an earlier search among these rows, in any of their shapes; an exchange finds the best."""
+    log = {judge.evidence.data.groups[judge.keys[key][0]]: x for key, x in start.items() if key in judge.keys}
+    true = tuple(log)
+    return Found(true, log, state.base, judge.evidence.trust(true, state.base))
 
 
 def spread(judge: Judge, state: Found, most: float = 1.3) -> Array:
