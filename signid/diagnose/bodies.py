@@ -7,6 +7,8 @@ import numpy as np
 from ..consistent import ConsistentFit, fit_consistent
 from ..types import INERTIAL, Array, BaseMap, Estimate, Parameters, pseudo_inertia
 
+HELD = (0.01, 1.0)  # how firmly bodies stay as stated where torque tells nothing, if need be [squared deviations]
+ABSURD = 5.0  # times as heavy as stated, from which on bodies are held firmly
 EXACT, TINY = 1e-6, 1e-12  # share of a base parameter, and size, to which it is never known: spreads are inverted
 
 
@@ -23,10 +25,17 @@ def move_bodies(base: BaseMap, inertials: Array, step: Array, covariance: Array)
     """
     if is_possible(inertials, inertials + step):
         return inertials + step
-    return nearest_bodies(base, inertials, step, covariance).parameters.bodies()
+    bodies = inertials
+    for held in HELD:
+        bodies = nearest_bodies(base, inertials, step, covariance, held).parameters.bodies()
+        if np.all(bodies[:, 0] < ABSURD * (inertials[:, 0] + np.abs(step[:, 0]))):
+            break
+    return bodies
 
 
-def nearest_bodies(base: BaseMap, inertials: Array, step: Array, covariance: Array) -> ConsistentFit:
+def nearest_bodies(
+    base: BaseMap, inertials: Array, step: Array, covariance: Array, held: float = HELD[0]
+) -> ConsistentFit:
     """The feasible bodies nearest to some that are not, as the recordings measure distance.
 
     Args:
@@ -34,13 +43,14 @@ def nearest_bodies(base: BaseMap, inertials: Array, step: Array, covariance: Arr
         inertials: (nb, 10) in Pinocchio's order [kg, kg.m, kg.m2].
         step: (nb, 10) of each [kg, kg.m, kg.m2].
         covariance: (k, k) of the k = 10 nb numbers of the step [products of their units].
+        held: how firmly bodies stay what they were where torque tells nothing [squared standard deviations].
     """
     value, spread = base.combination @ (inertials + step).ravel(), base.combination @ covariance @ base.combination.T
     spread = spread + np.diag((EXACT * np.abs(value) + TINY) ** 2)
     size = np.sqrt(np.diag(spread))
     information = np.linalg.pinv(spread / size / size[:, None], rcond=1e-10, hermitian=True) / size / size[:, None]
     estimate = Estimate(value, spread, information, np.zeros(len(base.sees)), ())
-    return fit_consistent(base, estimate, Parameters(base.labels, inertials.ravel()))
+    return fit_consistent(base, estimate, Parameters(base.labels, inertials.ravel()), prior_weight=held)
 
 
 def is_possible(stated: Array, inertials: Array) -> bool:

@@ -15,8 +15,8 @@ from .findings import Result
 from .prove import Rows, show
 from .result import Unexplained
 
-ENOUGH = 0.05  # share of the held-out sum of squares that such a function must take away
-RIDGE = 1e-6  # of the Gram's largest diagonal
+ENOUGH = 0.3  # share of the held-out sum of squares that such a function must take away
+CORRELATED = 4.0  # rows for one that tells something of its own
 
 
 def model_rest(session: Session, result: Result) -> Result:
@@ -34,7 +34,7 @@ def model_rest(session: Session, result: Result) -> Result:
         law = _shape(shown.learned, one)
         x, y = _columns(shown.learned, law), np.nan_to_num(shown.learned.rest[:, one.joint])
         gram = x.T @ x
-        value = np.linalg.solve(gram + RIDGE * np.eye(len(gram)) * gram.diagonal().max(), x.T @ y)
+        value = np.linalg.solve(gram + CORRELATED * np.eye(len(gram)), x.T @ y)  # as large as what is left, at most
         unseen = np.nan_to_num(shown.judged.rest[:, one.joint])
         after = unseen - _columns(shown.judged, law) @ value
         gain = 1 - float(after @ after) / max(float(unseen @ unseen), 1e-300)
@@ -51,7 +51,8 @@ def _shape(rows: Rows, one: Unexplained) -> Law:
     index = VARIABLES.index(one.place.variable)
     motions = [piece.motion for piece in rows.pieces]
     signal = np.concatenate([(m.q, m.v, m.a, m.load)[index][:, one.joint] for m in motions])
-    knots = np.quantile(signal, np.linspace(0, 1, len(PLACES)))
+    share = np.linspace(0, 1, len(PLACES))
+    knots = (np.quantile(signal, share) + signal.min() + share * np.ptp(signal)) / 2  # where rows are, none too near
     knots = knots + np.arange(len(knots)) * 1e-9 * max(float(np.ptp(signal)), 1e-9)  # none twice
     shape = {f"knot_{k}": float(x) for k, x in zip(PLACES, knots, strict=True)}
     return Law(EFFECTS["empirical"], (one.joint,), {"variable": float(index), **shape})

@@ -10,13 +10,14 @@ import numpy as np
 from ..basis import build_base
 from ..model import Model
 from ..types import Array, BaseMap, Indices, Law
-from .bodies import is_possible, move_bodies, nearest_bodies
+from .bodies import is_possible, move_bodies
 from .fitted import Fitted
 from .group import Group, tolerance
 from .hypothesis import refits
 from .whitened import columns_of
 
 SOFT = 0.02  # share of a body's mass and first moment that may change where its inertia is impossible
+FIRM = 0.1  # share of their tolerance by which other bodies may change for that
 
 
 def extend(
@@ -89,9 +90,8 @@ def _possible(given: Model, model: Model, base: BaseMap | None) -> Model:
     if not changes or is_possible(stated_bodies(given), total):
         return model
     step, kept = total - model.inertials, tuple(law for law in model.laws if law not in changes)
-    spread = np.diag(tolerance(given).ravel() ** 2 + _softness(step).ravel() ** 2)
-    near = nearest_bodies(base or build_base(model.robot), model.inertials, step, spread)
-    return Model(model.robot, near.parameters.bodies(), kept)
+    spread = np.diag(FIRM**2 * tolerance(given).ravel() ** 2 + _softness(step).ravel() ** 2)
+    return Model(model.robot, move_bodies(base or build_base(model.robot), model.inertials, step, spread), kept)
 
 
 def _softness(step: Array) -> Array:
