@@ -15,8 +15,8 @@ The way of the data through the files, as `run` goes it:
   `period`, `noise`, `wave`, `discrepancy`, `whitening`, `whitened`, `setting` (all of these together);
 - rows to evidence: `knowledge` and `prior`, `components`, `linear` and `fitted` (normal equations), `batches`,
   `evidence`, `odds`;
-- evidence to the selected laws: `explain` by `search`, `sizes`, `strain`, `contact`, `refine`, `noise_model` (what the
-  selected laws leave), `linearise` (what laws do to each other), then `prune`;
+- evidence to the selected laws: `explain` by `search`, `sound`, `sizes`, `strain`, `contact`, `refine`, `noise_model`
+  (what the selected laws leave), `linearise` (what laws do to each other), then `prune`;
 - to what is said: `slots` by `likelihood` (how sure), `verdict`, `findings` with `numbers`, `intervals`, `locate` and
   `separate`;
 - to the extended simulation: `handout` by `extend` and `bodies`, `empirical`, judged by `prove`, `doubt` and, where

@@ -54,6 +54,11 @@ class Judge(Frozen):
     bodies: Bodies | None = None  # of the simulation; None: any change of them counts as possible
 
     @cached_property
+    def bodies_asked(self) -> dict[Group, list[tuple[Array, bool]]]:
+        """Numbers of changes of bodies, and whether real bodies could have them, as far as was asked."""
+        return {}
+
+    @cached_property
     def keys(self) -> dict[Key, list[int]]:
         """Members of each grid of shapes, as places in the list of groups."""
         out = dict[Key, list[int]]()

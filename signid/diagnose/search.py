@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 
 import numpy as np
 
 from ..deadline import show_step, time_is_up
-from ..effects.base import ActuatorLaw
-from ..residual import leave
 from ..types import Array
-from .bodies import is_possible, nearest_bodies
 from .found import Found
 from .group import Group
 from .hypothesis import Key
-from .numbers import has_possible_numbers
 from .odds import Judge, Odds
 from .prior import NOTHING
 from .sizes import energies, measure_sizes
+from .sound import is_sound
 from .strain import relieved, strained_links
 
 SEARCH = "the search for laws"
@@ -26,13 +23,8 @@ DISTRUST, LOOKALIKE = 5.0, 8.0  # the same where inertials are not trusted, and 
 IMITATED = 0.9  # share of an effect that inertials can make, from which on it looks like them
 MOST = 14  # hypotheses altogether
 CROWDED = 16  # hypotheses looked at in one step
-LEAST = 0.007  # share of some joint's torque that an effect needs
 SHAPE_ERROR = 0.05  # of an effect that is taken for true: what its law leaves of it
-IMPOSSIBLE = 4.0  # squared deviations of each number from the nearest possible bodies: more, and a change is impossible
-NARROW = 1e-10  # variance of bodies that do not change [kg2, kg2.m2, kg2.m4]
-SPANNED = 1e-3  # of a hypothesis's columns that others leave: it says nothing new
 BETTER = 2.0  # log odds by which another hypothesis must be better to take a place
-APPROXIMATE, CLIPPED = (0.3, 2.0), (0.6, 1.5)  # coefficients of laws that are there (1) or not
 
 
 def search(judge: Judge, base: Array, start: Mapping[Key, float] | None = None) -> Found:
@@ -137,65 +129,12 @@ def _pick(judge: Judge, state: Found, odds: Mapping[Key, Odds], trusted: float, 
     return None
 
 
-def is_sound(judge: Judge, state: Found, group: Group) -> bool:
-    """Whether an effect is large enough, possible, says something new, and is near 1 where it has no number."""
-    true = (*state.true, group)
-    trust = judge.evidence.trust(true, state.base)
-    sizes = measure_sizes(judge.evidence, true, state.base, trust)
-    belief, value = judge.evidence.beliefs[group], sizes.value[group]
-    assert belief is not None, "hypotheses have beliefs"
-    low, high = CLIPPED if isinstance(group.claim.laws[0].effect, ActuatorLaw) else APPROXIMATE
-    if sizes.share[group].max() < LEAST or (belief.mean and not low < value[0] < high):
-        return False
-    if not has_possible_numbers(group, value):
-        return False
-    if belief.positive >= 0 and value[belief.positive] <= 0:
-        fit = judge.evidence.fit(true, state.base, trust)
-        at = fit.place(group).start + belief.positive
-        if group.size == 1 or value[belief.positive] <= -2 * np.sqrt(fit.covariance[at, at]):
-            return False
-    return not _is_redundant(judge, state.true, group) and _has_bodies(judge, true, state.base, trust, group)
-
-
-def _has_bodies(judge: Judge, true: Sequence[Group], base: Array, trust: float, group: Group) -> bool:
-    """Whether a change of a body leaves bodies that a real robot could have, within what the rows leave open."""
-    law, own = group.claim.laws[0], judge.bodies
-    if own is None or law.effect.name not in ("link_inertia", "payload"):
-        return True
-    fit = judge.evidence.fit(true, base, trust)
-    place, body = fit.place(group), judge.carried[law.joints[0]]
-    step = np.zeros_like(own.inertials)
-    step[body, : group.size] = fit.value[place]
-    if is_possible(own.inertials, own.inertials + step):
-        return True
-    covariance = np.diag(np.full(step.size, NARROW))
-    at = 10 * body + np.arange(group.size)
-    covariance[np.ix_(at, at)] += fit.covariance[place, place]
-    near = nearest_bodies(own.base, own.inertials, step, covariance)
-    return near.feasible_without_moving or near.chi2 < IMPOSSIBLE * group.size
-
-
 def _is_founded(group: Group, there: set[Key]) -> bool:
     """Whether a hypothesis names laws, and what each changes is there."""
     laws = group.claim.laws
     return bool(laws) and all(
         not law.effect.changes or any((name, law.joints) in there for name in law.effect.changes) for law in laws
     )
-
-
-def _is_redundant(judge: Judge, true: Sequence[Group], group: Group) -> bool:
-    """Whether what is taken for true can make all that a hypothesis could."""
-    data = judge.evidence.data
-    joints = data.rows(group)
-    near = [g for g in true if not set(joints).isdisjoint(data.rows(g))]
-    if not near:
-        return False
-    x = np.concatenate([data.part(j, group) for j in joints])
-    beside = np.concatenate([np.column_stack([data.part(j, g) for g in near]) for j in joints])
-    scale = np.linalg.norm(x, axis=0)
-    x = x[:, scale > 0] / scale[scale > 0]
-    rest = leave(x, beside)
-    return bool(np.sum(rest**2) < SPANNED * np.sum(x**2))
 
 
 def _with(judge: Judge, state: Found, chosen: Odds) -> Found:

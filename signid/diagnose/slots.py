@@ -15,9 +15,10 @@ from .group import Group
 from .hypothesis import Key
 from .likelihood import Likelihood
 from .odds import Judge, Odds
-from .search import SEARCH, is_sound, without
+from .search import SEARCH, without
 from .setting import Setting
 from .sizes import Sizes, measure_sizes
+from .sound import is_sound
 
 TOLD = 0.03  # probability from which on a rival is listed
 NEAR = 4.0  # log odds behind the likeliest, up to which a rival must be physically possible to count
