@@ -11,6 +11,7 @@ from ..types import Array
 from .found import Found
 from .group import Group
 from .hypothesis import Key
+from .numbers import has_possible_numbers
 from .odds import Judge, Odds
 from .prior import NOTHING
 from .sizes import energies, measure_sizes
@@ -182,7 +183,8 @@ def _plainer(judge: Judge, state: Found) -> Found:
         other = (*(g for g in state.true if g is not group), *plain)
         trust = judge.evidence.trust(other, state.base)
         now, then = (judge.evidence.fit(t, state.base, k) for t, k in ((state.true, state.trust), (other, trust)))
-        if then.log_evidence >= now.log_evidence:
+        possible = all(has_possible_numbers(g, then.value[then.place(g)]) for g in plain)
+        if possible and then.log_evidence >= now.log_evidence:
             log = {**state.log_odds, **dict.fromkeys(plain, state.log_odds[group])}
             state = Found(other, log, state.base, trust, state.first)
     return state

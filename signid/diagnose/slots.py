@@ -77,14 +77,14 @@ def settle(setting: Setting, judge: Judge, found: Found) -> tuple[Found, tuple[S
         slots = judge_slots(setting, judge, found)
         if time_is_up(SEARCH):
             return found, slots
-        weak = [slot for slot in slots if slot.probability < DOUBT or slot.instead is not None]
+        weak = [slot for slot in slots if slot.probability + slot.unknown < DOUBT or slot.instead is not None]
         if not weak:
             return found, slots
         worst = min(weak, key=lambda slot: slot.probability)
         rest, rival = without(judge, found, worst.group), worst.instead
         log = found.log_odds[worst.group]
         better = [] if rival is None or not is_sound(judge, rest, rival) else [rival]
-        if not better and worst.probability > DOUBT:
+        if not better and worst.probability + worst.unknown > DOUBT:
             return found, slots
         true = (*rest.true, *better)
         log_odds = {**found.log_odds, **dict.fromkeys(better, log)}
