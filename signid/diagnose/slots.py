@@ -25,7 +25,7 @@ NEAR = 4.0  # log odds behind the likeliest, up to which a rival must be physica
 ROUNDS, DOUBT, LIKELY = 12, 0.2, 0.5  # of settling; probability of what goes, and of what takes its place
 FAR = 40.0  # log odds behind an effect that no rival falls that leaves nothing of it
 HALF = 0.5  # share of an effect that a rival may leave to be listed
-INEXACT = 0.1  # share of a real law's torque that its formula misses
+INEXACT = 0.2  # share of a real law's torque that its formula misses
 SAME = 4.0  # variance units: what a rival leaves of an effect, up to which nothing tells them apart
 
 
