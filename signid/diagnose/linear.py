@@ -14,7 +14,7 @@ from ..types import Array, Frozen, Indices
 from .components import Component, split
 from .fitted import Fitted, join, solve
 from .group import Group
-from .prior import BODY, WIDE, Belief, believe
+from .prior import WIDE, Belief, believe
 from .recent import Recent
 from .whitened import Block, Gram, Whitened, columns_of, mean_products, total
 
@@ -193,7 +193,7 @@ class Linear(Frozen):
         if group not in self._precisions:
             belief = self.beliefs[group]
             assert belief is not None, "what does not show is never taken for true"
-            wide = 1.0 if belief.mean else BODY if group.claim.bodies else WIDE
+            wide = 1.0 if belief.mean else WIDE
             covariance = wide**2 * belief.spread @ belief.spread.T
             scale = np.sqrt(np.maximum(np.diag(covariance), 1e-200))
             inverse = np.linalg.inv(covariance / scale / scale[:, None] + 1e-9 * np.eye(group.size))

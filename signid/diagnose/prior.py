@@ -12,7 +12,6 @@ from ..types import Array, Frozen
 from .hypothesis import Hypothesis
 
 SIZES = np.array([0.006, 0.02, 0.06, 0.2, 0.6, 2.0])  # of an effect, as a share of torque
-BODY = 0.3  # the same, of a selected change of bodies: ten numbers, of which a motion shows few
 WIDE = 1.0  # the same, of an effect that is taken for true: it is not drawn towards nothing
 NOTHING, UNKNOWN = 0.5, 0.02  # prior probabilities; the rest is for effects
 THERE, LOOSE = 0.15, 0.4  # deviation from 1 of a law that is there or not, of one that is approximate
