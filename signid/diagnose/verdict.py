@@ -18,7 +18,7 @@ from .sizes import Sizes, measure_sizes
 from .slots import Slot
 from .whitening import weights
 
-CAUSE = 0.2  # of the largest ratio of torque to residual: less is a small correction
+CAUSE = 0.15  # of the largest ratio of torque to residual: less is a small correction
 LARGE, HOLDS = 0.03, 0.2  # share of some joint's torque, and held-out gain: more is no small correction
 NOTICEABLE = 0.01  # of torque: a discrepancy that follows the joint's state and is larger is something missing
 EXPLAINED, ROUGHLY = 0.6, 0.5  # of the excess, of plain laws and of those whose shape is approximate
