@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +17,7 @@ from .hypothesis import happens_once
 from .numbers import read_laws
 from .odds import Judge
 from .prove import Rows, Shown, show
-from .sample import torque_rows
+from .sample import summed_rows
 from .search import without
 
 BETTER = 0.05  # log of the held-out rms, mean over joints, by which more change must predict better than less
@@ -111,10 +111,12 @@ def _judged(judge: Judge, found: Found, extended: Extended, group: Group) -> tup
         if extended.alone
         else judge.evidence.fit(rest.true, rest.base, rest.trust)
     )
-    own = {g: (*extended.laws[g],) for g in extended.laws}
-    fewer = {g: read_laws(g, fit.value[fit.place(g)]) for g in extended.laws if g is not group}
-    change = _torque(rows, own.values()) - _torque(rows, fewer.values())
-    acts = np.abs(_torque(rows, [own[group]])).max(axis=0) > 0
+    fewer = (law for g in extended.laws if g is not group for law in read_laws(g, fit.value[fit.place(g)]))
+    every = (law for laws in extended.laws.values() for law in laws)
+    whole, less, own = (
+        summed_rows(rows.thin, rows.pieces, laws, rows.rest) for laws in (every, fewer, extended.laws[group])
+    )
+    change, acts = whole - less, np.abs(own).max(axis=0) > 0
     after, before = _mean_square(rows.rest), _mean_square(rows.rest + change)
     acts &= np.isfinite(after)
     least = LEAST**2 * _mean_square(rows.torque)
@@ -123,15 +125,6 @@ def _judged(judge: Judge, found: Found, extended: Extended, group: Group) -> tup
     missed = float(np.sum((before * count)[acts]))
     gain = 1 - float(np.sum((after * count)[acts])) / missed if missed > 0 else 0.0
     return float(np.sum(count[acts] / 2 * log)), gain
-
-
-def _torque(rows: Rows, laws: Iterable[Sequence[Law]]) -> Array:
-    """(M, n) [N.m or N] of some laws, all together."""
-    torque = np.zeros_like(rows.rest)
-    for law in (law for own in laws for law in own):
-        for j, x in torque_rows(rows.thin, rows.pieces, law).items():
-            torque[:, j] += x
-    return torque
 
 
 def _mean_square(x: Array) -> Array:

@@ -55,9 +55,8 @@ class Likelihood(Frozen):
 
     def _gained(self, true: tuple[Group, ...], joints: Sequence[int]) -> float:
         """Log of how much likelier the rows are under the noise model that is likeliest beside some laws [-]."""
-        logs = np.zeros((2, len(self.evidence.scales)))
         some = [replace(self.found, true=true, trust=trust) for trust in self.evidence.scales.tolist()]
-        logs[:] = [self._log(rest, self.setting.noise, joints) for rest in some]
+        logs = np.tile([self._log(rest, self.setting.noise, joints) for rest in some], (2, 1))
         for k in np.flatnonzero(logs[0] > logs[0].max() - FAR):
             logs[1, k] = self._log(some[k], self._likeliest(some[k], joints), joints)
         present, changed = logsumexp(logs + self.evidence.scale_prior, axis=1).tolist()

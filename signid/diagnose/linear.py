@@ -193,8 +193,7 @@ class Linear(Frozen):
         if group not in self._precisions:
             belief = self.beliefs[group]
             assert belief is not None, "what does not show is never taken for true"
-            wide = 1.0 if belief.mean else WIDE
-            covariance = wide**2 * belief.spread @ belief.spread.T
+            covariance = WIDE**2 * belief.spread @ belief.spread.T
             scale = np.sqrt(np.maximum(np.diag(covariance), 1e-200))
             inverse = np.linalg.inv(covariance / scale / scale[:, None] + 1e-9 * np.eye(group.size))
             self._precisions[group] = inverse / scale / scale[:, None]

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from ..session import Session
-from ..types import Array, Law
+from ..types import Array
 from .extend import extend
 from .found import Found
 from .group import Group
 from .numbers import has_possible_numbers, read_laws
 from .odds import Judge
 from .prove import residuals
-from .sample import torque_rows
+from .sample import summed_rows
 from .search import without
 from .setting import Setting
 from .strain import relieved
@@ -92,18 +90,9 @@ def _harms(setting: Setting, session: Session, judge: Judge, found: Found) -> di
         rows = residuals(session.task, model, session.train)
         noise = rows.unforeseen(setting.noise, 1)
         whole = _square(rows.rest / noise)
-        lacking = {group: rows.rest + _torque(setting, own) for group, own in laws.items()}
+        lacking = {g: rows.rest + summed_rows(setting.thin, setting.pieces, own, rows.rest) for g, own in laws.items()}
         tried.append((whole, {group: whole - _square(rest / noise) for group, rest in lacking.items()}))
     return min(tried, key=lambda one: one[0])[1]
-
-
-def _torque(setting: Setting, laws: Sequence[Law]) -> Array:
-    """(M, n) [N.m or N] of some laws."""
-    torque = np.zeros_like(setting.table.residual)
-    for law in laws:
-        for j, x in torque_rows(setting.thin, setting.pieces, law).items():
-            torque[:, j] += x
-    return torque
 
 
 def _square(x: Array) -> float:

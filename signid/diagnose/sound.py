@@ -69,7 +69,7 @@ def _has_bodies(judge: Judge, true: Sequence[Group], base: Array, trust: float, 
 
 
 def _is_redundant(judge: Judge, true: Sequence[Group], group: Group) -> bool:
-    """Whether what is taken for true can make all that a hypothesis could."""
+    """Whether the selected laws can make all that a hypothesis could."""
     data = judge.evidence.data
     joints = data.rows(group)
     near = [g for g in true if not set(joints).isdisjoint(data.rows(g))]
