@@ -38,10 +38,11 @@ def model_rest(session: Session, result: Result) -> Result:
         unseen = np.nan_to_num(shown.judged.rest[:, one.joint])
         after = unseen - _columns(shown.judged, law) @ value
         gain = 1 - float(after @ after) / max(float(unseen @ unseen), 1e-300)
-        if gain > ENOUGH:
+        modelled = gain > ENOUGH and session.held_out is not session.train
+        if modelled:
             values = {f"value_{k}": float(v) for k, v in zip(PLACES, value, strict=True)}
             laws.append(replace(law, parameters={**law.parameters, **values}))
-        out.append(replace(one, held_out_gain=gain, modelled=gain > ENOUGH))
+        out.append(replace(one, held_out_gain=gain, modelled=modelled))
     wider = replace(shown.model, laws=(*shown.model.laws, *laws))
     return result._replace(shown=show(session, wider) if laws else shown, unexplained=tuple(out))
 

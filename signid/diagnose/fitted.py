@@ -10,7 +10,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from ..errors import RecordingError
-from ..types import Array, Indices
+from ..types import Array, Indices, Mask
 from .group import Group
 
 RIDGES = (1e-11, 1e-9, 1e-7, 1e-5)  # the first with which a Gram can be factored
@@ -62,6 +62,24 @@ class Fitted(NamedTuple):
             inverse = one.below(np.eye(len(one.place)))
             out[np.ix_(one.place, one.place)] = inverse.T @ inverse
         return out
+
+    def holding(self, free: Mask) -> Fitted:
+        """The likeliest coefficients while all but some (k,) stay zero."""
+        value, before = np.zeros(len(self.which)), self.value
+        for one in self.factors:
+            inside = free[one.place]
+            factor = one.size[:, None] * one.lower
+            square = factor[inside] @ factor.T
+            right = square @ before[one.place]
+            value[one.place[inside]] = np.linalg.lstsq(square[:, inside], right, rcond=None)[0]
+        return self.stating(value)
+
+    def stating(self, value: Array) -> Fitted:
+        """The same with other coefficients (k,)."""
+        told = np.zeros(len(self.which))
+        for one in self.factors:
+            told[one.place] = one.lower.T @ (one.size * value[one.place])
+        return self._replace(told=told)
 
     def below(self, rows: Array) -> Array:
         """(k, m) lower^-1 of some rows (k, m) [1 per coefficient, squared]."""

@@ -1,4 +1,4 @@
-"""Selected laws -> the extended simulation that is handed out: what holds on held-out data, with the least change."""
+"""Selected laws -> the extended simulation that is handed out: what clearly holds on held-out rows, joint by joint."""
 
 from __future__ import annotations
 
@@ -10,18 +10,17 @@ import numpy as np
 from ..model import Model
 from ..session import Session
 from ..types import Array, Law
-from .extend import extend
 from .found import Found
 from .group import Group
 from .hypothesis import happens_once
-from .numbers import read_laws
 from .odds import Judge
 from .prove import Rows, Shown, show
-from .sample import summed_rows
-from .search import without
+from .trials import Choice, Trials
 
-BETTER = 0.05  # log of the held-out rms, mean over joints, by which more change must predict better than less
-REFIT = 0.15  # the same of refitting numbers that identification found
+BLOCKS = 20  # of held-out rows, for standard errors
+CARE = 3.0  # times as much counts where a joint is predicted worse, or not clearly better
+CLEARLY = 1.0  # log of the held-out mean square, that refitting stated numbers must gain, or laws fitted without them
+FEW = 40  # held-out rows: fewer do not tell whether stated numbers should be refitted
 LEAST = 1e-3  # of the rms torque: smaller residuals count as this large
 INDEPENDENT = 4.0  # held-out rows for one that tells something of its own: their errors are correlated
 
@@ -31,22 +30,21 @@ class Extended(NamedTuple):
 
     laws: Mapping[Group, tuple[Law, ...]]  # of every selected hypothesis, with all their numbers
     shown: Shown
-    refitted: bool  # whether numbers that the simulation states were refitted as well
-    alone: bool  # whether the laws were fitted without these
+    kept: frozenset[Group]  # hypotheses that are part of it
+    refitted: frozenset[Group]  # bodies and laws of the given simulation whose numbers are refitted
     support: Mapping[Group, float]  # of each hypothesis, log Bayes factor of the held-out rows [-]
     gain: Mapping[Group, float]  # share of the held-out sum of squares, on its joints, that each takes away [1]
 
     def holds(self, group: Group) -> bool:
-        """Whether a hypothesis is part of the extended simulation: held-out torque is predicted better with it."""
-        return happens_once(group.claim.laws[0]) or self.support[group] >= 0
+        """Whether a hypothesis is part of the extended simulation."""
+        return group in self.kept
 
 
 def hand_out(session: Session, model: Model, judge: Judge, found: Found, order: Sequence[Group]) -> Extended:
     """The simulation with the selected laws that hold on held-out rows.
 
-    One law after another that makes the prediction of held-out torque worse is left out, the worst first. Bodies and
-    laws that the simulation states are refitted only where held-out torque is predicted clearly better for it: a short
-    recording may override better knowledge.
+    A law without which held-out torque is predicted no worse is left out. Numbers that the simulation states are
+    refitted only where held-out torque is clearly better for it: a short recording may override better knowledge.
 
     Args:
         session: recordings.
@@ -55,76 +53,90 @@ def hand_out(session: Session, model: Model, judge: Judge, found: Found, order: 
         found: what was selected.
         order: the same, in the order in which the simulation gets their laws.
     """
-    laws, judged, kept = dict[Group, tuple[Law, ...]](), dict[Group, tuple[float, float]](), list(order)
+    trials = Trials(session, model, judge, found)
+    alone, beside = Choice(tuple(order)), Choice(tuple(order), beside=True)
+    chosen = alone if _change(trials.rows(alone), trials.rows(beside)) < -CLEARLY else beside
+    chosen, judged = _pruned(trials, chosen, {})
+    chosen, judged = _pruned(trials, _refitted(trials, chosen), judged)
+    refitted = frozenset(group for unit in chosen.refitted for group in unit)
+    laws = {**trials.laws(alone), **trials.laws(chosen)}
+    support, gain = ({group: x[k] for group, x in judged.items()} for k in (0, 1))
+    return Extended(laws, show(session, trials.model_of(chosen)), frozenset(chosen.kept), refitted, support, gain)
+
+
+def _pruned(trials: Trials, chosen: Choice, judged: dict[Group, Judged]) -> tuple[Choice, dict[Group, Judged]]:
+    """Without laws that held-out rows speak against, the worst first; and what these rows say of each."""
     while True:
-        extended = _candidate(session, model, judge, found, kept)
-        laws = {**laws, **extended.laws}
-        judged |= {group: _judged(judge, found, extended, group) for group in kept}
-        out = [g for g in kept if judged[g][0] < 0 and not happens_once(g.claim.laws[0])]
+        told = {group: _judge(trials, chosen, group) for group in chosen.kept}
+        judged = {**judged, **told}
+        out = [group for group, one in told.items() if one.change >= 0 and not happens_once(group.claim.laws[0])]
         if not out:
-            support, gain = ({group: x[k] for group, x in judged.items()} for k in (0, 1))
-            return extended._replace(laws=laws, support=support, gain=gain)
-        worst = min(out, key=lambda group: judged[group][0])
-        kept.remove(worst)
-        found = without(judge, found, worst)
+            return chosen, judged
+        chosen = chosen.without(max(out, key=lambda group: told[group].change))
 
 
-def _candidate(session: Session, model: Model, judge: Judge, found: Found, order: Sequence[Group]) -> Extended:
-    """The best of three: laws alone, laws fitted beside all that the simulation states, and that refitted as well."""
-    evidence, base = judge.evidence, session.task.base
-    refit = REFIT if evidence.informed else BETTER
-    whole = evidence.fit(found.true, found.base, found.trust)
-    tried = [(whole, False, False, 0.0), (whole, True, False, refit)]
-    if order:
-        tried.insert(1, (evidence.fit_alone(found.true, found.base), False, True, BETTER))
-    best, least = None, np.inf
-    for fit, refitted, alone, margin in tried:
-        laws = {group: read_laws(group, fit.value[fit.place(group)]) for group in order}
-        flat = [law for own in laws.values() for law in own]
-        shown = show(session, extend(model, evidence.data.refitted if refitted else (), fit, flat, base))
-        loss = _loss(shown.judged)
-        if best is None or loss < least - margin:
-            best, least = Extended(laws, shown, refitted, alone, {}, {}), loss
-    assert best is not None, "the first candidate is always taken"
-    return best
+def _refitted(trials: Trials, chosen: Choice) -> Choice:
+    """With stated numbers refitted where held-out rows speak clearly for it, the clearest first."""
+    few = len(trials.rows(chosen).rest) < FEW or trials.judged_by_themselves
+    left = [] if few else trials.units()
+    while left:
+        more = {unit: chosen._replace(refitted=chosen.refitted | {unit}) for unit in left}
+        change = {unit: _change(trials.rows(choice), trials.rows(chosen)) for unit, choice in more.items()}
+        best = min(left, key=lambda unit: change[unit])
+        if change[best] > -CLEARLY:
+            break
+        chosen, left = more[best], [unit for unit in left if unit is not best]
+    return chosen
 
 
-def _loss(judged: Rows) -> float:
-    """Mean over joints of the log of the held-out rms residual over the rms torque [-]."""
-    ratio = _mean_square(judged.rest) / np.maximum(_mean_square(judged.torque), 1e-300)
-    counted = ratio[np.isfinite(ratio)]
-    return float(np.mean(np.log(np.maximum(counted, LEAST**2)))) / 2 if len(counted) else 0.0
+class Judged(NamedTuple):
+    """What held-out rows say of a law."""
+
+    support: float  # log Bayes factor against its absence [-]
+    gain: float  # share of the sum of squares, on its joints, that it takes away [1]
+    change: float  # log of the mean square [-]; negative: clearly better with it
 
 
-def _judged(judge: Judge, found: Found, extended: Extended, group: Group) -> tuple[float, float]:
-    """What held-out rows say of a hypothesis: log Bayes factor against its absence [-], and share it takes away [1].
+def _judge(trials: Trials, chosen: Choice, group: Group) -> Judged:
+    """What held-out rows say of a law; without it, all others are fitted again, as two may only undo each other.
 
-    Without it, all other laws are fitted again: two that only undo each other need none of both. The size of errors
-    is unknown.
+    The size of errors is unknown. Rows that judge themselves say nothing for a law, and each of its numbers counts.
 
     Source: the marginal likelihood of normal errors of unknown variance, e.g. Gelman et al., Bayesian Data Analysis,
-    2013, section 14.2.
+    2013, section 14.2; Akaike, IEEE Trans. Autom. Control 19(6), 1974 (numbers).
     """
-    rest, rows = without(judge, found, group), extended.shown.judged
-    fit = (
-        judge.evidence.fit_alone(rest.true, rest.base)
-        if extended.alone
-        else judge.evidence.fit(rest.true, rest.base, rest.trust)
-    )
-    fewer = (law for g in extended.laws if g is not group for law in read_laws(g, fit.value[fit.place(g)]))
-    every = (law for laws in extended.laws.values() for law in laws)
-    whole, less, own = (
-        summed_rows(rows.thin, rows.pieces, laws, rows.rest) for laws in (every, fewer, extended.laws[group])
-    )
-    change, acts = whole - less, np.abs(own).max(axis=0) > 0
-    after, before = _mean_square(rows.rest), _mean_square(rows.rest + change)
-    acts &= np.isfinite(after)
+    rows, other = trials.rows(chosen), trials.rows(chosen.without(group))
+    acts = np.nanmax(np.abs(rows.rest - other.rest), axis=0, initial=0.0, where=np.isfinite(rows.rest)) > 0
     least = LEAST**2 * _mean_square(rows.torque)
+    after, before = _mean_square(rows.rest), _mean_square(other.rest)
+    acts &= np.isfinite(after) & np.isfinite(before)
     count = np.sum(np.isfinite(rows.rest), axis=0) / INDEPENDENT
     log = np.log(np.maximum(before, least)[acts]) - np.log(np.maximum(after, least)[acts])
     missed = float(np.sum((before * count)[acts]))
     gain = 1 - float(np.sum((after * count)[acts])) / missed if missed > 0 else 0.0
-    return float(np.sum(count[acts] / 2 * log)), gain
+    support, change = float(np.sum(count[acts] / 2 * log)), _change(rows, other, 0.0)
+    if trials.judged_by_themselves and acts.any():
+        support, change = min(support, 0.0), change + 2 * group.size / max(float(np.mean(count[acts])), 1e-9)
+    return Judged(support, gain, change)
+
+
+def _change(rows: Rows, other: Rows, errors: float = 1.0) -> float:
+    """By how much one simulation predicts held-out rows better than another, log of mean squares, sum over joints [-].
+
+    Joints that are predicted worse, or not better by so many standard errors, count more.
+    """
+    least, out = LEAST**2 * _mean_square(rows.torque), 0.0
+    for j in range(rows.rest.shape[1]):
+        both = np.isfinite(rows.rest[:, j]) & np.isfinite(other.rest[:, j])
+        after, before = rows.rest[both, j] ** 2, other.rest[both, j] ** 2
+        if not len(before) or np.array_equal(after, before):
+            continue
+        size = max(float(np.mean(before)), float(least[j]), 1e-300)
+        blocks = [float(np.mean(x)) for x in np.array_split(after - before, min(BLOCKS, len(before)))]
+        error = float(np.std(blocks) / np.sqrt(max(len(blocks) - 1, 1))) / size
+        ratio = max(float(np.mean(after)), float(least[j])) / size
+        out += float(np.log(ratio) + CARE * np.log(max(ratio + errors * error, 1.0)))
+    return out
 
 
 def _mean_square(x: Array) -> Array:

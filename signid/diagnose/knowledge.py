@@ -74,10 +74,9 @@ def covariance_after(model: Model, evidence: Evidence, found: Found, extended: E
             share[place[name], at[column]] = 1.0
     mixed = base.combination @ share
     matrix = mixed @ fit.covariance @ mixed.T
-    if not extended.refitted:
-        kept = np.isin(fit.which, columns_of(found.true))
-        step = mixed @ np.where(kept, 0.0, fit.value)
-        matrix = matrix + np.outer(step, step)
+    moved = np.isin(fit.which, columns_of([*found.true, *extended.refitted]))
+    step = mixed @ np.where(moved, 0.0, fit.value)
+    matrix = matrix + np.outer(step, step)
     values = base.combination @ np.concatenate([model.inertials.ravel(), *(_coefficients(law) for law in linear)])
     lost = np.diag(matrix) <= 0
     matrix[lost, lost] = np.inf

@@ -11,7 +11,7 @@ from ..basis import build_base
 from ..deadline import OutOfTimeError, ends_in_time, steps_shown, time_is_up
 from ..effects import EFFECTS
 from ..errors import InputError, OptionError, RecordingError
-from ..gross import Gross, examine
+from ..gross import Finding, Gross, examine
 from ..model import Model
 from ..prepare import prepare, recordings_used
 from ..rigid import carried
@@ -47,7 +47,9 @@ from .verdict import decide
 from .whitened import Whitened, whitened
 
 WIDE = 8.0  # [Hz] to which the band goes if encoder noise allows it
+SPARE = 1.5  # times the cut-off that the noisiest encoder allows, if most others allow it
 HORIZON = 0.5  # [s] of roll-outs
+CLEAR_KINDS, CLEARLY = ("torque sign", "torque order"), 0.9  # faults that few rows tell; share of torque explained
 SHORT, FEW_ROWS = "too little data", 12  # a gross fault that priors mend, from so many rows a joint on
 
 
@@ -156,19 +158,23 @@ def _prepare(model: Model, given: Recovered, options: Options, told: Progress) -
     """
     session = prepare(model.robot, given.recordings, given.held_out, options)
     band = session.task.band
-    allowed = min(WIDE, float(np.min(band.per_joint)))
+    allowed = min(WIDE, float(np.median(band.per_joint)), SPARE * float(np.min(band.per_joint)))
     if options.cutoff is None and band.filtered and band.cutoff < 0.95 * allowed:
         session = prepare(model.robot, given.recordings, given.held_out, replace(options, cutoff=allowed))
     session = enough(session)
     told("looking for gross faults", 0.1)
     gross = examine(model, session)
-    if short := [one for one in gross.findings if one.kind == SHORT and one.measures["rows"] >= FEW_ROWS]:
-        gross = replace(
-            gross, findings=tuple(short)
-        )  # too few rows to tell gross faults; priors mend what else is lacking
+    if any(one.kind == SHORT and one.measures["rows"] >= FEW_ROWS for one in gross.findings):  # priors mend the rest
+        gross = replace(gross, findings=tuple(one for one in gross.findings if one.kind == SHORT or _is_clear(one)))
     elif gross.refusal:
         raise RecordingError(gross.refusal)
     return session, gross
+
+
+def _is_clear(fault: Finding) -> bool:
+    """Whether a few rows tell a gross fault of the torques: a sign or an order that all parts agree on."""
+    told = fault.measures
+    return fault.kind in CLEAR_KINDS and told["agreement"] == 1 and told["explained_after"] > CLEARLY
 
 
 def _judged_by_itself(model: Model, session: Session) -> Session:
