@@ -23,7 +23,7 @@ FIRST, NEXT = 4.0, 3.0  # log odds needed
 DISTRUST, LOOKALIKE = 5.0, 8.0  # the same where inertials are not trusted, and of what inertials imitate
 IMITATED = 0.9  # share of an effect that inertials can make, from which on it looks like them
 MOST = 14  # hypotheses altogether
-CROWDED = 16  # hypotheses looked at in one step
+CROWDED = 200  # hypotheses looked at in one step
 SHAPE_ERROR = 0.05  # of an effect that is taken for true: what its law leaves of it
 BETTER = 2.0  # log odds by which another hypothesis must be better to take a place
 

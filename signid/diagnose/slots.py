@@ -19,6 +19,7 @@ from .search import SEARCH, without
 from .setting import Setting
 from .sizes import Sizes, measure_sizes
 from .sound import is_sound
+from .steady import remaining, steadiness
 
 TOLD = 0.03  # probability from which on a rival is listed
 NEAR = 4.0  # log odds behind the likeliest, up to which a rival must be physically possible to count
@@ -26,8 +27,6 @@ ROUNDS, DOUBT, LIKELY = 12, 0.2, 0.5  # of settling; probability of what goes, a
 FAR = 40.0  # log odds behind an effect that no rival falls that leaves nothing of it
 HALF = 0.5  # share of an effect that a rival may leave to be listed
 INEXACT = 0.2  # share of a real law's torque that its formula misses
-STATES = 20.0  # that a joint visits, in each of which what no law explains is another
-TINY = 1e-6  # share of torque: a discrepancy is at least so large
 SAME = 4.0  # variance units: what a rival leaves of an effect, up to which nothing tells them apart
 
 
@@ -41,7 +40,7 @@ class Slot(Frozen):
     rivals: Mapping[Key, tuple[float, Group]]  # probability of each, and its likeliest shape
     log: float  # log posterior odds against its absence, noise and discrepancy at their likeliest either way
     instead: Group | None = None  # what is likelier than all else in its place together, whatever it explains
-    most: float = np.inf  # log odds that the discrepancy of its joints leaves it at most
+    most: float = np.inf  # log odds that it has at most, by how steady its gain is
 
 
 def with_held_out(slot: Slot, support: float) -> Slot:
@@ -65,7 +64,10 @@ def judge_slots(setting: Setting, judge: Judge, found: Found) -> tuple[Slot, ...
     beside, _ = judge.odds(found.true, found.base)
     sizes = measure_sizes(judge.evidence, found.true, found.base, found.trust)
     likelihood = Likelihood(setting, judge.evidence, found)
-    return tuple(_slot(judge, found, group, beside, sizes, likelihood) for group in found.true)
+    rest = remaining(setting, judge, sizes)
+    slots = (_slot(judge, found, group, beside, sizes, likelihood) for group in found.true)
+    steady = (replace(slot, most=steadiness(judge, sizes, rest, slot.group)) for slot in slots)
+    return tuple(with_held_out(slot, 0.0) for slot in steady)
 
 
 def settle(setting: Setting, judge: Judge, found: Found) -> tuple[Found, tuple[Slot, ...]]:
@@ -126,20 +128,7 @@ def _slot(
     unknown = sum(p for key, p in probability.items() if odds[key].best.claim.unknown)
     instead = [odds[key].best for key, p in probability.items() if p > LIKELY and key != own]
     instead = [best for best in instead if not best.claim.unknown]
-    most = _most(judge, likelihood.setting, group, sizes)
-    return Slot(group, probability.get(own, 0.0), unknown, rivals, log, instead[0] if instead else None, most)
-
-
-def _most(judge: Judge, setting: Setting, group: Group, sizes: Sizes) -> float:
-    """Log odds that a law can have at most: what no law explains differs in few states, and could imitate it in each.
-
-    The sum of squares of its torque over the discrepancy's size, a row for each such state.
-    """
-    data, size, out = judge.evidence.data, setting.noise.discrepancy, 0.0
-    for j in data.rows(group):
-        square = float(np.mean((data.raw(j, group) @ sizes.value[group]) ** 2))
-        out += STATES / 2 * square / max(float(size[j]), TINY * float(data.scale[j])) ** 2
-    return out
+    return Slot(group, probability.get(own, 0.0), unknown, rivals, log, instead[0] if instead else None)
 
 
 def _is_twin(judge: Judge, group: Group, rival: Group) -> bool:

@@ -16,6 +16,7 @@ from .odds import Judge
 from .setting import Setting
 from .sizes import Sizes, measure_sizes
 from .slots import Slot
+from .steady import remaining
 from .whitening import weights
 
 CAUSE = 0.15  # of the largest ratio of torque to residual: less is a small correction
@@ -87,7 +88,7 @@ def decide(setting: Setting, judge: Judge, found: Found, slots: Sequence[Slot]) 
     clear = max((o.log for o in found.first.values() if o.best.claim.unknown), default=-np.inf)
     threshold = NOTICED * np.sqrt(2 * count) + count * (DISCREPANCY * scale / noise.least) ** 2
     threshold = threshold * (CLEARLY if clear > CLEAR and not found.true else 1.0)
-    left = np.sqrt(np.maximum(after / count + 1, 0)) * noise.least
+    left = np.sqrt(np.mean(remaining(setting, judge, sizes) ** 2, axis=0))
     energy = {group: _weight(judge, sizes, left, group) for group in found.true}
     largest = max(energy.values(), default=0.0)
     ranked = sorted(found.true, key=lambda group: -energy[group])
@@ -107,18 +108,16 @@ def decide(setting: Setting, judge: Judge, found: Found, slots: Sequence[Slot]) 
 
 def _excess(setting: Setting, judge: Judge, sizes: Sizes) -> Array:
     """(n,) sum of squares of the residual, discrepancy included, beyond that of the floor [variance of the floor]."""
-    data, fit, noise, out = judge.evidence.data, sizes.fit, setting.noise, np.zeros(judge.evidence.data.joints)
+    noise, rest = setting.noise, remaining(setting, judge, sizes)
     weight, order = weights(setting.table, noise), noise.coefficients.shape[1]
     kept = whole(setting.table.piece, order)
-    for j in range(data.joints):
-        at = data.at[j, fit.which]
-        rest = setting.table.residual[:, j] - data.torque[j][:, at[at >= 0]] @ fit.value[at >= 0]
-        out[j] = float(np.sum((rest[order:][kept] * weight[:, j] / noise.least[j]) ** 2)) - data.counts[j]
-    return out
+    return np.asarray(np.sum((rest[order:][kept] * weight / noise.least) ** 2, axis=0) - judge.evidence.data.counts)
 
 
 def _weight(judge: Judge, sizes: Sizes, left: Array, group: Group) -> float:
-    """Rms torque of a law over the rms of what all leave; geometric mean of all of it and what no other could make [1].
+    """How much a law matters [1]: its mean square torque over that of what all leave, and over that of all torque.
+
+    Geometric means of both, and of all its torque and what no other law makes, at whatever size; summed over joints.
 
     Args:
         judge: library and evidence.
@@ -126,14 +125,14 @@ def _weight(judge: Judge, sizes: Sizes, left: Array, group: Group) -> float:
         left: (n,) rms of what all laws together leave [N.m or N].
         group: one of them.
     """
-    data, own, whole = judge.evidence.data, 0.0, 0.0
+    data, size = judge.evidence.data, 0.0
     for j in data.rows(group):
         torque = data.raw(j, group) @ sizes.value[group]
-        others = [data.raw(j, g) for g in sizes.value if g is not group and j in data.rows(g)]
+        others = [data.raw(j, g) @ x for g, x in sizes.value.items() if g is not group and j in data.rows(g)]
         alone = leave(torque, np.column_stack(others)) if others else torque
-        variance = max(float(left[j]) ** 2, 1e-300)
-        own, whole = own + float(np.mean(alone**2)) / variance, whole + float(np.mean(torque**2)) / variance
-    return float((own * whole) ** 0.25)
+        own = float(np.sqrt(np.mean(alone**2) * np.mean(torque**2)))
+        size += own / max(float(left[j] * data.scale[j]), 1e-300)
+    return float(np.sqrt(size))
 
 
 def _abstains(joints: int, causes: Sequence[Group], excess: tuple[Array, Array, Array], first: Slot) -> bool:
