@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import gc
+import weakref
+
 import nlopt
 import numpy as np
 import pytest
@@ -162,3 +165,17 @@ def test_problems_are_checked() -> None:
         Problem(cost, np.zeros(2), np.ones(3), np.zeros(3))
     with pytest.raises(ValueError, match=r"start\[1\] = 2 is not between 0 and 1"):
         Problem(cost, np.zeros(3), np.ones(3), np.array([0.5, 2.0, 0.5]))
+
+
+def test_nothing_that_was_minimised_stays_in_memory() -> None:
+    class Bowl:
+        def __call__(self, x: Array) -> float:
+            return float(x @ x)
+
+    bowl = Bowl()
+    kept = weakref.ref(bowl)
+    zero = np.zeros(2)
+    OPTIMISERS["nlopt"].minimise(Problem(bowl, zero - 1, zero + 1, zero + 0.5), budget_evaluations=50)
+    del bowl
+    gc.collect()
+    assert kept() is None

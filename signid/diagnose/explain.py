@@ -12,16 +12,17 @@ from ..deadline import time_is_up
 from ..types import Array
 from .contact import NAME as CONTACT
 from .contact import find_contact
+from .discrepancy import USUAL
 from .evidence import Evidence
 from .found import Found
 from .hypothesis import Key
+from .likelihood import Likelihood
 from .linearise import linearised
-from .noise import Noise
 from .noise_model import update_noise
 from .odds import Judge
 from .refine import refine
 from .result import Diagnosis
-from .search import SEARCH, posterior, search, spread
+from .search import SEARCH, begin, log_prior, posterior, search, spread
 from .setting import Setting, append
 from .sizes import measure_sizes
 from .whitened import whitened
@@ -33,7 +34,7 @@ TANGLED = (
     "off by more than their intervals; record a motion that tells the alternatives apart"
 )
 ROUNDS, MORE = 3, 2  # of columns about the simulation with what was found; laws that one may find beside those before
-NOISE_ROUNDS, SAME = 3, 0.05  # of noise and search in turn; change of the noise that matters
+NOISE_ROUNDS = 3  # of noise and search in turn
 
 
 class Explained(NamedTuple):
@@ -82,30 +83,39 @@ def _names(found: Found) -> set[Key]:
 def _explain(
     setting: Setting, judge: Judge, skip: Sequence[str], known: Diagnosis | None
 ) -> tuple[Setting, Judge, Found]:
-    """Searched; where that shows that noise is less than it seemed, once more with the noise that it is."""
+    """Searched, and noise estimated beside what was selected, in turn, while both together become likelier."""
     judge_, found = _search(setting, judge, skip, known)
-    seen = list[set[Key]]()
+    best, highest = (setting, judge_, found), -np.inf
     for _ in range(NOISE_ROUNDS):
         if time_is_up(SEARCH):
-            break
+            return best
         noise = update_noise(setting, judge_.evidence, found)
-        if seen and (_alike(noise, setting.noise) or _names(found) in seen):
-            break
-        seen.append(_names(found))
         quieter = replace(setting, noise=noise)
+        if (score := _score(quieter, judge_, found)) <= highest:
+            break
         asked = replace(judge, evidence=Evidence(whitened(quieter.table, noise), judge.evidence.known))
-        asked, again = _search(quieter, asked, skip, known, found)
+        highest, best = score, (quieter, *_kept(quieter, asked, found, known))
+        again = _search(quieter, asked, skip, known, found)
         if time_is_up(SEARCH):
             break
-        setting, judge_, found = quieter, asked, again
-    return setting, judge_, found
+        if _names(again[1]) == _names(found):
+            return quieter, *again
+        setting, (judge_, found) = quieter, again
+    return best
 
 
-def _alike(noise: Noise, other: Noise) -> bool:
-    return bool(
-        np.allclose(noise.floor, other.floor, rtol=SAME, atol=0)
-        and np.allclose(noise.discrepancy, other.discrepancy, rtol=SAME, atol=0)
-    )
+def _score(setting: Setting, judge: Judge, found: Found) -> float:
+    """Log posterior density of what was selected and of the noise estimated beside it, up to a constant [-]."""
+    data = judge.evidence.data
+    rows = Likelihood(setting, judge.evidence, replace(found, base=np.ones(data.joints))).density()
+    sizes = float(np.sum(np.log1p((setting.noise.discrepancy / data.scale / USUAL) ** 2)))
+    return rows - sizes + log_prior(judge, found)
+
+
+def _kept(setting: Setting, judge: Judge, found: Found, known: Diagnosis | None) -> tuple[Judge, Found]:
+    """What was selected, under another noise."""
+    start = {group.claim.key: found.log_odds[group] for group in found.true}
+    return refine(setting, judge, begin(judge, _expected(judge, known), start))
 
 
 def _search(
@@ -115,10 +125,7 @@ def _search(
 
     The first time, all that the simulation leaves counts as noise.
     """
-    data = judge.evidence.data
-    expected = NOISE_ERROR * (1 + (DISCREPANCY * data.scale / data.floor) ** 2)
-    if known is not None:
-        expected = np.maximum(expected, (known.after.train_rms / known.after.noise_floor) ** 2)
+    expected = _expected(judge, known)
     if before is None:
         left = measure_sizes(judge.evidence, (), expected, judge.evidence.trust((), expected)).left
         expected = np.maximum(expected, NOISE_ERROR * left)
@@ -129,6 +136,15 @@ def _search(
     if CONTACT not in skip:
         judge, found = _touched(setting, judge, found)
     return refine(setting, judge, found)
+
+
+def _expected(judge: Judge, known: Diagnosis | None) -> Array:
+    """(n,) dispersion that no law explains [1]."""
+    data = judge.evidence.data
+    expected = NOISE_ERROR * (1 + (DISCREPANCY * data.scale / data.floor) ** 2)
+    if known is None:
+        return np.asarray(expected)
+    return np.asarray(np.maximum(expected, (known.after.train_rms / known.after.noise_floor) ** 2))
 
 
 def _touched(setting: Setting, judge: Judge, found: Found) -> tuple[Judge, Found]:

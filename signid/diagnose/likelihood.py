@@ -53,6 +53,10 @@ class Likelihood(Frozen):
         joints = self.evidence.data.rows(group)
         return float(min(0.0, self._gained(self.found.true, joints) - self._gained(true, joints)))
 
+    def density(self) -> float:
+        """Log density of all rows with the selected laws [-]."""
+        return self._log(self.found, self.setting.noise, ())
+
     def _gained(self, true: tuple[Group, ...], joints: Sequence[int]) -> float:
         """Log of how much likelier the rows are under the noise model that is likeliest beside some laws [-]."""
         some = [replace(self.found, true=true, trust=trust) for trust in self.evidence.scales.tolist()]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -14,6 +14,7 @@ from .table import Table
 from .wave import find_wave
 
 ORDER = 4  # of the autoregressive model
+LONGEST = 0.85  # largest root: what decays more slowly is no noise but drift, friction or discrepancy
 RANK = 1e-4  # of the largest singular value: directions that count, columns scaled
 FREE = 3.0  # rows for a column, at least
 MARGIN = 1.06  # replicates leave out the loudest stretches
@@ -39,6 +40,10 @@ class Noise(Frozen):
     discrepancy: Array  # (n,) [N.m or N] size of the torque that no law of the library makes
     least: Array  # (n,) [N.m or N] rms that columns of everything leave: the floor that a simulation is judged by
     late: Array  # (n,) [1] how far off torque is near reversals, as a multiple of what is presumed
+
+    def white(self) -> Noise:
+        """The same without correlation in time."""
+        return replace(self, coefficients=np.zeros_like(self.coefficients), innovation=self.floor)
 
 
 def measure_noise(table: Table, periods: Sequence[float | None], rate: float) -> Noise:
@@ -190,10 +195,19 @@ def _fit(pieces: Sequence[Array], factor: float, sure: Sequence[Mask]) -> tuple[
     floor = float(np.sqrt(np.mean(np.concatenate([x[k] for x, k in zip(pieces, sure, strict=True)]) ** 2)))
     coefficients, new = np.zeros(ORDER), floor
     if len(rows) >= 4 * ORDER:
-        coefficients = np.linalg.lstsq(before, after, rcond=None)[0]
+        coefficients = _damped(np.linalg.lstsq(before, after, rcond=None)[0])
         new = float(np.std(after - before @ coefficients))
     least = 1e-9 * max(floor, 1e-300) + 1e-12
     return factor * floor + least, coefficients, factor * new + least
+
+
+def _damped(coefficients: Array) -> Array:
+    """Autoregressive coefficients (4,) [1] with all roots moved inwards until none is too slow.
+
+    Source: bandwidth expansion, e.g. Markel, Gray, Linear Prediction of Speech, 1976.
+    """
+    slowest = float(np.max(np.abs(np.roots(np.append(1.0, -coefficients))), initial=0.0))
+    return np.asarray(coefficients * min(1.0, LONGEST / max(slowest, LONGEST)) ** np.arange(1, ORDER + 1))
 
 
 def _runs(table: Table, goes: Mask) -> Indices:

@@ -209,7 +209,7 @@ def _build(model: Model, session: Session, skip: Sequence[str] | None, told: Pro
     dry = dry_friction(model, made)
     table = tabulate(task, model, lay_out(model, made[0].motion, hypotheses, dry), made, dry)
     periods = tuple(_period(part) for part in parts)
-    noise = measure_noise(table, periods, task.band.rate / task.band.factor)
+    noise = measure_noise(table, periods, task.band.rate / task.band.factor).white()
     return Setting(task, model, made, periods, table, noise), whitened(table, noise)
 
 

@@ -23,7 +23,6 @@ FIRST, NEXT = 4.0, 3.0  # log odds needed
 DISTRUST, LOOKALIKE = 5.0, 8.0  # the same where inertials are not trusted, and of what inertials imitate
 IMITATED = 0.9  # share of an effect that inertials can make, from which on it looks like them
 MOST = 14  # hypotheses altogether
-CROWDED = 200  # hypotheses looked at in one step
 SHAPE_ERROR = 0.05  # of an effect that is taken for true: what its law leaves of it
 BETTER = 2.0  # log odds by which another hypothesis must be better to take a place
 
@@ -40,7 +39,7 @@ def search(judge: Judge, base: Array, start: Mapping[Key, float] | None = None) 
     first, trusted = judge.odds((), spread(judge, state))
     odds, seen = first, list[set[Group]]()
     if start:
-        state = _exchanged(judge, _begun(judge, state, start), BETTER)
+        state = _exchanged(judge, begin(judge, base, start), BETTER)
     for step in range(MOST):
         show_step(f"weighing laws beside {len(state.true)} found", 1 - 0.7 ** (step + 1))
         if state.true:
@@ -71,16 +70,27 @@ def posterior(judge: Judge, found: Found) -> float:
     """
     evidence = judge.evidence
     fit = evidence.fit(found.true, found.base, found.trust)
-    priors = (judge.priors.get(group.claim.key, 0.0) for group in found.true)
     scale = float(evidence.scale_prior[np.argmin(np.abs(evidence.scales - found.trust))])
-    return fit.log_evidence + scale + sum(priors) - len(found.true) * float(np.log(NOTHING))
+    return fit.log_evidence + scale + log_prior(judge, found)
 
 
-def _begun(judge: Judge, state: Found, start: Mapping[Key, float]) -> Found:
-    """The hypotheses of an earlier search among these rows, in any of their shapes; an exchange finds the best."""
+def log_prior(judge: Judge, found: Found) -> float:
+    """Log of how much likelier or less what was selected was than nothing, before the rows were seen [-]."""
+    priors = (judge.priors.get(group.claim.key, 0.0) for group in found.true)
+    return sum(priors) - len(found.true) * float(np.log(NOTHING))
+
+
+def begin(judge: Judge, base: Array, start: Mapping[Key, float]) -> Found:
+    """Hypotheses that were selected among other rows, in any of their shapes; an exchange or a fit finds the best.
+
+    Args:
+        judge: library and evidence.
+        base: (n,) dispersion that no effect explains [1].
+        start: the hypotheses, with the log odds that each was accepted by.
+    """
     log = {judge.evidence.data.groups[judge.keys[key][0]]: x for key, x in start.items() if key in judge.keys}
-    true = tuple(log)
-    return Found(true, log, state.base, judge.evidence.trust(true, state.base))
+    true, nothing = tuple(log), Found((), {}, base, judge.evidence.trust((), base))
+    return Found(true, log, base, judge.evidence.trust(true, base), judge.odds((), spread(judge, nothing))[0])
 
 
 def spread(judge: Judge, state: Found, most: float = 1.3) -> Array:
@@ -120,7 +130,7 @@ def _pick(judge: Judge, state: Found, odds: Mapping[Key, Odds], trusted: float, 
     ranked = sorted(
         open_, key=lambda o: (-max((strained.get(j, 0.0) for j in o.best.claim.bodies), default=0.0), -o.log)
     )
-    for candidate in ranked[:CROWDED]:
+    for candidate in ranked:
         if candidate.log < usual or time_is_up(SEARCH):
             continue
         enough = candidate.log >= needed(judge, candidate.best, trusted, len(state.true), usual, strained)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from weakref import ref
+
 import nlopt
 import numpy as np
 
@@ -37,6 +39,7 @@ class NLopt(Optimiser):
         watch = Watch(problem, budget_evaluations, budget_seconds)
 
         run = _configured(name, problem)
+        kept = ref(run)  # NLopt keeps the function that it calls: were that to keep the run, neither would be freed
 
         def cost(x: Array, gradient: Array) -> float:
             try:
@@ -44,7 +47,8 @@ class NLopt(Optimiser):
                     gradient[:] = watch.gradient(x)
                 return watch(x)
             except Exception:  # not to be thrown through NLopt, which goes on calling
-                run.force_stop()
+                if (running := kept()) is not None:
+                    running.force_stop()
                 gradient[:] = 0.0
                 return watch.value
 
