@@ -17,10 +17,10 @@ The way of the data through the files, as `run` goes it:
   `evidence`, `odds`;
 - evidence to the selected laws: `explain` by `search`, `sound`, `sizes`, `strain`, `contact`, `refine`, `noise_model`
   (what the selected laws leave), `linearise` (what laws do to each other), then `prune`;
-- to what is said: `slots` by `likelihood` (how sure), `verdict`, `findings` with `numbers`, `intervals`, `locate` and
-  `separate`;
-- to the extended simulation: `handout` by `extend` and `bodies`, `empirical`, judged by `prove`, `doubt` and, where
-  nothing else holds, `fallback`.
+- to what is said: `slots` by `likelihood` and `steady` (how sure), `verdict`, `findings` with `numbers`,
+  `intervals`, `locate` and `separate`;
+- to the extended simulation: `handout` by `trials`, `extend` and `bodies`, `empirical`, judged by `prove`, `doubt`
+  and, where nothing else holds, `fallback`.
 
 The model behind it, with formulas and sources, is `README.md` in this folder.
 """

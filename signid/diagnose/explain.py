@@ -15,7 +15,7 @@ from .contact import find_contact
 from .discrepancy import USUAL
 from .evidence import Evidence
 from .found import Found
-from .hypothesis import Key
+from .hypothesis import Key, happens_once
 from .likelihood import Likelihood
 from .linearise import linearised
 from .noise_model import update_noise
@@ -94,7 +94,8 @@ def _explain(
         if (score := _score(quieter, judge_, found)) <= highest:
             break
         asked = replace(judge, evidence=Evidence(whitened(quieter.table, noise), judge.evidence.known))
-        highest, best = score, (quieter, *_kept(quieter, asked, found, known))
+        once = any(happens_once(law) for group in found.true for law in group.claim.laws)  # its window is of these rows
+        highest, best = score, (setting, judge_, found) if once else (quieter, *_kept(quieter, asked, found, known))
         again = _search(quieter, asked, skip, known, found)
         if time_is_up(SEARCH):
             break

@@ -1,0 +1,97 @@
+"""How sure a law may be by its gain in parts of the recordings, and what is handed out, on small evidence."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from signid.diagnose.fitted import solve
+from signid.diagnose.handout import _change
+from signid.diagnose.noise import LONGEST, _damped
+from signid.diagnose.prove import Rows
+from signid.diagnose.steady import steadiness
+from signid.types import Array
+
+KEY = ("spring", (0,))
+COUNT = 800
+
+
+def steady(torque: Array, rest: Array, prior: float = 0.5) -> float:
+    """Log odds of a law with this torque (N,) [N.m], where all laws leave (N,) [N.m]."""
+    group = SimpleNamespace(claim=SimpleNamespace(key=KEY))
+    data = SimpleNamespace(rows=lambda _: [0], raw=lambda *_: torque[:, None])
+    judge = SimpleNamespace(evidence=SimpleNamespace(data=data), priors={KEY: float(np.log(prior))})
+    sizes = SimpleNamespace(value=_Always(np.ones(1)))
+    return steadiness(cast(Any, judge), cast(Any, sizes), rest[:, None], cast(Any, group))
+
+
+class _Always:
+    """One value, whatever is asked for."""
+
+    def __init__(self, value: Array) -> None:
+        self.value = value
+
+    def __getitem__(self, _: object) -> Array:
+        return self.value
+
+
+def noise(seed: int, size: float = 0.1) -> Array:
+    return size * np.random.default_rng(seed).standard_normal(COUNT)
+
+
+def test_a_law_that_gains_everywhere_may_be_sure() -> None:
+    assert steady(np.sin(np.arange(COUNT) / 9.0), noise(0)) > 20
+
+
+def test_a_law_that_gains_here_and_loses_there_is_not_sure() -> None:
+    torque = np.sin(np.arange(COUNT) / 9.0)
+    half = np.arange(COUNT) < COUNT / 2
+    imitated = np.where(half, 0.9, -0.9) * torque + noise(
+        1
+    )  # there at twice the size, then not at all
+    assert steady(torque, imitated) < 3
+
+
+def test_a_law_acts_where_its_joint_moves() -> None:
+    torque = np.sin(np.arange(COUNT) / 9.0) * (np.arange(COUNT) < COUNT / 5)
+    assert steady(torque, noise(2)) > 10  # blocks hold as much of its torque each, however long that takes
+
+
+def test_rare_laws_need_more() -> None:
+    torque = np.sin(np.arange(COUNT) / 9.0)
+    assert steady(torque, noise(3), 0.5) - steady(torque, noise(3), 0.005) == pytest.approx(np.log(100))
+
+
+def rows(rest: Array) -> Rows:
+    """Rows (N, n) [N.m] of 1 N.m of torque."""
+    return Rows((), cast(Any, None), rest, np.ones_like(rest), np.zeros_like(rest))
+
+
+def test_joints_that_are_predicted_worse_weigh_more() -> None:
+    before = np.column_stack([noise(4), noise(5)])
+    better, worse = before * [0.5, 1.0], before * [0.5, 1.3]
+    assert _change(rows(before), rows(before)) == 0
+    assert _change(rows(better), rows(before)) < -1
+    assert _change(rows(worse), rows(before)) > _change(rows(better), rows(before)) + 4 * np.log(1.3)
+
+
+def test_coefficients_that_are_held_stay_zero() -> None:
+    rng = np.random.default_rng(6)
+    x, truth = rng.standard_normal((200, 3)), np.array([1.0, -2.0, 0.5])
+    fit = solve(np.arange(3), x.T @ x, x.T @ (x @ truth), 1e-9 * np.eye(3))
+    np.testing.assert_allclose(fit.value, truth, rtol=1e-6)
+    free = np.array([True, False, True])
+    held = fit.holding(free).value
+    np.testing.assert_allclose(held[free], np.linalg.lstsq(x[:, free], x @ truth, rcond=None)[0], rtol=1e-6)
+    assert abs(held[1]) < 1e-12
+
+
+def test_noise_decays() -> None:
+    slow = np.array([1.7, -0.9, 0.3, -0.1])
+    roots = np.abs(np.roots(np.append(1.0, -_damped(slow))))
+    assert roots.max() == pytest.approx(LONGEST)
+    fast = np.array([0.5, -0.1, 0.0, 0.0])
+    np.testing.assert_array_equal(_damped(fast), fast)
