@@ -49,9 +49,7 @@ def test_a_law_that_gains_everywhere_may_be_sure() -> None:
 def test_a_law_that_gains_here_and_loses_there_is_not_sure() -> None:
     torque = np.sin(np.arange(COUNT) / 9.0)
     half = np.arange(COUNT) < COUNT / 2
-    imitated = np.where(half, 0.9, -0.9) * torque + noise(
-        1
-    )  # there at twice the size, then not at all
+    imitated = np.where(half, 0.9, -0.9) * torque + noise(1)  # there at twice the size, then not at all
     assert steady(torque, imitated) < 3
 
 

@@ -14,7 +14,7 @@ from .table import Table
 from .wave import find_wave
 
 ORDER = 4  # of the autoregressive model
-LONGEST = 0.85  # largest root: what decays more slowly is no noise but drift, friction or discrepancy
+LONGEST = 0.75  # largest root: what decays more slowly is no noise but drift, friction or discrepancy
 RANK = 1e-4  # of the largest singular value: directions that count, columns scaled
 FREE = 3.0  # rows for a column, at least
 MARGIN = 1.06  # replicates leave out the loudest stretches
