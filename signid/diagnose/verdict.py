@@ -117,7 +117,8 @@ def _excess(setting: Setting, judge: Judge, sizes: Sizes) -> Array:
 def _weight(judge: Judge, sizes: Sizes, left: Array, group: Group) -> float:
     """How much a law matters [1]: its mean square torque over that of what all leave, and over that of all torque.
 
-    Geometric means of both, and of all its torque and what no other law makes, at whatever size; summed over joints.
+    Geometric means of both, and of all its torque and what no other law could make; of bodies, what they make as found,
+    since they may not be of any size. Summed over joints.
 
     Args:
         judge: library and evidence.
@@ -128,7 +129,8 @@ def _weight(judge: Judge, sizes: Sizes, left: Array, group: Group) -> float:
     data, size = judge.evidence.data, 0.0
     for j in data.rows(group):
         torque = data.raw(j, group) @ sizes.value[group]
-        others = [data.raw(j, g) @ x for g, x in sizes.value.items() if g is not group and j in data.rows(g)]
+        beside = [(g, x) for g, x in sizes.value.items() if g is not group and j in data.rows(g)]
+        others = [data.raw(j, g) @ x if g.claim.bodies else data.raw(j, g) for g, x in beside]
         alone = leave(torque, np.column_stack(others)) if others else torque
         own = float(np.sqrt(np.mean(alone**2) * np.mean(torque**2)))
         size += own / max(float(left[j] * data.scale[j]), 1e-300)
