@@ -75,7 +75,11 @@ class Fitted(NamedTuple):
         return self.stating(value)
 
     def stating(self, value: Array) -> Fitted:
-        """The same with other coefficients (k,)."""
+        """The same with other coefficients.
+
+        Args:
+            value: (k,) [of each coefficient].
+        """
         told = np.zeros(len(self.which))
         for one in self.factors:
             told[one.place] = one.lower.T @ (one.size * value[one.place])

@@ -69,7 +69,8 @@ def _pruned(trials: Trials, chosen: Choice, judged: dict[Group, Judged]) -> tupl
     while True:
         told = {group: _judge(trials, chosen, group) for group in chosen.kept}
         judged = {**judged, **told}
-        out = [group for group, one in told.items() if one.change >= 0 and not happens_once(group.claim.laws[0])]
+        least = CLEARLY if trials.judged_by_themselves else 0.0
+        out = [group for group, one in told.items() if one.change >= -least and not happens_once(group.claim.laws[0])]
         if not out:
             return chosen, judged
         chosen = chosen.without(max(out, key=lambda group: told[group].change))

@@ -38,7 +38,7 @@ from .period import find_period
 from .prove import prove, show
 from .prune import prune
 from .result import Diagnosis
-from .sample import pieces
+from .sample import pieces, row_filter
 from .search import SEARCH
 from .setting import Setting
 from .slots import settle
@@ -178,8 +178,9 @@ def _is_clear(fault: Finding) -> bool:
 
 
 def _judged_by_itself(model: Model, session: Session) -> Session:
-    """The session; what is too short to hold anything out is judged by itself, and a note says so."""
-    if next(pieces(session.task, model, session.held_out), None) is not None:
+    """The session; what is too short to hold enough out is judged by itself, and a note says so."""
+    thin = row_filter(session.task)
+    if sum(len(thin.at(p.motion.t)) for p in pieces(session.task, model, session.held_out)) >= FEW_ROWS:
         return session
     note = "too short to hold anything out: the extended simulation is judged by the rows that it was learned from"
     return replace(session, held_out=session.train, notes=(*session.notes, note))
