@@ -59,6 +59,8 @@ def explain(setting: Setting, judge: Judge, skip: Sequence[str], known: Diagnosi
     setting = about
     named = set[Key]()
     for _ in range(ROUNDS):
+        if time_is_up(SEARCH):
+            return Explained(*first)
         new = linearised(setting, about, judge_, found)
         if new is None:
             return Explained(about, judge_, found)

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..deadline import time_is_up
 from ..model import Model
 from ..session import Session
 from ..types import Array, Law
@@ -15,6 +16,7 @@ from .group import Group
 from .hypothesis import happens_once
 from .odds import Judge
 from .prove import Rows, Shown, show
+from .search import SEARCH
 from .trials import Choice, Trials
 
 BLOCKS = 20  # of held-out rows, for standard errors
@@ -57,7 +59,8 @@ def hand_out(session: Session, model: Model, judge: Judge, found: Found, order: 
     alone, beside = Choice(tuple(order)), Choice(tuple(order), beside=True)
     chosen = alone if _change(trials.rows(alone), trials.rows(beside)) < -CLEARLY else beside
     chosen, judged = _pruned(trials, chosen, {})
-    chosen, judged = _pruned(trials, _refitted(trials, chosen), judged)
+    if (more := _refitted(trials, chosen)) != chosen:
+        chosen, judged = _pruned(trials, more, judged)
     refitted = frozenset(group for unit in chosen.refitted for group in unit)
     laws = {**trials.laws(alone), **trials.laws(chosen)}
     support, gain = ({group: x[k] for group, x in judged.items()} for k in (0, 1))
@@ -65,7 +68,10 @@ def hand_out(session: Session, model: Model, judge: Judge, found: Found, order: 
 
 
 def _pruned(trials: Trials, chosen: Choice, judged: dict[Group, Judged]) -> tuple[Choice, dict[Group, Judged]]:
-    """Without laws that held-out rows speak against, the worst first; and what these rows say of each."""
+    """Without laws that held-out rows speak against, the worst first; and what these rows say of each.
+
+    Where time is up, without all of them at once.
+    """
     while True:
         told = {group: _judge(trials, chosen, group) for group in chosen.kept}
         judged = {**judged, **told}
@@ -73,6 +79,8 @@ def _pruned(trials: Trials, chosen: Choice, judged: dict[Group, Judged]) -> tupl
         out = [group for group, one in told.items() if one.change >= -least and not happens_once(group.claim.laws[0])]
         if not out:
             return chosen, judged
+        if time_is_up(SEARCH):
+            return chosen._replace(kept=tuple(group for group in chosen.kept if group not in out)), judged
         chosen = chosen.without(max(out, key=lambda group: told[group].change))
 
 
@@ -80,7 +88,7 @@ def _refitted(trials: Trials, chosen: Choice) -> Choice:
     """With stated numbers refitted where held-out rows speak clearly for it, the clearest first."""
     few = len(trials.rows(chosen).rest) < FEW or trials.judged_by_themselves
     left = [] if few else trials.units()
-    while left:
+    while left and not time_is_up(SEARCH):
         more = {unit: chosen._replace(refitted=chosen.refitted | {unit}) for unit in left}
         change = {unit: _change(trials.rows(choice), trials.rows(chosen)) for unit, choice in more.items()}
         best = min(left, key=lambda unit: change[unit])

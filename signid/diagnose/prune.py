@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..deadline import time_is_up
 from ..session import Session
 from ..types import Array
 from .extend import extend
@@ -13,7 +14,7 @@ from .numbers import has_possible_numbers, read_laws
 from .odds import Judge
 from .prove import residuals
 from .sample import summed_rows
-from .search import without
+from .search import SEARCH, without
 from .setting import Setting
 from .strain import relieved
 
@@ -32,7 +33,7 @@ def prune(setting: Setting, session: Session, judge: Judge, found: Found) -> Fou
         found: what is taken for true.
     """
     found = _told(judge, _possible(judge, found))
-    while found.true:
+    while found.true and not time_is_up(SEARCH):
         worst, harm = max(((g, h) for g, h in _harms(setting, session, judge, found).items()), key=lambda item: item[1])
         if harm <= 0:
             return found

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..model import Model
 from ..session import Session
-from ..types import Array, Frozen, Law, Mask
+from ..types import Frozen, Law, Mask
 from .extend import extend
 from .fitted import Fitted
 from .found import Found
@@ -70,12 +70,8 @@ class Trials(Frozen):
         return self._make(choice)[0]
 
     def rows(self, choice: Choice) -> Rows:
-        """What it leaves of the held-out rows."""
+        """What it leaves of the held-out rows, without their motions."""
         return self._make(choice)[1]
-
-    def rest(self, choice: Choice) -> Array:
-        """(M, n) [N.m or N] the same, NaN where no row counts."""
-        return self._make(choice)[1].rest
 
     def units(self) -> list[Unit]:
         """Stated numbers that may be refitted, the laws of each joint by themselves."""
@@ -93,7 +89,8 @@ class Trials(Frozen):
             refitted = [g for g in self.judge.evidence.data.refitted if bodies or not g.bodies]
             laws = [law for own in self.laws(choice).values() for law in own]
             own = extend(self.model, refitted if choice.refitted else (), steps, laws, self.session.task.base)
-            self.made[choice] = own, residuals(self.session.task, own, self.session.held_out)
+            rows = residuals(self.session.task, own, self.session.held_out)
+            self.made[choice] = own, rows._replace(pieces=())  # motions of many trials would not fit into memory
         return self.made[choice]
 
 
