@@ -49,6 +49,11 @@ class Session(Frozen):
         """With the joints held that the recordings do not move."""
         return self.task.robot
 
+    @property
+    def judges_itself(self) -> bool:
+        """Whether nothing is held out: what is learned from judges as well."""
+        return self.held_out is self.train
+
     def reduce(
         self,
         parts: Sequence[Part],

@@ -38,7 +38,7 @@ def model_rest(session: Session, result: Result) -> Result:
         unseen = np.nan_to_num(shown.judged.rest[:, one.joint])
         after = unseen - _columns(shown.judged, law) @ value
         gain = 1 - float(after @ after) / max(float(unseen @ unseen), 1e-300)
-        modelled = gain > ENOUGH and session.held_out is not session.train
+        modelled = gain > ENOUGH and not session.judges_itself
         if modelled:
             values = {f"value_{k}": float(v) for k, v in zip(PLACES, value, strict=True)}
             laws.append(replace(law, parameters={**law.parameters, **values}))

@@ -118,7 +118,8 @@ def _score(setting: Setting, judge: Judge, found: Found) -> float:
 def _kept(setting: Setting, judge: Judge, found: Found, known: Diagnosis | None) -> tuple[Judge, Found]:
     """What was selected, under another noise."""
     start = {group.claim.key: found.log_odds[group] for group in found.true}
-    return refine(setting, judge, begin(judge, _expected(judge, known), start))
+    kept = begin(judge, _expected(judge, known), start)
+    return refine(setting, judge, replace(kept, first=judge.odds((), kept.base)[0]))
 
 
 def _search(
@@ -169,9 +170,6 @@ def _touched(setting: Setting, judge: Judge, found: Found) -> tuple[Judge, Found
 def _local_rest(setting: Setting, judge: Judge, found: Found) -> Array:
     """(n, M) [1] residual in units of the coloured noise alone, after all that is fitted."""
     data, fit = judge.evidence.data, judge.evidence.fit(found.true, found.base, found.trust)
-    rest = dict[int, Array]()
-    for j in range(data.joints):
-        at = data.at[j, fit.which]
-        rest[j] = (setting.table.residual[:, j] - data.torque[j][:, at[at >= 0]] @ fit.value[at >= 0])[:, None]
+    rest = {j: x[:, None] for j, x in enumerate(setting.remaining(data, fit).T)}
     white = setting.whitening.local(rest)
     return np.array([white[j][:, 0] for j in range(data.joints)])

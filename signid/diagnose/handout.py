@@ -73,20 +73,20 @@ def _pruned(trials: Trials, chosen: Choice, judged: dict[Group, Judged]) -> tupl
     Where time is up, without all of them at once.
     """
     while True:
-        told = {group: _judge(trials, chosen, group) for group in chosen.kept}
-        judged = {**judged, **told}
-        least = CLEARLY if trials.judged_by_themselves else 0.0
-        out = [group for group, one in told.items() if one.change >= -least and not happens_once(group.claim.laws[0])]
+        now = {group: _judge(trials, chosen, group) for group in chosen.kept}
+        judged = {**judged, **now}
+        least = CLEARLY if trials.session.judges_itself else 0.0
+        out = [group for group, one in now.items() if one.change >= -least and not happens_once(group.claim.laws[0])]
         if not out:
             return chosen, judged
         if time_is_up(SEARCH):
             return chosen._replace(kept=tuple(group for group in chosen.kept if group not in out)), judged
-        chosen = chosen.without(max(out, key=lambda group: told[group].change))
+        chosen = chosen.without(max(out, key=lambda group: now[group].change))
 
 
 def _refitted(trials: Trials, chosen: Choice) -> Choice:
     """With stated numbers refitted where held-out rows speak clearly for it, the clearest first."""
-    few = len(trials.rows(chosen).rest) < FEW or trials.judged_by_themselves
+    few = len(trials.rows(chosen).rest) < FEW or trials.session.judges_itself
     left = [] if few else trials.units()
     while left and not time_is_up(SEARCH):
         more = {unit: chosen._replace(refitted=chosen.refitted | {unit}) for unit in left}
@@ -124,7 +124,7 @@ def _judge(trials: Trials, chosen: Choice, group: Group) -> Judged:
     missed = float(np.sum((before * count)[acts]))
     gain = 1 - float(np.sum((after * count)[acts])) / missed if missed > 0 else 0.0
     support, change = float(np.sum(count[acts] / 2 * log)), _change(rows, other, 0.0)
-    if trials.judged_by_themselves and acts.any():
+    if trials.session.judges_itself and acts.any():
         support, change = min(support, 0.0), change + 2 * group.size / max(float(np.mean(count[acts])), 1e-9)
     return Judged(support, gain, change)
 
@@ -132,7 +132,7 @@ def _judge(trials: Trials, chosen: Choice, group: Group) -> Judged:
 def _change(rows: Rows, other: Rows, errors: float = 1.0) -> float:
     """By how much one simulation predicts held-out rows better than another, log of mean squares, sum over joints [-].
 
-    Joints that are predicted worse, or not better by so many standard errors, count more.
+    Joints that are predicted worse, or not better by `errors` standard errors, count more.
     """
     least, out = LEAST**2 * _mean_square(rows.torque), 0.0
     for j in range(rows.rest.shape[1]):

@@ -67,17 +67,6 @@ class Linear(Frozen):
         fits = [self.part(one, dispersion[list(one.joints)], trust) for one in self.components(true, trust)]
         return join(self.columns(true, trust), fits)
 
-    def fit_alone(self, true: Sequence[Group], dispersion: Array) -> Fitted:
-        """Some selected hypotheses, while bodies and laws stay as stated; dispersion (n,) [1] as in `fit`."""
-        which = columns_of(true)
-        gram = total(self.data.gram(which), dispersion, (len(which), self.data.count))[:, which]
-        right = (self.data.right[:, which] / dispersion[:, None]).sum(0)
-        precision = np.zeros_like(gram)
-        for group in true:
-            at = np.flatnonzero(which == group.start)[0] + np.arange(group.size)
-            precision[np.ix_(at, at)] = self.own_precision(group)
-        return solve(which, gram, right, precision)
-
     def components(self, true: Sequence[Group], trust: float) -> tuple[Component, ...]:
         """Joints that are fitted together."""
         return self._components((tuple(true), trust > 0), lambda: self._split(true, trust))

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ..deadline import time_is_up
 from ..session import Session
-from ..types import Array
+from ..types import Array, Law
 from .extend import extend
 from .found import Found
 from .group import Group
 from .numbers import has_possible_numbers, read_laws
 from .odds import Judge
 from .prove import residuals
-from .sample import summed_rows
+from .sample import torque_rows
 from .search import SEARCH, without
 from .setting import Setting
 from .strain import relieved
+from .whitened import columns_of
 
 SEEN = 4.0  # squared standard deviations, for each number
 
@@ -80,20 +83,28 @@ def _harms(setting: Setting, session: Session, judge: Judge, found: Found) -> di
     In the better of two extended simulations: everything fitted again, or the laws alone.
     """
     evidence, tried = judge.evidence, list[tuple[float, dict[Group, float]]]()
-    fits = (
-        (evidence.fit(found.true, found.base, found.trust), evidence.data.refitted),
-        (evidence.fit_alone(found.true, found.base), ()),
-    )
+    whole = evidence.fit(found.true, found.base, found.trust)
+    alone = whole.holding(np.isin(whole.which, columns_of(found.true)))
+    fits = ((whole, evidence.data.refitted), (alone, ()))
     for fit, refitted in fits:
         laws = {group: read_laws(group, fit.value[fit.place(group)]) for group in found.true}
         flat = [law for own in laws.values() for law in own]
         model = extend(setting.model, refitted, fit, flat, session.task.base)
         rows = residuals(session.task, model, session.train)
         noise = rows.unforeseen(setting.noise, 1)
-        whole = _square(rows.rest / noise)
-        lacking = {g: rows.rest + summed_rows(setting.thin, setting.pieces, own, rows.rest) for g, own in laws.items()}
-        tried.append((whole, {group: whole - _square(rest / noise) for group, rest in lacking.items()}))
+        left = _square(rows.rest / noise)
+        lacking = {group: rows.rest + _torque(setting, own) for group, own in laws.items()}
+        tried.append((left, {group: left - _square(rest / noise) for group, rest in lacking.items()}))
     return min(tried, key=lambda one: one[0])[1]
+
+
+def _torque(setting: Setting, laws: Sequence[Law]) -> Array:
+    """(M, n) [N.m or N] of some laws."""
+    torque = np.zeros_like(setting.table.residual)
+    for law in laws:
+        for j, x in torque_rows(setting.thin, setting.pieces, law).items():
+            torque[:, j] += x
+    return torque
 
 
 def _square(x: Array) -> float:

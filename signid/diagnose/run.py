@@ -173,8 +173,8 @@ def _prepare(model: Model, given: Recovered, options: Options, told: Progress) -
 
 def _is_clear(fault: Finding) -> bool:
     """Whether a few rows tell a gross fault of the torques: a sign or an order that all parts agree on."""
-    told = fault.measures
-    return fault.kind in CLEAR_KINDS and told["agreement"] == 1 and told["explained_after"] > CLEARLY
+    measured = fault.measures
+    return fault.kind in CLEAR_KINDS and measured["agreement"] == 1 and measured["explained_after"] > CLEARLY
 
 
 def _judged_by_itself(model: Model, session: Session) -> Session:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
@@ -97,22 +97,6 @@ def torque_rows(thin: Decimator, pieces: Sequence[Piece], law: Law) -> dict[int,
     """Per joint, (M,) [N.m or N] what a law with all its numbers adds to the rows of some pieces."""
     made = [{j: x[:, None] for j, x in torque_of(law, piece.motion).items()} for piece in pieces]
     return {j: x[:, 0] for j, x in thinned(thin, made).items()}
-
-
-def summed_rows(thin: Decimator, pieces: Sequence[Piece], laws: Iterable[Law], rows: Array) -> Array:
-    """(M, n) [N.m or N] what some laws, all together, add to the rows of some pieces.
-
-    Args:
-        thin: the low-pass of columns and torque.
-        pieces: with the motion.
-        laws: with all their numbers.
-        rows: (M, n) [N.m or N] rows of these pieces.
-    """
-    torque = np.zeros_like(rows)
-    for law in laws:
-        for j, x in torque_rows(thin, pieces, law).items():
-            torque[:, j] += x
-    return torque
 
 
 def unsure_rows(thin: Decimator, pieces: Sequence[Piece], dry: Array) -> Array:

@@ -89,8 +89,7 @@ def begin(judge: Judge, base: Array, start: Mapping[Key, float]) -> Found:
         start: the hypotheses, with the log odds that each was accepted by.
     """
     log = {judge.evidence.data.groups[judge.keys[key][0]]: x for key, x in start.items() if key in judge.keys}
-    true, nothing = tuple(log), Found((), {}, base, judge.evidence.trust((), base))
-    return Found(true, log, base, judge.evidence.trust(true, base), judge.odds((), spread(judge, nothing))[0])
+    return Found(tuple(log), log, base, judge.evidence.trust(tuple(log), base))
 
 
 def spread(judge: Judge, state: Found, most: float = 1.3) -> Array:

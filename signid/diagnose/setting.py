@@ -13,6 +13,7 @@ from ..filters import Decimator
 from ..model import Model
 from ..rows import Task
 from ..types import Array, Frozen
+from .fitted import Fitted
 from .group import Group
 from .hypothesis import Hypothesis
 from .noise import Noise
@@ -57,6 +58,19 @@ class Setting(Frozen):
             columns: per joint (M, k) [torque per coefficient].
         """
         return self.whitening(columns)
+
+    def remaining(self, data: Whitened, fit: Fitted) -> Array:
+        """(M, n) [N.m or N] residual after all that is fitted.
+
+        Args:
+            data: the rows' columns.
+            fit: the fit.
+        """
+        rest = self.table.residual.copy()
+        for j in range(data.joints):
+            at = data.at[j, fit.which]
+            rest[:, j] -= data.torque[j][:, at[at >= 0]] @ fit.value[at >= 0]
+        return rest
 
     @cached_property
     def whitening(self) -> Whitening:

@@ -19,7 +19,7 @@ from .search import SEARCH, without
 from .setting import Setting
 from .sizes import Sizes, measure_sizes
 from .sound import is_sound
-from .steady import remaining, steadiness
+from .steady import steadiness
 
 TOLD = 0.03  # probability from which on a rival is listed
 NEAR = 4.0  # log odds behind the likeliest, up to which a rival must be physically possible to count
@@ -64,7 +64,7 @@ def judge_slots(setting: Setting, judge: Judge, found: Found) -> tuple[Slot, ...
     beside, _ = judge.odds(found.true, found.base)
     sizes = measure_sizes(judge.evidence, found.true, found.base, found.trust)
     likelihood = Likelihood(setting, judge.evidence, found)
-    rest = remaining(setting, judge, sizes)
+    rest = setting.remaining(judge.evidence.data, sizes.fit)
     slots = (_slot(judge, found, group, beside, sizes, likelihood) for group in found.true)
     steady = (replace(slot, most=steadiness(judge, sizes, rest, slot.group)) for slot in slots)
     return tuple(with_held_out(slot, 0.0) for slot in steady)

@@ -9,26 +9,10 @@ from ..types import Array
 from .group import Group
 from .odds import Judge
 from .prior import NOTHING
-from .setting import Setting
 from .sizes import Sizes
 
 BLOCKS, LEAST = 8, 3  # of rows, in each of which a law makes as much torque; and how many are needed to judge
-SMALLEST = 1e-15  # probability that is told from nothing
-
-
-def remaining(setting: Setting, judge: Judge, sizes: Sizes) -> Array:
-    """(M, n) [N.m or N] residual after all that is fitted.
-
-    Args:
-        setting: rows.
-        judge: library and evidence.
-        sizes: of the selected laws.
-    """
-    data, fit, rest = judge.evidence.data, sizes.fit, setting.table.residual.copy()
-    for j in range(data.joints):
-        at = data.at[j, fit.which]
-        rest[:, j] -= data.torque[j][:, at[at >= 0]] @ fit.value[at >= 0]
-    return rest
+SMALLEST = 1e-15  # least probability that counts
 
 
 def steadiness(judge: Judge, sizes: Sizes, rest: Array, group: Group) -> float:

@@ -45,11 +45,6 @@ class Trials(Frozen):
     found: Found
     made: dict[Choice, tuple[Model, Rows]] = field(default_factory=dict)
 
-    @property
-    def judged_by_themselves(self) -> bool:
-        """Whether nothing is held out."""
-        return self.session.held_out is self.session.train
-
     def fit(self, choice: Choice) -> Fitted:
         """The likeliest numbers of all that a choice has."""
         true = tuple(group for group in self.found.true if group in choice.kept)

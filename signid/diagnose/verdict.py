@@ -16,7 +16,6 @@ from .odds import Judge
 from .setting import Setting
 from .sizes import Sizes, measure_sizes
 from .slots import Slot
-from .steady import remaining
 from .whitening import weights
 
 CAUSE = 0.15  # of the largest ratio of torque to residual: less is a small correction
@@ -83,12 +82,13 @@ def decide(setting: Setting, judge: Judge, found: Found, slots: Sequence[Slot]) 
     sizes = measure_sizes(judge.evidence, found.true, found.base, found.trust)
     bare = measure_sizes(judge.evidence, (), found.base, judge.evidence.trust((), found.base))
     count = data.counts
-    after, before = (_excess(setting, judge, one) for one in (sizes, bare))
+    rest, plain = (setting.remaining(data, one.fit) for one in (sizes, bare))
+    after, before = (_excess(setting, count, one) for one in (rest, plain))
     scale = np.maximum(data.scale, FAINT * data.scale.max())
     clear = max((o.log for o in found.first.values() if o.best.claim.unknown), default=-np.inf)
     threshold = NOTICED * np.sqrt(2 * count) + count * (DISCREPANCY * scale / noise.least) ** 2
     threshold = threshold * (CLEARLY if clear > CLEAR and not found.true else 1.0)
-    left = np.sqrt(np.mean(remaining(setting, judge, sizes) ** 2, axis=0))
+    left = np.sqrt(np.mean(rest**2, axis=0))
     energy = {group: _weight(judge, sizes, left, group) for group in found.true}
     largest = max(energy.values(), default=0.0)
     ranked = sorted(found.true, key=lambda group: -energy[group])
@@ -106,12 +106,12 @@ def decide(setting: Setting, judge: Judge, found: Found, slots: Sequence[Slot]) 
     return Verdict(name, causes, secondary, before, after, threshold, sizes)
 
 
-def _excess(setting: Setting, judge: Judge, sizes: Sizes) -> Array:
+def _excess(setting: Setting, counts: Array, rest: Array) -> Array:
     """(n,) sum of squares of the residual, discrepancy included, beyond that of the floor [variance of the floor]."""
-    noise, rest = setting.noise, remaining(setting, judge, sizes)
+    noise = setting.noise
     weight, order = weights(setting.table, noise), noise.coefficients.shape[1]
     kept = whole(setting.table.piece, order)
-    return np.asarray(np.sum((rest[order:][kept] * weight / noise.least) ** 2, axis=0) - judge.evidence.data.counts)
+    return np.asarray(np.sum((rest[order:][kept] * weight / noise.least) ** 2, axis=0) - counts)
 
 
 def _weight(judge: Judge, sizes: Sizes, left: Array, group: Group) -> float:
