@@ -46,6 +46,10 @@ class Model(Frozen):
             law.effect.reshape(whole, row, carrier(whole, row), **law.parameters)
         return whole
 
+    def whole_inertials(self) -> Array:
+        """(nb, 10) inertials with what laws of bodies add to them [kg, kg.m, kg.m2]."""
+        return np.array([body.toDynamicParameters() for body in list(self.bodies().inertias)[1:]]).reshape(-1, 10)
+
     def of(self, kind: type) -> list[Law]:
         """The laws of one kind, in their order."""
         return [law for law in self.laws if isinstance(law.effect, kind)]

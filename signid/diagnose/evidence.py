@@ -21,6 +21,8 @@ from .recent import Recent
 
 TRUST = np.array([0.0, 1.0, 2.0])  # of the tolerance of inertials: how far they are off
 TRUST_PRIOR = np.log([0.5, 0.4, 0.1])
+KNOWN = np.array([1.0, 2.5])
+KNOWN_PRIOR = np.log([0.6, 0.4])
 TOLD, LEFTS = 256, 16  # answers for some joints that are kept
 
 
@@ -81,12 +83,12 @@ class Evidence(Linear):
     @property
     def scales(self) -> Array:
         """(s,) of the tolerance of inertials: how far they may be off [1]."""
-        return TRUST[1:2] if self.informed else TRUST
+        return KNOWN if self.informed else TRUST
 
     @property
     def scale_prior(self) -> Array:
         """(s,) log prior probabilities of the scales."""
-        return np.zeros(1) if self.informed else TRUST_PRIOR
+        return KNOWN_PRIOR if self.informed else TRUST_PRIOR
 
     def ask(self, fit: Fitted, dispersion: Array, belief: Belief, columns: Mapping[int, Array]) -> float:
         """Log Bayes factor of columns that are not among the rows' own.

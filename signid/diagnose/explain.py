@@ -117,7 +117,7 @@ def _score(setting: Setting, judge: Judge, found: Found) -> float:
 
 def _kept(setting: Setting, judge: Judge, found: Found, known: Diagnosis | None) -> tuple[Judge, Found]:
     """What was selected, under another noise."""
-    start = {group.claim.key: found.log_odds[group] for group in found.true}
+    start = {group: found.log_odds[group] for group in found.true}
     kept = begin(judge, _expected(judge, known), start)
     return refine(setting, judge, replace(kept, first=judge.odds((), kept.base)[0]))
 
@@ -135,7 +135,7 @@ def _search(
         expected = np.maximum(expected, NOISE_ERROR * left)
     found = search(judge, expected)
     if before is not None and before.true:
-        start = {group.claim.key: before.log_odds[group] for group in before.true}
+        start = {group: before.log_odds[group] for group in before.true}
         found = max(found, search(judge, expected, start), key=lambda one: posterior(judge, one))
     if CONTACT not in skip:
         judge, found = _touched(setting, judge, found)

@@ -86,8 +86,8 @@ def _possible(given: Model, model: Model, base: BaseMap | None) -> Model:
         base: which combinations of inertial parameters torque shows; of the robot's rigid bodies.
     """
     changes = [law for law in model.laws if law.effect.name in ("link_inertia", "payload")]
-    total = stated_bodies(model) if changes else model.inertials
-    if not changes or is_possible(stated_bodies(given), total):
+    total = model.whole_inertials() if changes else model.inertials
+    if not changes or is_possible(given.whole_inertials(), total):
         return model
     step, kept = total - model.inertials, tuple(law for law in model.laws if law not in changes)
     spread = np.diag(FIRM**2 * tolerance(given).ravel() ** 2 + _softness(step).ravel() ** 2)
@@ -103,11 +103,6 @@ def _softness(step: Array) -> Array:
     mass, moment = np.abs(step[:, :1]), np.linalg.norm(step[:, 1:4], axis=1, keepdims=True)
     inertia = moment**2 / np.maximum(mass, 1e-12)
     return np.repeat(np.concatenate([SOFT * mass, SOFT * moment, inertia], axis=1), (1, 3, 6), axis=1)
-
-
-def stated_bodies(model: Model) -> Array:
-    """(nb, 10) inertials of a model with what its laws of bodies add to them [kg, kg.m, kg.m2]."""
-    return np.array([body.toDynamicParameters() for body in list(model.bodies().inertias)[1:]]).reshape(-1, 10)
 
 
 def inertial_places(refitted: Sequence[Group], fit: Fitted) -> Indices:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..effects.law import coefficient_count, law_columns
+from ..effects.law import law_columns
 from ..model import Model
 from ..motion import Motion
 from ..types import Array, Law
@@ -166,7 +166,6 @@ def lay_out(model: Model, motion: Motion, hypotheses: Sequence[Hypothesis], dry:
         out.append(Group(at, size, None, found.bodies, found.law, tuple(found.deviation)))
         at += size
     for hypothesis in hypotheses:
-        size = sum(coefficient_count(law) for law in hypothesis.laws) or len(hypothesis.knots) - 1
-        out.append(Group(at, size, hypothesis))
-        at += size
+        out.append(Group(at, hypothesis.size, hypothesis))
+        at += hypothesis.size
     return out

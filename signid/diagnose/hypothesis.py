@@ -10,9 +10,10 @@ import numpy as np
 
 from ..effects import EFFECTS
 from ..effects.base import BodyLaw, Effect, TorqueLaw
-from ..effects.law import hypotheses, law_columns
+from ..effects.law import coefficient_count, hypotheses, law_columns
 from ..model import Model
 from ..motion import Motion
+from ..rigid import carried
 from ..types import Array, Law
 
 VARIABLES = ("position", "velocity", "acceleration", "torque", "time")
@@ -30,6 +31,7 @@ class Hypothesis:
 
     laws: tuple[Law, ...] = ()
     finite: bool = False  # a law of the record at the size that its parameters state, not as small
+    scaled: bool = False  # all numbers of its law times one factor, which alone is unknown: a link heavier as a whole
     joint: int = 0  # of an unknown
     variable: str = ""  # of an unknown
     knots: tuple[float, ...] = ()  # of an unknown [unit of the variable]
@@ -60,10 +62,26 @@ class Hypothesis:
         links = [law for law in self.laws if isinstance(law.effect, BodyLaw) and law.effect.scope in ("link", "tip")]
         return {law.joints[0] for law in links}
 
+    @property
+    def size(self) -> int:
+        """How many coefficients it has."""
+        return self.numbers.shape[1] if self.laws else len(self.knots) - 1
+
+    @cached_property
+    def numbers(self) -> Array:
+        """(d, k) [of each of the d linear numbers of its laws, per coefficient]."""
+        count = sum(coefficient_count(law) for law in self.laws)
+        if not self.scaled:
+            return np.eye(count)
+        return np.array([[x] for law in self.laws for x in law.effect.coefficients(law.parameters)])
+
     def columns(self, motion: Motion) -> dict[int, Array]:
         """Per joint whose torque it changes, (N, k) columns [torque per coefficient]."""
         if self.unknown:
             return {self.joint: hats(variable(motion, self.joint, self.variable), self.knots)}
+        if self.scaled:
+            (rows, columns), scale = law_columns(self.laws[0], motion), self.numbers
+            return {j: finite(columns[:, k] @ scale) for k, j in enumerate(rows)}
         made = [_secant(law, motion) if self.finite else law_columns(law, motion) for law in self.laws]
         width, start, out = sum(columns.shape[2] for _, columns in made), 0, dict[int, Array]()
         for rows, columns in made:
@@ -101,7 +119,18 @@ def propose(model: Model, motion: Motion, skip: Sequence[str] = ()) -> list[Hypo
         for law in [*_as_stated(effect, known), *hypotheses(effect, motion, n)]
         if law.effect.possible(motion.at(law.joints), **law.parameters)
     ]
-    return [*found, *_friction(set(known), n, skip), *_unknown(motion)]
+    return [*found, *_scaled_links(model, skip), *_friction(set(known), n, skip), *_unknown(motion)]
+
+
+def _scaled_links(model: Model, skip: Sequence[str]) -> Iterator[Hypothesis]:
+    """Each link heavier or lighter as a whole, as if of another density."""
+    if "link_inertia" in skip:
+        return
+    effect, bodies = EFFECTS["link_inertia"], model.whole_inertials()
+    for joint in range(len(model.robot.joints)):
+        own = bodies[carried(model.robot, joint)]
+        if own[0] > 0:
+            yield Hypothesis((Law(effect, (joint,), dict(zip(effect.parameters, own.tolist(), strict=True))),), scaled=True)
 
 
 def _as_stated(effect: Effect, known: Mapping[Key, Law]) -> Iterator[Law]:

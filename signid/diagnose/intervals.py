@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +23,8 @@ from .whitened import columns_of, total
 STEP = 1e-3  # of a number, for derivatives
 UNTOLD = 1e-8  # share of a number's torque that nothing else makes: less does not tell it
 BLOCK = 8.0  # periods of the cut-off in which the motion becomes another
+FACTOR = ""  # the number of a law of which one factor of all numbers is unknown [1 of its value]
+Number = tuple[Law, str]  # one of the numbers of a law
 
 
 class Asked(NamedTuple):
@@ -49,10 +52,24 @@ def deviations(
 
     Source: Liang and Zeger, Longitudinal data analysis using generalized linear models, Biometrika 73, 1986.
     """
-    each = [law for own in laws.values() for law in own]
-    keys = [(law, key) for law in each for key in law.parameters]
-    std = iter(_spreads(setting, judge, found, _asked(setting, judge, found, laws, keys)) if keys else ())
-    return {group: [{key: float(next(std)) for key in law.parameters} for law in own] for group, own in laws.items()}
+    numbers = {group: _numbers(group, own) for group, own in laws.items()}
+    asked = any(numbers.values())
+    std = iter(_spreads(setting, judge, found, _asked(setting, judge, found, laws, numbers)) if asked else ())
+    return {group: list(_told(group, own, std)) for group, own in laws.items()}
+
+
+def _numbers(group: Group, own: Sequence[Law]) -> list[Number]:
+    """What is unknown of some laws."""
+    if group.claim.scaled:
+        return [(law, FACTOR) for law in own]
+    return [(law, key) for law in own for key in law.parameters]
+
+
+def _told(group: Group, own: Sequence[Law], std: Iterator[float]) -> Iterator[dict[str, float]]:
+    """Standard deviations of all numbers of some laws, from those of what is unknown of them."""
+    for law in own:
+        factor = float(next(std)) if group.claim.scaled else 0.0
+        yield {key: factor * abs(x) if group.claim.scaled else float(next(std)) for key, x in law.parameters.items()}
 
 
 def _spreads(setting: Setting, judge: Judge, found: Found, asked: Asked) -> Array:
@@ -106,15 +123,19 @@ def _blocks(setting: Setting) -> Indices:
 
 
 def _asked(
-    setting: Setting, judge: Judge, found: Found, laws: Mapping[Group, tuple[Law, ...]], keys: list[tuple[Law, str]]
+    setting: Setting,
+    judge: Judge,
+    found: Found,
+    laws: Mapping[Group, tuple[Law, ...]],
+    numbers: Mapping[Group, Sequence[Number]],
 ) -> Asked:
-    dispersion, evidence = spread(judge, found), judge.evidence
+    dispersion, evidence, keys = spread(judge, found), judge.evidence, [one for own in numbers.values() for one in own]
     slopes = {j: x for j, x in setting.whiten(_slopes(setting, keys)).items() if x.any()}
     beside = _beside(judge, found, [law for own in laws.values() for law in own], dispersion)
     precision, at, refitted = np.zeros((len(keys), len(keys))), 0, columns_of(evidence.refitted(found.trust))
     for group, own in laws.items():
-        count = sum(len(law.parameters) for law in own)
-        if all(set(law.effect.linear()) == set(law.parameters) for law in own) and count == group.size:
+        count, linear = len(numbers[group]), all(set(law.effect.linear()) == set(law.parameters) for law in own)
+        if linear and count == group.size and not group.claim.scaled:
             whole = evidence.precision((group,), np.ones(len(refitted) + count), found.trust)
             precision[at : at + count, at : at + count] = whole[-count:, -count:]
         at += count
@@ -139,20 +160,24 @@ def _beside(judge: Judge, found: Found, laws: list[Law], dispersion: Array) -> F
     return solve(which, gram, right, precision)
 
 
-def _slopes(setting: Setting, keys: list[tuple[Law, str]]) -> dict[int, Array]:
+def _slopes(setting: Setting, keys: list[Number]) -> dict[int, Array]:
     """Per joint, (M, d) change of torque with each number [torque per unit of the number]."""
     made = []
     for piece in setting.pieces:
         whole = np.zeros((setting.table.joints, len(piece.motion), len(keys)))
         for i, (law, key) in enumerate(keys):
-            x = law.parameters[key]
-            step = STEP * max(abs(x), _least(law, key))
-            ahead, behind = (Law(law.effect, law.joints, {**law.parameters, key: x + s}) for s in (step, -step))
+            step = STEP * (1.0 if key == FACTOR else max(abs(law.parameters[key]), _least(law, key)))
+            ahead, behind = (_moved(law, key, s) for s in (step, -step))
             rows = torque_of(ahead, piece.motion)
             for j, y in torque_of(behind, piece.motion).items():
                 whole[j, :, i] = (rows[j] - y) / (2 * step)
         made.append(dict(enumerate(whole)))
     return setting.thinned(made)
+
+
+def _moved(law: Law, key: str, step: float) -> Law:
+    changed = {k: x * (1 + step) for k, x in law.parameters.items()}
+    return replace(law, parameters=changed if key == FACTOR else {**law.parameters, key: law.parameters[key] + step})
 
 
 def _least(law: Law, key: str) -> float:

@@ -27,7 +27,7 @@ WEAK = 1e-9  # of the largest variance, scaled: the least that a covariance is i
 def known_before(model: Model, groups: Sequence[Group]) -> Known | None:
     """What identification left open of a simulation, as a prior about what it states; None where it carries nothing.
 
-    What the simulation does not have any more (a law that was taken out) does not count.
+    What the simulation does not have any more (a law that was taken out) is zero, not unknown.
 
     Args:
         model: the simulation.
@@ -38,7 +38,7 @@ def known_before(model: Model, groups: Sequence[Group]) -> Known | None:
     columns = _columns(model, groups)
     own = model.covariance
     there = np.array([label in columns for label in own.labels])
-    rows = np.isfinite(own.std) & (np.abs(own.combination) @ there > 0)
+    rows = np.isfinite(own.std)
     combination = own.combination[np.ix_(rows, there)]
     places = np.array([columns[label] for label, yes in zip(own.labels, there, strict=True) if yes], dtype=np.intp)
     covariance = own.matrix[np.ix_(rows, rows)]
@@ -66,12 +66,16 @@ def covariance_after(model: Model, evidence: Evidence, found: Found, extended: E
     place = {label.name: k for k, label in enumerate(base.labels)}
     sources = list(_columns(model, evidence.data.refitted).items())
     for group, own in extended.laws.items():
-        sources += _of_body(model, group, own) if group.claim.bodies else _of_laws(model, group, own)
+        sources += [] if group.claim.bodies else _of_laws(model, group, own)
     at = {int(column): k for k, column in enumerate(fit.which)}
     share = np.zeros((len(place), len(fit.which)))
     for name, column in sources:
         if name in place and column in at:
             share[place[name], at[column]] = 1.0
+    for group in (group for group in extended.laws if group.claim.bodies):
+        body, numbers = carried(model.robot, group.claim.laws[0].joints[0]) + 1, group.claim.numbers
+        for name, row in zip(INERTIAL, numbers, strict=False):
+            share[place[f"{name}_{body}"], fit.place(group)] = row
     mixed = base.combination @ share
     matrix = mixed @ fit.covariance @ mixed.T
     moved = np.isin(fit.which, columns_of([*found.true, *extended.refitted]))
@@ -98,11 +102,6 @@ def _columns(model: Model, groups: Sequence[Group]) -> dict[str, int]:
 def _of_laws(model: Model, group: Group, own: Sequence[Law]) -> list[tuple[str, int]]:
     names = [label.name for label in labels(model.robot, own)[10 * len(model.robot.links) :]]
     return [(name, group.start + k) for k, name in enumerate(names[: group.size])]
-
-
-def _of_body(model: Model, group: Group, own: Sequence[Law]) -> list[tuple[str, int]]:
-    body = carried(model.robot, own[0].joints[0]) + 1
-    return [(f"{name}_{body}", group.start + k) for k, name in enumerate(INERTIAL[: group.size])]
 
 
 def _is_base_law(law: Law) -> bool:

@@ -175,7 +175,7 @@ class Linear(Frozen):
                 deviation = np.array(group.deviation) * (trust if group.bodies else 1.0)
                 out[place, place] = np.diag(np.where(np.isinf(deviation), 0.0, np.maximum(deviation, 1e-150) ** -2.0))
             at += group.size
-        return out + self.information(columns_of(groups))
+        return out + self.information(columns_of(groups)) / max(trust, 1e-9) ** 2
 
     def own_precision(self, group: Group) -> Array:
         """(d, d) [1 per coefficient, squared] of the prior of a hypothesis that is taken for true."""

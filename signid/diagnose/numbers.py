@@ -31,11 +31,11 @@ def read_laws(group: Group, value: Array) -> tuple[Law, ...]:
         group: the hypothesis.
         value: (size,) coefficients [of each].
     """
-    out, at = list[Law](), 0
+    out, at, numbers_of_all = list[Law](), 0, group.claim.numbers @ value
     for law in group.claim.laws:
         effect = law.effect
         count = coefficient_count(law)
-        own = value[at : at + count]
+        own = numbers_of_all[at : at + count]
         numbers = effect.physical(own.tolist(), effect.shape(law.parameters)) if effect.linear() else law.parameters
         out.append(Law(effect, law.joints, dict(numbers)))
         at += count

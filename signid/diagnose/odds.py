@@ -77,6 +77,15 @@ class Judge(Frozen):
         """The hypotheses of single laws without a shape at some places, as far as there are."""
         return tuple(self.evidence.data.groups[self.keys[key][0]] for key in keys if key in self.keys)
 
+    def like(self, group: Group) -> Group:
+        """The first of the shapes of a hypothesis among these rows that has as many coefficients.
+
+        Args:
+            group: a hypothesis of other rows.
+        """
+        shapes = [self.evidence.data.groups[k] for k in self.keys[group.claim.key]]
+        return next((own for own in shapes if own.size == group.size), shapes[0])
+
     @cached_property
     def _grids(self) -> _Grids:
         counts = np.array([len(which) for which in self.keys.values()], dtype=np.intp)

@@ -47,7 +47,7 @@ def believe(hypothesis: Hypothesis, square: Array) -> Belief | None:
     if fixed is not None:
         return Belief(np.eye(len(square)) * fixed, 1.0, -1)
     units = [kind.unit for law in hypothesis.laws for kind in law.effect.linear().values()]
-    if hypothesis.laws and isinstance(hypothesis.laws[0].effect, BodyLaw) and "kg" in units:
+    if hypothesis.laws and not hypothesis.scaled and isinstance(hypothesis.laws[0].effect, BodyLaw) and "kg" in units:
         lever = np.array([LEVER ** _power(unit) for unit in units])
         return Belief(np.diag(lever / np.sqrt(lever**2 @ size**2)), 0.0, _positive(hypothesis))
     size = np.where(size < 1e-9 * size.max(), np.inf, size)

@@ -26,7 +26,6 @@ from .empirical import model_rest
 from .enough import enough
 from .evidence import Evidence
 from .explain import Explained, explain
-from .extend import stated_bodies
 from .fallback import never_worse
 from .findings import find
 from .group import dry_friction, lay_out
@@ -221,7 +220,7 @@ def _lasting(model: Model) -> Model:
 
 def _judge(model: Model, evidence: Evidence, skip: Sequence[str]) -> Judge:
     bodies = tuple(carried(model.robot, j) for j in range(len(model.robot.joints)))
-    own = Bodies(build_base(model.robot), stated_bodies(model))
+    own = Bodies(build_base(model.robot), model.whole_inertials())
     return Judge(evidence, len(list(EFFECTS)), len(skip), bodies, own)
 
 

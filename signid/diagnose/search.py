@@ -27,7 +27,7 @@ SHAPE_ERROR = 0.05  # of an effect that is taken for true: what its law leaves o
 BETTER = 2.0  # log odds by which another hypothesis must be better to take a place
 
 
-def search(judge: Judge, base: Array, start: Mapping[Key, float] | None = None) -> Found:
+def search(judge: Judge, base: Array, start: Mapping[Group, float] | None = None) -> Found:
     """Forward steps, after each an exchange: nothing stays that another hypothesis explains better.
 
     Args:
@@ -80,15 +80,17 @@ def log_prior(judge: Judge, found: Found) -> float:
     return sum(priors) - len(found.true) * float(np.log(NOTHING))
 
 
-def begin(judge: Judge, base: Array, start: Mapping[Key, float]) -> Found:
-    """Hypotheses that were selected among other rows, in any of their shapes; an exchange or a fit finds the best.
+def begin(judge: Judge, base: Array, start: Mapping[Group, float]) -> Found:
+    """Hypotheses that were selected among other rows, of as many coefficients, in any of their shapes.
+
+    An exchange or a fit finds the best shape.
 
     Args:
         judge: library and evidence.
         base: (n,) dispersion that no effect explains [1].
         start: the hypotheses, with the log odds that each was accepted by.
     """
-    log = {judge.evidence.data.groups[judge.keys[key][0]]: x for key, x in start.items() if key in judge.keys}
+    log = {judge.like(group): x for group, x in start.items() if group.claim.key in judge.keys}
     return Found(tuple(log), log, base, judge.evidence.trust(tuple(log), base))
 
 

@@ -8,7 +8,6 @@ from functools import cached_property
 
 import numpy as np
 
-from ..effects.law import coefficient_count
 from ..filters import Decimator
 from ..model import Model
 from ..rows import Task
@@ -89,7 +88,7 @@ def append(
         hypothesis: what the columns mean.
         columns: per joint (M, k) [torque per coefficient].
     """
-    size = sum(coefficient_count(law) for law in hypothesis.laws)
+    size = hypothesis.size
     group, white = Group(data.count, size, hypothesis), setting.whiten(columns)
     place, torque, made = list(data.place), list(data.torque), list(data.columns)
     for j, x in columns.items():

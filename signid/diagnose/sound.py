@@ -50,9 +50,9 @@ def _has_bodies(judge: Judge, true: Sequence[Group], base: Array, trust: float, 
     if own is None or law.effect.name not in ("link_inertia", "payload"):
         return True
     fit = judge.evidence.fit(true, base, trust)
-    place, body = fit.place(group), judge.carried[law.joints[0]]
+    place, body, numbers = fit.place(group), judge.carried[law.joints[0]], group.claim.numbers
     step = np.zeros_like(own.inertials)
-    step[body, : group.size] = fit.value[place]
+    step[body, : len(numbers)] = numbers @ fit.value[place]
     if is_possible(own.inertials, own.inertials + step):
         return True
     std = np.sqrt(np.diag(fit.covariance)[place])
@@ -61,8 +61,8 @@ def _has_bodies(judge: Judge, true: Sequence[Group], base: Array, trust: float, 
         if np.all(np.abs(value - fit.value[place]) <= NEAR * std):
             return answer
     covariance = np.diag(np.full(step.size, NARROW))
-    at = 10 * body + np.arange(group.size)
-    covariance[np.ix_(at, at)] += fit.covariance[place, place]
+    at = 10 * body + np.arange(len(numbers))
+    covariance[np.ix_(at, at)] += numbers @ fit.covariance[place, place] @ numbers.T
     near = nearest_bodies(own.base, own.inertials, step, covariance)
     asked.append((fit.value[place], near.feasible_without_moving or near.chi2 < IMPOSSIBLE * group.size))
     return asked[-1][1]
