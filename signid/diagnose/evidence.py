@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import logsumexp
 
-from ..types import Array
+from ..types import Array, Indices
 from .batches import Batch, View, batches, gather, log_factor, view
 from .components import Component
 from .fitted import Fitted
@@ -21,8 +21,8 @@ from .recent import Recent
 
 TRUST = np.array([0.0, 1.0, 2.0])  # of the tolerance of inertials: how far they are off
 TRUST_PRIOR = np.log([0.5, 0.4, 0.1])
-KNOWN = np.array([1.0, 2.5])
-KNOWN_PRIOR = np.log([0.6, 0.4])
+KNOWN = np.array([1.0, 2.5, 6.0, 15.0])
+KNOWN_PRIOR = np.log([0.4, 0.3, 0.2, 0.1])
 TOLD, LEFTS = 256, 16  # answers for some joints that are kept
 
 
@@ -60,10 +60,16 @@ class Evidence(Linear):
         fits = [self.fit([group for group in true if group in kept], dispersion, trust) for trust in self.scales]
         weight = self.scale_prior + np.array([fit.log_evidence for fit in fits])
         weight = weight - logsumexp(weight)
-        factors = np.array([self._factors(true, dispersion, trust, without) for trust in self.scales])
-        factors = factors + weight[:, None]
+        asked = self._asked(weight)
+        factors = np.array([self._factors(true, dispersion, trust, without) for trust in self.scales[asked]])
+        factors = factors + weight[asked, None]
         factors[:, [k for k, group in enumerate(self.data.groups) if group in kept]] = np.nan
         return np.asarray(logsumexp(factors, axis=0)), np.exp(weight)
+
+    def _asked(self, weight: Array) -> Indices:
+        """Which scales hypotheses are asked at: the likeliest, and the next below, which one may make likelier."""
+        likeliest = int(np.argmax(weight))
+        return np.arange(max(likeliest - 1, 0), likeliest + 1) if self.informed else np.arange(len(weight))
 
     def trust(self, true: Sequence[Group], dispersion: Array) -> float:
         """The likeliest distrust of the inertials.

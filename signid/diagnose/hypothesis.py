@@ -130,7 +130,9 @@ def _scaled_links(model: Model, skip: Sequence[str]) -> Iterator[Hypothesis]:
     for joint in range(len(model.robot.joints)):
         own = bodies[carried(model.robot, joint)]
         if own[0] > 0:
-            yield Hypothesis((Law(effect, (joint,), dict(zip(effect.parameters, own.tolist(), strict=True))),), scaled=True)
+            yield Hypothesis(
+                (Law(effect, (joint,), dict(zip(effect.parameters, own.tolist(), strict=True))),), scaled=True
+            )
 
 
 def _as_stated(effect: Effect, known: Mapping[Key, Law]) -> Iterator[Law]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
 
@@ -19,6 +19,7 @@ from .recent import Recent
 from .whitened import Block, Gram, Whitened, columns_of, mean_products, total
 
 FITS, PARTS, SQUARES, ACROSS = 64, 256, 32, 4  # that are kept
+UNTRUSTED = 1e-9  # least scale of the deviations
 FLAT = 1e-6  # of the Gram's diagonal: prior precision of what is not known at all
 
 
@@ -29,24 +30,40 @@ class Known(NamedTuple):
     information: Array  # (k, k) [1 per coefficient, squared] inverse of their covariance
 
 
+class Memory:
+    """What was computed of some columns; it stays when rows get more of them."""
+
+    def __init__(self) -> None:
+        self.beliefs, self.precisions, self.imitated = (
+            dict[Group, Belief | None](),
+            dict[Group, Array](),
+            dict[Group, float](),
+        )
+        self.fits, self.parts, self.components = (
+            Recent[Fitted](FITS),
+            Recent[Fitted](PARTS),
+            Recent[tuple[Component, ...]](FITS),
+        )
+        self.squares, self.stated = Recent[Gram](SQUARES), Recent[Array](SQUARES)
+
+
 @dataclass(frozen=True, eq=False)
 class Linear(Frozen):
     """The rows' normal equations; products are made once for each hypothesis that is taken for true."""
 
     data: Whitened
     known: Known | None = None  # what other recordings say of bodies and laws
+    memory: Memory = field(default_factory=Memory, repr=False)
 
     @cached_property
     def beliefs(self) -> dict[Group, Belief | None]:
         """Of every hypothesis."""
-        data = self.data
-        return {
-            group: believe(
-                group.hypothesis, mean_products({j: data.raw(j, group) for j in data.rows(group)}, data.scale)
-            )
-            for group in data.groups
-            if group.hypothesis is not None
-        }
+        kept = self.memory.beliefs
+        for group in self.data.groups:
+            if group.hypothesis is not None and group not in kept:
+                torque = {j: self.data.raw(j, group) for j in self.data.rows(group)}
+                kept[group] = believe(group.hypothesis, mean_products(torque, self.data.scale))
+        return {group: kept[group] for group in self.data.groups if group.hypothesis is not None}
 
     def fit(self, true: Sequence[Group], dispersion: Array, trust: float) -> Fitted:
         """Everything that is refitted, and some hypotheses that are taken for true.
@@ -57,11 +74,7 @@ class Linear(Frozen):
             trust: of the tolerance of inertials, how far they are off.
         """
         key = (tuple(true), dispersion.tobytes(), trust)
-        return self._fits(key, lambda: self._fit(true, dispersion, trust))
-
-    @cached_property
-    def _fits(self) -> Recent[Fitted]:
-        return Recent(FITS)
+        return self.memory.fits(key, lambda: self._fit(true, dispersion, trust))
 
     def _fit(self, true: Sequence[Group], dispersion: Array, trust: float) -> Fitted:
         fits = [self.part(one, dispersion[list(one.joints)], trust) for one in self.components(true, trust)]
@@ -69,11 +82,7 @@ class Linear(Frozen):
 
     def components(self, true: Sequence[Group], trust: float) -> tuple[Component, ...]:
         """Joints that are fitted together."""
-        return self._components((tuple(true), trust > 0), lambda: self._split(true, trust))
-
-    @cached_property
-    def _components(self) -> Recent[tuple[Component, ...]]:
-        return Recent(FITS)
+        return self.memory.components((tuple(true), trust > 0), lambda: self._split(true, trust))
 
     def _split(self, true: Sequence[Group], trust: float) -> tuple[Component, ...]:
         refitted = self.refitted(trust)
@@ -89,15 +98,11 @@ class Linear(Frozen):
             trust: of the tolerance of inertials, how far they are off.
         """
         key = (component, dispersion.tobytes(), trust)
-        return self._parts(key, lambda: self._part(component, dispersion, trust))
-
-    @cached_property
-    def _parts(self) -> Recent[Fitted]:
-        return Recent(PARTS)
+        return self.memory.parts(key, lambda: self._part(component, dispersion, trust))
 
     def _part(self, component: Component, dispersion: Array, trust: float) -> Fitted:
         which = columns_of(component.groups)
-        square = self._squares(component, lambda: self._square(component, which))
+        square = self.memory.squares(component, lambda: self._square(component, which))
         gram = total(square, dispersion, (len(which),) * 2)
         right = (self.data.right[list(component.joints)][:, which] / dispersion[:, None]).sum(0)
         return solve(which, gram, right, self._precision(component.refitted, component.true, np.diag(gram), trust))
@@ -166,47 +171,44 @@ class Linear(Frozen):
             groups: refitted ones first, then selected hypotheses.
             trust: of the tolerance of inertials, how far they are off.
         """
-        out, at = np.zeros((sum(g.size for g in groups),) * 2), 0
-        for group in groups:
+        stated = tuple(group for group in groups if group.hypothesis is None)
+        first = self.memory.stated((stated, trust), lambda: self._stated_precision(stated, trust))
+        out, at = np.zeros((sum(g.size for g in groups),) * 2), len(first)
+        out[:at, :at] = first
+        for group in groups[len(stated) :]:
             place = slice(at, at + group.size)
-            if group.hypothesis is not None:
-                out[place, place] = self.own_precision(group)
-            else:
-                deviation = np.array(group.deviation) * (trust if group.bodies else 1.0)
-                out[place, place] = np.diag(np.where(np.isinf(deviation), 0.0, np.maximum(deviation, 1e-150) ** -2.0))
+            out[place, place] = self.own_precision(group)
             at += group.size
-        return out + self.information(columns_of(groups)) / max(trust, 1e-9) ** 2
+        return out
+
+    def _stated_precision(self, groups: Sequence[Group], trust: float) -> Array:
+        """(k, k) [1 per coefficient, squared] of the prior of what the simulation states."""
+        deviation = np.array([x * (trust if group.bodies else 1.0) for group in groups for x in group.deviation])
+        own = np.diag(np.where(np.isinf(deviation), 0.0, np.maximum(deviation, 1e-150) ** -2.0))
+        return np.asarray(own + self.information(columns_of(groups)) / max(trust, UNTRUSTED) ** 2)
 
     def own_precision(self, group: Group) -> Array:
         """(d, d) [1 per coefficient, squared] of the prior of a hypothesis that is taken for true."""
-        if group not in self._precisions:
+        if group not in self.memory.precisions:
             belief = self.beliefs[group]
             assert belief is not None, "what does not show is never taken for true"
             covariance = WIDE**2 * belief.spread @ belief.spread.T
             scale = np.sqrt(np.maximum(np.diag(covariance), 1e-200))
             inverse = np.linalg.inv(covariance / scale / scale[:, None] + 1e-9 * np.eye(group.size))
-            self._precisions[group] = inverse / scale / scale[:, None]
-        return self._precisions[group]
-
-    @cached_property
-    def _precisions(self) -> dict[Group, Array]:
-        return {}
+            self.memory.precisions[group] = inverse / scale / scale[:, None]
+        return self.memory.precisions[group]
 
     def imitated(self, group: Group) -> float:
         """Share of a hypothesis's torque that wrong inertials and the other refitted terms can make [1]."""
-        if group not in self._imitated:
+        if group not in self.memory.imitated:
             data, left, whole = self.data, 0.0, 0.0
             for j in data.rows(group):
                 x = data.part(j, group)
                 x = x[:, :1] if group.size == 1 else x @ np.ones((group.size, 1))
                 rest = leave(x, data.chosen(j, columns_of(data.refitted))[1])
                 left, whole = left + float(np.sum(rest**2)), whole + float(np.sum(x**2))
-            self._imitated[group] = 1 - left / whole if whole > 0 else 0.0
-        return self._imitated[group]
-
-    @cached_property
-    def _imitated(self) -> dict[Group, float]:
-        return {}
+            self.memory.imitated[group] = 1 - left / whole if whole > 0 else 0.0
+        return self.memory.imitated[group]
 
     def _square(self, component: Component, which: Indices) -> Gram:
         """Products of all that is fitted to some joints with each other."""
@@ -231,7 +233,3 @@ class Linear(Frozen):
     @cached_property
     def _seen(self) -> dict[Group, Gram]:
         return {}
-
-    @cached_property
-    def _squares(self) -> Recent[Gram]:
-        return Recent(SQUARES)

@@ -1,0 +1,93 @@
+"""What identification left open of a simulation, links that are heavier as a whole, and intervals from parts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from diagnosed import named, posed, read, recorded, simulation
+from random_rows import BODIES, DISPERSION, rows
+
+import signid
+from signid.basis import build_base
+from signid.covariance import base_covariance
+from signid.diagnose.evidence import KNOWN, Evidence
+from signid.diagnose.group import Group, lay_out
+from signid.diagnose.knowledge import known_before
+from signid.diagnose.linear import Known
+from signid.diagnose.numbers import read_laws
+from signid.diagnose.whitened import columns_of
+from signid.model import Model
+
+LIGHTER = 0.7  # of the mass of a link, and of all its inertia
+LINK = 1  # the second
+
+
+@pytest.mark.parametrize(("off", "scale"), [(0.0, KNOWN[0]), (2.0, KNOWN[-1])])
+def test_recordings_tell_how_far_a_model_is_off(off: float, scale: float) -> None:
+    evidence, which = rows(7, 0.0, off), columns_of([BODIES])
+    known = Evidence(evidence.data, Known(which, 30.0 * np.eye(2)))  # a standard deviation of .18
+    assert known.trust((), DISPERSION) == scale
+
+
+def test_stated_numbers_go_further_where_they_are_off() -> None:
+    evidence, which = rows(7, 0.0, 2.0), columns_of([BODIES])
+    known = Evidence(evidence.data, Known(which, 30.0 * np.eye(2)))
+    steps = [known.fit((), DISPERSION, scale).value[1] for scale in KNOWN]
+    assert all(np.diff(steps) > 0) and steps[-1] == pytest.approx(2.0, rel=0.2)
+
+
+def test_a_law_that_was_taken_out_is_zero_not_unknown() -> None:
+    model = simulation("1r")
+    base = build_base(model.robot, model.laws)
+    root = np.random.default_rng(0).standard_normal((len(base.combination),) * 2)
+    spread = root @ root.T + np.eye(len(root))
+    whole = replace(model, covariance=base_covariance(base, np.ones(len(root)), spread))
+    less = replace(whole, laws=tuple(law for law in model.laws if law.effect.name != "viscous_friction"))
+    with_it, without = (_known(one) for one in (whole, less))
+    assert set(without) < set(with_it)
+    for one in without:
+        for other in without:
+            assert without[one][other] == pytest.approx(with_it[one][other], rel=1e-6)
+
+
+def _known(model: Model) -> dict[str, dict[str, float]]:
+    """Information on each column, by what it is of."""
+    motion = posed("1r").setting.pieces[0].motion
+    groups = lay_out(model, motion, [], np.zeros(1))
+    found = known_before(model, groups)
+    assert found is not None
+    names = [f"{_name(group)} {k}" for group in groups for k in range(group.size) if group.start + k in found.columns]
+    return {
+        name: dict(zip(names, row.tolist(), strict=True)) for name, row in zip(names, found.information, strict=True)
+    }
+
+
+def _name(group: Group) -> str:
+    return "body" if group.law is None else group.law.effect.name
+
+
+def test_a_link_that_is_heavier_as_a_whole() -> None:
+    model = simulation("3r")
+    inertials = model.inertials.copy()
+    inertials[LINK] *= LIGHTER
+    found = signid.diagnose(replace(model, inertials=inertials), read("3r", recorded("3r")))
+    assert named(found) == [("link_inertia", (LINK,))]
+    (finding,) = found.findings
+    lacking = dict(zip(finding.law.parameters, (model.inertials - inertials)[LINK], strict=True))
+    assert all(abs(finding.law.parameters[key] - x) <= 3 * finding.std[key] + 1e-12 for key, x in lacking.items())
+    assert 0 < finding.std["mass"] < 0.05 * lacking["mass"]  # ten free numbers would leave the mass open
+
+
+def test_a_factor_is_all_numbers_of_a_link() -> None:
+    question = posed("3r")
+    groups = [question.judge.evidence.data.groups[k] for k in question.judge.keys["link_inertia", (LINK,)]]
+    free, scaled = sorted(groups, key=lambda group: -group.size)
+    assert (free.size, scaled.size) == (10, 1) and question.judge.like(scaled) is scaled
+    inertials = simulation("3r").inertials[LINK]
+    (law,) = read_laws(scaled, np.array([0.3]))
+    np.testing.assert_allclose(list(law.parameters.values()), 0.3 * inertials)
+    for j in question.judge.evidence.data.rows(scaled):
+        one, ten = (question.judge.evidence.data.raw(j, group) for group in (scaled, free))
+        np.testing.assert_allclose(one[:, 0], ten @ inertials, atol=1e-9)
