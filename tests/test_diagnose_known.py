@@ -12,7 +12,7 @@ from random_rows import BODIES, DISPERSION, rows
 import signid
 from signid.basis import build_base
 from signid.covariance import base_covariance
-from signid.diagnose.evidence import KNOWN, Evidence
+from signid.diagnose.evidence import FURTHER, KNOWN, Evidence
 from signid.diagnose.group import Group, lay_out
 from signid.diagnose.knowledge import known_before
 from signid.diagnose.linear import Known
@@ -34,8 +34,9 @@ def test_recordings_tell_how_far_a_model_is_off(off: float, scale: float) -> Non
 def test_stated_numbers_go_further_where_they_are_off() -> None:
     evidence, which = rows(7, 0.0, 2.0), columns_of([BODIES])
     known = Evidence(evidence.data, Known(which, 30.0 * np.eye(2)))
-    steps = [known.fit((), DISPERSION, scale).value[1] for scale in KNOWN]
+    steps = [known.fit((), DISPERSION, scale).value[1] for scale in FURTHER]
     assert all(np.diff(steps) > 0) and steps[-1] == pytest.approx(2.0, rel=0.2)
+    assert known.distance((), DISPERSION) > KNOWN[-1]
 
 
 def test_a_law_that_was_taken_out_is_zero_not_unknown() -> None:

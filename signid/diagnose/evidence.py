@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import logsumexp
 
-from ..types import Array, Indices
+from ..types import Array
 from .batches import Batch, View, batches, gather, log_factor, view
 from .components import Component
 from .fitted import Fitted
@@ -21,8 +21,9 @@ from .recent import Recent
 
 TRUST = np.array([0.0, 1.0, 2.0])  # of the tolerance of inertials: how far they are off
 TRUST_PRIOR = np.log([0.5, 0.4, 0.1])
-KNOWN = np.array([1.0, 2.5, 6.0, 15.0])
-KNOWN_PRIOR = np.log([0.4, 0.3, 0.2, 0.1])
+KNOWN = np.array([1.0, 2.5])  # of the deviations that a model carries: how far the recordings may be off it
+KNOWN_PRIOR = np.log([0.6, 0.4])
+FURTHER = np.array([1.0, 2.5, 6.0, 15.0])  # the same, when intervals are asked for
 TOLD, LEFTS = 256, 16  # answers for some joints that are kept
 
 
@@ -60,16 +61,10 @@ class Evidence(Linear):
         fits = [self.fit([group for group in true if group in kept], dispersion, trust) for trust in self.scales]
         weight = self.scale_prior + np.array([fit.log_evidence for fit in fits])
         weight = weight - logsumexp(weight)
-        asked = self._asked(weight)
-        factors = np.array([self._factors(true, dispersion, trust, without) for trust in self.scales[asked]])
-        factors = factors + weight[asked, None]
+        factors = np.array([self._factors(true, dispersion, trust, without) for trust in self.scales])
+        factors = factors + weight[:, None]
         factors[:, [k for k, group in enumerate(self.data.groups) if group in kept]] = np.nan
         return np.asarray(logsumexp(factors, axis=0)), np.exp(weight)
-
-    def _asked(self, weight: Array) -> Indices:
-        """Which scales hypotheses are asked at: the likeliest, and the next below, which one may make likelier."""
-        likeliest = int(np.argmax(weight))
-        return np.arange(max(likeliest - 1, 0), likeliest + 1) if self.informed else np.arange(len(weight))
 
     def trust(self, true: Sequence[Group], dispersion: Array) -> float:
         """The likeliest distrust of the inertials.
@@ -80,6 +75,17 @@ class Evidence(Linear):
         """
         told = [self.fit(true, dispersion, trust).log_evidence for trust in self.scales]
         return float(self.scales[int(np.argmax(told + self.scale_prior))])
+
+    def distance(self, true: Sequence[Group], dispersion: Array) -> float:
+        """How far the recordings are off the model, in deviations that it carries, whatever that would explain [1].
+
+        Args:
+            true: hypotheses that are taken for true.
+            dispersion: (n,) variance of the whitened residual [1].
+        """
+        if not self.informed:
+            return self.trust(true, dispersion)
+        return float(max(FURTHER, key=lambda scale: self.fit(true, dispersion, scale).log_evidence))
 
     @property
     def informed(self) -> bool:

@@ -58,6 +58,7 @@ def deviations(
     Source: Bell and McCaffrey, Bias reduction in standard errors for linear regression with multi-stage samples,
     Survey Methodology 28(2), 2002 (the jackknife over clusters, and Student's t).
     """
+    found = replace(found, trust=judge.evidence.distance(found.true, found.base))
     numbers = {group: _numbers(group, own) for group, own in laws.items()}
     asked = any(numbers.values())
     std = iter(_spreads(setting, judge, found, _asked(setting, judge, found, laws, numbers)) if asked else ())
