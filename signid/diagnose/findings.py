@@ -34,6 +34,7 @@ from .verdict import Verdict
 UNSURE = 0.95  # probability below which a cause is flagged
 LISTED = 4  # rivals of a finding whose separating motion is sought
 SEPARATED = 2 * LISTED  # rivals of all findings together: each search simulates several motions
+REFUSED = 0.0  # log odds that a law has at most if the extended simulation is better without it
 PLAUSIBLE = 0.05  # probability of a rival above which a separating motion is sought
 
 
@@ -77,13 +78,13 @@ def find(
     order = [*verdict.causes, *verdict.secondary]
     extended = hand_out(session, setting.model, judge, found, order)
     laws, shown = extended.laws, extended.shown
-    slots = [with_held_out(slot, extended.support[slot.group]) for slot in slots]
+    slots = [_judged(slot, extended) for slot in slots]
     if order:
         covariance = covariance_after(shown.model, judge.evidence, found, extended)
         shown = shown._replace(model=replace(shown.model, covariance=covariance))
     gains = extended.gain
     verdict = verdict.without({slot.group for slot in slots if slot.probability < DOUBT})
-    verdict = verdict.raised(slots, gains)
+    verdict = verdict.raised(slots, gains).confirmed(extended.kept)
     cases = [
         _Case(setting, judge, found, slot, "cause" if group in verdict.causes else "secondary", extended, seed)
         for group in (*verdict.causes, *verdict.secondary)
@@ -100,6 +101,13 @@ def find(
         tolerance=float(np.max(np.sqrt(verdict.threshold / judge.evidence.data.counts) * floor / scale)),
         flags=tuple(_flags(setting, findings, verdict)),
     )
+
+
+def _judged(slot: Slot, extended: Extended) -> Slot:
+    """How sure a hypothesis is after the held-out rows; what they speak against is no likelier than not."""
+    refused = not extended.holds(slot.group)
+    limited = replace(slot, most=min(slot.most, REFUSED)) if refused else slot
+    return with_held_out(limited, extended.support[slot.group])
 
 
 def _findings(
@@ -208,7 +216,8 @@ def _flags(setting: Setting, findings: Sequence[Finding], verdict: Verdict) -> I
             f"{are} not in the extended simulation"
         )
     for finding in findings:
-        if finding.role == "cause" and finding.probability < UNSURE and verdict.name == "named":
+        unsure = finding.probability < UNSURE and finding.in_model  # of others it is said above
+        if finding.role == "cause" and unsure and verdict.name == "named":
             rivals = ", ".join(f"{spoken(a.law, robot)} ({a.probability:.0%})" for a in finding.alternatives[:3])
             yield (
                 f"{spoken(finding.law, robot)} is one of several that explain the recordings "

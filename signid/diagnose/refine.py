@@ -11,6 +11,7 @@ from ..deadline import show_step, time_is_up
 from ..effects import EFFECTS
 from ..effects.base import Effect, RecordingLaw
 from ..optimisers import OPTIMISERS, Problem
+from ..optimisers.base import Optimum
 from ..types import Array, Law
 from .fitted import Fitted
 from .found import Found
@@ -23,6 +24,7 @@ from .sizes import measure_sizes
 
 EVALUATIONS = 20  # for each shape
 REACH = 1.6  # by which a shape may be changed, as a factor
+FURTHER, AT_THE_END = 4, 0.99  # times that the size of a law of the record may reach further; share of the reach
 ENDS, SAMPLES = ("start", "end"), 6  # of a window; by so many samples each is moved at last
 WINDOW = 0.5  # [s] by which the ends of a window may be moved
 ALGORITHM = "LN_BOBYQA"
@@ -119,12 +121,22 @@ def _polish(
     zero = np.zeros(len(keys))
     if not keys:
         return -cost(zero), known, setting.columns(known)
-    problem = Problem(cost, zero - 1, zero + 1, zero, search=SEARCH)
-    best = OPTIMISERS["nlopt"].minimise(problem, algorithm=ALGORITHM, budget_evaluations=EVALUATIONS * len(keys))
+    best = _minimised(cost, zero, FURTHER if known.finite else 0)
     ends = [k for k, key in enumerate(keys) if key in ENDS]
     value, x = _stepped(cost, best.value, best.x, ends, setting.pieces[0].motion.dt / WINDOW)
     chosen = hypothesis(x)
     return -value, chosen, setting.columns(chosen)
+
+
+def _minimised(cost: Callable[[Array], float], start: Array, further: int) -> Optimum:
+    """The best steps within reach of some, and of the best of these where it is as far as they reach."""
+    budget = EVALUATIONS * len(start)
+    while True:
+        problem = Problem(cost, start - 1, start + 1, start, search=SEARCH)
+        best = OPTIMISERS["nlopt"].minimise(problem, algorithm=ALGORITHM, budget_evaluations=budget)
+        if further == 0 or np.all(np.abs(best.x - start) < AT_THE_END) or time_is_up(SEARCH):
+            return best
+        start, further = best.x, further - 1
 
 
 def _stepped(

@@ -67,6 +67,14 @@ class Verdict(Frozen):
         secondary = tuple(group for group in self.secondary if group not in more)
         return replace(self, causes=(*self.causes, *more), secondary=secondary)
 
+    def confirmed(self, kept: Collection[Group]) -> Verdict:
+        """With causes that held-out rows speak for before those that they speak against.
+
+        Args:
+            kept: the hypotheses that they speak for.
+        """
+        return replace(self, causes=tuple(sorted(self.causes, key=lambda group: group not in kept)))
+
 
 def decide(setting: Setting, judge: Judge, found: Found, slots: Sequence[Slot]) -> Verdict:
     """Named, unknown, or nothing missing.
