@@ -22,7 +22,7 @@ from .recent import Recent
 TRUST = np.array([0.0, 1.0, 2.0])  # of the tolerance of inertials: how far they are off
 TRUST_PRIOR = np.log([0.5, 0.4, 0.1])
 KNOWN = np.array([1.0, 2.5])  # of the deviations that a model carries: how far the recordings may be off it
-KNOWN_PRIOR = np.log([0.6, 0.4])
+KNOWN_PRIOR = np.log([0.95, 0.05])
 FURTHER = np.array([1.0, 2.5, 6.0, 15.0])  # the same, when intervals are asked for
 TOLD, LEFTS = 256, 16  # answers for some joints that are kept
 

@@ -24,7 +24,7 @@ from .sizes import measure_sizes
 
 EVALUATIONS = 20  # for each shape
 REACH = 1.6  # by which a shape may be changed, as a factor
-FURTHER, AT_THE_END = 4, 0.99  # times that the size of a law of the record may reach further; share of the reach
+FURTHER, AT_THE_END = 4, 0.99  # times that the size of a law of the record may become larger still; share of the reach
 ENDS, SAMPLES = ("start", "end"), 6  # of a window; by so many samples each is moved at last
 WINDOW = 0.5  # [s] by which the ends of a window may be moved
 ALGORITHM = "LN_BOBYQA"
@@ -129,12 +129,12 @@ def _polish(
 
 
 def _minimised(cost: Callable[[Array], float], start: Array, further: int) -> Optimum:
-    """The best steps within reach of some, and of the best of these where it is as far as they reach."""
+    """The best steps within reach of some, and of the best of these where it is as large as they reach."""
     budget = EVALUATIONS * len(start)
     while True:
         problem = Problem(cost, start - 1, start + 1, start, search=SEARCH)
         best = OPTIMISERS["nlopt"].minimise(problem, algorithm=ALGORITHM, budget_evaluations=budget)
-        if further == 0 or np.all(np.abs(best.x - start) < AT_THE_END) or time_is_up(SEARCH):
+        if further == 0 or np.all(best.x - start < AT_THE_END) or time_is_up(SEARCH):
             return best
         start, further = best.x, further - 1
 

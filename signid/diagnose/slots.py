@@ -107,9 +107,9 @@ def _slot(
     penalty = 0.0 if time_is_up(SEARCH) else likelihood.penalty(group)
     log = (odds[own].log if own in odds else found.log_odds[group]) + penalty
     logs = {key: o.log - max(0.0, beside[key].log if key in beside else 0.0) for key, o in odds.items()}
-    for key in (key for key, o in odds.items() if o.best.claim.unknown):
-        logs[key] -= INEXACT**2 * max(0.0, odds[own].log if own in odds else 0.0)
     left = _leftovers(judge, group, odds, sizes)
+    for key in (key for key, o in odds.items() if o.best.claim.unknown):
+        logs[key] -= INEXACT**2 / 2 * left[own]
     highest = max(logs.values())
     near = [key for key, x in logs.items() if highest - x < NEAR and key != own and not odds[key].best.claim.unknown]
     for key in near:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..residual import leave
 from ..types import Array, Frozen, Mask
 from .found import Found
 from .group import Group
@@ -95,7 +96,8 @@ def decide(setting: Setting, judge: Judge, found: Found, slots: Sequence[Slot]) 
     clear = max((o.log for o in found.first.values() if o.best.claim.unknown), default=-np.inf)
     threshold = NOTICED * np.sqrt(2 * count) + count * (DISCREPANCY * scale / noise.least) ** 2
     threshold = threshold * (CLEARLY if clear > CLEAR and not found.true else 1.0)
-    energy = {group: _weight(judge, sizes, rest, group) for group in found.true}
+    left = np.sqrt(np.mean(rest**2, axis=0))
+    energy = {group: _weight(judge, sizes, left, group) for group in found.true}
     largest = max(energy.values(), default=0.0)
     ranked = sorted(found.true, key=lambda group: -energy[group])
     causes = tuple(group for group in ranked if energy[group] >= CAUSE * largest)
@@ -120,23 +122,27 @@ def _excess(setting: Setting, counts: Array, rest: Array) -> Array:
     return np.asarray(np.sum((rest[order:][kept] * weight / noise.least) ** 2, axis=0) - counts)
 
 
-def _weight(judge: Judge, sizes: Sizes, rest: Array, group: Group) -> float:
-    """How much a law matters [1]: by how much the mean square of what is left grows without it.
+def _weight(judge: Judge, sizes: Sizes, left: Array, group: Group) -> float:
+    """How much a law matters [1]: its mean square torque over that of what all leave, and over that of all torque.
 
-    Over the geometric mean of what is left and of all torque, summed over joints; a square root, as of torque.
+    Geometric means of both, and of all its torque and what no other law could make; of bodies, what they make as found,
+    since they may not be of any size. Summed over joints.
 
     Args:
         judge: library and evidence.
         sizes: of the selected laws.
-        rest: (M, n) [N.m or N] what all laws together leave.
+        left: (n,) rms of what all laws together leave [N.m or N].
         group: one of them.
     """
     data, size = judge.evidence.data, 0.0
     for j in data.rows(group):
-        torque, left = data.raw(j, group) @ sizes.value[group], float(np.mean(rest[:, j] ** 2))
-        more = float(np.mean((rest[:, j] + torque) ** 2)) - left
-        size += more / max(float(np.sqrt(left) * data.scale[j]), 1e-300)
-    return float(np.sqrt(max(size, 0.0)))
+        torque = data.raw(j, group) @ sizes.value[group]
+        beside = [(g, x) for g, x in sizes.value.items() if g is not group and j in data.rows(g)]
+        others = [data.raw(j, g) @ x if g.claim.bodies else data.raw(j, g) for g, x in beside]
+        alone = leave(torque, np.column_stack(others)) if others else torque
+        own = float(np.sqrt(np.mean(alone**2) * np.mean(torque**2)))
+        size += own / max(float(left[j] * data.scale[j]), 1e-300)
+    return float(np.sqrt(size))
 
 
 def _abstains(joints: int, causes: Sequence[Group], excess: tuple[Array, Array, Array], first: Slot) -> bool:
