@@ -8,10 +8,13 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from signid.diagnose.findings import _judged
 from signid.diagnose.fitted import solve
 from signid.diagnose.handout import _change
 from signid.diagnose.noise import LONGEST, _damped
 from signid.diagnose.prove import Rows
+from signid.diagnose.refine import _minimised
+from signid.diagnose.slots import Slot
 from signid.diagnose.steady import steadiness
 from signid.types import Array
 
@@ -93,3 +96,16 @@ def test_noise_decays() -> None:
     assert roots.max() == pytest.approx(LONGEST)
     fast = np.array([0.5, -0.1, 0.0, 0.0])
     np.testing.assert_array_equal(_damped(fast), fast)
+
+
+@pytest.mark.parametrize(("kept", "likely"), [(True, 0.999), (False, 0.5)])
+def test_a_law_that_is_left_out_is_no_likelier_than_not(kept: bool, likely: float) -> None:
+    slot = Slot(cast(Any, KEY), 0.9999, 0.0, {}, 9.2)
+    extended = SimpleNamespace(holds=lambda _: kept, support={KEY: 0.0})
+    assert _judged(slot, cast(Any, extended)).probability == pytest.approx(likely, abs=0.001)
+
+
+@pytest.mark.parametrize(("best", "further", "found"), [(0.4, 0, 0.4), (2.5, 0, 1.0), (2.5, 4, 2.5), (-2.5, 4, -1.0)])
+def test_sizes_in_the_record_are_reached_outwards(best: float, further: int, found: float) -> None:
+    steps = _minimised(lambda x: float((x[0] - best) ** 2), np.zeros(1), further)
+    assert steps.x[0] == pytest.approx(found, abs=0.02)
