@@ -60,9 +60,9 @@ def deviations(
     """
     found = replace(found, trust=judge.evidence.distance(found.true, found.base))
     numbers = {group: _numbers(group, own) for group, own in laws.items()}
-    asked = any(numbers.values())
-    std = iter(_spreads(setting, judge, found, _asked(setting, judge, found, laws, numbers)) if asked else ())
-    return {group: list(_told(group, own, std)) for group, own in laws.items()}
+    some = any(numbers.values())
+    std = iter(_spreads(setting, judge, found, _asked(setting, judge, found, laws, numbers)) if some else ())
+    return {group: list(_of_each(group, own, std)) for group, own in laws.items()}
 
 
 def _numbers(group: Group, own: Sequence[Law]) -> list[Number]:
@@ -72,7 +72,7 @@ def _numbers(group: Group, own: Sequence[Law]) -> list[Number]:
     return [(law, key) for law in own for key in law.parameters]
 
 
-def _told(group: Group, own: Sequence[Law], std: Iterator[float]) -> Iterator[dict[str, float]]:
+def _of_each(group: Group, own: Sequence[Law], std: Iterator[float]) -> Iterator[dict[str, float]]:
     """Standard deviations of all numbers of some laws, from those of what is unknown of them."""
     for law in own:
         factor = float(next(std)) if group.claim.scaled else 0.0
