@@ -14,7 +14,6 @@ from .found import Found
 from .group import Group
 from .numbers import has_possible_numbers
 from .odds import Judge
-from .sizes import measure_sizes
 
 APPROXIMATE, CLIPPED = (0.3, 2.0), (0.6, 1.5)  # coefficients of laws that are there (1) or not
 LEAST = 0.007  # share of some joint's torque that an effect needs
@@ -28,16 +27,16 @@ def is_sound(judge: Judge, state: Found, group: Group) -> bool:
     """Whether an effect is large enough, possible, says something new, and is near 1 where it has no number."""
     true = (*state.true, group)
     trust = judge.evidence.trust(true, state.base)
-    sizes = measure_sizes(judge.evidence, true, state.base, trust)
-    belief, value = judge.evidence.beliefs[group], sizes.value[group]
+    fit, data = judge.evidence.fit(true, state.base, trust), judge.evidence.data
+    belief, value = judge.evidence.beliefs[group], fit.value[fit.place(group)]
     assert belief is not None, "hypotheses have beliefs"
     low, high = CLIPPED if isinstance(group.claim.laws[0].effect, ActuatorLaw) else APPROXIMATE
-    if sizes.share[group].max() < LEAST or (belief.mean and not low < value[0] < high):
+    rms = [np.sqrt(np.mean((data.raw(j, group) @ value) ** 2)) / data.scale[j] for j in data.rows(group)]
+    if max(rms) < LEAST or (belief.mean and not low < value[0] < high):
         return False
     if not has_possible_numbers(group, value):
         return False
     if belief.positive >= 0 and value[belief.positive] <= 0:
-        fit = judge.evidence.fit(true, state.base, trust)
         at = fit.place(group).start + belief.positive
         if group.size == 1 or value[belief.positive] <= -2 * np.sqrt(fit.covariance[at, at]):
             return False
