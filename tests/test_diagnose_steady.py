@@ -98,11 +98,13 @@ def test_noise_decays() -> None:
     np.testing.assert_array_equal(_damped(fast), fast)
 
 
-@pytest.mark.parametrize(("kept", "likely"), [(True, 0.999), (False, 0.5)])
-def test_a_law_that_is_left_out_is_no_likelier_than_not(kept: bool, likely: float) -> None:
+@pytest.mark.parametrize(
+    ("kept", "itself", "likely"), [(True, False, 0.999), (False, False, 0.5), (False, True, 0.999)]
+)
+def test_a_law_that_is_left_out_is_no_likelier_than_not(kept: bool, itself: bool, likely: float) -> None:
     slot = Slot(cast(Any, KEY), 0.9999, 0.0, {}, 9.2)
     extended = SimpleNamespace(holds=lambda _: kept, support={KEY: 0.0})
-    assert _judged(slot, cast(Any, extended)).probability == pytest.approx(likely, abs=0.001)
+    assert _judged(slot, cast(Any, extended), itself).probability == pytest.approx(likely, abs=0.001)
 
 
 @pytest.mark.parametrize(("best", "further", "found"), [(0.4, 0, 0.4), (2.5, 0, 1.0), (2.5, 4, 2.5), (-2.5, 4, -1.0)])

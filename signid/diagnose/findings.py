@@ -80,7 +80,7 @@ def find(
     unsure = {slot.group for slot in slots if slot.log < SURE}
     extended = hand_out(session, setting.model, judge, found, order, unsure)
     laws, shown = extended.laws, extended.shown
-    slots = [_judged(slot, extended) for slot in slots]
+    slots = [_judged(slot, extended, session.judges_itself) for slot in slots]
     if order:
         covariance = covariance_after(shown.model, judge.evidence, found, extended)
         shown = shown._replace(model=replace(shown.model, covariance=covariance))
@@ -101,13 +101,13 @@ def find(
         unexplained=tuple(_unexplained(setting, shown, verdict)),
         located=tuple(_place(setting, j, setting.table.residual[:, j]) for j in range(setting.table.joints)),
         tolerance=float(np.max(np.sqrt(verdict.threshold / judge.evidence.data.counts) * floor / scale)),
-        flags=tuple(_flags(setting, findings, verdict)),
+        flags=tuple(_flags(setting, findings, verdict, session.judges_itself)),
     )
 
 
-def _judged(slot: Slot, extended: Extended) -> Slot:
-    """How sure a hypothesis is after the held-out rows; what they speak against is no likelier than not."""
-    refused = not extended.holds(slot.group)
+def _judged(slot: Slot, extended: Extended, itself: bool) -> Slot:
+    """How sure a hypothesis is after the held-out rows, if there are any; what they speak against is even at most."""
+    refused = not extended.holds(slot.group) and not itself
     limited = replace(slot, most=min(slot.most, REFUSED)) if refused else slot
     return with_held_out(limited, extended.support[slot.group])
 
@@ -201,7 +201,7 @@ def _unexplained(setting: Setting, shown: Shown, verdict: Verdict) -> Iterator[U
         yield Unexplained(joint, _place(setting, joint, rest[:, joint]), share)
 
 
-def _flags(setting: Setting, findings: Sequence[Finding], verdict: Verdict) -> Iterator[str]:
+def _flags(setting: Setting, findings: Sequence[Finding], verdict: Verdict, itself: bool) -> Iterator[str]:
     robot = setting.model.robot
     if verdict.name == "unknown":
         named = any(finding.role == "cause" for finding in findings)
@@ -212,11 +212,9 @@ def _flags(setting: Setting, findings: Sequence[Finding], verdict: Verdict) -> I
         )
     if out := list(dict.fromkeys(spoken(finding.law, robot) for finding in findings if not finding.in_model)):
         explain, they = ("explains", "it was found in") if len(out) == 1 else ("explain", "they were found in")
-        are = "it is" if len(out) == 1 else "they are"
-        yield (
-            f"{shorten(out)} {explain} the recordings {they}, but not what was held out: "
-            f"{are} not in the extended simulation"
-        )
+        are, why = "it is" if len(out) == 1 else "they are", "but not what was held out"
+        why = "but not by enough for so few rows" if itself else why
+        yield f"{shorten(out)} {explain} the recordings {they}, {why}: {are} not in the extended simulation"
     for finding in findings:
         unsure = finding.probability < UNSURE and finding.in_model  # of others it is said above
         if finding.role == "cause" and unsure and verdict.name == "named":
