@@ -18,8 +18,8 @@ MISSING = "something is missing that no effect of the library explains; what it 
 LAWS = [parse_law(text, ROBOT) for text in ("spring@2:stiffness=3", "armature@2", "viscous_friction@2")]
 
 
-def flags(verdict: str, *some: Finding) -> list[str]:
-    return list(findings._flags(SETTING, some, SimpleNamespace(name=verdict)))  # type: ignore[arg-type]
+def flags(verdict: str, *some: Finding, itself: bool = False) -> list[str]:
+    return list(findings._flags(SETTING, some, SimpleNamespace(name=verdict), itself))  # type: ignore[arg-type]
 
 
 def test_what_does_not_hold_on_held_out_data_is_flagged_in_a_sentence() -> None:
@@ -32,6 +32,13 @@ def test_what_does_not_hold_on_held_out_data_is_flagged_in_a_sentence() -> None:
     assert flags("named", out, finding("armature@1", {}, in_model=False, role="secondary")) == [
         "spring of joint_2, armature of joint_1 explain the recordings they were found in, but not what was held out: "
         "they are not in the extended simulation"
+    ]
+
+
+def test_too_few_rows_are_not_called_held_out() -> None:
+    assert flags("named", finding("spring@2:stiffness=3", {}, in_model=False), itself=True) == [
+        "spring of joint_2 explains the recordings it was found in, but not by enough for so few rows: "
+        "it is not in the extended simulation"
     ]
 
 
