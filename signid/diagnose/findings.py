@@ -34,7 +34,6 @@ from .verdict import Verdict
 UNSURE = 0.95  # probability below which a cause is flagged
 LISTED = 4  # rivals of a finding whose separating motion is sought
 SEPARATED = 2 * LISTED  # rivals of all findings together: each search simulates several motions
-SURE = 2.2  # log odds (nine to one) of something, from which on a law need not gain clearly
 REFUSED = 0.0  # log odds that a law has at most if the extended simulation is better without it
 PLAUSIBLE = 0.05  # probability of a rival above which a separating motion is sought
 
@@ -77,8 +76,7 @@ def find(
         seed: of motions that tell laws apart.
     """
     order = [*verdict.causes, *verdict.secondary]
-    unsure = {slot.group for slot in slots if slot.log < SURE}
-    extended = hand_out(session, setting.model, judge, found, order, unsure)
+    extended = hand_out(session, setting.model, judge, found, order)
     laws, shown = extended.laws, extended.shown
     slots = [_judged(slot, extended, session.judges_itself) for slot in slots]
     if order:

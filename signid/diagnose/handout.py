@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -42,14 +42,11 @@ class Extended(NamedTuple):
         return group in self.kept
 
 
-def hand_out(
-    session: Session, model: Model, judge: Judge, found: Found, order: Sequence[Group], unsure: Collection[Group] = ()
-) -> Extended:
+def hand_out(session: Session, model: Model, judge: Judge, found: Found, order: Sequence[Group]) -> Extended:
     """The simulation with the selected laws that hold on held-out rows.
 
-    A law without which held-out torque is predicted no worse is left out, or, where it is not sure that there is
-    something at all, not clearly worse. Numbers that the simulation states are refitted only where held-out torque is
-    clearly better for it: a short recording may override better knowledge.
+    A law without which held-out torque is predicted no worse is left out. Numbers that the simulation states are
+    refitted only where held-out torque is clearly better for it: a short recording may override better knowledge.
 
     Args:
         session: recordings.
@@ -57,34 +54,29 @@ def hand_out(
         judge: library and evidence.
         found: what was selected.
         order: the same, in the order in which the simulation gets their laws.
-        unsure: those of them of which it is not sure that there is something at all.
     """
     trials = Trials(session, model, judge, found)
     alone, beside = Choice(tuple(order)), Choice(tuple(order), beside=True)
     chosen = alone if _change(trials.rows(alone), trials.rows(beside)) < -CLEARLY else beside
-    chosen, judged = _pruned(trials, chosen, {}, unsure)
+    chosen, judged = _pruned(trials, chosen, {})
     if (more := _refitted(trials, chosen)) != chosen:
-        chosen, judged = _pruned(trials, more, judged, unsure)
+        chosen, judged = _pruned(trials, more, judged)
     refitted = frozenset(group for unit in chosen.refitted for group in unit)
     laws = {**trials.laws(alone), **trials.laws(chosen)}
     support, gain = ({group: x[k] for group, x in judged.items()} for k in (0, 1))
     return Extended(laws, show(session, trials.model_of(chosen)), frozenset(chosen.kept), refitted, support, gain)
 
 
-def _pruned(
-    trials: Trials, chosen: Choice, judged: dict[Group, Judged], unsure: Collection[Group]
-) -> tuple[Choice, dict[Group, Judged]]:
+def _pruned(trials: Trials, chosen: Choice, judged: dict[Group, Judged]) -> tuple[Choice, dict[Group, Judged]]:
     """Without laws that held-out rows speak against, the worst first; and what these rows say of each.
 
     Where time is up, without all of them at once.
     """
-    careful = {group for group in chosen.kept if trials.session.judges_itself or group in unsure}
     while True:
         now = {group: _judge(trials, chosen, group) for group in chosen.kept}
         judged = {**judged, **now}
-        least = {group: CLEARLY if group in careful else 0.0 for group in now}
-        spoken = [group for group, one in now.items() if one.change >= -least[group]]
-        out = [group for group in spoken if not happens_once(group.claim.laws[0])]
+        least = CLEARLY if trials.session.judges_itself else 0.0
+        out = [group for group, one in now.items() if one.change >= -least and not happens_once(group.claim.laws[0])]
         if not out:
             return chosen, judged
         if time_is_up(SEARCH):

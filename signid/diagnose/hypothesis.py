@@ -123,11 +123,11 @@ def propose(model: Model, motion: Motion, skip: Sequence[str] = ()) -> list[Hypo
 
 
 def _scaled_links(model: Model, skip: Sequence[str]) -> Iterator[Hypothesis]:
-    """Each link heavier or lighter as a whole, as if of another density."""
+    """Each link but the last, whose load is a payload, heavier or lighter as a whole, as if of another density."""
     if "link_inertia" in skip:
         return
     effect, bodies = EFFECTS["link_inertia"], model.whole_inertials()
-    for joint in range(len(model.robot.joints)):
+    for joint in range(len(model.robot.joints) - 1):
         own = bodies[carried(model.robot, joint)]
         if own[0] > 0:
             yield Hypothesis(

@@ -33,7 +33,6 @@ class _Grids(NamedTuple):
     members: Indices  # (g,) places in the list of groups
     starts: Indices  # (m,) of each grid among these
     counts: Indices  # (m,) members of each
-    shapes: Array  # (m,) of these, between which the prior is divided; bodies that are scaled come on top
     priors: Array  # (m,) log prior probabilities
 
 
@@ -91,9 +90,7 @@ class Judge(Frozen):
     def _grids(self) -> _Grids:
         counts = np.array([len(which) for which in self.keys.values()], dtype=np.intp)
         members = np.array([k for which in self.keys.values() for k in which], dtype=np.intp)
-        groups, priors = self.evidence.data.groups, np.array([self.priors[key] for key in self.keys])
-        shapes = np.array([max(1, sum(not groups[k].claim.scaled for k in which)) for which in self.keys.values()])
-        return _Grids(members, np.cumsum(counts) - counts, counts, shapes, priors)
+        return _Grids(members, np.cumsum(counts) - counts, counts, np.array([self.priors[key] for key in self.keys]))
 
     @cached_property
     def priors(self) -> dict[Key, float]:
@@ -149,7 +146,7 @@ class Judge(Frozen):
         share = np.exp(told - np.repeat(np.where(shown, highest, 0.0), grids.counts))
         best = np.flatnonzero(told == np.repeat(highest, grids.counts))
         first = best[np.searchsorted(best, grids.starts)]
-        mean = np.where(shown, np.add.reduceat(share, grids.starts) / grids.shapes, 1.0)
+        mean = np.where(shown, np.add.reduceat(share, grids.starts) / grids.counts, 1.0)
         log = highest + np.log(mean) + grids.priors - np.log(NOTHING)
         groups, out = self.evidence.data.groups, dict[Key, Odds]()
         for key, yes, value, which in zip(self.keys, shown, log.tolist(), grids.members[first].tolist(), strict=True):
