@@ -77,10 +77,10 @@ class Evidence(Linear):
         return float(self.scales[int(np.argmax(told + self.scale_prior))])
 
     def distance(self, true: Sequence[Group], dispersion: Array) -> float:
-        """How far the recordings are off the model, in deviations that it carries, whatever that would explain [1].
+        """Likeliest scale of the deviations that the model carries, larger ones than in a search included [1].
 
         Args:
-            true: hypotheses that are taken for true.
+            true: selected hypotheses.
             dispersion: (n,) variance of the whitened residual [1].
         """
         if not self.informed:
@@ -89,12 +89,12 @@ class Evidence(Linear):
 
     @property
     def informed(self) -> bool:
-        """Whether identification left a covariance: then nothing is to be found out about how far inertials are off."""
+        """Whether identification left a covariance."""
         return self.known is not None
 
     @property
     def scales(self) -> Array:
-        """(s,) of the tolerance of inertials: how far they may be off [1]."""
+        """(s,) how far inertials may be off, over their tolerance or over the deviations that a model carries [1]."""
         return KNOWN if self.informed else TRUST
 
     @property

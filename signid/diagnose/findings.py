@@ -210,8 +210,8 @@ def _flags(setting: Setting, findings: Sequence[Finding], verdict: Verdict, itse
         )
     if out := list(dict.fromkeys(spoken(finding.law, robot) for finding in findings if not finding.in_model)):
         explain, they = ("explains", "it was found in") if len(out) == 1 else ("explain", "they were found in")
-        are, why = "it is" if len(out) == 1 else "they are", "but not what was held out"
-        why = "but not by enough for so few rows" if itself else why
+        are = "it is" if len(out) == 1 else "they are"
+        why = "but not by enough for so few rows" if itself else "but not what was held out"
         yield f"{shorten(out)} {explain} the recordings {they}, {why}: {are} not in the extended simulation"
     for finding in findings:
         unsure = finding.probability < UNSURE and finding.in_model  # of others it is said above

@@ -79,9 +79,6 @@ class Hypothesis:
         """Per joint whose torque it changes, (N, k) columns [torque per coefficient]."""
         if self.unknown:
             return {self.joint: hats(variable(motion, self.joint, self.variable), self.knots)}
-        if self.scaled:
-            (rows, columns), scale = law_columns(self.laws[0], motion), self.numbers
-            return {j: finite(columns[:, k] @ scale) for k, j in enumerate(rows)}
         made = [_secant(law, motion) if self.finite else law_columns(law, motion) for law in self.laws]
         width, start, out = sum(columns.shape[2] for _, columns in made), 0, dict[int, Array]()
         for rows, columns in made:
@@ -89,7 +86,7 @@ class Hypothesis:
                 out.setdefault(j, np.zeros((len(motion), width)))
                 out[j][:, start : start + columns.shape[2]] = columns[:, k]
             start += columns.shape[2]
-        return {j: finite(x) for j, x in out.items()}
+        return {j: finite(x @ self.numbers if self.scaled else x) for j, x in out.items()}
 
 
 def finite(x: Array) -> Array:

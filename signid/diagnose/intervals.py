@@ -75,8 +75,11 @@ def _numbers(group: Group, own: Sequence[Law]) -> list[Number]:
 def _of_each(group: Group, own: Sequence[Law], std: Iterator[float]) -> Iterator[dict[str, float]]:
     """Standard deviations of all numbers of some laws, from those of what is unknown of them."""
     for law in own:
-        factor = float(next(std)) if group.claim.scaled else 0.0
-        yield {key: factor * abs(x) if group.claim.scaled else float(next(std)) for key, x in law.parameters.items()}
+        if group.claim.scaled:
+            factor = float(next(std))
+            yield {key: factor * abs(x) for key, x in law.parameters.items()}
+        else:
+            yield {key: float(next(std)) for key in law.parameters}
 
 
 def _spreads(setting: Setting, judge: Judge, found: Found, asked: Asked) -> Array:

@@ -66,7 +66,8 @@ def covariance_after(model: Model, evidence: Evidence, found: Found, extended: E
     place = {label.name: k for k, label in enumerate(base.labels)}
     sources = list(_columns(model, evidence.data.refitted).items())
     for group, own in extended.laws.items():
-        sources += [] if group.claim.bodies else _of_laws(model, group, own)
+        if not group.claim.bodies:
+            sources += _of_laws(model, group, own)
     at = {int(column): k for k, column in enumerate(fit.which)}
     share = np.zeros((len(place), len(fit.which)))
     for name, column in sources:

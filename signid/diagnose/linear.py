@@ -34,17 +34,14 @@ class Memory:
     """What was computed of some columns; it stays when rows get more of them."""
 
     def __init__(self) -> None:
-        self.beliefs, self.precisions, self.imitated = (
-            dict[Group, Belief | None](),
-            dict[Group, Array](),
-            dict[Group, float](),
-        )
-        self.fits, self.parts, self.components = (
-            Recent[Fitted](FITS),
-            Recent[Fitted](PARTS),
-            Recent[tuple[Component, ...]](FITS),
-        )
-        self.squares, self.stated = Recent[Gram](SQUARES), Recent[Array](SQUARES)
+        self.beliefs = dict[Group, Belief | None]()
+        self.precisions = dict[Group, Array]()
+        self.imitated = dict[Group, float]()
+        self.fits = Recent[Fitted](FITS)
+        self.parts = Recent[Fitted](PARTS)
+        self.components = Recent[tuple[Component, ...]](FITS)
+        self.squares = Recent[Gram](SQUARES)
+        self.stated = Recent[Array](SQUARES)
 
 
 @dataclass(frozen=True, eq=False)

@@ -62,12 +62,6 @@ def fixed_note(robot: Robot, what: str) -> list[str]:
     return [f"{shorten(names)} {'is' if len(names) == 1 else 'are'} held fixed in the model: {what}"] if names else []
 
 
-def inertials(model: Model) -> Array:
-    """Bodies with the laws that are bodies, (nb, 10) in Pinocchio's order [kg, kg.m, kg.m2]."""
-    bodies: Array = np.array([body.toDynamicParameters() for body in list(model.bodies().inertias)[1:]])
-    return bodies.reshape(-1, 10)
-
-
 def remarks(lines: Iterable[str]) -> str:
     """Lines as comments of TOML, YAML or Python."""
     return "".join(f"# {' '.join(line.split())}\n" for line in lines)

@@ -12,7 +12,6 @@ from ..consistent import fit_consistent
 from ..errors import RobotError, shorten
 from ..model import Model, stated_inertials
 from ..types import Array, Estimate, Law, Parameters
-from .beyond import inertials
 from .inertial import LEAST, Principal, principal
 
 _SURE = 1e8  # 1 over the standard deviation of every base parameter, in its own size
@@ -35,7 +34,7 @@ def possible_bodies(model: Model) -> Bodies:
     loads = _loads(model)
     apart = {id(law) for law, _ in loads}
     bare = replace(model, laws=tuple(law for law in model.laws if id(law) not in apart))
-    links = [principal(x) for x in inertials(bare)]
+    links = [principal(x) for x in bare.whole_inertials()]
     odd = [name for name, body in zip(model.robot.links, links, strict=True) if body is None]
     if not odd:
         return Bodies([body for body in links if body], loads, [])
@@ -67,7 +66,7 @@ def _exchanged(model: Model) -> Array | None:
     """
     robot = replace(model.robot, model=model.bodies())
     base = build_base(robot)
-    value = base.combination @ inertials(model).ravel()
+    value = base.combination @ model.whole_inertials().ravel()
     size = np.maximum(np.abs(value), 1e-3 * np.abs(value).max(initial=1e-9))
     known = Estimate(value, np.diag((size / _SURE) ** 2), np.diag((_SURE / size) ** 2), np.zeros(0), ())
     found = fit_consistent(base, known, Parameters(base.labels, stated_inertials(model.robot).ravel()))

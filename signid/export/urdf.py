@@ -7,7 +7,7 @@ import re
 import numpy as np
 
 from ..model import Model, stated_inertials
-from .beyond import BODIES, Exported, commented, fixed_note, held, inertials, lacking, summed
+from .beyond import BODIES, Exported, commented, fixed_note, held, lacking, summed
 from .edit import urdf_with
 
 FRICTION = ("viscous_friction", "coulomb_friction")
@@ -23,7 +23,7 @@ def write_urdf(model: Model) -> Exported:
         RobotError: the robot does not come from a URDF, or a body cannot be written.
     """
     robot = model.robot
-    bodies = inertials(model)
+    bodies = model.whole_inertials()
     same = np.all(np.isclose(bodies, stated_inertials(robot), rtol=1e-12, atol=1e-15), axis=1, keepdims=True)
     friction = (np.maximum(0.0, np.nan_to_num(summed(model, name))) for name in FRICTION)
     text = urdf_with(robot, np.where(same, np.nan, bodies), *friction)

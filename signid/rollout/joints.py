@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from ..effects.base import BodyLaw
 from ..errors import RecordingError
 from ..model import Model
@@ -36,8 +34,8 @@ def restrict_joints(model: Model, recordings: Sequence[Recording]) -> tuple[Mode
         return model, ()
     moving = hold(robot, resting(robot, but=joints))
     held = [law for law in model.laws if not {robot.joints[j] for j in law.joints} & set(joints)]
-    baked = replace(model, laws=tuple(law for law in held if isinstance(law.effect, BodyLaw))).bodies()
-    inertials = np.array([body.toDynamicParameters() for body in list(baked.inertias)[1:]]).reshape(-1, 10)
+    fixed = tuple(law for law in held if isinstance(law.effect, BodyLaw))
+    inertials = replace(model, laws=fixed).whole_inertials()
     kept, notes = list[Law](), list[str]()
     for law in (law for law in model.laws if law not in held):
         left = tuple(joints.index(robot.joints[j]) for j in law.joints if robot.joints[j] in joints)
