@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -41,6 +42,14 @@ class Slot(Frozen):
     log: float  # log posterior odds against its absence, noise and discrepancy at their likeliest either way
     instead: Group | None = None  # what is likelier than all else in its place together, whatever it explains
     most: float = np.inf  # log odds that it has at most, by how steady its gain is
+    doubted: float = np.inf  # log odds if rows are as far off as the simulation is off what identification left
+
+
+class _Rows(NamedTuple):
+    """How far off rows are, and what everything would gain beside all hypotheses then."""
+
+    dispersion: Array  # (n,) variance of the whitened residual [1]
+    beside: Mapping[Key, Odds]
 
 
 def with_held_out(slot: Slot, support: float) -> Slot:
@@ -60,12 +69,20 @@ def with_held_out(slot: Slot, support: float) -> Slot:
 
 
 def judge_slots(setting: Setting, judge: Judge, found: Found) -> tuple[Slot, ...]:
-    """Each in turn against all others in its place; what a rival would gain beside it anyway does not count for it."""
-    beside, _ = judge.odds(found.true, found.base)
+    """Each in turn against all others in its place; what a rival would gain beside it anyway does not count for it.
+
+    Where the simulation is k times as far off as identification told, a like model with like errors is judged by these
+    rows: between laws that explain the same torque their evidence counts 1 / k^2.
+
+    Source: Birge, Phys. Rev. 40, 1932 (k); Miller, Dunson, J. Am. Stat. Assoc. 114, 2019 (the evidence of a model that
+    is only nearly right).
+    """
+    scales = dict.fromkeys((1.0, max(found.trust, 1.0)))
+    rows = [_Rows(found.base * k**2, judge.odds(found.true, found.base * k**2)[0]) for k in scales]
     sizes = measure_sizes(judge.evidence, found.true, found.base, found.trust)
     likelihood = Likelihood(setting, judge.evidence, found)
     rest = setting.remaining(judge.evidence.data, sizes.fit)
-    slots = (_slot(judge, found, group, beside, sizes, likelihood) for group in found.true)
+    slots = (_slot(judge, found, group, rows, sizes, likelihood) for group in found.true)
     steady = (replace(slot, most=steadiness(judge, sizes, rest, slot.group)) for slot in slots)
     return tuple(with_held_out(slot, 0.0) for slot in steady)
 
@@ -98,23 +115,20 @@ def settle(setting: Setting, judge: Judge, found: Found) -> tuple[Found, tuple[S
 
 
 def _slot(
-    judge: Judge, found: Found, group: Group, beside: Mapping[Key, Odds], sizes: Sizes, likelihood: Likelihood
+    judge: Judge, found: Found, group: Group, rows: Sequence[_Rows], sizes: Sizes, likelihood: Likelihood
 ) -> Slot:
-    rest = without(judge, found, group)
-    odds, _ = judge.odds(found.true, found.base, without=group)
-    odds = {key: o for key, o in odds.items() if key == group.claim.key or len(o.best.claim.laws) <= 1}
+    odds, logs = _instead(judge, found, group, rows[0])
     own = group.claim.key
     penalty = 0.0 if time_is_up(SEARCH) else likelihood.penalty(group)
     log = (odds[own].log if own in odds else found.log_odds[group]) + penalty
-    logs = {key: o.log - max(0.0, beside[key].log if key in beside else 0.0) for key, o in odds.items()}
     left = _leftovers(judge, group, odds, sizes)
     for key in (key for key, o in odds.items() if o.best.claim.unknown):
         logs[key] -= INEXACT**2 / 2 * left[own]
-    highest = max(logs.values())
-    near = [key for key, x in logs.items() if highest - x < NEAR and key != own and not odds[key].best.claim.unknown]
-    for key in near:
-        if not is_sound(judge, rest, odds[key].best):
-            del logs[key]
+    same = {key for key, x in left.items() if key != own and x <= max(HALF * left[own], SAME)}
+    doubted = _instead(judge, found, group, rows[1])[1] if len(rows) > 1 else {}
+    if own in logs and own in doubted:
+        logs |= {key: logs[own] + doubted[key] - doubted[own] for key in same & doubted.keys()}
+    _keep_possible(judge, without(judge, found, group), odds, logs, own)
     highest = max(logs.values())
     share = {key: float(np.exp(x - highest)) for key, x in logs.items()}
     nothing = 1 / (1 + float(np.exp(np.clip(log, -500.0, 500.0))))
@@ -123,12 +137,32 @@ def _slot(
     rivals = {
         key: (p, odds[key].best)
         for key, p in sorted(probability.items(), key=lambda item: -item[1])
-        if key != own and left.get(key, np.inf) <= max(HALF * left[own], SAME) and (p > TOLD or left[key] < SAME)
+        if key in same and (p > TOLD or left[key] < SAME)
     }
     unknown = sum(p for key, p in probability.items() if odds[key].best.claim.unknown)
-    instead = [odds[key].best for key, p in probability.items() if p > LIKELY and key != own]
-    instead = [best for best in instead if not best.claim.unknown]
-    return Slot(group, probability.get(own, 0.0), unknown, rivals, log, instead[0] if instead else None)
+    there = probability.get(own, 0.0)
+    others = {key: p for key, p in probability.items() if key != own and not odds[key].best.claim.unknown}
+    first = max(others, key=lambda key: others[key], default=own)
+    likelier = others.get(first, 0.0) > (DOUBT if there + unknown < DOUBT else LIKELY)
+    instead = odds[first].best if likelier else None
+    return Slot(group, there, unknown, rivals, log, instead, doubted=doubted.get(own, np.inf))
+
+
+def _instead(judge: Judge, found: Found, group: Group, rows: _Rows) -> tuple[dict[Key, Odds], dict[Key, float]]:
+    """Everything in the place of a hypothesis, and its log odds there, less what it would gain beside it."""
+    odds, _ = judge.odds(found.true, rows.dispersion, without=group)
+    own, beside = group.claim.key, rows.beside
+    odds = {key: o for key, o in odds.items() if key == own or len(o.best.claim.laws) <= 1}
+    return odds, {key: o.log - max(0.0, beside[key].log if key in beside else 0.0) for key, o in odds.items()}
+
+
+def _keep_possible(judge: Judge, rest: Found, odds: Mapping[Key, Odds], logs: dict[Key, float], own: Key) -> None:
+    """Without rivals that would count but are not physically possible beside the rest."""
+    highest = max(logs.values())
+    near = [key for key, x in logs.items() if highest - x < NEAR and key != own and not odds[key].best.claim.unknown]
+    for key in near:
+        if not is_sound(judge, rest, odds[key].best):
+            del logs[key]
 
 
 def _is_twin(judge: Judge, group: Group, rival: Group) -> bool:

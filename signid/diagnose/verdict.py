@@ -99,10 +99,10 @@ def decide(setting: Setting, judge: Judge, found: Found, slots: Sequence[Slot]) 
     left = np.sqrt(np.mean(rest**2, axis=0))
     energy = {group: _weight(judge, sizes, left, group) for group in found.true}
     largest = max(energy.values(), default=0.0)
-    ranked = sorted(found.true, key=lambda group: -energy[group])
+    slot = {slot.group: slot for slot in slots}
+    ranked = sorted(found.true, key=lambda group: (slot[group].doubted < 0, -energy[group]))
     causes = tuple(group for group in ranked if energy[group] >= CAUSE * largest)
     secondary = tuple(group for group in ranked if group not in causes)
-    slot = {slot.group: slot for slot in slots}
     if not causes:
         state = clear > 0 or np.any(noise.discrepancy > NOTICEABLE * scale)
         differs = clear > CLEAR or np.any(after > threshold * (1 if state else PLAIN))
