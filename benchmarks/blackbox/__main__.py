@@ -1,8 +1,8 @@
 """Physical models against black boxes: `python -m benchmarks.blackbox [--sets S ...] [--json FILE]`, with SIGNID_DATA.
 
 Parts A and B of each real set are learned from; part C takes no part in any fit. All methods are judged on the same
-filtered rows of C: rms and R2 of each joint. `diagnose` identifies A and diagnoses B. figaroh and mujoco.sysid run in
-their own Python; without it they have a dash.
+filtered rows of C: rms and R2 of each joint. `diagnose` identifies A and B and diagnoses both again, `diagnose, B`
+identifies A and diagnoses B. figaroh and mujoco.sysid run in their own Python; without it they have a dash.
 """
 
 from __future__ import annotations
@@ -32,7 +32,8 @@ from .run import BASE, Judged, run
 from .show import set_table, summary, totals
 from .task import Method
 
-LIMIT, DIAGNOSE = methods.LIMIT, "signid diagnose"
+LIMIT = methods.LIMIT
+DIAGNOSES = {"signid diagnose, B": methods.diagnose, "signid diagnose": methods.diagnose_all}
 PEERS = {"figaroh": "figaroh_torque.py", "mujoco.sysid": "mujoco_torque.py"}
 NAMES: dict[str, Method] = {
     "description": methods.description,
@@ -41,7 +42,7 @@ NAMES: dict[str, Method] = {
     "GP residual": residual_fit.gaussian,
     "signid identify": methods.identify,
     "signid identify, A": methods.identify_first,
-    DIAGNOSE: methods.diagnose,
+    **DIAGNOSES,
 }
 
 
@@ -91,8 +92,7 @@ def main() -> int:
 def _methods(options: argparse.Namespace, stack: ExitStack) -> dict[str, Method]:
     """Methods by their names, peers after least squares; peers end with the stack."""
     asked = {key: x for key, x in NAMES.items() if key not in options.skip}
-    if DIAGNOSE in asked:
-        asked[DIAGNOSE] = partial(methods.diagnose, limit=options.limit)
+    asked |= {key: partial(x, limit=options.limit) for key, x in DIAGNOSES.items() if key in asked}
     for name, script in PEERS.items():
         if name not in options.skip:
             folder = Path(stack.enter_context(TemporaryDirectory()))

@@ -84,9 +84,27 @@ def diagnose(task: Task, limit: float = LIMIT) -> Answer:
     Raises:
         UnavailableError: the diagnosis refused, crashed, or was stopped.
     """
+    return _diagnosed(task, list(task.a), [task.b], limit)
+
+
+def diagnose_all(task: Task, limit: float = LIMIT) -> Answer:
+    """The extended model of `signid diagnose`: A and B are identified, and diagnosed again, as others learn from both.
+
+    Args:
+        task: the data.
+        limit: of the diagnosis [s].
+
+    Raises:
+        UnavailableError: the diagnosis refused, crashed, or was stopped.
+    """
+    return _diagnosed(task, together(task), together(task), limit)
+
+
+def _diagnosed(task: Task, known: Sequence[Recording], asked: Sequence[Recording], limit: float) -> Answer:
+    """The model that some recordings give, extended by what others ask for."""
     start = time.process_time()
-    model = _of_a(task)
-    found = attempt(model, task.b, limit)
+    model = identified(task.robot, known).model
+    found = attempt(model, asked, limit)
     seconds = time.process_time() - start
     if found.diagnosis is None:
         raise UnavailableError(f"{found.answer.verdict}: {' '.join(found.answer.sentences)}")

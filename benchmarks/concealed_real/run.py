@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 import time
 import traceback
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, dataclass, replace
 from types import FrameType
@@ -77,28 +77,28 @@ def rows_of(one: RealSet, kinds: Collection[str], limit: float | None) -> Iterat
     identified = signid.identify(robot, a)
     model = identified.model
     arm = Arm(model.robot.joints, len(model.robot.joints) == 1 and bool(model.robot.prismatic[0]))
-    control = attempt(model, b, limit)
+    control = attempt(model, [b], limit)
     cutoff = control.diagnosis.cutoff if control.diagnosis else None
     setup = Setup(model, b, c, cutoff, residual(model, b, cutoff), identified_std(identified))
     yield _control(one, setup, control, arm)
     for case in (*concealed(one, setup, a), *all_cases(setup)):
         if not kinds or case.kind in kinds:
             unchanged = case.model is model and case.b is b
-            yield _row(one, setup, case, control if unchanged else attempt(case.model, case.b, limit), control, arm)
+            yield _row(one, setup, case, control if unchanged else attempt(case.model, [case.b], limit), control, arm)
 
 
-def attempt(model: Model, b: Recording, limit: float | None) -> Attempt:
+def attempt(model: Model, recordings: Sequence[Recording], limit: float | None) -> Attempt:
     """A diagnosis with its processor time; a refusal or a crash is a result.
 
     Args:
         model: the simulation.
-        b: the recording.
+        recordings: that are diagnosed.
         limit: time limit [s]; None: none.
     """
     start = time.process_time()
     try:
         with signid.time_limit(limit) if limit else nullcontext(), _stopped(limit):
-            diagnosis = signid.diagnose(model, [b])
+            diagnosis = signid.diagnose(model, recordings)
     except SignidError as error:
         return Attempt(Answer("refused", (), (str(error),)), time.process_time() - start)
     except Exception as error:  # a crash of one case must not end the benchmark

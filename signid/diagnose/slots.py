@@ -77,7 +77,7 @@ def judge_slots(setting: Setting, judge: Judge, found: Found) -> tuple[Slot, ...
     Source: Birge, Phys. Rev. 40, 1932 (k); Miller, Dunson, J. Am. Stat. Assoc. 114, 2019 (the evidence of a model that
     is only nearly right).
     """
-    scales = dict.fromkeys((1.0, max(found.trust, 1.0)))
+    scales = dict.fromkeys((1.0, max(found.trust, 1.0) if judge.evidence.informed else 1.0))
     rows = [_Rows(found.base * k**2, judge.odds(found.true, found.base * k**2)[0]) for k in scales]
     sizes = measure_sizes(judge.evidence, found.true, found.base, found.trust)
     likelihood = Likelihood(setting, judge.evidence, found)

@@ -1,0 +1,63 @@
+"""How sure a law is beside its rivals, where a model is further off than identification told; and which comes first."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from diagnosed import Posed, fault, posed
+
+from signid.diagnose.evidence import KNOWN, Evidence
+from signid.diagnose.linear import Known
+from signid.diagnose.slots import Slot, judge_slots
+from signid.diagnose.verdict import decide
+from signid.diagnose.whitened import columns_of
+
+SPRING, DRAG = fault("spring", 1, stiffness=4.0, rest=0.3), fault("quadratic_friction", 1, coefficient=0.3)
+OFF = KNOWN[-1]
+
+
+def informed(question: Posed) -> Posed:
+    """The same of a model whose numbers identification left known to a tenth."""
+    evidence = question.judge.evidence
+    which = columns_of([group for group in evidence.data.refitted if group.bodies])
+    known = Known(which, 100.0 * np.eye(len(which)))
+    return question._replace(judge=replace(question.judge, evidence=Evidence(evidence.data, known)))
+
+
+def slots(question: Posed, off: float) -> tuple[Slot, ...]:
+    """Of a spring and quadratic friction, where the model is so many times as far off as identification told."""
+    found = question.found(question.group("spring", 0), question.group("quadratic_friction", 0))
+    return judge_slots(question.setting, question.judge, replace(found, trust=off))
+
+
+@pytest.fixture(scope="module")
+def question() -> Posed:
+    return informed(posed("1r", SPRING, DRAG))
+
+
+def ratios(slot: Slot) -> dict[object, float]:
+    """Log of how much less likely each rival is."""
+    return {key: float(np.log(slot.probability / p)) for key, (p, _) in slot.rivals.items() if p > 1e-200}
+
+
+def test_evidence_between_laws_of_the_same_torque_counts_less_where_the_model_is_off(question: Posed) -> None:
+    (sure, _), (unsure, _) = slots(question, 1.0), slots(question, OFF)
+    near, far = ratios(unsure), ratios(sure)
+    both = near.keys() & far.keys()
+    assert both and all(abs(near[key]) < abs(far[key]) for key in both)
+    assert unsure.log == pytest.approx(sure.log, rel=0.2)  # that it is there at all
+
+
+def test_causes_that_stand_where_rows_are_as_far_off_come_first(question: Posed) -> None:
+    spring, drag = slots(question, OFF)
+    assert 0 < spring.doubted < spring.log
+    found = question.found(spring.group, drag.group)
+    for weak, strong in ((spring, drag), (drag, spring)):
+        told = (replace(weak, doubted=-1.0), replace(strong, doubted=1.0))
+        assert decide(question.setting, question.judge, found, told).causes == (strong.group, weak.group)
+
+
+def test_of_a_model_without_covariance_nothing_is_doubted() -> None:
+    assert all(slot.doubted == np.inf for slot in slots(posed("1r", SPRING, DRAG), 2.0))
