@@ -24,7 +24,7 @@ from .steady import steadiness
 
 TOLD = 0.03  # probability from which on a rival is listed
 NEAR = 4.0  # log odds behind the likeliest, up to which a rival must be physically possible to count
-ROUNDS, DOUBT, LIKELY = 12, 0.2, 0.5  # of settling; probability of what goes, and of what takes its place
+ROUNDS, DOUBT, LIKELIER = 12, 0.2, 1.5  # of settling; probability of what goes; times as likely, to take its place
 FAR = 40.0  # log odds behind an effect that no rival falls that leaves nothing of it
 HALF = 0.5  # share of an effect that a rival may leave to be listed
 INEXACT = 0.2  # share of a real law's torque that its formula misses
@@ -143,8 +143,7 @@ def _slot(
     there = probability.get(own, 0.0)
     others = {key: p for key, p in probability.items() if key != own and not odds[key].best.claim.unknown}
     first = max(others, key=lambda key: others[key], default=own)
-    likelier = others.get(first, 0.0) > (DOUBT if there + unknown < DOUBT else LIKELY)
-    instead = odds[first].best if likelier else None
+    instead = odds[first].best if others.get(first, 0.0) > max(LIKELIER * there, DOUBT) else None
     return Slot(group, there, unknown, rivals, log, instead, doubted=doubted.get(own, np.inf))
 
 

@@ -96,8 +96,7 @@ def decide(setting: Setting, judge: Judge, found: Found, slots: Sequence[Slot]) 
     clear = max((o.log for o in found.first.values() if o.best.claim.unknown), default=-np.inf)
     threshold = NOTICED * np.sqrt(2 * count) + count * (DISCREPANCY * scale / noise.least) ** 2
     threshold = threshold * (CLEARLY if clear > CLEAR and not found.true else 1.0)
-    left = np.sqrt(np.mean(rest**2, axis=0))
-    energy = {group: _weight(judge, sizes, left, group) for group in found.true}
+    energy = {group: _weight(judge, sizes, rest, group) for group in found.true}
     largest = max(energy.values(), default=0.0)
     slot = {slot.group: slot for slot in slots}
     ranked = sorted(found.true, key=lambda group: (slot[group].doubted < 0, -energy[group]))
@@ -122,26 +121,26 @@ def _excess(setting: Setting, counts: Array, rest: Array) -> Array:
     return np.asarray(np.sum((rest[order:][kept] * weight / noise.least) ** 2, axis=0) - counts)
 
 
-def _weight(judge: Judge, sizes: Sizes, left: Array, group: Group) -> float:
+def _weight(judge: Judge, sizes: Sizes, rest: Array, group: Group) -> float:
     """How much a law matters [1]: its mean square torque over that of what all leave, and over that of all torque.
 
-    Geometric means of both, and of all its torque and what no other law could make; of bodies, what they make as found,
-    since they may not be of any size. Summed over joints.
+    Counts what of its torque no other law could make, as two may cancel most of each other, at most what would be left more
+    without it; bodies are taken as found, since they may not be of any size. A geometric mean, summed over joints.
 
     Args:
         judge: library and evidence.
         sizes: of the selected laws.
-        left: (n,) rms of what all laws together leave [N.m or N].
+        rest: (M, n) what all laws together leave [N.m or N].
         group: one of them.
     """
     data, size = judge.evidence.data, 0.0
     for j in data.rows(group):
-        torque = data.raw(j, group) @ sizes.value[group]
+        torque, left = data.raw(j, group) @ sizes.value[group], float(np.mean(rest[:, j] ** 2))
         beside = [(g, x) for g, x in sizes.value.items() if g is not group and j in data.rows(g)]
         others = [data.raw(j, g) @ x if g.claim.bodies else data.raw(j, g) for g, x in beside]
         alone = leave(torque, np.column_stack(others)) if others else torque
-        own = float(np.sqrt(np.mean(alone**2) * np.mean(torque**2)))
-        size += own / max(float(left[j] * data.scale[j]), 1e-300)
+        more = max(float(np.mean((rest[:, j] + torque) ** 2)) - left, 0.0)
+        size += min(more, float(np.mean(alone**2))) / max(float(np.sqrt(left)) * data.scale[j], 1e-300)
     return float(np.sqrt(size))
 
 
