@@ -130,3 +130,10 @@ def test_a_simulation_with_covariance_has_a_note_of_it() -> None:
     assert f"note: {note}" in told(result) and note in words(result) and "seem to be off" not in words(result)
     assert note in document(result)["notes"] and document(result)["inertials"] == {"off": None, "covariance": True}
     assert note not in told(made()) and document(made(trust=1.0))["inertials"] == {"off": 1.0, "covariance": False}
+
+
+def test_a_simulation_that_is_further_off_than_its_covariance_says_so() -> None:
+    further = "yet they seem to be off by about 2.5 times that"
+    result = made(informed=True, trust=2.5)
+    assert further in told(result).replace("\n", " ") and further in words(result)
+    assert further not in words(made(informed=True, trust=1.0)) and further not in words(made(trust=2.5))

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from ..diagnose import Alternative, Diagnosis, Finding
 
 INFORMED = "Bodies and laws of the simulation count as known as well as identification left them"
+FURTHER = "yet they seem to be off by about {:g} times that, so which of several laws is behind a torque is less sure"
 
 
 def diagnosis_document(result: Diagnosis, inputs: Sequence[Input] = ()) -> Document:
@@ -67,7 +68,9 @@ def diagnosis_document(result: Diagnosis, inputs: Sequence[Input] = ()) -> Docum
 
 def diagnosis_notes(result: Diagnosis) -> list[str]:
     """The notes of a diagnosis, and what the simulation's own covariance means for it."""
-    return [*result.notes, *([INFORMED] if result.informed else [])]
+    if not result.informed:
+        return list(result.notes)
+    return [*result.notes, f"{INFORMED}, {FURTHER.format(result.trust)}" if result.trust > 1 else INFORMED]
 
 
 def mended_link(robot: Robot, law: Law) -> str | None:
