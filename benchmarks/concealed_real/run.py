@@ -158,7 +158,21 @@ def _row(one: RealSet, setup: Setup, case: Case, found: Attempt, control: Attemp
     }
     if reused:
         row["sure"] = []  # the truth about the rest of the model is not known
-    return _common(one, case.kind, case.what, found, arm) | row | _unseen(case.model, case.c, found)
+    unseen = _unseen(case.model, case.c, found)
+    return _common(one, case.kind, case.what, found, arm) | row | unseen | {"undone": _undone(setup, case, found)}
+
+
+def _undone(setup: Setup, case: Case, found: Attempt) -> list[Row]:
+    """The given model and the truth itself on recording C: joints that are worse there no answer could mend."""
+    if found.diagnosis is None or case.kind == KIND:
+        return []
+    cutoff = found.diagnosis.cutoff
+    try:
+        given, truth = residual(case.model, case.c, cutoff), residual(setup.model, setup.c, cutoff)
+    except (SignidError, ValueError, ArithmeticError):
+        return []
+    same = given.shape == truth.shape  # recordings that end earlier have other rows
+    return [asdict(one) for one in compare(given, truth, setup.model.robot.joints)] if same else []
 
 
 def _bound(setup: Setup, case: Case) -> Array:

@@ -86,6 +86,7 @@ def totals(rows: Sequence[Row]) -> dict[str, str]:
 
     numbers = cell("", cases).within
     unseen = [joint for row in rows for joint in row.get("unseen", [])]
+    undone = [joint for row in rows for joint in row.get("undone", [])]
     alone = [joint for row in rows if row["kind"] == CONTROL for joint in row.get("unseen", [])]
     return {
         "named first or flagged (85 %)": share(fair, "first", "flag"),
@@ -96,6 +97,7 @@ def totals(rows: Sequence[Row]) -> dict[str, str]:
         "refused": share(rows, "refused"),
         "crashed": share(rows, "crash"),
         "joints no worse on an unseen recording (98 %)": str(Share(sum(not x["worse"] for x in unseen), len(unseen))),
+        "the same, of the change itself undone": str(Share(sum(not x["worse"] for x in undone), len(undone))),
         "the same, nothing changed": str(Share(sum(not x["worse"] for x in alone), len(alone))),
         "processor time": f"{sum(row['seconds'] for row in rows):.0f} s",
         "the same, of the slowest": f"{max((row['seconds'] for row in rows), default=0):.1f} s",
