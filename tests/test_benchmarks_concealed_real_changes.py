@@ -135,6 +135,9 @@ def test_rows_are_judged_counted_and_shown(rows: list[Row]) -> None:
     assert control["kind"] == "control" and sign["kind"] == "torque sign"
     assert sign["fair"] and sign["outcome"] in ("first", "flag")
     assert len(control["unseen"]) == 3
+    undone = {one["joint"]: one for one in sign["undone"]}
+    assert len(undone) == 3 and not any(one["worse"] for one in undone.values())
+    assert min(one["extended"] / one["given"] for one in undone.values()) < 0.1  # the torque that is negated no more
     console = Console(width=240, record=True, file=open("/dev/null", "w"))  # noqa: SIM115
     console.print(*tables(rows), *map(line, rows))
     assert "negated" in console.export_text()
