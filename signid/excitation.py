@@ -42,19 +42,25 @@ class ExcitationVerdict(Frozen):
         return bool(self.shares[0] >= ENOUGH) if len(self.shares) else False
 
     @property
-    def sentences(self) -> tuple[str, ...]:
-        """What the recordings cannot tell, why, and what would help; empty where they can."""
+    def reasons(self) -> tuple[tuple[tuple[str, ...], str], ...]:
+        """What the recordings cannot tell, why, and what would help, with the joints; empty where they can."""
         if self.sufficient:
             return ()
-        said = []
+        said = list[tuple[tuple[str, ...], str]]()
         if self.resting:
-            said.append(f"{_joints(self.resting)} did not move: move {_them(self.resting)}, or hold with --lock")
-        said += [f"{_joints(group)} moved in step: move them out of step" for group in self.in_step]
-        said.append(
+            resting = f"{_joints(self.resting)} did not move: move {_them(self.resting)}, or hold with --lock"
+            said.append((self.resting, resting))
+        said += [(group, f"{_joints(group)} moved in step: move them out of step") for group in self.in_step]
+        little = (
             f"the motion gives {max(self.shares[0], 0):.2%} of the information that random motion of the same size "
             f"would (at least {ENOUGH:.0%} is needed); it cannot tell {_listed(self.untold)}"
         )
-        return tuple(said)
+        return (*said, ((), little))
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """The reasons without their joints."""
+        return tuple(sentence for _, sentence in self.reasons)
 
 
 def judge_excitation(task: Task, factors: Factors, estimated: Estimate, seed: int = 0) -> ExcitationVerdict:

@@ -10,7 +10,7 @@ from diagnosed import Posed, fault, posed
 
 from signid.diagnose.evidence import KNOWN, Evidence
 from signid.diagnose.linear import Known
-from signid.diagnose.slots import Slot, judge_slots
+from signid.diagnose.slots import Slot, in_step, judge_slots
 from signid.diagnose.verdict import decide
 from signid.diagnose.whitened import columns_of
 
@@ -61,3 +61,11 @@ def test_causes_that_stand_where_rows_are_as_far_off_come_first(question: Posed)
 
 def test_of_a_model_without_covariance_nothing_is_doubted() -> None:
     assert all(slot.doubted == np.inf for slot in slots(posed("1r", SPRING, DRAG), 2.0))
+
+
+def test_laws_of_joints_in_step_are_not_sure(question: Posed) -> None:
+    told = slots(question, 1.0)
+    assert in_step(told, []) == told
+    for before, after in zip(told, in_step(told, [0]), strict=True):
+        assert after.probability <= min(before.probability, 0.95) and after.log <= np.log(19) + 1e-9
+    assert max(slot.probability for slot in told) > 0.99

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -28,6 +28,7 @@ ROUNDS, DOUBT, LIKELIER = 12, 0.2, 1.5  # of settling; probability of what goes;
 FAR = 40.0  # log odds behind an effect that no rival falls that leaves nothing of it
 HALF = 0.5  # share of an effect that a rival may leave to be listed
 INEXACT = 0.2  # share of a real law's torque that its formula misses
+NOT_SURE = float(np.log(0.95 / 0.05))  # log odds that a law of joints in step has at most: no 95 %
 SAME = 4.0  # variance units: what a rival leaves of an effect, up to which nothing tells them apart
 
 
@@ -66,6 +67,25 @@ def with_held_out(slot: Slot, support: float) -> Slot:
     return replace(
         slot, probability=float(slot.probability * factor), unknown=float(slot.unknown * factor), rivals=rivals, log=log
     )
+
+
+def in_step(slots: Sequence[Slot], joints: Collection[int]) -> tuple[Slot, ...]:
+    """Laws of joints that moved in step are not sure: what depends on the state of one may depend on another's.
+
+    Args:
+        slots: one hypothesis and its rivals each.
+        joints: that moved in step with others.
+    """
+    unsure = [replace(slot, most=min(slot.most, NOT_SURE)) for slot in slots]
+    return tuple(
+        with_held_out(less, 0.0) if _near(slot.group).intersection(joints) else slot
+        for slot, less in zip(slots, unsure, strict=True)
+    )
+
+
+def _near(group: Group) -> set[int]:
+    """The joints of laws that are of one joint or of a pair."""
+    return {j for law in group.claim.laws if len(law.joints) <= 2 for j in law.joints}
 
 
 def judge_slots(setting: Setting, judge: Judge, found: Found) -> tuple[Slot, ...]:
