@@ -70,9 +70,9 @@ class Session(Frozen):
         rows = chain.from_iterable(_told(self.task, part, progress, purpose) for part in parts)
         factors = reduce_rows(self.task, rows, lags=lags, weigh=weigh)
         if factors.rows == 0:
-            band = self.task.band
+            band, these = self.task.band, "what is held out" if parts is self.held_out else "the recordings"
             raise RecordingError(
-                f"no stretch of the recordings is as long as the filter for {band.cutoff:.3g} Hz "
+                f"no stretch of {these} is as long as the filter for {band.cutoff:.3g} Hz "
                 f"({len(band.taps) / band.rate:.2g} s); record for longer, or raise the cut-off"
             )
         return factors
