@@ -78,12 +78,13 @@ def subtract(
 
 def _solve(columns: Array) -> tuple[Array, Array, int]:
     """Least squares of white rows: estimator (10, b), covariance of the ten parameters, rank."""
-    size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    size = np.linalg.norm(columns, axis=0)
+    size = np.where(size > 1e-300, size, np.inf)  # a column of zeros tells nothing
     left, s, right = np.linalg.svd(columns / size, full_matrices=False)
     told = s > UNTOLD * s[0]
     inverse = (right[told].T / s[told]) / size[:, None]
     spread = inverse @ inverse.T
-    lost = (np.sum(right[~told] ** 2, axis=0) > 1e-8) | (size <= 1e-300)
+    lost = (np.sum(right[~told] ** 2, axis=0) > 1e-8) | np.isinf(size)
     spread[lost, lost] = np.inf
     return inverse @ left[:, told].T, spread, int(told.sum())
 
