@@ -42,25 +42,19 @@ class ExcitationVerdict(Frozen):
         return bool(self.shares[0] >= ENOUGH) if len(self.shares) else False
 
     @property
-    def reasons(self) -> tuple[tuple[tuple[str, ...], str], ...]:
-        """What the recordings cannot tell, why, and what would help, with the joints; empty where they can."""
+    def sentences(self) -> tuple[str, ...]:
+        """What the recordings cannot tell, why, and what would help; empty where they can."""
         if self.sufficient:
             return ()
-        said = list[tuple[tuple[str, ...], str]]()
+        said = []
         if self.resting:
-            resting = f"{_joints(self.resting)} did not move: move {_them(self.resting)}, or hold with --lock"
-            said.append((self.resting, resting))
-        said += [(group, f"{_joints(group)} moved in step: move them out of step") for group in self.in_step]
-        little = (
+            said.append(f"{_joints(self.resting)} did not move: move {_them(self.resting)}, or hold with --lock")
+        said += [f"{_joints(group)} moved in step: move them out of step" for group in self.in_step]
+        said.append(
             f"the motion gives {max(self.shares[0], 0):.2%} of the information that random motion of the same size "
             f"would (at least {ENOUGH:.0%} is needed); it cannot tell {_listed(self.untold)}"
         )
-        return (*said, ((), little))
-
-    @property
-    def sentences(self) -> tuple[str, ...]:
-        """The reasons without their joints."""
-        return tuple(sentence for _, sentence in self.reasons)
+        return tuple(said)
 
 
 def judge_excitation(task: Task, factors: Factors, estimated: Estimate, seed: int = 0) -> ExcitationVerdict:
@@ -96,7 +90,7 @@ def judge_excitation(task: Task, factors: Factors, estimated: Estimate, seed: in
         tuple(tuple(base.expressions[i] for i in group) for group in weak),
         _in_words(robot, base, dict.fromkeys(i for group in weak for i in group)),
         tuple(robot.joints[j] for j in np.flatnonzero(speed <= AT_REST * speed.max(initial=1e-300))),
-        _groups(robot, factors, speed),
+        tuple(tuple(robot.joints[j] for j in group) for group in in_step(factors.velocity / factors.rows)),
         tuple(e for e, u in zip(base.expressions, uncertain, strict=True) if u),
     )
 
@@ -164,16 +158,17 @@ def _in_words(robot: Robot, base: BaseMap, which: Iterable[int]) -> tuple[str, .
     return tuple(f"{kind}{'s' if len(found) > 1 else ''} {_listed(found)}" for kind, found in unique.items())
 
 
-def _groups(robot: Robot, factors: Factors, speed: Array) -> tuple[tuple[str, ...], ...]:
-    """Joints whose velocities are proportional, in groups."""
+def in_step(velocity: Array) -> tuple[tuple[int, ...], ...]:
+    """Groups of joints whose velocities are proportional.
+
+    Args:
+        velocity: (n, n) mean products of the joints' velocities [rad2/s2, m.rad/s2 or m2/s2].
+    """
+    speed = np.sqrt(np.diag(velocity))
     size = np.where(speed > 0, speed, np.inf)
-    alike = np.abs(factors.velocity / factors.rows / size[:, None] / size) > IN_STEP
-    groups: list[tuple[str, ...]] = []
-    for j in range(len(speed)):
-        group = tuple(robot.joints[k] for k in np.flatnonzero(alike[j]) if speed[k] > AT_REST * speed.max())
-        if len(group) > 1 and group not in groups:
-            groups.append(group)
-    return tuple(groups)
+    alike = (np.abs(velocity / size[:, None] / size) > IN_STEP) & (speed > AT_REST * speed.max(initial=1e-300))
+    groups = dict.fromkeys(tuple(np.flatnonzero(row).tolist()) for row in alike)
+    return tuple(group for group in groups if len(group) > 1)
 
 
 def _joints(names: Sequence[str]) -> str:

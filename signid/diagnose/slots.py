@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from ..deadline import time_is_up
+from ..excitation import in_step
 from ..residual import RANK, leave
 from ..types import Array, Frozen
 from .found import Found
@@ -69,17 +70,18 @@ def with_held_out(slot: Slot, support: float) -> Slot:
     )
 
 
-def in_step(slots: Sequence[Slot], joints: Collection[int]) -> tuple[Slot, ...]:
+def less_sure(setting: Setting, slots: Sequence[Slot]) -> tuple[Slot, ...]:
     """Laws of joints that moved in step are not sure: what depends on the state of one may depend on another's.
 
     Args:
+        setting: motions.
         slots: one hypothesis and its rivals each.
-        joints: that moved in step with others.
     """
-    unsure = [replace(slot, most=min(slot.most, NOT_SURE)) for slot in slots]
+    v = np.concatenate([piece.motion.v for piece in setting.pieces])
+    joints = {joint for group in in_step(v.T @ v / len(v)) for joint in group}
     return tuple(
-        with_held_out(less, 0.0) if _near(slot.group).intersection(joints) else slot
-        for slot, less in zip(slots, unsure, strict=True)
+        with_held_out(replace(slot, most=min(slot.most, NOT_SURE)), 0.0) if _near(slot.group) & joints else slot
+        for slot in slots
     )
 
 

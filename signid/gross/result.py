@@ -45,11 +45,6 @@ class Gross(Frozen):
         return tuple(f.sentence for severity in (REFUSE, WARN) for f in self.findings if f.severity == severity)
 
     @property
-    def in_step(self) -> frozenset[str]:
-        """Joints that moved in step with others."""
-        return frozenset(joint for f in self.findings if f.measures.get("in_step") for joint in f.joints)
-
-    @property
     def notes(self) -> tuple[str, ...]:
         """The sentences of what is worth knowing."""
         return tuple(f.sentence for f in self.findings if f.severity == NOTE)

@@ -148,9 +148,8 @@ def tell_amount(amount: Amount, joints: int) -> Finding:
 def tell_excitation(found: ExcitationVerdict) -> Iterator[Finding]:
     """What the motion cannot tell."""
     share = float(found.shares[0]) if len(found.shares) else 0.0
-    for joints, sentence in found.reasons:
-        in_step = float(joints in found.in_step)
-        yield Finding("excitation", joints, WARN, {"share": share, "in_step": in_step}, sentence)
+    for sentence in found.sentences:
+        yield Finding("excitation", found.resting, WARN, {"share": share}, sentence)
 
 
 def tell_fault(fault: Fault, robot: Robot) -> Finding:
