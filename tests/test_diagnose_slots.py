@@ -1,4 +1,4 @@
-"""How sure a law is beside its rivals, where a model is further off than identification told; and which comes first."""
+"""How sure a law is beside its rivals, where a model is further off than its covariance says; and which comes first."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from diagnosed import Posed, fault, posed
 
 from signid.diagnose.evidence import KNOWN, Evidence
 from signid.diagnose.linear import Known
-from signid.diagnose.slots import Slot, judge_slots, less_sure
+from signid.diagnose.slots import Slot, judge_slots, limit_in_step
 from signid.diagnose.verdict import decide
 from signid.diagnose.whitened import columns_of
 
@@ -27,7 +27,7 @@ def informed(question: Posed) -> Posed:
 
 
 def slots(question: Posed, off: float) -> tuple[Slot, ...]:
-    """Of a spring and quadratic friction, where the model is so many times as far off as identification told."""
+    """Of a spring and quadratic friction, where the model is `off` times further off than its covariance says."""
     found = question.found(question.group("spring", 0), question.group("quadratic_friction", 0))
     return judge_slots(question.setting, question.judge, replace(found, trust=off))
 
@@ -55,8 +55,8 @@ def test_causes_that_stand_where_rows_are_as_far_off_come_first(question: Posed)
     assert 0 < spring.doubted < spring.log
     found = question.found(spring.group, drag.group)
     for weak, strong in ((spring, drag), (drag, spring)):
-        told = (replace(weak, doubted=-1.0), replace(strong, doubted=1.0))
-        assert decide(question.setting, question.judge, found, told).causes == (strong.group, weak.group)
+        ranked = (replace(weak, doubted=-1.0), replace(strong, doubted=1.0))
+        assert decide(question.setting, question.judge, found, ranked).causes == (strong.group, weak.group)
 
 
 def test_of_a_model_without_covariance_nothing_is_doubted() -> None:
@@ -65,8 +65,8 @@ def test_of_a_model_without_covariance_nothing_is_doubted() -> None:
 
 def test_laws_of_joints_in_step_are_not_sure() -> None:
     one = posed("3r", SPRING)
-    told = judge_slots(one.setting, one.judge, one.found(one.group("spring", 0)))
-    assert less_sure(one.setting, told) == told and told[0].probability > 0.99
+    before = judge_slots(one.setting, one.judge, one.found(one.group("spring", 0)))
+    assert limit_in_step(one.setting, before) == before and before[0].probability > 0.99
     alike = [p._replace(motion=replace(p.motion, v=p.motion.v[:, [0, 0, 2]])) for p in one.setting.pieces]
-    (after,) = less_sure(replace(one.setting, pieces=tuple(alike)), told)
+    (after,) = limit_in_step(replace(one.setting, pieces=tuple(alike)), before)
     assert after.probability <= 0.95 and after.log <= np.log(19) + 1e-9

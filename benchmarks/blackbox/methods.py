@@ -68,7 +68,7 @@ def identify_first(task: Task) -> Answer:
         task: the data.
     """
     start = time.process_time()
-    model = _of_a(task)
+    model = identified(task.robot, list(task.a)).model
     return _judged(task, model, time.process_time() - start)
 
 
@@ -97,7 +97,8 @@ def diagnose_all(task: Task, limit: float = LIMIT) -> Answer:
     Raises:
         UnavailableError: the diagnosis refused, crashed, or was stopped.
     """
-    return _diagnosed(task, together(task), together(task), limit)
+    both = together(task)
+    return _diagnosed(task, both, both, limit)
 
 
 def _diagnosed(task: Task, known: Sequence[Recording], asked: Sequence[Recording], limit: float) -> Answer:
@@ -112,10 +113,6 @@ def _diagnosed(task: Task, known: Sequence[Recording], asked: Sequence[Recording
     kept = tuple(law for law in extended.laws if not set(law.parameters) >= ONCE)
     names = dict.fromkeys(x.law.effect.name for x in found.diagnosis.causes)
     return _judged(task, replace(extended, laws=kept), seconds, ", ".join(names) or found.answer.verdict)
-
-
-def _of_a(task: Task) -> Model:
-    return identified(task.robot, list(task.a)).model
 
 
 def _judged(task: Task, model: Model, seconds: float, note: str = "") -> Answer:

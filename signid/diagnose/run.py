@@ -40,7 +40,7 @@ from .result import Diagnosis
 from .sample import pieces, row_filter
 from .search import SEARCH
 from .setting import Setting
-from .slots import less_sure, settle
+from .slots import limit_in_step, settle
 from .table import tabulate
 from .verdict import decide
 from .whitened import Whitened, whitened
@@ -90,7 +90,7 @@ def diagnose(
     evidence = Evidence(data, known_before(model, data.groups))
     setting, judge, found, tangled = _search(setting, _judge(model, evidence, skip), skip, known, told)
     found, slots = settle(setting, judge, prune(setting, session, judge, found))
-    slots = less_sure(setting, slots)
+    slots = limit_in_step(setting, slots)
     verdict = decide(setting, judge, found, slots)
     result = model_rest(session, find(setting, session, judge, found, slots, verdict, options.seed))
     first = show(session, given)

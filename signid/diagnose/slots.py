@@ -29,7 +29,7 @@ ROUNDS, DOUBT, LIKELIER = 12, 0.2, 1.5  # of settling; probability of what goes;
 FAR = 40.0  # log odds behind an effect that no rival falls that leaves nothing of it
 HALF = 0.5  # share of an effect that a rival may leave to be listed
 INEXACT = 0.2  # share of a real law's torque that its formula misses
-NOT_SURE = float(np.log(0.95 / 0.05))  # log odds that a law of joints in step has at most: no 95 %
+MOST_IN_STEP = float(np.log(0.95 / 0.05))  # log odds of laws of joints that moved in step: a probability of .95
 SAME = 4.0  # variance units: what a rival leaves of an effect, up to which nothing tells them apart
 
 
@@ -42,13 +42,13 @@ class Slot(Frozen):
     unknown: float  # probability that no law of the library is behind it
     rivals: Mapping[Key, tuple[float, Group]]  # probability of each, and its likeliest shape
     log: float  # log posterior odds against its absence, noise and discrepancy at their likeliest either way
-    instead: Group | None = None  # what is likelier than all else in its place together, whatever it explains
+    instead: Group | None = None  # the likeliest law in its place, where that is clearly likelier
     most: float = np.inf  # log odds that it has at most, by how steady its gain is
-    doubted: float = np.inf  # log odds if rows are as far off as the simulation is off what identification left
+    doubted: float = np.inf  # its log odds at k^2 times the variance, see `judge_slots`
 
 
 class _Rows(NamedTuple):
-    """How far off rows are, and what everything would gain beside all hypotheses then."""
+    """A variance of the rows, and the odds of everything beside all hypotheses at that variance."""
 
     dispersion: Array  # (n,) variance of the whitened residual [1]
     beside: Mapping[Key, Odds]
@@ -70,8 +70,8 @@ def with_held_out(slot: Slot, support: float) -> Slot:
     )
 
 
-def less_sure(setting: Setting, slots: Sequence[Slot]) -> tuple[Slot, ...]:
-    """Laws of joints that moved in step are not sure: what depends on the state of one may depend on another's.
+def limit_in_step(setting: Setting, slots: Sequence[Slot]) -> tuple[Slot, ...]:
+    """Limit the probability of laws of joints that moved in step: the state of one joint follows from another's.
 
     Args:
         setting: motions.
@@ -80,26 +80,27 @@ def less_sure(setting: Setting, slots: Sequence[Slot]) -> tuple[Slot, ...]:
     v = np.concatenate([piece.motion.v for piece in setting.pieces])
     joints = {joint for group in in_step(v.T @ v / len(v)) for joint in group}
     return tuple(
-        with_held_out(replace(slot, most=min(slot.most, NOT_SURE)), 0.0) if _near(slot.group) & joints else slot
+        with_held_out(replace(slot, most=min(slot.most, MOST_IN_STEP)), 0.0)
+        if _own_joints(slot.group) & joints
+        else slot
         for slot in slots
     )
 
 
-def _near(group: Group) -> set[int]:
-    """The joints of laws that are of one joint or of a pair."""
+def _own_joints(group: Group) -> set[int]:
+    """The joints of its laws of one joint or of two."""
     return {j for law in group.claim.laws if len(law.joints) <= 2 for j in law.joints}
 
 
 def judge_slots(setting: Setting, judge: Judge, found: Found) -> tuple[Slot, ...]:
     """Each in turn against all others in its place; what a rival would gain beside it anyway does not count for it.
 
-    Where the simulation is k times as far off as identification told, a like model with like errors is judged by these
-    rows: between laws that explain the same torque their evidence counts 1 / k^2.
+    Where the given model is k times further off than its covariance says, laws that explain the same torque are
+    compared at k^2 times the variance of the rows: they are formulas of the same kind, with errors of that size.
 
-    Source: Birge, Phys. Rev. 40, 1932 (k); Miller, Dunson, J. Am. Stat. Assoc. 114, 2019 (the evidence of a model that
-    is only nearly right).
+    Source: Birge, Phys. Rev. 40, 1932 (k); Miller, Dunson, J. Am. Stat. Assoc. 114, 2019 (approximate models).
     """
-    scales = dict.fromkeys((1.0, max(found.trust, 1.0) if judge.evidence.informed else 1.0))
+    scales = [1.0, found.trust] if judge.evidence.informed and found.trust > 1 else [1.0]
     rows = [_Rows(found.base * k**2, judge.odds(found.true, found.base * k**2)[0]) for k in scales]
     sizes = measure_sizes(judge.evidence, found.true, found.base, found.trust)
     likelihood = Likelihood(setting, judge.evidence, found)
@@ -150,7 +151,7 @@ def _slot(
     doubted = _instead(judge, found, group, rows[1])[1] if len(rows) > 1 else {}
     if own in logs and own in doubted:
         logs |= {key: logs[own] + doubted[key] - doubted[own] for key in same & doubted.keys()}
-    _keep_possible(judge, without(judge, found, group), odds, logs, own)
+    logs = _possible(judge, without(judge, found, group), odds, logs, own)
     highest = max(logs.values())
     share = {key: float(np.exp(x - highest)) for key, x in logs.items()}
     nothing = 1 / (1 + float(np.exp(np.clip(log, -500.0, 500.0))))
@@ -177,13 +178,14 @@ def _instead(judge: Judge, found: Found, group: Group, rows: _Rows) -> tuple[dic
     return odds, {key: o.log - max(0.0, beside[key].log if key in beside else 0.0) for key, o in odds.items()}
 
 
-def _keep_possible(judge: Judge, rest: Found, odds: Mapping[Key, Odds], logs: dict[Key, float], own: Key) -> None:
-    """Without rivals that would count but are not physically possible beside the rest."""
-    highest = max(logs.values())
-    near = [key for key, x in logs.items() if highest - x < NEAR and key != own and not odds[key].best.claim.unknown]
-    for key in near:
-        if not is_sound(judge, rest, odds[key].best):
-            del logs[key]
+def _possible(
+    judge: Judge, rest: Found, odds: Mapping[Key, Odds], logs: Mapping[Key, float], own: Key
+) -> dict[Key, float]:
+    """The log odds without rivals near the likeliest that are not physically possible beside the rest."""
+    least = max(logs.values()) - NEAR
+    near = [key for key, x in logs.items() if x > least and key != own and not odds[key].best.claim.unknown]
+    impossible = [key for key in near if not is_sound(judge, rest, odds[key].best)]
+    return {key: x for key, x in logs.items() if key not in impossible}
 
 
 def _is_twin(judge: Judge, group: Group, rival: Group) -> bool:

@@ -124,9 +124,9 @@ def _excess(setting: Setting, counts: Array, rest: Array) -> Array:
 def _weight(judge: Judge, sizes: Sizes, rest: Array, group: Group) -> float:
     """How much a law matters [1]: its mean square torque over that of what all leave, and over that of all torque.
 
-    Of its torque counts what no other law could make, as two may cancel most of each other, and at most what would be
-    left more without it; bodies are taken as found, since they may not be of any size. A geometric mean, summed over
-    joints.
+    Only the part of its torque counts that no other law could make, since two laws may cancel most of each other, and
+    at most what would be left in addition without it. Bodies count as found, since they may not be of any size. A
+    geometric mean of both ratios, summed over joints.
 
     Args:
         judge: library and evidence.
