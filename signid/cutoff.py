@@ -18,7 +18,7 @@ NOISE_SHARE = 1e-3  # of the acceleration's power below the cut-off
 WIDEST = 6  # samples per period of the cut-off, at least
 CONTENT = 0.95  # of the acceleration's power is below a frequency ...
 BEYOND = 3.0  # ... of which the cut-off need not be more than so many times
-ALIKE = 0.01  # cut-offs differ by no more
+ALIKE, ROUGHLY, MANY = 0.01, 0.04, 2000.0  # cut-offs differ by no more; from so many samples a second on [Hz], by this
 FAST, ROOM = 250.0, 3.0  # [Hz] that is enough, and samples a period of the fastest motion that passes, at least
 ORDER = 6  # of the differences that tell an encoder's noise
 ENOUGH = 5.0  # [Hz] to which the cut-off may always go if noise allows
@@ -81,9 +81,10 @@ class Band(Frozen):
         return lowpass(self.rate, self.position_cutoff) if self.filtered else np.ones(1)
 
     def divided(self) -> Band:
-        """The same cut-off to 1 %, such that columns can be made of sparse samples."""
+        """The same cut-off to 1 % (4 % above 2 kHz), such that columns can be made of sparse samples."""
+        alike = ROUGHLY if self.rate > MANY else ALIKE
         factors = (parts * round(self.factor / parts) for parts in range(self._spare, 0, -1))
-        factor = next(factor for factor in factors if abs(factor - self.factor) <= ALIKE * self.factor)
+        factor = next(factor for factor in factors if abs(factor - self.factor) <= alike * self.factor)
         return replace(self, factor=factor, torque_floor=self.torque_floor * np.sqrt(self.factor / factor))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import weakref
+from dataclasses import replace
 
 import nlopt
 import numpy as np
@@ -54,6 +55,12 @@ def test_every_algorithm_keeps_its_budget_its_box_and_its_seed(library: str, nam
     assert first.evaluations <= 300 and first.algorithm == name
     assert (first.x >= problem.lower).all() and (first.x <= problem.upper).all()
     assert first.value == cost(first.x) <= cost(problem.start)
+
+
+def test_a_tolerance_of_the_cost_ends_the_search_early() -> None:
+    exact, rough = (minimised("nlopt", "LN_BOBYQA", replace(bowl(), tolerance=x)) for x in (0.0, 0.02))
+    assert rough.evaluations < exact.evaluations and rough.status == "converged"
+    assert rough.value - exact.value < 0.02
 
 
 @pytest.mark.parametrize(("library", "name"), SURE)

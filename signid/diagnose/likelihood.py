@@ -27,7 +27,7 @@ FAR = 12.0  # log density behind the likeliest, from which on how far inertials 
 class _Terms(NamedTuple):
     """What one joint adds to the normal equations of all that is fitted, and to the log density."""
 
-    place: Indices  # (a,) which of the fitted columns it has
+    columns: Indices  # (a,) that it has
     gram: Array  # (a, a) [1 per coefficient, squared]
     right: Array  # (a,) [1 per coefficient]
     log: float  # log density of rows that nothing is fitted to
@@ -90,21 +90,30 @@ class Likelihood(Frozen):
         gram, right, log = np.zeros((len(which),) * 2), np.zeros(len(which)), 0.0
         whitening = Whitening(self.setting.table, noise)
         for j in range(self.evidence.data.joints):
-            own = self._terms(which, j, whitening if j in joints else self._present)
-            gram[np.ix_(own.place, own.place)] += own.gram
-            right[own.place] += own.right
+            own = self._terms(j, whitening if j in joints else self.setting.whitening)
+            place = np.flatnonzero(np.isin(which, own.columns))
+            here = np.searchsorted(own.columns, which[place])
+            gram[np.ix_(place, place)] += own.gram[np.ix_(here, here)]
+            right[place] += own.right[here]
             log += own.log
         precision = self.evidence.precision(found.true, np.diag(gram), found.trust)
         return log + solve(which, gram, right, precision).log_evidence
 
-    @cached_property
-    def _present(self) -> Whitening:
-        return self.setting.whitening
+    def _terms(self, joint: int, whitening: Whitening) -> _Terms:
+        """Of all columns that may be fitted, under one noise model of the joint."""
+        noise, data, variance = whitening.noise, self.evidence.data, float(self.found.base[joint])
+        key = joint, *(float(x[joint]) for x in (noise.floor, noise.innovation, noise.discrepancy))
+        if key not in self._asked:
+            every = np.sort(columns_of([*data.refitted, *self.found.true]))
+            at = data.at[joint, every]
+            x, y = data.torque[joint][:, at[at >= 0]], self.setting.table.residual[:, joint, None]
+            white = whitening({joint: np.column_stack([x, y])})[joint] / np.sqrt(variance)
+            x, y = white[:, :-1], white[:, -1]
+            log = whitening.log_scale(joint) - float(y @ y) / 2
+            self._asked[key] = _Terms(every[at >= 0], x.T @ x, x.T @ y, log)
+        return self._asked[key]
 
-    def _terms(self, which: Indices, joint: int, whitening: Whitening) -> _Terms:
-        data, variance = self.evidence.data, float(self.found.base[joint])
-        at = data.at[joint, which]
-        x, y = data.torque[joint][:, at[at >= 0]], self.setting.table.residual[:, joint, None]
-        white = whitening({joint: np.column_stack([x, y])})[joint] / np.sqrt(variance)
-        x, y = white[:, :-1], white[:, -1]
-        return _Terms(np.flatnonzero(at >= 0), x.T @ x, x.T @ y, whitening.log_scale(joint) - float(y @ y) / 2)
+    @cached_property
+    def _asked(self) -> dict[tuple[float, ...], _Terms]:
+        """What joints add, by joint and the noise model of it."""
+        return {}

@@ -22,7 +22,7 @@ from .search import SEARCH, spread, without
 from .setting import Setting, append
 from .sizes import measure_sizes
 
-EVALUATIONS = 20  # for each shape
+EVALUATIONS, SAME = 20, 0.02  # for each shape; log odds that do not matter
 REACH = 1.6  # by which a shape may be changed, as a factor
 FURTHER, AT_THE_END = 4, 0.99  # times that the size of a law of the record may become larger still; share of the reach
 ENDS, SAMPLES = ("start", "end"), 6  # of a window; by so many samples each is moved at last
@@ -132,7 +132,7 @@ def _minimised(cost: Callable[[Array], float], start: Array, further: int) -> Op
     """The best steps within reach of some, and of the best of these where it is as large as they reach."""
     budget = EVALUATIONS * len(start)
     while True:
-        problem = Problem(cost, start - 1, start + 1, start, search=SEARCH)
+        problem = Problem(cost, start - 1, start + 1, start, search=SEARCH, tolerance=SAME)
         best = OPTIMISERS["nlopt"].minimise(problem, algorithm=ALGORITHM, budget_evaluations=budget)
         if further == 0 or np.all(best.x - start < AT_THE_END) or time_is_up(SEARCH):
             return best

@@ -49,7 +49,7 @@ def search(judge: Judge, base: Array, start: Mapping[Group, float] | None = None
             break
         state = larger = _with(judge, state, chosen)
         if len(state.true) > 1:
-            state = _exchanged(judge, _plainer(judge, state), BETTER)
+            state = _exchanged(judge, _plainer(judge, state), BETTER, judge.evidence.data.rows(chosen.best))
         state = larger if set(state.true) in seen else state  # the exchange would go in circles
         if set(state.true) in seen:
             break
@@ -156,14 +156,16 @@ def _with(judge: Judge, state: Found, chosen: Odds) -> Found:
     return Found(true, log, state.base, judge.evidence.trust(true, state.base), state.first)
 
 
-def _exchanged(judge: Judge, state: Found, better: float) -> Found:
-    """Each hypothesis in turn against all others that could stand in its place.
+def _exchanged(judge: Judge, state: Found, better: float, joints: Collection[int] | None = None) -> Found:
+    """Each hypothesis in turn against all others that could stand in its place; only those at some joints, or all.
 
     In the place of a link's that is strained without it, only what relieves that link could.
     """
     for group in state.true:
         if time_is_up(SEARCH):
             break
+        if joints is not None and not set(judge.evidence.data.rows(group)).intersection(joints):
+            continue
         rest = without(judge, state, group)
         odds, trusted = judge.odds(rest.true, spread(judge, rest))
         links = relieved(judge, rest, group)

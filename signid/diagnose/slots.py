@@ -118,6 +118,7 @@ def settle(setting: Setting, judge: Judge, found: Found) -> tuple[Found, tuple[S
         judge: library and evidence.
         found: what is taken for true.
     """
+    gone = set[Key]()  # what was taken out does not come back
     for _ in range(ROUNDS):
         slots = judge_slots(setting, judge, found)
         if time_is_up(SEARCH):
@@ -128,7 +129,8 @@ def settle(setting: Setting, judge: Judge, found: Found) -> tuple[Found, tuple[S
         worst = min(weak, key=lambda slot: slot.probability)
         rest, rival = without(judge, found, worst.group), worst.instead
         log = found.log_odds[worst.group]
-        better = [] if rival is None or not is_sound(judge, rest, rival) else [rival]
+        gone.add(worst.group.claim.key)
+        better = [] if rival is None or rival.claim.key in gone or not is_sound(judge, rest, rival) else [rival]
         if not better and worst.probability + worst.unknown > DOUBT:
             return found, slots
         true = (*rest.true, *better)

@@ -33,6 +33,7 @@ class Problem(Frozen):
     start: Array  # (d,) [any]
     gradient: Callable[[Array], Array] | None = None  # x (d,) -> (d,)
     search: str = "a search"  # what is searched; time may cut it short
+    tolerance: float = 0.0  # of the cost: steps that change it less end the search, where the library can
 
     def __post_init__(self) -> None:
         """Arrays are copied and checked."""

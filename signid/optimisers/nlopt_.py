@@ -74,6 +74,7 @@ def _configured(name: str, problem: Problem) -> nlopt.opt:
     run.set_upper_bounds(problem.upper)
     run.set_xtol_rel(1e-10)
     run.set_ftol_rel(1e-13)
+    run.set_ftol_abs(problem.tolerance)
     if "AUGLAG" in name or "MLSL" in name:
         follows = name.startswith(("LD_", "GD_"))
         local = nlopt.opt(nlopt.LD_LBFGS if follows else nlopt.LN_SBPLX, len(problem.start))
