@@ -10,10 +10,8 @@ import numpy as np
 
 from ..errors import shorten
 from ..laws import spoken
-from ..model import Model
 from ..session import Session
 from ..types import Array, Law, Shape
-from .extend import extended_laws
 from .found import Found
 from .group import Group
 from .handout import Extended, hand_out
@@ -29,6 +27,7 @@ from .search import FIRST, NEXT, needed
 from .separate import tell_apart
 from .setting import Setting
 from .slots import DOUBT, Slot, with_held_out
+from .stated import resized, stated_numbers, whole_law
 from .verdict import Verdict
 
 UNSURE = 0.95  # probability below which a cause is flagged
@@ -92,6 +91,8 @@ def find(
         if slot.group is group
     ]
     findings = list(_findings(cases, deviations(setting, judge, found, laws), gains))
+    if verdict.name == "unknown" and not verdict.causes:
+        findings = [*resized(setting, session, judge, found, extended), *findings]
     floor, scale = judge.evidence.data.floor, judge.evidence.data.scale
     return Result(
         shown=shown,
@@ -126,7 +127,7 @@ def _findings(
 def _finding(case: _Case, law: Law, std: dict[str, float], gain: float, rivals: tuple[Alternative, ...]) -> Finding:
     setting, judge, found, slot = case[:4]
     in_model = case.extended.holds(slot.group)
-    whole = _whole(law, setting.model, case.extended.shown.model if in_model else None)
+    whole = whole_law(law, setting.model, case.extended.shown.model if in_model else None)
     torque = torque_rows(setting.thin, setting.pieces, law)
     share = np.zeros(setting.table.joints)
     for j, x in torque.items():
@@ -144,32 +145,9 @@ def _finding(case: _Case, law: Law, std: dict[str, float], gain: float, rivals: 
         threshold=needed(judge, slot.group, float(found.trust == 0), 0, FIRST if len(found.true) == 1 else NEXT),
         held_out_gain=gain,
         alternatives=rivals,
-        stated=_stated(setting.model, whole),
+        stated=stated_numbers(setting.model, whole),
         in_model=in_model,
     )
-
-
-def _whole(law: Law, given: Model, extended: Model | None) -> Law:
-    """The law with all that the simulation states of it, or of plainer ones that it contains.
-
-    Args:
-        law: as it was found, a change of what the simulation states.
-        given: the simulation.
-        extended: the extended one, None where it does not have the law.
-    """
-    model = extended or Model(given.robot, given.inertials, extended_laws(given.laws, [law]))
-    same = [other for other in model.laws if (other.effect.name, other.joints) == (law.effect.name, law.joints)]
-    shape = law.effect.shape(law.parameters)
-    return next((other for other in same if other.effect.shape(other.parameters) == shape), law)
-
-
-def _stated(model: Model, whole: Law) -> dict[str, float]:
-    """What the simulation states of a law."""
-    effect, out = whole.effect, dict[str, float]()
-    for law in (law for law in model.laws if law.joints == whole.joints):
-        if law.effect is effect and effect.shape(law.parameters) == effect.shape(whole.parameters):
-            out |= {key: float(x) for key, x in law.parameters.items() if key in effect.linear()}
-    return out
 
 
 def _alternatives(case: _Case, law: Law, most: int) -> Iterator[Alternative]:
