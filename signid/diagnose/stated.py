@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
 from ..model import Model
+from ..residual import leave
 from ..session import Session
 from ..types import Array, Law
 from .evidence import Evidence
@@ -14,21 +15,24 @@ from .extend import extended_laws
 from .found import Found
 from .group import Group
 from .handout import Extended
-from .hypothesis import VARIABLES
+from .hypothesis import VARIABLES, Key
 from .locate import locate
 from .odds import Judge
 from .prove import show
-from .result import Finding
+from .result import Alternative, Finding
 from .setting import Setting
-from .slots import DOUBT
+from .slots import DOUBT, HALF, TOLD
 
 LOST = 1e-12  # of the largest eigenvalue of the prior information, scaled: nothing is known in such directions
 LEAST = 0.007  # share of the joint's torque that the change of a number makes
-SURE = 1 - 1e-9  # most probable
+SURE, MOST = 1 - 1e-9, 50.0  # most probable; largest log odds
 
 
 def resized(setting: Setting, session: Session, judge: Judge, found: Found, extended: Extended) -> Iterator[Finding]:
     """Laws that the simulation states, whose numbers held-out rows want otherwise: causes where nothing else is one.
+
+    Either a law of the library is behind what differs, or only numbers that the simulation states; then a number is off
+    or exactly as stated.
 
     Args:
         setting: motions and rows.
@@ -37,7 +41,10 @@ def resized(setting: Setting, session: Session, judge: Judge, found: Found, exte
         found: what is taken for true.
         extended: what was handed out.
     """
-    likely = {group: p for group, p in _wrong_sizes(judge, found, extended).items() if p >= DOUBT}
+    none, others = _behind(judge, found)
+    off = {g: none * p for g, p in _off(judge.evidence, found, extended).items()}
+    likely = {g: min(p + (others[_name(g)][0] if _name(g) in others else 0.0), SURE) for g, p in off.items()}
+    likely = {g: p for g, p in likely.items() if p >= DOUBT}
     if not likely:
         return
     given, after = show(session, setting.model).judged.rest, extended.shown.judged.rest
@@ -59,7 +66,7 @@ def resized(setting: Setting, session: Session, judge: Judge, found: Found, exte
             statistic=float(np.log(probability / (1 - probability))),
             threshold=float(np.log(DOUBT / (1 - DOUBT))),
             held_out_gain=1 - float(np.nanmean(after[:, joint] ** 2) / np.nanmean(given[:, joint] ** 2)),
-            alternatives=(),
+            alternatives=tuple(_rivals(judge, group, fit.value[place], others)),
             stated=stated_numbers(setting.model, whole),
         )
 
@@ -87,32 +94,47 @@ def stated_numbers(model: Model, whole: Law) -> dict[str, float]:
     return out
 
 
-def _wrong_sizes(judge: Judge, found: Found, extended: Extended) -> dict[Group, float]:
-    """Laws of one number that were refitted, and the probability that what the simulation states of each is wrong.
+def _behind(judge: Judge, found: Found) -> tuple[float, dict[Key, tuple[float, Group]]]:
+    """The probability that no law of the library is behind what differs, and that of each."""
+    odds = judge.odds(found.true, found.base)[0]
+    each = {key: float(np.exp(np.clip(one.log, -MOST, MOST))) for key, one in odds.items()}
+    total = 1 + sum(each.values())
+    return 1 / total, {key: (x / total, odds[key].best) for key, x in each.items()}
 
-    Either a law of the library is behind what differs, or only numbers that the simulation states; then a number is off
-    or not, by the ratio of its prior and posterior density where it is exactly as stated.
+
+def _off(evidence: Evidence, found: Found, extended: Extended) -> dict[Group, float]:
+    """Laws of one number that were refitted, and the probability that it is off, if stated numbers alone are.
 
     Source: Dickey, Ann. Math. Statist. 42, 1971 (Savage's density ratio).
     """
-    evidence, groups = judge.evidence, [g for g in extended.refitted if g.law is not None and g.size == 1]
-    if not groups:
-        return {}
-    odds = judge.odds(found.true, found.base)[0]
-    logs = {key: float(np.clip(one.log, -50.0, 50.0)) for key, one in odds.items()}
-    total = 1 + sum(np.exp(x) for x in logs.values())
+    groups = [g for g in extended.refitted if g.law is not None and g.size == 1]
     fit, before = evidence.fit(found.true, found.base, found.trust), _stated_variance(evidence, found.trust)
     covariance, out = fit.covariance, dict[Group, float]()
     for group in sorted(groups, key=lambda one: one.start):
-        at, law = fit.place(group).start, group.law
-        assert law is not None
+        at = fit.place(group).start
         value, variance, prior = float(fit.value[at]), float(covariance[at, at]), before.get(group, np.inf)
-        if not 0 < variance < prior < np.inf or _share(evidence, group, value) < LEAST:
-            continue
-        log = np.clip((np.log(variance / prior) + value**2 / variance) / 2, -50.0, 50.0)
-        same = np.exp(logs.get((law.effect.name, law.joints), -np.inf))
-        out[group] = min(float((1 / (1 + np.exp(-log)) + same) / total), SURE)
+        if 0 < variance < prior < np.inf and _share(evidence, group, value) >= LEAST:
+            log = np.clip((np.log(variance / prior) + value**2 / variance) / 2, -MOST, MOST)
+            out[group] = float(1 / (1 + np.exp(-log)))
     return out
+
+
+def _name(group: Group) -> Key:
+    assert group.law is not None, "what was refitted is stated"
+    return group.law.effect.name, group.law.joints
+
+
+def _rivals(
+    judge: Judge, group: Group, value: Array, likely: Mapping[Key, tuple[float, Group]]
+) -> Iterator[Alternative]:
+    """Laws of the library that make at least half of the torque of a change, the likeliest first."""
+    data, joint = judge.evidence.data, _name(group)[1][0]
+    torque = data.part(joint, group) @ value
+    for key, (probability, rival) in sorted(likely.items(), key=lambda item: -item[1][0]):
+        if probability > TOLD and key != _name(group) and rival.claim.laws and joint in data.rows(rival):
+            rest = leave(torque, data.part(joint, rival))
+            if rest @ rest <= HALF * (torque @ torque):
+                yield Alternative(rival.claim.laws[0], probability, "")
 
 
 def _stated_variance(evidence: Evidence, trust: float) -> dict[Group, float]:
