@@ -22,9 +22,9 @@ from .prove import show
 from .result import Alternative, Finding
 from .setting import Setting
 from .slots import DOUBT, HALF, TOLD
+from .sound import LEAST
 
 LOST = 1e-12  # of the largest eigenvalue of the prior information, scaled: nothing is known in such directions
-LEAST = 0.007  # share of the joint's torque that the change of a number makes
 SURE, MOST = 1 - 1e-9, 50.0  # most probable; largest log odds
 
 
@@ -38,7 +38,7 @@ def resized(setting: Setting, session: Session, judge: Judge, found: Found, exte
         setting: motions and rows.
         session: gives what is held out.
         judge: library and evidence.
-        found: what is taken for true.
+        found: the selected laws.
         extended: what was handed out.
     """
     none, others = _behind(judge, found)
@@ -53,15 +53,14 @@ def resized(setting: Setting, session: Session, judge: Judge, found: Found, exte
         assert group.law is not None, "what was refitted is stated"
         place, joint = fit.place(group), group.law.joints[0]
         whole = whole_law(group.law, setting.model, extended.shown.model)
-        torque, share = data.raw(joint, group) @ fit.value[place], np.zeros(setting.table.joints)
-        share[joint] = np.sqrt(np.mean(torque**2)) / data.scale[joint]
+        torque = data.raw(joint, group) @ fit.value[place]
         std = float(np.sqrt(fit.covariance[place, place][0, 0]))
         yield Finding(
             law=whole,
             std=dict.fromkeys(whole.effect.linear(), std),
             role="cause",
             probability=probability,
-            torque_share=share,
+            torque_share=_share(judge.evidence, group, float(fit.value[place][0])),
             where=locate(setting.table, joint, torque, bool(setting.model.robot.prismatic[joint]), VARIABLES[:-1]),
             statistic=float(np.log(probability / (1 - probability))),
             threshold=float(np.log(DOUBT / (1 - DOUBT))),
@@ -113,7 +112,7 @@ def _off(evidence: Evidence, found: Found, extended: Extended) -> dict[Group, fl
     for group in sorted(groups, key=lambda one: one.start):
         at = fit.place(group).start
         value, variance, prior = float(fit.value[at]), float(covariance[at, at]), before.get(group, np.inf)
-        if 0 < variance < prior < np.inf and _share(evidence, group, value) >= LEAST:
+        if 0 < variance < prior < np.inf and _share(evidence, group, value).max() >= LEAST:
             log = np.clip((np.log(variance / prior) + value**2 / variance) / 2, -MOST, MOST)
             out[group] = float(1 / (1 + np.exp(-log)))
     return out
@@ -149,8 +148,9 @@ def _stated_variance(evidence: Evidence, trust: float) -> dict[Group, float]:
     return {g: variance.get(g.start, np.inf) for g in laws}
 
 
-def _share(evidence: Evidence, group: Group, value: float) -> float:
-    """Largest rms torque that a change of a number makes, over that of the joint [1]."""
-    data = evidence.data
-    torque: dict[int, Array] = {j: data.raw(j, group)[:, 0] * value for j in data.rows(group)}
-    return max((float(np.sqrt(np.mean(x**2)) / data.scale[j]) for j, x in torque.items()), default=0.0)
+def _share(evidence: Evidence, group: Group, value: float) -> Array:
+    """(n,) rms torque that a change of a number makes, over that of each joint [1]."""
+    data, out = evidence.data, np.zeros(evidence.data.joints)
+    for j in data.rows(group):
+        out[j] = np.sqrt(np.mean((data.raw(j, group) * value) ** 2)) / data.scale[j]
+    return out
