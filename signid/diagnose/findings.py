@@ -40,6 +40,7 @@ PLAUSIBLE = 0.05  # probability of a rival above which a separating motion is so
 class Result(NamedTuple):
     """What there is to be told."""
 
+    verdict: str  # nothing_missing, named or unknown
     shown: Shown  # of the extended simulation
     findings: tuple[Finding, ...]
     unexplained: tuple[Unexplained, ...]
@@ -83,6 +84,8 @@ def find(
         shown = shown._replace(model=replace(shown.model, covariance=covariance))
     gains = extended.gain
     verdict = verdict.without({slot.group for slot in slots if slot.probability < DOUBT})
+    refused = () if session.judges_itself else [group for group in order if not extended.holds(group)]
+    verdict = verdict.without({group for group in refused if verdict.is_quiet(judge.evidence.data.rows(group))})
     verdict = verdict.raised(slots, gains).confirmed(extended.kept)
     cases = [
         _Case(setting, judge, found, slot, "cause" if group in verdict.causes else "secondary", extended, seed)
@@ -95,6 +98,7 @@ def find(
         findings = [*resized(setting, session, judge, found, extended), *findings]
     floor, scale = judge.evidence.data.floor, judge.evidence.data.scale
     return Result(
+        verdict=verdict.name,
         shown=shown,
         findings=tuple(findings),
         unexplained=tuple(_unexplained(setting, shown, verdict)),

@@ -71,7 +71,7 @@ def _told(judge: Judge, found: Found) -> Found:
             told[group] = float(turned @ (theta / size)) / group.size
         least = min(told, key=lambda group: told[group])
         rest = without(judge, found, least)
-        if told[least] > SEEN or relieved(judge, rest, least):
+        if told[least] > SEEN or relieved(judge, found, rest, least):
             break
         found = rest
     return found

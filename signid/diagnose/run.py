@@ -99,7 +99,7 @@ def diagnose(
     rolled = _roll_out(session, given, result.shown.model, told)
     return Diagnosis(
         robot=session.robot,
-        verdict=verdict.name,
+        verdict=result.verdict,
         findings=result.findings,
         unexplained=result.unexplained,
         located=result.located,

@@ -168,7 +168,7 @@ def _exchanged(judge: Judge, state: Found, better: float, joints: Collection[int
             continue
         rest = without(judge, state, group)
         odds, trusted = judge.odds(rest.true, spread(judge, rest))
-        links = relieved(judge, rest, group)
+        links = relieved(judge, state, rest, group)
         odds = {key: o for key, o in odds.items() if not links or o.best.claim.bodies & links}
         own = odds.get(group.claim.key)
         log = own.log if own is not None else -np.inf

@@ -22,6 +22,7 @@ from .setting import Setting
 from .sizes import Sizes, measure_sizes
 from .sound import is_sound
 from .steady import steadiness
+from .strain import relieved
 
 TOLD = 0.03  # probability from which on a rival is listed
 NEAR = 4.0  # log odds behind the likeliest, up to which a rival must be physically possible to count
@@ -144,7 +145,9 @@ def _slot(
 ) -> Slot:
     odds, logs = _instead(judge, found, group, rows[0])
     own = group.claim.key
-    penalty = 0.0 if time_is_up(SEARCH) else likelihood.penalty(group)
+    rest = without(judge, found, group)
+    strained = relieved(judge, found, rest, group)  # no discrepancy makes up for a link beyond its tolerance
+    penalty = 0.0 if strained or time_is_up(SEARCH) else likelihood.penalty(group)
     log = (odds[own].log if own in odds else found.log_odds[group]) + penalty
     left = _leftovers(judge, group, odds, sizes)
     for key in (key for key, o in odds.items() if o.best.claim.unknown):
@@ -153,7 +156,7 @@ def _slot(
     doubted = _instead(judge, found, group, rows[1])[1] if len(rows) > 1 else {}
     if own in logs and own in doubted:
         logs |= {key: logs[own] + doubted[key] - doubted[own] for key in same & doubted.keys()}
-    logs = _possible(judge, without(judge, found, group), odds, logs, own)
+    logs = _possible(judge, rest, odds, logs, own)
     highest = max(logs.values())
     share = {key: float(np.exp(x - highest)) for key, x in logs.items()}
     nothing = 1 / (1 + float(np.exp(np.clip(log, -500.0, 500.0))))

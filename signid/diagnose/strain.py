@@ -31,6 +31,16 @@ def strained_links(judge: Judge, state: Found) -> dict[int, float]:
     return {j: float(far[body]) for j, body in enumerate(judge.carried) if far[body] > BEYOND}
 
 
-def relieved(judge: Judge, rest: Found, group: Group) -> set[int]:
-    """The joints whose links are strained without a hypothesis of their bodies."""
-    return group.claim.bodies & strained_links(judge, rest).keys() if group.claim.bodies else set()
+def relieved(judge: Judge, state: Found, rest: Found, group: Group) -> set[int]:
+    """The joints whose links are strained without a hypothesis of bodies, and not with it.
+
+    Args:
+        judge: library and evidence.
+        state: what is taken for true.
+        rest: the same without the hypothesis.
+        group: the hypothesis.
+    """
+    if not group.claim.bodies:
+        return set()
+    strained = strained_links(judge, rest)
+    return set(strained.keys() - strained_links(judge, state).keys()) if strained else set()

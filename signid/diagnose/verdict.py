@@ -44,14 +44,23 @@ class Verdict(Frozen):
     sizes: Sizes
 
     def without(self, weak: Collection[Group]) -> Verdict:
-        """Without hypotheses that held-out rows speak against; unknown where no cause stays.
+        """Without hypotheses that held-out rows speak against; where no cause stays, unknown or nothing missing.
 
         Args:
             weak: these hypotheses.
         """
         causes, secondary = (tuple(g for g in some if g not in weak) for some in (self.causes, self.secondary))
-        name = "unknown" if self.name == "named" and not causes else self.name
+        bare = "unknown" if np.any(self.before > self.threshold) else "nothing_missing"
+        name = bare if self.name == "named" and not causes else self.name
         return replace(self, name=name, causes=causes, secondary=secondary)
+
+    def is_quiet(self, joints: Sequence[int]) -> bool:
+        """Whether the simulation as given leaves no more at some joints than noise and the usual model error.
+
+        Args:
+            joints: their indices.
+        """
+        return bool(np.all(self.before[list(joints)] <= self.threshold[list(joints)]))
 
     def raised(self, slots: Sequence[Slot], gains: Mapping[Group, float]) -> Verdict:
         """With what is no small correction beside a larger cause among the causes.
@@ -69,12 +78,14 @@ class Verdict(Frozen):
         return replace(self, causes=(*self.causes, *more), secondary=secondary)
 
     def confirmed(self, kept: Collection[Group]) -> Verdict:
-        """With causes that held-out rows speak for before those that they speak against.
+        """With causes that held-out rows speak against behind the others: among the corrections, if there are others.
 
         Args:
             kept: the hypotheses that they speak for.
         """
-        return replace(self, causes=tuple(sorted(self.causes, key=lambda group: group not in kept)))
+        causes = tuple(group for group in self.causes if group in kept)
+        refused = tuple(group for group in self.causes if group not in kept)
+        return replace(self, causes=causes, secondary=(*refused, *self.secondary)) if causes else self
 
 
 def decide(setting: Setting, judge: Judge, found: Found, slots: Sequence[Slot]) -> Verdict:
@@ -93,7 +104,8 @@ def decide(setting: Setting, judge: Judge, found: Found, slots: Sequence[Slot]) 
     rest, plain = (setting.remaining(data, one.fit) for one in (sizes, bare))
     after, before = (_excess(setting, count, one) for one in (rest, plain))
     scale = np.maximum(data.scale, FAINT * data.scale.max())
-    clear = max((o.log for o in found.first.values() if o.best.claim.unknown), default=-np.inf)
+    unknown = (o for o in found.first.values() if o.best.claim.unknown and np.any(before[data.rows(o.best)] > 0))
+    clear = max((o.log for o in unknown), default=-np.inf)
     threshold = NOTICED * np.sqrt(2 * count) + count * (DISCREPANCY * scale / noise.least) ** 2
     threshold = threshold * (CLEARLY if clear > CLEAR and not found.true else 1.0)
     energy = {group: _weight(judge, sizes, rest, group) for group in found.true}
