@@ -125,18 +125,18 @@ def _kept(setting: Setting, judge: Judge, found: Found, known: Diagnosis | None)
 def _search(
     setting: Setting, judge: Judge, skip: Sequence[str], known: Diagnosis | None, before: Found | None = None
 ) -> tuple[Judge, Found]:
-    """Search from nothing and from what was selected before, for what is likelier; then for a contact.
+    """Search from what was selected before, and where that changes from nothing as well, for what is likelier.
 
-    The first time, all that the simulation leaves counts as noise.
+    Then for a contact. The first time, all that the simulation leaves counts as noise.
     """
     expected = _expected(judge, known)
     if before is None:
         left = measure_sizes(judge.evidence, (), expected, judge.evidence.trust((), expected)).left
         expected = np.maximum(expected, NOISE_ERROR * left)
-    found = search(judge, expected)
-    if before is not None and before.true:
-        start = {group: before.log_odds[group] for group in before.true}
-        found = max(found, search(judge, expected, start), key=lambda one: posterior(judge, one))
+    start = {} if before is None else {group: before.log_odds[group] for group in before.true}
+    found = search(judge, expected, start, rough=before is None)
+    if before is not None and start and _names(found) != _names(before):
+        found = max(search(judge, expected), found, key=lambda one: posterior(judge, one))
     if CONTACT not in skip:
         judge, found = _touched(setting, judge, found)
     return refine(setting, judge, found)

@@ -57,7 +57,9 @@ def hand_out(session: Session, model: Model, judge: Judge, found: Found, order: 
     """
     trials = Trials(session, model, judge, found)
     alone, beside = Choice(tuple(order)), Choice(tuple(order), beside=True)
-    chosen = alone if _change(trials.rows(alone), trials.rows(beside)) < -CLEARLY else beside
+    given = trials.rows(Choice(()))
+    change = {choice: _change(trials.rows(choice), given) for choice in (alone, beside)}
+    chosen = alone if change[alone] - change[beside] < -CLEARLY else beside
     chosen, judged = _pruned(trials, chosen, {})
     if (more := _refitted(trials, chosen)) != chosen:
         chosen, judged = _pruned(trials, more, judged)

@@ -27,13 +27,14 @@ SHAPE_ERROR = 0.05  # of an effect that is taken for true: what its law leaves o
 BETTER = 2.0  # log odds by which another hypothesis must be better to take a place
 
 
-def search(judge: Judge, base: Array, start: Mapping[Group, float] | None = None) -> Found:
+def search(judge: Judge, base: Array, start: Mapping[Group, float] | None = None, rough: bool = False) -> Found:
     """Forward steps, after each an exchange: nothing stays that another hypothesis explains better.
 
     Args:
         judge: library and evidence.
         base: (n,) dispersion that no effect explains [1].
         start: what to begin with, with the log odds that it was accepted by; None: nothing.
+        rough: whether forward steps are enough, as the noise is not known yet.
     """
     state = Found((), {}, base, judge.evidence.trust((), base))
     first, trusted = judge.odds((), spread(judge, state))
@@ -48,13 +49,13 @@ def search(judge: Judge, base: Array, start: Mapping[Group, float] | None = None
         if chosen is None or time_is_up(SEARCH):
             break
         state = larger = _with(judge, state, chosen)
-        if len(state.true) > 1:
+        if len(state.true) > 1 and not rough:
             state = _exchanged(judge, _plainer(judge, state), BETTER, judge.evidence.data.rows(chosen.best))
         state = larger if set(state.true) in seen else state  # the exchange would go in circles
         if set(state.true) in seen:
             break
         seen.append(set(state.true))
-    for _ in range(0 if time_is_up(SEARCH) else 2):
+    for _ in range(0 if rough or time_is_up(SEARCH) else 2):
         before, state = state.true, _exchanged(judge, _plainer(judge, state), BETTER / 2)
         if before == state.true:
             break
@@ -125,8 +126,7 @@ def needed(
 
 def _pick(judge: Judge, state: Found, odds: Mapping[Key, Odds], trusted: float, usual: float) -> Odds | None:
     taken = {key for group in state.true for key in group.claim.names}
-    there = taken | {(g.law.effect.name, g.law.joints) for g in judge.evidence.data.refitted if g.law is not None}
-    open_ = (o for o in odds.values() if not taken & o.best.claim.names and _is_founded(o.best, there))
+    open_ = (o for o in odds.values() if not taken & o.best.claim.names and is_founded(judge, state, o.best))
     strained = strained_links(judge, state)
     ranked = sorted(
         open_, key=lambda o: (-max((strained.get(j, 0.0) for j in o.best.claim.bodies), default=0.0), -o.log)
@@ -140,10 +140,20 @@ def _pick(judge: Judge, state: Found, odds: Mapping[Key, Odds], trusted: float, 
     return None
 
 
-def _is_founded(group: Group, there: set[Key]) -> bool:
-    """Whether a hypothesis names laws, and what each changes is there."""
+def is_founded(judge: Judge, state: Found, group: Group) -> bool:
+    """Whether a hypothesis names laws, and what each changes is there.
+
+    Args:
+        judge: library and evidence.
+        state: what is taken for true.
+        group: the hypothesis.
+    """
     laws = group.claim.laws
-    return bool(laws) and all(
+    if not laws or not any(law.effect.changes for law in laws):
+        return bool(laws)
+    there = {key for other in state.true for key in other.claim.names}
+    there |= {(g.law.effect.name, g.law.joints) for g in judge.evidence.data.refitted if g.law is not None}
+    return all(
         not law.effect.changes or any((name, law.joints) in there for name in law.effect.changes) for law in laws
     )
 

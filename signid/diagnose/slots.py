@@ -17,7 +17,7 @@ from .group import Group
 from .hypothesis import Key
 from .likelihood import Likelihood
 from .odds import Judge, Odds
-from .search import SEARCH, without
+from .search import SEARCH, is_founded, without
 from .setting import Setting
 from .sizes import Sizes, measure_sizes
 from .sound import is_sound
@@ -186,7 +186,11 @@ def _instead(judge: Judge, found: Found, group: Group, rows: _Rows) -> tuple[dic
 def _possible(
     judge: Judge, rest: Found, odds: Mapping[Key, Odds], logs: Mapping[Key, float], own: Key
 ) -> dict[Key, float]:
-    """The log odds without rivals near the likeliest that are not physically possible beside the rest."""
+    """The log odds without rivals that change what is not there, or near the likeliest and not physically possible."""
+    groundless = [
+        key for key, o in odds.items() if key != own and o.best.claim.laws and not is_founded(judge, rest, o.best)
+    ]
+    logs = {key: x for key, x in logs.items() if key not in groundless}
     least = max(logs.values()) - NEAR
     near = [key for key, x in logs.items() if x > least and key != own and not odds[key].best.claim.unknown]
     impossible = [key for key in near if not is_sound(judge, rest, odds[key].best)]
