@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -10,7 +12,9 @@ from diagnosed import Posed, fault, posed
 
 from signid.diagnose.evidence import KNOWN, Evidence
 from signid.diagnose.linear import Known
+from signid.diagnose.search import is_founded
 from signid.diagnose.slots import Slot, judge_slots, limit_in_step
+from signid.diagnose.strain import relieved
 from signid.diagnose.verdict import decide
 from signid.diagnose.whitened import columns_of
 
@@ -70,3 +74,39 @@ def test_laws_of_joints_in_step_are_not_sure() -> None:
     alike = [p._replace(motion=replace(p.motion, v=p.motion.v[:, [0, 0, 2]])) for p in one.setting.pieces]
     (after,) = limit_in_step(replace(one.setting, pieces=tuple(alike)), before)
     assert after.probability <= 0.95 and after.log <= np.log(19) + 1e-9
+
+
+def test_a_law_that_changes_another_is_founded_on_it() -> None:
+    one = posed("1r", SPRING, DRAG)
+    bare = cast(Any, SimpleNamespace(evidence=SimpleNamespace(data=SimpleNamespace(refitted=()))))
+    drift, spring = one.group("friction_drift", 0), one.group("spring", 0)
+    assert is_founded(one.judge, one.found(), drift)  # of a simulation that states dry friction
+    assert not is_founded(bare, one.found(spring), drift) and is_founded(bare, one.found(), spring)
+
+
+@pytest.mark.parametrize(("before", "name"), [(1.0, "nothing_missing"), (200.0, "unknown")])
+def test_where_no_cause_stays_something_is_missing_only_if_it_is_loud(before: float, name: str) -> None:
+    one = posed("1r", SPRING, DRAG)
+    found = one.found(one.group("spring", 0))
+    decided = decide(one.setting, one.judge, found, judge_slots(one.setting, one.judge, found))
+    assert decided.name == "named"
+    verdict = replace(decided, before=np.array([before]), threshold=np.array([100.0]))
+    assert verdict.without(found.true).name == name and verdict.without(()).name == "named"
+    assert verdict.is_quiet([0]) == (name == "nothing_missing")
+
+
+def test_causes_that_held_out_rows_speak_against_are_corrections_beside_others() -> None:
+    one = posed("1r", SPRING, DRAG)
+    spring, drag = one.group("spring", 0), one.group("quadratic_friction", 0)
+    found = one.found(spring, drag)
+    decided = decide(one.setting, one.judge, found, judge_slots(one.setting, one.judge, found))
+    both = replace(decided, causes=(spring, drag), secondary=())
+    assert both.confirmed({drag}).causes == (drag,) and both.confirmed({drag}).secondary == (spring,)
+    assert both.confirmed(()).causes == (spring, drag)
+
+
+def test_a_link_that_is_off_relieves_what_is_strained_without_it() -> None:
+    heavy = posed("3r", heavier=(("link_3", 1.5),))
+    link, spring = heavy.group("link_inertia", 2), heavy.group("spring", 0)
+    assert relieved(heavy.judge, heavy.found(link), heavy.found(), link) == {2}
+    assert relieved(heavy.judge, heavy.found(spring), heavy.found(), spring) == set()

@@ -17,12 +17,13 @@ from .hypothesis import happens_once
 from .odds import Judge
 from .prove import Rows, Shown, show
 from .search import SEARCH
-from .trials import Choice, Trials
+from .trials import Choice, Trials, Unit
 
 BLOCKS = 20  # of held-out rows, for standard errors
 CARE = 3.0  # times as much counts where a joint is predicted worse, or not clearly better
 CLEARLY = 1.0  # log of the held-out mean square, that refitting stated numbers must gain, or laws fitted without them
 FEW = 40  # held-out rows: fewer do not tell whether stated numbers should be refitted
+SLIGHTLY = 0.2  # the same, for the numbers of one joint beside others
 LEAST = 1e-3  # of the rms torque: smaller residuals count as this large
 INDEPENDENT = 4.0  # held-out rows for one that tells something of its own: their errors are correlated
 
@@ -86,18 +87,23 @@ def _pruned(trials: Trials, chosen: Choice, judged: dict[Group, Judged]) -> tupl
         chosen = chosen.without(max(out, key=lambda group: now[group].change))
 
 
-def _refitted(trials: Trials, chosen: Choice) -> Choice:
-    """With stated numbers refitted where held-out rows speak clearly for it, the clearest first."""
-    few = len(trials.rows(chosen).rest) < FEW or trials.session.judges_itself
-    left = [] if few else trials.units()
-    while left and not time_is_up(SEARCH):
-        more = {unit: chosen._replace(refitted=chosen.refitted | {unit}) for unit in left}
-        change = {unit: _change(trials.rows(choice), trials.rows(chosen)) for unit, choice in more.items()}
-        best = min(left, key=lambda unit: change[unit])
-        if change[best] > -CLEARLY:
+def _refitted(trials: Trials, first: Choice) -> Choice:
+    """With stated numbers refitted where held-out rows speak for each, and clearly for all of them together."""
+    few = len(trials.rows(first).rest) < FEW or trials.session.judges_itself
+    units, chosen = [] if few else trials.units(), first
+    alone = {unit: _change(trials.rows(_with(first, unit)), trials.rows(first)) for unit in units}
+    for unit in sorted(units, key=lambda unit: alone[unit]):
+        if alone[unit] > -SLIGHTLY or time_is_up(SEARCH):
             break
-        chosen, left = more[best], [unit for unit in left if unit is not best]
-    return chosen
+        more = _with(chosen, unit)
+        if _change(trials.rows(more), trials.rows(chosen)) < -SLIGHTLY:
+            chosen = more
+    return chosen if _change(trials.rows(chosen), trials.rows(first)) < -CLEARLY else first
+
+
+def _with(choice: Choice, unit: Unit) -> Choice:
+    """The same with some more stated numbers refitted."""
+    return choice._replace(refitted=choice.refitted | {unit})
 
 
 class Judged(NamedTuple):
