@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..residual import least_squares
 from ..types import Array, BaseMap, Parameters
 from .prior import believable, coefficient_sizes, inertial
 
@@ -30,5 +31,5 @@ def standard_from_base(base: BaseMap, value: Array, prior: Parameters) -> Parame
     x = np.nan_to_num(prior.values)
     for _ in range(3):  # the second and the third remove the rounding of the first
         rest = value - base.combination @ x
-        x = x + size * np.linalg.lstsq(base.combination * size, rest, rcond=None)[0]
+        x = x + size * least_squares(base.combination * size, rest)
     return Parameters(prior.labels, x)

@@ -87,24 +87,25 @@ def _explain(
 ) -> tuple[Setting, Judge, Found]:
     """Searched, and noise estimated beside what was selected, in turn, while both together become likelier."""
     judge_, found = _search(setting, judge, skip, known)
-    best, highest = (setting, judge_, found), -np.inf
+    best, highest, quiet = (setting, judge_, found), -np.inf, False
     for _ in range(NOISE_ROUNDS):
         if time_is_up(SEARCH):
-            return best
+            break
         noise = update_noise(setting, judge_.evidence, found)
         quieter = replace(setting, noise=noise)
         if (score := _score(quieter, judge_, found)) <= highest:
             break
         asked = replace(judge, evidence=Evidence(whitened(quieter.table, noise), judge.evidence.known))
         once = any(happens_once(law) for group in found.true for law in group.claim.laws)  # its window is of these rows
-        highest, best = score, (setting, judge_, found) if once else (quieter, *_kept(quieter, asked, found, known))
+        highest, quiet = score, not once
+        best = (setting, judge_, found) if once else (quieter, asked, found)
         again = _search(quieter, asked, skip, known, found)
         if time_is_up(SEARCH):
             break
         if _names(again[1]) == _names(found):
             return quieter, *again
         setting, (judge_, found) = quieter, again
-    return best
+    return (best[0], *_kept(*best, known)) if quiet else best
 
 
 def _score(setting: Setting, judge: Judge, found: Found) -> float:
@@ -134,7 +135,7 @@ def _search(
         left = measure_sizes(judge.evidence, (), expected, judge.evidence.trust((), expected)).left
         expected = np.maximum(expected, NOISE_ERROR * left)
     start = {} if before is None else {group: before.log_odds[group] for group in before.true}
-    found = search(judge, expected, start, rough=before is None)
+    found = search(judge, expected, start)
     if before is not None and start and _names(found) != _names(before):
         found = max(search(judge, expected), found, key=lambda one: posterior(judge, one))
     if CONTACT not in skip:

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from ..errors import RecordingError
+from ..residual import least_squares
 from ..types import Array, Indices, Mask
 from .group import Group
 
@@ -71,7 +72,7 @@ class Fitted(NamedTuple):
             factor = one.size[:, None] * one.lower
             square = factor[inside] @ factor.T
             right = square @ before[one.place]
-            value[one.place[inside]] = np.linalg.lstsq(square[:, inside], right, rcond=None)[0]
+            value[one.place[inside]] = least_squares(square[:, inside], right)
         return self.stating(value)
 
     def stating(self, value: Array) -> Fitted:

@@ -11,6 +11,7 @@ import numpy as np
 from ..effects.law import law_columns
 from ..model import Model
 from ..motion import Motion
+from ..residual import least_squares
 from ..types import Array, Law
 from .hypothesis import Hypothesis, refits
 from .sample import Piece
@@ -141,7 +142,7 @@ def dry_friction(model: Model, pieces: Sequence[Piece]) -> Array:
         x = np.concatenate(rows)
         x = x[np.isfinite(x).all(axis=1)]
         if len(x):
-            found[j] += max(float(np.linalg.lstsq(x[:, :-1], x[:, -1], rcond=1e-6)[0][0]), 0.0)
+            found[j] += max(float(least_squares(x[:, :-1], x[:, -1], 1e-6)[0]), 0.0)
     return found
 
 

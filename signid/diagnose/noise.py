@@ -9,6 +9,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from ..effects.base import ActuatorLaw
+from ..residual import least_squares
 from ..types import Array, Frozen, Indices, Mask
 from .table import Table
 from .wave import find_wave
@@ -195,7 +196,7 @@ def _fit(pieces: Sequence[Array], factor: float, sure: Sequence[Mask]) -> tuple[
     floor = float(np.sqrt(np.mean(np.concatenate([x[k] for x, k in zip(pieces, sure, strict=True)]) ** 2)))
     coefficients, new = np.zeros(ORDER), floor
     if len(rows) >= 4 * ORDER:
-        coefficients = _damped(np.linalg.lstsq(before, after, rcond=None)[0])
+        coefficients = _damped(least_squares(before, after))
         new = float(np.std(after - before @ coefficients))
     least = 1e-9 * max(floor, 1e-300) + 1e-12
     return factor * floor + least, coefficients, factor * new + least

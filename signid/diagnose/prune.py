@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..deadline import time_is_up
+from ..residual import least_squares
 from ..session import Session
 from ..types import Array, Law
 from .extend import extend
@@ -67,7 +68,7 @@ def _told(judge: Judge, found: Found) -> Found:
             own = fit.place(group)
             theta, spread = value[own], covariance[own, own]
             size = np.sqrt(np.diag(spread))
-            turned = np.linalg.lstsq(spread / size / size[:, None], theta / size, rcond=1e-8)[0]
+            turned = least_squares(spread / size / size[:, None], theta / size, 1e-8)
             told[group] = float(turned @ (theta / size)) / group.size
         least = min(told, key=lambda group: told[group])
         rest = without(judge, found, least)

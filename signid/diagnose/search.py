@@ -27,14 +27,13 @@ SHAPE_ERROR = 0.05  # of an effect that is taken for true: what its law leaves o
 BETTER = 2.0  # log odds by which another hypothesis must be better to take a place
 
 
-def search(judge: Judge, base: Array, start: Mapping[Group, float] | None = None, rough: bool = False) -> Found:
+def search(judge: Judge, base: Array, start: Mapping[Group, float] | None = None) -> Found:
     """Forward steps, after each an exchange: nothing stays that another hypothesis explains better.
 
     Args:
         judge: library and evidence.
         base: (n,) dispersion that no effect explains [1].
         start: what to begin with, with the log odds that it was accepted by; None: nothing.
-        rough: whether forward steps are enough, as the noise is not known yet.
     """
     state = Found((), {}, base, judge.evidence.trust((), base))
     first, trusted = judge.odds((), spread(judge, state))
@@ -49,13 +48,13 @@ def search(judge: Judge, base: Array, start: Mapping[Group, float] | None = None
         if chosen is None or time_is_up(SEARCH):
             break
         state = larger = _with(judge, state, chosen)
-        if len(state.true) > 1 and not rough:
+        if len(state.true) > 1:
             state = _exchanged(judge, _plainer(judge, state), BETTER, judge.evidence.data.rows(chosen.best))
         state = larger if set(state.true) in seen else state  # the exchange would go in circles
         if set(state.true) in seen:
             break
         seen.append(set(state.true))
-    for _ in range(0 if rough or time_is_up(SEARCH) else 2):
+    for _ in range(0 if time_is_up(SEARCH) else 2):
         before, state = state.true, _exchanged(judge, _plainer(judge, state), BETTER / 2)
         if before == state.true:
             break

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..residual import least_squares
 from ..types import Array
 
 CYCLES = 3.0  # at least: what is slower is drift
@@ -42,5 +43,5 @@ def find_wave(x: Array, rate: float) -> Wave:
     frequency = peak * rate / (FINE * len(x))
     angle = 2 * np.pi * frequency / rate * np.arange(len(x))
     columns = np.column_stack([np.cos(angle), np.sin(angle)])
-    signal = np.asarray(columns @ np.linalg.lstsq(columns, x, rcond=None)[0])
+    signal = np.asarray(columns @ least_squares(columns, x))
     return Wave(frequency, signal, float(signal @ signal) / whole)

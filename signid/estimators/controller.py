@@ -12,6 +12,7 @@ from ..filters import Decimator
 from ..model import Model
 from ..motion import Motion, build_motion, margin
 from ..regressor import base_rows
+from ..residual import least_squares
 from ..sampling import samples
 from ..session import PIECE, Session
 from ..simulate import track
@@ -120,7 +121,7 @@ def _fit(rows: Array, gains: Array | None) -> _Fit:
     first = 0 if gains is None else 2
     x, y = rows[:, first:-1], rows[:, -1] - (0 if gains is None else rows[:, :2] @ gains)
     size = np.maximum(np.linalg.norm(x, axis=0), 1e-300)
-    solved = np.linalg.lstsq(x / size, y, rcond=NOTHING)[0] / size
+    solved = least_squares(x / size, y, NOTHING) / size
     share = 1 - float(np.var(y - x @ solved)) / max(float(np.var(rows[:, -1])), 1e-300)
     return _Fit(solved[:2] if gains is None else gains, solved[2 - first :], share)
 

@@ -11,6 +11,7 @@ from ..basis import build_base
 from ..consistent import fit_consistent
 from ..errors import RobotError, shorten
 from ..model import Model, stated_inertials
+from ..residual import least_squares
 from ..types import Array, Estimate, Law, Parameters
 from .inertial import LEAST, Principal, principal
 
@@ -74,5 +75,5 @@ def _exchanged(model: Model) -> Array | None:
         return None
     near = found.parameters.values
     rest = value - base.combination @ near
-    exact = Parameters(base.labels, near + np.linalg.lstsq(base.combination, rest, rcond=None)[0])
+    exact = Parameters(base.labels, near + least_squares(base.combination, rest))
     return exact.bodies() if exact.is_feasible() else None

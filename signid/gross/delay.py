@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..residual import least_squares
 from ..rows import Rows, read_rows, torque_rates
 from ..sampling import spread
 from ..session import Session
@@ -94,7 +95,7 @@ def _own(windows: list[tuple[Rows, Array]], joint: int) -> _Own | None:
     torque = np.concatenate([rows.torque[k, joint] for (rows, _), k in pairs])
     size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     basis, factor = np.linalg.qr(columns / size)
-    value = np.linalg.lstsq(factor, basis.T @ torque, rcond=1e-10)[0] / size
+    value = least_squares(factor, basis.T @ torque, 1e-10) / size
     rate = np.concatenate([rate[k, joint] for (_, rate), k in pairs])
     instrument = np.concatenate([np.gradient(rows.columns[joint] @ value, rows.t)[k] for (rows, _), k in pairs])
     y, d, z = (x - basis @ (basis.T @ x) for x in (torque, rate, instrument))

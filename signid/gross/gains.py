@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..residual import least_squares
 from ..types import Array, Mask
 from .correction import Correction
 from .evidence import Evidence, Signals
@@ -115,5 +116,5 @@ def _left(x: Signals, told: Mask, shared: Array | None = None) -> float:
         rows.append((free - basis @ (basis.T @ free)) / np.std(x.torque[:, j]))
     columns, y = np.split(np.concatenate(rows), [-1], axis=1)
     scaled = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    fitted = scaled @ np.linalg.lstsq(scaled, y, rcond=1e-6)[0] if scaled.shape[1] else 0.0
+    fitted = scaled @ least_squares(scaled, y, 1e-6) if scaled.shape[1] else 0.0
     return float(np.sum((y - fitted) ** 2)) / len(x.v)
