@@ -176,7 +176,7 @@ def _exchanged(judge: Judge, state: Found, better: float, joints: Collection[int
         if joints is not None and not set(judge.evidence.data.rows(group)).intersection(joints):
             continue
         rest = without(judge, state, group)
-        odds, trusted = judge.odds(rest.true, spread(judge, rest))
+        odds, trusted = judge.odds(state.true, spread(judge, state), without=group)
         links = relieved(judge, state, rest, group)
         odds = {key: o for key, o in odds.items() if not links or o.best.claim.bodies & links}
         own = odds.get(group.claim.key)
