@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from signid.residual import leave, least_squares
+from signid.residual import least_squares, leave
 
 COLUMNS = np.random.default_rng(0).normal(size=(30, 4)) @ np.diag([1.0, 1.0, 1.0, 0.0])  # the last shows nothing
 TARGET = np.random.default_rng(1).normal(size=(30, 2))

@@ -23,7 +23,7 @@ BLOCKS = 20  # of held-out rows, for standard errors
 CARE = 3.0  # times as much counts where a joint is predicted worse, or not clearly better
 CLEARLY = 1.0  # log of the held-out mean square, that refitting stated numbers must gain, or laws fitted without them
 FEW = 40  # held-out rows: fewer do not tell whether stated numbers should be refitted
-SLIGHTLY = 0.2  # the same, for the numbers of one joint beside others
+SLIGHTLY = 0.5  # the same, for the numbers of one joint beside others
 LEAST = 1e-3  # of the rms torque: smaller residuals count as this large
 INDEPENDENT = 4.0  # held-out rows for one that tells something of its own: their errors are correlated
 
