@@ -13,7 +13,7 @@ from diagnosed import Posed, fault, posed
 from signid.diagnose.evidence import KNOWN, Evidence
 from signid.diagnose.linear import Known
 from signid.diagnose.search import is_founded
-from signid.diagnose.slots import Slot, judge_slots, limit_in_step
+from signid.diagnose.slots import Slot, _follows, judge_slots, limit_in_step
 from signid.diagnose.strain import relieved
 from signid.diagnose.verdict import decide
 from signid.diagnose.whitened import columns_of
@@ -110,3 +110,9 @@ def test_a_link_that_is_off_relieves_what_is_strained_without_it() -> None:
     link, spring = heavy.group("link_inertia", 2), heavy.group("spring", 0)
     assert relieved(heavy.judge, heavy.found(link), heavy.found(), link) == {2}
     assert relieved(heavy.judge, heavy.found(spring), heavy.found(), spring) == set()
+
+
+@pytest.mark.parametrize(("joints", "limited"), [([0, 1, 2], True), ([0, 1], False)])
+def test_laws_of_all_joints_are_not_sure_where_all_moved_in_step(joints: list[int], limited: bool) -> None:
+    assert _follows(posed("3r").group("base_tilt", 0, 1, 2), joints) == limited
+    assert _follows(posed("3r").group("spring", 1), joints) and not _follows(posed("3r").group("spring", 2), [0, 1])

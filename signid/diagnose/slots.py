@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -81,16 +81,15 @@ def limit_in_step(setting: Setting, slots: Sequence[Slot]) -> tuple[Slot, ...]:
     v = np.concatenate([piece.motion.v for piece in setting.pieces])
     joints = {joint for group in in_step(v.T @ v / len(v)) for joint in group}
     return tuple(
-        with_held_out(replace(slot, most=min(slot.most, MOST_IN_STEP)), 0.0)
-        if _own_joints(slot.group) & joints
-        else slot
+        with_held_out(replace(slot, most=min(slot.most, MOST_IN_STEP)), 0.0) if _follows(slot.group, joints) else slot
         for slot in slots
     )
 
 
-def _own_joints(group: Group) -> set[int]:
-    """The joints of its laws of one joint or of two."""
-    return {j for law in group.claim.laws if len(law.joints) <= 2 for j in law.joints}
+def _follows(group: Group, joints: Collection[int]) -> bool:
+    """Whether one of its laws acts on one or two joints of which one is among some, or on more that all are."""
+    acting = [law.joints for law in group.claim.laws]
+    return any(set(own) & set(joints) if len(own) <= 2 else set(own) <= set(joints) for own in acting)
 
 
 def judge_slots(setting: Setting, judge: Judge, found: Found) -> tuple[Slot, ...]:
