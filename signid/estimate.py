@@ -16,6 +16,10 @@ ROUNDS = 8  # of noise model and solution in turn, at most
 SETTLED = 1e-6  # change of the autocovariances
 SINGULAR = 1e-10  # of the largest eigenvalue of the scaled Gram matrix
 FLOOR = 1e-14  # of the torque's power: rounding
+FEW, GUESSED = (
+    2.0,
+    1e-3,
+)  # rows for each column, with fewer of which a fit hides noise; of the torque's power, its guess
 PENALTY = 2.0  # per order of the noise model: Akaike's
 LEAST = 0.05  # of the variance under white noise
 STABLE = 0.98  # largest reflection coefficient
@@ -114,9 +118,14 @@ def _first_noise(factors: Factors) -> list[_Noise]:
         size = np.sqrt(np.maximum(np.diag(gram)[:-1], 1e-300))
         inverse = np.linalg.pinv(gram[:-1, :-1] / np.outer(size, size), rcond=SINGULAR, hermitian=True)
         rest = gram[-1, -1] - (gram[:-1, -1] / size) @ inverse @ (gram[:-1, -1] / size)
-        variance = max(float(rest), FLOOR * gram[-1, -1], 1e-300) / max(joint.counts[0], 1)
+        variance = max(float(rest), _least(joint, columns) * gram[-1, -1], 1e-300) / max(joint.counts[0], 1)
         found.append(_Noise(0, variance * (np.arange(len(joint.grams)) == 0)))
     return found
+
+
+def _least(joint: JointFactors, columns: Indices) -> float:
+    """Share of the torque's power that noise is at least."""
+    return FLOOR if joint.counts[0] >= FEW * len(columns) else GUESSED
 
 
 def _solve(factors: Factors, noise: Sequence[_Noise], prior: Array, spoilt: Sequence[Array] | None = None) -> _Solution:
@@ -200,7 +209,7 @@ def _autocovariances(
     given = np.array([np.sum(covariance[part] * gram[:-1, :-1]) for gram in grams])
     found = np.array([c @ gram @ c for gram in grams]) + taken - given
     r = found / np.maximum(joint.counts, 1)
-    r[0] = max(r[0], FLOOR * grams[0][-1, -1] / max(joint.counts[0], 1), 1e-300)
+    r[0] = max(r[0], _least(joint, columns) * grams[0][-1, -1] / max(joint.counts[0], 1), 1e-300)
     return np.asarray(r)
 
 

@@ -17,7 +17,7 @@ from .factors import LAGS, Factors, Weigh
 from .fit import Fit, judge_fit
 from .gross import Judged, identification_flags
 from .model import Model, fitted_model, stated_parameters
-from .prepare import only_once, prepare, recordings_used
+from .prepare import ITSELF, only_once, prepare, recordings_used
 from .reduced import Reduced
 from .rows import Rows
 from .session import Options, Progress, Session
@@ -185,7 +185,9 @@ def _conclude(
 
 
 def _untold(given: Given, found: Estimate) -> Iterator[str]:
-    """Where rows are too few to learn from, whatever the motion could have told."""
+    """Where rows are too few to judge by, or to learn from, whatever the motion could have told."""
+    if ITSELF in given.session.notes:
+        yield ITSELF
     joints = zip(given.session.robot.joints, given.factors.joints, strict=True)
     if masked := [name for name, own in joints if own.rows and not own.counts[0]]:
         yield (

@@ -25,6 +25,11 @@ LEARNED, HELD_OUT, REFERENCE = "learned from", "held out", "of the robot when al
 SHARED = f"learned from, but for the last {1 - TRAINING_SHARE:.0%}, which is held out"
 REVERSAL, REVERSAL_SHARE = 0.01, 0.02  # [rad/s] and share of the rms velocity: width of a geared joint's reversal
 AGREE = 2e-3  # recorded derivatives are taken where they differ by less from those of the positions
+FEW_ROWS, ENOUGH = 12, 16  # filtered rows in what would be held out: with fewer, nothing is; in all, to do without
+ITSELF = (
+    "the recording is too short to hold anything out: what it was learned from judges the model, so that held-out "
+    "errors are too small; record for longer, or give another recording to judge by"
+)
 TAPS = 9.0  # periods of the cut-off that both filters together are long
 
 
@@ -38,7 +43,8 @@ def prepare(
 ) -> Session:
     """A session: joints, laws, base map, band and the split into training and held-out recordings.
 
-    Without held-out recordings the last of several is held out, or the last 30 % of the only one.
+    Without held-out recordings the last of several is held out, or the last 30 % of the only one; nothing of one that
+    is too short for that, which then judges itself.
 
     Args:
         robot: as `load_robot` gives it.
@@ -63,6 +69,9 @@ def prepare(
     train, test = _split([(r, surveys[r]) for r in recordings], [(r, surveys[r]) for r in held_out])
     learned = [(r, surveys[r]) for r in dict.fromkeys(recordings)]
     band = _band(learned, options)
+    alone = not held_out and len(learned) == 1
+    too_short = alone and _rows(test, band) < FEW_ROWS and _rows(learned, band) >= ENOUGH
+    given = tuple(learned) if too_short else tuple(train)
     measured = [all(r.columns["tau"][j] for r in everything) for j in range(len(moving.joints))]
     laws = tuple(Law(EFFECTS[name], (j,)) for name in options.effects for j in np.flatnonzero(measured).tolist())
     _only_linear(laws)
@@ -83,11 +92,12 @@ def prepare(
     notes = [
         f"{recording.path or 'recording'}: {note}" for recording, s in parts for note in (*recording.notes, *s.notes)
     ]
+    notes += [ITSELF] * too_short
     if recorded:
         notes.append("velocities and accelerations are taken as recorded: they agree with the positions")
     if desired and not complete:
         notes.append("desired positions have gaps where the measured ones have none: they do not serve as instruments")
-    return Session(task, tuple(train), tuple(test), (*robot.notes, *dict.fromkeys(notes)))
+    return Session(task, given, given if too_short else tuple(test), (*robot.notes, *dict.fromkeys(notes)))
 
 
 def recordings_used(
@@ -131,6 +141,13 @@ def _split(train: list[Part], test: list[Part]) -> tuple[list[Part], list[Part]]
         first, last = split(sampling, TRAINING_SHARE)
         return [(recording, first)], [(recording, last)]
     return train, test
+
+
+def _rows(parts: Sequence[Part], band: Band) -> int:
+    """About how many filtered rows some recordings give."""
+    lost = 2 * margin(band) + len(band.taps)
+    lengths = (sampling.length(span) - lost for _, sampling in parts for span in sampling.spans)
+    return sum(max(0, length) // band.factor for length in lengths)
 
 
 def _band(parts: Sequence[Part], options: Options) -> Band:

@@ -52,7 +52,7 @@ class Session(Frozen):
     @property
     def judges_itself(self) -> bool:
         """Whether nothing is held out: what is learned from judges as well."""
-        return self.held_out is self.train
+        return bool(self.train) and self.held_out is self.train
 
     def reduce(
         self,

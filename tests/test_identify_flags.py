@@ -136,3 +136,16 @@ def test_a_description_without_bodies_is_not_the_judge(healthy: Table, tmp_path:
     robot = signid.load_robot(tmp_path / "bare.urdf")
     found = signid.identify(robot, [signid.read_recording(healthy, robot)])
     assert not [flag for flag in found.flags if "signid check" in flag], found.flags
+
+
+def test_a_recording_too_short_to_hold_anything_out_judges_itself(robot: Robot, healthy: Table) -> None:
+    table = {key: x[:1000] for key, x in healthy.items()}
+    options = signid.Options(cutoff=5.0)
+    found = signid.identify(robot, [signid.read_recording(table, robot)], options=options)
+    assert [flag for flag in found.flags if "too short to hold anything out" in flag], found.flags
+    assert found.fit.held_out_rms == pytest.approx(found.fit.train_rms)
+    reduced = signid.reduce(robot, [signid.read_recording(table, robot)], options=options)
+    assert set(signid.identify(robot, reduced).flags) < set(found.flags)  # but for those that need samples
+    judge = signid.read_recording(FOLDER / "held_out.parquet", robot)
+    (own, described) = signid.validate([found.model, signid.load_model("3r")], [judge]).models
+    assert np.all(own.fit.held_out_rms < described.fit.held_out_rms)
