@@ -32,6 +32,8 @@ ITSELF = (
 )
 TAPS = 9.0  # periods of the cut-off that both filters together are long
 
+Parts = tuple[Part, ...]
+
 
 def prepare(
     robot: Robot,
@@ -66,12 +68,9 @@ def prepare(
     moving = hold(robot, resting(robot, but=same_joints(everything)))
     surveys = {recording: survey(recording, moving) for recording in dict.fromkeys(everything)}
     parts = list(surveys.items())
-    train, test = _split([(r, surveys[r]) for r in recordings], [(r, surveys[r]) for r in held_out])
     learned = [(r, surveys[r]) for r in dict.fromkeys(recordings)]
     band = _band(learned, options)
-    alone = not held_out and len(learned) == 1
-    too_short = alone and _rows(test, band) < FEW_ROWS and _rows(learned, band) >= ENOUGH
-    given = tuple(learned) if too_short else tuple(train)
+    train, test = _split(tuple((r, surveys[r]) for r in recordings), tuple((r, surveys[r]) for r in held_out), band)
     measured = [all(r.columns["tau"][j] for r in everything) for j in range(len(moving.joints))]
     laws = tuple(Law(EFFECTS[name], (j,)) for name in options.effects for j in np.flatnonzero(measured).tolist())
     _only_linear(laws)
@@ -92,12 +91,12 @@ def prepare(
     notes = [
         f"{recording.path or 'recording'}: {note}" for recording, s in parts for note in (*recording.notes, *s.notes)
     ]
-    notes += [ITSELF] * too_short
+    notes += [ITSELF] * (train is test)
     if recorded:
         notes.append("velocities and accelerations are taken as recorded: they agree with the positions")
     if desired and not complete:
         notes.append("desired positions have gaps where the measured ones have none: they do not serve as instruments")
-    return Session(task, given, given if too_short else tuple(test), (*robot.notes, *dict.fromkeys(notes)))
+    return Session(task, train, test, (*robot.notes, *dict.fromkeys(notes)))
 
 
 def recordings_used(
@@ -133,13 +132,16 @@ def only_once(recordings: Sequence[Recording]) -> None:
         seen[recording.sha256] = recording.path
 
 
-def _split(train: list[Part], test: list[Part]) -> tuple[list[Part], list[Part]]:
+def _split(train: Parts, test: Parts, band: Band) -> tuple[Parts, Parts]:
+    """What is learned from and what is held out; the same where an only recording is too short for both."""
     if not test and len(train) > 1:
         return train[:-1], train[-1:]
     if not test:
         recording, sampling = train[0]
         first, last = split(sampling, TRAINING_SHARE)
-        return [(recording, first)], [(recording, last)]
+        if _rows([(recording, last)], band) < FEW_ROWS and _rows(train, band) >= ENOUGH:
+            return train, train
+        return ((recording, first),), ((recording, last),)
     return train, test
 
 
