@@ -8,7 +8,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from signid.diagnose.findings import _judged
+from signid.diagnose.findings import _is_vague, _judged
 from signid.diagnose.fitted import solve
 from signid.diagnose.handout import _change
 from signid.diagnose.noise import LONGEST, _damped
@@ -16,7 +16,8 @@ from signid.diagnose.prove import Rows
 from signid.diagnose.refine import _minimised
 from signid.diagnose.slots import Slot
 from signid.diagnose.steady import steadiness
-from signid.types import Array
+from signid.effects import EFFECTS
+from signid.types import Array, Law
 
 KEY = ("spring", (0,))
 COUNT = 800
@@ -111,3 +112,9 @@ def test_a_law_that_is_left_out_is_no_likelier_than_not(kept: bool, itself: bool
 def test_sizes_in_the_record_are_reached_outwards(best: float, further: int, found: float) -> None:
     steps = _minimised(lambda x: float((x[0] - best) ** 2), np.zeros(1), further)
     assert steps.x[0] == pytest.approx(found, abs=0.02)
+
+
+@pytest.mark.parametrize(("error", "std", "vague"), [(0.002, 0.04, True), (0.03, 0.04, False), (0.002, 0.0, False)])
+def test_a_law_whose_coefficients_are_hardly_not_zero_is_vague(error: float, std: float, vague: bool) -> None:
+    assert _is_vague(Law(EFFECTS["torque_gain"], (0,), {"error": error}), {"error": std}) == vague
+    assert not _is_vague(Law(EFFECTS["torque_sign"], (0,), {}), {})

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -34,6 +34,7 @@ UNSURE = 0.95  # probability below which a cause is flagged
 LISTED = 4  # rivals of a finding whose separating motion is sought
 SEPARATED = 2 * LISTED  # rivals of all findings together: each search simulates several motions
 REFUSED = 0.0  # log odds that a law has at most if the extended simulation is better without it
+VAGUE = 0.5  # standard deviations of a coefficient: nearer to zero, and a law may as well not be there
 PLAUSIBLE = 0.05  # probability of a rival above which a separating motion is sought
 
 
@@ -78,7 +79,9 @@ def find(
     order = [*verdict.causes, *verdict.secondary]
     extended = hand_out(session, setting.model, judge, found, order)
     laws, shown = extended.laws, extended.shown
-    slots = [_judged(slot, extended, session.judges_itself) for slot in slots]
+    stds = deviations(setting, judge, found, laws)
+    vague = {group for group, own in laws.items() if all(map(_is_vague, own, stds[group]))}
+    slots = [_judged(slot, extended, session.judges_itself, vague) for slot in slots]
     if order:
         covariance = covariance_after(shown.model, judge.evidence, found, extended)
         shown = shown._replace(model=replace(shown.model, covariance=covariance))
@@ -93,7 +96,7 @@ def find(
         for slot in slots
         if slot.group is group
     ]
-    findings = list(_findings(cases, deviations(setting, judge, found, laws), gains))
+    findings = list(_findings(cases, stds, gains))
     if verdict.name == "unknown" and not verdict.causes:
         findings = [*resized(setting, session, judge, found, extended), *findings]
     floor, scale = judge.evidence.data.floor, judge.evidence.data.scale
@@ -108,11 +111,20 @@ def find(
     )
 
 
-def _judged(slot: Slot, extended: Extended, itself: bool) -> Slot:
-    """How sure a hypothesis is after the held-out rows, if there are any; what they speak against is even at most."""
+def _judged(slot: Slot, extended: Extended, itself: bool, vague: Collection[Group] = ()) -> Slot:
+    """How sure a hypothesis is after the held-out rows, if there are any.
+
+    One that they speak against, or whose numbers are vague, is even at most.
+    """
     refused = not extended.holds(slot.group) and not itself
-    limited = replace(slot, most=min(slot.most, REFUSED)) if refused else slot
+    limited = replace(slot, most=min(slot.most, REFUSED)) if refused or slot.group in vague else slot
     return with_held_out(limited, extended.support[slot.group])
+
+
+def _is_vague(law: Law, std: Mapping[str, float]) -> bool:
+    """Whether no coefficient of a law is told from zero in the extended simulation."""
+    keys = law.effect.linear()
+    return bool(keys) and all(abs(law.parameters[key]) < VAGUE * std.get(key, 0.0) for key in keys)
 
 
 def _findings(
