@@ -58,16 +58,21 @@ def hand_out(session: Session, model: Model, judge: Judge, found: Found, order: 
     """
     trials = Trials(session, model, judge, found)
     alone, beside = Choice(tuple(order)), Choice(tuple(order), beside=True)
+    ends = [_settled(trials, start) for start in (alone, beside)]
     given = trials.rows(Choice(()))
-    change = {choice: _change(trials.rows(choice), given) for choice in (alone, beside)}
-    chosen = alone if change[alone] - change[beside] < -CLEARLY else beside
-    chosen, judged = _pruned(trials, chosen, {})
-    if (more := _refitted(trials, chosen)) != chosen:
-        chosen, judged = _pruned(trials, more, judged)
+    change = [_change(trials.rows(choice), given) for choice, _ in ends]
+    chosen, judged = ends[0 if change[0] - change[1] < -CLEARLY else 1]
     refitted = frozenset(group for unit in chosen.refitted for group in unit)
     laws = {**trials.laws(alone), **trials.laws(chosen)}
     support, gain = ({group: x[k] for group, x in judged.items()} for k in (0, 1))
     return Extended(laws, show(session, trials.model_of(chosen)), frozenset(chosen.kept), refitted, support, gain)
+
+
+def _settled(trials: Trials, start: Choice) -> tuple[Choice, dict[Group, Judged]]:
+    """What of a choice holds on held-out rows, with refitted numbers; and what these rows say of each law."""
+    chosen, judged = _pruned(trials, start, {})
+    more = _refitted(trials, chosen)
+    return _pruned(trials, more, judged) if more != chosen else (chosen, judged)
 
 
 def _pruned(trials: Trials, chosen: Choice, judged: dict[Group, Judged]) -> tuple[Choice, dict[Group, Judged]]:
