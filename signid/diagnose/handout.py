@@ -58,10 +58,11 @@ def hand_out(session: Session, model: Model, judge: Judge, found: Found, order: 
     """
     trials = Trials(session, model, judge, found)
     alone, beside = Choice(tuple(order)), Choice(tuple(order), beside=True)
-    ends = [_settled(trials, start) for start in (alone, beside)]
-    given = trials.rows(Choice(()))
-    change = [_change(trials.rows(choice), given) for choice, _ in ends]
-    chosen, judged = ends[0 if change[0] - change[1] < -CLEARLY else 1]
+    chosen, judged = _settled(trials, beside)
+    if not time_is_up(SEARCH):
+        other, given = _settled(trials, alone), trials.rows(Choice(()))
+        better = _change(trials.rows(other[0]), given) - _change(trials.rows(chosen), given)
+        chosen, judged = other if better < -CLEARLY else (chosen, judged)
     refitted = frozenset(group for unit in chosen.refitted for group in unit)
     laws = {**trials.laws(alone), **trials.laws(chosen)}
     support, gain = ({group: x[k] for group, x in judged.items()} for k in (0, 1))
