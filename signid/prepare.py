@@ -25,7 +25,7 @@ LEARNED, HELD_OUT, REFERENCE = "learned from", "held out", "of the robot when al
 SHARED = f"learned from, but for the last {1 - TRAINING_SHARE:.0%}, which is held out"
 REVERSAL, REVERSAL_SHARE = 0.01, 0.02  # [rad/s] and share of the rms velocity: width of a geared joint's reversal
 AGREE = 2e-3  # recorded derivatives are taken where they differ by less from those of the positions
-FEW_ROWS, ENOUGH = 12, 16  # filtered rows in what would be held out: with fewer, nothing is; in all, to do without
+ENOUGH = 16  # filtered rows of a recording of which nothing can be held out
 ITSELF = (
     "the recording is too short to hold anything out: what it was learned from judges the model, so that held-out "
     "errors are too small; record for longer, or give another recording to judge by"
@@ -139,7 +139,7 @@ def _split(train: Parts, test: Parts, band: Band) -> tuple[Parts, Parts]:
     if not test:
         recording, sampling = train[0]
         first, last = split(sampling, TRAINING_SHARE)
-        if _rows([(recording, last)], band) < FEW_ROWS and _rows(train, band) >= ENOUGH:
+        if _rows([(recording, last)], band) == 0 and _rows(train, band) >= ENOUGH:
             return train, train
         return ((recording, first),), ((recording, last),)
     return train, test
