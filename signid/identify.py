@@ -176,7 +176,7 @@ def _conclude(
         signs=recovered.signs,
         recordings=(*recovered.recordings, *recovered.held_out),
         flags=(*recovered.flags, *found.flags, *excitation.sentences, *_untold(given, found), *chosen.flags),
-        notes=(*session.notes, *found.notes, *chosen.notes, *fit.sentences),
+        notes=(*(note for note in session.notes if note != ITSELF), *found.notes, *chosen.notes, *fit.sentences),
         cutoff=session.task.band.cutoff,
         position_cutoff=session.task.band.position_cutoff,
         seed=seed,
