@@ -185,7 +185,7 @@ def _conclude(
 
 
 def _untold(given: Given, found: Estimate) -> Iterator[str]:
-    """Where rows are too few to judge by, or to learn from, whatever the motion could have told."""
+    """Where rows are too few to judge by, or to learn from, however exciting the motion is."""
     if ITSELF in given.session.notes:
         yield ITSELF
     joints = zip(given.session.robot.joints, given.factors.joints, strict=True)

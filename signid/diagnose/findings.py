@@ -122,7 +122,7 @@ def _judged(slot: Slot, extended: Extended, itself: bool, vague: Collection[Grou
 
 
 def _is_vague(law: Law, std: Mapping[str, float]) -> bool:
-    """Whether no coefficient of a law is told from zero in the extended simulation."""
+    """Whether every coefficient of a law is near zero in the extended simulation, for its standard deviation."""
     keys = law.effect.linear()
     return bool(keys) and all(abs(law.parameters[key]) < VAGUE * std.get(key, 0.0) for key in keys)
 

@@ -144,7 +144,7 @@ def is_founded(judge: Judge, state: Found, group: Group) -> bool:
 
     Args:
         judge: library and evidence.
-        state: what is taken for true.
+        state: the selected laws.
         group: the hypothesis.
     """
     laws = group.claim.laws

@@ -36,7 +36,7 @@ def relieved(judge: Judge, state: Found, rest: Found, group: Group) -> set[int]:
 
     Args:
         judge: library and evidence.
-        state: what is taken for true.
+        state: the selected laws.
         rest: the same without the hypothesis.
         group: the hypothesis.
     """
