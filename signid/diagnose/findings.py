@@ -87,8 +87,9 @@ def find(
         shown = shown._replace(model=replace(shown.model, covariance=covariance))
     gains = extended.gain
     verdict = verdict.without({slot.group for slot in slots if slot.probability < DOUBT})
-    refused = () if session.judges_itself else [group for group in order if not extended.holds(group)]
-    verdict = verdict.without({group for group in refused if verdict.is_quiet(judge.evidence.data.rows(group))})
+    refused = [group for group in order if not extended.holds(group) and extended.support[group] <= 0]
+    quiet = {group for group in refused if verdict.is_quiet(judge.evidence.data.rows(group))}
+    verdict = verdict.without(set() if session.judges_itself else quiet)
     verdict = verdict.raised(slots, gains).confirmed(extended.kept)
     cases = [
         _Case(setting, judge, found, slot, "cause" if group in verdict.causes else "secondary", extended, seed)
