@@ -16,10 +16,8 @@ ROUNDS = 8  # of noise model and solution in turn, at most
 SETTLED = 1e-6  # change of the autocovariances
 SINGULAR = 1e-10  # of the largest eigenvalue of the scaled Gram matrix
 FLOOR = 1e-14  # of the torque's power: rounding
-FEW, GUESSED = (
-    2.0,
-    1e-3,
-)  # rows for each column, with fewer of which a fit hides noise; of the torque's power, its guess
+FEW = 2.0  # rows for each column: with fewer, a fit hides the noise
+GUESSED = 1e-3  # of the torque's power: the noise of such joints, at least
 PENALTY = 2.0  # per order of the noise model: Akaike's
 LEAST = 0.05  # of the variance under white noise
 STABLE = 0.98  # largest reflection coefficient

@@ -15,7 +15,7 @@ from .filters import Decimator
 from .motion import build_motion, margin
 from .recording import need_constants, same_joints
 from .robot import hold, resting
-from .rows import Task, choose_reach
+from .rows import Task, choose_reach, consumed
 from .sampling import Sampling, samples, split, survey
 from .session import PIECE, Options, Part, Session, common_rate, longest_piece
 from .types import Array, Input, Law, Recording, Robot
@@ -147,8 +147,7 @@ def _split(train: Parts, test: Parts, band: Band) -> tuple[Parts, Parts]:
 
 def _rows(parts: Sequence[Part], band: Band) -> int:
     """About how many filtered rows some recordings give."""
-    lost = 2 * margin(band) + len(band.taps)
-    lengths = (sampling.length(span) - lost for _, sampling in parts for span in sampling.spans)
+    lengths = (sampling.length(span) - consumed(band) - 1 for _, sampling in parts for span in sampling.spans)
     return sum(max(0, length) // band.factor for length in lengths)
 
 

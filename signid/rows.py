@@ -160,9 +160,14 @@ class _Grid(NamedTuple):
         return start * self.thin.factor, (stop - 1) * self.thin.factor + self.reach + 1
 
 
+def consumed(band: Band, recorded_derivatives: bool = False) -> int:
+    """Samples of a stretch that derivatives and low-pass take from its two ends together."""
+    return 2 * (margin(band, recorded_derivatives) + len(band.taps) // 2)
+
+
 def _grid(task: Task) -> _Grid:
     thin, sparse = task.band.decimator(), task.band.decimator(task.parts)
-    reach = 2 * (margin(task.band, task.recorded_derivatives) + thin.half)
+    reach = consumed(task.band, task.recorded_derivatives)
     block = lcm(thin.block, sparse.block)
     size = max(WINDOW, 8 * reach) // (block * thin.factor) + 1
     return _Grid(thin, sparse, task.parts, reach, size * block)

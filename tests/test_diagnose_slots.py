@@ -12,7 +12,7 @@ from diagnosed import Posed, fault, posed
 
 from signid.diagnose.evidence import KNOWN, Evidence
 from signid.diagnose.linear import Known
-from signid.diagnose.search import is_founded
+from signid.diagnose.search import is_founded, laws_there
 from signid.diagnose.slots import Slot, _follows, judge_slots, limit_in_step
 from signid.diagnose.strain import relieved
 from signid.diagnose.verdict import decide
@@ -80,8 +80,9 @@ def test_a_law_that_changes_another_is_founded_on_it() -> None:
     one = posed("1r", SPRING, DRAG)
     bare = cast(Any, SimpleNamespace(evidence=SimpleNamespace(data=SimpleNamespace(refitted=()))))
     drift, spring = one.group("friction_drift", 0), one.group("spring", 0)
-    assert is_founded(one.judge, one.found(), drift)  # of a simulation that states dry friction
-    assert not is_founded(bare, one.found(spring), drift) and is_founded(bare, one.found(), spring)
+    assert is_founded(drift, laws_there(one.judge, one.found()))  # of a simulation that states dry friction
+    assert not is_founded(drift, laws_there(bare, one.found(spring)))
+    assert is_founded(spring, laws_there(bare, one.found()))
 
 
 @pytest.mark.parametrize(("before", "name"), [(1.0, "nothing_missing"), (200.0, "unknown")])

@@ -87,7 +87,7 @@ def _explain(
 ) -> tuple[Setting, Judge, Found]:
     """Searched, and noise estimated beside what was selected, in turn, while both together become likelier."""
     judge_, found = _search(setting, judge, skip, known)
-    best, highest, quiet = (setting, judge_, found), -np.inf, False
+    best, highest, asked_again = (setting, judge_, found), -np.inf, False
     for _ in range(NOISE_ROUNDS):
         if time_is_up(SEARCH):
             break
@@ -97,7 +97,7 @@ def _explain(
             break
         asked = replace(judge, evidence=Evidence(whitened(quieter.table, noise), judge.evidence.known))
         once = any(happens_once(law) for group in found.true for law in group.claim.laws)  # its window is of these rows
-        highest, quiet = score, not once
+        highest, asked_again = score, not once
         best = (setting, judge_, found) if once else (quieter, asked, found)
         again = _search(quieter, asked, skip, known, found)
         if time_is_up(SEARCH):
@@ -105,7 +105,7 @@ def _explain(
         if _names(again[1]) == _names(found):
             return quieter, *again
         setting, (judge_, found) = quieter, again
-    return (best[0], *_kept(*best, known)) if quiet else best
+    return (best[0], *_kept(*best, known)) if asked_again else best
 
 
 def _score(setting: Setting, judge: Judge, found: Found) -> float:

@@ -86,11 +86,10 @@ def find(
         covariance = covariance_after(shown.model, judge.evidence, found, extended)
         shown = shown._replace(model=replace(shown.model, covariance=covariance))
     gains = extended.gain
-    verdict = verdict.without({slot.group for slot in slots if slot.probability < DOUBT})
-    refused = [group for group in order if not extended.holds(group) and extended.support[group] <= 0]
-    quiet = {group for group in refused if verdict.is_quiet(judge.evidence.data.rows(group))}
-    verdict = verdict.without(set() if session.judges_itself else quiet)
-    verdict = verdict.raised(slots, gains).confirmed(extended.kept)
+    weak = {slot.group for slot in slots if slot.probability < DOUBT}
+    refused = [] if session.judges_itself else [g for g in order if not extended.holds(g) and extended.support[g] <= 0]
+    weak.update(group for group in refused if verdict.is_quiet(judge.evidence.data.rows(group)))
+    verdict = verdict.without(weak).raised(slots, gains).confirmed(extended.kept)
     cases = [
         _Case(setting, judge, found, slot, "cause" if group in verdict.causes else "secondary", extended, seed)
         for group in (*verdict.causes, *verdict.secondary)

@@ -95,7 +95,7 @@ def _pruned(trials: Trials, chosen: Choice, judged: dict[Group, Judged]) -> tupl
 
 def _refitted(trials: Trials, first: Choice) -> Choice:
     """With stated numbers refitted where held-out rows speak for each, and clearly for all of them together."""
-    few = len(trials.rows(first).rest) < FEW or trials.session.judges_itself
+    few = time_is_up(SEARCH) or len(trials.rows(first).rest) < FEW or trials.session.judges_itself
     units, chosen = [] if few else trials.units(), first
     alone = {unit: _change(trials.rows(_with(first, unit)), trials.rows(first)) for unit in units}
     for unit in sorted(units, key=lambda unit: alone[unit]):

@@ -124,8 +124,8 @@ def needed(
 
 
 def _pick(judge: Judge, state: Found, odds: Mapping[Key, Odds], trusted: float, usual: float) -> Odds | None:
-    taken = {key for group in state.true for key in group.claim.names}
-    open_ = (o for o in odds.values() if not taken & o.best.claim.names and is_founded(judge, state, o.best))
+    taken, there = _taken(state), laws_there(judge, state)
+    open_ = (o for o in odds.values() if not taken & o.best.claim.names and is_founded(o.best, there))
     strained = strained_links(judge, state)
     ranked = sorted(
         open_, key=lambda o: (-max((strained.get(j, 0.0) for j in o.best.claim.bodies), default=0.0), -o.log)
@@ -139,20 +139,30 @@ def _pick(judge: Judge, state: Found, odds: Mapping[Key, Odds], trusted: float, 
     return None
 
 
-def is_founded(judge: Judge, state: Found, group: Group) -> bool:
-    """Whether a hypothesis names laws, and what each changes is there.
+def _taken(state: Found) -> set[Key]:
+    return {key for group in state.true for key in group.claim.names}
+
+
+def laws_there(judge: Judge, state: Found) -> set[Key]:
+    """Effects and joints of the laws that the simulation states or that are selected.
 
     Args:
         judge: library and evidence.
         state: the selected laws.
+    """
+    stated = {(g.law.effect.name, g.law.joints) for g in judge.evidence.data.refitted if g.law is not None}
+    return stated | _taken(state)
+
+
+def is_founded(group: Group, there: Collection[Key]) -> bool:
+    """Whether a hypothesis names laws, and what each changes is there.
+
+    Args:
         group: the hypothesis.
+        there: effects and joints of laws.
     """
     laws = group.claim.laws
-    if not laws or not any(law.effect.changes for law in laws):
-        return bool(laws)
-    there = {key for other in state.true for key in other.claim.names}
-    there |= {(g.law.effect.name, g.law.joints) for g in judge.evidence.data.refitted if g.law is not None}
-    return all(
+    return bool(laws) and all(
         not law.effect.changes or any((name, law.joints) in there for name in law.effect.changes) for law in laws
     )
 

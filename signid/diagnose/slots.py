@@ -17,14 +17,14 @@ from .group import Group
 from .hypothesis import Key
 from .likelihood import Likelihood
 from .odds import Judge, Odds
-from .search import SEARCH, is_founded, without
+from .search import SEARCH, is_founded, laws_there, without
 from .setting import Setting
 from .sizes import Sizes, measure_sizes
 from .sound import is_sound
 from .steady import steadiness
 from .strain import relieved
 
-TOLD = 0.03  # probability from which on a rival is listed
+NOTABLE = 0.03  # probability from which on a rival is listed
 NEAR = 4.0  # log odds behind the likeliest, up to which a rival must be physically possible to count
 ROUNDS, DOUBT, LIKELIER = 12, 0.2, 1.5  # of settling; probability of what goes; times as likely, to take its place
 FAR = 40.0  # log odds behind an effect that no rival falls that leaves nothing of it
@@ -87,7 +87,7 @@ def limit_in_step(setting: Setting, slots: Sequence[Slot]) -> tuple[Slot, ...]:
 
 
 def _follows(group: Group, joints: Collection[int]) -> bool:
-    """Whether one of its laws acts on one or two joints of which one is among some, or on more that all are."""
+    """Whether a law of one or two joints acts on one of some joints, or a law of more joints on these alone."""
     acting = [law.joints for law in group.claim.laws]
     return any(set(own) & set(joints) if len(own) <= 2 else set(own) <= set(joints) for own in acting)
 
@@ -145,8 +145,8 @@ def _slot(
     odds, logs = _instead(judge, found, group, rows[0])
     own = group.claim.key
     rest = without(judge, found, group)
-    strained = relieved(judge, found, rest, group)  # no discrepancy makes up for a link beyond its tolerance
-    penalty = 0.0 if strained or time_is_up(SEARCH) else likelihood.penalty(group)
+    certain = time_is_up(SEARCH) or relieved(judge, found, rest, group)  # no discrepancy makes a heavy link possible
+    penalty = 0.0 if certain else likelihood.penalty(group)
     log = (odds[own].log if own in odds else found.log_odds[group]) + penalty
     left = _leftovers(judge, group, odds, sizes)
     for key in (key for key, o in odds.items() if o.best.claim.unknown):
@@ -164,7 +164,7 @@ def _slot(
     rivals = {
         key: (p, odds[key].best)
         for key, p in sorted(probability.items(), key=lambda item: -item[1])
-        if key in same and (p > TOLD or left[key] < SAME)
+        if key in same and (p > NOTABLE or left[key] < SAME)
     }
     unknown = sum(p for key, p in probability.items() if odds[key].best.claim.unknown)
     there = probability.get(own, 0.0)
@@ -186,10 +186,9 @@ def _possible(
     judge: Judge, rest: Found, odds: Mapping[Key, Odds], logs: Mapping[Key, float], own: Key
 ) -> dict[Key, float]:
     """The log odds without rivals that change what is not there, or near the likeliest and not physically possible."""
-    groundless = [
-        key for key, o in odds.items() if key != own and o.best.claim.laws and not is_founded(judge, rest, o.best)
-    ]
-    logs = {key: x for key, x in logs.items() if key not in groundless}
+    there = laws_there(judge, rest)
+    some = {key for key in logs if key == own or odds[key].best.claim.unknown or is_founded(odds[key].best, there)}
+    logs = {key: x for key, x in logs.items() if key in some}
     least = max(logs.values()) - NEAR
     near = [key for key, x in logs.items() if x > least and key != own and not odds[key].best.claim.unknown]
     impossible = [key for key in near if not is_sound(judge, rest, odds[key].best)]

@@ -21,7 +21,7 @@ from .odds import Judge
 from .prove import show
 from .result import Alternative, Finding
 from .setting import Setting
-from .slots import DOUBT, HALF, TOLD
+from .slots import DOUBT, HALF, NOTABLE
 from .sound import LEAST
 
 LOST = 1e-12  # of the largest eigenvalue of the prior information, scaled: nothing is known in such directions
@@ -130,7 +130,7 @@ def _rivals(
     data, joint = judge.evidence.data, _name(group)[1][0]
     torque = data.part(joint, group) @ value
     for key, (probability, rival) in sorted(likely.items(), key=lambda item: -item[1][0]):
-        if probability > TOLD and key != _name(group) and rival.claim.laws and joint in data.rows(rival):
+        if probability > NOTABLE and key != _name(group) and rival.claim.laws and joint in data.rows(rival):
             rest = leave(torque, data.part(joint, rival))
             if rest @ rest <= HALF * (torque @ torque):
                 yield Alternative(rival.claim.laws[0], probability, "")

@@ -40,7 +40,5 @@ def relieved(judge: Judge, state: Found, rest: Found, group: Group) -> set[int]:
         rest: the same without the hypothesis.
         group: the hypothesis.
     """
-    if not group.claim.bodies:
-        return set()
-    strained = strained_links(judge, rest)
-    return set(strained.keys() - strained_links(judge, state).keys()) if strained else set()
+    strained = strained_links(judge, rest).keys() if group.claim.bodies else set()
+    return strained - strained_links(judge, state).keys() if strained else set()

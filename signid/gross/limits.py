@@ -7,8 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..filters import Decimator
-from ..motion import margin
+from ..rows import consumed
 from ..session import Part, Session
 from ..types import Array, Indices
 from .evidence import Evidence
@@ -69,7 +68,7 @@ def judge_limits(evidence: Evidence | None, parts: Sequence[Part], session: Sess
 def judge_amount(session: Session, parts: Sequence[Part]) -> Amount:
     """Filtered rows against unknowns."""
     band, task = session.task.band, session.task
-    reach = 2 * (margin(band, task.recorded_derivatives) + Decimator(band.taps, band.factor).half)
+    reach = consumed(band, task.recorded_derivatives)
     lengths = [s.length(span) for _, s in parts for span in s.spans]
     density, lost = 2 * min(band.cutoff, max(MOTION, band.cutoff / BEYOND)), len(lengths) * reach / band.rate
     rows = sum(int(max(0, length - reach) / band.rate * density) for length in lengths)
