@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from signid.regression.session import Session
 from signid.robot import load_robot
-from signid.session import Session
 from signid.types import BaseMap, Law, Robot
 
 from .plants.bodies import Drives

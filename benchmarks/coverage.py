@@ -21,10 +21,10 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from signid.estimate import estimate
-from signid.prepare import prepare
+from signid.estimation.least_squares import estimate
 from signid.recording import read_recording
-from signid.session import Session
+from signid.regression.prepare import prepare
+from signid.regression.session import Session
 from signid.types import TWO_SIDED, Estimate, Robot
 
 from .arms import ARMS, Arm, load, truth

@@ -24,7 +24,7 @@ from rich.table import Table
 from signid.errors import SignidError
 from signid.identify import Identification, identify
 from signid.recording import read_recording
-from signid.session import Options
+from signid.regression.session import Options
 from signid.types import TWO_SIDED, Recording, Robot
 
 from .arms import ARMS, Arm, load, truth

@@ -23,14 +23,14 @@ from rich.console import Console
 from rich.table import Table
 
 from signid.effects import EFFECT_NAMES
-from signid.excite import Excitation, build_limits, excite
-from signid.excite.draw import random_parameters, sample
-from signid.excite.fourier import Fourier
-from signid.excite.plan import CLEARANCE, Worth, judge
-from signid.excite.ready import make_ready, usual_laws
-from signid.excite.safe import make_safe
 from signid.model import Model, stated_inertials, stated_laws
 from signid.robot import load_robot
+from signid.simulation.excite import Excitation, build_limits, excite
+from signid.simulation.excite.design import CLEARANCE, Worth, judge
+from signid.simulation.excite.feasible import make_safe
+from signid.simulation.excite.motions.fourier import Fourier
+from signid.simulation.excite.motions.random_motion import random_parameters, sample
+from signid.simulation.excite.setup import make_ready, usual_laws
 
 from .one_thread import one_thread
 

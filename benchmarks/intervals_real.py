@@ -25,7 +25,7 @@ from rich.table import Table
 
 import signid
 from signid.errors import SignidError
-from signid.estimate import estimate
+from signid.estimation.least_squares import estimate
 from signid.identify import Identification
 from signid.types import TWO_SIDED, Robot
 

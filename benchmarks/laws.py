@@ -26,10 +26,10 @@ from scipy.ndimage import maximum_filter1d
 from signid.effects import EFFECTS
 from signid.effects.base import Effect
 from signid.effects.law import law_torque
-from signid.filters import lowpass, smooth
-from signid.laws import law_at
+from signid.effects.naming import law_at
 from signid.model import Model, stated_inertials
-from signid.motion import Motion
+from signid.regression.filters import lowpass, smooth
+from signid.regression.motion import Motion
 from signid.robot import load_robot
 from signid.types import Array, Law, Robot
 

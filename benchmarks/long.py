@@ -29,7 +29,7 @@ from rich.console import Console
 from rich.table import Table
 
 import signid
-from signid.motion import Motion
+from signid.regression.motion import Motion
 from signid.types import Robot
 
 from .one_thread import ONE_THREAD

@@ -29,7 +29,7 @@ from rich.console import Console
 from rich.table import Table
 
 import signid
-from signid.motion import Motion
+from signid.regression.motion import Motion
 from signid.types import Robot
 
 from .long import ONE_THREAD, RATE, write
@@ -48,36 +48,36 @@ COMMON = {
     "_bootstrap>:_find_and_load": START,
     "robot/load.py:load_robot": "robot",
     "recording/read.py:read_recording": "reading",
-    "sampling/survey.py:survey": "survey",
+    "recording/sampling/survey.py:survey": "survey",
 }
 STAGES = {
     "identify": {
         **COMMON,
-        "sampling/grid.py:samples": "reading",
-        "basis.py:build_base": "base map",
-        "prepare.py:_band": "band",
-        "prepare.py:_reach": "band",
-        "motion.py:build_motion": "motion",
-        "regressor.py:base_rows": "regressor, low-pass",
-        "rows.py:_window_rows": "rows",
-        "factors.py:reduce_rows": "factors",
-        "estimate.py:estimate": "estimate",
-        "excitation.py:judge_excitation": "excitation",
-        "standard.py:choose_standard": "feasible fit",
+        "recording/sampling/grid.py:samples": "reading",
+        "regression/base_parameters.py:build_base": "base map",
+        "regression/prepare.py:_band": "band",
+        "regression/prepare.py:_reach": "band",
+        "regression/motion.py:build_motion": "motion",
+        "regression/regressor.py:base_rows": "regressor, low-pass",
+        "regression/rows.py:_window_rows": "rows",
+        "regression/factors.py:reduce_rows": "factors",
+        "estimation/least_squares.py:estimate": "estimate",
+        "estimation/excitation.py:judge_excitation": "excitation",
+        "estimation/standard.py:choose_standard": "feasible fit",
         "cli/files.py:deliver": "report",
     },
     "diagnose": {
         **COMMON,
         "diagnose/run.py:_prepare": "preparation",
-        "gross/examine.py:examine": "gross faults",
+        "recording_faults/examine.py:examine": "gross faults",
         "diagnose/run.py:_build": "rows",
-        "diagnose/explain.py:explain": "search",
-        "diagnose/slots.py:settle": "search",
-        "diagnose/prune.py:prune": "search",
-        "diagnose/findings.py:find": "numbers",
-        "diagnose/empirical.py:model_rest": "numbers",
-        "diagnose/prove.py:show": "proof",
-        "diagnose/prove.py:prove": "proof",
+        "diagnose/search/iterate.py:explain": "search",
+        "diagnose/findings/alternatives.py:settle": "search",
+        "diagnose/search/prune.py:prune": "search",
+        "diagnose/findings/findings.py:find": "numbers",
+        "diagnose/findings/empirical.py:model_rest": "numbers",
+        "diagnose/extend/holdout.py:show": "proof",
+        "diagnose/extend/holdout.py:prove": "proof",
         "diagnose/run.py:_roll_out": "roll-outs",
         "cli/files.py:deliver_diagnosis": "report",
     },

@@ -24,15 +24,15 @@ from rich.table import Table
 from scipy.ndimage import convolve1d
 
 import signid
-from signid.cutoff import choose_band
-from signid.filters import lowpass
 from signid.model import Model, stated_inertials
-from signid.prepare import prepare
-from signid.rollout import RollOut, roll_out
-from signid.rollout.windows import Windows, cut_windows
-from signid.sampling import survey
-from signid.session import Options, Session
-from signid.simulate.plant import Plant
+from signid.recording.sampling import survey
+from signid.regression.bandwidth import choose_band
+from signid.regression.filters import lowpass
+from signid.regression.prepare import prepare
+from signid.regression.session import Options, Session
+from signid.simulation.plant.plant import Plant
+from signid.simulation.rollout import RollOut, roll_out
+from signid.simulation.rollout.windows import Windows, cut_windows
 from signid.types import Recording
 
 from .real.data import JUDGED, LINK_SIDE, ROBOTS, UNLOADED, data, recording, ur10e, ur10e_recording

@@ -26,9 +26,9 @@ from rich.table import Table
 from signid.effects import EFFECTS
 from signid.model import Model, stated_inertials
 from signid.robot import load_robot
-from signid.simulate import track
-from signid.simulate.control import Plan
-from signid.simulate.plant import Plant
+from signid.simulation.plant import track
+from signid.simulation.plant.control import Plan
+from signid.simulation.plant.plant import Plant
 from signid.types import Array, Law, Trajectory
 
 from .plants.bodies import Body

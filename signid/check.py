@@ -7,15 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .cutoff import Band
-from .estimate import estimate
-from .excitation import ExcitationVerdict, judge_excitation
-from .factors import Factors
-from .gross import Gross, examine
+from .estimation.excitation import ExcitationVerdict, judge_excitation
+from .estimation.least_squares import estimate
 from .model import Model, stated_inertials, stated_laws
-from .prepare import prepare
-from .sampling import Sampling
-from .session import Options, Progress, Session
+from .recording.sampling import Sampling
+from .recording_faults import Gross, examine
+from .regression.bandwidth import Band
+from .regression.factors import Factors
+from .regression.prepare import prepare
+from .regression.session import Options, Progress, Session
 from .signs import Signs, recover
 from .types import Array, BaseMap, Frozen, Recording, Robot
 

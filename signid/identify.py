@@ -7,22 +7,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .covariance import base_covariance
 from .deadline import ends_in_time, steps_shown
 from .errors import OptionError, shorten
-from .estimate import estimate
-from .estimators import ESTIMATORS, Estimator, Given
-from .excitation import ExcitationVerdict, judge_excitation
-from .factors import LAGS, Factors, Weigh
-from .fit import Fit, judge_fit
-from .gross import Judged, identification_flags
+from .estimation.estimators import ESTIMATORS, Estimator, Given
+from .estimation.excitation import ExcitationVerdict, judge_excitation
+from .estimation.fit_quality import Fit, judge_fit
+from .estimation.least_squares import estimate
+from .estimation.standard import METHODS, Search, choose_in_time
 from .model import Model, fitted_model, stated_parameters
-from .prepare import ITSELF, only_once, prepare, recordings_used
-from .reduced import Reduced
-from .rows import Rows
-from .session import Options, Progress, Session
+from .recording_faults import Judged, identification_flags
+from .regression.covariance import base_covariance
+from .regression.factors import LAGS, Factors, Weigh
+from .regression.prepare import ITSELF, only_once, prepare, recordings_used
+from .regression.reduced import Reduced
+from .regression.rows import Rows
+from .regression.session import Options, Progress, Session
 from .signs import Recovered, Signs, recover
-from .standard import METHODS, Search, choose_in_time
 from .types import Array, BaseMap, Estimate, Frozen, Input, Parameters, Recording, Robot
 
 HUBER = 1.345  # residual, in standard deviations, beyond which a row counts less

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from .basis import build_base
 from .effects import EFFECT_NAMES, EFFECTS
+from .regression.base_parameters import build_base
 from .types import BaseMap, Frozen, Law, Robot
 
 

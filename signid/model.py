@@ -10,18 +10,18 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from .covariance import Covariance, read_covariance
 from .effects import EFFECT_NAMES, EFFECTS
 from .effects.base import ActuatorLaw, BodyLaw, RecordingLaw
 from .effects.bodies import body_inertia
 from .effects.law import law_torque
+from .effects.naming import law_at, placed
 from .errors import RobotError, SignidError
-from .laws import law_at, placed
-from .motion import Motion
-from .plain import read_json
-from .rigid import carrier, own_row
+from .regression.covariance import Covariance, read_covariance
+from .regression.motion import Motion
+from .regression.rows import Task
 from .robot import held_positions, load_robot, robot_from_text
-from .rows import Task
+from .robot.dynamics import carrier, own_row
+from .toml_json import read_json
 from .types import Array, Frozen, Law, Parameters, Robot
 
 SCHEMA = "signid.model/1"

@@ -13,10 +13,10 @@ from contract import law_of
 from signid.effects import EFFECTS
 from signid.effects.base import Effect, TransmissionLaw
 from signid.effects.law import law_torque
-from signid.filters import lowpass, smooth
 from signid.model import Model, stated_inertials
-from signid.motion import Motion
-from signid.simulate import simulate, track
+from signid.regression.filters import lowpass, smooth
+from signid.regression.motion import Motion
+from signid.simulation.plant import simulate, track
 from signid.types import Array, Law
 
 SECONDS, CUTOFF, EDGE = 6.0, 15.0, 1000  # [s], [Hz], samples that are not looked at

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 from toys import toy
 
-from signid.motion import Motion
+from signid.regression.motion import Motion
 from signid.types import Array, Robot, Trajectory
 
 LIMIT = '<limit lower="-3.1" upper="3.1" effort="200" velocity="6"/>'

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import nnls
 
-from signid.signs.problem import Problem, eliminate
+from signid.signs.search.problem import Problem, eliminate
 from signid.types import Array
 
 CLOSE = 1e-9  # share of the total energy

@@ -15,8 +15,8 @@ from scipy.integrate import solve_ivp
 from signid.effects.base import ActuatorLaw, BodyLaw, Effect, RecordingLaw, TorqueLaw, TransmissionLaw
 from signid.effects.law import law_columns, law_torque
 from signid.effects.trial import Trial
-from signid.motion import Motion
-from signid.rigid import carried, own_row
+from signid.regression.motion import Motion
+from signid.robot.dynamics import carried, own_row
 from signid.types import Array, Law
 
 KINDS = (TorqueLaw, BodyLaw, TransmissionLaw, RecordingLaw, ActuatorLaw)

@@ -15,16 +15,16 @@ from benchmarks.plants.bodies import Drives
 from benchmarks.plants.faults import Fault
 from benchmarks.plants.mujoco_ import log, simulate
 from signid.diagnose import Diagnosis
-from signid.diagnose.evidence import Evidence
-from signid.diagnose.found import Found
-from signid.diagnose.group import Group
-from signid.diagnose.odds import Judge
+from signid.diagnose.data.column_groups import Group
+from signid.diagnose.data.dataset import Setting
+from signid.diagnose.evidence.bayes_factors import Evidence
+from signid.diagnose.evidence.posterior_odds import Judge
+from signid.diagnose.evidence.selection import Found
 from signid.diagnose.run import _build, _judge, _prepare, _silent
-from signid.diagnose.setting import Setting
 from signid.effects import EFFECTS
 from signid.model import Model, stated_inertials
+from signid.regression.session import Options, Session
 from signid.robot import load_robot
-from signid.session import Options, Session
 from signid.signs import recover
 from signid.types import Law, Recording
 

@@ -6,7 +6,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-from signid.laws import parse_law, placed
+from signid.effects.naming import parse_law, placed
 from signid.model import load_model
 
 

@@ -8,9 +8,9 @@ import mujoco
 import numpy as np
 from toys import joint, link, toy
 
-from signid.laws import parse_law
+from signid.effects.naming import parse_law
 from signid.model import Model, stated_inertials, stated_laws
-from signid.motion import Motion
+from signid.regression.motion import Motion
 from signid.robot import load_robot
 from signid.types import Array, Robot
 

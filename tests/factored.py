@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from signid.factors import Factors
-from signid.motion import Motion
+from signid.regression.factors import Factors
+from signid.regression.motion import Motion
 from signid.types import Array, Robot
 
 RATE = 200.0  # Hz

@@ -11,7 +11,7 @@ from toys import toy
 import signid
 from signid.effects import EFFECTS
 from signid.model import Model, stated_inertials
-from signid.simulate import Simulation, Torques, simulate
+from signid.simulation.plant import Simulation, Torques, simulate
 from signid.types import Law, Robot, Trajectory
 
 WIDE = '<limit lower="-100" upper="100" effort="1000" velocity="100"/>'

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from signid.effects.base import Effect, RecordingLaw
-from signid.motion import Motion
+from signid.regression.motion import Motion
 from signid.types import Array
 
 NUMPY = {name: getattr(np, name) for name in "abs sign exp sin cos tanh clip where sum array cross".split()}

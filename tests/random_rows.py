@@ -7,10 +7,10 @@ from functools import cache
 import numpy as np
 from plant import law
 
-from signid.diagnose.evidence import Evidence
-from signid.diagnose.group import Group
-from signid.diagnose.hypothesis import Hypothesis
-from signid.diagnose.whitened import Whitened
+from signid.diagnose.data.column_groups import Group
+from signid.diagnose.data.hypotheses import Hypothesis
+from signid.diagnose.data.whitened_rows import Whitened
+from signid.diagnose.evidence.bayes_factors import Evidence
 from signid.types import Array
 
 ROWS, JOINTS = 40, 2

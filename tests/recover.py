@@ -13,16 +13,16 @@ from contract import PLACE
 from scipy.ndimage import minimum_filter1d
 from scipy.optimize import minimize
 
-from signid.cutoff import Band, choose_band
 from signid.effects import EFFECTS
 from signid.effects.base import Effect, RecordingLaw
 from signid.effects.law import coefficient_count, hypotheses, law_columns, law_torque
 from signid.effects.trial import Trial
-from signid.filters import Decimator
 from signid.model import Model, stated_inertials
-from signid.motion import Motion, build_motion
-from signid.rows import STILL, choose_reach
-from signid.simulate import Simulation, simulate, track
+from signid.regression.bandwidth import Band, choose_band
+from signid.regression.filters import Decimator
+from signid.regression.motion import Motion, build_motion
+from signid.regression.rows import STILL, choose_reach
+from signid.simulation.plant import Simulation, simulate, track
 from signid.types import Array, Law, Mask, Samples
 
 ROTOR = {"inertia": 0.15}

@@ -14,7 +14,7 @@ from urllib.parse import unquote
 
 import pytest
 
-from signid.gallery import DATA, DataSet, Product
+from signid.recording.gallery import DATA, DataSet, Product
 
 Answer = bytes | Callable[[BaseHTTPRequestHandler], None]
 TEXT = b"t,q_1,tau_1\n0,0.5,1.5\n0.1,0.25,2\n"
@@ -89,4 +89,4 @@ def toy(make: Callable[..., str] = bytes.decode, digest: str = sha256(TEXT).hexd
 def register(wanted: DataSet, monkeypatch: pytest.MonkeyPatch) -> None:
     """Makes the command line know a data set."""
     monkeypatch.setitem(DATA.modules, wanted.name, wanted.name)
-    monkeypatch.setitem(sys.modules, f"signid.gallery.{wanted.name}", SimpleNamespace(PLUGIN=wanted))  # type: ignore[arg-type]
+    monkeypatch.setitem(sys.modules, f"signid.recording.gallery.{wanted.name}", SimpleNamespace(PLUGIN=wanted))  # type: ignore[arg-type]

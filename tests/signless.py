@@ -9,13 +9,13 @@ import numpy as np
 from arm import arm
 from motions import FRICTION, trial, truth
 
-from signid.prepare import prepare
 from signid.recording import read_recording
-from signid.rows import Task
-from signid.session import Options
-from signid.signs.observed import Observed, observe
-from signid.signs.problem import Segment, orthonormalise, pose
-from signid.signs.segments import threshold_runs
+from signid.regression.prepare import prepare
+from signid.regression.rows import Task
+from signid.regression.session import Options
+from signid.signs.rows.observations import Observed, observe
+from signid.signs.rows.segments import threshold_runs
+from signid.signs.search.problem import Segment, orthonormalise, pose
 from signid.types import Array
 
 

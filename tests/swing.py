@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 import signid
-from signid.motion import Motion
+from signid.regression.motion import Motion
 
 Columns = dict[str, Any]
 RATE, SECONDS = 100.0, 12.0

@@ -15,7 +15,7 @@ from benchmarks.signs.simulated import logged
 from benchmarks.signs.trial import Puzzle, forget, identify, planted, tell
 from benchmarks.signs.truth import Truth, judge, measured
 from benchmarks.told import finite
-from signid.session import Options
+from signid.regression.session import Options
 from signid.signs.result import Proof, Signs, Told, Trace
 
 T = np.arange(0.0, 10.0, 0.01)

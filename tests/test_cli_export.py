@@ -10,7 +10,7 @@ import pytest
 from exported import model_of
 
 from signid.cli import run
-from signid.report import to_json
+from signid.output.report import to_json
 
 KINDS = {
     "urdf": "robot.urdf",

@@ -12,9 +12,9 @@ from fleets import ARM
 
 import signid
 from signid.cli import run
-from signid.factors import LAGS, Node, reduce_rows
-from signid.formats import FORMATS
-from signid.reduced import encode_factors, is_factor_file, reduce
+from signid.recording.formats import FORMATS
+from signid.regression.factors import LAGS, Node, reduce_rows
+from signid.regression.reduced import encode_factors, is_factor_file, reduce
 
 
 def test_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,9 +13,9 @@ import pytest
 
 import signid
 from signid.cli import run
-from signid.cli.excitation import split_laws
+from signid.cli.commands.excitation import split_laws
 from signid.effects import EFFECTS
-from signid.laws import parse_law, written
+from signid.effects.naming import parse_law, written
 
 LIGHT = "payload:mass=0.2,first_moment_x=0.02"
 REAL = "--noise 0.01 --encoder-bits 17 --seed 3".split()

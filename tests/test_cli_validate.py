@@ -16,7 +16,7 @@ from test_signs_page import Page, figures
 
 import signid
 from signid.cli import run
-from signid.report import report
+from signid.output.report import report
 
 EXAMPLES = Path(__file__).parents[1] / "robots" / "3r"
 MODELS = ["3r", "id/model.json"]

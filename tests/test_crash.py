@@ -16,16 +16,16 @@ from swing import csv, swing
 
 from signid.cli import run
 from signid.errors import OutputError, RecordingError
-from signid.formats import csv_, room
-from signid.formats.find import find_format
-from signid.report import write_files
+from signid.output.report import write_files
+from signid.recording.formats import csv_, room
+from signid.recording.formats.find import find_format
 
 HERE = Path(__file__).parents[1]
 THERE = {**os.environ, "PYTHONPATH": str(HERE), "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 FILES, SIZE, KILLS, ROUNDS = 5, 400_000, 8, 30
 WRITER = f"""if 1:
     import sys
-    from signid.report.write import write_files
+    from signid.output.report.write import write_files
     folder, mark, rounds = sys.argv[1], sys.argv[2], int(sys.argv[3])
     for k in range(1, rounds + 1):
         body = f"{{mark}} {{k:09d}};"
@@ -180,7 +180,7 @@ def test_a_memory_ceiling_is_told(tmp_path: Path) -> None:
     program = """if 1:
         import resource, sys
         from signid.cli import run
-        import signid.simulate, signid.formats.csv_, signid.identify, signid.report
+        import signid.simulation.plant, signid.recording.formats.csv_, signid.identify, signid.output.report
         used = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
         resource.setrlimit(resource.RLIMIT_AS, (used + 400_000_000, resource.RLIM_INFINITY))
         sys.exit(run(sys.argv[1:]))

@@ -42,7 +42,10 @@ SEARCHES: dict[str, tuple[str, Callable[[Any, Any, Any], Any]]] = {
     "signs": ("the search for signs", lambda r, full, lost: signid.identify(r, [lost])),
     "tree": ("the search for standard parameters", lambda r, full, lost: signid.identify(r, [lost], signs="tree")),
     "laws": ("the search for laws", lambda r, full, lost: signid.diagnose(signid.load_model("3r"), [full])),
-    "motion": ("the search for a motion", lambda r, full, lost: signid.excite(signid.load_model("3r"), duration=4)),
+    "motion": (
+        "the search for a motion",
+        lambda r, full, lost: signid.simulation.excite(signid.load_model("3r"), duration=4),
+    ),
 }
 
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from random_rows import DISPERSION, FRICTION, OFFSET, SPRING, SWAP, VISCOUS, rows
 
-from signid.diagnose.batches import gather, log_factor
-from signid.diagnose.evidence import Evidence
-from signid.diagnose.prior import Belief
-from signid.residual import leave
+from signid.diagnose.evidence.batches import gather, log_factor
+from signid.diagnose.evidence.bayes_factors import Evidence
+from signid.diagnose.evidence.prior import Belief
+from signid.regression.projection import leave
 
 
 def test_joints_that_nothing_couples_are_fitted_apart() -> None:

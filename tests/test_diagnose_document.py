@@ -14,9 +14,9 @@ pytest.importorskip("mujoco", reason="MuJoCo is not installed; pip install 'sign
 from diagnosed import Planted, fault, look  # noqa: E402
 
 from signid.diagnose import Diagnosis  # noqa: E402
-from signid.diagnose.findings import LISTED, PLAUSIBLE, SEPARATED  # noqa: E402
+from signid.diagnose.findings.findings import LISTED, PLAUSIBLE, SEPARATED  # noqa: E402
 from signid.effects import EFFECTS  # noqa: E402
-from signid.report import diagnosis_document, to_json  # noqa: E402
+from signid.output.report import diagnosis_document, to_json  # noqa: E402
 
 NAMES = {effect.name for effect in EFFECTS}
 VARIABLES = ("velocity", "position", "acceleration", "torque", "time")

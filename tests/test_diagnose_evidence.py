@@ -22,11 +22,11 @@ from random_rows import (
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
-from signid.diagnose.evidence import TRUST, TRUST_PRIOR, Evidence
-from signid.diagnose.group import Group
-from signid.diagnose.linear import Known
-from signid.diagnose.prior import SIZES, WIDE, Belief
-from signid.diagnose.whitened import columns_of, total
+from signid.diagnose.data.column_groups import Group
+from signid.diagnose.data.whitened_rows import columns_of, total
+from signid.diagnose.evidence.bayes_factors import TRUST, TRUST_PRIOR, Evidence
+from signid.diagnose.evidence.linear_model import Known
+from signid.diagnose.evidence.prior import SIZES, WIDE, Belief
 from signid.types import Array, Law
 
 

@@ -9,18 +9,18 @@ import pytest
 from diagnosed import DRIVES, fault, look, named, posed, simulation
 from plant import law
 
-from signid.basis import build_base
-from signid.diagnose.extend import extend
-from signid.diagnose.findings import PLAUSIBLE
-from signid.diagnose.fitted import Fitted, solve
-from signid.diagnose.group import Group, tolerance
-from signid.diagnose.hypothesis import propose, refits
-from signid.diagnose.prune import prune
-from signid.diagnose.separate import tell_apart
-from signid.diagnose.sizes import energies, measure_sizes
-from signid.diagnose.strain import strained_links
+from signid.diagnose.data.column_groups import Group, tolerance
+from signid.diagnose.data.hypotheses import propose, refits
+from signid.diagnose.data.normal_equations import Fitted, solve
+from signid.diagnose.extend.extend import extend
+from signid.diagnose.findings.findings import PLAUSIBLE
+from signid.diagnose.findings.separating_motion import tell_apart
+from signid.diagnose.search.contributions import energies, measure_sizes
+from signid.diagnose.search.inertial_check import strained_links
+from signid.diagnose.search.prune import prune
 from signid.effects import EFFECTS
 from signid.model import Model, stated_inertials
+from signid.regression.base_parameters import build_base
 from signid.robot import load_robot
 from signid.types import Array, Law, pseudo_inertia
 

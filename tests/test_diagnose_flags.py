@@ -7,11 +7,12 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from test_report_diagnosis import ROBOT, finding
+from test_output_report_diagnosis import ROBOT, finding
 
 import signid
-from signid.diagnose import Finding, findings
-from signid.laws import parse_law
+from signid.diagnose import Finding
+from signid.diagnose.findings import findings
+from signid.effects.naming import parse_law
 
 SETTING: Any = SimpleNamespace(model=signid.load_model("3r"))
 MISSING = "something is missing that no effect of the library explains; what it depends on is said, not what it is"

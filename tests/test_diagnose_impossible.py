@@ -10,16 +10,16 @@ from arm import arm, smooth_motion
 from numpy.testing import assert_allclose
 from test_diagnose_noise import RATE, table, waves
 
-from signid.diagnose.bodies import move_bodies
-from signid.diagnose.group import Group, tolerance
-from signid.diagnose.hypothesis import Hypothesis, finite
-from signid.diagnose.noise import measure_noise
-from signid.diagnose.numbers import has_possible_numbers
+from signid.diagnose.data.column_groups import Group, tolerance
+from signid.diagnose.data.hypotheses import Hypothesis, finite
+from signid.diagnose.data.noise import measure_noise
+from signid.diagnose.extend.bodies import move_bodies
+from signid.diagnose.extend.numbers import has_possible_numbers
 from signid.effects import EFFECTS
 from signid.effects.bodies import body_inertia
 from signid.effects.trial import Trial
 from signid.model import Model, stated_inertials
-from signid.motion import Motion
+from signid.regression.motion import Motion
 from signid.types import Array, Law
 
 
@@ -58,7 +58,7 @@ def test_torque_and_tolerance_of_impossible_bodies_are_finite(mass: float) -> No
 
 
 def test_an_impossible_body_moves_to_a_possible_one_whatever_is_known_exactly() -> None:
-    from signid.basis import build_base
+    from signid.regression.base_parameters import build_base
     from signid.types import pseudo_inertia
 
     base, inertials = build_base(arm()), model(-0.3).inertials
@@ -144,11 +144,11 @@ def test_a_gain_that_deletes_the_torque_is_not_found() -> None:
     pytest.importorskip("mujoco", reason="MuJoCo is not installed; pip install 'signid[bench]'")
     from diagnosed import Posed, read, recorded, simulation
 
-    from signid.diagnose.evidence import Evidence
+    from signid.diagnose.evidence.bayes_factors import Evidence
     from signid.diagnose.run import _build, _judge, _prepare, _silent
-    from signid.diagnose.search import is_sound
-    from signid.diagnose.sizes import measure_sizes
-    from signid.session import Options
+    from signid.diagnose.search.contributions import measure_sizes
+    from signid.diagnose.search.stepwise import is_sound
+    from signid.regression.session import Options
     from signid.signs import recover
 
     made = []

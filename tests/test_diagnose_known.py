@@ -10,15 +10,15 @@ from diagnosed import named, posed, read, recorded, simulation
 from random_rows import BODIES, DISPERSION, rows
 
 import signid
-from signid.basis import build_base
-from signid.covariance import base_covariance
-from signid.diagnose.evidence import FURTHER, KNOWN, Evidence
-from signid.diagnose.group import Group, lay_out
-from signid.diagnose.knowledge import known_before
-from signid.diagnose.linear import Known
-from signid.diagnose.numbers import read_laws
-from signid.diagnose.whitened import columns_of
+from signid.diagnose.data.column_groups import Group, lay_out
+from signid.diagnose.data.whitened_rows import columns_of
+from signid.diagnose.evidence.bayes_factors import FURTHER, KNOWN, Evidence
+from signid.diagnose.evidence.knowledge import known_before
+from signid.diagnose.evidence.linear_model import Known
+from signid.diagnose.extend.numbers import read_laws
 from signid.model import Model
+from signid.regression.base_parameters import build_base
+from signid.regression.covariance import base_covariance
 
 LIGHTER = 0.7  # of the mass of a link, and of all its inertia
 LINK = 1  # the second

@@ -8,8 +8,8 @@ import pytest
 from diagnosed import Planted, fault, look, named, read, recorded, simulation
 
 import signid
-from signid.diagnose.explain import TANGLED
 from signid.diagnose.result import Diagnosis
+from signid.diagnose.search.iterate import TANGLED
 
 LOAD = fault("payload", 3, mass=0.4, first_moment_x=0.02, first_moment_y=0.0, first_moment_z=0.01)
 OTHERS = (
@@ -20,7 +20,7 @@ OTHERS = (
     fault("joint_elasticity", 2, stiffness=150.0),
     fault("backlash", 2, gap=0.03),
 )
-TOGETHER = import_module("signid.diagnose.explain")
+TOGETHER = import_module("signid.diagnose.search.iterate")
 
 
 def off(found: Diagnosis, planted: Planted) -> float:
@@ -70,7 +70,7 @@ def test_time_that_runs_out_in_a_later_round_leaves_what_was_found(monkeypatch: 
         """Searches about the simulation end; in those about what was found time is up before they find anything."""
         asked.append(bool(later))
         monkeypatch.setattr(TOGETHER, "time_is_up", lambda _: asked[-1])
-        monkeypatch.setattr(import_module("signid.diagnose.search"), "time_is_up", lambda _: asked[-1])
+        monkeypatch.setattr(import_module("signid.diagnose.search.stepwise"), "time_is_up", lambda _: asked[-1])
         return whole(*given, **more)
 
     monkeypatch.setattr(TOGETHER, "_search", interrupted)

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from signid.diagnose.group import Group
-from signid.diagnose.hypothesis import hats
-from signid.diagnose.locate import locate
-from signid.diagnose.noise import MARGIN, measure_noise, whiten
-from signid.diagnose.table import Table
-from signid.diagnose.wave import find_wave
-from signid.diagnose.whitening import weights
+from signid.diagnose.data.column_groups import Group
+from signid.diagnose.data.hypotheses import hats
+from signid.diagnose.data.locate import locate
+from signid.diagnose.data.noise import MARGIN, measure_noise, whiten
+from signid.diagnose.data.periodicity import find_wave
+from signid.diagnose.data.rows import Table
+from signid.diagnose.data.whitening import weights
 from signid.types import Array
 
 RATE = 20.0  # Hz

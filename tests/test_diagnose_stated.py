@@ -7,9 +7,9 @@ from dataclasses import replace
 import pytest
 from diagnosed import DRIVES, Posed, fault, posed
 
-from signid.diagnose.handout import Extended
-from signid.diagnose.prove import show
-from signid.diagnose.stated import resized
+from signid.diagnose.extend.holdout import show
+from signid.diagnose.findings.held_out_selection import Extended
+from signid.diagnose.findings.stated import resized
 from signid.types import Law
 
 STATED, MORE = DRIVES["1r"].coulomb_friction[0], 0.25

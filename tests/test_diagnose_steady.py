@@ -8,14 +8,14 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from signid.diagnose.findings import _is_vague, _judged
-from signid.diagnose.fitted import solve
-from signid.diagnose.handout import _change
-from signid.diagnose.noise import LONGEST, _damped
-from signid.diagnose.prove import Rows
-from signid.diagnose.refine import _minimised
-from signid.diagnose.slots import Slot
-from signid.diagnose.steady import steadiness
+from signid.diagnose.data.noise import LONGEST, _damped
+from signid.diagnose.data.normal_equations import solve
+from signid.diagnose.extend.holdout import Rows
+from signid.diagnose.findings.alternatives import Slot
+from signid.diagnose.findings.findings import _is_vague, _judged
+from signid.diagnose.findings.held_out_selection import _change
+from signid.diagnose.search.shape_optimisation import _minimised
+from signid.diagnose.search.steady import steadiness
 from signid.effects import EFFECTS
 from signid.types import Array, Law
 

@@ -13,9 +13,9 @@ from signid.effects import EFFECT_NAMES, EFFECTS
 from signid.effects.base import Effect
 from signid.effects.law import law_columns, places
 from signid.errors import OptionError
-from signid.prepare import prepare
 from signid.recording import read_recording
-from signid.session import Options
+from signid.regression.prepare import prepare
+from signid.regression.session import Options
 from signid.types import Coefficient, Law
 
 SLOPE, LEFT = 0.01, 0.03

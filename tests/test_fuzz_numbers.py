@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 
 import signid
-from signid.diagnose import enough
-from signid.diagnose.fitted import solve
+from signid.diagnose.data import subsample as enough
+from signid.diagnose.data.normal_equations import solve
 from signid.errors import InputError
-from signid.gross.limits import Amount
-from signid.gross.sentences import tell_amount
 from signid.model import Model, stated_inertials
-from signid.motion import Motion
-from signid.prepare import prepare
-from signid.sampling import samples, spread
-from signid.session import Options
-from signid.simulate import simulate, track
+from signid.recording.sampling import samples, spread
+from signid.recording_faults.limits import Amount
+from signid.recording_faults.messages import tell_amount
+from signid.regression.motion import Motion
+from signid.regression.prepare import prepare
+from signid.regression.session import Options
+from signid.simulation.plant import simulate, track
 from signid.types import Trajectory
 
 Columns = dict[str, np.ndarray]

@@ -15,8 +15,8 @@ import signid
 from signid.errors import OptionError, RecordingError
 from signid.identify import Identification
 from signid.model import stated_parameters
-from signid.motion import Motion
-from signid.session import Options
+from signid.regression.motion import Motion
+from signid.regression.session import Options
 from signid.types import Array, Robot
 
 
@@ -140,7 +140,7 @@ def test_effects_that_least_squares_cannot_fit_are_refused(arm: Robot, monkeypat
 def test_what_is_not_needed_is_not_imported(tmp_path: Path) -> None:
     recording = Path(__file__).parents[1] / "robots" / "3r" / "recording.parquet"
     command = ["identify", "3r", str(recording), "-o", str(tmp_path / "result")]
-    heavy = {"scipy", "cvxpy", "mujoco", "signid.rollout", "signid.simulate"}
+    heavy = {"scipy", "cvxpy", "mujoco", "signid.simulation.rollout", "signid.simulation.plant"}
     code = f"import sys; from signid.cli import run; run({command}); sys.exit(str(sorted({heavy} & set(sys.modules))))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, encoding="utf-8", check=False)
     assert done.stderr.splitlines()[-1] == "[]"

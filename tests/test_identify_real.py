@@ -10,11 +10,11 @@ import pytest
 from numpy.testing import assert_array_less
 
 import signid
-from signid.estimate import estimate
+from signid.estimation.least_squares import estimate
 from signid.identify import Identification
-from signid.prepare import prepare
-from signid.rows import Rows
-from signid.session import Options
+from signid.regression.prepare import prepare
+from signid.regression.rows import Rows
+from signid.regression.session import Options
 from signid.types import Array
 
 ACTUATORS = Path(__file__).parents[1] / "robots" / "ur10e" / "actuators.toml"

@@ -18,8 +18,8 @@ from signid.effects.law import law_columns
 from signid.errors import RobotError
 from signid.identify import Identification
 from signid.model import Model, load_model, stated_inertials
-from signid.motion import Motion
-from signid.rollout.joints import restrict_joints
+from signid.regression.motion import Motion
+from signid.simulation.rollout.joints import restrict_joints
 from signid.types import Array, Law, Robot
 
 

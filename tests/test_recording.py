@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_formats import sentence
+from test_recording_formats import sentence
 
 from signid.errors import RecordingError
 from signid.recording import read_recording, same_joints

@@ -10,12 +10,12 @@ import numpy as np
 import pandas as pd
 import polars as pl
 import pytest
-from test_formats import sentence
 from test_recording import Q, T, arm, whole
+from test_recording_formats import sentence
 
 from signid.errors import RecordingError
-from signid.formats import FORMATS
 from signid.recording import read_recording
+from signid.recording.formats import FORMATS
 
 NS = (T * 1e9).round().astype(np.int64)
 DATES = np.datetime64("2026-03-29T00:59:59", "ns") + NS.astype("timedelta64[ns]")

@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_formats import sentence
 from test_recording import TAU, Q, T, arm, whole
+from test_recording_formats import sentence
 
 from signid.errors import RecordingError
 from signid.recording import read_recording
 from signid.recording.names import propose
 from signid.recording.units import OF, change_of
-from signid.simulate import read_motion
+from signid.simulation.plant import read_motion
 from signid.types import Recording, Robot
 
 EXACT = {  # by hand: (kind, unit) -> what one of it is

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_formats import sentence
 from test_recording import arm
+from test_recording_formats import sentence
 
 from signid.errors import RecordingError
 from signid.recording import read_recording, with_signs
-from signid.sampling import Sampling, samples, split, survey
-from signid.signs.spread import spread
+from signid.recording.sampling import Sampling, samples, split, survey
+from signid.signs.samples.rows_of_file import spread
 from signid.types import Recording
 
 Columns = dict[str, np.ndarray]
@@ -86,7 +86,7 @@ def usable(sampling: Sampling, rows: int) -> np.ndarray:
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize("chunk", [65_536, 97])
 def test_signs_reach_every_row(case: str, chunk: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys.modules["signid.signs.spread"], "CHUNK", chunk)
+    monkeypatch.setattr(sys.modules["signid.signs.samples.rows_of_file"], "CHUNK", chunk)
     columns = CASES[case]()
     recording, sampling = absolute(columns)
     signs = spread(recording, sampling, *kept(recording, sampling))

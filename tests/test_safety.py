@@ -15,12 +15,12 @@ from swing import csv, swing
 
 import signid
 from signid.errors import RecordingError, RobotError
-from signid.excite.collision import build_collision
-from signid.excite.limits import build_limits
-from signid.export import export
-from signid.robot import sandbox
+from signid.output.export import export
+from signid.robot.description import sandbox
+from signid.robot.description.sandbox import may_read
 from signid.robot.meshes import find_mesh
-from signid.robot.sandbox import may_read
+from signid.simulation.excite.collision import build_collision
+from signid.simulation.excite.limits import build_limits
 
 HERE = Path(__file__).parents[1]
 SECRET = "<robot name='secret'/>"

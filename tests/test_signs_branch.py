@@ -9,10 +9,10 @@ import pytest
 from boolean import CLOSE, Facets, drawn, every, half, losses, problems
 from numpy.testing import assert_allclose, assert_array_equal
 
-from signid.signs import climb as climb_module
-from signid.signs.branch import _branching_order, _Tree, bounds, branch
-from signid.signs.certificate import certify
-from signid.signs.climb import ascend, climb
+from signid.signs.search import local_search as climb_module
+from signid.signs.search.branch_and_bound import _branching_order, _Tree, bounds, branch
+from signid.signs.search.certificate import certify
+from signid.signs.search.local_search import ascend, climb
 
 
 @problems

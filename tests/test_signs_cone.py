@@ -11,11 +11,11 @@ import pinocchio as pin
 import pytest
 from signless import Lost, lost
 
-from signid.signs import exact
-from signid.signs.cone import Cone, kinetic_rows, physical_cone
-from signid.signs.friction_prior import believe
-from signid.signs.observed import alone
-from signid.signs.problem import Problem, pose
+from signid.signs.rows.observations import alone
+from signid.signs.search import exact
+from signid.signs.search.cone import Cone, kinetic_rows, physical_cone
+from signid.signs.search.friction import believe
+from signid.signs.search.problem import Problem, pose
 from signid.types import Array
 
 

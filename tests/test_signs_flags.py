@@ -12,11 +12,11 @@ from signless import Lost, lost
 from signid.recording import read_recording
 from signid.robot import load_robot
 from signid.signs import recover
-from signid.signs.flags import raise_flags
 from signid.signs.infer import Inferred, infer
-from signid.signs.observed import alone
+from signid.signs.posterior.flags import raise_flags
 from signid.signs.recover import _notes
 from signid.signs.result import Proof
+from signid.signs.rows.observations import alone
 
 
 @cache

@@ -12,9 +12,9 @@ import numpy as np
 import plotly.graph_objects as go
 from test_signs_report import FLAGS, JOINTS, found, trace
 
-from signid.report import signs_page
-from signid.report.pages.signs import MOST
-from signid.report.signs import proof_sentence
+from signid.output.report import signs_page
+from signid.output.report.pages.signs import MOST
+from signid.output.report.results.signs import proof_sentence
 
 
 class Page(HTMLParser):

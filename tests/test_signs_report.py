@@ -13,15 +13,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from test_output_report import shown
 from test_recording import arm
-from test_report import shown
 
+from signid.output.report import signed_csv, signs_document, signs_tables, to_json, write_files
+from signid.output.report.results.signs import proof_sentence
 from signid.recording import read_recording, with_signs
-from signid.report import signed_csv, signs_document, signs_tables, to_json, write_files
-from signid.report.signs import proof_sentence
 from signid.signs import Gain, Proof, Signs, Told, Trace
 
-REPORT = sys.modules["signid.report.signs"]
+REPORT = sys.modules["signid.output.report.results.signs"]
 JOINTS = ("shoulder", "<b>&elbow</b>", 'wrist"; alert(1)</script>')
 FLAGS = ("shoulder & <elbow> cannot be told apart; move the shoulder faster", "friction is missing")
 

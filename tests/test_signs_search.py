@@ -7,10 +7,10 @@ import pytest
 from boolean import CLOSE, Facets, drawn, every, half, losses, problems
 from numpy.testing import assert_allclose, assert_array_equal
 
-from signid.signs import exact
-from signid.signs.exact import enumerate_near, search
-from signid.signs.problem import Problem, eliminate
 from signid.signs.result import Proof
+from signid.signs.search import exact
+from signid.signs.search.exact import enumerate_near, search
+from signid.signs.search.problem import Problem, eliminate
 from signid.types import Array
 
 

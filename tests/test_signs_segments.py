@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from signid.errors import RecordingError
-from signid.signs.observed import Observed
-from signid.signs.problem import Segment
-from signid.signs.segments import cut_by_signs, minimum_cuts, split_impure, threshold_runs
+from signid.signs.rows.observations import Observed
+from signid.signs.rows.segments import cut_by_signs, minimum_cuts, split_impure, threshold_runs
+from signid.signs.search.problem import Segment
 from signid.types import Array, Mask
 
 PERIOD = 0.01  # s

@@ -11,17 +11,17 @@ import pytest
 from numpy.testing import assert_allclose
 
 from benchmarks.signs.beam import beam
-from signid.basis import build_base
 from signid.errors import OptionError
-from signid.motion import Motion
-from signid.regressor import base_rows, regressor
-from signid.retrieve import Bounds
+from signid.estimation.pbrp import Bounds
+from signid.regression.base_parameters import build_base
+from signid.regression.motion import Motion
+from signid.regression.regressor import base_rows, regressor
 from signid.robot import load_robot
-from signid.signs.condition import Ordered, condition_order
-from signid.signs.observed import Observed
-from signid.signs.problem import Problem, Rows, pose
-from signid.signs.segments import threshold_runs
-from signid.signs.tree import _order_notes, box_of, search_tree
+from signid.signs.rows.observations import Observed
+from signid.signs.rows.segments import threshold_runs
+from signid.signs.search.problem import Problem, Rows, pose
+from signid.signs.tree.condition import Ordered, condition_order
+from signid.signs.tree.tree import _order_notes, box_of, search_tree
 from signid.types import Array, BaseMap, Parameters
 
 QUICK = {"algorithm": "LD_LBFGS", "restarts": 1, "rounds": 2, "width": 2, "budget": 150}

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from signless import lost
 
-from signid.signs import weigh as weigh_module
-from signid.signs.cone import physical_cone
 from signid.signs.infer import infer
-from signid.signs.problem import Problem
-from signid.signs.weigh import weigh
+from signid.signs.posterior import recheck as weigh_module
+from signid.signs.posterior.recheck import weigh
+from signid.signs.search.cone import physical_cone
+from signid.signs.search.problem import Problem
 from signid.types import Array
 
 

@@ -13,9 +13,9 @@ from numpy.testing import assert_allclose
 import signid
 from signid.cli import run
 from signid.effects import EFFECTS
+from signid.effects.naming import parse_law
 from signid.effects.trial import Trial
 from signid.identify import Identification
-from signid.laws import parse_law
 from signid.types import Array
 
 DELAY: Any = EFFECTS["time_delay"]
@@ -73,8 +73,8 @@ def test_the_diagnosis_of_a_robot_in_mujoco_finds_the_direction(delay: float) ->
     pytest.importorskip("mujoco", reason="MuJoCo is not installed; pip install 'signid[bench]'")
     from diagnosed import fault, look, named
 
-    from signid.report import diagnosis_document
-    from signid.report.diagnosis_words import finding_words
+    from signid.output.report import diagnosis_document
+    from signid.output.report.diagnosis.words import finding_words
 
     found = look("3r", fault("time_delay", delay=delay))
     assert named(found) == [("time_delay", ALL)] and len(found.findings) == 1

@@ -15,7 +15,7 @@ from signid.effects import EFFECTS
 from signid.errors import OptionError, RecordingError
 from signid.identify import Identification
 from signid.model import Model, stated_inertials, stated_laws
-from signid.session import Options
+from signid.regression.session import Options
 from signid.types import Array, Law, Recording, Robot
 from signid.validate import Validation, validate
 

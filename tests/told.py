@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from signid.basis import build_base
-from signid.consistent.prior import believable, inertial
 from signid.effects import EFFECT_NAMES, EFFECTS
-from signid.motion import Motion
-from signid.regressor import regressor
+from signid.estimation.feasible.prior import believable, inertial
+from signid.regression.base_parameters import build_base
+from signid.regression.motion import Motion
+from signid.regression.regressor import regressor
 from signid.robot import load_robot
 from signid.types import Array, BaseMap, Estimate, Law, Parameters
 

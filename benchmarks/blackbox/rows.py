@@ -9,14 +9,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from signid.diagnose.prove import Rows, residuals
+from signid.diagnose.extend.holdout import Rows, residuals
 from signid.model import Model
-from signid.prepare import prepare
 from signid.recording import same_joints
+from signid.recording.sampling import survey
+from signid.regression.prepare import prepare
+from signid.regression.session import SAME_RATE, Options
 from signid.robot import hold, resting
-from signid.rollout.joints import restrict_joints
-from signid.sampling import survey
-from signid.session import SAME_RATE, Options
+from signid.simulation.rollout.joints import restrict_joints
 from signid.types import Recording, Robot
 
 from ..concealed_real.sets import columns_of, rebuilt

@@ -25,7 +25,7 @@ def diagnose_session(folder: Path, skip: Sequence[str] = ()) -> dict[str, Any]:
         skip: effects that the library is without.
     """
     import signid
-    from signid.report import diagnosis_document
+    from signid.output.report import diagnosis_document
 
     model = signid.load_model(folder / "robot.urdf")
     recordings = [signid.read_recording(path, model.robot) for path in sorted(folder.glob("recording_*.parquet"))]

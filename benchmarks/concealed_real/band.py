@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from signid.diagnose.prove import residuals
+from signid.diagnose.extend.holdout import residuals
 from signid.model import Model
-from signid.prepare import prepare
-from signid.rollout.joints import restrict_joints
-from signid.session import Options
+from signid.regression.prepare import prepare
+from signid.regression.session import Options
+from signid.simulation.rollout.joints import restrict_joints
 from signid.types import Recording
 
 Array = NDArray[np.float64]

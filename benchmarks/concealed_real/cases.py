@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from signid.model import Model
-from signid.rigid import carried
+from signid.robot.dynamics import carried
 
 from .band import Array, rms
 from .case import Case, Truth

@@ -6,11 +6,11 @@ import numpy as np
 import pinocchio as pin
 
 from signid.model import Model, stated_inertials
-from signid.motion import build_motion
-from signid.prepare import prepare
-from signid.rigid import carried
-from signid.sampling import samples
-from signid.session import Options
+from signid.recording.sampling import samples
+from signid.regression.motion import build_motion
+from signid.regression.prepare import prepare
+from signid.regression.session import Options
+from signid.robot.dynamics import carried
 from signid.types import Recording
 
 from .band import Array

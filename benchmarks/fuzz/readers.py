@@ -14,17 +14,17 @@ from pathlib import Path
 import numpy as np
 
 import signid
+from signid.cli.fleet import read_manifest
 from signid.errors import SignidError
-from signid.fleet import read_manifest
-from signid.formats.find import find_format
+from signid.estimation.pbrp.bounds import Bounds, read_bounds
+from signid.output.replay.found import read_found
 from signid.recording import read_recording
+from signid.recording.formats.find import find_format
 from signid.recording.mapping import ColumnMap
-from signid.replay.found import read_found
-from signid.retrieve.bounds import Bounds, read_bounds
-from signid.robot import sandbox
+from signid.recording.sampling import survey
 from signid.robot.actuators import read_actuators
-from signid.sampling import survey
-from signid.simulate import read_motion
+from signid.robot.description import sandbox
+from signid.simulation.plant import read_motion
 from signid.types import Robot
 
 from .logs import CONTROL, DESCRIPTION, STATE, TABLE, bag1, bag2, dataset

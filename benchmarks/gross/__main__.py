@@ -20,10 +20,10 @@ import polars as pl
 from rich.console import Console
 from rich.table import Table
 
-from signid.gross import Gross, examine
 from signid.model import Model, load_model
-from signid.prepare import prepare
 from signid.recording import read_recording
+from signid.recording_faults import Gross, examine
+from signid.regression.prepare import prepare
 
 from ..concealed.cases import Case, cases
 from ..concealed.session import make

@@ -13,7 +13,7 @@ import numpy as np
 import signid
 from signid.diagnose import Diagnosis
 from signid.model import Model
-from signid.report import diagnosis_document
+from signid.output.report import diagnosis_document
 from signid.types import Recording
 
 from ..concealed.names import Truth, is_right, is_twin

@@ -13,7 +13,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from signid.identify import identify
 from signid.recording import read_recording
-from signid.session import Options
+from signid.regression.session import Options
 from signid.types import Robot
 
 from .bullet import FUNDAMENTAL, GRAVITY, PERIOD, Track

@@ -8,8 +8,8 @@ import numpy as np
 
 import signid
 from signid.diagnose import Diagnosis
-from signid.diagnose.prove import residuals
-from signid.prepare import prepare
+from signid.diagnose.extend.holdout import residuals
+from signid.regression.prepare import prepare
 
 from .data import JUDGED, LOADED, UNLOADED, ur10e_model, ur10e_recording
 from .row import Array, Row, Target, attempt, first_is, found, rms, within

@@ -26,14 +26,14 @@ import pinocchio as pin
 from rich.console import Console
 from rich.table import Table
 
-from signid.estimate import estimate
-from signid.factors import LAGS
+from signid.estimation.least_squares import estimate
 from signid.identify import identify
-from signid.motion import Motion
-from signid.prepare import prepare
 from signid.recording import read_recording
-from signid.regressor import base_rows
-from signid.session import Options, Session
+from signid.regression.factors import LAGS
+from signid.regression.motion import Motion
+from signid.regression.prepare import prepare
+from signid.regression.regressor import base_rows
+from signid.regression.session import Options, Session
 from signid.types import Recording, Robot
 
 from ..arms import base_parameters

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from signid.motion import Motion
+from signid.regression.motion import Motion
 from signid.robot import hold, load_robot
 from signid.types import Robot
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from signid.errors import OptionError
-from signid.signs.beam import LOST, WIDTH, Grown, Level, Node, grow, in_place
-from signid.signs.problem import Problem
+from signid.signs.search.problem import Problem
+from signid.signs.tree.beam import LOST, WIDTH, Grown, Level, Node, grow, in_place
 from signid.types import Indices
 
 from .truth import Array

@@ -8,7 +8,7 @@ from concurrent.futures import ProcessPoolExecutor
 import numpy as np
 
 import signid
-from signid.session import Options
+from signid.regression.session import Options
 from signid.types import BaseMap, Robot
 
 from ..plants.bodies import Body, Drives

@@ -14,7 +14,7 @@ import numpy as np
 import polars as pl
 
 import signid
-from signid.session import Options
+from signid.regression.session import Options
 from signid.types import BaseMap, Robot
 
 from ..plants.bodies import Body, Drives

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import signid
-from signid.session import Options
+from signid.regression.session import Options
 
 from ..real.data import LINK_SIDE, ROBOTS, data, ur10e
 from .row import Row, Target

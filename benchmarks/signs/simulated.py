@@ -11,8 +11,8 @@ from unittest import mock
 import numpy as np
 
 import signid
-from signid.session import Options
-from signid.signs.segments import threshold_runs
+from signid.regression.session import Options
+from signid.signs.rows.segments import threshold_runs
 from signid.types import Robot
 
 from ..plants.bodies import Body, Drives

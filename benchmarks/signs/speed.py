@@ -9,13 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 from rich.table import Table
 
-from signid.sampling import survey
-from signid.signs.beam import WIDTH
-from signid.signs.condition import condition_order
+from signid.recording.sampling import survey
 from signid.signs.infer import infer
-from signid.signs.observed import Observed, observe
-from signid.signs.problem import Segment, pose
-from signid.signs.segments import threshold_runs
+from signid.signs.rows.observations import Observed, observe
+from signid.signs.rows.segments import threshold_runs
+from signid.signs.search.problem import Segment, pose
+from signid.signs.tree.beam import WIDTH
+from signid.signs.tree.condition import condition_order
 from signid.types import Indices
 
 from ..told import frame

@@ -13,11 +13,11 @@ from numpy.typing import ArrayLike
 
 import signid
 from signid.identify import Identification
-from signid.prepare import prepare
 from signid.recording import read_recording
 from signid.recording.source import Source
-from signid.rows import read_rows
-from signid.session import Options, Session
+from signid.regression.prepare import prepare
+from signid.regression.rows import read_rows
+from signid.regression.session import Options, Session
 from signid.types import BaseMap, Estimate, Law, Recording, Robot
 
 from ..arms import base_parameters

@@ -3,8 +3,9 @@
 `signid data emps` gets the recordings.
 """
 
-import signid
 from signid.gallery import recordings
+
+import signid
 from signid.identify import Identification
 
 PUBLISHED = {  # by least squares on the inverse dynamics, from the benchmark's own description

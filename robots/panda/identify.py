@@ -5,8 +5,9 @@
 
 from pathlib import Path
 
-import signid
 from signid.gallery import recordings
+
+import signid
 from signid.identify import Identification
 
 EFFECTS = ("viscous_friction", "coulomb_friction", "torque_offset")

@@ -3,8 +3,9 @@
 `signid data tx40` gets the recording.
 """
 
-import signid
 from signid.gallery import recordings
+
+import signid
 from signid.identify import Identification
 
 HELD_OUT_R2 = (0.98, 0.95, 0.97, 0.96)  # joints 1 to 4

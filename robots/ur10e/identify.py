@@ -5,8 +5,9 @@
 
 from pathlib import Path
 
-import signid
 from signid.gallery import recordings
+
+import signid
 from signid.identify import Identification
 
 ACTUATORS = Path(__file__).with_name("actuators.toml")

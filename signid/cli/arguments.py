@@ -13,8 +13,8 @@ from ..effects import EFFECT_NAMES
 from ..errors import OptionError
 
 if TYPE_CHECKING:
-    from ..session import Options
-    from ..standard import Search
+    from ..estimation.standard import Search
+    from ..regression.session import Options
     from ..types import Input, Recording, Robot
 
 RobotName = Annotated[str, typer.Argument(metavar="ROBOT", help="A URDF, xacro or MJCF file, or a name such as panda.")]
@@ -115,7 +115,7 @@ def given_options(
     robust: bool = False,
 ) -> Options:
     """How recordings are turned into rows."""
-    from ..session import Options
+    from ..regression.session import Options
 
     return Options(given_effects(effects), cutoff, derivatives, not plain, not white, robust, seed)
 
@@ -126,7 +126,7 @@ def given_search(bounds: str | None, global_algorithm: str, local_algorithm: str
     Raises:
         OptionError: the range of the total mass is none.
     """
-    from ..standard import Search
+    from ..estimation.standard import Search
 
     total = None
     if total_mass is not None:

@@ -8,8 +8,8 @@ from ..errors import OptionError
 
 if TYPE_CHECKING:
     from ..model import Model
-    from ..simulate import Torques
-    from ..simulate.control import Tracking
+    from ..simulation.plant import Torques
+    from ..simulation.plant.control import Tracking
     from ..types import Array, Robot, Trajectory
 
 DURATION = 20.0  # [s] of motions at random
@@ -32,9 +32,9 @@ def given_drive(
     Raises:
         OptionError: what was given contradicts itself.
     """
-    from ..excite.draw import draw_motion
-    from ..simulate import Torques, track
-    from ..simulate.run import instants
+    from ..simulation.excite.motions.random_motion import draw_motion
+    from ..simulation.plant import Torques, track
+    from ..simulation.plant.run import instants
 
     if isinstance(asked, Torques):
         if any(option is not None for option in loop):

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import RobotError
-from .show import tell_flags
+from .terminal import tell_flags
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from ..diagnose import Diagnosis
     from ..identify import Identification
-    from ..report import Content
+    from ..output.report import Content
     from ..signs import Signs
     from ..types import Array, Input, Law, Recording, Robot
     from ..validate import Validation
@@ -35,7 +35,7 @@ def deliver(result: Identification, inputs: Sequence[Input], output: str | None,
         json: whether the document is printed instead of the tables.
         command: that does it again.
     """
-    from ..report import identification_document, identification_page, identification_tables, to_json
+    from ..output.report import identification_document, identification_page, identification_tables, to_json
 
     files: dict[str, Content] = {}
     if output is not None:
@@ -58,7 +58,7 @@ def deliver_diagnosis(result: Diagnosis, inputs: Sequence[Input], output: str | 
         json: whether the document is printed instead of the tables.
         command: that does it again.
     """
-    from ..report import diagnosis_document, diagnosis_tables, to_json
+    from ..output.report import diagnosis_document, diagnosis_tables, to_json
 
     files: dict[str, Content] = {}
     if output is not None:
@@ -76,7 +76,7 @@ def diagnosis_files(result: Diagnosis, inputs: Sequence[Input], command: str) ->
         inputs: what was read besides the recordings.
         command: that does it again.
     """
-    from ..report import diagnosis_page, to_json
+    from ..output.report import diagnosis_page, to_json
 
     described, notes = _extended_urdf(result)
     result = replace(result, notes=(*result.notes, *notes))
@@ -96,7 +96,7 @@ def deliver_validation(found: Validation, inputs: Sequence[Input], output: str |
         json: whether the document is printed instead of the tables.
         command: that does it again.
     """
-    from ..report import to_json, validation_document, validation_page, validation_tables
+    from ..output.report import to_json, validation_document, validation_page, validation_tables
 
     document = to_json(validation_document(found, inputs))
     page = {} if output is None else {"report.html": validation_page(found, inputs, command)}
@@ -112,7 +112,7 @@ def _hand_over(
     output: str | None,
     json: bool,
 ) -> int:
-    from ..report import Screen, write_files
+    from ..output.report import Screen, write_files
 
     written = [] if output is None else write_files(output, files)
     screen = Screen()
@@ -128,7 +128,7 @@ def _hand_over(
 
 def _signed(signs: Signs | None, recordings: Sequence[Recording], robot: Robot) -> dict[str, Content]:
     """A table for each recording of which signs were found (signed.csv, signed_2.csv, ...), and a page of them."""
-    from ..report import signed_csv, signs_page
+    from ..output.report import signed_csv, signs_page
 
     if signs is None:
         return {}
@@ -142,7 +142,7 @@ def _signed(signs: Signs | None, recordings: Sequence[Recording], robot: Robot) 
 
 def _urdf(robot: Robot, bodies: Array, laws: Sequence[Law]) -> tuple[dict[str, Content], tuple[str, ...]]:
     """The robot's URDF with what was found, as a file; where there is none, a note that says why."""
-    from ..export import urdf_with
+    from ..output.export import urdf_with
 
     if robot.kind != "urdf":
         why = f"the robot comes from {robot.kind.upper()}"
@@ -156,7 +156,7 @@ def _urdf(robot: Robot, bodies: Array, laws: Sequence[Law]) -> tuple[dict[str, C
 
 def _extended_urdf(result: Diagnosis) -> tuple[dict[str, Content], tuple[str, ...]]:
     """The URDF of the extended simulation; where there is none, or it cannot hold all, notes that say so."""
-    from ..export import export
+    from ..output.export import export
 
     try:
         made = export(result.model, "urdf")

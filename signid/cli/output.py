@@ -19,7 +19,7 @@ def check_folder(output: str | None, json: bool) -> None:
         OptionError: no folder was named.
         OutputError: it cannot be written to.
     """
-    from ..report import probe_folder
+    from ..output.report import probe_folder
 
     if output == "" or (output is None and not json):
         raise OptionError("no folder for the results was named; add -o DIR, or --json to print them instead")
@@ -35,8 +35,8 @@ def check_file(output: str | None, json: bool) -> None:
         RecordingError: its name is of no known format.
         OutputError: its folder cannot be written to.
     """
-    from ..formats.find import find_format
-    from ..report import probe_folder
+    from ..output.report import probe_folder
+    from ..recording.formats.find import find_format
 
     if output == "" or (output is None and not json):
         raise OptionError("no file for the result was named; add -o FILE, or --json to print what is told of it")
@@ -54,8 +54,8 @@ def write_columns(output: str | None, columns: Mapping[str, Array]) -> Sequence[
         output: its name.
         columns: (N,) each, by name [units of the columns of these names].
     """
-    from ..formats.find import find_format
-    from ..report import write_files
+    from ..output.report import write_files
+    from ..recording.formats.find import find_format
 
     if output is None:
         return []

@@ -15,23 +15,23 @@ from typer.main import get_command
 from ..errors import SignidError
 from ..threads import one_thread
 
-from . import demo as demo  # isort: skip (help lists commands in this order)
-from . import diagnosis as diagnosis  # isort: skip
-from . import validation as validation  # isort: skip
-from . import payload as payload  # isort: skip
-from . import catalogue as catalogue
-from . import convert as convert
-from . import excitation as excitation
-from . import exports as exports
-from . import simulation as simulation
+from .demo import command as demo  # noqa: F401  # isort: skip (help lists commands in this order)
+from .commands import diagnosis as diagnosis  # isort: skip
+from .commands import validation as validation  # isort: skip
+from .commands import payload as payload  # isort: skip
+from .commands import catalogue as catalogue
+from .commands import convert as convert
+from .commands import excitation as excitation
+from .commands import exports as exports
+from .commands import simulation as simulation
 
-from . import replay as replay  # isort: skip
-from . import factors as factors  # isort: skip
-from . import fleet as fleet  # isort: skip
-from . import data as data  # isort: skip
-from .commands import app
+from .commands import replay as replay  # isort: skip
+from .commands import factors as factors  # isort: skip
+from .fleet import command as fleet  # noqa: F401  # isort: skip
+from .commands import data as data  # isort: skip
+from .commands.identification import app
 from .interrupt import signals_heard
-from .show import BAD, BROKEN, DONE, INTERRUPTED, complain
+from .terminal import BAD, BROKEN, DONE, INTERRUPTED, complain
 
 USAGE: Any = next(
     kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException"

@@ -10,7 +10,7 @@ from .arguments import given_inputs, given_recording, given_robot
 
 if TYPE_CHECKING:
     from ..model import Model
-    from ..simulate import Torques
+    from ..simulation.plant import Torques
     from ..types import Input, Robot, Trajectory
 
 
@@ -49,7 +49,7 @@ def given_model(
     """
     from ..model import Model, load_model, stated_inertials, stated_laws
     from ..robot import hold, resting
-    from ..simulate import read_motion, recorded_torques
+    from ..simulation.plant import read_motion, recorded_torques
 
     if motion is not None and torque is not None:
         raise OptionError("--motion and --torque both say what moves the robot; give one of them")

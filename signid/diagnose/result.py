@@ -7,13 +7,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..course import Course
-from ..fit import Fit
+from ..estimation.fit_quality import Fit
+from ..estimation.residual_trace import Course
 from ..model import Model
-from ..rollout import RollOut
 from ..signs import Signs
+from ..simulation.rollout import RollOut
 from ..types import Array, Frozen, Input, Law, Recording, Robot
-from .locate import Place
+from .data.locate import Place
 
 
 @dataclass(frozen=True)

@@ -7,43 +7,43 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..basis import build_base
 from ..deadline import OutOfTimeError, ends_in_time, steps_shown, time_is_up
 from ..effects import EFFECTS
 from ..errors import InputError, OptionError, RecordingError
-from ..gross import Finding, Gross, examine
 from ..model import Model
-from ..prepare import prepare, recordings_used
-from ..rigid import carried
-from ..rollout import RollOut, roll_out
-from ..rollout.joints import restrict_joints
-from ..session import Options, Part, Progress, Session, longest_piece
+from ..recording_faults import Finding, Gross, examine
+from ..regression.base_parameters import build_base
+from ..regression.prepare import prepare, recordings_used
+from ..regression.session import Options, Part, Progress, Session, longest_piece
+from ..robot.dynamics import carried
 from ..signs import Recovered, recover
+from ..simulation.rollout import RollOut, roll_out
+from ..simulation.rollout.joints import restrict_joints
 from ..types import Recording
-from .contact import NAME as CONTACT
-from .doubt import doubts
-from .empirical import model_rest
-from .enough import enough
-from .evidence import Evidence
-from .explain import Explained, explain
-from .fallback import never_worse
-from .findings import find
-from .group import dry_friction, lay_out
-from .hypothesis import happens_once, pooled, propose
-from .knowledge import known_before
-from .noise import measure_noise
-from .odds import Bodies, Judge
-from .period import find_period
-from .prove import prove, show
-from .prune import prune
+from .data.column_groups import dry_friction, lay_out
+from .data.dataset import Setting
+from .data.hypotheses import happens_once, pooled, propose
+from .data.motions import pieces, row_filter
+from .data.noise import measure_noise
+from .data.period import find_period
+from .data.rows import tabulate
+from .data.subsample import enough
+from .data.whitened_rows import Whitened, whitened
+from .evidence.bayes_factors import Evidence
+from .evidence.knowledge import known_before
+from .evidence.posterior_odds import Bodies, Judge
+from .extend.holdout import prove, show
+from .findings.alternatives import limit_in_step, settle
+from .findings.empirical import model_rest
+from .findings.findings import find
+from .findings.holdout_warnings import doubts
+from .findings.never_worse import never_worse
+from .findings.verdict import decide
 from .result import Diagnosis
-from .sample import pieces, row_filter
-from .search import SEARCH
-from .setting import Setting
-from .slots import limit_in_step, settle
-from .table import tabulate
-from .verdict import decide
-from .whitened import Whitened, whitened
+from .search.contact_window import NAME as CONTACT
+from .search.iterate import Explained, explain
+from .search.prune import prune
+from .search.stepwise import SEARCH
 
 WIDE = 8.0  # [Hz] to which the band goes if encoder noise allows it
 SPARE = 1.5  # times the cut-off that the noisiest encoder allows, if most others allow it

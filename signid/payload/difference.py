@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..factors import Factors
+from ..regression.factors import Factors
 from ..types import Array, BaseMap, Estimate, Frozen
 
 CHANGE, LITTLE = 0.1, 0.01  # of friction or offset, and of the joint's rms torque: what may change from day to day

@@ -7,17 +7,29 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..consistent import fit_consistent
 from ..deadline import ends_in_time
 from ..errors import OptionError, RecordingError
-from ..estimate import estimate
-from ..factors import LAGS, Factors
+from ..estimation.feasible import fit_consistent
+from ..estimation.least_squares import estimate
 from ..model import stated_parameters
-from ..prepare import prepare
-from ..rigid import carried
-from ..session import Options, Progress
-from ..signs.gains_shared import constant_sensitivity
-from ..types import INERTIAL, INERTIAL_UNITS, Array, BaseMap, Estimate, Input, Label, Mask, Parameters, Recording, Robot
+from ..regression.factors import LAGS, Factors
+from ..regression.prepare import prepare
+from ..regression.session import Options, Progress
+from ..robot.dynamics import carried
+from ..signs.torque_constants.from_shared_parameters import constant_sensitivity
+from ..types import (
+    INERTIAL,
+    INERTIAL_UNITS,
+    Array,
+    BaseMap,
+    Estimate,
+    Input,
+    Label,
+    Mask,
+    Parameters,
+    Recording,
+    Robot,
+)
 from .difference import Difference, subtract
 from .result import Payload
 

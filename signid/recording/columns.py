@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 
 from ..errors import RecordingError, shorten
-from ..formats.base import About
 from ..types import Robot, Table
+from .formats.base import About
 from .mapping import ColumnMap, Columns, Signal, read_map, split
 from .names import suggest
 from .numbering import doubt_numbers

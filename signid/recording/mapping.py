@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ..errors import RecordingError, shorten
-from ..plain import read_toml
+from ..toml_json import read_toml
 from .units import OF, Change, change_of
 
 KINDS = ("abs_current", "abs_tau", "current", "q_des", "ddq", "dq", "tau", "q")  # longer prefixes first

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import RecordingError, shorten
-from ..formats.base import About
 from ..types import Array, Recording, Robot, Table
 from .columns import TORQUES, Assignment, assign_columns
+from .formats.base import About
 from .frames import columns_of
 from .mapping import ColumnMap
 from .names import suggest

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import OptionError, RecordingError
-from ..formats.base import memory_table
-from ..formats.find import find_format
 from ..types import Table
+from .formats.base import memory_table
+from .formats.find import find_format
 from .frames import Frame, columns_of
 
 Source = str | Path | Mapping[str, ArrayLike] | Frame

@@ -5,7 +5,7 @@ Joints that are not to move are held; mimic joints follow. `urdf_from_dh` makes 
 """
 
 from .configuration import configuration
-from .dh import DHLink, urdf_from_dh
+from .description.dh import DHLink, urdf_from_dh
 from .hold import hold, resting
 from .load import held_positions, load_robot, robot_from_text
 from .locate import locate, names

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import RobotError
-from ..plain import read_toml
+from ..toml_json import read_toml
 from ..types import Actuators, Array, Robot
 from .joints import find
 

@@ -12,8 +12,8 @@ import numpy as np
 from ..errors import RobotError, shorten
 from ..types import Actuators, Array, Robot
 from .actuators import read_actuators
-from .document import Document, parse, read_document
-from .draft import Axis, Draft
+from .description.document import Document, parse, read_document
+from .description.draft import Axis, Draft
 from .hold import hold, resting
 from .joints import find
 from .locate import locate
@@ -89,10 +89,10 @@ def held_positions(robot: Robot) -> dict[str, float]:
 
 def _draft(document: Document) -> Draft:
     if document.root.tag == "mujoco":
-        from .mjcf import read_mjcf
+        from .description.mjcf import read_mjcf
 
         return read_mjcf(document)
-    from .urdf import read_urdf
+    from .description.urdf import read_urdf
 
     return read_urdf(document)
 

@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from urllib.parse import unquote
 
+from .description.sandbox import may_read
 from .locate import examples_share
-from .sandbox import may_read
 
 _PACKAGE, _FILE = ("package://", "model://"), "file://"
 

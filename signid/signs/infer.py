@@ -8,19 +8,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..rows import Task
+from ..regression.rows import Task
 from ..types import Array, Frozen
-from .chain import Refined, refine
-from .cone import Cone, physical_cone
-from .confidence import joint_doubt
-from .exact import search
-from .friction_signs import friction_patterns
-from .inflation import inflation
-from .observed import Observed
-from .problem import Problem, Rows, Segment, pose, signed_rows
+from .posterior.confidence import joint_doubt
+from .posterior.inflation import inflation
+from .posterior.recheck import follow, known_rows, weigh
 from .result import Proof
-from .segments import cut_by_signs, minimum_cuts, split_impure, threshold_runs
-from .weigh import follow, known_rows, weigh
+from .rows.observations import Observed
+from .rows.segments import cut_by_signs, minimum_cuts, split_impure, threshold_runs
+from .samples.markov_chain import Refined, refine
+from .search.cone import Cone, physical_cone
+from .search.exact import search
+from .search.friction_signs import friction_patterns
+from .search.problem import Problem, Rows, Segment, pose, signed_rows
 
 SPLITS = 3  # rounds of cutting segments in which the model changes sign
 LEAST_NOISE = 1e-3  # of the rms torque: no residual counts as smaller when confidence is judged

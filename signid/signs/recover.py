@@ -9,23 +9,23 @@ import numpy as np
 
 from ..deadline import steps_shown
 from ..errors import OptionError, RecordingError, shorten
-from ..factors import Factors
-from ..prepare import prepare
 from ..recording import with_signs
-from ..rows import Task
-from ..session import Options, Part, Progress
+from ..regression.factors import Factors
+from ..regression.prepare import prepare
+from ..regression.rows import Task
+from ..regression.session import Options, Part, Progress
 from ..types import Array, BaseMap, Estimate, Recording, Robot
-from .chain import refine
-from .classical import by_tree
-from .expect import expect_signs
-from .flags import raise_flags
-from .gains import Gains, find_gains
-from .gains_shared import count_constants
 from .infer import Inferred, infer
-from .jumps import Signed, place_jumps
-from .observed import Observed, observe, thinning
+from .posterior.flags import raise_flags
 from .result import Signs, Told, Trace
-from .spread import spread
+from .rows.observations import Observed, observe, thinning
+from .samples.expected_signs import expect_signs
+from .samples.jumps import Signed, place_jumps
+from .samples.markov_chain import refine
+from .samples.rows_of_file import spread
+from .torque_constants.find import Gains, find_gains
+from .torque_constants.from_shared_parameters import count_constants
+from .tree.method import by_tree
 
 METHODS = ("exact", "tree")
 

@@ -7,10 +7,10 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from ..errors import shorten
-from ..fit import LITTLE
-from ..gross import Gross
-from ..gross.result import REFUSE, WARN
-from ..rollout import RollOut
+from ..estimation.fit_quality import LITTLE
+from ..recording_faults import Gross
+from ..recording_faults.result import REFUSE, WARN
+from ..simulation.rollout import RollOut
 from .joints import Candidate
 from .result import ValidatedModel
 

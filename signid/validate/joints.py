@@ -9,7 +9,7 @@ from typing import NamedTuple
 from ..errors import OptionError, shorten
 from ..model import Model
 from ..recording import same_joints
-from ..rollout.joints import restrict_joints
+from ..simulation.rollout.joints import restrict_joints
 from ..types import Recording
 
 

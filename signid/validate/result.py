@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..fit import Fit
+from ..estimation.fit_quality import Fit
 from ..model import Model
-from ..rollout import RollOut
+from ..simulation.rollout import RollOut
 from ..types import Array, Frozen, Indices, Input
 
 

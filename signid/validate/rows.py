@@ -6,11 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..diagnose.prove import filtered
-from ..diagnose.sample import pieces, row_filter
+from ..diagnose.data.motions import pieces, row_filter
+from ..diagnose.extend.holdout import filtered
 from ..errors import RecordingError
 from ..model import Model
-from ..session import Session
+from ..regression.session import Session
 from ..types import Array, Indices
 
 

@@ -9,14 +9,14 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import InputError, OptionError, RecordingError, shorten
-from ..excitation import ExcitationVerdict
-from ..fit import fit_rows
-from ..gross import Gross, examine
+from ..estimation.excitation import ExcitationVerdict
+from ..estimation.fit_quality import fit_rows
 from ..model import Model
-from ..prepare import only_once, prepare
 from ..recording import same_joints
-from ..rollout import RollOut, roll_out
-from ..session import Options, Progress, Session
+from ..recording_faults import Gross, examine
+from ..regression.prepare import only_once, prepare
+from ..regression.session import Options, Progress, Session
+from ..simulation.rollout import RollOut, roll_out
 from ..types import Input, Recording
 from .flags import constant_flags, fault_flags, joint_flags, rollout_notes, row_flags, row_notes
 from .joints import Candidate, share_joints

@@ -1,0 +1,31 @@
+"""The command `effects`."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from ..arguments import Json
+from ..terminal import DONE
+from .identification import app
+
+
+@app.command(epilog="Example: signid effects stribeck_friction")
+def effects(
+    name: Annotated[str | None, typer.Argument(metavar="NAME", help="A law; without it, all are listed.")] = None,
+    json: Json = False,
+) -> int:
+    """The laws that signid knows, and how each is injected.
+
+    Each with its equation, numbers, units, usual values and source.
+    """
+    from ...effects import EFFECTS
+    from ...output.report import Screen, effects_document, effects_tables, to_json
+
+    chosen = list(EFFECTS) if name is None else [EFFECTS[name]]
+    if json:
+        Screen().write(to_json(effects_document(chosen)))
+    else:
+        Screen().print(*effects_tables(chosen), sep="\n")
+    return DONE

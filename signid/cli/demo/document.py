@@ -1,0 +1,59 @@
+"""The story as JSON."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ...effects.naming import placed, spoken
+from ...output.report.diagnosis.document import told_numbers
+from ...output.report.results.documents import fit_document, provenance
+from ...types import Input
+from .outcome import Outcome
+from .run import BITS, DURATION, NOISE, RATE, Story
+
+
+def story_document(story: Story, name: str) -> dict[str, Any]:
+    """demo.json: what was concealed beside what was found, and the proof.
+
+    Args:
+        story: what happened.
+        name: of the robot, as it was asked for.
+    """
+    result, robot = story.result, story.simulation.robot
+    before, after = result.rollout_before, result.rollout_after
+    return {
+        "schema": "signid.demo/1",
+        "robot": robot.name,
+        "joints": list(robot.joints),
+        "recordings": {"duration": DURATION, "rate": RATE, "encoder_bits": BITS, "torque_noise": NOISE},
+        "verdict": result.verdict,
+        "concealed": [_concealed(story, outcome) for outcome in story.outcomes],
+        "fit": {"before": fit_document(result.before), "after": fit_document(result.after)},
+        "rollout": None if before is None or after is None else after.document(before),
+        "flags": list(story.flags),
+        "notes": list(result.notes),
+        **provenance(result.inputs, [Input(name, robot.sha256, "description")], story.seed),
+    }
+
+
+def _concealed(story: Story, outcome: Outcome) -> dict[str, Any]:
+    """A law, and the numbers that were found for it, if it was."""
+    robot, (law, kind, finding, probability), named = story.simulation.robot, outcome, outcome.found
+    found = told_numbers(robot, named.law, named.std) if named else {}
+    beside = spoken(finding.law, robot) if finding and not named else None
+    return {
+        "effect": law.effect.name,
+        "joint": placed(law, robot)[0],
+        "outcome": kind,
+        "probability": probability,
+        "alternative_to": beside,
+        "parameters": {
+            key: {
+                "value": number["value"],
+                "unit": number["unit"],
+                "found": found[key]["value"] if key in found else None,
+                "std": found[key]["std"] if key in found else None,
+            }
+            for key, number in told_numbers(robot, law, {}).items()
+        },
+    }

@@ -1,0 +1,139 @@
+"""A robot -> the story of what its simulation lacks, recorded, diagnosed and proved."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ...diagnose import Diagnosis, diagnose
+from ...model import Model, stated_inertials, stated_laws
+from ...output.export.mjcf import mjcf_laws
+from ...output.replay import Replay, replay
+from ...output.report import write_files
+from ...recording import read_recording
+from ...recording.formats.find import find_format
+from ...regression.motion import Motion
+from ...regression.session import Options, Progress
+from ...simulation.excite import build_limits, excite
+from ...simulation.plant import Sensors, record
+from ...types import Array, Frozen, Law, Robot, Trajectory
+from .arm import take_arm
+from .conceal import conceal, least
+from .outcome import Outcome, judge, misses
+from .plant import run_plant
+
+RECORDINGS = ("recording.csv", "held_out.csv")  # to learn from, and to judge by
+PERIOD, PERIODS, HARMONICS = 8.0, 2, 8  # of a motion: [s], how often it is made, and how fast
+DURATION = PERIODS * PERIOD  # [s] of a recording
+RATE, BITS, NOISE = 250.0, 17, 0.01  # [Hz], of the encoders, of each joint's rms torque
+MARGIN = 0.7  # share of every limit that the motions use
+COARSE = 10  # rows of a motion, of which one counts for the size of what is concealed
+
+
+@dataclass(frozen=True, eq=False)
+class Story(Frozen):
+    """What was concealed, and what became of it."""
+
+    simulation: Model  # the description, as it was diagnosed
+    concealed: tuple[Law, ...]
+    recordings: tuple[Path, ...]  # the one to learn from, the one held out
+    result: Diagnosis
+    replay: Replay
+    seed: int
+
+    @property
+    def outcomes(self) -> tuple[Outcome, ...]:
+        """What became of each concealed law."""
+        return judge(self.concealed, self.result)
+
+    @property
+    def flags(self) -> tuple[str, ...]:
+        """What not to trust, and what came out wrong."""
+        return (*self.result.flags, *misses(self.outcomes, self.result))
+
+
+def demo(robot: Robot, folder: str | Path, *, seed: int = 0, progress: Progress | None = None) -> Story:
+    """Records a robot with physics that its simulation is not told, and finds out what the simulation lacks.
+
+    The robot moves in MuJoCo. The diagnosis is given the description and the recordings in the folder, no more.
+
+    Args:
+        robot: its longest limb moves, the rest is held.
+        folder: gets recording.csv and held_out.csv.
+        seed: of motions, noise and what is concealed.
+        progress: told what is being done and how far it is.
+
+    Raises:
+        OptionError: no motion fits within the limits of the robot.
+        RobotError: MuJoCo cannot simulate the robot.
+        OutputError: the folder cannot be written to.
+    """
+    told = progress or _silent
+    told("planning motions", 0.0)
+    arm = take_arm(robot)
+    known = _known(arm)
+    motions = [_motion(known, 2 * seed + k) for k in range(len(RECORDINGS))]
+    told("recording in MuJoCo", 0.2)
+    concealed = conceal(known, _seen(arm, motions[0]), seed)
+    paths = _record(known, concealed, motions, folder, seed)
+    result = _diagnose(known, paths, seed, lambda what, share: told(what, 0.3 + 0.6 * share))
+    told("drawing", 0.9)
+    shown = replay(known, read_recording(paths[-1], arm), result)
+    return Story(known, concealed, tuple(paths), result, shown, seed)
+
+
+def _known(robot: Robot) -> Model:
+    """The description, with what an MJCF can say of its drives."""
+    stated = Model(robot, stated_inertials(robot), stated_laws(robot))
+    return replace(stated, laws=tuple(mjcf_laws(stated)))
+
+
+def _motion(known: Model, seed: int) -> Trajectory:
+    """A motion at random, again and again: what repeats tells noise from physics."""
+    robot, limits = known.robot, build_limits(known.robot, margin=MARGIN, torque=np.inf)
+    drawn = excite(
+        known, kind="random", duration=PERIOD, harmonics=HARMONICS, limits=limits, rate=RATE, seed=seed
+    ).trajectory
+    q, v, a = (np.vstack([x[:-1]] * (PERIODS - 1) + [x]) for x in (drawn.q, drawn.v, drawn.a))
+    return Trajectory(robot.joints, np.arange(len(q)) / RATE, q, v, a)
+
+
+def _seen(robot: Robot, motion: Trajectory) -> Motion:
+    return Motion(robot, *(getattr(motion, key)[::COARSE] for key in "tqva"))
+
+
+def _record(
+    known: Model, concealed: Sequence[Law], motions: Sequence[Trajectory], folder: str | Path, seed: int
+) -> list[Path]:
+    """The files of the true robot's recordings."""
+    robot, files = known.robot, {}
+    true = Model(robot, known.inertials, (*known.laws, *concealed))
+    for k, (name, motion) in enumerate(zip(RECORDINGS, motions, strict=True)):
+        columns = record(robot, run_plant(true, known, motion), Sensors(RATE, BITS), seed=2 * seed + k)
+        columns |= _noisy(robot, columns, 2 * seed + k)
+        files[name] = find_format(Path(name)).encode(columns, name)
+    return write_files(folder, files)
+
+
+def _noisy(robot: Robot, columns: Mapping[str, Array], seed: int) -> dict[str, Array]:
+    """The torques with white noise; a joint that gives next to none has as much as one that gives a little."""
+    names = [f"tau_{joint}" for joint in robot.joints]
+    torque = np.column_stack([columns[name] for name in names])
+    size = np.sqrt(np.mean(torque**2, axis=0))
+    noise = (
+        NOISE * np.maximum(size, least(robot, size)) * np.random.default_rng([seed, 3]).standard_normal(torque.shape)
+    )
+    return dict(zip(names, (torque + noise).T, strict=True))
+
+
+def _diagnose(known: Model, paths: Sequence[Path], seed: int, progress: Progress) -> Diagnosis:
+    """What the simulation lacks, from files."""
+    learned, judged = (read_recording(path, known.robot) for path in paths)
+    return diagnose(known, [learned], held_out=[judged], options=Options(seed=seed), progress=progress)
+
+
+def _silent(what: str, share: float) -> None:
+    """Nobody is told."""

@@ -1,0 +1,171 @@
+"""Processes that carry out commands one after another, and are begun anew where one dies."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from contextlib import suppress
+from threading import Lock, Timer
+from typing import IO
+
+from ...errors import SignidError
+from ...version import __version__
+from .order import Answer, Order
+
+TRIES = 2  # of a command whose process dies
+IDLE = 60.0  # [s] after which a process that nobody asks ends
+GRACE = 3.0  # [s] for a process to leave nothing behind
+LASTS = 50  # commands that a process carries out, so that what it holds of memory does not pile up
+THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "POLARS_MAX_THREADS")
+
+
+class Stopped(SignidError):
+    """Whoever asked has asked to stop."""
+
+
+class _Died(Exception):
+    """A process ended while it was at work."""
+
+
+class _Process:
+    """A process that is up and waits, or works; it ends when nobody holds its standard input any more."""
+
+    def __init__(self) -> None:
+        heard = None if os.environ.get("SIGNID_DEBUG") else subprocess.DEVNULL
+        self.child = subprocess.Popen(
+            [sys.executable, "-m", "signid.cli.fleet.worker"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=heard,
+            env={**os.environ, **dict.fromkeys(THREADS, "1")},
+            start_new_session=True,  # Ctrl-C in a terminal is for who asks, not for who works
+        )
+        self.carried_out, self.retires = 0, Timer(IDLE, self.end)
+
+    def ask(self, order: Order) -> Answer:
+        orders, answers = self.child.stdin, self.child.stdout
+        assert orders is not None and answers is not None, "both are pipes"
+        try:
+            orders.write(json.dumps(order._asdict()).encode() + b"\n")
+            orders.flush()
+            header = json.loads(_exactly(answers, int(_exactly(answers, 16))))
+            files = {name: _exactly(answers, size) for name, size in header["files"]}
+        except (OSError, EOFError):
+            self.child.kill()
+            raise _Died(_ending(self.child.wait())) from None
+        self.carried_out += 1
+        return Answer(header["code"], tuple(header["said"]), files)
+
+    def end(self) -> None:
+        self.child.terminate()
+        try:
+            self.child.wait(GRACE)
+        except subprocess.TimeoutExpired:
+            self.child.kill()
+            self.child.wait()
+        for pipe in (self.child.stdin, self.child.stdout):
+            if pipe is not None:
+                with suppress(BrokenPipeError):  # what the child did not read any more
+                    pipe.close()
+
+
+def _exactly(stream: IO[bytes], count: int) -> bytes:
+    found = stream.read(count)
+    if len(found) < count:
+        raise EOFError
+    return found
+
+
+def _ending(code: int) -> str:
+    return f"by signal {-code}" if code < 0 else f"with code {code}"
+
+
+class Processes:
+    """As many processes as are asked at the same time."""
+
+    def __init__(self) -> None:
+        self._idle, self._all, self._lock, self._stopped = list[_Process](), set[_Process](), Lock(), False
+
+    def carry_out(self, order: Order) -> Answer:
+        """What comes of a command that a process of its own carries out.
+
+        Args:
+            order: the command.
+
+        Raises:
+            Stopped: `stop` was called.
+        """
+        if order.version != __version__:
+            told = f"signid {__version__} is installed where the work is done, {order.version} where it was asked for"
+            return Answer(None, (f"{told}; install the same",), {})
+        ending = ""
+        for _ in range(TRIES):
+            process = self._take()
+            try:
+                answer = process.ask(order)
+            except _Died as death:
+                self._drop(process)
+                ending = str(death)
+                continue
+            self._give(process)
+            return answer
+        with self._lock:
+            if self._stopped:
+                raise Stopped("stopped")
+        why = f"its process died {TRIES} times, the last time {ending}"
+        return Answer(None, (f"{why}; perhaps of too little memory: give it fewer or shorter recordings",), {})
+
+    def stop(self) -> None:
+        """End all processes, idle or not, for good."""
+        with self._lock:
+            self._stopped = True
+            for process in self._all:
+                process.child.terminate()
+            while self._all:
+                process = self._all.pop()
+                process.retires.cancel()
+                process.end()
+
+    def _take(self) -> _Process:
+        with self._lock:
+            if self._stopped:
+                raise Stopped("stopped")
+            process = self._idle.pop() if self._idle else _Process()
+            process.retires.cancel()
+            self._all.add(process)
+            return process
+
+    def _give(self, process: _Process) -> None:
+        if process.carried_out >= LASTS:
+            return self._drop(process)
+        process.retires = Timer(IDLE, self._retire, (process,))
+        process.retires.daemon = True
+        with self._lock:
+            self._idle.append(process)
+            process.retires.start()
+
+    def _retire(self, process: _Process) -> None:
+        with self._lock:
+            if process not in self._idle:
+                return
+            self._idle.remove(process)
+        self._drop(process)
+
+    def _drop(self, process: _Process) -> None:
+        with self._lock:
+            self._all.discard(process)
+        process.end()
+
+
+_OURS = Processes()
+
+
+def carry_out(order: Order) -> Answer:
+    """What comes of a command that a process beside this one carries out; for a worker of Dask.
+
+    Args:
+        order: the command.
+    """
+    return _OURS.carry_out(order)

@@ -1,0 +1,198 @@
+"""What a fleet's sessions tell together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from statistics import median
+from typing import Any
+
+from ...types import Frozen, Input
+from ...version import __version__
+from .drift import Drift, find_drifts
+from .manifest import Entry
+from .order import FLAGGED
+from .summary import Cause, Number, Told
+
+SCHEMA = "signid.fleet/1"
+UNDONE = "not done"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One session, done or not."""
+
+    entry: Entry
+    code: int | None  # of its command; None where no process survived it
+    said: tuple[str, ...]  # flags, or why it could not be done
+    files: tuple[str, ...]  # that it left, in its folder
+    told: Told
+
+    @property
+    def done(self) -> bool:
+        """Whether there is a result."""
+        return bool(self.files)
+
+    @property
+    def folder(self) -> str:
+        """Of its files, seen from that of the fleet."""
+        return f"sessions/{self.entry.session}"
+
+
+@dataclass(frozen=True, eq=False)
+class Fleet(Frozen):
+    """All sessions in the order of the manifest, and what they tell together."""
+
+    outcomes: tuple[Outcome, ...]
+    drifts: tuple[Drift, ...]
+    manifest: Input
+    seed: int
+
+    @property
+    def robots(self) -> list[tuple[str, list[Outcome]]]:
+        """Every single robot with its sessions, the latest last; by the mismatch of that one, the largest first."""
+        found: dict[str, list[Outcome]] = {}
+        for outcome in self.outcomes:
+            found.setdefault(outcome.entry.name, []).append(outcome)
+        ordered = {name: sorted(some, key=_moment) for name, some in found.items()}
+        return sorted(ordered.items(), key=lambda robot: (-(_latest(robot[1]).told.mismatch or -1.0), robot[0]))
+
+    @property
+    def causes(self) -> list[dict[str, Any]]:
+        """Equal causes in the latest diagnoses of robots of one kind, those of most robots first."""
+        kinds: dict[str, list[tuple[str, Told]]] = {}
+        for name, sessions in self.robots:
+            diagnosed = [one for one in sessions if one.told.verdict]
+            if diagnosed:
+                kinds.setdefault(diagnosed[-1].told.kind, []).append((name, diagnosed[-1].told))
+        found = [cause for kind, robots in kinds.items() for cause in _grouped(kind, robots)]
+        return sorted(found, key=lambda cause: (-len(cause["robots"]), cause["kind"], cause["cause"]))
+
+    @property
+    def flagged(self) -> bool:
+        """Whether a session was not done, or says what in it is not to be trusted."""
+        return any(not outcome.done or outcome.code == FLAGGED for outcome in self.outcomes)
+
+    def document(self) -> dict[str, Any]:
+        """fleet.json."""
+        return {
+            "schema": SCHEMA,
+            "robots": [_robot(name, sessions) for name, sessions in self.robots],
+            "causes": self.causes,
+            "drifts": [_drift(drift) for drift in self.drifts],
+            "sessions": [_session(outcome) for outcome in self.outcomes],
+            "inputs": [self.manifest._asdict()],
+            "seed": self.seed,
+            "version": __version__,
+        }
+
+
+def gather(outcomes: Sequence[Outcome], manifest: Input, seed: int) -> Fleet:
+    """What sessions tell together.
+
+    Args:
+        outcomes: in the order of the manifest.
+        manifest: the file.
+        seed: of all sessions.
+    """
+    series: dict[tuple[str, str], list[tuple[float, Any]]] = {}
+    for one in outcomes:
+        if one.entry.day is not None and one.told.numbers:
+            series.setdefault((one.entry.name, one.entry.task), []).append((one.entry.day, one.told.numbers))
+    return Fleet(tuple(outcomes), find_drifts((name, found) for (name, _), found in series.items()), manifest, seed)
+
+
+def _moment(outcome: Outcome) -> tuple[float, int]:
+    day = outcome.entry.day
+    return float("-inf") if day is None else day, outcome.entry.line
+
+
+def _latest(sessions: Sequence[Outcome]) -> Outcome:
+    """The last session that says how large the mismatch is; the last of all where none does."""
+    return ([one for one in sessions if one.told.mismatch is not None] or sessions)[-1]
+
+
+def _grouped(kind: str, robots: Sequence[tuple[str, Told]]) -> Iterator[dict[str, Any]]:
+    groups: dict[str, list[tuple[str, Cause]]] = {}
+    for name, told in robots:
+        for cause in told.causes:
+            groups.setdefault(cause.name, []).append((name, cause))
+    for law, found in groups.items():
+        joint = found[0][1].joint
+        could = sum(joint is None or joint in told.joints for _, told in robots)
+        yield {
+            "cause": law,
+            "kind": kind,
+            "robots": [name for name, _ in found],
+            "of": could,
+            "probability": min(one.probability for _, one in found),
+            "numbers": list(_spread([one for _, one in found])),
+        }
+
+
+def _spread(causes: Sequence[Cause]) -> Iterator[dict[str, Any]]:
+    """Range, median and largest standard deviation of each number over the robots."""
+    told: dict[tuple[str, str], list[Number]] = {}
+    for number in (number for cause in causes for number in cause.numbers):
+        told.setdefault((number.what.rpartition(": ")[2], number.unit), []).append(number)
+    for (key, unit), found in told.items():
+        values = [number.value for number in found]
+        ends = {"least": min(values), "median": median(values), "most": max(values)}
+        yield {"key": key, "unit": unit, **ends, "std": max(number.std for number in found)}
+
+
+def _robot(name: str, sessions: Sequence[Outcome]) -> dict[str, Any]:
+    latest = _latest(sessions)
+    return {
+        "name": name,
+        "kind": latest.told.kind,
+        "sessions": [one.entry.session for one in sessions],
+        "latest": latest.entry.session,
+        "time": latest.entry.time,
+        "task": latest.entry.task,
+        "mismatch": latest.told.mismatch,
+        "joint": latest.told.joint,
+        "left": latest.told.left,
+        "explained": latest.told.explained,
+        "verdict": latest.told.verdict,
+        "causes": [cause.name for cause in latest.told.causes],
+        "undone": sum(not one.done for one in sessions),
+    }
+
+
+def _session(outcome: Outcome) -> dict[str, Any]:
+    entry, told = outcome.entry, outcome.told
+    state = UNDONE if not outcome.done else "flagged" if outcome.code == FLAGGED else "done"
+    return {
+        "session": entry.session,
+        "name": entry.name,
+        "robot": entry.robot,
+        "task": entry.task,
+        "time": entry.time,
+        "recordings": list(entry.recordings),
+        "state": state,
+        "said": list(outcome.said),
+        "folder": outcome.folder if outcome.done else None,
+        "files": list(outcome.files),
+        "mismatch": told.mismatch,
+        "joint": told.joint,
+        "left": told.left,
+        "verdict": told.verdict,
+        "causes": [cause.name for cause in told.causes],
+    }
+
+
+def _drift(drift: Drift) -> dict[str, Any]:
+    return {
+        "name": drift.robot,
+        "number": drift.what,
+        "unit": drift.unit,
+        "day": drift.day.tolist(),
+        "value": drift.value.tolist(),
+        "std": drift.std.tolist(),
+        "slope": {"value": drift.slope, "half": drift.half, "unit": f"{drift.unit}/d"},
+        "line": {"day": drift.mean_day, "value": drift.middle},
+        "change": drift.change,
+        "chance": drift.chance,
+        "beyond_noise": drift.beyond,
+    }

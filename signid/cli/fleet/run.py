@@ -1,0 +1,146 @@
+"""A manifest -> every session done, kept in its folder, and told together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+
+from ...errors import InputError, ManifestError, SignidError
+from ...regression.session import Progress
+from ...types import Input
+from .dispatch import cores, spread
+from .inputs import check_robot, key, read_inputs
+from .manifest import Entry, Manifest, read_manifest
+from .order import Answer, Order
+from .result import Fleet, Outcome, gather
+from .store import Store
+from .summary import FILES, Told, tell
+
+FACTORS = "factors.npz"
+
+
+@dataclass(frozen=True)
+class _Task:
+    """A session with all that it is made from, and its key."""
+
+    entry: Entry
+    inputs: tuple[Input, ...]
+    key: str  # "" where a file that it needs cannot be read
+    fault: str = ""  # why
+
+
+def fleet(
+    manifest: str | Path,
+    folder: str | Path,
+    *,
+    scheduler: str | None = None,
+    workers: int | None = None,
+    seed: int = 0,
+    keep_going: bool = True,
+    progress: Progress | None = None,
+) -> Fleet:
+    """Diagnose or identify many robots and recordings, each session by a process of its own.
+
+    A session's folder appears when it is complete, with the files that its command writes and session.json. Sessions
+    that are there, made from the same files by the same command and version, are not done again.
+
+    Args:
+        manifest: CSV file of sessions, see `read_manifest`.
+        folder: of the results; the folder sessions in it gets one for each.
+        scheduler: address of a Dask scheduler, whose workers do the work; they read the same paths as this machine.
+        workers: processes of this machine, as many as it has cores by default.
+        seed: of every session.
+        keep_going: False: the first session that cannot be done ends the run.
+        progress: told how many sessions are done.
+
+    Raises:
+        ManifestError: rows of the manifest are wrong.
+        InputError: no such scheduler; or a session cannot be done, and `keep_going` is False.
+        OutputError: results cannot be written.
+    """
+    listed = read_manifest(manifest)
+    told = progress or (lambda what, share: None)
+    tasks = _prepare(listed, seed, workers or cores(), told)
+    store = Store(folder)
+    answers = {k: Answer(None, (task.fault,), {}) for k, task in enumerate(tasks) if task.fault}
+    if answers and not keep_going:
+        raise InputError(_sentence(tasks[min(answers)].entry, answers[min(answers)]))
+    todo = [k for k, task in enumerate(tasks) if store.record(task.entry.session).get("key") != task.key != ""]
+    done = len(tasks) - len(todo)
+    told(f"{done} of {len(tasks)} sessions", done / len(tasks))
+    orders = [_order(tasks[k].entry, listed, seed) for k in todo]
+    with closing(spread(orders, workers, scheduler)) as found:
+        for number, answer in found:
+            task, done = tasks[todo[number]], done + 1
+            if answer.done:
+                _keep(store, task, orders[number], answer)
+            elif keep_going:
+                answers[todo[number]] = answer
+            else:
+                raise InputError(_sentence(task.entry, answer))
+            told(f"{done} of {len(tasks)} sessions", done / len(tasks))
+    return gather([_outcome(store, task, answers.get(k)) for k, task in enumerate(tasks)], listed.input, seed)
+
+
+def _prepare(listed: Manifest, seed: int, workers: int, told: Progress) -> list[_Task]:
+    """Every session with the digests of its files; robots are checked first, all of them."""
+    described, faults = list[tuple[Input, ...]](), list[str]()
+    for entry in listed.entries:
+        try:
+            described.append(check_robot(entry, listed.folder))
+        except SignidError as error:
+            faults.append(f"{Path(listed.input.path).name}, line {entry.line}: {error}")
+    if faults:
+        raise ManifestError(faults)
+
+    def made(entry: Entry, robot: Sequence[Input]) -> _Task:
+        try:
+            inputs = (*robot, *read_inputs(entry, listed.folder))
+        except InputError as error:
+            return _Task(entry, (), "", str(error))
+        return _Task(entry, inputs, key(entry.arguments(seed), inputs))
+
+    tasks = list[_Task]()
+    with ThreadPoolExecutor(workers) as pool:  # digests are made side by side
+        for task in pool.map(made, listed.entries, described):
+            told("reading recordings", len(tasks) / len(listed.entries))
+            tasks.append(task)
+    return tasks
+
+
+def _order(entry: Entry, listed: Manifest, seed: int) -> Order:
+    return Order(entry.arguments(seed), str(listed.folder), "" if entry.task in FILES else FACTORS)
+
+
+def _keep(store: Store, task: _Task, order: Order, answer: Answer) -> None:
+    record = {
+        "session": task.entry.session,
+        "key": task.key,
+        "arguments": list(order.arguments),
+        "inputs": [file._asdict() for file in task.inputs],
+        "code": answer.code,
+        "said": list(answer.said),
+        "files": sorted(answer.files),
+        "version": order.version,
+    }
+    store.keep(task.entry.session, record, answer.files)
+
+
+def _outcome(store: Store, task: _Task, answer: Answer | None) -> Outcome:
+    """A session as it stands in its folder, or as it was not done."""
+    if answer is not None:
+        return Outcome(task.entry, answer.code, answer.said, (), Told())
+    record = store.record(task.entry.session)
+    told = Told()
+    if task.entry.task in FILES:
+        told = tell(task.entry.task, store.document(task.entry.session, FILES[task.entry.task]))
+    return Outcome(task.entry, record["code"], tuple(record["said"]), tuple(record["files"]), told)
+
+
+def _sentence(entry: Entry, answer: Answer) -> str:
+    return (
+        f"session {entry.session} (line {entry.line}) cannot be done: {answer.said[0] if answer.said else 'no reason'}"
+    )

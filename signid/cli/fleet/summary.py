@@ -1,0 +1,119 @@
+"""identification.json and diagnosis.json -> what a fleet compares."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from ...effects import EFFECTS
+
+FILES = {"diagnose": "diagnosis.json", "identify": "identification.json"}
+CEILING = 1e6  # times the noise floor: where there is hardly a floor
+
+
+class Number(NamedTuple):
+    """A parameter as one session tells it."""
+
+    what: str  # "coulomb_friction of joint_2: level"
+    unit: str
+    value: float
+    std: float
+
+
+class Cause(NamedTuple):
+    """A law that a simulation lacks."""
+
+    effect: str
+    joint: str | None
+    partner: str | None
+    probability: float
+    numbers: tuple[Number, ...]
+
+    @property
+    def name(self) -> str:
+        """The law and where it acts."""
+        beside = f" and {self.partner}" if self.partner else ""
+        return self.effect + (f" of {self.joint}{beside}" if self.joint else "")
+
+
+@dataclass(frozen=True)
+class Told:
+    """What a session says of its robot; the residual is that of held-out torque, over the noise floor."""
+
+    kind: str = ""  # of robot: the name in its description
+    joints: tuple[str, ...] = ()
+    mismatch: float | None = None  # of the simulation, or of the identified model, at the joint where it is largest
+    joint: str = ""  # that joint
+    left: float | None = None  # there, with what the simulation lacked
+    verdict: str = ""  # of a diagnosis
+    causes: tuple[Cause, ...] = ()
+    numbers: tuple[Number, ...] = ()  # that could drift
+
+    @property
+    def explained(self) -> float | None:
+        """Share of the residual's square at that joint that a diagnosis explains."""
+        if self.left is None or not self.mismatch:
+            return None
+        return max(0.0, 1 - (self.left / self.mismatch) ** 2)
+
+
+def tell(task: str, document: Mapping[str, Any]) -> Told:
+    """What a session says, by the document that it left.
+
+    Args:
+        task: diagnose or identify; anything else says nothing.
+        document: diagnosis.json or identification.json.
+    """
+    if not document:
+        return Told()
+    kind, joints = str(document["robot"]), tuple(document["joints"])
+    if task == "identify":
+        mismatch, joint, _ = _mismatch(document["fit"])
+        return Told(kind, joints, mismatch, joint, numbers=tuple(_identified(document)))
+    mismatch, joint, j = _mismatch(document["fit"]["before"])
+    left = None if j is None else _over(document["fit"]["after"], j)
+    causes = tuple(_cause(one) for one in document["findings"] if one["role"] == "cause")
+    every = (number for one in document["findings"] for number in _cause(one).numbers)
+    verdict = str(document["verdict"])
+    return Told(kind, joints, mismatch, joint, left, verdict, causes, tuple(every))
+
+
+def _mismatch(fit: Mapping[str, Sequence[Any]]) -> tuple[float | None, str, int | None]:
+    """The largest residual over its noise floor, where it is, and the number of that joint."""
+    found = [(size, j) for j in range(len(fit["joints"])) if (size := _over(fit, j)) is not None]
+    if not found:
+        return None, "", None
+    size, j = max(found, key=lambda each: (each[0], -each[1]))
+    return size, str(fit["joints"][j]), j
+
+
+def _over(fit: Mapping[str, Sequence[Any]], j: int) -> float | None:
+    rms, floor = fit["held_out_rms"][j], fit["noise_floor"][j]
+    return None if rms is None or floor is None else min(CEILING, rms / max(floor, 1e-300))
+
+
+def _cause(finding: Mapping[str, Any]) -> Cause:
+    effect, joint, parameters = finding["effect"], finding["joint"], finding["parameters"]
+    partner = parameters["partner"]["value"] if "partner" in parameters else None
+    bare = Cause(effect, joint, partner, float(finding["probability"]), ())
+    return bare._replace(numbers=tuple(_numbers(bare.name, parameters)))
+
+
+def _identified(document: Mapping[str, Any]) -> Iterator[Number]:
+    """Laws, and base parameters that hold more than a law's own coefficient."""
+    for law in document["effects"]:
+        where = f" of {law['joint']}" if law["joint"] else ""
+        yield from _numbers(law["effect"] + where, law["parameters"])
+    law_alone = re.compile(rf"({'|'.join(map(re.escape, EFFECTS.names))})[\w.]*")
+    for base in document["base_parameters"]:
+        value, std = base["estimate"], base["std"]
+        if not law_alone.fullmatch(base["expression"]) and value is not None and std:
+            yield Number(base["expression"], base["unit"], value, std)
+
+
+def _numbers(name: str, parameters: Mapping[str, Mapping[str, Any]]) -> Iterator[Number]:
+    for key, told in parameters.items():
+        if key != "partner" and told["value"] is not None and told["std"]:
+            yield Number(f"{name}: {key}", told["unit"], float(told["value"]), float(told["std"]))

@@ -1,0 +1,1 @@
+"""Recordings -> rows of all hypotheses: motions, columns, noise, whitening."""

@@ -1,0 +1,159 @@
+"""Model discrepancy: torque of a joint that no law of the library makes, as a random function of the joint's state.
+
+recorded - predicted = laws + d(q, v, load, direction) + noise, per joint, with d a zero-mean Gaussian process of size s
+and stationary kernel. d is written by F random Fourier features, d = Z w with w ~ N(0, s^2 I), of covariance s^2 Z Z'
+has rank 2 F, and rows are whitened by a projection:
+
+    (I + s^2 Z Z')^-1/2 = I - U (I - (I + D^2)^-1/2) U',    s Z = U D V' (singular values D).
+
+s maximises the marginal likelihood of the rows with everything that is fitted integrated out.
+
+Source: Kennedy, O'Hagan, Bayesian calibration of computer models, J. R. Statist. Soc. B 63(3), 2001 (discrepancy);
+Gelman, Bayesian Analysis 1(3), 2006 (half-Cauchy prior of its size);
+Rahimi, Recht, Random features for large-scale kernel machines, NIPS 2007 (features).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from ...regression.projection import leave
+from ...types import Array
+from .rows import Table
+
+FEATURES = 40  # F random frequencies
+LENGTHS = (1.5, 0.6)  # of the kernel, in standard deviations of each variable: half of the frequencies each
+SEED = 0  # of the frequencies
+TURN = 0.1  # of the rms velocity: width of the change of direction
+SIZES = (0.0, 0.001, 0.002, 0.004, 0.008, 0.015, 0.03, 0.06, 0.12, 0.25)  # of s, as shares of the joint's rms torque
+USUAL = 0.02  # scale of the half-Cauchy prior of the size, as a share of the joint's rms torque
+APART = 3  # sizes that are tried first
+ROUNDS = 8  # of expectation and maximisation, from the variance that was presumed
+RIDGE = 1e-10  # of the scaled precision
+FLAT = 1e-6  # of the Gram's diagonal: prior precision of what is not known at all
+
+
+class Projection(NamedTuple):
+    """Whitening of rows against the discrepancy of one joint."""
+
+    basis: Array  # (M, k) [1] orthonormal
+    shrinkage: Array  # (k,) [1] share of each direction that is taken away
+
+    def __call__(self, x: Array) -> Array:
+        """Rows (M, c) [1] without what the discrepancy may make of them."""
+        return np.asarray(x - self.basis @ (self.shrinkage[:, None] * (self.basis.T @ x)))
+
+
+def features(table: Table, joint: int) -> Array:
+    """(M, 2 F) [1] random Fourier features of a joint's state, mean square 1 over a row.
+
+    Args:
+        table: rows.
+        joint: which.
+    """
+    v = table.v[:, joint]
+    turn = TURN * max(float(np.sqrt(np.mean(v**2))), 1e-12)
+    state = [table.q[:, joint], v, table.predicted[:, joint]]
+    x = np.column_stack([*(_scaled(one) for one in state), np.tanh(v / turn)])
+    rng = np.random.default_rng(SEED)
+    frequency = rng.standard_normal((x.shape[1], FEATURES)) / np.resize(LENGTHS, FEATURES)
+    angle = x @ frequency
+    linear = np.column_stack([np.ones(len(x)), x])
+    beyond = leave(np.column_stack([np.cos(angle), np.sin(angle)]), linear)
+    return np.asarray(beyond / max(float(np.sqrt(np.sum(beyond**2) / len(beyond))), 1e-12))
+
+
+def project(white: Array, size: float) -> Projection:
+    """Whitening against a discrepancy.
+
+    Args:
+        white: (M, f) [1 / N.m] the f = 2 F features in units of the noise.
+        size: of the discrepancy [N.m or N].
+    """
+    basis, singular, _ = np.linalg.svd(size * white, full_matrices=False)
+    return Projection(basis, 1 - 1 / np.sqrt(1 + singular**2))
+
+
+class Likeliest(NamedTuple):
+    """Noise and discrepancy of one joint, and what is fitted under them."""
+
+    size: float  # of the discrepancy [N.m or N]
+    variance: float  # of the noise, over what it was presumed to be [1]
+    value: Array  # (k + 2 F,) or (k,) [of each coefficient] posterior mean, without features if there is no discrepancy
+    used: float  # rows that the fit uses up, its effective number of parameters
+    log: float  # log density of the rows
+
+
+def likeliest(white: Array, fitted: Array, precision: Array, residual: Array, scale: float) -> Likeliest:
+    """The likeliest size of the discrepancy and variance of the noise, everything that is fitted integrated out.
+
+    Args:
+        white: (M, f) [1 / N.m] the f = 2 F features in units of the noise.
+        fitted: (M, k) columns that are fitted [1 per coefficient].
+        precision: (k, k) [1 per coefficient, squared] of their prior.
+        residual: (M,) [1].
+        scale: rms torque of the joint [N.m or N].
+
+    Source: Dempster, Laird, Rubin, J. R. Statist. Soc. B 39(1), 1977 (the variance, by expectation and maximisation).
+    """
+    columns = np.column_stack([fitted, white])
+    gram, right, square = columns.T @ columns, columns.T @ residual, float(residual @ residual)
+    k, rows = fitted.shape[1], max(int(np.count_nonzero(residual)), 1)
+    flat = np.where(np.diag(precision) > 0, 0.0, FLAT * np.maximum(np.diag(gram)[:k], 1e-12))
+    spread = _spread(precision + np.diag(flat))
+
+    def at(share: float) -> Likeliest:
+        used = slice(0, k if share == 0 else len(gram))
+        unit = block_diag(spread, share * scale * np.eye(len(gram) - k))[used, used]
+        whole = _maximised(unit.T @ gram[used, used] @ unit, unit.T @ right[used], square, rows)
+        log = whole.log - float(np.log1p((share / USUAL) ** 2))
+        return whole._replace(size=share * scale, value=unit @ whole.value, log=log)
+
+    return _highest(at)
+
+
+def _highest(at: Callable[[float], Likeliest]) -> Likeliest:
+    """The best of all sizes: of some that lie apart, then along the way up from there."""
+    found = {k: at(SIZES[k]) for k in range(0, len(SIZES), APART)}
+    while True:
+        best = max(found, key=lambda k: found[k].log)
+        near = [k for k in (best - 1, best + 1) if 0 <= k < len(SIZES) and k not in found]
+        if not near:
+            return found[best]
+        found |= {k: at(SIZES[k]) for k in near}
+
+
+def _spread(precision: Array) -> Array:
+    """(k, k) [of each coefficient] by which coefficients of unit prior become those of a prior precision."""
+    size = np.sqrt(np.maximum(np.diag(precision), 1e-300))
+    lower = np.linalg.cholesky(precision / size / size[:, None] + RIDGE * np.eye(len(precision)))
+    return np.asarray(np.linalg.inv(lower).T / size[:, None])
+
+
+def _maximised(gram: Array, right: Array, square: float, rows: int) -> Likeliest:
+    """The likeliest variance of the noise, with coefficients of unit prior integrated out.
+
+    Args:
+        gram: (c, c) [1] of the columns.
+        right: (c,) [1] their products with the residual.
+        square: of the residual [1].
+        rows: that count.
+    """
+    eigen, vectors = np.linalg.eigh(gram)
+    eigen, turned, variance = np.maximum(eigen, 0.0), vectors.T @ right, 1.0
+    for last in (*[False] * ROUNDS, True):
+        value, kept = turned / (eigen + variance), eigen / (eigen + variance)
+        rest, used = max(square - float(value @ (2 * turned - eigen * value)), 0.0), float(kept.sum())
+        if not last:
+            variance = max((rest + variance * used) / rows, 1e-12)
+    log = -(rest / variance + float(value @ value) + float(np.sum(np.log1p(eigen / variance)))) / 2
+    return Likeliest(0.0, variance, vectors @ value, used, log - rows / 2 * float(np.log(variance)))
+
+
+def _scaled(x: Array) -> Array:
+    spread = float(np.std(x))
+    return np.asarray((x - x.mean()) / (spread if spread > 0 else 1.0))

@@ -1,0 +1,227 @@
+"""What may be missing: every law of the library at every place and shape, and torque that depends on one variable."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ...effects import EFFECTS
+from ...effects.base import BodyLaw, Effect, TorqueLaw
+from ...effects.law import coefficient_count, hypotheses, law_columns
+from ...model import Model
+from ...regression.motion import Motion
+from ...robot.dynamics import carried
+from ...types import Array, Law
+
+VARIABLES = ("position", "velocity", "acceleration", "torque", "time")
+KNOTS = 8
+HUGE = 1e60  # torque per coefficient of which squares cannot be added any more
+Key = tuple[str, tuple[int, ...]]  # effect and joints: members of one grid of shapes share it
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """Laws that are missing together, mostly one, with their shapes; without laws, an unknown dependence.
+
+    An unknown is a piecewise linear function of one variable of one joint.
+    """
+
+    laws: tuple[Law, ...] = ()
+    finite: bool = False  # a law of the record at the size that its parameters state, not as small
+    scaled: bool = False  # all numbers of its law times one factor, which alone is unknown: a link heavier as a whole
+    joint: int = 0  # of an unknown
+    variable: str = ""  # of an unknown
+    knots: tuple[float, ...] = ()  # of an unknown [unit of the variable]
+    stated: Law | None = None  # the same law as the simulation states it: its size may be wrong
+
+    @property
+    def unknown(self) -> bool:
+        """Whether no law is named."""
+        return not self.laws
+
+    @cached_property
+    def key(self) -> Key:
+        """What it says, whatever the shape."""
+        if self.unknown:
+            return self.variable, (self.joint,)
+        joints = tuple(sorted({j for law in self.laws for j in law.joints}))
+        names = dict.fromkeys(law.effect.name for law in self.laws)
+        return "+".join(names), self.laws[0].joints if len(self.laws) == 1 else joints
+
+    @property
+    def names(self) -> set[Key]:
+        """Effect and joints of each of its laws."""
+        return {(law.effect.name, law.joints) for law in self.laws}
+
+    @property
+    def bodies(self) -> set[int]:
+        """The joints that move the links whose bodies it changes."""
+        links = [law for law in self.laws if isinstance(law.effect, BodyLaw) and law.effect.scope in ("link", "tip")]
+        return {law.joints[0] for law in links}
+
+    @property
+    def size(self) -> int:
+        """How many coefficients it has."""
+        return self.numbers.shape[1] if self.laws else len(self.knots) - 1
+
+    @cached_property
+    def numbers(self) -> Array:
+        """(d, k) [of each of the d linear numbers of its laws, per coefficient]."""
+        count = sum(coefficient_count(law) for law in self.laws)
+        if not self.scaled:
+            return np.eye(count)
+        return np.array([[x] for law in self.laws for x in law.effect.coefficients(law.parameters)])
+
+    def columns(self, motion: Motion) -> dict[int, Array]:
+        """Per joint whose torque it changes, (N, k) columns [torque per coefficient]."""
+        if self.unknown:
+            return {self.joint: hats(variable(motion, self.joint, self.variable), self.knots)}
+        made = [_secant(law, motion) if self.finite else law_columns(law, motion) for law in self.laws]
+        width, start, out = sum(columns.shape[2] for _, columns in made), 0, dict[int, Array]()
+        for rows, columns in made:
+            for k, j in enumerate(rows):
+                out.setdefault(j, np.zeros((len(motion), width)))
+                out[j][:, start : start + columns.shape[2]] = columns[:, k]
+            start += columns.shape[2]
+        return {j: finite(x @ self.numbers if self.scaled else x) for j, x in out.items()}
+
+
+def finite(x: Array) -> Array:
+    """Columns, zero where a number is beyond all bounds: a law that cannot be computed explains nothing.
+
+    Args:
+        x: (N, k) [torque per coefficient].
+    """
+    told = np.abs(x).max(axis=0, initial=0.0) < HUGE  # False for NaN
+    return x if told.all() else np.where(told, x, 0.0)
+
+
+def propose(model: Model, motion: Motion, skip: Sequence[str] = ()) -> list[Hypothesis]:
+    """Everything worth trying.
+
+    Args:
+        model: what is known already; its laws are no hypotheses at their places.
+        motion: gives the shapes worth trying.
+        skip: effects that are left out.
+    """
+    known = {(law.effect.name, law.joints): law for law in model.laws if any(law.effect.coefficients(law.parameters))}
+    n = len(motion.robot.joints)
+    found = [
+        Hypothesis((law,), stated=_stated(known.get((effect.name, law.joints)), law))
+        for effect in EFFECTS
+        if effect.name not in skip
+        for law in [*_as_stated(effect, known), *hypotheses(effect, motion, n)]
+        if law.effect.possible(motion.at(law.joints), **law.parameters)
+    ]
+    return [*found, *_scaled_links(model, skip), *_friction(set(known), n, skip), *_unknown(motion)]
+
+
+def _scaled_links(model: Model, skip: Sequence[str]) -> Iterator[Hypothesis]:
+    """Each link but the last, whose load is a payload, heavier or lighter as a whole, as if of another density."""
+    if "link_inertia" in skip:
+        return
+    effect, bodies = EFFECTS["link_inertia"], model.whole_inertials()
+    for joint in range(len(model.robot.joints) - 1):
+        own = bodies[carried(model.robot, joint)]
+        if own[0] > 0:
+            yield Hypothesis(
+                (Law(effect, (joint,), dict(zip(effect.parameters, own.tolist(), strict=True))),), scaled=True
+            )
+
+
+def _as_stated(effect: Effect, known: Mapping[Key, Law]) -> Iterator[Law]:
+    """Laws of the simulation with a shape, at that shape."""
+    for law in known.values():
+        if law.effect is effect and _shaped(law):
+            yield Law(effect, law.joints, effect.shape(law.parameters))
+
+
+def _stated(known: Law | None, law: Law) -> Law | None:
+    """The law of the simulation, where a hypothesis of this shape is that its size is wrong."""
+    same = known is not None and known.effect.shape(known.parameters) == law.effect.shape(law.parameters)
+    return known if same else None
+
+
+def pooled(motions: Sequence[Motion]) -> Motion:
+    """All samples of some motions in a row, for what counts them only."""
+
+    def joined(name: str) -> Array:
+        return np.concatenate([getattr(motion, name) for motion in motions])
+
+    one = motions[0]
+    t, q, v, a, recorded, predicted = (joined(name) for name in ("t", "q", "v", "a", "recorded", "predicted"))
+    return Motion(one.robot, t, q, v, a, recorded=recorded, predicted=predicted, slow=one.slow)
+
+
+def variable(motion: Motion, joint: int, name: str) -> Array:
+    """(N,) what an unknown may depend on."""
+    if name == "time":
+        return motion.t
+    signal = {"position": motion.q, "velocity": motion.v, "acceleration": motion.a, "torque": motion.predicted}[name]
+    assert signal is not None, "a diagnosed motion carries predicted torque"
+    return np.asarray(signal[:, joint])
+
+
+def hats(x: Array, knots: Sequence[float]) -> Array:
+    """(N, k - 1) piecewise linear functions of x, without the first, which a constant would give.
+
+    Args:
+        x: (N,) [any unit].
+        knots: (k,) [the same].
+    """
+    return np.column_stack([np.interp(x, knots, row) for row in np.eye(len(knots))[1:]])
+
+
+def _secant(law: Law, motion: Motion) -> tuple[tuple[int, ...], Array]:
+    """What a law of the record with one coefficient changes at its full size, over that size."""
+    (key,) = law.effect.linear()
+    change = law.effect.change(motion.at(law.joints), law.parameters, exactly=True) / law.parameters[key]
+    wide = change.shape[1] != len(law.joints) or law.effect.scope == "link"
+    return tuple(range(change.shape[1])) if wide else law.joints, change[..., None]
+
+
+def refits(law: Law) -> bool:
+    """Whether the coefficients of a law that the simulation states are fitted beside every hypothesis.
+
+    So are torque laws and rotors, within their tolerance. Other laws, and laws of size zero, count as they are stated;
+    that they are wrong is a hypothesis.
+    """
+    there = any(law.effect.coefficients(law.parameters))
+    return there and (
+        isinstance(law.effect, TorqueLaw) or law.effect.scope == "joint" and isinstance(law.effect, BodyLaw)
+    )
+
+
+def happens_once(law: Law) -> bool:
+    """Whether it has a beginning and an end, so that nothing else foretells it and it foretells nothing."""
+    return {"start", "end"} <= set(law.effect.parameters)
+
+
+def _shaped(law: Law) -> bool:
+    return bool(law.effect.shape(law.parameters))
+
+
+def _friction(known: set[Key], n: int, skip: Sequence[str]) -> Iterator[Hypothesis]:
+    """Viscous and dry friction together, at joints that have neither, and at all of these at once."""
+    friction = [effect for effect in EFFECTS if effect.usual and effect.dissipative]
+    bare = [j for j in range(n) if not any((effect.name, (j,)) in known for effect in friction)]
+    if any(effect.name in skip for effect in friction):
+        return
+    for joints in dict.fromkeys([*((j,) for j in bare), tuple(bare)]):
+        if joints:
+            yield Hypothesis(tuple(Law(effect, (j,)) for j in joints for effect in friction))
+
+
+def _unknown(motion: Motion) -> Iterator[Hypothesis]:
+    for joint in range(len(motion.robot.joints)):
+        for name in VARIABLES:
+            x = variable(motion, joint, name)
+            knots = np.quantile(x, np.linspace(0.002, 0.998, KNOTS))
+            if name == "velocity":
+                knots = np.append(knots, np.std(x) * np.array([-0.2, -0.06, 0, 0.06, 0.2]))
+            knots = np.unique(knots)
+            if len(knots) > 2:
+                yield Hypothesis(joint=joint, variable=name, knots=tuple(knots.tolist()))

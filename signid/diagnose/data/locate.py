@@ -1,0 +1,102 @@
+"""Torque over a motion -> where it is: which variable it depends on, and the region that holds most of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from ...regression.projection import leave
+from ...types import Array, Mask
+from .hypotheses import VARIABLES, hats
+from .periodicity import Wave, find_wave
+from .rows import Table
+
+KNOTS = 9
+SHARES = (0.1, 0.2, 0.33, 0.5)  # of the rows, that a region may hold
+DIGITS = 2
+NEAR = 0.05  # frequencies of one wave differ by no more
+UNITS = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s2", "torque": "N.m", "time": "s"}
+
+
+class Place(NamedTuple):
+    """Where torque is."""
+
+    joint: int
+    variable: str
+    region: str  # "below 0.05 rad/s"
+    share: float  # of the torque's sum of squares in that region [1]
+    explained: float  # of it by any function of the variable [1]
+
+
+def locate(
+    table: Table, joint: int, torque: Array, prismatic: bool = False, variables: Sequence[str] = VARIABLES
+) -> Place:
+    """The variable of a joint that torque depends on most, and the region in which it stands out.
+
+    Args:
+        table: rows.
+        joint: whose variables.
+        torque: (M,) residual, or the torque of an effect [N.m or N].
+        prismatic: whether the joint slides.
+        variables: of which.
+    """
+    told = {name: _explained(table.variable(joint, name), torque) for name in variables}
+    best = max(told, key=lambda name: told[name])
+    wave = _wave(table, torque) if "time" in variables else None
+    if wave is not None and wave.share > told[best]:
+        return Place(joint, "time", f"at {wave.frequency:.{DIGITS + 1}g} Hz", wave.share, wave.share)
+    x = table.variable(joint, best)
+    power = torque**2 / max(float(np.sum(torque**2)), 1e-300)
+    unit = UNITS[best].replace("N.m", "N").replace("rad", "m") if prismatic else UNITS[best]
+    regions = [(float(power[inside].sum()), float(inside.mean()), text) for text, inside in _regions(best, x, unit)]
+    share, _, region = max(regions, key=lambda r: r[0] - r[1])
+    return Place(joint, best, region, share, told[best])
+
+
+def _wave(table: Table, torque: Array) -> Wave | None:
+    """What a wave in each piece takes of it; None where they are not of one frequency."""
+    edges = [0, *(np.flatnonzero(np.diff(table.piece)) + 1).tolist(), len(table)]
+    waves = [find_wave(torque[a:b], 1 / float(table.t[a + 1] - table.t[a])) for a, b in pairwise(edges) if b > a + 1]
+    longest = max(waves, key=lambda wave: len(wave.signal))
+    if not longest.share:
+        return None
+    own = sum(float(wave.signal @ wave.signal) for wave in waves if abs(wave.frequency / longest.frequency - 1) < NEAR)
+    return longest._replace(share=own / max(float(torque @ torque), 1e-300))
+
+
+def _explained(x: Array, torque: Array) -> float:
+    """Share of the sum of squares that a piecewise linear function of x explains, less what chance would [1]."""
+    knots = np.unique(np.quantile(x, np.linspace(0, 1, KNOTS)))
+    if len(knots) < 3:
+        return 0.0
+    columns = np.column_stack([np.ones_like(x), hats(x, knots.tolist())])
+    left = leave(torque, columns)
+    whole = float(torque @ torque)
+    free = max(len(x) - columns.shape[1], 1) / len(x)
+    return 1 - float(left @ left) / whole / free if whole > 0 else 0.0
+
+
+def _regions(name: str, x: Array, unit: str) -> Iterator[tuple[str, Mask]]:
+    """Parts of the range of a variable, in words."""
+    if name in ("velocity", "acceleration", "torque"):
+        size = np.abs(x)
+        yield f"above 0 {unit}", x > 0
+        yield f"below 0 {unit}", x < 0
+        for share in SHARES:
+            low, high = np.quantile(size, [share, 1 - share])
+            yield (
+                f"slower than {low:.{DIGITS}g} {unit}" if name == "velocity" else f"within {low:.{DIGITS}g} {unit}",
+                (size <= low),
+            )
+            yield (
+                f"faster than {high:.{DIGITS}g} {unit}" if name == "velocity" else f"beyond {high:.{DIGITS}g} {unit}",
+                (size >= high),
+            )
+        return
+    for share in SHARES:
+        edges = np.quantile(x, np.arange(0, 1 + 1e-9, share))
+        for low, high in zip(edges[:-1], edges[1:], strict=True):
+            yield f"{low:.{DIGITS + 1}g} to {high:.{DIGITS + 1}g} {unit}", (x >= low) & (x <= high)

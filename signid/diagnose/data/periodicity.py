@@ -1,0 +1,47 @@
+"""A signal -> the wave in time that takes most of it: a disturbance that has a frequency is no noise."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...regression.projection import least_squares
+from ...types import Array
+
+CYCLES = 3.0  # at least: what is slower is drift
+FINE = 16  # frequencies tried for each that the length resolves
+SHORT = 32  # samples: too few
+
+
+class Wave(NamedTuple):
+    """One sine of a signal."""
+
+    frequency: float  # [Hz]
+    signal: Array  # (N,) [as the signal]
+    share: float  # of the signal's sum of squares [1]
+
+
+def find_wave(x: Array, rate: float) -> Wave:
+    """The likeliest sine, its frequency from a fine periodogram, its size by least squares.
+
+    Args:
+        x: (N,) [any unit].
+        rate: [Hz].
+
+    Source: Schuster's periodogram, as in Stoica, Moses, Spectral Analysis of Signals, 2005, section 4.3.
+    """
+    whole = float(x @ x)
+    if len(x) < SHORT or whole == 0:
+        return Wave(0.0, np.zeros_like(x), 0.0)
+    lowest = int(CYCLES * FINE)
+    power = np.abs(np.fft.rfft(x, FINE * len(x))) ** 2
+    k = lowest + int(np.argmax(power[lowest:-1]))
+    before, here, after = power[k - 1 : k + 2].tolist()
+    bend = before - 2 * here + after
+    peak = k + ((before - after) / bend / 2 if bend < 0 else 0.0)  # of the parabola through three
+    frequency = peak * rate / (FINE * len(x))
+    angle = 2 * np.pi * frequency / rate * np.arange(len(x))
+    columns = np.column_stack([np.cos(angle), np.sin(angle)])
+    signal = np.asarray(columns @ least_squares(columns, x))
+    return Wave(frequency, signal, float(signal @ signal) / whole)

@@ -1,0 +1,90 @@
+"""Rows of torque -> rows in units of their noise: coloured noise, and the discrepancy of each joint."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ...types import Array, Frozen, Mask
+from .discrepancy import Projection, features, project
+from .noise import Noise, whiten, whole
+from .rows import Table
+
+
+@dataclass(frozen=True, eq=False)
+class Whitening(Frozen):
+    """Rows of torque -> rows in units of their noise: coloured noise and model discrepancy, joint by joint."""
+
+    table: Table
+    noise: Noise
+
+    def local(self, columns: Mapping[int, Array]) -> dict[int, Array]:
+        """Per joint, (M', k) in units of the coloured noise alone: a row depends on the rows just before it only.
+
+        Args:
+            columns: per joint (M, k) [torque per coefficient].
+        """
+        noise, piece = self.noise, self.table.piece
+        return {
+            j: whiten(x, noise.coefficients[j], float(noise.innovation[j]), piece) * self._weight[:, j, None]
+            for j, x in columns.items()
+        }
+
+    def __call__(self, columns: Mapping[int, Array]) -> dict[int, Array]:
+        """Per joint, (M', k) in units of noise and discrepancy.
+
+        Args:
+            columns: per joint (M, k) [torque per coefficient].
+        """
+        out = dict[int, Array]()
+        for j, x in self.local(columns).items():
+            projection = self._projections[j]
+            out[j] = x if projection is None else projection(x)
+        return out
+
+    def log_scale(self, joint: int) -> float:
+        """Log of the volume by which a joint's rows shrink where they are whitened [-]."""
+        weight, projection = self._weight[:, joint], self._projections[joint]
+        counted = weight[weight > 0]
+        own = float(np.sum(np.log(counted))) - len(counted) * float(np.log(self.noise.innovation[joint]))
+        return own if projection is None else own + float(np.sum(np.log1p(-projection.shrinkage)))
+
+    @cached_property
+    def _weight(self) -> Array:
+        """(M', n) of whitened rows [1]."""
+        return weights(self.table, self.noise)
+
+    @cached_property
+    def _projections(self) -> _Projections:
+        return _Projections(self)
+
+
+class _Projections(dict[int, "Projection | None"]):
+    """Of each joint, made when it is first asked for."""
+
+    def __init__(self, whitening: Whitening) -> None:
+        super().__init__()
+        self.whitening = whitening
+
+    def __missing__(self, joint: int) -> Projection | None:
+        whitening, size = self.whitening, float(self.whitening.noise.discrepancy[joint])
+        shape = features(whitening.table, joint) if size > 0 else None
+        self[joint] = None if shape is None else project(whitening.local({joint: shape})[joint], size)
+        return self[joint]
+
+
+def moving(table: Table, order: int) -> Mask:
+    """(M, n) which whitened rows no standstill touches."""
+    still = np.asarray(np.array([table.rests[order - k : len(table) - k] for k in range(order + 1)]).any(axis=0))
+    return np.asarray(~still[whole(table.piece, order)])
+
+
+def weights(table: Table, noise: Noise) -> Array:
+    """(M, n) [1] of whitened rows: less near reversals, none where a joint stands still."""
+    order = noise.coefficients.shape[1]
+    unsure = np.max([table.jumps[order - k : len(table) - k] for k in range(order + 1)], axis=0)
+    weight = 1 / np.sqrt(1 + (np.maximum(noise.late, 1) * unsure / noise.least) ** 2)
+    return np.asarray(weight[whole(table.piece, order)] * moving(table, order))

@@ -1,0 +1,1 @@
+"""Rows -> evidence: prior, normal equations, likelihood, Bayes factors, posterior odds."""

@@ -1,0 +1,195 @@
+"""Whitened rows -> how much more likely each hypothesis makes them, in closed form."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import logsumexp
+
+from ...types import Array
+from ..data.column_groups import Group
+from ..data.normal_equations import Fitted
+from .batches import Batch, View, batches, gather, log_factor, view
+from .components import Component
+from .linear_model import Linear
+from .prior import Belief
+from .recent import Recent
+
+TRUST = np.array([0.0, 1.0, 2.0])  # of the tolerance of inertials: how far they are off
+TRUST_PRIOR = np.log([0.5, 0.4, 0.1])
+KNOWN = np.array([1.0, 2.5])  # of the deviations that a model carries: how far the recordings may be off it
+KNOWN_PRIOR = np.log([0.95, 0.05])
+FURTHER = np.array([1.0, 2.5, 6.0, 15.0])  # the same, when intervals are asked for
+TOLD, LEFTS = 256, 16  # answers for some joints that are kept
+
+
+class Left(NamedTuple):
+    """What all that is fitted to some joints leaves of their columns."""
+
+    below: Array  # (k, p) [1 per coefficient] what it makes of them, by the fit's factor
+    right: Array  # (p,) [1 per coefficient]
+    own: list[Array]  # of each portion (g, d, d) [1 per coefficient, squared]
+
+
+class Told(NamedTuple):
+    """What some joints tell of hypotheses."""
+
+    factors: Array  # (h,) [1] log Bayes factors of those that act on no other joint
+    own: list[Array]  # of each portion (g - h, d, d) [1 per coefficient, squared] of those that do
+    right: list[Array]  # of each portion (g - h, d) [1 per coefficient]
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence(Linear):
+    """Rows that can be asked what any hypothesis adds to others that are taken for true."""
+
+    def weigh(self, true: Sequence[Group], dispersion: Array, without: Group | None = None) -> tuple[Array, Array]:
+        """Log Bayes factor of every group (NaN for those that are refitted or true), and the weight of each trust.
+
+        Joints that nothing couples with those where anything changed since they were asked last are not asked again.
+
+        Args:
+            true: hypotheses that are taken for true.
+            dispersion: (n,) variance of the whitened residual [1].
+            without: one of them that is not, after all; to ask so of each in turn costs little more than of one.
+        """
+        kept = {group for group in true if group is not without}
+        fits = [self.fit([group for group in true if group in kept], dispersion, trust) for trust in self.scales]
+        weight = self.scale_prior + np.array([fit.log_evidence for fit in fits])
+        weight = weight - logsumexp(weight)
+        factors = np.array([self._factors(true, dispersion, trust, without) for trust in self.scales])
+        factors = factors + weight[:, None]
+        factors[:, [k for k, group in enumerate(self.data.groups) if group in kept]] = np.nan
+        return np.asarray(logsumexp(factors, axis=0)), np.exp(weight)
+
+    def trust(self, true: Sequence[Group], dispersion: Array) -> float:
+        """The likeliest distrust of the inertials.
+
+        Args:
+            true: hypotheses that are taken for true.
+            dispersion: (n,) variance of the whitened residual [1].
+        """
+        told = [self.fit(true, dispersion, trust).log_evidence for trust in self.scales]
+        return float(self.scales[int(np.argmax(told + self.scale_prior))])
+
+    def distance(self, true: Sequence[Group], dispersion: Array) -> float:
+        """Likeliest scale of the deviations that the model carries, larger ones than in a search included [1].
+
+        Args:
+            true: selected hypotheses.
+            dispersion: (n,) variance of the whitened residual [1].
+        """
+        if not self.informed:
+            return self.trust(true, dispersion)
+        return float(max(FURTHER, key=lambda scale: self.fit(true, dispersion, scale).log_evidence))
+
+    @property
+    def informed(self) -> bool:
+        """Whether identification left a covariance."""
+        return self.known is not None
+
+    @property
+    def scales(self) -> Array:
+        """(s,) how far inertials may be off, over their tolerance or over the deviations that a model carries [1]."""
+        return KNOWN if self.informed else TRUST
+
+    @property
+    def scale_prior(self) -> Array:
+        """(s,) log prior probabilities of the scales."""
+        return KNOWN_PRIOR if self.informed else TRUST_PRIOR
+
+    def ask(self, fit: Fitted, dispersion: Array, belief: Belief, columns: Mapping[int, Array]) -> float:
+        """Log Bayes factor of columns that are not among the rows' own.
+
+        Args:
+            fit: everything that is refitted or taken for true.
+            dispersion: (n,) variance of the whitened residual [1].
+            belief: of the coefficients.
+            columns: per joint (M, d) whitened [1 per coefficient].
+        """
+        own, right, across = self.data.products(fit.which, dispersion, columns)
+        below = fit.below(across)
+        left = (own - below.T @ below)[None], (right - below.T @ fit.told)[None]
+        return float(log_factor(gather([belief]), *left)[0])
+
+    def _factors(self, true: Sequence[Group], dispersion: Array, trust: float, without: Group | None) -> Array:
+        """(groups,) log Bayes factors at one trust."""
+        out, asked = np.full(len(self.data.groups), np.nan), np.zeros(len(self.data.groups), dtype=bool)
+        own = [np.zeros(batch.beliefs.spread.shape) for batch in self._batches]
+        right = [np.zeros(batch.columns.shape) for batch in self._batches]
+        for component in self.components(true, trust):
+            seen = self._view(component.joints)
+            told = self._told(component, dispersion[list(component.joints)], trust, without)
+            out[seen.inside], asked[seen.inside] = told.factors, True
+            for portion, x, y in zip(seen.portions, told.own, told.right, strict=True):
+                own[portion.batch][portion.beyond] += x
+                right[portion.batch][portion.beyond] += y
+        for batch, x, y in zip(self._batches, own, right, strict=True):
+            which = np.flatnonzero(~asked[batch.groups])  # act on joints that are fitted apart
+            if len(which):
+                out[batch.groups[which]] = log_factor(batch.beliefs.some(which), x[which], y[which])
+        return out
+
+    def _told(self, component: Component, dispersion: Array, trust: float, without: Group | None) -> Told:
+        if without is not None and without in component.true:
+            return self._tell(component, self._left_without(component, dispersion, trust, without))
+        key = (component, dispersion.tobytes(), trust)
+        return self._tolds(key, lambda: self._tell(component, self._left(component, dispersion, trust)))
+
+    @cached_property
+    def _tolds(self) -> Recent[Told]:
+        return Recent(TOLD)
+
+    def _tell(self, component: Component, left: Left) -> Told:
+        factors, own, right = [np.zeros(0)], list[Array](), list[Array]()
+        for portion, square in zip(self._view(component.joints).portions, left.own, strict=True):
+            inside, across, beside = portion.inside, portion.across, left.right[portion.columns]
+            if len(inside):
+                factors.append(log_factor(portion.beliefs, square[inside], beside[inside]))
+            own.append(square[across])
+            right.append(beside[across])
+        return Told(np.concatenate(factors), own, right)
+
+    def _left(self, component: Component, dispersion: Array, trust: float) -> Left:
+        fit, seen, own = self.part(component, dispersion, trust), self._view(component.joints), list[Array]()
+        below = fit.below(self.across(component, dispersion))
+        right = (self.data.right[list(component.joints)][:, seen.columns] / dispersion[:, None]).sum(0)
+        for portion in seen.portions:
+            across = below.T[portion.columns]  # (g, d, k)
+            own.append(np.tensordot(1 / dispersion, portion.blocks, axes=1) - across @ across.transpose(0, 2, 1))
+        return Left(below, right - below.T @ fit.told, own)
+
+    def _left_without(self, component: Component, dispersion: Array, trust: float, without: Group) -> Left:
+        """What all but one of the hypotheses leaves."""
+        key = (component, dispersion.tobytes(), trust)
+        left = self._lefts(key, lambda: self._left(component, dispersion, trust))
+        fit = self.part(component, dispersion, trust)
+        below = fit.below(np.eye(len(fit.which))[:, fit.place(without)])
+        shares = below.T @ left.below  # (d, p) of what it would make of each column
+        back = np.linalg.solve(below.T @ below, shares)
+        own = [
+            x + np.einsum("dgi,dgj->gij", shares[:, portion.columns], back[:, portion.columns])
+            for x, portion in zip(left.own, self._view(component.joints).portions, strict=True)
+        ]
+        return Left(left.below, left.right + back.T @ (below.T @ fit.told), own)
+
+    @cached_property
+    def _lefts(self) -> Recent[Left]:
+        return Recent(LEFTS)
+
+    @cached_property
+    def _batches(self) -> list[Batch]:
+        return batches(self.data, self.beliefs)
+
+    def _view(self, joints: tuple[int, ...]) -> View:
+        if joints not in self._views:
+            self._views[joints] = view(self.data, self._batches, joints)
+        return self._views[joints]
+
+    @cached_property
+    def _views(self) -> dict[tuple[int, ...], View]:
+        return {}

@@ -1,0 +1,1 @@
+"""Selected laws -> what is reported: alternatives, verdict, numbers, intervals, held-out selection."""

@@ -1,0 +1,1 @@
+"""Evidence -> the selected laws: stepwise search, shapes, relinearisation, pruning."""

@@ -1,0 +1,186 @@
+"""Hypotheses on a grid of shapes -> the shapes that explain most."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from dataclasses import replace
+
+import numpy as np
+
+from ...deadline import show_step, time_is_up
+from ...effects import EFFECTS
+from ...effects.base import Effect, RecordingLaw
+from ...optimisers import OPTIMISERS, Problem
+from ...optimisers.base import Optimum
+from ...types import Array, Law
+from ..data.column_groups import Group
+from ..data.dataset import Setting, append
+from ..data.hypotheses import Hypothesis, Key
+from ..data.normal_equations import Fitted
+from ..evidence.posterior_odds import Judge
+from ..evidence.selection import Found
+from .contributions import measure_sizes
+from .stepwise import SEARCH, spread, without
+
+EVALUATIONS, SAME = 20, 0.02  # for each shape; log odds that do not matter
+REACH = 1.6  # by which a shape may be changed, as a factor
+FURTHER, AT_THE_END = 4, 0.99  # times that the size of a law of the record may become larger still; share of the reach
+ENDS, SAMPLES = ("start", "end"), 6  # of a window; by so many samples each is moved at last
+WINDOW = 0.5  # [s] by which the ends of a window may be moved
+ALGORITHM = "LN_BOBYQA"
+FAR = {"rad": 0.7, "s": 0.3}  # from which on no record is off
+
+
+def refine(setting: Setting, judge: Judge, found: Found) -> tuple[Judge, Found]:
+    """What is taken for true, each with its best shape; laws of the record are taken at their size, not as small.
+
+    Args:
+        setting: gives the motions.
+        judge: library and evidence.
+        found: what is taken for true.
+    """
+    for group in found.true:
+        options = _options(judge, group, {other.claim.key for other in found.true})
+        if not options or time_is_up(SEARCH):
+            continue
+        show_step(f"fitting numbers of {group.claim.key[0]}", 0.7)
+        rest = without(judge, found, group)
+        dispersion = spread(judge, rest)
+        fit = judge.evidence.fit(rest.true, dispersion, found.trust)
+        beside = (rest, fit, dispersion)
+        tried = [_polish(setting, judge, option, beside) for option in options if _fits(judge, option, beside)]
+        if not tried:
+            continue
+        tried.sort(key=lambda t: -t[0])
+        data, new = append(setting, judge.evidence.data, *tried[0][1:])
+        for _, rival, columns in tried[1:]:  # at its size too, so that both are weighed alike
+            data, _ = append(setting, data, rival, columns)
+        judge = replace(judge, evidence=replace(judge.evidence, data=data))
+        true = tuple(new if g is group else g for g in found.true)
+        log = {(new if g is group else g): x for g, x in found.log_odds.items()}
+        found = replace(found, true=true, log_odds=log)
+    return judge, found
+
+
+def _options(judge: Judge, group: Group, taken: Collection[Key]) -> list[tuple[Hypothesis, Group]]:
+    """What may stand in the place of a hypothesis, each with where to begin: itself, and twins in the record.
+
+    Args:
+        judge: library and evidence.
+        group: the hypothesis.
+        taken: what is taken for true already.
+    """
+    hypothesis = group.claim
+    if len(hypothesis.laws) != 1:
+        return []
+    law = hypothesis.laws[0]
+    twins = [
+        (_at_size(EFFECTS[name], law.joints), judge.evidence.data.groups[judge.keys[name, law.joints][0]])
+        for name in law.effect.twins
+        if _is_small(EFFECTS[name]) and (name, law.joints) in judge.keys and (name, law.joints) not in taken
+    ]
+    if _is_small(law.effect):
+        return [(_at_size(law.effect, law.joints), group), *twins]
+    if isinstance(law.effect, RecordingLaw) or not (twins or law.effect.shape(law.parameters)):
+        return []
+    return [(hypothesis, group), *twins]
+
+
+def _at_size(effect: Effect, joints: tuple[int, ...]) -> Hypothesis:
+    """A law of the record whose number is still to be found."""
+    return Hypothesis((Law(effect, joints, dict.fromkeys(effect.linear(), 0.0)),), finite=True)
+
+
+def _is_small(effect: Effect) -> bool:
+    """Whether an effect changes the record by one number that may be small."""
+    return isinstance(effect, RecordingLaw) and len(effect.linear()) == 1
+
+
+Beside = tuple[Found, Fitted, Array]  # the others that are taken for true, their fit, the dispersion (n,) [1]
+
+
+def _polish(
+    setting: Setting, judge: Judge, option: tuple[Hypothesis, Group], beside: Beside
+) -> tuple[float, Hypothesis, dict[int, Array]]:
+    """The best numbers of a law, what they explain, and its columns (M, d) per joint."""
+    known, (rest, fit, dispersion) = option[0], beside
+    law, start = known.laws[0], _start(judge, option, rest, dispersion)
+    keys, moved = list(start), [_reach(key) for key in start]
+
+    def hypothesis(x: Array) -> Hypothesis:
+        numbers = {key: move(start[key], float(v)) for key, move, v in zip(keys, moved, x, strict=True)}
+        return replace(known, laws=(Law(law.effect, law.joints, {**law.parameters, **numbers}),))
+
+    def cost(x: Array) -> float:
+        tried = hypothesis(x).laws[0]
+        if not any(tried.effect.possible(p.motion.at(tried.joints), **_shape(tried)) for p in setting.pieces):
+            return 0.0
+        told = setting.columns(hypothesis(x))
+        return -(judge.ask(fit, dispersion, known, told, setting.whiten(told)) or 0.0)
+
+    zero = np.zeros(len(keys))
+    if not keys:
+        return -cost(zero), known, setting.columns(known)
+    best = _minimised(cost, zero, FURTHER if known.finite else 0)
+    ends = [k for k, key in enumerate(keys) if key in ENDS]
+    value, x = _stepped(cost, best.value, best.x, ends, setting.pieces[0].motion.dt / WINDOW)
+    chosen = hypothesis(x)
+    return -value, chosen, setting.columns(chosen)
+
+
+def _minimised(cost: Callable[[Array], float], start: Array, further: int) -> Optimum:
+    """The best steps within reach of some, and of the best of these where it is as large as they reach."""
+    budget = EVALUATIONS * len(start)
+    while True:
+        problem = Problem(cost, start - 1, start + 1, start, search=SEARCH, tolerance=SAME)
+        best = OPTIMISERS["nlopt"].minimise(problem, algorithm=ALGORITHM, budget_evaluations=budget)
+        if further == 0 or np.all(best.x - start < AT_THE_END) or time_is_up(SEARCH):
+            return best
+        start, further = best.x, further - 1
+
+
+def _stepped(
+    cost: Callable[[Array], float], value: float, x: Array, ends: list[int], step: float
+) -> tuple[float, Array]:
+    """Ends of windows moved sample by sample, while that costs less: between samples nothing changes."""
+    for k in ends:
+        for way in (step, -step):
+            for _ in range(SAMPLES):
+                moved = x + way * (np.arange(len(x)) == k)
+                if (told := cost(moved)) >= value:
+                    break
+                value, x = told, moved
+    return value, x
+
+
+def _fits(judge: Judge, option: tuple[Hypothesis, Group], beside: Beside) -> bool:
+    """Whether a law of the record would have a size that a record can have."""
+    known, (rest, _, dispersion) = option[0], beside
+    if not known.finite:
+        return True
+    kinds, start = known.laws[0].effect.linear(), _start(judge, option, rest, dispersion)
+    return all(
+        0 < abs(x) < FAR.get(kinds[key].unit, np.inf) and not (kinds[key].positive and x < 0)
+        for key, x in start.items()
+    )
+
+
+def _shape(law: Law) -> dict[str, float]:
+    return dict(law.effect.shape(law.parameters))
+
+
+def _start(judge: Judge, option: tuple[Hypothesis, Group], rest: Found, dispersion: Array) -> dict[str, float]:
+    """Numbers to begin with: the shape on its grid, or the size that the small law suggests."""
+    (known, group), law = option, option[0].laws[0]
+    if not known.finite:
+        return dict(law.effect.shape(law.parameters))
+    sizes = measure_sizes(judge.evidence, (*rest.true, group), dispersion, rest.trust)
+    (key,) = law.effect.linear()
+    return {key: float(sizes.value[group][0])}
+
+
+def _reach(key: str) -> Callable[[float, float], float]:
+    """How a number follows a step from -1 to 1: ends of windows by addition, all else by a factor."""
+    if key in ENDS:
+        return lambda x, step: x + WINDOW * step
+    return lambda x, step: float(x * REACH**step)

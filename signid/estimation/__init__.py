@@ -1,0 +1,1 @@
+"""Rows -> parameters: least squares, estimators, feasible standard parameters, quality of the fit."""

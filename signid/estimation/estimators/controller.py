@@ -1,0 +1,135 @@
+"""Recordings with desired positions -> the controller that moved the robot: its gains, and what it adds ahead."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ...model import Model
+from ...recording.sampling import samples
+from ...regression.filters import Decimator
+from ...regression.motion import Motion, build_motion, margin
+from ...regression.projection import least_squares
+from ...regression.regressor import base_rows
+from ...regression.session import PIECE, Session
+from ...simulation.plant import track
+from ...simulation.plant.control import BANDWIDTH
+from ...types import Array, Frozen, Mask, Samples, Trajectory
+
+SHARE = 0.5  # of the variance of a joint's torque that a controller must explain, else a usual one stands in
+SLOW, FAST = 2 * np.pi * 0.5, 2 * np.pi * 30.0  # [rad/s] of a position loop
+LOOSE, STIFF = 0.3, 2.0  # [1] damping of a position loop
+NOTHING = 1e-9  # of the largest singular value
+
+
+@dataclass(frozen=True, eq=False)
+class Controller(Frozen):
+    """Torque = ahead + stiffness * (desired - q) + damping * (desired speed - v)."""
+
+    stiffness: Array  # (n,) [N.m/rad or N/m]
+    damping: Array  # (n,) [N.m.s/rad or N.s/m]
+    ahead: tuple[Array, ...]  # per joint (m,) [units of base] what the columns along the desired motion are times
+    note: str = ""  # how it came about
+
+    def feed_forward(self, session: Session, desired: Motion) -> Array:
+        """Torque ahead (N, n) [N.m or N] along a desired motion."""
+        columns = base_rows(desired, session.task.laws, session.task.wanted)
+        return np.column_stack([x @ share for x, share in zip(columns, self.ahead, strict=True)])
+
+
+def stretches(session: Session) -> Iterator[Samples]:
+    """All that is learned from, on the uniform grid; stretches too short for the filters are left out."""
+    least = 2 * margin(session.task.band) + 2 * len(session.task.band.taps)
+    for recording, sampling in session.train:
+        for span in sampling.spans:
+            if (count := sampling.length(span)) > least:
+                yield samples(recording, sampling, span, 0, count)
+
+
+def motion_of(session: Session, q: Array, period: float) -> Motion:
+    """The motion at every sample of a stretch: its ends are mirrored, so that filters reach beyond them.
+
+    Args:
+        session: gives robot and band.
+        q: (N, n) [rad or m].
+        period: of the samples [s].
+    """
+    band, edge = session.task.band, margin(session.task.band)
+    mirrored = np.concatenate([2 * q[:1] - q[edge:0:-1], q, 2 * q[-1:] - q[-2 : -edge - 2 : -1]])
+    t = np.asarray((np.arange(len(mirrored)) - edge) * period, dtype=np.float64)
+    wide = Samples(t, mirrored, np.zeros_like(mirrored), None, None, None)
+    return build_motion(session.robot, wide, band, period, slow=session.task.slow)
+
+
+def find_controller(
+    session: Session, pieces: Sequence[Samples], model: Model, value: Array, gains: tuple[Array, Array] | None = None
+) -> Controller:
+    """Proportional and derivative gains, and a share of every regressor column along the desired motion ahead.
+
+    Least squares of each joint's torque on position error, speed error and these columns, all filtered alike. Where
+    they explain little of the torque, or gains come out that no loop has, a usual loop with the model ahead stands in.
+
+    Args:
+        session: gives robot, laws and band.
+        pieces: stretches with desired positions.
+        model: the robot as known so far.
+        value: (b,) [units of base] its base parameters.
+        gains: stiffness (n,) [N.m/rad] and damping (n,) [N.m.s/rad], if they are known.
+    """
+    piece = max(pieces, key=lambda piece: len(piece.t))
+    asked, found = _fit_joints(session, piece, gains)
+    if gains is not None:
+        return Controller(*gains, tuple(fit.ahead for fit in found), "the gains of the controller are as stated")
+    usual = track(model, Trajectory(session.robot.joints, asked.t, asked.q, asked.v, asked.a))
+    inertia = usual.stiffness / (2 * np.pi * BANDWIDTH) ** 2
+    kp, kd = np.array([fit.gains for fit in found]).T
+    shares = np.array([fit.share for fit in found])
+    good = np.asarray((shares > SHARE) & (kp > inertia * SLOW**2))
+    stiffness = np.where(good, np.minimum(kp, inertia * FAST**2), usual.stiffness)
+    critical = 2 * np.sqrt(stiffness * inertia)
+    damping = np.where(good, np.clip(kd, LOOSE * critical, STIFF * critical), usual.damping)
+    ahead = (fit.ahead if good[j] else value[session.task.seen(j)] for j, fit in enumerate(found))
+    speed = np.sqrt(stiffness / inertia) / (2 * np.pi)
+    return Controller(stiffness, damping, tuple(ahead), _note(session, good, shares, speed))
+
+
+class _Fit(NamedTuple):
+    gains: Array  # (2,) stiffness and damping
+    ahead: Array  # (m,) [units of base]
+    share: float  # of the torque's variance that is explained
+
+
+def _fit_joints(session: Session, piece: Samples, gains: tuple[Array, Array] | None) -> tuple[Motion, list[_Fit]]:
+    """The desired motion of a stretch, and each joint's controller."""
+    t, q, tau, q_des = (x[: PIECE // 4] for x in (piece.t, piece.q, piece.tau, piece.q_des) if x is not None)
+    real, asked = (motion_of(session, x, float(t[1] - t[0])) for x in (q, q_des))
+    thin = Decimator(session.task.band.taps, session.task.band.factor)
+    found = []
+    for j, x in enumerate(base_rows(asked, session.task.laws, session.task.wanted)):
+        errors = asked.q[:, j] - real.q[:, j], asked.v[:, j] - real.v[:, j]
+        known = not np.isnan(tau[:, j]).all()
+        rows = thin(np.column_stack([*errors, x, tau[:, j]])) if known else np.zeros((1, x.shape[1] + 3))
+        found.append(_fit(rows, None if gains is None else np.array([gains[0][j], gains[1][j]])))
+    return asked, found
+
+
+def _fit(rows: Array, gains: Array | None) -> _Fit:
+    """Least squares of the last column on the others, whose first two are errors of position and speed."""
+    first = 0 if gains is None else 2
+    x, y = rows[:, first:-1], rows[:, -1] - (0 if gains is None else rows[:, :2] @ gains)
+    size = np.maximum(np.linalg.norm(x, axis=0), 1e-300)
+    solved = least_squares(x / size, y, NOTHING) / size
+    share = 1 - float(np.var(y - x @ solved)) / max(float(np.var(rows[:, -1])), 1e-300)
+    return _Fit(solved[:2] if gains is None else gains, solved[2 - first :], share)
+
+
+def _note(session: Session, good: Mask, shares: Array, speed: Array) -> str:
+    joints = session.robot.joints
+    told = ", ".join(f"{joint} {hertz:.2g} Hz" for joint, hertz, ok in zip(joints, speed, good, strict=True) if ok)
+    other = ", ".join(joint for joint, ok in zip(joints, good, strict=True) if not ok)
+    fitted = f"a PD controller with torque ahead explains {shares[good].min(initial=1):.2%} of the torque ({told})"
+    stood = f"no PD controller explains the torque of {other}: a usual one of {BANDWIDTH:g} Hz stands in"
+    return "; ".join(part for part, said in ((fitted, told), (stood, other)) if said)

@@ -1,0 +1,153 @@
+"""The closed loop simulated along the recordings: the motion that the robot would have made, free of encoder noise."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...deadline import time_is_up
+from ...errors import OptionError
+from ...model import Model, fitted_model, stated_parameters
+from ...regression.session import Options, Part, Session
+from ...simulation.plant import simulate
+from ...simulation.plant.control import Plan, sampled
+from ...types import Array, Estimate, Frozen, Samples, Trajectory
+from ..feasible import fit_consistent
+from ..least_squares import estimate
+from .base import Given
+from .controller import Controller, find_controller, motion_of, stretches
+from .part import part_of
+
+STEP = 1e-3  # [s] of the simulation, at most
+ROUNDS, SETTLED = 8, 0.05  # of simulation and estimate in turn, at most; standard deviations
+EXACT = 1e-6  # of the largest parameter: where there is no noise it changes by no more
+
+Gains = tuple[Array, Array] | None
+Solve = Callable[[list[Part]], Estimate]  # recordings with simulated positions in them -> estimate
+
+
+@dataclass(frozen=True, eq=False)
+class Follow(Frozen):
+    """A drive: a controller along a desired motion, from a measured state on."""
+
+    path: Trajectory
+    torque: Array  # (N, n) [N.m or N] ahead
+    controller: Controller
+    q: Array  # (n,) [rad or m] to begin with
+    v: Array  # (n,) [rad/s or m/s]
+
+    def start(self) -> tuple[Array, Array]:
+        """Position and velocity to begin with, (n,) each [rad, rad/s]."""
+        return self.q, self.v
+
+    def plan(self, t: Array) -> Plan:
+        """Desired motion and torque ahead.
+
+        Args:
+            t: (K,) [s].
+        """
+        q, v, _ = sampled(self.path, t)
+        ahead = np.column_stack([np.interp(t, self.path.t, x) for x in self.torque.T])
+        return Plan(ahead, q, v, self.controller.stiffness, self.controller.damping)
+
+
+def loop_options(options: Options, name: str) -> Options:
+    """Rows from positions alone, as nothing else is simulated.
+
+    Raises:
+        OptionError: recorded derivatives are asked for.
+    """
+    if options.derivatives == "recorded":
+        raise OptionError(f"the estimator {name} simulates positions; take computed derivatives with it, not recorded")
+    return replace(options, instruments=False, derivatives="computed")
+
+
+def iterate(given: Given, name: str, key: str, solve: Solve, gains: Gains) -> Estimate:
+    """Simulation of the closed loop with what was found, and estimate from it, in turn until neither changes.
+
+    Args:
+        given: session and factors.
+        name: of the estimator, for sentences.
+        key: which positions the simulated ones stand for: `q`, or `q_des`.
+        solve: the estimate.
+        gains: stiffness (n,) [N.m/rad] and damping (n,) [N.m.s/rad] of the controller, where they are known.
+
+    Raises:
+        OptionError: desired positions are not recorded, or the simulated robot does not follow them.
+    """
+    session, pieces = given.session, _pieces(given, name)
+    found, controller = estimate(given.factors, given.base, given.prior, given.whiten), None
+    for done in range(ROUNDS):
+        model, value = _model(given, found)
+        controller = controller or find_controller(session, pieces, model, value, gains)
+        if given.progress is not None:
+            given.progress("simulating the closed loop", done / ROUNDS)
+        motions = [_run(session, model, controller, piece) for piece in pieces]
+        bare = [piece._replace(q_des=None) for piece in pieces]
+        parts = [part_of(session, piece._replace(**{key: q})) for piece, q in zip(bare, motions, strict=True)]
+        new = solve(parts)
+        still = _settled(new, found)
+        found = new
+        if still or time_is_up(f"the estimator {name}"):
+            break
+    note = f"the closed loop was simulated {done + 1} times; it stays within {_astray(pieces, motions)} of the recorded"
+    assert controller is not None, "there is a round"
+    flag = (
+        () if still else (f"the estimator {name} did not settle within {ROUNDS} rounds; its intervals are too narrow",)
+    )
+    return replace(found, notes=(*found.notes, controller.note, f"{note} positions (rms)"), flags=(*found.flags, *flag))
+
+
+def _pieces(given: Given, name: str) -> list[Samples]:
+    """Stretches that all have desired positions."""
+    recordings = [recording for recording, _ in given.session.train]
+    lacking = [
+        joint
+        for recording in recordings
+        for joint, column in zip(recording.joints, recording.columns.get("q_des", ()), strict=False)
+        if not column
+    ]
+    pieces = list(stretches(given.session))
+    if lacking or any(piece.q_des is None or not np.isfinite(piece.q_des).all() for piece in pieces):
+        what = f"{lacking[0]} has none" if lacking else "there are none, or they have gaps"
+        raise OptionError(
+            f"the estimator {name} simulates the closed loop and needs the desired positions q_des_J of every joint; "
+            f"{what}; record them, or choose wls or tls"
+        )
+    return pieces
+
+
+def _model(given: Given, found: Estimate) -> tuple[Model, Array]:
+    """A robot that can be simulated, nearest to what was found, and its base parameters."""
+    fit = fit_consistent(given.base, found, stated_parameters(given.session.task))
+    return fitted_model(given.session.task, fit.parameters), fit.base_value
+
+
+def _run(session: Session, model: Model, controller: Controller, piece: Samples) -> Array:
+    """Positions (N, n) [rad or m] of the closed loop along a stretch."""
+    assert piece.q_des is not None, "checked before"
+    period = float(piece.t[1] - piece.t[0])
+    asked, real = (motion_of(session, q, period) for q in (piece.q_des, piece.q))
+    path = Trajectory(session.robot.joints, asked.t, asked.q, asked.v, asked.a)
+    drive = Follow(path, controller.feed_forward(session, asked), controller, real.q[0], real.v[0])
+    parts = int(np.ceil(period / STEP - 1e-9))
+    try:
+        moved = simulate(model, drive, len(asked.t) * period, step=period / parts)
+    except OptionError as error:
+        raise OptionError(
+            f"the closed loop cannot be simulated with the controller that was found ({error}); choose wls or tls"
+        ) from None
+    return moved.true_q[::parts][: len(asked.t)]
+
+
+def _settled(new: Estimate, old: Estimate) -> bool:
+    told = np.isfinite(new.std)
+    change = np.abs(new.value - old.value)[told]
+    return bool(np.all(change <= SETTLED * new.std[told] + EXACT * np.abs(new.value).max(initial=0.0)))
+
+
+def _astray(pieces: list[Samples], motions: list[Array]) -> str:
+    away = np.concatenate([piece.q - q for piece, q in zip(pieces, motions, strict=True)])
+    return f"{np.sqrt(np.mean(away**2, axis=0)).max():.2g} rad or m"

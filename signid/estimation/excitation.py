@@ -1,0 +1,183 @@
+"""Factors -> verdict: whether the motion could tell the parameters, judged against random motion of the same size."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..regression.factors import Factors
+from ..regression.motion import Motion
+from ..regression.regressor import base_rows
+from ..regression.rows import Task
+from ..types import INERTIAL, Array, BaseMap, Estimate, Frozen, Robot
+
+ENOUGH = 0.02  # of the information that random motion of the same size gives, in the weakest direction
+IN_STEP = 0.98  # correlation of two joints' velocities
+AT_REST = 0.01  # of the fastest joint's rms velocity
+STATES = 2000  # of the random motion
+MASS_SHARE, LENGTH = 0.3, 0.1  # how far inertials may usually be off: 30 % of the mass [1], 10 cm [m]
+
+
+@dataclass(frozen=True, eq=False)
+class ExcitationVerdict(Frozen):
+    """How much of the information a motion of this size could have given was given.
+
+    `shares` are ascending, one per direction in base-parameter space; `weak` names, per insufficient direction, the
+    base parameters in it; `untold` says in words what they are.
+    """
+
+    shares: Array  # (b,) [1]
+    prior: Array  # (b,) [units of base] how far each base parameter may be off before anything is measured
+    weak: tuple[tuple[str, ...], ...]
+    untold: tuple[str, ...]  # "the rotational inertia of links a and b"
+    resting: tuple[str, ...]  # joints that did not move
+    in_step: tuple[tuple[str, ...], ...]  # groups of joints that moved alike
+    small: tuple[str, ...]  # base parameters too small to matter for the torque here
+
+    @property
+    def sufficient(self) -> bool:
+        """Whether every direction got its share."""
+        return bool(self.shares[0] >= ENOUGH) if len(self.shares) else False
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """What the recordings cannot tell, why, and what would help; empty where they can."""
+        if self.sufficient:
+            return ()
+        said = []
+        if self.resting:
+            said.append(f"{_joints(self.resting)} did not move: move {_them(self.resting)}, or hold with --lock")
+        said += [f"{_joints(group)} moved in step: move them out of step" for group in self.in_step]
+        said.append(
+            f"the motion gives {max(self.shares[0], 0):.2%} of the information that random motion of the same size "
+            f"would (at least {ENOUGH:.0%} is needed); it cannot tell {_listed(self.untold)}"
+        )
+        return tuple(said)
+
+
+def judge_excitation(task: Task, factors: Factors, estimated: Estimate, seed: int = 0) -> ExcitationVerdict:
+    """The verdict on recordings, from generalised eigenvalues of their Gram matrix and a random motion's.
+
+    Args:
+        task: robot, laws and base map.
+        factors: of the recordings.
+        estimated: gives each joint's noise and each parameter's standard deviation.
+        seed: of the random motion.
+
+    Source: the criterion is that of optimal excitation (Swevers et al., IEEE T-RA 13(5), 1997) made relative, so that
+    it does not depend on units or on the size of the motion.
+    """
+    robot, base = task.robot, task.base
+    weight = 1 / np.maximum(estimated.noise, 1e-12 * estimated.noise.max(initial=1e-300)) ** 2
+    ours = np.zeros((base.rank, base.rank))
+    for joint, columns, w in zip(factors.joints, factors.columns, weight, strict=True):
+        ours[np.ix_(columns, columns)] += w * joint.whole[:-1, :-1]
+    speed = np.sqrt(np.diag(factors.velocity) / factors.rows)
+    acceleration = np.sqrt(factors.acceleration / factors.rows)
+    best = _random_information(task, factors, speed, acceleration, weight, seed)
+    size = np.sqrt(np.maximum(np.diag(best), 1e-300))
+    scaled = best / np.outer(size, size) + 1e-12 * np.eye(base.rank)
+    shares, directions = _generalised(ours / np.outer(size, size), scaled)
+    torque = np.array([np.sqrt(f.whole[-1, -1] / max(f.rows, 1)) for f in factors.joints])
+    prior = _prior_sizes(robot, base, torque, speed)
+    weak = [_largest(directions[:, k] / size / prior) for k in np.flatnonzero(shares < ENOUGH)]
+    uncertain = estimated.std > prior
+    return ExcitationVerdict(
+        shares,
+        prior,
+        tuple(tuple(base.expressions[i] for i in group) for group in weak),
+        _in_words(robot, base, dict.fromkeys(i for group in weak for i in group)),
+        tuple(robot.joints[j] for j in np.flatnonzero(speed <= AT_REST * speed.max(initial=1e-300))),
+        tuple(tuple(robot.joints[j] for j in group) for group in in_step(factors.velocity / factors.rows)),
+        tuple(e for e, u in zip(base.expressions, uncertain, strict=True) if u),
+    )
+
+
+def _generalised(one: Array, other: Array) -> tuple[Array, Array]:
+    """Eigenvalues (b,), ascending, and vectors (b, b) of one symmetric matrix with respect to another, positive one."""
+    root = np.linalg.cholesky(other)
+    half = np.linalg.solve(root, one)
+    values, vectors = np.linalg.eigh(np.linalg.solve(root, half.T))
+    return values, np.linalg.solve(root.T, vectors)
+
+
+def _prior_sizes(robot: Robot, base: BaseMap, torque: Array, speed: Array) -> Array:
+    """(b,) [units of base] from the masses (0.1 kg where none is stated), rms torque and rms velocity (n,)."""
+    sizes = []
+    for k, label in enumerate(base.labels):
+        if label.joint is None:
+            body = robot.model.inertias[k // 10 + 1]
+            order = {"m": 0, "mx": 1, "my": 1, "mz": 1}.get(INERTIAL[k % 10], 2)
+            sizes.append(MASS_SHARE * max(body.mass, 0.1) * LENGTH**order)
+        elif "kg" in label.unit:
+            sizes.append(MASS_SHARE)
+        else:
+            per = max(speed[label.joint], 0.05) if ".s/" in label.unit else 1.0
+            sizes.append(MASS_SHARE * torque[label.joint] / per)
+    return np.asarray(np.maximum(np.sqrt((base.combination**2) @ np.array(sizes) ** 2), 1e-300))
+
+
+def _random_information(
+    task: Task, factors: Factors, speed: Array, acceleration: Array, weight: Array, seed: int
+) -> Array:
+    """Gram matrix (b, b) of as many rows of independent random states of the same size."""
+    rng, n = np.random.default_rng(seed), len(speed)
+    floor = 0.05 * speed.max(initial=1e-300)  # a joint at rest is judged against one that moves a little
+    width = np.maximum((factors.upper - factors.lower) / 2, 1e-3)
+    q = (factors.upper + factors.lower) / 2 + width * rng.uniform(-1, 1, (STATES, n))
+    v = rng.standard_normal((STATES, n)) * np.maximum(speed, floor)
+    a = rng.standard_normal((STATES, n)) * np.maximum(acceleration, 0.05 * acceleration.max(initial=1e-300))
+    motion = Motion(task.robot, np.arange(STATES, dtype=np.float64), np.asarray(q), v, a)
+    columns = base_rows(motion, task.laws, task.wanted)
+    out = np.zeros((task.base.rank, task.base.rank))
+    for j, x in enumerate(columns):
+        seen = task.seen(j)
+        out[np.ix_(seen, seen)] += weight[j] * factors.joints[j].rows / STATES * x.T @ x
+    return out
+
+
+def _largest(direction: Array, count: int = 3) -> tuple[int, ...]:
+    order = np.argsort(-np.abs(direction))[:count]
+    return tuple(int(i) for i in order if abs(direction[i]) > 0.1 * abs(direction[order[0]]))
+
+
+def _in_words(robot: Robot, base: BaseMap, which: Iterable[int]) -> tuple[str, ...]:
+    """What some base parameters are by the parameter that leads each, alike ones together."""
+    owners: dict[str, list[str]] = {}
+    for label in (base.labels[base.independent[i]] for i in which):
+        if label.body is not None:
+            kind = {"m": "mass"}.get(label.name.split("_")[0], "rotational inertia")
+            kind = "centre of mass" if label.name[:2] in ("mx", "my", "mz") else kind
+            owner = robot.links[label.body]
+        else:
+            kind, owner = label.name.rsplit("_", 1)[0].replace("_", " "), robot.joints[label.joint or 0]
+        owners.setdefault(f"the {kind} of {'link' if label.body is not None else 'joint'}", []).append(owner)
+    unique = {kind: sorted(set(found), key=found.index) for kind, found in owners.items()}
+    return tuple(f"{kind}{'s' if len(found) > 1 else ''} {_listed(found)}" for kind, found in unique.items())
+
+
+def in_step(velocity: Array) -> tuple[tuple[int, ...], ...]:
+    """Groups of joints whose velocities are proportional.
+
+    Args:
+        velocity: (n, n) mean products of the joints' velocities [rad2/s2, m.rad/s2 or m2/s2].
+    """
+    speed = np.sqrt(np.diag(velocity))
+    size = np.where(speed > 0, speed, np.inf)
+    alike = (np.abs(velocity / size[:, None] / size) > IN_STEP) & (speed > AT_REST * speed.max(initial=1e-300))
+    groups = dict.fromkeys(tuple(np.flatnonzero(row).tolist()) for row in alike)
+    return tuple(group for group in groups if len(group) > 1)
+
+
+def _joints(names: Sequence[str]) -> str:
+    return f"joint{'s' if len(names) > 1 else ''} {_listed(names)}"
+
+
+def _listed(names: Sequence[str]) -> str:
+    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
+
+
+def _them(names: Sequence[str]) -> str:
+    return "it" if len(names) == 1 else "them"

@@ -1,0 +1,75 @@
+"""Symmetric 4x4 matrices as ten numbers whose sum of squares is the matrix's, so that angles and lengths agree."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...types import Array, pseudo_inertia
+
+_PAIRS = np.tril_indices(4)
+BASIS = np.zeros((10, 4, 4))
+BASIS[np.arange(10), _PAIRS[0], _PAIRS[1]] = BASIS[np.arange(10), _PAIRS[1], _PAIRS[0]] = np.where(
+    _PAIRS[0] == _PAIRS[1], 1.0, 0.5**0.5
+)
+
+
+def pack(matrix: Array) -> Array:
+    """(..., 10) coordinates of symmetric matrices.
+
+    Args:
+        matrix: (..., 4, 4) [any].
+    """
+    return np.asarray(np.einsum("aij,...ij->...a", BASIS, matrix))
+
+
+def unpack(packed: Array) -> Array:
+    """(n, 4, 4) symmetric matrices, ten coordinates each.
+
+    Args:
+        packed: (10 n,) or (n, 10) [any].
+    """
+    return np.asarray(np.tensordot(packed.reshape(-1, 10), BASIS, 1))
+
+
+def congruence(factor: Array) -> Array:
+    """(n, 10, 10) matrices of the maps S -> factor S factor' between packed matrices.
+
+    Args:
+        factor: (n, 4, 4) [any].
+    """
+    flat = BASIS.reshape(10, 16)
+    kronecker = np.einsum("nik,njl->nijkl", factor, factor).reshape(-1, 16, 16)
+    return np.asarray(flat @ kronecker @ flat.T)
+
+
+def diagonal(blocks: Array, rest: Array) -> Array:
+    """(10 n + k, 10 n + k) matrix with blocks on its diagonal, then numbers.
+
+    Args:
+        blocks: (n, 10, 10) [any].
+        rest: (k,) [any].
+    """
+    bodies = 10 * len(blocks)
+    matrix = np.diag(np.concatenate([np.zeros(bodies), rest]))
+    for i, block in zip(range(0, bodies, 10), blocks, strict=True):
+        matrix[i : i + 10, i : i + 10] = block
+    return matrix
+
+
+def cholesky(matrices: Array) -> Array:
+    """(n, 4, 4) lower factors.
+
+    Args:
+        matrices: (n, 4, 4) [any], positive definite.
+
+    Raises:
+        LinAlgError: one of them is not.
+    """
+    return np.asarray(np.linalg.cholesky(matrices.reshape(-1, 4, 4)), dtype=np.float64)
+
+
+TO_INERTIAL: Array = np.linalg.inv(np.column_stack([pack(pseudo_inertia(e)) for e in np.eye(10)]))
+"""(10, 10) from a packed pseudo-inertia to ten inertial parameters in Pinocchio's order."""
+
+IDENTITY = pack(np.eye(4))
+"""(10,) the packed unit matrix."""

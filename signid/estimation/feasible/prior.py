@@ -1,0 +1,85 @@
+"""What was believed before the recordings: bodies that could exist, and the size a coefficient may have."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...types import Array, BaseMap, Parameters, pseudo_inertia
+from .packing import TO_INERTIAL, pack
+
+LEAST_MASS = 1e-3  # [kg] a lighter body counts as massless
+LEAST_RADIUS = 3e-3  # [m] of gyration; a thinner body counts as flat
+MASS, RADIUS = 0.05, 0.03  # [kg] [m] of the body that stands in
+
+
+def inertial(parameters: Parameters) -> NDArray[np.bool_]:
+    """(p,) which standard parameters are inertial parameters of a body."""
+    return np.array([label.body is not None for label in parameters.labels], dtype=bool)
+
+
+def positive(parameters: Parameters) -> NDArray[np.bool_]:
+    """(p,) which standard parameters physics allows no negative value."""
+    return np.array([label.positive for label in parameters.labels], dtype=bool)
+
+
+def believable(base: BaseMap, prior: Parameters) -> tuple[Parameters, tuple[str, ...]]:
+    """The prior made strictly feasible: massless, flat and impossible bodies replaced; a sentence on each.
+
+    Args:
+        base: the map whose labels the prior must have.
+        prior: standard parameters; NaN counts as 0.
+
+    Raises:
+        ValueError: when the prior does not have the labels of the base map.
+    """
+    if prior.labels != base.labels:
+        raise ValueError(
+            f"the prior has {len(prior.labels)} labels other than the {len(base.labels)} of the base map; "
+            "build both from the same robot and the same laws"
+        )
+    values = np.nan_to_num(prior.values)
+    values[positive(prior)] = np.maximum(values[positive(prior)], 0.0)
+    given = values[inertial(prior)].reshape(-1, 10)
+    made = np.array([_solid(body) for body in given]).reshape(-1, 10)
+    fault = ("is thinner than 3 mm or could not exist", "has no mass")
+    notes = tuple(
+        f"body {i + 1} of the description {fault[int(old[0] < LEAST_MASS)]}; "
+        f"one of {new[0]:.3g} kg and {RADIUS * 100:.0f} cm radius of gyration stands in for it"
+        for i, (old, new) in enumerate(zip(given, made, strict=True))
+        if not np.array_equal(old, new)
+    )
+    values[inertial(prior)] = made.ravel()
+    return replace(prior, values=values), notes
+
+
+def coefficient_sizes(base: BaseMap, value: Array, prior: Array, std: Array | None = None) -> Array:
+    """(p,) the size each parameter would have, were it alone responsible for the base parameters that it is part of.
+
+    Args:
+        base: which combinations of the standard parameters the torque shows.
+        value: (b,) base parameters [unit of each].
+        prior: (p,) standard parameters [unit of each].
+        std: (b,) standard deviations of the base parameters [unit of each]; those of infinite ones do not count.
+    """
+    known = np.abs(value) if std is None else np.where(np.isfinite(std), np.abs(value) + std, 0.0)
+    share = np.abs(base.combination)
+    alone = (known[:, None] / np.where(share > 0, share, np.inf)).max(0, initial=0.0)
+    size = np.maximum(alone, np.abs(prior))
+    return np.where(size > 0, size, 1.0)
+
+
+def _solid(body: Array) -> Array:
+    """The body itself, or the one like it that could exist."""
+    matrix = pseudo_inertia(body)
+    mass = matrix[3, 3] if matrix[3, 3] >= LEAST_MASS else MASS
+    centre = matrix[:3, 3] / mass
+    spread, axes = np.linalg.eigh(matrix[:3, :3] - mass * np.outer(centre, centre))
+    if mass == matrix[3, 3] and spread[0] >= LEAST_RADIUS**2 * mass:
+        return body
+    spread = np.where(spread < LEAST_RADIUS**2 * mass, RADIUS**2 * mass, spread)
+    matrix[:3, :3] = (axes * spread) @ axes.T + mass * np.outer(centre, centre)
+    matrix[3, 3] = mass
+    return np.asarray(TO_INERTIAL @ pack(matrix))

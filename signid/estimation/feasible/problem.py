@@ -1,0 +1,129 @@
+"""The convex problem behind the feasible fit, in coordinates in which the prior is the identity."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...types import Array, BaseMap, Estimate, Frozen, Parameters, pseudo_inertia
+from .packing import IDENTITY, TO_INERTIAL, cholesky, congruence, diagonal, unpack
+from .prior import coefficient_sizes, inertial, positive
+
+_LOST = 1e-12  # share of the largest information below which the recordings tell nothing
+
+
+@dataclass(frozen=True, eq=False)
+class Cone(Frozen):
+    """Minimise ||matrix u - target||^2 + weight * belief(u) over u inside the cone.
+
+    u (d,) holds, in this order: ten coordinates of S for each of n bodies, P = C S C' the pseudo-inertia and CC' its
+    prior, believed in by tr S - log det S; coefficients that must be positive in their own size, by u - log u; other
+    coefficients from their prior in their own size, by u^2 / 2.
+    """
+
+    matrix: Array  # (r, d) [standard deviations]
+    target: Array  # (r,) [standard deviations]
+    weight: float  # of the prior, in squared standard deviations
+    bounds: tuple[int, int]  # where the positive and where the other coefficients begin
+    transform: Array  # (d, d) [unit of each] from u to the standard parameters seen
+    offset: Array  # (d,) [unit of each]
+    seen: NDArray[np.intp]  # (d,) the standard parameters that u stands for
+    prior: Parameters
+
+    def parts(self, u: Array) -> list[Array]:
+        """S of the bodies (n, 4, 4), positive coefficients, other coefficients.
+
+        Args:
+            u: (d,) [1].
+        """
+        bodies, *rest = np.split(u, self.bounds)
+        return [unpack(bodies), *rest]
+
+    @property
+    def start(self) -> Array:
+        """(d,) the prior."""
+        one, two = self.bounds
+        rest = len(self.offset) - two
+        return np.concatenate([np.tile(IDENTITY, one // 10), np.ones(two - one), np.zeros(rest)])
+
+    def standard(self, u: Array) -> Parameters:
+        """All standard parameters; those that no torque shows as in the prior.
+
+        Args:
+            u: (d,) [1].
+        """
+        values = self.prior.values.copy()
+        values[self.seen] = self.transform @ u + self.offset
+        return replace(self.prior, values=values)
+
+    def distance(self, u: Array) -> float:
+        """From the estimate, in standard deviations.
+
+        Args:
+            u: (d,) [1].
+        """
+        return float(np.linalg.norm(self.matrix @ u - self.target))
+
+    def cost(self, u: Array) -> float:
+        """What is minimised; infinite outside the cone.
+
+        Args:
+            u: (d,) [1].
+        """
+        bodies, sizes, rest = self.parts(u)
+        if not np.isfinite(u).all() or (sizes <= 0).any():
+            return np.inf
+        try:
+            factors = cholesky(bodies)
+        except np.linalg.LinAlgError:
+            return np.inf
+        belief = np.sum(factors**2) - 2 * np.sum(np.log(np.diagonal(factors, axis1=1, axis2=2)))
+        belief += np.sum(sizes - np.log(sizes)) + np.sum(rest**2) / 2
+        return self.distance(u) ** 2 + self.weight * float(belief)
+
+
+def pose(base: BaseMap, estimate: Estimate, prior: Parameters, weight: float) -> Cone:
+    """The problem over all of each body, and each coefficient, that torque shows.
+
+    Args:
+        base: which combinations of the standard parameters the torque shows.
+        estimate: base parameters and their information.
+        prior: strictly feasible.
+        weight: of the prior [squared standard deviations].
+    """
+    groups = _seen(base, prior)
+    seen, bounds = np.concatenate(groups), (len(groups[0]), len(groups[0]) + len(groups[1]))
+    stated = prior.values[seen]
+    size = coefficient_sizes(base, estimate.value, prior.values, estimate.std)[seen]
+    must = slice(*bounds)
+    size[must] = np.where(stated[must] > 0, stated[must], size[must])
+    bodies = np.array([pseudo_inertia(x) for x in stated[: bounds[0]].reshape(-1, 10)])
+    transform = diagonal(TO_INERTIAL @ congruence(cholesky(bodies)), size[bounds[0] :])
+    offset = np.r_[np.zeros(bounds[1]), stated[bounds[1] :]]
+    root, columns = information_root(estimate.information), base.combination[:, seen]
+    target = root @ (estimate.value - columns @ offset)
+    return Cone(root @ columns @ transform, target, weight, bounds, transform, offset, seen, prior)
+
+
+def information_root(information: Array) -> Array:
+    """(r, b) matrix R with R'R = information, without the directions that the recordings do not tell.
+
+    Args:
+        information: (b, b) [inverse squared units of the base parameters].
+    """
+    scale = np.sqrt(np.maximum(np.diag(information), 0.0))
+    unit = np.where(scale > 0, scale, 1.0)
+    values, vectors = np.linalg.eigh(information / np.outer(unit, unit))
+    told = values > _LOST * values.max(initial=0.0)
+    return np.asarray(np.sqrt(values[told])[:, None] * vectors[:, told].T * scale)
+
+
+def _seen(base: BaseMap, prior: Parameters) -> list[NDArray[np.intp]]:
+    """All of the bodies that torque shows, then the positive and then the other coefficients that it shows."""
+    shown = np.abs(base.combination).max(0, initial=0.0) > 0
+    body, bounded = inertial(prior), positive(prior)
+    whole = np.repeat(shown[body].reshape(-1, 10).any(1), 10)
+    rest = shown & ~body
+    return [np.flatnonzero(body)[whole], np.flatnonzero(rest & bounded), np.flatnonzero(rest & ~bounded)]

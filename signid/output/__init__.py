@@ -1,0 +1,1 @@
+"""Results -> files and pages: reports, the replay in a browser, exports to other programs."""

@@ -1,0 +1,216 @@
+"""A robot's own URDF with other inertials and friction, every other byte of it as it was."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+from xml.parsers import expat
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from ...errors import RobotError
+from ...robot.description.document import without_declaration
+from ...types import Array, Robot
+
+_TAG = re.compile(r"""<[^"'>]*(?:"[^"]*"[^"'>]*|'[^']*'[^"'>]*)*>""")
+_MOMENTS = (("ixx", 0, 0), ("ixy", 0, 1), ("ixz", 0, 2), ("iyy", 1, 1), ("iyz", 1, 2), ("izz", 2, 2))
+
+
+class _Element(NamedTuple):
+    """An element right below a link or joint of the robot, or such a link or joint: characters start..stop."""
+
+    tag: str
+    name: str
+    start: int
+    inside: int  # where the opening tag ends
+    stop: int
+    attributes: Mapping[str, str]
+    children: list[_Element]
+
+
+class _Edit(NamedTuple):
+    start: int
+    stop: int
+    text: str
+
+
+def urdf_with(
+    robot: Robot, bodies: Array, viscous_friction: Array | None = None, coulomb_friction: Array | None = None
+) -> str:
+    """The robot's URDF with these inertials and friction; comments, order, meshes and unknown tags stay as they were.
+
+    The inertial of a moving link is that of all links attached to it by fixed joints: theirs give way to a comment.
+
+    Args:
+        robot: loaded from a URDF or xacro file.
+        bodies: (nb, 10) [kg, kg.m, kg.m2] inertial parameters about the joint frame of each link of `robot.links`, in
+            Pinocchio's order; a row with NaN leaves the links of that body as they are.
+        viscous_friction: (n,) [N.m.s/rad or N.s/m] damping of the joints; NaN leaves a joint as it is.
+        coulomb_friction: (n,) [N.m or N] friction of the joints; NaN leaves a joint as it is.
+
+    Raises:
+        RobotError: when the robot does not come from a URDF, an array has another shape, or a body cannot be written.
+    """
+    if robot.kind != "urdf":
+        raise RobotError(f"export to URDF needs a URDF; {robot.name} was loaded from {robot.kind.upper()}")
+    nothing = np.full(len(robot.joints), np.nan)
+    viscous = nothing if viscous_friction is None else np.asarray(viscous_friction, float)
+    coulomb = nothing if coulomb_friction is None else np.asarray(coulomb_friction, float)
+    bodies = np.asarray(bodies, float)
+    expected = ((len(robot.links), 10), nothing.shape, nothing.shape)
+    if (bodies.shape, viscous.shape, coulomb.shape) != expected:
+        raise RobotError(f"export of {robot.name} needs arrays of shapes {expected} for bodies and friction")
+    text, elements = robot.document, _elements(robot.document)
+    newline = "\r\n" if "\r\n" in text else "\n"
+    inertials = dict(zip(robot.links, bodies, strict=True))
+    friction = _friction(robot, viscous, coulomb)
+    edits = [*_inertial_edits(text, elements, inertials, newline), *_friction_edits(text, elements, friction, newline)]
+    for edit in sorted(edits, reverse=True):
+        text = text[: edit.start] + edit.text + text[edit.stop :]
+    return text
+
+
+def _friction(robot: Robot, viscous: Array, coulomb: Array) -> dict[str, tuple[float, float]]:
+    """Damping and friction per joint of the model; a mimic joint has none left, as that of its leader includes it."""
+    found = {}
+    for name, joint in list(zip(robot.model.names, robot.model.joints, strict=True))[1:]:
+        leads = np.flatnonzero(robot.drive[joint.idx_v])
+        if name in robot.joints:
+            found[name] = (viscous[robot.index(name)], coulomb[robot.index(name)])
+        elif len(leads):
+            found[name] = (0.0 * viscous[leads[0]], 0.0 * coulomb[leads[0]])
+    return found
+
+
+def _elements(text: str) -> list[_Element]:
+    """Links and joints of the robot with what stands right below them, by the characters that they take."""
+    data = without_declaration(text).encode()
+    character = np.cumsum(np.frombuffer(data, np.uint8) & 0xC0 != 0x80) - 1  # of each byte
+    stack: list[_Element] = []
+    found: list[_Element] = []
+    parser = expat.ParserCreate("utf-8")
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        at = int(character[parser.CurrentByteIndex])
+        opening = _TAG.match(text, at)
+        assert opening is not None, "expat reports the start of a tag"
+        element = _Element(tag, attributes.get("name", ""), at, opening.end(), 0, attributes, [])
+        stack.append(element)
+
+    def end(_: str) -> None:
+        element = stack.pop()
+        closed = text[element.inside - 2] == "/"
+        stop = element.inside if closed else text.index(">", int(character[parser.CurrentByteIndex])) + 1
+        if len(stack) == 1:
+            found.append(element._replace(stop=stop))
+        elif len(stack) == 2:
+            stack[-1].children.append(element._replace(stop=stop))
+
+    parser.StartElementHandler, parser.EndElementHandler = start, end
+    parser.Parse(data, True)
+    return [element for element in found if element.tag in ("link", "joint")]
+
+
+def _inertial_edits(
+    text: str, elements: list[_Element], inertials: Mapping[str, Array], newline: str
+) -> Iterator[_Edit]:
+    carrier = _carriers(elements)
+    for link in (element for element in elements if element.tag == "link"):
+        name = carrier.get(link.name, "")
+        if name not in inertials or np.isnan(inertials[name]).any():
+            continue
+        stated = [child for child in link.children if child.tag == "inertial"]
+        if name == link.name:
+            yield _put(text, link, stated[0] if stated else None, _inertial(name, inertials[name]), newline)
+        else:
+            remark = f"<!-- its inertial is part of that of {re.sub('-(?=-)', '- ', name)} -->"
+            yield from (_Edit(child.start, child.stop, remark) for child in stated[:1])
+
+
+def _friction_edits(
+    text: str, elements: list[_Element], friction: Mapping[str, tuple[float, float]], newline: str
+) -> Iterator[_Edit]:
+    for joint in (element for element in elements if element.tag == "joint"):
+        viscous, coulomb = friction.get(joint.name, (np.nan, np.nan))
+        given = {key: x for key, x in (("damping", viscous), ("friction", coulomb)) if not np.isnan(x)}
+        if not given:
+            continue
+        stated = next((child for child in joint.children if child.tag == "dynamics"), None)
+        if stated is None and any(given.values()):
+            tag = f"<dynamics {' '.join(f'{key}={_quoted(x)}' for key, x in given.items())}/>"
+            yield _put(text, joint, None, [tag], newline)
+        elif stated is not None:
+            yield _Edit(stated.start, stated.inside, _with(text[stated.start : stated.inside], given))
+
+
+def _with(tag: str, values: Mapping[str, float]) -> str:
+    """An opening tag with attributes set, the others and its spacing as they were."""
+    for key, value in values.items():
+        stated = re.search(rf"""\s{key}\s*=\s*("[^"]*"|'[^']*')""", tag)
+        end = re.search(r"\s*/?>$", tag)
+        assert end is not None, "a tag ends in > or />"
+        if stated:
+            tag = tag[: stated.start(1)] + _quoted(value) + tag[stated.end(1) :]
+        else:
+            tag = f"{tag[: end.start()]} {key}={_quoted(value)}{tag[end.start() :]}"
+    return tag
+
+
+def _put(text: str, parent: _Element, stated: _Element | None, lines: list[str], newline: str) -> _Edit:
+    """Lines in the place of an element, or else as the first below its parent, indented as their surroundings."""
+    margin = _margin(text, parent.start)
+    inner = _margin(text, stated.start) if stated else _inner_margin(text, parent, margin)
+    block = (newline + inner).join(lines)
+    if stated:
+        return _Edit(stated.start, stated.stop, block)
+    if text[parent.inside - 2] == "/":  # <link name="x"/>
+        opening = text[parent.start : parent.inside - 2].rstrip() + ">"
+        return _Edit(parent.start, parent.stop, f"{opening}{newline}{inner}{block}{newline}{margin}</{parent.tag}>")
+    return _Edit(parent.inside, parent.inside, f"{newline}{inner}{block}")
+
+
+def _margin(text: str, at: int) -> str:
+    """White space before an element, if nothing else stands before it in its line."""
+    before = text[text.rfind("\n", 0, at) + 1 : at]
+    return before if not before.strip() else ""
+
+
+def _inner_margin(text: str, parent: _Element, margin: str) -> str:
+    return next((_margin(text, child.start) for child in parent.children), margin + "  ")
+
+
+def _inertial(name: str, parameters: Array) -> list[str]:
+    """The lines of an <inertial> about the centre of mass, in the axes of the joint."""
+    mass, first = float(parameters[0]), parameters[1:4]
+    if not np.isfinite(parameters).all() or (mass == 0 and np.any(first)):
+        raise RobotError(f"the inertial of link {name} cannot be written: it needs finite numbers and a mass")
+    xx, xy, yy, xz, yz, zz = parameters[4:]
+    centre = first / mass if mass else np.zeros(3)
+    about_joint = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    inertia = about_joint - mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+    moments = " ".join(f"{key}={_quoted(inertia[i, j])}" for key, i, j in _MOMENTS)
+    xyz = quoteattr(" ".join(repr(float(x) + 0.0) for x in centre))
+    origin = f'  <origin xyz={xyz} rpy="0 0 0"/>'
+    return ["<inertial>", origin, f"  <mass value={_quoted(mass)}/>", f"  <inertia {moments}/>", "</inertial>"]
+
+
+def _quoted(value: float) -> str:
+    return quoteattr(repr(float(value) + 0.0))
+
+
+def _carriers(elements: list[_Element]) -> dict[str, str]:
+    """For each link the moving link that it is rigidly attached to, or itself."""
+    above: dict[str, str] = {}
+    for joint in elements:
+        ends = {child.tag: child.attributes.get("link", "") for child in joint.children}
+        if joint.tag == "joint" and joint.attributes.get("type") == "fixed":
+            above[ends.get("child", "")] = ends.get("parent", "")
+    result = {}
+    for link in (element.name for element in elements if element.tag == "link"):
+        name = link
+        while name in above:
+            name = above[name]
+        result[link] = name
+    return result

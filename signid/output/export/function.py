@@ -1,0 +1,122 @@
+"""The laws of a model as a Python file that needs numpy alone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from ...model import Model
+from ...types import Law
+from .beyond import BODIES, Exported, lacking
+from .equation import Code, code_of, why_not
+from .mjcf import mjcf_laws
+
+_HEAD = '''"""Torque that the motors of {name} give beside that of the rigid bodies: the laws of a signid model.
+
+    total torque = inverse dynamics of the exported URDF, without friction and armature + torque(q, v, a{arguments})
+    total torque = inverse dynamics of the exported MJCF in MuJoCo + torque(q, v, a{arguments}, mjcf=True){lacks}
+"""
+
+import numpy as np
+
+JOINTS = {joints!r}
+UNITS = {units!r}
+'''
+_TORQUE = '''
+
+def torque(q, v, a{parameters}, mjcf=False):
+    """Torque (n,) of the joints in the order of JOINTS, in UNITS.
+
+    q: (n,) positions [rad or m]; v: (n,) velocities; a: (n,) accelerations{explained}
+    mjcf: leave out what the exported MJCF has itself: armature, friction and springs.
+    """
+    signals = {{{signals}}}
+    total = np.zeros(len(JOINTS))
+    for law, needs, joints, numbers, in_mjcf in LAWS:
+        if not (mjcf and in_mjcf):
+            given = {{key: np.asarray(signals[key], float)[..., joints] for key in needs{but}}}
+            total[joints] += law(**given, **numbers{also})
+    return total
+'''
+_EXPLAINED = {
+    "t": "t: time since the start of the recording [s].",
+    "load": "load: (n,) rigid-body torque of the exported URDF, without armature [N.m or N].",
+    "jacobian": "jacobian: (3, n) of the last link's centre of mass, in the world's axes.",
+}
+
+
+def write_function(model: Model) -> Exported:
+    """A Python file with `torque(q, v, a)`: what the laws add to the rigid bodies, from the laws' own equations.
+
+    Bodies and gravity are those of the URDF and the MJCF; what else is no function of time and motion is told.
+    """
+    robot, inside = model.robot, mjcf_laws(model)
+    written = [(law, code) for law in model.laws if (code := code_of(law)) is not None]
+    notes = _notes(model, [law for law, _ in written])
+    more = [key for key in _EXPLAINED if any(key in code.signals for _, code in written)]
+    keyword = {"t": "t=0.0", "load": "load", "jacobian": "jacobian"}
+    signals = [key for key in ("q", "v", "a", *more) if key != "t"]
+    lacks = "".join(f"\n\n{note[:1].upper()}{note[1:]}." for note in notes)
+    head = _HEAD.format(
+        name=_quoted(robot.name),
+        arguments="".join(f", {key}={key}" for key in more),
+        lacks=_quoted(lacks),
+        joints=robot.joints,
+        units=tuple("N" if prismatic else "N.m" for prismatic in robot.prismatic),
+    )
+    body = _TORQUE.format(
+        parameters="".join(f", {part}" for part in ("*", *(keyword[key] for key in more)) if more),
+        explained="".join(f"\n    {_EXPLAINED[key]}" for key in more),
+        signals=", ".join(f'"{key}": {key}' for key in signals),
+        but=' if key != "t"' if "t" in more else "",
+        also=', **({"t": t} if "t" in needs else {})' if "t" in more else "",
+    )
+    gravity = f"GRAVITY = {tuple(map(float, model.bodies().gravity.linear))}  # m/s2, of the tilted base\n"
+    tilted = any(law.effect.name == "base_tilt" for law in model.laws)
+    laws = [_entry(law, code, any(law is other for other in inside)) for law, code in written]
+    table = (
+        "\n\nLAWS = [  # function, what it is given, joints, numbers, whether the MJCF has it\n" + "".join(laws) + "]\n"
+    )
+    return Exported(head + (gravity if tilted else "") + _functions(written) + table + body, tuple(notes))
+
+
+def _functions(written: Iterable[tuple[Law, Code]]) -> str:
+    """One function for each effect."""
+    found = {}
+    for law, code in written:
+        arguments = ", ".join((*code.signals, *code.numbers))
+        told = _quoted(f"{law.effect.equation}, [{', '.join(_units(law))}]; {law.effect.source}")
+        found[code.name] = f'\n\ndef {code.name}({arguments}):\n    """{told}"""\n    return {code.expression}\n'
+    return "".join(found.values())
+
+
+def _units(law: Law) -> list[str]:
+    return list(dict.fromkeys(f"{key}: {p.unit}" for key, p in law.effect.parameters.items()))
+
+
+def _entry(law: Law, code: Code, inside: bool) -> str:
+    joints = law.joints[0] if len(law.joints) == 1 and law.effect.scope == "joint" else list(law.joints)
+    return f"    ({code.name}, {code.signals!r}, {joints!r}, {code.numbers!r}, {inside}),\n"
+
+
+def _notes(model: Model, written: list[Law]) -> list[str]:
+    """Where the laws are that are not in the file, and which are nowhere."""
+    robot, notes = model.robot, []
+    left = [law for law in model.laws if not any(law is other for other in written)]
+    bodies = [law for law in left if law.effect.name in BODIES]
+    if bodies:
+        notes.append(f"the inertials of the exported URDF and MJCF hold {lacking(robot, bodies, ())}")
+    inside = [law for law in left if any(law is other for other in mjcf_laws(model)) and law.effect.name not in BODIES]
+    if inside:
+        tilted = any(law.effect.name == "base_tilt" for law in inside)
+        notes.append(f"only the MJCF holds {lacking(robot, inside, ())}{'; elsewhere, take GRAVITY' if tilted else ''}")
+    reasons: dict[str, list[Law]] = {}
+    for law in left:
+        if not any(law is other for other in (*bodies, *inside)):
+            reasons.setdefault(why_not(law), []).append(law)
+    each = ((lacking(robot, laws, ()), why) for why, laws in reasons.items())
+    return [*notes, *(f"no function of time and motion, and so not here: {names}, as it {why}" for names, why in each)]
+
+
+def _quoted(text: str) -> str:
+    """Text that can stand between three quotation marks."""
+    return text.replace("\\", "\\\\").replace('"', '\\"')

@@ -1,0 +1,88 @@
+"""Where the joints of a model are, as MJCF states it: bodies in bodies, each with its axes."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from ...robot import configuration
+from ...robot.configuration import is_plain
+from ...robot.dynamics import own_row
+from ...types import Array, Robot
+
+
+class Axis(NamedTuple):
+    """An axis that moves: its row of the model, and where it lies in its body."""
+
+    row: int
+    name: str
+    slide: bool
+    at: Array  # (3,) [m]
+    direction: Array  # (3,) [1]
+
+
+class Place(NamedTuple):
+    """A body: the joint of the model that carries its parent, its pose there at zero, and its axes."""
+
+    parent: int
+    pose: Any  # pin.SE3
+    axes: tuple[Axis, ...]
+
+
+class Follower(NamedTuple):
+    """A joint that follows another: position = offset + scale * position of the leader."""
+
+    name: str
+    leader: str
+    offset: float
+    scale: float
+
+
+def places(robot: Robot) -> list[Place]:
+    """The bodies of the model from its first joint on; joints that are held are part of the pose of their body."""
+    at_zero = configuration(robot, np.zeros(len(robot.joints)))
+    leaders = {own_row(robot, j): name for j, name in enumerate(robot.joints)}
+    found = []
+    for i in range(1, robot.model.njoints):
+        pose, frames = robot.model.jointPlacements[i], []
+        for joint, before in _parts(robot.model.joints[i]):
+            pose = pose * before
+            state = joint.createData()
+            joint.calc(state, at_zero)
+            if robot.drive[joint.idx_v : joint.idx_v + joint.nv].any():
+                frames.append((joint.idx_v, pose, np.asarray(state.S, float).reshape(6, -1)[:, 0]))
+            else:
+                pose = pose * state.M
+        name = str(robot.model.names[i])
+        axes = [_axis(leaders.get(row, name), row, pose.actInv(frame), axis) for row, frame, axis in frames]
+        found.append(Place(int(robot.model.parents[i]), pose, tuple(axes)))
+    return found
+
+
+def followers(robot: Robot) -> list[Follower]:
+    """The joints that mimic another."""
+    own = {own_row(robot, j) for j in range(len(robot.joints))}
+    return [
+        Follower(axis.name, robot.joints[j], float(robot.rest[axis.row]), float(robot.drive[axis.row, j]))
+        for place in places(robot)
+        for axis in place.axes
+        if axis.row not in own
+        for j in np.flatnonzero(robot.drive[axis.row])[:1]
+    ]
+
+
+def _parts(joint: Any) -> list[tuple[Any, Any]]:
+    """The joints that Pinocchio puts together, with their placements one in another; else the joint itself."""
+    if joint.shortname() != "JointModelComposite" or not is_plain(joint):
+        return [(joint, pin.SE3.Identity())]
+    whole = joint.extract()
+    return list(zip(whole.joints, whole.jointPlacements, strict=True))
+
+
+def _axis(name: str, row: int, frame: Any, motion: Array) -> Axis:
+    slide = bool(np.any(motion[:3]))
+    return Axis(
+        row, name, slide, frame.translation, frame.rotation @ motion[:3] if slide else frame.rotation @ motion[3:]
+    )

@@ -1,0 +1,152 @@
+"""What a robot looks like, as MJCF states it: shapes of its URDF, meshes where they are found and MuJoCo reads them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from ...errors import shorten
+from ...robot.description.document import children, parse
+from ...robot.meshes import find_mesh
+from ...types import Array, Robot
+
+_FACES, _HEADER, _FACE = 200_000, 84, 50  # of an STL file that MuJoCo reads: at most, and bytes
+
+
+@dataclass(frozen=True)
+class Shapes:
+    """Meshes, and by the model's joints (0: the world) what stands in their bodies: geoms, and sites of fixed links."""
+
+    meshes: list[dict[str, str]] = field(default_factory=list)
+    at: dict[int, list[tuple[str, dict[str, str]]]] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+
+
+def read_shapes(robot: Robot, package_dirs: Sequence[str | Path]) -> Shapes:
+    """The shapes that the URDF shows, or where MuJoCo cannot read these, those that it collides with.
+
+    Args:
+        robot: its URDF is read anew.
+        package_dirs: folders in which meshes are looked for, besides those above the URDF and of example-robot-data.
+    """
+    if robot.kind != "urdf":
+        return Shapes(notes=["shapes, actuators and sensors of the MJCF that the model comes from are left out"])
+    found, root = Shapes(), parse(robot.document)
+    reader = _Reader(robot.path, package_dirs, root, found.meshes)
+    links = {link.get("name"): link for link in children(root, "link")}
+    for frame in (x for x in robot.model.frames if x.type == pin.FrameType.BODY and x.name in links):
+        here = found.at.setdefault(int(frame.parentJoint), [])
+        if frame.parentJoint and frame.name not in robot.links:
+            here.append(("site", {"name": str(frame.name), **_pose(frame.placement)}))
+        here += [("geom", geom) for geom in reader.geoms(links[frame.name], frame.placement)]
+    if reader.missing:
+        found.notes.append(
+            f"no shapes for {shorten(reader.missing)}: their meshes are not found, or MuJoCo cannot read them"
+        )
+    return found
+
+
+class _Reader:
+    """Geometry of links, one after the other; meshes are collected."""
+
+    def __init__(self, path: str, package_dirs: Sequence[str | Path], root: Any, meshes: list[dict[str, str]]) -> None:
+        self.path, self.package_dirs, self.meshes = path, package_dirs, meshes
+        self.colours = {m.get("name"): m for m in children(root, "material")}
+        self.missing: list[str] = []
+
+    def geoms(self, link: Any, placement: Any) -> list[dict[str, str]]:
+        """Of a link, in the frame of the joint that carries it."""
+        stated = [[self._geom(x, placement) for x in children(link, tag)] for tag in ("visual", "collision")]
+        shown = next((kind for kind in stated if kind and all(kind)), next((kind for kind in stated if any(kind)), []))
+        if any(stated) and not any(shown):
+            self.missing.append(str(link.get("name")))
+        return [geom for geom in shown if geom]
+
+    def _geom(self, element: Any, placement: Any) -> dict[str, str]:
+        """Empty where MuJoCo has none for it."""
+        origin = next(iter(children(element, "origin")), None)
+        xyz, rpy = (_vector(origin.get(key) if origin is not None else None, 3, 0.0) for key in ("xyz", "rpy"))
+        pose = _pose(placement * pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz))
+        for shape in (x for g in children(element, "geometry") for x in g if isinstance(x.tag, str)):
+            if size := self._shape(shape):
+                return {**size, **pose, **self._colour(element)}
+        return {}
+
+    def _shape(self, shape: Any) -> dict[str, str]:
+        kind = shape.tag.rpartition("}")[2]
+        if kind == "mesh":
+            return self._mesh(shape)
+        if kind == "box":
+            return _solid(kind, _vector(shape.get("size"), 3, 0.0) / 2)
+        radius, length = _vector(shape.get("radius"), 1, 0.0), _vector(shape.get("length"), 1, 0.0)
+        return _solid(kind, {"sphere": radius}.get(kind, np.append(radius, length / 2)))
+
+    def _mesh(self, shape: Any) -> dict[str, str]:
+        path = find_mesh(shape.get("filename") or "", self.path, self.package_dirs)
+        if path is None or not _readable(path):
+            return {}
+        scale = words(_vector(shape.get("scale"), 3, 1.0))
+        entry = {"file": path.resolve().as_posix(), "scale": scale, "inertia": "shell"}
+        names = {tuple(known[key] for key in entry): known["name"] for known in self.meshes}
+        if tuple(entry.values()) not in names:
+            self.meshes.append({"name": f"{path.stem}_{len(self.meshes) + 1}", **entry})
+        return {"type": "mesh", "mesh": names.get(tuple(entry.values()), self.meshes[-1]["name"])}
+
+    def _colour(self, element: Any) -> dict[str, str]:
+        for material in children(element, "material"):
+            for stated in (material, self.colours.get(material.get("name"))):
+                for colour in children(stated, "color") if stated is not None else ():
+                    return {"rgba": words(np.clip(_vector(colour.get("rgba"), 4, 1.0), 0, 1))}
+        return {}
+
+
+def words(numbers: ArrayLike) -> str:
+    """Numbers as an attribute holds them, all their digits.
+
+    Args:
+        numbers: (n,) [any unit].
+    """
+    return " ".join(repr(float(x) + 0.0) for x in np.asarray(numbers, float))
+
+
+def quaternion(rotation: Array) -> Array:
+    """The (4,) quaternion w x y z [1] of a rotation.
+
+    Args:
+        rotation: (3, 3) [1].
+    """
+    return np.roll(pin.Quaternion(rotation).normalized().coeffs(), 1)
+
+
+def _pose(placement: Any) -> dict[str, str]:
+    return {"pos": words(placement.translation), "quat": words(quaternion(placement.rotation))}
+
+
+def _solid(kind: str, size: Array) -> dict[str, str]:
+    known = kind in ("box", "sphere", "cylinder", "capsule") and (size > 0).all()
+    return {"type": kind, "size": words(size)} if known else {}
+
+
+def _vector(text: str | None, count: int, default: float) -> Array:
+    """(count,) numbers of an attribute; the default where it is missing or is something else."""
+    try:
+        values = np.array([float(word) for word in (text or "").split()])
+    except ValueError:
+        values = np.empty(0)
+    return values if len(values) == count and np.isfinite(values).all() else np.full(count, default)
+
+
+def _readable(path: Path) -> bool:
+    """Whether MuJoCo reads a mesh: OBJ, or STL in binary with no more faces than it takes."""
+    if path.suffix.lower() != ".stl":
+        return path.suffix.lower() == ".obj"
+    with path.open("rb") as file:
+        head = file.read(_HEADER)
+    count = int.from_bytes(head[80:], "little")
+    return 0 < count <= _FACES and path.stat().st_size == _HEADER + _FACE * count

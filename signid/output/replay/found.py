@@ -1,0 +1,72 @@
+"""What a diagnosis found, from the object or from its file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ...diagnose import Diagnosis
+from ...effects import EFFECTS
+from ...effects.naming import law_at
+from ...errors import OptionError, SignidError
+from ...model import Model, load_model
+from ...toml_json import read_json
+from ...types import Law
+
+SCHEMA, MODEL = "signid.diagnosis/1", "model.json"
+
+
+class Finding(NamedTuple):
+    """A law that the simulation lacks, with what is needed to show it."""
+
+    law: Law
+    std: Mapping[str, float | None]
+    probability: float
+    cause: bool
+
+
+class Found(NamedTuple):
+    """A diagnosis, as far as it can be seen."""
+
+    verdict: str
+    after: Model  # the extended simulation
+    findings: tuple[Finding, ...]
+
+
+def read_found(diagnosis: Diagnosis | str | Path) -> Found:
+    """From a Diagnosis, or from diagnosis.json and the model.json beside it.
+
+    Raises:
+        OptionError: the file is none that `signid diagnose` writes, or model.json is not beside it.
+    """
+    if isinstance(diagnosis, Diagnosis):
+        told = (Finding(x.law, x.std, x.probability, x.role == "cause") for x in diagnosis.findings)
+        return Found(diagnosis.verdict, diagnosis.model, tuple(told))
+    path = Path(diagnosis)
+    path = path / "diagnosis.json" if path.is_dir() else path
+    if path.is_file() and not path.with_name(MODEL).is_file():
+        raise OptionError(f"there is no {MODEL} beside {path}; give diagnosis.json in the folder it was written to")
+    try:
+        content = read_json(path)
+        if content["schema"] != SCHEMA:
+            raise OptionError(f"{path} holds {content['schema']!r}; expected {SCHEMA!r} as `signid diagnose` writes it")
+        after = load_model(path.with_name(MODEL))
+        return Found(str(content["verdict"]), after, tuple(_finding(x, after) for x in content["findings"]))
+    except OSError as error:
+        raise OptionError(f"cannot read {path}: {error.strerror}; give diagnosis.json of `signid diagnose`") from None
+    except SignidError:
+        raise
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise OptionError(f"{path} is no diagnosis.json as `signid diagnose` writes it ({error!r})") from None
+
+
+def _finding(entry: Mapping[str, Any], after: Model) -> Finding:
+    numbers = entry["parameters"]
+    values = {key: number["value"] for key, number in numbers.items()}
+    return Finding(
+        law=law_at(EFFECTS[entry["effect"]], after.robot, entry["joint"], values),
+        std={key: number["std"] for key, number in numbers.items()},
+        probability=float(entry["probability"]),
+        cause=entry["role"] == "cause",
+    )

@@ -1,0 +1,93 @@
+"""A replay served on this machine: a Meshcat viewer that other programs can draw into."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import io
+import threading
+from pathlib import Path
+from typing import Any
+
+from ...errors import OutputError
+
+WAIT = 20.0  # [s] for the server to start
+
+
+class Live:
+    """A Meshcat server in a thread of its own.
+
+    `url` is what a browser opens, `zmq_url` what `meshcat.Visualizer` takes.
+    """
+
+    def __init__(self, page: str) -> None:
+        """Start to serve a page.
+
+        Raises:
+            OutputError: no port is free.
+        """
+        self.url = self.zmq_url = ""
+        self._page = page.replace("<body>", '<body class="live">', 1)
+        self._loop: Any = None
+        self._started, self._failure = threading.Event(), ""
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+        self._thread.start()
+        if not self._started.wait(WAIT) or self._failure:
+            raise OutputError(f"the replay cannot be served: {self._failure or 'no answer'}; write it with --html FILE")
+
+    def wait(self) -> None:
+        """Until it is closed."""
+        while self._thread.is_alive():
+            self._thread.join(0.5)
+
+    def close(self) -> None:
+        """Serve no longer."""
+        if self._loop is not None:
+            self._loop.call_soon_threadsafe(self._loop.stop)
+            self._thread.join(WAIT)
+
+    def _serve(self) -> None:
+        self._loop = asyncio.new_event_loop()
+        asyncio.set_event_loop(self._loop)
+        try:
+            with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
+                bridge = _bridge(self._page)
+            self.url, self.zmq_url = f"http://{bridge.host}:{bridge.fileserver_port}/replay", bridge.zmq_url
+        except Exception as error:  # whatever sockets and their libraries raise
+            self._failure = " ".join(str(error).split()) or type(error).__name__
+            return
+        finally:
+            self._started.set()
+        self._loop.run_forever()
+
+
+def _bridge(page: str) -> Any:
+    """Meshcat's server, with the page beside its own."""
+    import tornado.web
+    from meshcat.servers.zmqserver import VIEWER_ROOT, StaticFileHandlerNoCache, WebSocketHandler, ZMQWebSocketBridge
+
+    class Page(tornado.web.RequestHandler):
+        def get(self) -> None:
+            self.write(page)
+
+    class Socket(WebSocketHandler):  # type: ignore[misc]
+        def open(self) -> None:  # without a word, as Meshcat's own prints
+            self.bridge.websocket_pool.add(self)
+            self.bridge.send_scene(self)
+
+        def on_close(self) -> None:
+            self.bridge.websocket_pool.discard(self)
+
+    class Bridge(ZMQWebSocketBridge):  # type: ignore[misc]
+        def make_app(self) -> Any:
+            static: dict[str, Any] = {"path": str(Path(VIEWER_ROOT)), "default_filename": "index.html"}
+            return tornado.web.Application(
+                [
+                    (r"/replay", Page),
+                    (r"/static/(.*)", StaticFileHandlerNoCache, static),
+                    (r"/", Socket, {"bridge": self}),
+                ],
+                log_function=lambda handler: None,
+            )
+
+    return Bridge()

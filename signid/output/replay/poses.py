@@ -1,0 +1,61 @@
+"""Where the bodies of a robot are, for positions of its joints."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from ...robot import configuration
+from ...robot.dynamics import carrier, own_row
+from ...types import Array, Robot
+
+
+def poses(robot: Robot, q: Array, bodies: Sequence[int]) -> Array:
+    """Position [m] and quaternion x, y, z, w [1] of bodies in the world, (F, len(bodies), 7); NaN where q is.
+
+    Args:
+        robot: the robot.
+        q: (F, n) [rad or m].
+        bodies: joints of the model that carry them.
+    """
+    model, data = robot.model, robot.model.createData()
+    out = np.full((len(q), len(bodies), 7), np.nan)
+    known = np.isfinite(q).all(axis=1)
+    for frame, where in zip(np.flatnonzero(known), configuration(robot, q[known]), strict=True):
+        pin.forwardKinematics(model, data, where)
+        out[frame] = [pin.SE3ToXYZQUAT(data.oMi[body]) for body in bodies]
+    return out
+
+
+def movers(robot: Robot, bodies: Sequence[int]) -> list[int]:
+    """For each body the joint, from 0, that moves it itself; that of the body it stands on if it is held; -1: base."""
+    model, found = robot.model, [-1] * robot.model.njoints
+    for joint in range(1, model.njoints):
+        item = model.joints[joint]
+        felt = np.abs(robot.drive[item.idx_v : item.idx_v + item.nv]).max(axis=0)
+        found[joint] = int(np.argmax(felt)) if felt.any() else found[model.parents[joint]]
+    return [found[body] for body in bodies]
+
+
+def axis(robot: Robot, joint: int) -> tuple[int, Array, bool]:
+    """The body that a joint moves, the axis (3,) [1] in that body's frame, and whether it slides along it."""
+    row = own_row(robot, joint)
+    body = carrier(robot.model, row)
+    return body, *_along(robot.model, body, row)
+
+
+def own_axis(robot: Robot, body: int) -> tuple[Array, bool]:
+    """The axis (3,) [1] about which a joint of the model turns, in its frame; or along which it slides."""
+    return _along(robot.model, body, robot.model.joints[body].idx_v)
+
+
+def _along(model: Any, body: int, row: int) -> tuple[Array, bool]:
+    data = model.createData()
+    pin.computeJointJacobians(model, data, pin.neutral(model))
+    column = np.reshape(pin.getJointJacobian(model, data, body, pin.LOCAL), (6, model.nv))[:, row]
+    slides = not column[3:].any()
+    along = column[:3] if slides else column[3:]
+    return along / np.linalg.norm(along), slides

@@ -1,0 +1,172 @@
+"""Model and recording -> Replay."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...errors import OptionError
+from ...model import Model
+from ...simulation.rollout.joints import restrict_joints
+from ...types import Array, Frozen, Recording, Robot
+from .found import Found, read_found
+from .marks import Mark, marks
+from .part import part
+from .poses import movers, poses
+from .shapes import Look, look, reach
+from .track import Track, follow
+
+if TYPE_CHECKING:
+    from ...diagnose import Diagnosis
+    from .live import Live
+
+LONGEST = 60.0  # [s] shown unless more is asked for
+MOST = 150_000  # bodies times frames times robots: about 6 MB
+
+
+@dataclass(frozen=True, eq=False)
+class Replay(Frozen):
+    """A recorded robot beside its simulation: M simulations, F frames, b bodies."""
+
+    robot: Robot
+    title: str
+    look: Look
+    bodies: tuple[int, ...]  # joints of the model that carry what is drawn, 0 for the base
+    movers: tuple[int, ...]  # per body the joint that moves it, -1 for the base
+    track: Track
+    recorded: Array  # (F, b, 7) position [m] and quaternion x, y, z, w [1]
+    simulated: Array  # (M, F, b, 7) [m, 1]; NaN where nothing is simulated
+    marks: tuple[Mark, ...]
+    verdict: str  # of the diagnosis, empty without one
+    horizon: float  # [s] of a roll-out
+    reach: float  # [m]
+    notes: tuple[str, ...]
+
+    def page(self) -> str:
+        """One HTML file that needs nothing else; the same replay gives the same bytes."""
+        from .page import replay_page
+
+        return replay_page(self)
+
+    def document(self) -> dict[str, Any]:
+        """What it shows, in numbers: residual torque, and how far simulations stray, first as given, then extended."""
+        track = self.track
+        strayed = track.simulated - track.recorded
+        return {
+            "schema": "signid.replay/1",
+            "robot": self.robot.name,
+            "joints": list(self.robot.joints),
+            "unit": ["m" if slides else "rad" for slides in self.robot.prismatic],
+            "torque_unit": ["N" if slides else "N.m" for slides in self.robot.prismatic],
+            "start": float(track.t[0]),
+            "end": float(track.t[-1]),
+            "frames": len(track.t),
+            "horizon": self.horizon,
+            "residual_rms": [_rms(residual).tolist() for residual in track.residual],
+            "strayed_rms": [_rms(error).tolist() for error in strayed],
+            "apart": track.apart.mean(axis=1).tolist(),
+            "marks": [mark.document() for mark in self.marks],
+            "notes": list(self.notes),
+        }
+
+    def show(self) -> Live:
+        """Serve it on this machine, as a Meshcat viewer that other programs can draw into, until it is closed."""
+        from .live import Live
+
+        return Live(self.page())
+
+
+def replay(
+    model: Model,
+    recording: Recording,
+    diagnosis: Diagnosis | str | Path | None = None,
+    *,
+    start: float = 0.0,
+    duration: float | None = None,
+    horizon: float = 0.5,
+    rate: float = 30.0,
+    package_dirs: Sequence[str | Path] = (),
+) -> Replay:
+    """The recorded robot and the simulated one, which starts anew from the measured state after each horizon.
+
+    Args:
+        model: the simulation as it was given.
+        recording: with signed torque.
+        diagnosis: what the simulation lacks, or diagnosis.json with model.json beside it.
+        start: of what is shown [s], from the first row.
+        duration: of what is shown [s]; None: all, but no more than a minute.
+        horizon: of a roll-out [s].
+        rate: of frames [Hz].
+        package_dirs: folders that hold packages with meshes.
+
+    Raises:
+        OptionError: an option cannot be used, torque has no sign, or the diagnosis is of another robot.
+        RecordingError: the recording cannot be used, or is shorter than a horizon.
+    """
+    _check(recording, horizon, rate)
+    shown = part(recording, start, LONGEST if duration is None else duration)
+    cut = len(shown) < len(recording)
+    notes = [f"{len(shown)} of {len(recording)} rows are shown"] if cut and duration is None else []
+    found = None if diagnosis is None else read_found(diagnosis)
+    given = [model] if found is None else [model, found.after]
+    _check_same(model, found)
+    models, more = zip(*(restrict_joints(x, [shown]) for x in given), strict=True)
+    robot: Robot = models[0].robot
+    seen, far = look(robot, package_dirs), reach(robot)
+    marked = [] if found is None else marks(found.after.robot, found.findings, far)
+    bodies = sorted({*seen.bodies, *(mark.body for mark in marked)})
+    span = shown.read(len(shown) - 1).t[0] - shown.read(0, 1).t[0]
+    slow = MOST / (len(bodies) * (1 + len(models)) * max(float(span), 1e-9))
+    if slow < rate:
+        notes.append(f"{slow:.3g} frames a second instead of {rate:g}, so that the page stays small")
+    track = follow(models, shown, horizon, min(rate, slow))
+    return Replay(
+        robot=robot,
+        title=f"{robot.name}: {Path(recording.path).name or 'recording'}",
+        look=seen,
+        bodies=tuple(bodies),
+        movers=tuple(movers(robot, bodies)),
+        track=track,
+        recorded=poses(robot, track.recorded, bodies),
+        simulated=np.stack([poses(robot, q, bodies) for q in track.simulated]),
+        marks=tuple(marked),
+        verdict="" if found is None else found.verdict,
+        horizon=horizon,
+        reach=far,
+        notes=tuple(dict.fromkeys((*notes, *seen.notes, *(note for each in more for note in each)))),
+    )
+
+
+def _rms(values: Array) -> Array:
+    """Root mean square of values (F, n) [any] over the frames that have them, (n,); NaN where none has."""
+    known = np.isfinite(values)
+    total = np.sum(np.where(known, values, 0.0) ** 2, axis=0)
+    return np.asarray(np.sqrt(np.where(known.any(axis=0), total / np.maximum(1, known.sum(axis=0)), np.nan)))
+
+
+def _check(recording: Recording, horizon: float, rate: float) -> None:
+    if not 0 < rate <= 240:
+        raise OptionError(f"{rate:g} frames a second cannot be shown; give a rate above 0 and up to 240 Hz")
+    if not 0 < horizon < float("inf"):
+        raise OptionError(f"a horizon of {horizon:g} s is none; give one above 0 s, such as 0.5")
+    unsigned = [joint for joint, signed in zip(recording.joints, recording.signed, strict=True) if not signed]
+    if unsigned:
+        raise OptionError(
+            f"the torque of {', '.join(unsigned)} has no sign, so nothing can be simulated; "
+            f"give the signed.csv that `signid identify` or `signid diagnose` writes"
+        )
+
+
+def _check_same(model: Model, found: Found | None) -> None:
+    if found is None:
+        return
+    lacking = [joint for joint in found.after.robot.joints if joint not in model.robot.joints]
+    if found.after.robot.model.njoints != model.robot.model.njoints or lacking:
+        raise OptionError(
+            f"the diagnosis is of {found.after.robot.name} with {', '.join(found.after.robot.joints)}, "
+            f"not of {model.robot.name}; give the simulation that was diagnosed"
+        )

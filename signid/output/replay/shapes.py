@@ -1,0 +1,150 @@
+"""What the bodies of a robot look like: the shapes of its description, or plain ones that follow from its joints."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...errors import shorten
+from ...robot.description.document import children, parse
+from ...robot.meshes import find_mesh
+from ...types import Array, Robot
+from .meshes import read_mesh
+from .poses import own_axis
+from .simplify import share, simplify
+from .solids import Triangles, between, box, capsule, cylinder, joined
+
+MOST = 300_000  # triangles of a robot
+THICK, TAPER = 0.055, 0.93  # radius of the first generated link over the reach of the arm, of each over the one before
+DRUM = 1.16  # radius and half the length of what turns at a joint, over the radius of its link
+SHORT = 1e-6  # [m]
+
+
+class Look(NamedTuple):
+    """What there is to see of a robot."""
+
+    bodies: dict[int, Triangles]  # by joint of the model, 0 for what stands still; in that joint's frame
+    notes: tuple[str, ...]
+
+
+def look(robot: Robot, package_dirs: Sequence[str | Path] = ()) -> Look:
+    """Visual shapes, collision shapes where there are none, generated capsules where neither can be read.
+
+    Args:
+        robot: its description is read anew.
+        package_dirs: folders that hold packages with meshes.
+    """
+    parts: dict[int, list[Triangles]] = {}
+    missing: dict[int, list[str]] = {}
+    if robot.kind == "urdf":
+        for body, found, lost in _stated(robot, package_dirs):
+            parts.setdefault(body, []).extend(found)
+            missing.setdefault(body, []).extend(lost)
+    known = {body: joined(some) for body, some in parts.items() if some}
+    bare = {body: shape for body, shape in _generated(robot).items() if body not in known}
+    plain = {body: shape for body, shape in bare.items() if not known or missing.get(body)}  # else it is meant so
+    lost = list(dict.fromkeys(name for names in missing.values() for name in names))
+    notes = [f"meshes that were not found or not read: {shorten(lost, 4)}"] if lost else []
+    drawn = [str(robot.model.names[body]) for body in plain if body]
+    notes += [f"drawn as capsules, as no shape is known: links moved by {shorten(drawn, 4)}"] if drawn else []
+    bodies = dict(sorted({**known, **plain}.items()))
+    keep = share([len(shape.faces) for shape in bodies.values()], MOST)
+    return Look({body: simplify(bodies[body], most) for body, most in zip(bodies, keep, strict=True)}, tuple(notes))
+
+
+def reach(robot: Robot) -> float:
+    """About how far the robot reaches [m]: the longest way along its joints."""
+    model, far = robot.model, np.zeros(robot.model.njoints)
+    for joint in range(1, model.njoints):
+        step = float(np.linalg.norm(model.jointPlacements[joint].translation))
+        far[joint] = far[model.parents[joint]] + step
+        lever = float(np.linalg.norm(model.inertias[joint].lever)) if model.inertias[joint].mass > 0 else 0.0
+        far[joint] = (
+            max(far[joint], far[model.parents[joint]] + step + 2 * lever) if _leaf(model, joint) else far[joint]
+        )
+    return float(far.max()) or 1.0
+
+
+def _leaf(model: Any, joint: int) -> bool:
+    return joint not in list(model.parents)[1:]
+
+
+def _stated(robot: Robot, package_dirs: Sequence[str | Path]) -> Iterator[tuple[int, list[Triangles], list[str]]]:
+    """Per link: the joint that carries it, its shapes there, and the meshes that are lost."""
+    import pinocchio as pin
+
+    for link in children(parse(robot.document), "link"):
+        place = robot.model.getFrameId(link.get("name"), pin.FrameType.BODY)
+        if place >= robot.model.nframes:
+            continue
+        frame, lost = robot.model.frames[place], list[str]()
+        for kind in ("visual", "collision"):
+            found = []
+            for element in children(link, kind):
+                shape = _shape(element, robot, package_dirs, lost)
+                if shape is not None:
+                    put = frame.placement * _origin(element)
+                    found.append(shape.moved(put.rotation, put.translation))
+            if found:
+                break
+        yield frame.parentJoint, found, lost
+
+
+def _origin(element: Any) -> Any:
+    import pinocchio as pin
+
+    for origin in children(element, "origin"):
+        turn = pin.rpy.rpyToMatrix(_vector(origin.get("rpy"), np.zeros(3)))
+        return pin.SE3(turn, _vector(origin.get("xyz"), np.zeros(3)))
+    return pin.SE3.Identity()
+
+
+def _shape(element: Any, robot: Robot, package_dirs: Sequence[str | Path], lost: list[str]) -> Triangles | None:
+    for geometry in children(element, "geometry"):
+        for item in geometry:
+            if item.tag == "mesh":
+                name = item.get("filename") or ""
+                path = find_mesh(name, robot.path, package_dirs)
+                mesh = None if path is None else read_mesh(path, _vector(item.get("scale"), np.ones(3)))
+                lost += [Path(name).name] if mesh is None else []
+                return mesh
+            radius, length = (_vector(item.get(key), np.zeros(1))[0] for key in ("radius", "length"))
+            if item.tag == "box":
+                return box(_vector(item.get("size"), np.zeros(3)))
+            if item.tag == "cylinder":
+                return cylinder(radius, length)
+            if item.tag in ("sphere", "capsule"):
+                return capsule(radius, length)
+    return None
+
+
+def _vector(text: str | None, default: Array) -> Array:
+    """Numbers of an attribute, (k,) [as they are meant]; the default where they are missing or odd."""
+    try:
+        found = np.array([float(word) for word in (text or "").split()])
+    except ValueError:
+        return default
+    return found if len(found) == len(default) and np.isfinite(found).all() else default
+
+
+def _generated(robot: Robot) -> dict[int, Triangles]:
+    """Capsules from each joint to those that follow it, thinner towards the tip, and a drum about each axis."""
+    model, parts = robot.model, dict[int, list[Triangles]]()
+    radius = np.full(model.njoints, THICK * reach(robot))
+    for joint in range(1, model.njoints):
+        before, end = model.parents[joint], model.jointPlacements[joint].translation
+        radius[joint] = TAPER * radius[before]
+        parts.setdefault(before, []).append(between(np.zeros(3), end, radius[before]))
+        own = parts.setdefault(joint, [])
+        along, slides = own_axis(robot, joint)
+        if not slides:
+            side = DRUM * radius[joint] * along
+            own.append(between(-side, side, DRUM * radius[joint], round_ends=False))
+        if _leaf(model, joint):
+            lever = model.inertias[joint].lever if model.inertias[joint].mass > 0 else np.zeros(3)
+            tip = 2 * lever if np.linalg.norm(lever) > SHORT else np.zeros(3)
+            own.append(between(np.zeros(3), tip, radius[joint]))
+    return {body: joined(some) for body, some in sorted(parts.items())}

@@ -1,0 +1,1 @@
+"""A diagnosis as document, tables, numbers and sentences."""

@@ -1,0 +1,177 @@
+"""A diagnosis as a page for the browser: verdict, place, laws, what cannot be told, and the proof on held-out data."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from inspect import getdoc
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from ....version import __version__
+from ..diagnosis.document import diagnosis_notes
+from ..diagnosis.numbers import law_words, number_cells
+from ..diagnosis.words import (
+    NEGLIGIBLE,
+    WORSE,
+    alternative_words,
+    finding_words,
+    place_words,
+    role_words,
+    trust_words,
+    unexplained_words,
+    verdict_words,
+)
+from ..numbers import determination, figure, share
+from ..results.documents import description, once
+from ..results.signs import confidence
+from .courses import joint_plots, worst
+from .frame import render
+from .heat import heat_maps, hottest
+from .rolled import rollout_plots
+
+if TYPE_CHECKING:
+    from ....diagnose import Diagnosis, Finding
+    from ....types import Input
+
+SURE = 0.95  # probability from which on a law is not one of several
+LOUD = 1.5  # times the noise floor, from which on a joint is shown at once
+LISTED = 5  # rivals that are drawn
+
+
+class Card(NamedTuple):
+    """A figure to be seen first."""
+
+    title: str
+    figure: str
+    beside: str
+
+
+def diagnosis_page(result: Diagnosis, inputs: Sequence[Input] = (), command: str = "") -> str:
+    """A page that needs nothing else; the same diagnosis gives the same bytes.
+
+    Args:
+        result: the diagnosis.
+        inputs: what was read besides the recordings; the robot's description if none is given.
+        command: that makes the page again, if there is one.
+    """
+    learned, floor, order = result.learned, result.before.noise_floor, worst(result.before)
+    chosen = [j for j in order if result.before.held_out_rms[j] > LOUD * floor[j]]
+    top = hottest(learned, learned.before, floor)
+    rolled = result.rollout_before, result.rollout_after
+    return render(
+        "diagnosis.html",
+        title=f"{result.robot.name}: {verdict_words(result)}",
+        verdict=result.verdict,
+        sentence=verdict_words(result),
+        robot=result.robot.name,
+        flags=result.flags,
+        cards=list(_cards(result, order[0])),
+        places=place_words(result),
+        heat_before=heat_maps(learned, learned.before, floor, top),
+        heat_after=heat_maps(learned, learned.after, floor, top) if result.findings else [],
+        heat_top=figure(top, 2),
+        roles=[(title, list(_laws(result, role))) for role, title in role_words(result).items()],
+        trust=trust_words(result),
+        rivals=list(_alternatives(result)),
+        left=unexplained_words(result),
+        fit=_fit_rows(result),
+        joints=joint_plots(result.judged, result.before, result.after, chosen or order[:1]),
+        rolled=None if None in rolled else rollout_plots(*rolled),  # type: ignore[arg-type]
+        horizon=0.0 if rolled[0] is None else max(rolled[0].horizons),
+        notes=diagnosis_notes(result),
+        cutoff=result.cutoff,
+        files=once([*result.inputs, *(inputs or [description(result.robot)])]),
+        command=command,
+        seed=result.seed,
+        version=__version__,
+    )
+
+
+def _cards(result: Diagnosis, j: int) -> Iterator[Card]:
+    """The joint that was worst, the roll-out of the joint that gained most, and what is left."""
+    before, after, joint = result.before, result.after, result.before.joints[j]
+    rms = " → ".join(figure(float(fit.held_out_rms[j])) for fit in (before, after))
+    floor = f"noise floor {figure(float(before.noise_floor[j]), 2)} {before.unit[j]}"
+    yield Card(f"torque left unexplained at {joint}, held out", f"{rms} {before.unit[j]}", floor)
+    r2 = " → ".join(determination(float(fit.held_out_r2[j])) for fit in (before, after))
+    yield Card("R2 of its torque, held out", r2, "1 is perfect")
+    first, last = result.rollout_before, result.rollout_after
+    if first is not None and last is not None:
+        horizon = max(first.horizons)
+        errors = first.rms(horizon), last.rms(horizon)
+        k = int(np.argmax(np.nan_to_num(errors[0] / np.maximum(errors[1], 1e-300))))
+        told = " → ".join(figure(float(rms[k])) for rms in errors)
+        yield Card(f"simulated for {horizon:g} s: error of {first.joints[k]}", f"{told} {first.unit[k]}", "rms")
+
+
+def _laws(result: Diagnosis, role: str) -> Iterator[dict[str, Any]]:
+    """What is told of each finding of a role."""
+    robot = result.robot
+    for finding in result.findings:
+        if finding.role != role:
+            continue
+        words, effect = finding_words(robot, finding), finding.law.effect
+        yield {
+            "name": _title(result, finding),
+            "probability": words.probability,
+            "sure": finding.probability >= SURE,
+            "summary": " ".join((getdoc(type(effect)) or "").split()),
+            "equation": effect.equation,
+            "source": effect.source,
+            "numbers": number_cells(robot, finding),
+            "stated": bool(finding.stated),
+            "in_model": finding.in_model,
+            "torque": words.torque,
+            "where": words.where,
+            "gain": share(finding.held_out_gain),
+            "odds": f"{finding.statistic:.0f} (needed: {finding.threshold:.0f})",
+            "rivals": _rivals(result, finding),
+            "row": (_title(result, finding), "; ".join(words.numbers), *words[2:]),
+        }
+
+
+def _title(result: Diagnosis, finding: Finding) -> str:
+    """The law with its effect in plain letters."""
+    effect, of, where = law_words(result.robot, finding.law).partition(" of ")
+    return f"{effect.replace('_', ' ')}{of}{where}"
+
+
+def _alternatives(result: Diagnosis) -> Iterator[tuple[str, list[str], list[str]]]:
+    """Of each finding its likeliest alternatives in words, and the others, which the page folds."""
+    for finding in result.findings:
+        if shown := alternative_words(result.robot, finding):
+            whole = alternative_words(result.robot, finding, None)
+            first = [line for line in shown if line in whole]
+            yield _title(result, finding), first, [line for line in whole if line not in first]
+
+
+def _rivals(result: Diagnosis, finding: Finding) -> list[tuple[str, float, str]]:
+    """The law and its likeliest alternatives: name, probability [%], probability in words."""
+    rivals = [(rival.law, rival.probability) for rival in finding.alternatives if rival.probability >= NEGLIGIBLE]
+    first = [(finding.law, finding.probability), *sorted(rivals, key=lambda pair: -pair[1])[:LISTED]]
+    return [(law_words(result.robot, law), 100 * p, confidence(p)) for law, p in first]
+
+
+def _fit_rows(result: Diagnosis) -> list[dict[str, Any]]:
+    """Per joint, held-out rms and R2 before and after, and the error of roll-outs."""
+    before, after = result.before, result.after
+    first, last = result.rollout_before, result.rollout_after
+    rolled: list[tuple[float, float]] = [(float("nan"), float("nan"))] * len(before.joints)
+    if first is not None and last is not None:
+        horizon = max(first.horizons)
+        rolled = list(zip(first.rms(horizon).tolist(), last.rms(horizon).tolist(), strict=True))
+    return [
+        {
+            "joint": joint,
+            "rms": (float(before.held_out_rms[j]), float(after.held_out_rms[j])),
+            "worse": bool(after.held_out_rms[j] > WORSE * before.held_out_rms[j]),
+            "floor": float(before.noise_floor[j]),
+            "unit": before.unit[j],
+            "r2": (float(before.held_out_r2[j]), float(after.held_out_r2[j])),
+            "rolled": rolled[j],
+            "stray": rolled[j][1] > WORSE * rolled[j][0],
+            "length": "" if first is None else first.unit[j],
+        }
+        for j, joint in enumerate(before.joints)
+    ]

@@ -1,0 +1,168 @@
+"""A fleet as a page: robots by mismatch, equal causes, drifts, and the way to each session's report."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import UTC, datetime, timedelta
+from math import log10, nan
+from typing import Any, NamedTuple
+from urllib.parse import quote
+
+from ....types import TWO_SIDED
+from ..layout import plural
+from ..numbers import figure, share
+from ..results.fleet import (
+    FLAGGED,
+    UNDONE,
+    cause_sentence,
+    drift_change,
+    drift_sentence,
+    fleet_sentence,
+    lacking,
+    number_ranges,
+)
+from .diagnosis import Card
+from .frame import AFTER, BEFORE, Plot, axis, render
+
+DRAWN, LISTED = 24, 60  # drifts
+REPORT = "report.html"
+SHADE = "rgba(209,112,14,.16)"
+EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+
+
+class Row(NamedTuple):
+    """A robot as a line of the ranking."""
+
+    name: str
+    kind: str
+    sessions: int
+    time: str
+    size: str
+    percent: float  # of the bar
+    joint: str
+    left: str
+    explained: str
+    lacks: str
+    link: str
+
+
+def fleet_page(document: Mapping[str, Any], command: str = "") -> str:
+    """A page that needs nothing else, but for the sessions' own reports beside it; the same fleet gives the same bytes.
+
+    Args:
+        document: fleet.json.
+        command: that makes the page again, if there is one.
+    """
+    drifts = document["drifts"]
+    beyond = [drift for drift in drifts if drift["beyond_noise"]]
+    sessions = {session["session"]: session for session in document["sessions"]}
+    flagged = sum(session["state"] == FLAGGED for session in sessions.values())
+    return render(
+        "fleet.html",
+        title=fleet_sentence(document),
+        sentence=fleet_sentence(document),
+        cards=list(_cards(document)),
+        undone=[(one["session"], one["said"]) for one in document["sessions"] if one["state"] == UNDONE],
+        flagged=plural(flagged, "session") if flagged else "",
+        rows=list(_rows(document["robots"], sessions)),
+        causes=list(_causes(document["causes"])),
+        drifting=[_drift_plot(drift) for drift in beyond[:DRAWN]],
+        drawn=[f"{drift['name']}, {drift['number']}: {drift_sentence(drift)}" for drift in beyond[:DRAWN]],
+        drifts=[_drift_row(drift) for drift in drifts[:LISTED]],
+        looked=len(drifts),
+        sessions=[(one, _link(one)) for one in document["sessions"]],
+        files=document["inputs"],
+        command=command,
+        seed=document["seed"],
+        version=document["version"],
+    )
+
+
+def _cards(document: Mapping[str, Any]) -> Iterator[Card]:
+    robots = document["robots"]
+    if robots and robots[0]["mismatch"] is not None:
+        first = robots[0]
+        beside = f"{first['name']}, {first['joint']}: held-out rms over the noise floor"
+        yield Card("largest mismatch", f"{figure(first['mismatch'])} times", beside)
+    if document["causes"]:
+        cause = document["causes"][0]
+        yield Card("most common cause", f"{len(cause['robots'])} of {plural(cause['of'], 'robot')}", cause["cause"])
+    if document["drifts"]:
+        count = sum(drift["beyond_noise"] for drift in document["drifts"])
+        yield Card("drift beyond noise", plural(count, "number"), f"of {len(document['drifts'])} looked at")
+    done = sum(session["state"] != UNDONE for session in document["sessions"])
+    yield Card("sessions done", f"{done} of {len(document['sessions'])}", "each with a report of its own")
+
+
+def _rows(robots: Sequence[Mapping[str, Any]], sessions: Mapping[str, Any]) -> Iterator[Row]:
+    sizes = [robot["mismatch"] for robot in robots if robot["mismatch"]]
+    top = max([10.0, *sizes])
+    for robot in robots:
+        size = robot["mismatch"]
+        yield Row(
+            robot["name"],
+            robot["kind"],
+            len(robot["sessions"]),
+            robot["time"],
+            figure(nan if size is None else size),
+            100 * max(0.0, log10(size) / log10(top)) if size else 0.0,
+            robot["joint"],
+            figure(nan if robot["left"] is None else robot["left"]),
+            share(nan if robot["explained"] is None else robot["explained"]),
+            "no report" if robot["task"] == "reduce" else lacking(robot),
+            _link(sessions[robot["latest"]]),
+        )
+
+
+def _causes(causes: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
+    kinds = len({cause["kind"] for cause in causes}) > 1
+    for cause in causes:
+        yield {
+            "sentence": cause_sentence(cause) + (f" ({cause['kind']})" if kinds else ""),
+            "percent": 100 * len(cause["robots"]) / max(cause["of"], 1),
+            "numbers": number_ranges(cause),
+            "robots": cause["robots"],
+        }
+
+
+def _drift_plot(drift: Mapping[str, Any]) -> Plot:
+    """Values with 95 % intervals over time, the line through them, and how steep it may be."""
+    days, unit = drift["day"], drift["unit"] or "1"
+    points = {
+        "type": "scatter",
+        "mode": "markers",
+        "x": [_date(day) for day in days],
+        "y": drift["value"],
+        "error_y": {"type": "data", "array": [TWO_SIDED * std for std in drift["std"]], "thickness": 1.2, "width": 3},
+        "marker": {"color": AFTER, "size": 6},
+        "hovertemplate": f"%{{y:.4g}} {unit}, %{{x}}<extra></extra>",
+    }
+    ends, slope = [min(days), max(days)], drift["slope"]
+    line = {"type": "scatter", "mode": "lines", "hoverinfo": "skip"}
+    fit = {**line, **_straight(drift, ends, 0.0), "line": {"color": BEFORE, "dash": "dot", "width": 2}}
+    edges = [_straight(drift, way, side * slope["half"]) for side, way in ((-1, ends), (1, ends[::-1]))]
+    corners = {axis: [x for edge in edges for x in edge[axis]] for axis in "xy"}
+    fan = {**line, **corners, "line": {"width": 0}, "fill": "toself", "fillcolor": SHADE}
+    layout = {"xaxis": axis("date, UTC", type="date", nticks=5), "yaxis": axis(f"value [{unit}]", nticks=6)}
+    return Plot(f"{drift['name']}: {drift['number']}", [fan, fit, points], layout)
+
+
+def _straight(drift: Mapping[str, Any], days: Sequence[float], steeper: float) -> dict[str, list[Any]]:
+    """The line through the values at some days, or a steeper one through its middle."""
+    slope, middle = drift["slope"]["value"] + steeper, drift["line"]
+    return {"x": [_date(day) for day in days], "y": [middle["value"] + slope * (day - middle["day"]) for day in days]}
+
+
+def _drift_row(drift: Mapping[str, Any]) -> tuple[str, ...]:
+    told, change = drift_sentence(drift).partition(", ")[0], drift_change(drift)
+    count, beyond = str(len(drift["day"])), "yes" if drift["beyond_noise"] else "no"
+    return drift["name"], drift["number"], count, told, change, figure(drift["chance"], 2), beyond
+
+
+def _date(day: float) -> str:
+    return (EPOCH + timedelta(days=round(day * 86_400) / 86_400)).strftime("%Y-%m-%d %H:%M:%S")
+
+
+def _link(session: Mapping[str, Any]) -> str:
+    """Of a session's report, seen from the page."""
+    return f"{quote(session['folder'])}/{REPORT}" if REPORT in session["files"] else ""

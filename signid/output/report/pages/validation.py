@@ -1,0 +1,109 @@
+"""A validation as a page for the browser: figures of all models, torque over time, roll-outs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ....types import Input
+from ....version import __version__
+from ..numbers import determination, figure
+from ..results.documents import description, once
+from ..results.validation import joints_of, rollout_rows, torque_rows, validation_title
+from .courses import FEWEST, OPEN, POINTS, JointPlots, Line, clock, torque_plot, worst
+from .diagnosis import Card
+from .frame import AFTER, BEFORE, FLOOR, INK, render
+from .rolled import error_plots
+
+if TYPE_CHECKING:
+    from ....validate import ValidatedModel, Validation
+
+COLOURS = (BEFORE, AFTER, FLOOR, "#b3539b", "#7a6ff0", "#8a6d3b")
+DASHES = ("solid", "dot", "dash")
+
+
+def validation_page(result: Validation, inputs: Sequence[Input] = (), command: str = "") -> str:
+    """A page that needs nothing else; the same validation gives the same bytes.
+
+    Args:
+        result: the validation.
+        inputs: what was read besides the recordings; the models' descriptions if none is given.
+        command: that makes the page again, if there is one.
+    """
+    models = result.models
+    rolled = [
+        (f"model{_label(result, k)}", r, *_style(k))
+        for k, r in enumerate(one.rollout for one in models)
+        if r is not None
+    ]
+    return render(
+        "validation.html",
+        title=validation_title(result),
+        names=[(one.name, _style(k)[0]) for k, one in enumerate(models)],
+        several=len(models) > 1,
+        flags=result.flags,
+        cards=list(_cards(models)),
+        torque=torque_rows(result),
+        joints=list(_joints(result)),
+        horizon=result.horizon,
+        errors=rollout_rows(result) if rolled else None,
+        rolled=error_plots(rolled),
+        notes=result.notes,
+        cutoff=result.cutoff,
+        files=once([*result.inputs, *(inputs or [description(one.model.robot) for one in models])]),
+        command=command,
+        seed=result.seed,
+        version=__version__,
+    )
+
+
+def _cards(models: Sequence[ValidatedModel]) -> Iterator[Card]:
+    """The worst joint of each model."""
+    for one in models:
+        j, fit = worst(one.fit)[0], one.fit
+        beside = f"noise floor {figure(float(fit.noise_floor[j]), 2)} {fit.unit[j]}"
+        r2 = determination(float(fit.held_out_r2[j]))
+        rms = f"{figure(float(fit.held_out_rms[j]))} {fit.unit[j]}"
+        yield Card(f"{one.name}: rms of its worst joint, {fit.joints[j]}", rms, f"{beside}, R2 {r2}")
+
+
+def _joints(result: Validation) -> Iterator[JointPlots]:
+    """Joint by joint, those farthest above the noise floor open."""
+    fit = result.models[0].fit
+    shown = [fit.joints[j] for j in worst(fit)][:OPEN]
+    for joint in joints_of(result.models):
+        moving = [
+            (k, one, one.fit.joints.index(joint)) for k, one in enumerate(result.models) if joint in one.fit.joints
+        ]
+        unit = moving[0][1].fit.unit[moving[0][2]]
+        rms = ", ".join(figure(float(one.fit.held_out_rms[j])) for _, one, j in moving)
+        yield JointPlots(joint, f"rms {rms} {unit}", joint in shown, _plots(result, joint, unit, moving))
+
+
+def _plots(result: Validation, joint: str, unit: str, moving: Sequence[tuple[int, ValidatedModel, int]]) -> Any:
+    """Torque over time of models that have the same rows; the first model's rows where they differ."""
+    _, first, place = moving[0]
+    alike = [(k, one, j) for k, one, j in moving if np.array_equal(one.t, first.t)]
+    measured = next((one.torque[:, j] for _, one, j in alike if np.isfinite(one.residual[:, j]).any()), None)
+    if measured is None:
+        return ()
+    lines = [Line("measured", "y", INK, {"width": 1.6}, measured)]
+    for k, one, j in alike:
+        (colour, dash), name = _style(k), _label(result, k)
+        style = {"width": 1.3, "dash": dash}
+        lines.append(Line(f"predicted{name}", "y", colour, style, measured - one.residual[:, j]))
+        lines.append(Line(f"residual{name}", "y2", colour, style, one.residual[:, j]))
+    most = max(FEWEST, 3 * POINTS // (len(result.models[0].fit.joints) * (1 + len(lines))))
+    return (torque_plot(joint, clock(first.t, first.recording), first.stretch, unit, lines, most),)
+
+
+def _style(k: int) -> tuple[str, str]:
+    """Colour and dash of a model."""
+    return COLOURS[k % len(COLOURS)], DASHES[k // len(COLOURS) % len(DASHES)]
+
+
+def _label(result: Validation, k: int) -> str:
+    """What names a model in a plot: its number where there are several."""
+    return f" {k + 1}" if len(result.models) > 1 else ""

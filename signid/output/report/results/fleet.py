@@ -1,0 +1,145 @@
+"""A fleet in words: who differs from its simulation, what many lack, what drifts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from rich.console import RenderableType
+
+from ....types import TWO_SIDED
+from ..layout import heading, new_table, paragraph, plural
+from ..numbers import figure, share, with_interval
+
+UNDONE, FLAGGED = "not done", "flagged"  # states of a session in fleet.json
+SHOWN, FEW = 20, 4  # rows of a table, and numbers of a cause, on the terminal
+
+
+def fleet_sentence(document: Mapping[str, Any]) -> str:
+    """The whole in one sentence.
+
+    Args:
+        document: fleet.json.
+    """
+    robots, sessions = document["robots"], document["sessions"]
+    differ = sum(robot["verdict"] not in ("", "nothing_missing") for robot in robots)
+    drifting = len({drift["name"] for drift in document["drifts"] if drift["beyond_noise"]})
+    undone = sum(session["state"] == UNDONE for session in sessions)
+    told = []
+    if any(robot["verdict"] for robot in robots):
+        told.append(f"{plural(differ, 'robot')} {_do(differ, 'differs', 'differ')} from the simulation")
+    if document["drifts"]:
+        told.append(f"{plural(drifting, 'robot')} {_do(drifting, 'drifts', 'drift')}")
+    told += [f"{plural(undone, 'session')} could not be done"] if undone else []
+    return (
+        f"{plural(len(robots), 'robot')}, {plural(len(sessions), 'session')}" + (": " if told else "") + ", ".join(told)
+    )
+
+
+def cause_sentence(cause: Mapping[str, Any]) -> str:
+    """How many robots lack the same law at the same place.
+
+    Args:
+        cause: of fleet.json.
+    """
+    count = len(cause["robots"])
+    return f"{count} of {plural(cause['of'], 'robot')} {_do(count, 'lacks', 'lack')} {cause['cause']}"
+
+
+def drift_sentence(drift: Mapping[str, Any]) -> str:
+    """By how much a number changes.
+
+    Args:
+        drift: of fleet.json.
+    """
+    slope = drift["slope"]
+    value, half = with_interval(slope["value"], slope["half"] / TWO_SIDED)
+    return f"{value} ± {half} {slope['unit']}, {drift_change(drift)} from first to last"
+
+
+def drift_change(drift: Mapping[str, Any]) -> str:
+    """What a drift adds up to from the first session to the last.
+
+    Args:
+        drift: of fleet.json.
+    """
+    return f"{drift['change']:+.2g} {drift['unit']}".rstrip()
+
+
+def fleet_tables(document: Mapping[str, Any]) -> list[RenderableType]:
+    """A fleet for the terminal.
+
+    Args:
+        document: fleet.json.
+    """
+    robots = document["robots"]
+    table = new_table("robot", "mismatch>", "at", "left>", "explained>", "lacks")
+    for robot in robots[:SHOWN]:
+        numbers = (figure(_number(robot[key])) for key in ("mismatch", "left"))
+        mismatch, left = numbers
+        explained = share(_number(robot["explained"]))
+        table.add_row(robot["name"], mismatch, robot["joint"] or "-", left, explained, lacking(robot))
+    shown: list[RenderableType] = [paragraph(fleet_sentence(document)), table, *_more(len(robots))]
+    shown.append(
+        paragraph("Mismatch and left: held-out rms before and after, over the noise floor, in the last session.")
+    )
+    if document["causes"]:
+        shown += [heading("Equal causes"), *(paragraph(text) for text in _causes(document["causes"]))]
+    drifting = [drift for drift in document["drifts"] if drift["beyond_noise"]]
+    if drifting:
+        told = (f"{drift['name']}: {drift['number']}: {drift_sentence(drift)}" for drift in drifting[:SHOWN])
+        shown += [heading("Drift beyond noise"), *map(paragraph, told), *_more(len(drifting))]
+    return shown
+
+
+def lacking(robot: Mapping[str, Any]) -> str:
+    """What a robot's simulation lacks, in words.
+
+    Args:
+        robot: of fleet.json.
+    """
+    none = UNDONE if robot["undone"] == len(robot["sessions"]) else "-"
+    words = {"nothing_missing": "nothing", "unknown": "something that no law explains", "": none}
+    return ", ".join(robot["causes"]) or words.get(robot["verdict"], robot["verdict"])
+
+
+def number_ranges(cause: Mapping[str, Any]) -> list[str]:
+    """The numbers of a cause over the robots that have it; those that could be zero at all of them are only counted.
+
+    Args:
+        cause: of fleet.json.
+    """
+    told = [number for number in cause["numbers"] if _largest(number) >= TWO_SIDED * number["std"]]
+    ranges = [_range(number, many=len(cause["robots"]) > 2) for number in told]
+    hidden = len(cause["numbers"]) - len(told)
+    return [*ranges, f"{plural(hidden, 'more number')} could be zero"] if told and hidden else ranges
+
+
+def _range(number: Mapping[str, Any], many: bool) -> str:
+    ends = list(dict.fromkeys(figure(number[key]) for key in ("least", "most")))
+    middle = f", median {figure(number['median'])}" if many else ""
+    return f"{number['key'].replace('_', ' ')} {' to '.join(ends)}{middle} {number['unit']}".rstrip()
+
+
+def _largest(number: Mapping[str, Any]) -> float:
+    return max(abs(float(number["least"])), abs(float(number["most"])))
+
+
+def _causes(causes: list[Mapping[str, Any]]) -> Iterator[str]:
+    kinds = len({cause["kind"] for cause in causes}) > 1
+    for cause in causes[:SHOWN]:
+        numbers = number_ranges(cause)[:FEW]
+        which = [f"({cause['kind']})"] if kinds else []
+        yield " ".join([cause_sentence(cause), *which]) + (f": {', '.join(numbers)}" if numbers else "")
+
+
+def _more(count: int) -> list[RenderableType]:
+    return [paragraph(f"and {count - SHOWN} more, see index.html")] if count > SHOWN else []
+
+
+def _number(value: float | None) -> float:
+    return float("nan") if value is None else float(value)
+
+
+def _do(count: int, one: str, many: str) -> str:
+    return one if count == 1 else many

@@ -1,0 +1,62 @@
+"""A load that was found, as a table and as JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rich.console import RenderableType
+
+from ....payload import Payload
+from ....types import INERTIAL, Input
+from ..layout import heading, new_table, note_lines, paragraph
+from ..numbers import with_interval
+from .documents import Document, description, provenance
+
+AXES = ("x", "y", "z")
+
+
+def payload_document(found: Payload, inputs: Sequence[Input] = ()) -> Document:
+    """What `signid payload --json` prints.
+
+    Args:
+        found: the load.
+        inputs: path and sha256 of what was read besides the recordings; the robot's description if none is given.
+    """
+    mass, mass_std = found.mass
+    centre, inertia = found.centre, found.inertia
+    return {
+        "schema": "signid.payload/1",
+        "robot": found.robot.name,
+        "link": found.link,
+        "mass": {"value": mass, "std": mass_std, "unit": "kg"},
+        "centre": {"value": centre[0].tolist(), "std": centre[1].tolist(), "unit": "m"},
+        "inertia": {"value": inertia[0].tolist(), "std": inertia[1].tolist(), "unit": "kg.m^2"},
+        "effect": {"effect": found.law.effect.name, "parameters": dict(found.law.parameters)},
+        "physically_consistent": True,
+        "moved": found.moved,
+        "misfit": found.misfit,
+        "cutoff": {"torque": found.cutoff, "unit": "Hz"},
+        "flags": list(found.flags),
+        "notes": list(found.notes),
+        **provenance(found.inputs, inputs or [description(found.robot)], found.seed),
+    }
+
+
+def payload_tables(found: Payload) -> list[RenderableType]:
+    """Mass, centre of mass and inertia with their intervals."""
+    table = new_table("load", "value>", "± (95 %)>", "unit")
+    table.add_row("mass", *with_interval(*found.mass), "kg")
+    for axis, value, std in zip(AXES, *found.centre, strict=True):
+        table.add_row(f"centre of mass {axis}", *with_interval(float(value), float(std)), "m")
+    for name, value, std in zip(INERTIAL[4:], *found.inertia, strict=True):
+        table.add_row(f"{name} about it", *with_interval(float(value), float(std)), "kg.m2")
+    told = (
+        f"A body could have these numbers; this moved the difference of base parameters by at most {found.moved:.1f} "
+        f"standard deviations. Cut-off {found.cutoff:.3g} Hz."
+    )
+    return [
+        heading(f"{found.robot.name}: what {found.link} carries, in the frame of its joint", below=False),
+        table,
+        paragraph(told),
+        *note_lines(found.notes),
+    ]

@@ -1,0 +1,133 @@
+"""A validation as tables and as JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from rich.console import RenderableType
+from rich.table import Table
+
+from ....types import Array, Input
+from ..layout import heading, new_table, note_lines, paragraph, plural
+from ..numbers import determination, figure
+from .documents import Document, description, fit_document, provenance
+
+if TYPE_CHECKING:
+    from ....simulation.rollout import RollOut
+    from ....validate import ValidatedModel, Validation
+
+
+def validation_document(result: Validation, inputs: Sequence[Input] = ()) -> Document:
+    """The content of validation.json.
+
+    Args:
+        result: the validation.
+        inputs: path and sha256 of what was read besides the recordings; the models' descriptions if none is given.
+    """
+    return {
+        "schema": "signid.validation/1",
+        "models": [
+            {
+                "path": one.name,
+                "robot": one.model.robot.name,
+                "fit": {**fit_document(one.fit), "train_rms": None},
+                "rollout": _rollout(one.rollout, result.horizon),
+            }
+            for one in result.models
+        ],
+        "cutoff": {"torque": result.cutoff, "position": result.position_cutoff, "unit": "Hz"},
+        "flags": list(result.flags),
+        "notes": list(result.notes),
+        **provenance(result.inputs, inputs or [description(one.model.robot) for one in result.models], result.seed),
+    }
+
+
+def validation_tables(result: Validation) -> list[RenderableType]:
+    """Per joint: rms, noise floor and R2 of every model, and the errors of their roll-outs."""
+    several = len(result.models) > 1
+    listed = [f"{number}  {one.name}" for number, one in enumerate(result.models, 1)] if several else []
+    return [
+        heading(validation_title(result), below=False),
+        *map(paragraph, listed),
+        heading("Torque: rms of measured - predicted"),
+        _table(*torque_rows(result)),
+        *_rolled(result),
+        paragraph(
+            f"Cut-off {figure(result.cutoff)} Hz for torque and {figure(result.position_cutoff)} Hz for positions (set "
+            f"with --cutoff); rows where a joint stands still do not count. Nothing was fitted."
+        ),
+        *note_lines(result.notes),
+    ]
+
+
+def validation_title(result: Validation) -> str:
+    """What was validated on what."""
+    models = result.models[0].name if len(result.models) == 1 else plural(len(result.models), "model")
+    return f"{models}: validated on {plural(len(result.inputs), 'recording')}"
+
+
+def torque_rows(result: Validation) -> tuple[list[str], list[list[str]]]:
+    """Heads and, joint by joint, rms, noise floor and R2 of every model; numbers follow the order of the models."""
+    models = result.models
+    marks = _marks(models)
+    heads = ["joint", *(f"rms{m}>" for m in marks), "noise floor>", "unit", *(f"R2{m}>" for m in marks)]
+    rows = []
+    for joint in joints_of(models):
+        fits = [(one.fit, _place(one.fit.joints, joint)) for one in models]
+        rms = [_cell(fit.held_out_rms, j) for fit, j in fits]
+        r2 = ["-" if j is None else determination(float(fit.held_out_r2[j])) for fit, j in fits]
+        fit, first = next((fit, j) for fit, j in fits if j is not None)
+        rows.append([joint, *rms, figure(float(fit.noise_floor[first]), 2), fit.unit[first], *r2])
+    return heads, rows
+
+
+def rollout_rows(result: Validation) -> tuple[list[str], list[list[str]]]:
+    """Heads and, joint by joint, the rms error of position at the horizon of every model."""
+    heads, rows = ["joint", *(f"error{m}>" for m in _marks(result.models)), "unit"], []
+    for joint in joints_of(result.models):
+        places = [_place(() if r is None else r.joints, joint) for r in (one.rollout for one in result.models)]
+        rolled = [(one.rollout, j) for one, j in zip(result.models, places, strict=True)]
+        errors = ["-" if r is None or j is None else figure(float(r.rms(result.horizon)[j])) for r, j in rolled]
+        unit = next((r.unit[j] for r, j in rolled if r is not None and j is not None), "")
+        rows.append([joint, *errors, unit])
+    return heads, rows
+
+
+def joints_of(models: Sequence[ValidatedModel]) -> list[str]:
+    """The joints of all models, each once."""
+    return list(dict.fromkeys(joint for one in models for joint in one.fit.joints))
+
+
+def _rolled(result: Validation) -> Iterator[RenderableType]:
+    if any(one.rollout is not None for one in result.models):
+        yield heading(f"Simulated for {result.horizon:g} s from measured states: rms error of position at the end")
+        yield _table(*rollout_rows(result))
+
+
+def _rollout(found: RollOut | None, horizon: float) -> Document | None:
+    if found is None:
+        return None
+    rms = [float(x) if np.isfinite(x) else None for x in found.rms(horizon)]
+    return {"horizon": horizon, "rms": rms, "unit": list(found.unit)}
+
+
+def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
+    table = new_table(*heads)
+    for row in rows:
+        table.add_row(*row)
+    return table
+
+
+def _marks(models: Sequence[ValidatedModel]) -> list[str]:
+    """What stands behind a head where there are several models: their numbers."""
+    return [f" {number}" for number in range(1, len(models) + 1)] if len(models) > 1 else [""]
+
+
+def _place(joints: Sequence[str], joint: str) -> int | None:
+    return joints.index(joint) if joint in joints else None
+
+
+def _cell(values: Array, j: int | None) -> str:
+    return "-" if j is None else figure(float(values[j]))

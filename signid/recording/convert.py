@@ -1,0 +1,193 @@
+"""A log or a table of any format -> columns under the names and in the units of recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import RecordingError, shorten
+from ..types import Array, Frozen, Input, Recording, Robot
+from . import read_recording
+from .columns import TORQUES, resolve, unstated
+from .formats.base import About, MemoryTable
+from .mapping import ColumnMap, Columns, Signal, read_map, split
+from .names import OFFER, propose
+from .sampling.clock import read_clock
+from .source import Opened, Source, open_source
+from .units import Changed
+
+
+@dataclass(frozen=True)
+class Pace:
+    """How a recording goes through time."""
+
+    duration: float  # [s]
+    rate: float  # [Hz]
+    gaps: int
+    longest: float  # [s] of the gaps
+
+
+@dataclass(frozen=True, eq=False)
+class Conversion(Frozen):
+    """N rows, and where they came from."""
+
+    columns: Mapping[str, Array]  # (N,) each, by name [s, rad or m, N.m or N, A; as they were where no unit is known]
+    source: Input
+    about: About
+    units: Mapping[str, str]  # that columns were in, where that was said
+    pace: Pace | None  # None where there is no time to be told
+    suggested: tuple[str, ...]  # lines of a column map that may make the names fit the robot
+    flags: tuple[str, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def joints(self) -> dict[str, list[str]]:
+        """Kinds of columns by joint."""
+        found: dict[str, list[str]] = {}
+        for kind, joint in (split(name)[0] for name in self.columns if split(name)):
+            found.setdefault(joint, []).append(kind)
+        return found
+
+
+def convert(
+    source: Source,
+    *,
+    columns: ColumnMap | None = None,
+    units: Mapping[str, str] | None = None,
+    topics: Sequence[str] = (),
+    robot: Robot | None = None,
+    drop_missing: bool = False,
+) -> Conversion:
+    """Every column of numbers, under the names and in the units of recordings; others keep their names.
+
+    Reading what is converted gives the same recording as reading the source.
+
+    Args:
+        source: what `read_recording` reads: a file, bag, dataset, frame, or arrays by name [s, rad or m, N.m or N, A].
+        columns: the column map, as of `read_recording`.
+        units: that columns are in, by kind: {"q": "deg", "t": "ns"}.
+        topics: of a ROS bag, to be joined in time; without them, the only one that fits.
+        robot: that the names are held against.
+        drop_missing: leave out rows that lack the time, a position or a torque, so that short holes are bridged.
+
+    Raises:
+        OptionError: topics of something that has none.
+        RecordingError: the source or the column map cannot be used, or a unit is open.
+    """
+    opened = open_source(source, topics)
+    mapping = read_map(columns, units)
+    signals = _signals(opened, mapping)
+    about, skipped = About.of(opened.table), []
+    found: dict[str, Array] = {}
+    stated: dict[str, str] = {}
+    for signal in sorted(signals, key=lambda each: each.logical != "t"):
+        values, unit = _values(opened, mapping, signal, robot)
+        if values is None:
+            skipped.append(signal.column)
+            continue
+        found[signal.logical] = values
+        stated |= {signal.logical: unit} if unit else {}
+    notes = list(about.notes)
+    if idle := [kind for kind in mapping.units if kind not in map(_kind, found)]:
+        notes.append(f"a unit is given for {', '.join(idle)}, but there is no such column")
+    if skipped:
+        notes.append(f"left out, because they hold no numbers: {shorten(skipped)}")
+    if drop_missing:
+        found, said = _complete(found)
+        notes += said
+    pace, flags = _pace(opened.name, found)
+    flags += _unfit(opened.name, found, robot)
+    suggested = propose(tuple(found), robot) if robot else ()
+    file = Input(opened.path or opened.name, opened.sha256, "converted")
+    notes += [] if flags else _lacking(found, about)
+    return Conversion(found, file, about, stated, pace, suggested, tuple(flags), tuple(dict.fromkeys(notes)))
+
+
+def _kind(name: str) -> str:
+    """The kind of a column, "" where it is none of a recording."""
+    pairs = split(name)
+    return pairs[0][0] if pairs else "t" if name == "t" else ""
+
+
+def _signals(opened: Opened, mapping: Columns) -> list[Signal]:
+    signals = list(mapping.signals(opened.table.columns, opened.name))
+    names = [signal.logical for signal in signals]
+    if twice := next((name for name in names if names.count(name) > 1), None):
+        both = [signal.column for signal in signals if signal.logical == twice]
+        raise RecordingError(f"{opened.name}: {' and '.join(both)} would both be {twice}; mend the column map")
+    if not opened.table.rows:
+        raise RecordingError(f"{opened.name} has columns but no samples; record the robot in motion")
+    return signals
+
+
+def _values(opened: Opened, mapping: Columns, signal: Signal, robot: Robot | None) -> tuple[Array | None, str]:
+    """(N,) a column in the unit of recordings, None where it holds no numbers, and the unit that it was in."""
+    table, kind = opened.table, _kind(signal.logical)
+    key = resolve(signal.logical, robot) if robot and kind not in ("", "t") else None
+    prismatic = bool(robot.prismatic[key[1]]) if robot and key and key[1] >= 0 else None
+    change = mapping.change(signal, kind, prismatic, opened.name) if kind else None
+    if change is None and kind and signal.column in About.of(table).unstated:
+        raise RecordingError(unstated(opened.name, signal.column, kind))
+    try:
+        table.read([signal.column], 0, 0)
+    except RecordingError:
+        if signal.mapped:
+            raise
+        return None, ""
+    shown = Changed(table, {signal.column: change}) if change else table
+    own = mapping.own.get(signal.logical, "") if signal.mapped else ""
+    told = own if isinstance(own, str) else f"value * {own.scale:g} + {own.offset:g}"
+    return shown.read([signal.column], 0, table.rows)[:, 0].copy(), told or (
+        mapping.units.get(kind, "") if change else ""
+    )
+
+
+def _complete(found: Mapping[str, Array]) -> tuple[dict[str, Array], list[str]]:
+    """The rows that lack nothing that identification needs; columns without any value do not count."""
+    needed = [name for name in found if _kind(name) in ("t", "q", *TORQUES)]
+    empty = np.array([np.isnan(found[name]) for name in needed if not np.isnan(found[name]).all()])
+    lacks = np.asarray(empty.any(axis=0)) if len(empty) else np.zeros(1, bool)
+    if not lacks.any():
+        return dict(found), []
+    left = {name: values[~lacks] for name, values in found.items()}
+    return left, [
+        f"{int(lacks.sum())} of {len(lacks)} rows lack a value and are left out; short holes are bridged then"
+    ]
+
+
+def _pace(name: str, found: Mapping[str, Array]) -> tuple[Pace | None, list[str]]:
+    """How time goes, and what is wrong with it."""
+    if "t" not in found:
+        return None, []
+    stamps = found["t"]
+    alone = Recording((), MemoryTable({"t": stamps}, {}, name), {"t": ("t",)}, np.ones(0), np.ones(0, bool))
+    try:
+        clock = read_clock(alone, name)
+    except RecordingError as error:
+        return None, [str(error)]
+    steps = np.diff(stamps[~np.isnan(stamps)])
+    long = steps[steps > clock.gap]
+    pace = Pace(float(steps.sum()), 1 / clock.period, len(long), float(long.max(initial=0.0)))
+    back = int(np.sum(steps < 0))
+    return pace, [f"{name}: time goes back after {back} of its rows; sort the rows by time"] if back else []
+
+
+def _unfit(name: str, found: Mapping[str, Array], robot: Robot | None) -> list[str]:
+    """Why the columns are no recording of the robot."""
+    if robot is None:
+        return []
+    try:
+        read_recording(found, robot)
+    except RecordingError as error:
+        return [name + str(error).partition(OFFER)[0].removeprefix("the recording")]
+    return []
+
+
+def _lacking(found: Mapping[str, Array], about: About) -> Iterator[str]:
+    """What identification needs and the columns do not have."""
+    kinds = {*map(_kind, found)}
+    for has, what in (("t" in kinds, "time t"), ("q" in kinds, "position q_J"), (kinds & {*TORQUES}, "torque tau_J")):
+        if not has and not any("no torque" in note for note in about.notes if what.startswith("torque")):
+            yield f"there is no column of {what}, which identification needs"

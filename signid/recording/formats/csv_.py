@@ -1,0 +1,186 @@
+"""Text tables: comma, semicolon or tab between the cells, plain or compressed by gzip."""
+
+from __future__ import annotations
+
+import csv
+import gzip
+import io
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from inspect import signature
+from itertools import islice
+from pathlib import Path
+from typing import Any
+from zlib import error as ZlibError
+
+import numpy as np
+import polars as pl
+
+from ...errors import RecordingError
+from ...types import Array, Table
+from .base import MOST, Format, MemoryTable
+from .room import need_room, room
+
+TIMES = 3  # the size of its text, a table takes in memory while it is read
+BROKEN = (pl.exceptions.PolarsError, pl.exceptions.PanicException)
+MISSING = ["NA", "N/A", "null", "NULL", "None", "none", "-nan", "-NaN", "nan(ind)", "-nan(ind)"]  # besides empty, NaN
+FILL: Any = {"missing_columns": "insert"} if "missing_columns" in signature(pl.read_csv).parameters else {}
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """What stands above the samples."""
+
+    names: tuple[str, ...]
+    separator: str
+    skip: int  # lines before the first sample
+    decimal_comma: bool
+
+
+class Csv(Format):
+    """Read whole. A line that starts with # is a comment; a cell that is empty, NaN, NA or null is a missing value."""
+
+    name, suffixes = "csv", (".csv", ".csv.gz")
+    description = "text table with a header, comma, semicolon or tab separated, plain or gzip"
+
+    def open(self, path: Path) -> Table:
+        """The table in the file.
+
+        Raises:
+            RecordingError: when the file is no text table with a header, or a line has too many cells.
+        """
+        content = _content(path)
+        try:
+            layout = _layout(path, content)
+            frame = _parse(content, layout, pl.Float64)
+        except BROKEN:
+            return MemoryTable(*_texts(path, content, layout), str(path))
+        except csv.Error as error:
+            raise RecordingError(f"{path} is not a text table: {error} in its header; write it as plain CSV") from error
+        return MemoryTable({column.name: column.to_numpy() for column in frame}, {}, str(path))
+
+    def encode(self, columns: Mapping[str, Array], file: str) -> bytes:
+        text = pl.DataFrame(dict(columns)).write_csv().encode()
+        return gzip.compress(text, mtime=0) if file.lower().endswith(".gz") else text
+
+
+def _content(path: Path) -> bytes:
+    try:
+        need_room(path, TIMES * path.stat().st_size)
+        content = path.read_bytes()
+        if content[:2] == b"\x1f\x8b":
+            content = gzip.GzipFile(fileobj=io.BytesIO(content)).read(int(min(MOST, room() / TIMES)) + 1)
+            need_room(path, TIMES * len(content))
+    except (EOFError, ZlibError, gzip.BadGzipFile) as error:
+        raise RecordingError(f"{path} is cut short or damaged inside its gzip compression; copy it again") from error
+    except OSError as error:
+        raise RecordingError(f"{path} cannot be read: {error.strerror}") from error
+    if len(content) > MOST:
+        raise RecordingError(
+            f"{path} holds more than {MOST / 1e9:.3g} GB; give long recordings as Parquet, read by pieces"
+        )
+    if b"\0" in content[:65536]:
+        raise RecordingError(f"{path} is not a text table: it holds binary data; name it by its true format")
+    return content
+
+
+def _layout(path: Path, content: bytes) -> _Layout:
+    """The header is the first line that is neither blank nor a comment, or a comment right above numbers."""
+    comment, first, skip = "", "", 0
+    lines = io.BytesIO(content)
+    for skip, line in enumerate(lines, 1):
+        try:
+            text = line.decode("utf-8-sig").strip("\r\n")
+        except UnicodeDecodeError as error:
+            raise RecordingError(f"{path} is not a text table: line {skip} is not UTF-8; save it as UTF-8") from error
+        if text.strip(" \t,;") and not text.startswith("#"):
+            first = text
+            break
+        comment = text.lstrip("# ") if text.startswith("#") else comment
+    if not first:
+        raise RecordingError(f"{path} is empty; expected a header such as t,q_1,tau_1 and a line for each sample")
+    commented = bool(comment) and _is_numeric(_split(first))
+    header = comment if commented else first
+    names = [name.strip() for name in _split(header)]
+    if _is_numeric(names):
+        raise RecordingError(f"{path} has no header: line {skip} holds numbers; put names such as t,q_1,tau_1 above it")
+    if len(names) == 1 and len(names[0].split()) > 1:
+        raise RecordingError(f"{path} separates its columns by blanks; expected commas, semicolons or tabs")
+    repeated = [name for name, count in Counter(names).items() if name and count > 1]
+    if repeated:
+        raise RecordingError(f"{path} names column {repeated[0]!r} twice in its header; give every column its own name")
+    full = tuple(name or f"unnamed {i}" for i, name in enumerate(names, 1))
+    separator = _separator(header)
+    below = first if commented else next(lines, b"").decode("utf-8", "replace")
+    return _Layout(full, separator, skip - commented, separator == ";" and "," in below)
+
+
+def _separator(header: str) -> str:
+    return max(",;\t", key=header.count)
+
+
+def _split(line: str) -> list[str]:
+    return next(csv.reader([line], delimiter=_separator(line)), [])
+
+
+def _is_numeric(cells: Iterable[str]) -> bool:
+    """Whether every cell that is not empty is a number, and there is one."""
+    filled = [cell.strip() for cell in cells if cell.strip()]
+    try:
+        return bool([float(cell) for cell in filled])
+    except ValueError:
+        return False
+
+
+def _parse(content: bytes, layout: _Layout, kind: type[pl.DataType]) -> pl.DataFrame:
+    """Every column declared of one kind: a type guessed from the first rows would fail in later ones."""
+    frame = pl.read_csv(
+        content,
+        has_header=False,
+        schema={name: kind for name in layout.names},  # noqa: C420
+        separator=layout.separator,
+        skip_lines=layout.skip,
+        comment_prefix="#",
+        null_values=MISSING,
+        **FILL,
+        decimal_comma=layout.decimal_comma and kind == pl.Float64,
+    )
+    blank = pl.all_horizontal(pl.all().is_null())
+    return frame.filter(~blank) if frame.height and frame.to_series(0).null_count() else frame
+
+
+def _texts(path: Path, content: bytes, layout: _Layout) -> tuple[dict[str, Array], dict[str, str]]:
+    """Columns of numbers, and of each other column its first cell that is not one."""
+    try:
+        frame = _parse(content, layout, pl.String)
+    except BROKEN as error:
+        raise RecordingError(_shape_fault(path, content, layout)) from error
+    usable, unusable = {}, {}
+    for text in frame:
+        column = text.str.strip_chars()
+        column = column.str.replace(",", ".", literal=True) if layout.decimal_comma else column
+        number = column.cast(pl.Float64, strict=False)
+        wrong = (number.is_null() & (column != "").fill_null(False) & ~column.is_in(MISSING)).arg_true()
+        if len(wrong):
+            unusable[text.name] = f"holds {text[wrong[0]]!r} in row {wrong[0] + 1}, expected a number or nothing"
+        else:
+            usable[text.name] = np.asarray(number.to_numpy(), np.float64)
+    return usable, unusable
+
+
+def _shape_fault(path: Path, content: bytes, layout: _Layout) -> str:
+    """Which line has more cells than the header."""
+    lines = islice(io.StringIO(content.decode("utf-8", "replace")), layout.skip, None)
+    samples = (line for line in lines if line.strip() and not line.startswith("#"))
+    width = len(layout.names)
+    with suppress(csv.Error):  # a cell of a hundred thousand letters
+        for row, cells in enumerate(csv.reader(samples, delimiter=layout.separator), 1):
+            if len(cells) > width:
+                told = f"{path} has {len(cells)} cells in row {row} where its header names {width} columns"
+                return f"{told}; mend that line"
+    return f"{path} is not a table of lines of {width} cells each; write it again as plain CSV"
+
+
+PLUGIN = Csv()

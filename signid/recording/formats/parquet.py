@@ -1,0 +1,110 @@
+"""Parquet files, read slab by slab."""
+
+from __future__ import annotations
+
+import io
+from collections import OrderedDict
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+
+from ...errors import RecordingError
+from ...types import Array, Table
+from .base import Format, refusal
+
+SLAB = 262_144  # rows that are decoded at once
+BROKEN = (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError)
+KEPT = 2  # slabs in memory, so that reads that overlap across a boundary decode nothing twice
+
+
+class ParquetTable:
+    """Columns of a Parquet file; only the slabs read last are in memory."""
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._scan = path, pl.scan_parquet(path, glob=False)
+        self._schema = self._scan.collect_schema()
+        self._slabs: OrderedDict[int, dict[str, Array]] = OrderedDict()
+        self._since: dict[str, int] = {}  # [ns] first date of a column
+        self.columns = tuple(self._schema.names())
+        self.rows = int(self._scan.select(pl.len()).collect().item())
+
+    def read(self, names: Sequence[str], start: int, stop: int) -> Array:
+        """Rows start..stop of the columns named, (stop - start, len(names)), NaN where empty.
+
+        Raises:
+            RecordingError: when a column does not exist or holds no numbers, or the file is damaged.
+        """
+        for name in names:
+            if name not in self._schema or not self._is_number(name):
+                reason = f"holds {self._schema[name]}, expected numbers" if name in self._schema else None
+                raise RecordingError(refusal(str(self._path), name, reason, self.columns))
+        stop = max(start, min(stop, self.rows))
+        result = np.empty((len(names), stop - start))
+        for k in range(start // SLAB, -(-stop // SLAB) if stop > start else 0):
+            low, high = max(start, k * SLAB), min(stop, (k + 1) * SLAB)
+            slab = self._slab(k, names)
+            for i, name in enumerate(names):
+                result[i, low - start : high - start] = slab[name][low - k * SLAB : high - k * SLAB]
+        return result.T
+
+    def _is_number(self, name: str) -> bool:
+        kind = self._schema[name]
+        return kind.is_numeric() or kind in (pl.Boolean, pl.Null) or isinstance(kind, pl.Datetime | pl.Duration)
+
+    def _slab(self, k: int, names: Sequence[str]) -> dict[str, Array]:
+        slab = self._slabs.setdefault(k, {})
+        self._slabs.move_to_end(k)
+        while len(self._slabs) > KEPT:
+            self._slabs.popitem(last=False)
+        for name in dict.fromkeys(names):
+            if name not in slab:
+                slab[name] = self._decode(name, k)
+        return slab
+
+    def _number(self, name: str) -> pl.Expr:
+        """A column as numbers: dates in seconds since the first row's, durations in seconds."""
+        kind, column = self._schema[name], pl.col(name)
+        if isinstance(kind, pl.Duration):
+            column = column.cast(pl.Duration("ns")).to_physical() / 1e9
+        if isinstance(kind, pl.Datetime):
+            column = column.cast(pl.Datetime("ns", kind.time_zone)).to_physical()
+            if name not in self._since:
+                self._since[name] = self._scan.select(column.drop_nulls().first()).collect().item() or 0
+            column = (column - self._since[name]) / 1e9
+        return column.cast(pl.Float64)
+
+    def _decode(self, name: str, k: int) -> Array:
+        """One column at a time: decoding many at once needs several times the memory where row groups are large."""
+        try:
+            frame = self._scan.select(self._number(name)).slice(k * SLAB, SLAB).collect()
+        except BROKEN as error:
+            raise RecordingError(f"{self._path} is damaged after row {k * SLAB}; copy or write it again") from error
+        return frame[name].to_numpy()
+
+
+class Parquet(Format):
+    """Streamed: memory does not grow with the length of the file."""
+
+    name, suffixes = "parquet", (".parquet", ".pq")
+    description = "Apache Parquet, streamed"
+
+    def open(self, path: Path) -> Table:
+        """The table in the file; its samples are read when they are asked for.
+
+        Raises:
+            RecordingError: when the file is not Parquet, or is cut short.
+        """
+        try:
+            return ParquetTable(path)
+        except BROKEN as error:
+            raise RecordingError(f"{path} is not a Parquet file, or is cut short; copy or write it again") from error
+
+    def encode(self, columns: Mapping[str, Array], file: str) -> bytes:
+        content = io.BytesIO()
+        pl.DataFrame(dict(columns)).write_parquet(content)
+        return content.getvalue()
+
+
+PLUGIN = Parquet()

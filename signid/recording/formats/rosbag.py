@@ -1,0 +1,188 @@
+"""ROS 1 bags, ROS 2 bags and MCAP files: joint states, trajectories and the state of their controllers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import contextmanager
+from difflib import get_close_matches
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ...errors import RecordingError, shorten
+from ...types import Table
+from .bag_messages import READERS, Gather
+from .bag_time import join
+from .base import Format, Topic
+from .room import within_room
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+PARTS = (".db3", ".mcap", ".zstd", ".yaml")  # of a folder
+SHOWN = 120  # characters of what the library says
+STANDARD = ("sensor_msgs/", "trajectory_msgs/")  # the same in every release of ROS
+Topics = Mapping[str, list[Any]]  # the library's connections by topic
+
+
+class RosBag(Format):
+    """Read message by message into columns; needs the library rosbags, which needs no installation of ROS."""
+
+    name, suffixes = "rosbag", (".bag", ".mcap", ".db3")
+    description = "ROS 1 bag, ROS 2 bag (its folder, .db3 or .mcap): JointState, JointTrajectory, controller state"
+
+    def recognises(self, path: Path) -> bool:
+        """By its name, or by the metadata.yaml of a folder."""
+        return (path / "metadata.yaml").is_file() if path.is_dir() else super().recognises(path)
+
+    def files(self, path: Path) -> Sequence[Path]:
+        """What of a folder is read; of a file, the file."""
+        if not path.is_dir():
+            return [path]
+        return sorted(part for part in path.iterdir() if part.suffix in PARTS and part.is_file())
+
+    def open(self, path: Path) -> Table:
+        """The table of the only topic of joint states, or where there is none, of controller states or trajectories.
+
+        Raises:
+            RecordingError: the bag is damaged, the library is missing, or there is no such topic, or several.
+        """
+        return self.select(path, ())
+
+    def select(self, path: Path, topics: Sequence[str]) -> Table:
+        """The table of some topics, joined in time.
+
+        Raises:
+            RecordingError: the bag is damaged, the library is missing, or a topic is not there or cannot be read.
+        """
+        with _sentences(path), within_room(), _reader(path) as (bag, first):
+            known = _topics(bag)
+            chosen = _named(path, known, topics) if topics else _chosen(path, known, bag, first)
+            gathered = _gathered(bag, known, chosen, first)
+            if empty := [gather.topic for gather in gathered if not gather.readings]:
+                raise RecordingError(f"{path}: topic {empty[0]} holds no joints; name another topic")
+            others = [_unread(*each) for each in known.items() if each[0] not in chosen and _kind(each[1]) in READERS]
+            return join(gathered, [*map(_told, gathered), *others], str(path))
+
+
+@contextmanager
+def _sentences(path: Path) -> Iterator[None]:
+    """Whatever a damaged file makes the library raise becomes one sentence."""
+    try:
+        yield
+    except RecordingError as error:
+        if str(error).startswith(str(path)):
+            raise
+        raise RecordingError(f"{path}: {error}") from error
+    except ImportError as error:
+        told = "reading ROS bags and MCAP needs the library rosbags; install it with: pip install 'signid[ros]'"
+        raise RecordingError(f"{path}: {told}") from error
+    except MemoryError as error:
+        raise RecordingError(f"{path} needs more memory than there is, or is damaged; split it by time") from error
+    except Exception as error:  # the library also stumbles over broken files by struct, index and type errors
+        said = " ".join(str(error).split())[:SHOWN].rstrip(".")
+        why = f" ({said})" if said else ""
+        raise RecordingError(f"{path} is no ROS bag, or a damaged one{why}; copy or record it again") from error
+
+
+@contextmanager
+def _reader(path: Path) -> Iterator[tuple[Any, bool]]:
+    """The bag, open, and whether it is one of ROS 1."""
+    from rosbags.rosbag1 import Reader as Reader1
+    from rosbags.rosbag2 import Reader as Reader2
+
+    for part in path.iterdir() if path.is_dir() else [path]:
+        if not (part.is_file() or part.is_dir()):
+            raise RecordingError(f"{path}: {part.name} is no file; copy the bag again")
+    first = path.suffix.lower() == ".bag"
+    with Reader1(path) if first else Reader2(path) as bag:
+        yield bag, first
+
+
+def _topics(bag: Any) -> Topics:
+    found: dict[str, list[Any]] = {}
+    for connection in bag.connections:
+        found.setdefault(connection.topic, []).append(connection)
+    return found
+
+
+def _kind(connections: Sequence[Any]) -> str:
+    """The type of a topic's messages, "" where they are of several."""
+    kinds = {connection.msgtype for connection in connections}
+    return kinds.pop() if len(kinds) == 1 else ""
+
+
+def _named(path: Path, known: Topics, topics: Sequence[str]) -> list[str]:
+    names = []
+    for asked in dict.fromkeys(topics):
+        name = next((name for name in known if name.strip("/") == asked.strip("/")), None)
+        if name is None:
+            close = get_close_matches(asked, known, 1)
+            guess = f" (perhaps {close[0]} is meant)" if close else ""
+            raise RecordingError(f"{path} has no topic {asked}{guess}; it has {shorten(sorted(known)) or 'none'}")
+        if _kind(known[name]) not in READERS:
+            kinds = shorten(sorted({connection.msgtype for connection in known[name]}))
+            raise RecordingError(f"{path}: topic {name} holds {kinds}; expected {_expected()}")
+        names.append(name)
+    return names
+
+
+def _chosen(path: Path, known: Topics, bag: Any, first: bool) -> list[str]:
+    """The only topic of joint states; else of controller states, else of trajectories."""
+    for kind in READERS:
+        names = [name for name, at in known.items() if _kind(at) == kind and sum(c.msgcount for c in at)]
+        if len(names) > 1:
+            listed = [_told(gather) for gather in _gathered(bag, known, names, first)]
+            facts = [f"{t.name} ({t.messages} messages, {t.rate:.4g} Hz, {shorten(t.joints, 3)})" for t in listed]
+            short = kind.rpartition("/")[2]
+            advice = "signid convert with --topic, once for each that is wanted, makes a recording of them"
+            raise RecordingError(f"{path} has {len(names)} topics of {short}: {'; '.join(facts)}; {advice}")
+        if names:
+            return names
+    held = shorten(sorted(f"{name} ({connections[0].msgtype})" for name, connections in known.items()), 3)
+    raise RecordingError(f"{path} has no messages of {_expected()}; it has {held or 'no topic'}")
+
+
+def _expected() -> str:
+    names = [kind.rpartition("/")[2] for kind in READERS]
+    return f"{', '.join(names[:-1])} or {names[-1]}"
+
+
+def _gathered(bag: Any, known: Topics, names: Sequence[str], first: bool) -> list[Gather]:
+    """All messages of some topics, in the order of these names."""
+    read = {name: Gather(name, _kind(known[name])) for name in names}
+    wanted = [connection for name in names for connection in known[name]]
+    decode = _decoders(wanted, first)
+    for connection, received, data in bag.messages(connections=wanted):
+        kind = connection.msgtype
+        read[connection.topic].add(decode[kind](data, kind), received)
+    return list(read.values())
+
+
+def _decoders(connections: Sequence[Any], first: bool) -> dict[str, Any]:
+    """What turns bytes into messages, by type; types that differ between releases are taken from the bag."""
+    from rosbags.interfaces import MessageDefinitionFormat as Form
+    from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+
+    decoders = {}
+    for kind in {connection.msgtype for connection in connections}:
+        store = get_typestore(Stores.ROS1_NOETIC if first else Stores.ROS2_HUMBLE)
+        if not kind.startswith(STANDARD):
+            given = next((c.msgdef for c in connections if c.msgtype == kind and c.msgdef.format != Form.NONE), None)
+            if given is None:
+                told = "has changed between releases and is not described in the bag; record it as MCAP, which does"
+                raise RecordingError(f"the type {kind} {told}")
+            types = get_types_from_msg(given.data, kind) if given.format == Form.MSG else get_types_from_idl(given.data)
+            store.register({name: parts for name, parts in types.items() if name not in store.fielddefs})
+        decoders[kind] = store.deserialize_ros1 if first else store.deserialize_cdr
+    return decoders
+
+
+def _told(gather: Gather) -> Topic:
+    return Topic(gather.topic, gather.kind, gather.messages, gather.rate, gather.joints, True)
+
+
+def _unread(name: str, connections: Sequence[Any]) -> Topic:
+    return Topic(name, _kind(connections), sum(c.msgcount for c in connections), float("nan"), (), False)
+
+
+PLUGIN = RosBag()

@@ -1,0 +1,178 @@
+"""What one pass over a recording gathers; memory grows with its stretches, not with its samples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...types import Array
+from .clock import Clock
+from .stretch import BRIEFEST, SHORTEST, STRIDE
+
+SMOOTH = 0.02  # s over which velocities are averaged
+WINDOWS = (16, 256)  # samples over which a uniform clock must not drift
+UNEVEN = 1e-3  # of a period, by which a uniform clock may be off
+TURN = 1.0  # rad: a jump this near to a whole turn is an encoder that wraps around
+Rows = NDArray[np.intp]
+
+
+@dataclass
+class Range:
+    """Extremes and sums over samples of n joints."""
+
+    lower: Array  # (n,) [rad or m]
+    upper: Array  # (n,) [rad or m]
+    least: Array  # (n,) [N.m or N]
+    most: Array  # (n,) [N.m or N]
+    power: Array  # (n,) [N2.m2 or N2] sum of squares
+    motion: Array  # (n,) [rad2/s2 or m2/s2] sum of squares
+    velocities: int = 0
+    samples: int = 0
+    shortest: float = np.inf  # s
+    longest: float = 0.0  # s
+
+    @classmethod
+    def empty(cls, n: int) -> Range:
+        """Of no samples."""
+        wide = np.full(n, np.inf)
+        return cls(wide, -wide, wide, -wide, np.zeros(n), np.zeros(n))
+
+    def add(self, other: Range) -> None:
+        """Both together."""
+        self.lower, self.upper = np.minimum(self.lower, other.lower), np.maximum(self.upper, other.upper)
+        self.least, self.most = np.minimum(self.least, other.least), np.maximum(self.most, other.most)
+        self.power, self.motion = self.power + other.power, self.motion + other.motion
+        self.velocities, self.samples = self.velocities + other.velocities, self.samples + other.samples
+        self.shortest, self.longest = min(self.shortest, other.shortest), max(self.longest, other.longest)
+
+
+@dataclass
+class Open:
+    """A stretch that may go on in the next chunk."""
+
+    start: int
+    range: Range
+    turns: Array  # (n,) [1] since it began
+    q: Array  # (n,) [rad or m] last position as recorded
+    stamps: list[float] = field(default_factory=list)
+    t: float = 0.0  # [s] of the last row
+    stop: int = 0
+    kept: int = 0
+
+
+@dataclass
+class Gaps:
+    """Breaks in time."""
+
+    count: int = 0
+    longest: float = 0.0  # [s]
+    at: float = 0.0  # [s] where the longest begins
+
+
+class Tally:
+    """Feed it consecutive chunks with `take`, then `close` it."""
+
+    def __init__(self, clock: Clock, round_: NDArray[np.bool_]) -> None:
+        """For joints of which those marked can turn all the way round; round_: (n,)."""
+        n = len(round_)
+        self.clock, self.round, self.total = clock, round_, Range.empty(n)
+        self.stretches: list[Open] = []
+        self.gaps, self.short, self.uniform = Gaps(), 0, True
+        self.turn_rows: list[int] = []
+        self.turns: list[Array] = []
+        self._open: Open | None = None
+        self._last, self._missing, self._turned = np.nan, False, np.zeros(n)
+
+    def take(
+        self, start: int, t: Array, q: Array, tau: Array, missing: NDArray[np.bool_], dropped: NDArray[np.bool_]
+    ) -> None:
+        """Add a chunk of N rows that begins at row `start`.
+
+        Args:
+            start: first row.
+            t: (N,) [s] not decreasing.
+            q: (N, n) [rad or m].
+            tau: (N, n) [N.m or N].
+            missing: (N,) rows that lack a value.
+            dropped: (N,) rows that repeat a time.
+        """
+        index = np.flatnonzero(~missing & ~dropped)
+        if not len(index):
+            self._missing |= bool(missing.any())
+            return
+        gone = np.diff(np.cumsum(missing)[index], prepend=-1 if self._missing else 0) > 0
+        step = np.diff(t[index], prepend=self._last)
+        late = ~gone & (step > self.clock.gap)
+        self._count_gaps(late, step, t[index])
+        breaks = gone | late
+        breaks[0] |= self._open is None
+        self._last, self._missing = float(t[index[-1]]), bool(missing[index[-1] :].any())
+        bounds = np.concatenate([[0], np.flatnonzero(breaks[1:]) + 1, [len(index)]])
+        worth = np.diff(bounds) >= SHORTEST
+        worth[[0, -1]] = True  # they may go on in the chunks beside
+        self.short += int(np.sum(~worth))
+        for k in np.flatnonzero(worth):
+            rows = index[bounds[k] : bounds[k + 1]]
+            if breaks[bounds[k]]:
+                self.close()
+                self._open = Open(start + int(rows[0]), Range.empty(len(self.round)), 0 * self._turned, q[rows[0]])
+            assert self._open is not None, "the first row of all breaks"
+            self._extend(self._open, start + rows, t[rows], q[rows], tau[rows])
+
+    def close(self) -> None:
+        """End the stretch that is open; it is forgotten when it is too short."""
+        if self._open is None:
+            return
+        if self._open.kept < SHORTEST or self._open.t - self._open.stamps[0] < BRIEFEST:
+            self.short += 1
+        else:
+            self.total.add(self._open.range)
+            self.stretches.append(self._open)
+        self._turned = self._turned + self._open.turns
+        self._open = None
+
+    def _count_gaps(self, late: NDArray[np.bool_], step: Array, t: Array) -> None:
+        self.gaps.count += int(late.sum())
+        if late.any():
+            k = int(np.argmax(np.where(late, step, 0.0)))
+            if step[k] > self.gaps.longest:
+                self.gaps.longest, self.gaps.at = float(step[k]), float(t[k] - step[k])
+
+    def _extend(self, stretch: Open, rows: Rows, t: Array, q: Array, tau: Array) -> None:
+        steps = np.diff(t, prepend=stretch.t) if stretch.kept else np.diff(t)
+        stretch.range.add(self._measure(t, self._unwrap(stretch, rows, q), tau, steps))
+        self.uniform = self.uniform and self._is_uniform(t, steps)
+        stretch.stamps.extend(t[-stretch.kept % STRIDE :: STRIDE].tolist())
+        stretch.kept, stretch.stop = stretch.kept + len(t), int(rows[-1]) + 1
+        stretch.t, stretch.q = float(t[-1]), q[-1]
+
+    def _unwrap(self, stretch: Open, rows: Rows, q: Array) -> Array:
+        """(N, n) [rad or m] positions without the jumps of an encoder that wraps around."""
+        if not self.round.any():
+            return q
+        step = np.diff(q, axis=0, prepend=stretch.q[None])
+        wraps = (np.abs(np.abs(step) - 2 * np.pi) < TURN) & self.round
+        if not wraps.any() and not stretch.turns.any():
+            return q
+        turns = stretch.turns + np.cumsum(-np.sign(step) * wraps, axis=0)
+        for k in np.flatnonzero(wraps.any(axis=1)):
+            self.turn_rows.append(int(rows[k]))
+            self.turns.append(self._turned + turns[k])
+        stretch.turns = turns[-1]
+        return np.asarray(q + 2 * np.pi * turns)
+
+    def _measure(self, t: Array, q: Array, tau: Array, steps: Array) -> Range:
+        x, y = np.ascontiguousarray(q.T), np.ascontiguousarray(tau.T)  # long rows are several times faster to reduce
+        lag = min(max(1, round(SMOOTH / self.clock.period)), len(t) - 1)
+        velocity = (x[:, lag:] - x[:, :-lag]) / (t[lag:] - t[:-lag]) if lag else x[:, :0]
+        ends = (float(steps.min()), float(steps.max())) if len(steps) else (np.inf, 0.0)
+        squares = (np.einsum("ij,ij->i", y, y), np.einsum("ij,ij->i", velocity, velocity))
+        return Range(x.min(1), x.max(1), y.min(1), y.max(1), *squares, velocity.shape[1], len(t), *ends)
+
+    def _is_uniform(self, t: Array, steps: Array) -> bool:
+        """Whether time is a straight line but for its rounding, from each row to the next and over longer windows."""
+        mean, rounding = self.clock.mean, self.clock.rounding
+        windows = [(1, steps), *((m, t[m:] - t[:-m]) for m in WINDOWS)]
+        return all(bool(np.all(np.abs(x - m * mean) <= UNEVEN * m * mean + rounding)) for m, x in windows)

@@ -1,0 +1,151 @@
+"""Session and model -> what the gross checks look at: a few thousand rows, all signals filtered alike."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from ..effects.base import BodyLaw, TorqueLaw
+from ..model import Model
+from ..regression.filters import Decimator
+from ..regression.motion import Motion, build_motion, margin
+from ..regression.rows import Task
+from ..regression.session import Part, Session, longest_piece
+from ..types import Array, Frozen, Indices, Law, Mask, Robot
+from .correction import Correction
+from .curve import Curve
+
+SAMPLES = 2**16  # that are looked at, of all recordings together
+FINE = 4  # times as dense as the rows of identification: lags are told between them
+ROWS = 1500  # of all recordings, at most
+BLOCKS = 8  # parts of all recordings, at least: what is claimed must hold in most of them
+LAG = 0.25  # [s] longest that is looked for
+
+
+class Signals(NamedTuple):
+    """K rows of n joints."""
+
+    v: Array  # (K, n) [rad/s or m/s]
+    a: Array  # (K, n) [rad/s2 or m/s2]
+    direction: Array  # (K, n) [1] of motion
+    predicted: Array  # (K, n) [N.m or N] by the model without its friction
+    torque: Array  # (K, n) [N.m or N] as recorded
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence(Frozen):
+    """K rows of n joints, and the recorded torque at the moments around them."""
+
+    model: Model  # its bodies and the laws that a row alone tells, without friction
+    signed: Mask  # (n,) whether torque is recorded, with its sign
+    rotors: Mask  # (n,) whether the model knows of a rotor at the joint
+    q: Array  # (K, n) [rad or m]
+    plain: Signals  # as recorded
+    torques: tuple[tuple[Array, Array], ...]  # of each recording, moments (M,) [s] and torque (M, n) [N.m or N]
+    moments: tuple[Array, ...]  # of each recording, (K_r,) of its rows [s]
+    block: Indices  # (K,) which part of the recordings a row belongs to
+
+    @property
+    def robot(self) -> Robot:
+        """With the joints that were recorded."""
+        return self.model.robot
+
+    def corrected(self, correction: Correction) -> Signals:
+        """What the signals would be."""
+        plain, torque = self.plain, self.late(correction.lag)[:, list(correction.tau_from)] * correction.tau_sign
+        if correction.moves_nothing:
+            return plain._replace(torque=torque)
+        q, v, a = self.moved(correction)
+        direction = plain.direction[:, list(correction.q_from)] * np.sign(correction.q_scale)
+        return Signals(v, a, direction, self.model.inverse(self.along(correction)), torque)
+
+    def along(self, correction: Correction) -> Motion:
+        """The motion, rows for samples."""
+        return Motion(self.robot, np.concatenate(self.moments), *self.moved(correction))
+
+    def moved(self, correction: Correction) -> tuple[Array, Array, Array]:
+        """What positions, velocities and accelerations would be, (K, n) each [rad or m, per s, per s2]."""
+        q, v, a = (x[:, list(correction.q_from)] * correction.q_scale for x in (self.q, self.plain.v, self.plain.a))
+        return q, v, a
+
+    def late(self, lag: Array) -> Array:
+        """(K, n) [N.m or N] torque, had it not been recorded late.
+
+        Args:
+            lag: (n,) [s] of each column of torque.
+        """
+        if not lag.any():
+            return self.plain.torque
+        late = np.empty_like(self.plain.torque)
+        for d in np.unique(lag):
+            pieces = [curve.at(t + d) for curve, t in zip(self._curves, self.moments, strict=True)]
+            late[:, lag == d] = np.concatenate(pieces)[:, lag == d]
+        return late
+
+    @cached_property
+    def _curves(self) -> list[Curve]:
+        return [Curve(t, torque) for t, torque in self.torques]
+
+
+def gather(model: Model, session: Session, parts: Sequence[Part]) -> Evidence | None:
+    """The evidence of some recordings; None where all are too short.
+
+    Args:
+        model: of the session's joints.
+        session: gives the band.
+        parts: recordings; of each the longest stretch counts.
+    """
+    task, most = session.task, SAMPLES // max(1, len(parts))
+    frictionless = replace(model, laws=tuple(law for law in model.laws if not law.effect.dissipative))
+    thin = Decimator(task.band.taps, max(1, task.band.factor // FINE))
+    pieces = [piece for part in parts if (piece := _piece(frictionless, task, part, thin, most)) is not None]
+    edge = round(LAG * task.band.rate / thin.factor)
+    pieces = [piece for piece in pieces if len(piece.t) > 2 * edge + BLOCKS]
+    if not pieces:
+        return None
+    every = max(FINE, -(-sum(len(piece.t) for piece in pieces) // ROWS))
+    rows = [_Piece(*(x[edge : len(x) - edge : every] for x in piece)) for piece in pieces]
+    sizes, each = [len(piece.t) for piece in rows], -(-BLOCKS // len(rows))
+    q, *signals = (np.concatenate(x) for x in list(zip(*rows, strict=True))[1:])
+    rotors = model.bodies().armature @ np.abs(task.robot.drive)
+    recorded = [recording.signed & np.array([bool(c) for c in recording.columns["tau"]]) for recording, _ in parts]
+    return Evidence(
+        replace(frictionless, laws=tuple(law for law in frictionless.laws if _is_plain(law))),
+        np.asarray(np.all(recorded, axis=0)),
+        np.asarray(rotors > 0),
+        q,
+        Signals(*signals),
+        tuple((piece.t, piece.torque) for piece in pieces),
+        tuple(piece.t for piece in rows),
+        np.concatenate([k * each + np.arange(size) * each // size for k, size in enumerate(sizes)]),
+    )
+
+
+class _Piece(NamedTuple):
+    t: Array
+    q: Array
+    v: Array
+    a: Array
+    direction: Array
+    predicted: Array
+    torque: Array
+
+
+def _is_plain(law: Law) -> bool:
+    return isinstance(law.effect, BodyLaw | TorqueLaw) and not getattr(law.effect, "memory", False)
+
+
+def _piece(model: Model, task: Task, part: Part, thin: Decimator, most: int) -> _Piece | None:
+    samples = longest_piece(part, most)
+    if len(samples.t) <= 2 * (margin(task.band, task.recorded_derivatives) + thin.half) + thin.factor:
+        return None
+    motion = build_motion(task.robot, samples, task.band, part[1].period, task.recorded_derivatives, task.slow)
+    assert motion.recorded is not None, "recordings have torque by construction"
+    torque = np.where(np.isnan(motion.recorded).any(axis=0), 0.0, motion.recorded)
+    signals = (motion.q, motion.v, motion.a, motion.direction, model.inverse(motion), torque)
+    filtered = np.split(thin(np.concatenate(signals, axis=1)), len(signals), axis=1)
+    return _Piece(thin.at(motion.t), *filtered)

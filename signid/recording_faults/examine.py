@@ -1,0 +1,174 @@
+"""Model and session -> gross faults of the recordings, before anything is fitted to them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ..errors import OptionError
+from ..estimation.excitation import ExcitationVerdict, judge_excitation
+from ..estimation.least_squares import estimate
+from ..model import Model
+from ..regression.session import Part, Session
+from ..types import Array, Mask
+from .absolute import judge_absolute
+from .channels import judge_channels
+from .correction import Correction
+from .evidence import Evidence, Signals, gather
+from .fits import Columns, unexplained
+from .gains import Gains, judge_gains
+from .lag import Lags, judge_lags
+from .limits import judge_amount, judge_limits
+from .messages import (
+    KINDS,
+    tell_absolute,
+    tell_amount,
+    tell_beyond,
+    tell_claims,
+    tell_excitation,
+    tell_factors,
+    tell_fault,
+    tell_lags,
+    tell_unexplained,
+    tell_unsigned_units,
+)
+from .result import Finding, Gross
+from .search import Claim, search, telling
+
+UNTOLD, STRONG = 0.6, 0.05  # share of a joint's torque that stays unexplained, where it is so much of the largest
+MOVES = 0.05  # of the fastest joint's rms velocity
+CLEAR = 0.2  # of the variance by which the right sign or order does better than a wrong one
+SIGNS, ORDERS = ("torque sign", "position sign", "axis"), ("torque order", "position order", "joint order")
+REASONS = (*KINDS, "absolute torque", "units", "gain", "unexplained torque")  # for torque beyond limits and much noise
+UNSIGNED = (0.1, 100.0)  # of the model's rms torque: sizes between may be friction
+
+
+class _Seen(NamedTuple):
+    """What the evidence of signed torque says."""
+
+    told: Mask
+    claims: list[Claim]
+    done: Correction
+    left: Array
+    lags: Lags
+    gains: Gains
+
+
+def examine(
+    model: Model, session: Session, excitation: ExcitationVerdict | None = None, signed: Mask | None = None
+) -> Gross:
+    """What is grossly wrong with recordings of a robot, judged by a simulation of it.
+
+    Order, signs, units of angle and lags are claimed where a correction lets a passive joint with the model's bodies
+    (any friction, rotor and offset, none of them negative) explain the torque far better, in nearly all parts of the
+    recordings. Torques without a sign are judged by their sizes alone.
+
+    Args:
+        model: of the session's joints.
+        session: the recordings, as `prepare` gives them.
+        excitation: of the same recordings, if it was judged already.
+        signed: (n,) joints whose torque was recorded with its sign, where the session's may have recovered ones.
+
+    Raises:
+        OptionError: the model is of other joints.
+    """
+    robot = session.robot
+    if model.robot.joints != robot.joints:
+        told = f"the simulation moves {', '.join(model.robot.joints)}, the recordings {', '.join(robot.joints)}"
+        raise OptionError(f"{told}; give a simulation of the joints that were recorded")
+    parts = list({id(recording): (recording, s) for recording, s in (*session.held_out, *session.train)}.values())
+    evidence = gather(model, session, parts)
+    if evidence is not None and signed is not None:
+        evidence = replace(evidence, signed=evidence.signed & signed)
+    absolute = list[Finding]()
+    if evidence is not None and (lost := judge_absolute(evidence, parts)).any():
+        absolute = [tell_absolute([robot.joints[j] for j in np.flatnonzero(lost)])]
+        evidence = replace(evidence, signed=evidence.signed & ~lost)
+    seen = None if evidence is None else _see(evidence)
+    causes = [*absolute, *_causes(session, parts, evidence, seen)]
+    findings = [*causes, *_effects(session, parts, evidence, excitation, causes)]
+    return _gross(robot.joints, evidence, seen, findings)
+
+
+def _see(evidence: Evidence) -> _Seen:
+    told = telling(evidence.plain, evidence.signed)
+    claims = search(evidence, told)
+    done = claims[-1].correction if claims else Correction.none(len(told))
+    left, told = unexplained(evidence.corrected(done)), told[list(done.tau_from)]
+    return _Seen(told, claims, done, left, judge_lags(evidence, done, told), judge_gains(evidence, done))
+
+
+def _causes(session: Session, parts: Sequence[Part], evidence: Evidence | None, seen: _Seen | None) -> list[Finding]:
+    amount = judge_amount(session, parts)
+    found = [] if amount.enough else [tell_amount(amount, len(session.robot.joints))]
+    if evidence is not None and seen is not None:
+        found += _told_of_torque(evidence, seen)
+    return [*found, *(tell_fault(fault, session.robot) for fault in judge_channels(parts))]
+
+
+def _effects(
+    session: Session,
+    parts: Sequence[Part],
+    evidence: Evidence | None,
+    excitation: ExcitationVerdict | None,
+    causes: Sequence[Finding],
+) -> Iterator[Finding]:
+    """What lies beyond limits or was not excited, where no graver fault is its reason."""
+    reasons = {joint for f in causes if f.kind in REASONS for joint in f.joints or session.robot.joints}
+    for beyond in judge_limits(evidence, parts, session):
+        if session.robot.joints[beyond.joint] not in reasons:
+            yield tell_beyond(beyond, session.robot)
+    if evidence is not None and not reasons:
+        yield from tell_excitation(_excitation(session) if excitation is None else excitation)
+
+
+def _told_of_torque(evidence: Evidence, seen: _Seen) -> Iterator[Finding]:
+    robot, joints, x = evidence.robot, evidence.robot.joints, evidence.corrected(seen.done)
+    yield from tell_claims(seen.claims, joints, len(np.unique(evidence.block)))
+    yield from tell_lags(seen.lags, seen.done, joints)
+    yield from tell_factors(seen.gains, robot)
+    speed = np.sqrt(np.mean(x.v**2, axis=0))
+    deviation = np.where(evidence.signed, np.std(x.torque, axis=0), 0.0)
+    lost = seen.told & (seen.left >= UNTOLD) & (speed >= MOVES * speed.max()) & (deviation >= STRONG * deviation.max())
+    yield from (tell_unexplained(joints[j], 1 - float(seen.left[j])) for j in np.flatnonzero(lost))
+    size, expected = (np.sqrt(np.mean(signal**2, axis=0)) for signal in (x.torque, x.predicted))
+    silent = ~evidence.signed & (size > 0) & (expected > 0) & (expected >= UNSIGNED[0] * expected.max(initial=0.0))
+    if silent.any():
+        ratio = size[silent] / expected[silent]
+        if ratio.max() < UNSIGNED[0] or ratio.min() > UNSIGNED[1]:
+            yield tell_unsigned_units(float(np.median(ratio)))
+
+
+def _excitation(session: Session) -> ExcitationVerdict:
+    factors = session.reduce(session.train)
+    return judge_excitation(session.task, factors, estimate(factors, session.task.base))
+
+
+def _gross(
+    joints: tuple[str, ...], evidence: Evidence | None, seen: _Seen | None, findings: Sequence[Finding]
+) -> Gross:
+    nothing, unknown = np.full(len(joints), np.nan), ("cannot tell",) * len(joints)
+    if evidence is None or seen is None:
+        return Gross(joints, nothing, nothing, nothing, unknown, unknown, tuple(findings))
+    signs, order = _verdicts(evidence.corrected(seen.done), seen)
+    late = seen.done.lag[list(seen.done.tau_from)] + seen.lags.own
+    explained = np.where(evidence.signed, 1 - seen.left, np.nan)
+    return Gross(joints, explained, seen.gains.factor, late, signs, order, tuple(findings))
+
+
+def _verdicts(x: Signals, seen: _Seen) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """On signs and on order, by how much worse any other would do."""
+    n, columns = len(seen.told), [Columns(x, j) for j in range(len(seen.told))]
+    wrong = [{j for c in seen.claims if c.kind in kinds for j in c.joints} for kinds in (SIGNS, ORDERS)]
+    signs: list[str] = []
+    order: list[str] = []
+    for j in range(n):
+        other = columns[j].fit(-x.torque[:, j]).unexplained
+        rest = [c.fit(s * x.torque[:, j]).unexplained for k, c in enumerate(columns) if k != j for s in (1, -1)]
+        for verdicts, faulty, rival in ((signs, wrong[0], other), (order, wrong[1], min(rest, default=1.0))):
+            right = seen.told[j] and (n == 1 and verdicts is order or rival - seen.left[j] >= CLEAR)
+            verdicts.append("wrong" if j in faulty else "right" if right else "cannot tell")
+    return tuple(signs), tuple(order)

@@ -1,0 +1,1 @@
+"""Recordings and a robot -> rows: filter, motion, regressor, base parameters, additive factors."""

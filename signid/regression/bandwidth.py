@@ -1,0 +1,184 @@
+"""How fast the motion may be differentiated: cut-offs from the encoder's own noise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import ceil, comb
+from typing import NamedTuple
+
+import numpy as np
+
+from ..types import Array, Frozen, Mask, Samples
+from .filters import Decimator, lowpass
+
+HALF_POWER = 1.06  # half-amplitude frequency of the low-pass over its half-power frequency
+NOISE_SHARE = 1e-3  # of the acceleration's power below the cut-off
+WIDEST = 6  # samples per period of the cut-off, at least
+CONTENT = 0.95  # of the acceleration's power is below a frequency ...
+BEYOND = 3.0  # ... of which the cut-off need not be more than so many times
+ALIKE, ROUGHLY, MANY = 0.01, 0.04, 2000.0  # most that cut-offs differ; the same above a rate; that rate [Hz]
+FAST, ROOM = 250.0, 3.0  # [Hz] that is enough, and samples a period of the fastest motion that passes, at least
+ORDER = 6  # of the differences that tell an encoder's noise
+ENOUGH = 5.0  # [Hz] to which the cut-off may always go if noise allows
+
+
+@dataclass(frozen=True, eq=False)
+class Band(Frozen):
+    """The frequencies that identification uses.
+
+    Positions are low-passed at `position_cutoff`; regressor columns and torque at `cutoff`, then every `factor`-th
+    row is kept, which is twice the cut-off: no hole below the new Nyquist frequency.
+    """
+
+    rate: float  # [Hz] of the recordings on their uniform grid
+    factor: int
+    filtered: bool  # False: columns and torque as they are, every row
+    per_joint: Array  # (n,) [Hz] highest cut-off that each joint's encoder noise allows
+    velocity_noise: Array  # (n,) [rad/s or m/s] of the differentiated positions
+    torque_floor: Array  # (n,) [N.m or N] white noise of the torque that passes the filter
+    beyond: float = 3.0  # times the cut-off to which positions pass
+
+    @property
+    def cutoff(self) -> float:
+        """Half-power frequency of columns and torque [Hz]."""
+        return self.rate / (2 * self.factor) if self.filtered else self.rate / 2
+
+    @cached_property
+    def taps(self) -> Array:
+        """Of the low-pass before thinning, (k,) [1]: at half power, not half amplitude, at the new Nyquist frequency.
+
+        So the spectrum that folds over fills what the filter takes away, and white noise stays white.
+        """
+        return lowpass(self.rate, HALF_POWER * self.cutoff) if self.filtered else np.ones(1)
+
+    def decimator(self, parts: int = 1) -> Decimator:
+        """The low-pass and thinning of every `parts`-th sample: rows are the same, whatever the part."""
+        taps = self.taps[len(self.taps) // 2 % parts :: parts]
+        return Decimator(taps / taps.sum() if parts > 1 else taps, self.factor // parts)
+
+    @cached_property
+    def parts(self) -> int:
+        """How many samples of a recording make one that columns are made of: positions do not move in less time."""
+        return max(parts for parts in range(1, self._spare + 1) if self.factor % parts == 0)
+
+    @property
+    def _spare(self) -> int:
+        """How many times slower a recording could be without losing what passes the band."""
+        if not self.filtered:
+            return 1
+        return max(1, min(round(self.rate / FAST), int(self.rate / (ROOM * self.position_cutoff))))
+
+    @property
+    def position_cutoff(self) -> float:
+        """Half-amplitude frequency of positions [Hz]."""
+        return self.beyond * self.cutoff
+
+    @cached_property
+    def position_taps(self) -> Array:
+        """Of the low-pass on positions, (k,) [1]."""
+        return lowpass(self.rate, self.position_cutoff) if self.filtered else np.ones(1)
+
+    def divided(self) -> Band:
+        """The same cut-off to 1 % (4 % above 2 kHz), such that columns can be made of sparse samples."""
+        alike = ROUGHLY if self.rate > MANY else ALIKE
+        factors = (parts * round(self.factor / parts) for parts in range(self._spare, 0, -1))
+        factor = next(factor for factor in factors if abs(factor - self.factor) <= alike * self.factor)
+        return replace(self, factor=factor, torque_floor=self.torque_floor * np.sqrt(self.factor / factor))
+
+
+def choose_band(pieces: Sequence[Samples], rate: float, cutoff: float | None = None) -> Band:
+    """The band for recordings of one rate: as wide as the motion needs, if encoder noise allows it on every joint.
+
+    A cut-off f is allowed while the noise power of the acceleration below f is at most 1e-3 of its signal power. It
+    need not exceed three times the frequency below which 95 % of the acceleration's power lies.
+
+    Args:
+        pieces: stretches of uniform samples, q (N, n) [rad or m], tau (N, n) [N.m or N].
+        rate: sampling rate [Hz].
+        cutoff: asked for by the user [Hz]; infinite: no filter at all; None: from the noise.
+    """
+    longest = max(len(piece.t) for piece in pieces)
+    spectrum = _acceleration([piece.q for piece in pieces if 2 * len(piece.t) >= longest], rate)
+    allowed, noise = spectrum.allowed, spectrum.level
+    widest = min(float(np.min(allowed)), rate / WIDEST)
+    needed = max(ENOUGH, BEYOND * spectrum.content(widest))
+    level = np.nanmedian([_white_level(piece.tau, rate) for piece in pieces], axis=0)
+    if cutoff is not None and np.isinf(cutoff):
+        return Band(rate, 1, False, allowed, _speed_noise(noise, rate / 2), np.sqrt(level * rate / 2))
+    factor = max(1, ceil(rate / (2 * (min(widest, needed) if cutoff is None else cutoff)) - 1e-9))
+    speed = _speed_noise(noise, min(3 * rate / (2 * factor), rate / 2))
+    return Band(rate, factor, True, allowed, speed, np.sqrt(level * rate / (2 * factor))).divided()
+
+
+def encoder_noise(q: Array) -> Array:
+    """(n,) standard deviation of the white noise of positions [rad or m], from differences that motion hardly has.
+
+    Args:
+        q: (N, n) [rad or m] uniform samples.
+    """
+    return np.asarray(np.sqrt(np.mean(np.diff(q, ORDER, axis=0) ** 2, axis=0) / comb(2 * ORDER, ORDER)))
+
+
+class _Acceleration(NamedTuple):
+    """Spectrum of the twice differentiated positions of n joints."""
+
+    frequency: Array  # (f,) [Hz]
+    power: Array  # (f, n) [rad2/s4/Hz]
+    level: Array  # (n,) [rad2/Hz] one-sided, of the encoder noise
+    allowed: Array  # (n,) [Hz] at which the differentiated noise reaches its share; inf where a joint rests
+    moves: Mask  # (n,)
+
+    def content(self, widest: float) -> float:
+        """Frequency below which nearly all power up to `widest` lies, on the fastest joint [Hz]."""
+        inside = np.cumsum(self.power * (self.frequency <= widest)[:, None], axis=0)[:, self.moves]
+        reached = inside > CONTENT * inside[-1]
+        return float(np.max(self.frequency[np.argmax(reached, axis=0)], initial=0.0))
+
+
+def _spectrum(x: Array, rate: float, length: int) -> Array:
+    """Power per frequency (f, c) of a signal (N, c): the mean over Hann windows that overlap by half.
+
+    Source: Welch, IEEE Transactions on Audio and Electroacoustics 15(2), 1967.
+    """
+    window = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(length) / length)
+    starts = range(0, len(x) - length + 1, length - length // 2)
+    parts = (x[k : k + length] for k in starts)
+    power = sum(np.abs(np.fft.rfft((part - part.mean(axis=0)) * window[:, None], axis=0)) ** 2 for part in parts)
+    power = np.asarray(power) / (len(starts) * rate * (window @ window))
+    power[1 : -1 if length % 2 == 0 else None] *= 2
+    return power
+
+
+def _acceleration(pieces: Sequence[Array], rate: float) -> _Acceleration:
+    """The mean spectrum of pieces (N, n) [rad or m], each counted by its length."""
+    shortest, sizes = min(map(len, pieces)), np.array([len(q) for q in pieces])
+    length = max(min(shortest // 3, int(8 * rate)), 16)
+    spectra = np.array([_spectrum(np.diff(q, 2, axis=0) * rate**2, rate, length) for q in pieces])
+    f: Array = np.asarray(np.fft.rfftfreq(length, 1 / rate))
+    power = np.tensordot(sizes / sizes.sum(), spectra, axes=1)
+    gain = (2 * rate * np.sin(np.pi * f / rate))[:, None] ** 4
+    high = f > 0.3 * rate
+    level = np.median(power[high] / gain[high], axis=0)
+    noise = np.cumsum(level * gain, axis=0)
+    signal = np.maximum(np.cumsum(power, axis=0) - noise, 1e-30)
+    fits = noise <= NOISE_SHARE * signal
+    last = np.maximum(len(f) - 1 - np.argmax(fits[::-1], axis=0), 1)
+    moves = np.max([np.ptp(q, axis=0) for q in pieces], axis=0) > 0
+    allowed = np.where(moves, f[last], np.inf)
+    return _Acceleration(f, power, level, allowed, moves)
+
+
+def _speed_noise(level: Array, fastest: float) -> Array:
+    """(n,) standard deviation of the velocity from white position noise differentiated up to a frequency."""
+    return np.asarray(np.sqrt(level * (2 * np.pi) ** 2 * fastest**3 / 3))
+
+
+def _white_level(tau: Array, rate: float) -> Array:
+    """(n,) [N2.m2/Hz] one-sided power of white torque noise; 0 where it is not recorded.
+
+    From third differences, which smooth torque hardly has, and their median size, which jumps do not change.
+    """
+    size = np.median(np.abs(np.diff(np.nan_to_num(tau), 3, axis=0)), axis=0) / 0.6745
+    return np.asarray(size**2 / 20 / (rate / 2))

@@ -1,0 +1,151 @@
+"""Covariance of base parameters, which model.json carries from identification to diagnosis."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..arrays import Array, Frozen
+from ..parameters import INERTIAL, BaseMap
+
+DIGITS = 6  # least number of significant digits of a variance in a file
+SPARE_DIGITS = 2  # significant digits of the smallest eigenvalue after rounding
+TERM_DIGITS = 10  # significant digits of a coefficient of a base parameter
+INDEFINITE = 1e-3  # most negative eigenvalue of the correlation matrix, per row, that counts as rounding
+_BODY = re.compile(rf"(?:{'|'.join(INERTIAL)})_(\d+)")
+
+
+@dataclass(frozen=True, eq=False)
+class Covariance(Frozen):
+    """Base parameters = combination @ standard parameters, and the covariance of their errors.
+
+    The p standard parameters are ten for each of the nb bodies in Pinocchio's order, then the coefficients of laws in
+    the order in which base parameters name them. The variance of an unidentifiable base parameter is infinite.
+    """
+
+    labels: tuple[str, ...]  # p names: "Izz_2", "coulomb_friction_1"
+    expressions: tuple[str, ...]  # b formulas, "Izz_2 + 0.09 m_3"
+    combination: Array  # (b, p) [unit of base over unit of standard]
+    values: Array  # (b,) [units of base] as identified; a model that was edited later states others
+    matrix: Array  # (b, b) [units of base]
+
+    @property
+    def std(self) -> Array:
+        """(b,) standard deviations [units of base]."""
+        return np.sqrt(np.diag(self.matrix))
+
+    def document(self) -> dict[str, Any]:
+        """JSON object of model.json, with enough digits to stay positive definite; null stands for infinity."""
+        lower = self.matrix[np.tril_indices(len(self.matrix))]
+        digits = _digits(self.matrix)
+        terms = [
+            {self.labels[k]: _rounded(row[k], TERM_DIGITS) for k in map(int, np.flatnonzero(row))}
+            for row in self.combination
+        ]
+        return {
+            "names": list(self.expressions),
+            "values": self.values.tolist(),
+            "terms": terms,
+            "lower_triangle": [_rounded(x, digits) if np.isfinite(x) else None for x in lower],
+        }
+
+
+def base_covariance(base: BaseMap, values: Array, matrix: Array) -> Covariance:
+    """Covariance of base parameters with the names of their standard parameters.
+
+    Args:
+        base: the base parameters.
+        values: (b,) of the base parameters that a model states [units of base].
+        matrix: (b, b) of their errors [units of base].
+    """
+    names = [label.name for label in base.labels]
+    bodies = [k for k, label in enumerate(base.labels) if label.body is not None]
+    order = [*bodies, *_by_appearance(base.combination, set(bodies))]
+    return Covariance(tuple(names[k] for k in order), base.expressions, base.combination[:, order], values, matrix)
+
+
+def read_covariance(content: Mapping[str, Any], bodies: int) -> Covariance:
+    """Covariance in the content of a model.json.
+
+    Args:
+        content: as `Covariance.document` gives it.
+        bodies: number of bodies of the robot.
+
+    Raises:
+        ValueError: the content is malformed; the message says where.
+    """
+    try:
+        expressions = tuple(map(str, content["names"]))
+        values = np.array([float(x) for x in content["values"]])
+        terms = [{str(name): float(x) for name, x in entry.items()} for entry in content["terms"]]
+        lower = np.array([np.inf if x is None else float(x) for x in content["lower_triangle"]])
+    except KeyError as error:
+        raise ValueError(f"it lacks {error.args[0]!r}") from None
+    except (AttributeError, TypeError, ValueError):
+        raise ValueError("names, values, terms or lower_triangle are no lists of names, numbers and objects") from None
+    b = len(expressions)
+    if (len(values), len(terms), len(lower)) != (b, b, b * (b + 1) // 2):
+        raise ValueError(
+            f"{b} names need {b} values, {b} terms and {b * (b + 1) // 2} numbers in lower_triangle; "
+            f"it has {len(values)}, {len(terms)} and {len(lower)}"
+        )
+    labels = _labels(terms, bodies)
+    place = {name: k for k, name in enumerate(labels)}
+    combination = np.zeros((b, len(labels)))
+    for row, entry in zip(combination, terms, strict=True):
+        row[[place[name] for name in entry]] = list(entry.values())
+    if not (np.all(np.isfinite(values)) and np.all(np.isfinite(combination))):
+        raise ValueError("a value or a coefficient of a term is no finite number")
+    return Covariance(labels, expressions, combination, values, _matrix(lower, b))
+
+
+def _by_appearance(combination: Array, bodies: set[int]) -> list[int]:
+    """Columns of laws in order of appearance."""
+    return list(dict.fromkeys(int(k) for row in combination for k in np.flatnonzero(row) if int(k) not in bodies))
+
+
+def _labels(terms: Sequence[Mapping[str, float]], bodies: int) -> tuple[str, ...]:
+    own = [f"{name}_{body + 1}" for body in range(bodies) for name in INERTIAL]
+    laws = [name for name in dict.fromkeys(name for entry in terms for name in entry) if not _BODY.fullmatch(name)]
+    known = {*own, *laws}
+    if beyond := [name for entry in terms for name in entry if name not in known]:
+        raise ValueError(f"its terms name {beyond[0]}, and the robot has {bodies} bodies")
+    return (*own, *laws)
+
+
+def _matrix(lower: Array, b: int) -> Array:
+    """Symmetric matrix of its lower triangle; eigenvalues that rounding made negative are raised."""
+    matrix = np.zeros((b, b))
+    matrix[np.tril_indices(b)] = lower
+    matrix += np.tril(matrix, -1).T
+    known = np.flatnonzero(np.isfinite(np.diag(matrix)))
+    part = np.ix_(known, known)
+    size = np.sqrt(np.maximum(np.diag(matrix)[known], 0))
+    if np.isnan(lower).any() or not np.all(np.isfinite(matrix[part])) or (b and not np.all(size > 0)):
+        raise ValueError("lower_triangle has a variance that is not positive, or a covariance that is no number")
+    if not len(known):
+        return matrix
+    values, vectors = np.linalg.eigh(matrix[part] / np.outer(size, size))
+    if values[0] < -INDEFINITE * len(known):
+        raise ValueError("lower_triangle is not that of a covariance: a combination would have a negative variance")
+    if values[0] <= 0:
+        least = 10.0 ** -(DIGITS + SPARE_DIGITS) * values[-1]
+        matrix[part] = (vectors * np.maximum(values, least)) @ vectors.T * np.outer(size, size)
+    return matrix
+
+
+def _digits(matrix: Array) -> int:
+    known = np.isfinite(np.diag(matrix))
+    size = np.sqrt(np.diag(matrix)[known])
+    if not len(size) or not np.all(size > 0):
+        return DIGITS
+    smallest = float(np.linalg.eigvalsh(matrix[np.ix_(known, known)] / np.outer(size, size))[0])
+    return int(np.clip(np.ceil(-np.log10(max(smallest, 1e-300))) + SPARE_DIGITS, DIGITS, 15))
+
+
+def _rounded(x: float, digits: int) -> float:
+    return float(f"{x:.{digits}g}")

@@ -1,0 +1,197 @@
+"""Rows -> factors: all that estimation needs of a recording, of a size that does not grow with its length."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import reduce as fold
+from typing import NamedTuple
+
+import numpy as np
+
+from ..types import Array, Frozen, Indices
+from .row_sample import RowSample, sample_rows
+from .rows import Rows, Task
+
+LAGS = 6  # highest order of the autoregressive noise model
+Weigh = Callable[[int, Rows], Array]  # joint, rows -> weight of each row (M,)
+
+
+@dataclass(frozen=True, eq=False)
+class JointFactors(Frozen):
+    """What one joint's rows z = [instruments x y] leave: m columns x, torque y, masked rows are zero.
+
+    grams[d] = sum over k of z[k] z[k-d]'; `whole` is the sum over every row, masked or not, of [x y].
+    """
+
+    grams: Array  # (d, c, c) [products of the units of z], c = m + 1, or 2 m + 1 with instruments
+    counts: Array  # (d,) [1] pairs of valid rows at each lag
+    whole: Array  # (m + 1, m + 1) [products of the units of x, y]
+    total: float  # sum of y over every row
+    rows: int
+
+    def __add__(self, other: JointFactors) -> JointFactors:
+        return JointFactors(
+            self.grams + other.grams,
+            self.counts + other.counts,
+            self.whole + other.whole,
+            self.total + other.total,
+            self.rows + other.rows,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Factors(Frozen):
+    """Factors of every joint, and how large the motion was. They add over recordings, chunks and machines."""
+
+    joints: tuple[JointFactors, ...]
+    columns: tuple[Indices, ...]  # per joint (m,) base parameters that it sees
+    instruments: bool
+    lower: Array  # (n,) [rad or m]
+    upper: Array  # (n,) [rad or m]
+    velocity: Array  # (n, n) [rad2/s2] sum of v v'
+    acceleration: Array  # (n,) [rad2/s4] sum of a squared
+    rows: int
+    sample: RowSample | None = None  # of the rows; None for white noise and in older files
+
+    def __add__(self, other: Factors) -> Factors:
+        return Factors(
+            tuple(a + b for a, b in zip(self.joints, other.joints, strict=True)),
+            self.columns,
+            self.instruments,
+            np.minimum(self.lower, other.lower),
+            np.maximum(self.upper, other.upper),
+            self.velocity + other.velocity,
+            self.acceleration + other.acceleration,
+            self.rows + other.rows,
+            self.sample + other.sample if self.sample and other.sample else None,
+        )
+
+
+class Node(NamedTuple):
+    """A sum over 2**level windows of rows, the first of which has the number `start`."""
+
+    start: int
+    level: int
+    factors: Factors
+
+
+def reduce_rows(task: Task, rows: Iterable[Rows], lags: int = LAGS, weigh: Weigh | None = None) -> Factors:
+    """Factors of all rows, in one pass.
+
+    Args:
+        task: what the rows were made for.
+        rows: consecutive windows of one recording or of many.
+        lags: highest lag kept.
+        weigh: robust weight of each row, in [0, 1]; all rows count alike without it.
+    """
+    nodes = cascade(Node(k, 0, one) for k, one in enumerate(window_factors(task, rows, lags, weigh)))
+    return total(nodes) or _nothing(task, lags, _sizes(task))
+
+
+def window_factors(
+    task: Task, rows: Iterable[Rows], lags: int = LAGS, weigh: Weigh | None = None, past: int = 0
+) -> Iterator[Factors]:
+    """Factors of each window of rows.
+
+    Args:
+        task: what the rows were made for.
+        rows: consecutive windows of one recording or of many.
+        lags: highest lag kept.
+        weigh: robust weight of each row, in [0, 1]; all rows count alike without it.
+        past: so many windows at the beginning only serve as what lies behind the others.
+    """
+    sizes = _sizes(task)
+    empty = _nothing(task, lags, sizes)
+    tails = [np.zeros((0, c + 1)) for c in sizes]
+    for number, window in enumerate(rows):
+        if window.first:
+            tails = [np.zeros((0, c + 1)) for c in sizes]
+        parts = []
+        weights = [weigh(j, window) for j in range(len(sizes))] if weigh else None
+        for j in range(len(sizes)):
+            part, tails[j] = _reduce_joint(window, j, tails[j], lags, weights[j] if weights else None)
+            parts.append(part)
+        if number >= past:
+            yield Factors(
+                tuple(parts),
+                empty.columns,
+                task.instruments,
+                window.q.min(0),
+                window.q.max(0),
+                window.v.T @ window.v,
+                (window.a**2).sum(0),
+                len(window.t),
+                sample_rows(task, window, weights) if lags else None,
+            )
+
+
+def cascade(nodes: Iterable[Node]) -> list[Node]:
+    """Neighbours added in pairs, pairs in pairs and so on, as far as they go.
+
+    The order of all additions follows from the numbers of windows alone, so the sum is the same to the last bit
+    wherever its parts were made; rounding errors hardly grow with the number of windows.
+
+    Args:
+        nodes: ascending, without overlap.
+
+    Source: pairwise summation: Higham, Accuracy and Stability of Numerical Algorithms, 2002, section 4.2.
+    """
+    stack: list[Node] = []
+    for node in nodes:
+        while stack and stack[-1].level == node.level and node.start == stack[-1].start + 2**node.level:
+            if stack[-1].start % 2 ** (node.level + 1):
+                break
+            left = stack.pop()
+            node = Node(left.start, node.level + 1, left.factors + node.factors)
+        stack.append(node)
+    return stack
+
+
+def total(nodes: Sequence[Node]) -> Factors | None:
+    """The sum of what a cascade leaves, the smallest first; None of nothing."""
+    return fold(lambda right, left: left.factors + right, nodes[-2::-1], nodes[-1].factors) if nodes else None
+
+
+def _reduce_joint(window: Rows, j: int, tail: Array, lags: int, weight: Array | None) -> tuple[JointFactors, Array]:
+    """The joint's factors, and the last rows for the lags of the next window."""
+    known, old, m = bool(window.recorded[j]), len(tail), window.columns[j].shape[1]
+    keep = window.steady[:, j] & known
+    parts = [window.columns[j], window.torque[:, j, None]]
+    parts = parts if window.instruments is None else [window.instruments[j], *parts]
+    z = np.empty((old + len(keep), tail.shape[1]))
+    c = z.shape[1] - 1
+    z[:old], z[old:, c] = tail, keep
+    rows = np.concatenate(parts, axis=1, out=z[old:, :c])
+    plain = rows[:, c - m - 1 :]
+    total, masked = float(plain[:, m].sum()), plain[~keep]
+    whole = None if weight is None else plain.T @ plain
+    rows[~keep] = 0
+    if weight is not None:
+        rows *= np.sqrt(weight)[:, None]
+    grams, counts = np.zeros((lags + 1, c, c)), np.zeros(lags + 1)
+    for d in range(lags + 1):
+        start = max(old, d)
+        now, before = z[start:], z[start - d : max(len(z), start) - d]
+        grams[d] = now[:, :c].T @ before[:, :c]
+        counts[d] = now[:, c] @ before[:, c]
+    whole = grams[0, c - m - 1 :, c - m - 1 :] + masked.T @ masked if whole is None else whole
+    share = float(known)  # nothing where torque is not recorded
+    return JointFactors(grams, counts, share * whole, share * total, known * len(keep)), z[max(0, len(z) - lags) :]
+
+
+def _sizes(task: Task) -> list[int]:
+    """How many columns the factors of each joint have."""
+    sides = 2 if task.instruments else 1
+    return [sides * len(task.seen(j)) + 1 for j in range(len(task.reverses))]
+
+
+def _nothing(task: Task, lags: int, size: list[int]) -> Factors:
+    n = len(size)
+    empty = tuple(
+        JointFactors(np.zeros((lags + 1, c, c)), np.zeros(lags + 1), np.zeros((len(task.seen(j)) + 1,) * 2), 0.0, 0)
+        for j, c in enumerate(size)
+    )
+    seen = tuple(task.seen(j) for j in range(n))
+    zeros = np.zeros(n)
+    return Factors(empty, seen, task.instruments, zeros + np.inf, zeros - np.inf, np.zeros((n, n)), zeros, 0)

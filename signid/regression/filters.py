@@ -1,0 +1,151 @@
+"""Symmetric FIR filters: zero phase, finite memory, the same result whichever pieces a recording is read in."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..types import Array
+
+Value = TypeVar("Value", bound=np.generic)
+FIRST = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0.0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
+SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])
+HALF = 4  # samples that a difference needs on either side
+SEGMENT = 64  # samples at least that go through a low-pass at once, unless the filter is shorter
+
+
+def lowpass(rate: float, cutoff: float, attenuation: float = 60.0) -> Array:
+    """Taps of a symmetric Kaiser low-pass, flat up to 0.75 cutoff, stopped from 1.25 cutoff on.
+
+    Args:
+        rate: sampling rate [Hz].
+        cutoff: frequency of half amplitude [Hz]; at 0.4 rate or above there is nothing to stop.
+        attenuation: of the stop band [dB], at least 50.
+
+    Returns:
+        An odd number of taps (k,) [1] that sum to 1.
+
+    Source: Kaiser, Nonrecursive digital filter design using the I0-sinh window function, IEEE ISCAS 1974. Written out,
+    as importing scipy.signal takes longer than most identifications.
+    """
+    if cutoff >= 0.4 * rate:
+        return np.ones(1)
+    count = int(np.ceil((attenuation - 7.95) / (2.285 * np.pi * cutoff / rate) + 1)) | 1
+    taps = np.sinc(2 * cutoff / rate * (np.arange(count) - count // 2)) * np.kaiser(count, 0.1102 * (attenuation - 8.7))
+    return np.asarray(taps / taps.sum())
+
+
+def smooth(signal: Array, taps: Array, whole: bool = False) -> Array:
+    """The filtered signal where the taps overlap it fully: (N - k + 1, c).
+
+    Args:
+        signal: (N, c) [any unit].
+        taps: (k,) [1], symmetric.
+        whole: all of it, (N, c), as if it went on as it begins and ends.
+    """
+    if whole:
+        signal = np.pad(signal, ((len(taps) // 2,) * 2, (0, 0)), mode="edge")
+    return signal if len(taps) == 1 else _correlated(signal, taps)
+
+
+def differentiate(signal: Array, period: float) -> tuple[Array, Array]:
+    """First and second derivative by nine-point central differences: (N - 8, c) each.
+
+    Args:
+        signal: (N, c) [any unit].
+        period: sampling period [s].
+
+    Source: Fornberg, Mathematics of Computation 51, 1988, table 1 (eighth order).
+    """
+    return _correlated(signal, FIRST / period), _correlated(signal, SECOND / period**2)
+
+
+def least(signal: Array, half: int) -> Array:
+    """(N, c) the least value within so many samples on either side, as far as there are any.
+
+    Args:
+        signal: (N, c) [any unit].
+        half: samples on either side.
+    """
+    found, width = np.pad(signal, ((half, half), (0, 0)), mode="edge"), 1
+    while 2 * width <= 2 * half + 1:
+        found, width = np.minimum(found[:-width], found[width:]), 2 * width
+    rest = 2 * half + 1 - width
+    return np.asarray(np.minimum(found[: len(found) - rest], found[rest:]))
+
+
+class Decimator:
+    """A symmetric low-pass evaluated at every `factor`-th sample only, many columns at once.
+
+    Each segment of samples, of a fixed length, is one product with a matrix of fixed shape: its part of all outputs
+    that its samples reach. So a row's value does not depend on which rows are asked for beside it, as long as these
+    begin at a multiple of `block` rows.
+    """
+
+    def __init__(self, taps: Array, factor: int) -> None:
+        """The matrix of a segment.
+
+        Args:
+            taps: (k,) [1], symmetric, odd count.
+            factor: one output every so many samples.
+        """
+        self.taps, self.factor, self.half = taps, factor, len(taps) // 2
+        self._reach = -(-len(taps) // factor)  # segments of one output's samples
+        self.block = min(-(-SEGMENT // factor), self._reach if len(taps) > 1 else SEGMENT)
+        self.segment = self.block * factor  # samples
+        self._matrix = np.zeros((self.block + self._reach - 1, self.segment))
+        for row in range(len(self._matrix)):  # output row - reach + 1 from the segment's first
+            start = (row - self._reach + 1) * factor  # sample that its taps begin at
+            low, high = max(start, 0), min(start + len(taps), self.segment)
+            self._matrix[row, low:high] = taps[low - start : high - start]
+
+    def at(self, samples: NDArray[Value]) -> NDArray[Value]:
+        """The samples on which outputs are centred, as they are, (M, ...).
+
+        Args:
+            samples: (N, ...) [any unit].
+        """
+        return samples[self.half : len(samples) - self.half : self.factor]
+
+    def __call__(self, columns: Array) -> Array:
+        """Outputs (M, c): the first centred on sample `half`, then every `factor`-th while the taps fit.
+
+        Args:
+            columns: (N, c) [any unit].
+        """
+        starts = range(0, len(columns), self.segment)
+        return self.gather((columns[k : k + self.segment] for k in starts), *columns.shape)
+
+    def gather(self, segments: Iterable[Array], samples: int, width: int) -> Array:
+        """Outputs (M, c) of columns that come piece by piece.
+
+        Args:
+            segments: (segment, c) each [any unit]; the last may be shorter. They are not needed afterwards.
+            samples: N, all together.
+            width: c.
+        """
+        out = np.zeros((max(0, (samples - len(self.taps)) // self.factor + 1), width))
+        for k, piece in enumerate(segments):
+            start = k * self.block
+            if len(self.taps) == 1:
+                out[start : start + self.block] = piece[:: self.factor]
+                continue
+            if len(piece) < self.segment:
+                piece = np.concatenate([piece, np.zeros((self.segment - len(piece), width))])
+            low, high = max(start - self._reach + 1, 0), min(start + self.block, len(out))
+            if low < high:
+                first = low - start + self._reach - 1
+                out[low:high] += (self._matrix @ piece)[first : first + high - low]
+        return out
+
+
+def _correlated(signal: Array, taps: Array) -> Array:
+    """(N - k + 1, c) sums of products; each value is made in the same way wherever it stands."""
+    out = np.empty((signal.shape[1], max(0, len(signal) - len(taps) + 1)))
+    for row, column in zip(out, np.ascontiguousarray(signal.T), strict=True):
+        if len(row):
+            row[:] = np.correlate(column, taps, "valid")
+    return np.ascontiguousarray(out.T)

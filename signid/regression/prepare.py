@@ -1,0 +1,248 @@
+"""Robot and recordings -> session: checked, split, with one band and one base map for all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..effects import EFFECTS
+from ..effects.base import ActuatorLaw, RecordingLaw
+from ..errors import OptionError
+from ..recording import need_constants, same_joints
+from ..recording.sampling import Sampling, samples, split, survey
+from ..robot import hold, resting
+from ..types import Array, Input, Law, Recording, Robot
+from .bandwidth import Band, choose_band
+from .base_parameters import build_base
+from .filters import Decimator
+from .motion import build_motion, margin
+from .rows import Task, choose_reach, consumed
+from .session import PIECE, Options, Part, Session, common_rate, longest_piece
+
+TRAINING_SHARE = 0.7  # of a single recording
+LEARNED, HELD_OUT, REFERENCE = "learned from", "held out", "of the robot when all was well"
+SHARED = f"learned from, but for the last {1 - TRAINING_SHARE:.0%}, which is held out"
+REVERSAL, REVERSAL_SHARE = 0.01, 0.02  # [rad/s] and share of the rms velocity: width of a geared joint's reversal
+AGREE = 2e-3  # recorded derivatives are taken where they differ by less from those of the positions
+ENOUGH = 16  # filtered rows of a recording of which nothing can be held out
+ITSELF = (
+    "the recording is too short to hold anything out: what it was learned from judges the model, so that held-out "
+    "errors are too small; record for longer, or give another recording to judge by"
+)
+TAPS = 9.0  # periods of the cut-off that both filters together are long
+
+Parts = tuple[Part, ...]
+
+
+def prepare(
+    robot: Robot,
+    recordings: Sequence[Recording],
+    held_out: Sequence[Recording] = (),
+    options: Options | None = None,
+    *,
+    scaled: bool = True,
+) -> Session:
+    """A session: joints, laws, base map, band and the split into training and held-out recordings.
+
+    Without held-out recordings the last of several is held out, or the last 30 % of the only one; nothing of one that
+    is too short for that, which then judges itself.
+
+    Args:
+        robot: as `load_robot` gives it.
+        recordings: to learn from.
+        held_out: to judge by.
+        options: effects, cut-off and the like.
+        scaled: False: currents whose torque constant is not known may stand where torques should.
+
+    Raises:
+        RecordingError: a recording cannot be used, or recordings do not fit together.
+        OptionError: an effect or an option is unknown.
+    """
+    options = options or Options()
+    if not recordings:
+        raise OptionError("no recording was given; at least one is needed")
+    everything = [*recordings, *held_out]
+    if scaled:
+        need_constants(everything)
+    moving = hold(robot, resting(robot, but=same_joints(everything)))
+    surveys = {recording: survey(recording, moving) for recording in dict.fromkeys(everything)}
+    parts = list(surveys.items())
+    learned = [(r, surveys[r]) for r in dict.fromkeys(recordings)]
+    band = _band(learned, options)
+    train, test = _split(tuple((r, surveys[r]) for r in recordings), tuple((r, surveys[r]) for r in held_out), band)
+    measured = [all(r.columns["tau"][j] for r in everything) for j in range(len(moving.joints))]
+    laws = tuple(Law(EFFECTS[name], (j,)) for name in options.effects for j in np.flatnonzero(measured).tolist())
+    _only_linear(laws)
+    recorded = _use_recorded(moving, parts, band, options)
+    desired = options.instruments and not recorded and all(_wholly(r, "q_des") for r in everything)
+    complete = desired and all(_complete(part, "q_des") for part in parts)
+    slow = _slow(moving, list(surveys.values()), band)
+    task = Task(
+        moving,
+        laws,
+        build_base(moving, laws, options.seed, measured),
+        band,
+        slow,
+        _reach(moving, learned, band, slow),
+        recorded,
+        complete,
+    )
+    notes = [
+        f"{recording.path or 'recording'}: {note}" for recording, s in parts for note in (*recording.notes, *s.notes)
+    ]
+    notes += [ITSELF] * (train is test)
+    if recorded:
+        notes.append("velocities and accelerations are taken as recorded: they agree with the positions")
+    if desired and not complete:
+        notes.append("desired positions have gaps where the measured ones have none: they do not serve as instruments")
+    return Session(task, train, test, (*robot.notes, *dict.fromkeys(notes)))
+
+
+def recordings_used(
+    recordings: Sequence[Recording], held_out: Sequence[Recording], reference: Sequence[Recording] = ()
+) -> tuple[Input, ...]:
+    """Recordings with the part that each plays, as `prepare` splits them.
+
+    Args:
+        recordings: to learn from.
+        held_out: to judge by.
+        reference: of the robot when all was well.
+    """
+    given = [*recordings]
+    parts = [(LEARNED, given[:-1]), (HELD_OUT, given[-1:])] if len(given) > 1 else [(SHARED, given)]
+    parts = [(LEARNED, given), (HELD_OUT, [*held_out])] if held_out else parts
+    told = {(r.path, r.sha256): role for role, some in [*parts, (REFERENCE, [*reference])] for r in some}
+    return tuple(Input(path, digest, f"recording, {role}") for (path, digest), role in told.items())
+
+
+def only_once(recordings: Sequence[Recording]) -> None:
+    """Find out whether each recording was given once.
+
+    Raises:
+        OptionError: one was given twice, perhaps under two names.
+    """
+    seen: dict[str, str] = {}
+    for recording in recordings:
+        if recording.sha256 in seen:
+            again = (
+                f"{recording.path or 'one recording'} holds the same samples as {seen[recording.sha256] or 'another'}"
+            )
+            raise OptionError(f"{again}; give each recording once, to learn from or to judge by")
+        seen[recording.sha256] = recording.path
+
+
+def _split(train: Parts, test: Parts, band: Band) -> tuple[Parts, Parts]:
+    """What is learned from and what is held out; the same where an only recording is too short for both."""
+    if not test and len(train) > 1:
+        return train[:-1], train[-1:]
+    if not test:
+        recording, sampling = train[0]
+        first, last = split(sampling, TRAINING_SHARE)
+        if _rows([(recording, last)], band) == 0 and _rows(train, band) >= ENOUGH:
+            return train, train
+        return ((recording, first),), ((recording, last),)
+    return train, test
+
+
+def _rows(parts: Sequence[Part], band: Band) -> int:
+    """About how many filtered rows some recordings give."""
+    lengths = (sampling.length(span) - consumed(band) - 1 for _, sampling in parts for span in sampling.spans)
+    return sum(max(0, length) // band.factor for length in lengths)
+
+
+def _band(parts: Sequence[Part], options: Options) -> Band:
+    rate = common_rate(parts, "resample them to one rate")
+    if options.cutoff is not None and not options.cutoff > 0:
+        raise OptionError(f"the cut-off is {options.cutoff:g} Hz; a positive frequency is needed")
+    longest = max(sampling.length(span) * sampling.period for _, sampling in parts for span in sampling.spans)
+    if options.cutoff is not None and TAPS / options.cutoff > longest:
+        raise OptionError(
+            f"a cut-off of {options.cutoff:g} Hz needs {TAPS / options.cutoff:.3g} s without a gap, but the longest "
+            f"stretch lasts {longest:.3g} s; raise the cut-off"
+        )
+    return choose_band([longest_piece(part) for part in parts], rate, options.cutoff)
+
+
+def _slow(robot: Robot, surveys: Sequence[Sampling], band: Band) -> Array:
+    """(n,) [rad/s or m/s] width of a reversal: of the gear for revolute joints, of the encoder noise for all."""
+    speed = np.sqrt(np.mean([s.speed**2 for s in surveys], axis=0))
+    gear = np.where(robot.prismatic, 0.0, np.minimum(REVERSAL, REVERSAL_SHARE * speed))
+    return np.maximum(np.maximum(gear, band.velocity_noise), 1e-12)
+
+
+def _reach(robot: Robot, parts: Sequence[Part], band: Band, slow: Array) -> tuple[int, ...]:
+    pieces = [(longest_piece(part, PIECE // 4), part[1].period) for part in parts]
+    long = [(piece, period) for piece, period in pieces if len(piece.t) > 2 * margin(band) + 1]
+    return choose_reach([build_motion(robot, piece, band, period) for piece, period in long], band, slow)
+
+
+def _only_linear(laws: Sequence[Law]) -> None:
+    for law in laws:
+        effect, why = law.effect, ""
+        linear, shaped = effect.linear(), [key for key in effect.parameters if key not in effect.linear()]
+        if effect.scope != "joint":
+            why = "acts on more than one joint, where least squares does not place it; choose effects of single joints"
+        elif isinstance(effect, RecordingLaw | ActuatorLaw):
+            why = (
+                "changes what torque is recorded or applied, not what the motion takes; choose effects that take torque"
+            )
+        elif shaped:
+            why = (
+                f"has the shape parameters {', '.join(shaped)}, which least squares cannot fit; "
+                f"choose effects that are linear in all parameters"
+            )
+        elif effect.coefficients(effect.example) != [effect.example[key] for key in linear]:
+            why = (
+                f"is not linear in {', '.join(linear)}, which least squares cannot fit; "
+                f"choose effects that are linear in all parameters"
+            )
+        if why:
+            raise OptionError(f"effect {effect.name!r} {why}")
+
+
+def _wholly(recording: Recording, key: str) -> bool:
+    return all(recording.columns.get(key, ("",)))
+
+
+def _use_recorded(robot: Robot, parts: Sequence[Part], band: Band, options: Options) -> bool:
+    """Whether dq and ddq are taken as recorded: asked for, or they are plainly the derivatives of q."""
+    if options.derivatives not in ("auto", "computed", "recorded"):
+        raise OptionError(f"derivatives {options.derivatives!r} is none of auto, computed, recorded")
+    if options.derivatives == "computed":
+        return False
+    keys = ("dq", "ddq")
+    has = all(_wholly(part[0], key) and _complete(part, key) for part in parts for key in keys)
+    if options.derivatives == "recorded" and not has:
+        raise OptionError(
+            "derivatives 'recorded' was asked for; not every joint has dq_J and ddq_J columns without gaps"
+        )
+    if options.derivatives == "recorded":
+        return True
+    return has and all(_agree(robot, part, band) for part in parts)
+
+
+def _complete(part: Part, key: str) -> bool:
+    """Whether a signal is there wherever the recording is used."""
+    recording, sampling = part
+    if sampling.incomplete.isdisjoint(recording.columns[key]):
+        return True
+    for span in sampling.spans:
+        for start in range(0, sampling.length(span), PIECE):
+            piece = samples(recording, sampling, span, start, min(start + PIECE, sampling.length(span)))
+            if not np.all(np.isfinite(getattr(piece, key))):
+                return False
+    return True
+
+
+def _agree(robot: Robot, part: Part, band: Band) -> bool:
+    """Whether recorded derivatives and those of the positions are the same inside the band."""
+    piece, period = longest_piece(part), part[1].period
+    own, told = (build_motion(robot, piece, band, period, recorded_derivatives=yes) for yes in (False, True))
+    edge = (len(told) - len(own)) // 2
+    thin = Decimator(band.taps, band.factor)
+    for mine, theirs in ((own.v, told.v), (own.a, told.a)):
+        ours, given = thin(mine), thin(theirs[edge : len(theirs) - edge])
+        if not len(ours) or np.linalg.norm(ours - given) > AGREE * np.linalg.norm(ours):
+            return False
+    return True

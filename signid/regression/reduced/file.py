@@ -1,0 +1,238 @@
+"""The file of factors: a NumPy archive of arrays with a header that says what they are, hashed as a whole."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+from zipfile import ZipFile
+
+import numpy as np
+
+from ...effects import EFFECTS
+from ...errors import OptionError, RobotError, SignidError
+from ...recording.formats.npz import HEADER
+from ...robot import hold, resting
+from ...types import Array, BaseMap, Indices, Input, Law, Robot
+from ...version import __version__
+from ..bandwidth import Band
+from ..factors import Factors, JointFactors, Node, reduce_rows
+from ..regressor import labels
+from ..row_sample import RowSample
+from ..rows import Task
+from .reduce import WHOLE, Reduced
+
+SCHEMA = "signid.factors/1"
+LARGEST = 2**30  # bytes of all arrays
+BASE = ("combination", "sees", "singular_values", "independent")
+BAND = ("per_joint", "velocity_noise", "torque_floor")
+MOTION = ("lower", "upper", "velocity", "acceleration")
+JOINT = ("grams", "counts", "whole")
+SAMPLE = ("number", "q", "v", "torque", "slope", "kept", "columns")
+SUMS = ("train", "held_out")
+FLAGS = ("recorded_derivatives", "instruments")
+
+
+def encode_factors(reduced: Reduced) -> bytes:
+    """What a file of factors holds; the same factors give the same bytes.
+
+    Args:
+        reduced: as `reduce` gives it.
+    """
+    task, band, base = reduced.task, reduced.task.band, reduced.task.base
+    arrays: dict[str, Any] = {f"base_{name}": np.asarray(getattr(base, name)) for name in BASE}
+    arrays |= {f"band_{name}": np.asarray(getattr(band, name)) for name in BAND}
+    sums = {name: getattr(reduced, name) for name in SUMS}
+    arrays |= {
+        f"{name}_{k}_{key}": array
+        for name, nodes in sums.items()
+        for k, node in enumerate(nodes)
+        for key, array in _arrays(node.factors).items()
+    }
+    arrays["slow"] = task.slow
+    header = {
+        "schema": SCHEMA,
+        "version": __version__,
+        "robot": {"name": task.robot.name, "sha256": _digest(task.robot)},
+        "joints": list(task.robot.joints),
+        "laws": [[law.effect.name, list(law.joints)] for law in task.laws],
+        "base": {"expressions": list(base.expressions), "units": list(base.units), "condition": base.condition},
+        "band": {"rate": band.rate, "factor": band.factor, "filtered": band.filtered, "beyond": band.beyond},
+        "reach": list(task.reach),
+        **{name: getattr(task, name) for name in FLAGS},
+        "share": list(reduced.share),
+        "sums": {name: [[node.start, node.level] for node in nodes] for name, nodes in sums.items()},
+        "inputs": [file._asdict() for file in reduced.inputs],
+        "notes": list(reduced.notes),
+        "sha256": _hash(arrays),
+    }
+    text = np.frombuffer(json.dumps(header, ensure_ascii=False).encode(), np.uint8)
+    archive = io.BytesIO()
+    np.savez_compressed(archive, allow_pickle=False, **{HEADER: text}, **arrays)
+    return archive.getvalue()
+
+
+def load_factors(path: str | Path, robot: Robot) -> Reduced:
+    """The factors in a file.
+
+    Args:
+        path: as `signid reduce` writes it.
+        robot: that the recordings are of, with the joints held that were held then.
+
+    Raises:
+        RobotError: it is another robot, or other joints of it are held.
+        OptionError: the file cannot be read, is damaged, or of another version.
+    """
+    header, arrays = _read(Path(path))
+    try:
+        joints = header["joints"]
+        known = all(joint in robot.joints for joint in joints) and joints
+        moving = hold(robot, resting(robot, but=joints)) if known else robot
+        if not known or _digest(moving) != header["robot"]["sha256"]:
+            name = header["robot"]["name"]
+            raise RobotError(
+                f"{path} holds factors of {name}, which is not {robot.name} as it is given here; "
+                f"give the description, --joints, --lock and torque constants that they were made with"
+            )
+        task = _task(header, arrays, moving)
+        train, held_out = (
+            tuple(
+                Node(int(start), int(level), _factors(f"{name}_{k}", arrays, task))
+                for k, (start, level) in enumerate(header["sums"][name])
+            )
+            for name in SUMS
+        )
+        inputs = tuple(Input(*(str(file[key]) for key in Input._fields)) for file in header["inputs"])
+        share = (int(header["share"][0]), int(header["share"][1]))
+        found = Reduced(task, train, held_out, inputs, tuple(map(str, header["notes"])), share)
+        if share == WHOLE and not (len(train) == len(held_out) == 1 and train[0].factors.rows):
+            raise _damaged(path)
+        return found
+    except SignidError:
+        raise
+    except Exception as error:  # whatever is wrong with what the header holds
+        raise _damaged(path) from error
+
+
+def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Header and arrays of a file, if it is whole."""
+    try:
+        with ZipFile(path) as archive:
+            if sum(member.file_size for member in archive.infolist()) > LARGEST:
+                raise MemoryError
+        with np.load(path, allow_pickle=False) as archive:
+            arrays = {name: archive[name] for name in archive.files}
+        header = json.loads(arrays.pop(HEADER).tobytes())
+        schema, whole = header["schema"], header["sha256"] == _hash(arrays)
+    except SignidError:
+        raise
+    except MemoryError:
+        raise OptionError(f"{path} holds more than memory can; factors are far smaller, it cannot be used") from None
+    except Exception as error:  # the system's, numpy's, those of zip archives, and of what their headers hold
+        if isinstance(error, OSError) and error.strerror:
+            raise OptionError(f"cannot read factors from {path}: {error.strerror}") from None
+        raise _damaged(path) from error
+    if schema != SCHEMA:
+        raise OptionError(f"{path} holds {schema!r}; expected {SCHEMA!r}; reduce the recordings again")
+    if not whole:
+        raise _damaged(path)
+    return header, arrays
+
+
+def _damaged(path: str | Path) -> OptionError:
+    return OptionError(f"{path} is no file of factors as `signid reduce` writes it, or is damaged; reduce again")
+
+
+def _hash(arrays: Mapping[str, Any]) -> str:
+    digest = sha256()
+    for name in sorted(arrays):
+        array = np.ascontiguousarray(arrays[name])
+        digest.update(f"{name} {array.dtype.str} {array.shape}".encode() + array.tobytes())
+    return digest.hexdigest()
+
+
+def _digest(robot: Robot) -> str:
+    """Of all that rows take from a robot: the description, held joints and torque constants."""
+    digest = sha256(f"{robot.sha256} {robot.joints}".encode())
+    for array in (robot.rest, robot.drive, robot.actuators.torque_constant):
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
+
+
+def _arrays(factors: Factors) -> dict[str, Any]:
+    joints = {f"{j}_{key}": getattr(each, key) for j, each in enumerate(factors.joints) for key in JOINT}
+    totals = np.array([[each.total, each.rows] for each in factors.joints] + [[0.0, factors.rows]])
+    found: dict[str, Any] = {**joints, **{key: getattr(factors, key) for key in MOTION}, "totals": totals}
+    if factors.sample is not None:
+        sample = {key: getattr(factors.sample, key) for key in SAMPLE}
+        single = {key: x.astype(np.float32) if x.dtype.kind == "f" else x for key, x in sample.items()}
+        found |= {f"sample_{key}": x for key, x in single.items()}
+        found["sample_stride"] = np.array(factors.sample.stride)
+    return found
+
+
+def _factors(part: str, arrays: Mapping[str, Any], task: Task) -> Factors:
+    """Factors of the shapes that the task asks for."""
+    lags = len(arrays[f"{part}_0_grams"]) - 1
+    like, totals = reduce_rows(task, (), lags), arrays[f"{part}_totals"]
+    joints = []
+    for j, empty in enumerate(like.joints):
+        grams, counts, whole = (_same_shape(arrays[f"{part}_{j}_{key}"], getattr(empty, key)) for key in JOINT)
+        joints.append(JointFactors(grams, counts, whole, float(totals[j, 0]), int(totals[j, 1])))
+    motion: dict[str, Any] = {key: _same_shape(arrays[f"{part}_{key}"], getattr(like, key)) for key in MOTION}
+    return replace(
+        like, joints=tuple(joints), rows=int(totals[-1, 1]), sample=_sample(part, arrays, task, like.columns), **motion
+    )
+
+
+def _sample(part: str, arrays: Mapping[str, Array], task: Task, seen: Sequence[Indices]) -> RowSample | None:
+    """Sample of rows; None in files of earlier versions."""
+    if f"{part}_sample_stride" not in arrays:
+        return None
+    found: dict[str, Any] = {key: arrays[f"{part}_sample_{key}"] for key in SAMPLE}
+    wide, rows = (len(found["number"]), len(task.robot.joints)), found["columns"]
+    whole = all(found[key].shape == wide for key in SAMPLE[1:-1])
+    if not whole or rows.shape != (wide[0], sum(map(len, seen))) or found["number"].dtype.kind != "i":
+        raise ValueError("a sample of rows has another shape than its task")
+    found = {key: x.astype(np.float64) if x.dtype.kind == "f" else x for key, x in found.items()}
+    period = task.band.factor / task.band.rate
+    return RowSample(period=period, stride=int(arrays[f"{part}_sample_stride"]), **found)
+
+
+def _same_shape(array: Array, other: Array) -> Array:
+    if array.shape != other.shape or array.dtype != other.dtype:
+        raise ValueError("an array has another shape than its task")
+    return array
+
+
+def _task(header: Mapping[str, Any], arrays: Mapping[str, Any], robot: Robot) -> Task:
+    laws = tuple(Law(EFFECTS[name], tuple(joints)) for name, joints in header["laws"])
+    told = header["base"]
+    base = BaseMap(
+        labels(robot, laws),
+        expressions=tuple(map(str, told["expressions"])),
+        units=tuple(map(str, told["units"])),
+        condition=float(told["condition"]),
+        **{name: arrays[f"base_{name}"] for name in BASE},
+    )
+    told, n = header["band"], len(robot.joints)
+    band = Band(
+        float(told["rate"]),
+        int(told["factor"]),
+        bool(told["filtered"]),
+        beyond=float(told["beyond"]),
+        **{name: arrays[f"band_{name}"] for name in BAND},
+    )
+    reach = tuple(int(x) for x in header["reach"])
+    shapes = [base.combination.shape, base.sees.shape, arrays["slow"].shape, (len(reach),), band.per_joint.shape]
+    whole = (
+        base.independent.dtype.kind == "i" and base.sees.dtype == bool and 0 < band.rate < np.inf and band.factor > 0
+    )
+    names = len(base.expressions) == len(base.units) == base.rank
+    if shapes != [(base.rank, len(base.labels)), (n, base.rank), (n,), (n,), (n,)] or not (whole and names):
+        raise ValueError("what it holds does not fit together")
+    return Task(robot, laws, base, band, arrays["slow"], reach, *(header[name] is True for name in FLAGS))

@@ -1,0 +1,233 @@
+"""Recording -> base rows: regressor columns and torque, filtered alike, thinned, in windows of bounded memory."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from math import lcm
+from typing import NamedTuple
+
+import numpy as np
+
+from ..recording.sampling import Sampling, excerpt, samples
+from ..types import Array, BaseMap, Frozen, Indices, Law, Mask, Recording, Robot, Samples
+from .bandwidth import Band
+from .filters import Decimator, least
+from .motion import Motion, build_motion, margin
+from .regressor import base_rows
+
+WINDOW = 8192  # samples of the uniform grid at a time, at least
+STILL = 5.0  # widths of a reversal: a row is left out where the joint is slower nearby
+REACHES = (1.5, 1.0, 0.75)  # periods of the cut-off on either side of a row that must be free of reversals: the first
+KEPT = 0.7  # that leaves so many of the joint's rows, else the last
+
+
+@dataclass(frozen=True, eq=False)
+class Task(Frozen):
+    """What the samples are turned into: the same for every recording of one identification."""
+
+    robot: Robot
+    laws: tuple[Law, ...]
+    base: BaseMap
+    band: Band
+    slow: Array  # (n,) [rad/s or m/s] width of a reversal: slower, the direction of motion is not certain
+    reach: tuple[int, ...]  # (n,) samples on either side of a row that must be free of reversals
+    recorded_derivatives: bool = False
+    instruments: bool = False
+
+    @property
+    def reverses(self) -> tuple[bool, ...]:
+        """(n,) whether a law of the joint jumps with the direction of motion."""
+        at = {j for law in self.laws if law.effect.reverses for j in law.joints}
+        return tuple(j in at for j in range(len(self.robot.joints)))
+
+    def seen(self, joint: int) -> Indices:
+        """The base parameters (m,) that the torque of a joint depends on."""
+        return np.flatnonzero(self.base.sees[joint])
+
+    @property
+    def parts(self) -> int:
+        """How many samples make one that columns are made of; recorded derivatives are not as smooth as positions."""
+        return 1 if self.recorded_derivatives else self.band.parts
+
+    @property
+    def wanted(self) -> list[Indices]:
+        """Per joint, the standard parameters (m,) that stand for them, as `base_rows` wants them."""
+        return [self.base.independent[self.seen(j)] for j in range(len(self.robot.joints))]
+
+
+class Rows(NamedTuple):
+    """M consecutive filtered rows of one span."""
+
+    first: bool  # whether a span begins here
+    t: Array  # (M,) [s]
+    q: Array  # (M, n) [rad or m]
+    v: Array  # (M, n) [rad/s or m/s]
+    a: Array  # (M, n) [rad/s2 or m/s2]
+    columns: list[Array]  # per joint (M, m) [torque per unit of the base parameter]
+    torque: Array  # (M, n) [N.m or N], 0 where absent
+    slope: Array  # (M, n) [N.m/s or N/s] derivative of the torque
+    recorded: Mask  # (n,) whether the joint's torque is recorded at all
+    steady: Mask  # (M, n) no reversal of the joint nearby
+    instruments: list[Array] | None = None  # per joint (M, m) [as columns], the same columns along the desired motion
+
+
+def read_rows(task: Task, recording: Recording, sampling: Sampling) -> Iterator[Rows]:
+    """All rows of a recording, window by window; the same rows whatever the window.
+
+    Columns of the regressor pass the same symmetric FIR low-pass as the torque, and are kept at twice its cut-off.
+    Those of bodies are made of every so manieth sample of a fast recording: positions were low-passed before.
+
+    Source: parallel filtering: Gautier, IEEE ICRA 1997; Khalil, Dombre, Modeling, Identification and Control of
+    Robots, 2002, section 12.6.
+    """
+    grid = _grid(task)
+    for span in sampling.spans:
+        total = grid.rows(sampling.length(span))
+        for k in range(0, total, grid.step):
+            window = samples(recording, sampling, span, *grid.samples(k, min(total, k + grid.step)))
+            yield _window_rows(task, window, sampling.period, grid, k == 0)
+
+
+def torque_rates(task: Task, recording: Recording, sampling: Sampling) -> Iterator[Array]:
+    """(M, n) [N.m/s or N/s] rate of the recorded torque at the rows that `read_rows` gives, window by window.
+
+    Central differences of the samples pass the filter of the rows; 0 where no torque is recorded.
+    """
+    grid, edge = _grid(task), margin(task.band, task.recorded_derivatives)
+    for span in sampling.spans:
+        total = grid.rows(sampling.length(span))
+        for k in range(0, total, grid.step):
+            tau = samples(recording, sampling, span, *grid.samples(k, min(total, k + grid.step))).tau
+            rate = np.gradient(np.where(np.isnan(tau).all(axis=0), 0.0, tau), sampling.period, axis=0)
+            yield grid.thin(rate[edge : len(rate) - edge])
+
+
+def cut_rows(task: Task, sampling: Sampling, start: int, stop: int) -> Iterator[tuple[Sampling, int]]:
+    """Some of the windows that `read_rows` gives, to the last bit, span by span.
+
+    Args:
+        task: what the rows are made for.
+        sampling: of the whole recording.
+        start: first window, counted over all spans.
+        stop: window after the last.
+
+    Yields:
+        A sampling of one span, and how many windows it gives before the first that is wanted, for their last rows.
+    """
+    grid, before = _grid(task), 0
+    for span in sampling.spans:
+        total = grid.rows(sampling.length(span))
+        low, high = max(start - before, 0), min(stop - before, grid.windows(total))
+        if low < high:
+            past = min(low, 1)
+            ends = grid.samples((low - past) * grid.step, min(total, high * grid.step))
+            yield excerpt(sampling, span, *ends), past
+        before += grid.windows(total)
+
+
+def count_windows(task: Task, sampling: Sampling) -> int:
+    """How many windows `read_rows` gives."""
+    grid = _grid(task)
+    return sum(grid.windows(grid.rows(sampling.length(span))) for span in sampling.spans)
+
+
+class _Grid(NamedTuple):
+    """How samples become rows, and rows windows."""
+
+    thin: Decimator
+    sparse: Decimator  # the same for every `parts`-th sample
+    parts: int
+    reach: int  # samples beyond the outputs of a window
+    step: int  # rows of a window
+
+    def rows(self, length: int) -> int:
+        """Rows that so many samples give."""
+        return max(0, (length - self.reach - 1) // self.thin.factor + 1)
+
+    def windows(self, rows: int) -> int:
+        """Windows that so many rows are read in."""
+        return -(-rows // self.step)
+
+    def columns(self, task: Task, motion: Motion) -> list[Array]:
+        """Per joint (M, m); those of bodies are made of sparse samples, such that rows lie where they lie."""
+        edge = self.thin.half % self.parts
+        sparse = None if self.parts == 1 else (motion[edge : len(motion) - edge : self.parts], self.sparse)
+        return base_rows(motion, task.laws, task.wanted, self.thin, sparse)
+
+    def samples(self, start: int, stop: int) -> tuple[int, int]:
+        """The samples that rows start..stop need."""
+        return start * self.thin.factor, (stop - 1) * self.thin.factor + self.reach + 1
+
+
+def consumed(band: Band, recorded_derivatives: bool = False) -> int:
+    """Samples of a stretch that derivatives and low-pass take from its two ends together."""
+    return 2 * (margin(band, recorded_derivatives) + len(band.taps) // 2)
+
+
+def _grid(task: Task) -> _Grid:
+    thin, sparse = task.band.decimator(), task.band.decimator(task.parts)
+    reach = consumed(task.band, task.recorded_derivatives)
+    block = lcm(thin.block, sparse.block)
+    size = max(WINDOW, 8 * reach) // (block * thin.factor) + 1
+    return _Grid(thin, sparse, task.parts, reach, size * block)
+
+
+def _window_rows(task: Task, window: Samples, period: float, grid: _Grid, first: bool) -> Rows:
+    thin = grid.thin
+    motion = build_motion(task.robot, window, task.band, period, task.recorded_derivatives, task.slow)
+    assert motion.recorded is not None, "windows carry torque"
+    columns = grid.columns(task, motion)
+    known = np.asarray(~np.isnan(motion.recorded).all(0))
+    torque = np.where(known, motion.recorded, 0.0)
+    slope = np.gradient(torque, period, axis=0) if len(torque) > 1 else np.zeros_like(torque)
+    torque, slope, v, a = np.split(thin(np.concatenate([torque, slope, motion.v, motion.a], axis=1)), 4, axis=1)
+    return Rows(
+        first,
+        thin.at(motion.t),
+        thin.at(motion.q),
+        v,
+        a,
+        columns,
+        torque,
+        slope,
+        known,
+        thin.at(_steady(task, motion)),
+        _instruments(task, window, period, grid) if task.instruments else None,
+    )
+
+
+def choose_reach(motions: Sequence[Motion], band: Band, slow: Array) -> tuple[int, ...]:
+    """Per joint, how far from a row no reversal may be: far where few rows are lost by it [samples].
+
+    Args:
+        motions: stretches of the recordings.
+        band: gives the length of the filter.
+        slow: (n,) [rad/s or m/s] width of a reversal.
+    """
+    reaches = [min(int(np.ceil(share * band.rate / band.cutoff)), len(band.taps) // 2) for share in REACHES]
+    if not motions:
+        return (reaches[-1],) * len(slow)
+    kept = [np.concatenate([_moving(motion.v, reach, slow) for motion in motions]).mean(0) for reach in reaches]
+    enough = np.array(kept) >= KEPT  # (reaches, n)
+    return tuple(reaches[int(np.argmax(joint))] if joint.any() else reaches[-1] for joint in enough.T)
+
+
+def _steady(task: Task, motion: Motion) -> Mask:
+    far = np.array(task.reach)
+    moving = np.empty(motion.v.shape, bool)
+    for reach in np.unique(far):
+        moving[:, far == reach] = _moving(motion.v[:, far == reach], int(reach), task.slow[far == reach])
+    return np.asarray(moving | ~np.array(task.reverses))
+
+
+def _moving(v: Array, reach: int, slow: Array) -> Mask:
+    """Where the velocity stays clear of a reversal for so many samples on either side."""
+    return np.asarray(least(np.abs(v), reach) >= STILL * slow)
+
+
+def _instruments(task: Task, window: Samples, period: float, grid: _Grid) -> list[Array]:
+    assert window.q_des is not None, "instruments are asked for only where every joint has q_des"
+    desired = window._replace(q=window.q_des)
+    motion = build_motion(task.robot, desired, task.band, period, slow=task.slow)
+    return grid.columns(task, motion)

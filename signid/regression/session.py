@@ -1,0 +1,109 @@
+"""What one identification works on: its options, and its recordings ready to be reduced."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import chain
+
+import numpy as np
+
+from ..effects import EFFECT_NAMES
+from ..errors import RecordingError
+from ..recording.sampling import Sampling, samples
+from ..types import Frozen, Recording, Robot, Samples
+from .factors import LAGS, Factors, Weigh, reduce_rows
+from .rows import Rows, Task, read_rows
+
+Progress = Callable[[str, float], None]  # what is being done, share of it that is done
+Part = tuple[Recording, Sampling]
+
+PIECE = 2**17  # samples of a recording that the cut-off is chosen from
+SAME_RATE = 0.01  # by which sampling rates of recordings may differ
+
+
+@dataclass(frozen=True, eq=False)
+class Options(Frozen):
+    """How recordings are turned into rows. Every default is what the data themselves suggest."""
+
+    effects: tuple[str, ...] = EFFECT_NAMES
+    cutoff: float | None = None  # [Hz]; None: from the encoder noise; inf: no filter
+    derivatives: str = "auto"  # "auto", "computed" from q, "recorded" dq and ddq
+    instruments: bool = True  # use q_des where every joint has it
+    whiten: bool = True  # autoregressive noise; False: white noise per joint
+    robust: bool = False  # Huber weights against outliers
+    seed: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Session(Frozen):
+    """One robot's recordings, ready to be reduced."""
+
+    task: Task
+    train: tuple[Part, ...]
+    held_out: tuple[Part, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def robot(self) -> Robot:
+        """With the joints held that the recordings do not move."""
+        return self.task.robot
+
+    @property
+    def judges_itself(self) -> bool:
+        """Whether nothing is held out: what is learned from judges as well."""
+        return bool(self.train) and self.held_out is self.train
+
+    def reduce(
+        self,
+        parts: Sequence[Part],
+        weigh: Weigh | None = None,
+        progress: Progress | None = None,
+        purpose: str = "learning from",
+        lags: int = LAGS,
+    ) -> Factors:
+        """Factors of some of its recordings, in one pass.
+
+        Raises:
+            RecordingError: every stretch of the recordings is shorter than the filter.
+        """
+        rows = chain.from_iterable(_told(self.task, part, progress, purpose) for part in parts)
+        factors = reduce_rows(self.task, rows, lags=lags, weigh=weigh)
+        if factors.rows == 0:
+            band, these = self.task.band, "what is held out" if parts is self.held_out else "the recordings"
+            raise RecordingError(
+                f"no stretch of {these} is as long as the filter for {band.cutoff:.3g} Hz "
+                f"({len(band.taps) / band.rate:.2g} s); record for longer, or raise the cut-off"
+            )
+        return factors
+
+
+def longest_piece(part: Part, most: int = PIECE) -> Samples:
+    """The longest stretch of a recording, or its beginning where it is very long."""
+    recording, sampling = part
+    span = max(sampling.spans, key=sampling.length)
+    return samples(recording, sampling, span, 0, min(sampling.length(span), most))
+
+
+def common_rate(parts: Sequence[Part], advice: str) -> float:
+    """The sampling rate of all recordings [Hz].
+
+    Raises:
+        RecordingError: they differ; the sentence ends with the advice.
+    """
+    rates = np.array([1 / sampling.period for _, sampling in parts])
+    if np.ptp(rates) > SAME_RATE * rates.min():
+        listed = ", ".join(f"{rate:.6g} Hz" for rate in rates)
+        raise RecordingError(f"the recordings are sampled at different rates ({listed}); {advice}")
+    return float(rates[0])
+
+
+def _told(task: Task, part: Part, progress: Progress | None, purpose: str) -> Iterator[Rows]:
+    recording, sampling = part
+    total = max(1, sum(sampling.length(span) for span in sampling.spans) // task.band.factor)
+    done = 0
+    for rows in read_rows(task, recording, sampling):
+        yield rows
+        done += len(rows.t)
+        if progress is not None:
+            progress(f"{purpose} {recording.path or 'recording'}", min(1.0, done / total))

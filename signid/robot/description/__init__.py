@@ -1,0 +1,1 @@
+"""Descriptions of robots -> trees of bodies and joints: URDF, xacro, MJCF, Denavit-Hartenberg."""

@@ -1,0 +1,148 @@
+"""A URDF from a table of Denavit-Hartenberg parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import cos, inf, isfinite, pi, sin
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ...errors import RobotError
+from ...types import Array
+
+_DIGITS = 12  # decimals of what is computed; cos(pi/2) is 0
+
+
+@dataclass(frozen=True)
+class DHLink:
+    """A joint and the link that it moves, in standard Denavit-Hartenberg parameters.
+
+    The frame of the link sits at Rot_z(theta) Trans_z(d) Trans_x(a) Rot_x(alpha) in that of the link before; the
+    joint adds to theta or, where prismatic, to d. The link's mass, centre and inertia are given in its own frame.
+    """
+
+    alpha: float  # [rad]
+    a: float  # [m]
+    d: float  # [m]
+    theta: float = 0.0  # [rad]
+    prismatic: bool = False
+    mass: float = 0.0  # [kg]
+    centre: Sequence[float] = (0.0, 0.0, 0.0)  # (3,) [m] of mass
+    inertia: ArrayLike = (0.0, 0.0, 0.0)  # about the centre: (3,) principal, (6,) Ixx Ixy Iyy Ixz Iyz Izz, or (3, 3)
+    box: Sequence[float] | None = None  # (3,) [m] drawn around the centre
+    lower: float = -pi  # [rad or m]
+    upper: float = pi  # [rad or m]
+    velocity: float = 10.0  # [rad/s or m/s] limit
+    effort: float = 1000.0  # [N.m or N] limit
+
+
+def urdf_from_dh(name: str, links: Sequence[DHLink]) -> str:
+    """The URDF of a serial robot: joints `joint_1`..., links `base_link`, `link_1`..., and `tool` at the last frame.
+
+    A URDF joint turns about its own frame, so the frame of `link_i` is that of DH link i - 1, moved by the joint.
+
+    Args:
+        name: name of the robot.
+        links: rows of the table, from the base.
+
+    Raises:
+        RobotError: when there is no link, or a number is not finite or an array has another shape.
+
+    Source: Siciliano, Sciavicco, Villani, Oriolo, Robotics, 2009, section 2.8.2.
+    """
+    if not links:
+        raise RobotError("the table of Denavit-Hartenberg parameters has no row; give at least one link")
+    lines = ['<?xml version="1.0" encoding="utf-8"?>', f"<robot name={quoteattr(name)}>", '  <link name="base_link"/>']
+    origin, parent = _origin((0.0, 0.0, 0.0), 0.0, 0.0), "base_link"
+    for i, link in enumerate(links, 1):
+        _check(link, i)
+        lines += [*_joint(i, link, parent, origin), *_link(i, link)]
+        origin, parent = _origin(_translation(link), link.alpha, link.theta), f"link_{i}"
+    tool = ['  <joint name="tool_joint" type="fixed">', f"    {origin}", f'    <parent link="{parent}"/>']
+    lines += [*tool, '    <child link="tool"/>', "  </joint>", '  <link name="tool"/>', "</robot>", ""]
+    return "\n".join(lines)
+
+
+def _joint(i: int, link: DHLink, parent: str, origin: str) -> list[str]:
+    limits = {"lower": link.lower, "upper": link.upper, "velocity": link.velocity, "effort": link.effort}
+    stated = " ".join(f'{key}="{_text(value)}"' for key, value in limits.items() if isfinite(value))
+    return [
+        f'  <joint name="joint_{i}" type="{"prismatic" if link.prismatic else "revolute"}">',
+        f"    {origin}",
+        f'    <parent link="{parent}"/>',
+        f'    <child link="link_{i}"/>',
+        '    <axis xyz="0 0 1"/>',
+        f"    <limit {stated}/>",
+        "  </joint>",
+    ]
+
+
+def _link(i: int, link: DHLink) -> list[str]:
+    """The link, its inertial and its box; both keep the axes of the DH frame."""
+    rotation = _rotation(link)
+    centre = tuple(np.add(_translation(link), rotation @ np.asarray(link.centre, float)))
+    origin = _origin(centre, link.alpha, link.theta)
+    inertia = _inertia(link.inertia)
+    moments = zip(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), inertia[np.triu_indices(3)], strict=True)
+    six = " ".join(f'{key}="{_text(value)}"' for key, value in moments)
+    lines = [
+        f'  <link name="link_{i}">',
+        "    <inertial>",
+        f"      {origin}",
+        f'      <mass value="{_text(link.mass)}"/>',
+        f"      <inertia {six}/>",
+        "    </inertial>",
+    ]
+    if link.box is not None:
+        size = " ".join(map(_text, link.box))
+        shape = f'      <geometry><box size="{size}"/></geometry>'
+        lines += ["    <visual>", f"      {origin}", shape, "    </visual>"]
+    return [*lines, "  </link>"]
+
+
+def _rotation(link: DHLink) -> Array:
+    """(3, 3) Rot_z(theta) Rot_x(alpha) [1]."""
+    (ct, st), (ca, sa) = (cos(link.theta), sin(link.theta)), (cos(link.alpha), sin(link.alpha))
+    return np.array([[ct, -st * ca, st * sa], [st, ct * ca, -ct * sa], [0.0, sa, ca]])
+
+
+def _translation(link: DHLink) -> tuple[float, float, float]:
+    return link.a * cos(link.theta), link.a * sin(link.theta), link.d
+
+
+def _origin(xyz: Sequence[float], alpha: float, theta: float) -> str:
+    """Roll and yaw of a URDF are just alpha and theta."""
+    position = " ".join(_text(round(x, _DIGITS)) for x in xyz)
+    return f'<origin xyz="{position}" rpy="{_text(alpha)} 0 {_text(theta)}"/>'
+
+
+def _inertia(given: ArrayLike) -> Array:
+    """(3, 3) [kg.m2] from principal moments, six moments in Pinocchio's order, or the whole matrix."""
+    inertia = np.asarray(given, float)
+    if inertia.shape == (3,):
+        return np.diag(inertia)
+    if inertia.shape == (6,):
+        return inertia[[[0, 1, 3], [1, 2, 4], [3, 4, 5]]]
+    return inertia
+
+
+def _text(value: float) -> str:
+    """Shortest text that reads back as the same number."""
+    return repr(float(value) + 0.0).removesuffix(".0")
+
+
+def _check(link: DHLink, i: int) -> None:
+    numbers = [link.alpha, link.a, link.d, link.theta, link.mass]
+    shapes = [np.shape(link.centre) == (3,), link.box is None or np.shape(link.box) == (3,)]
+    inertia = np.asarray(link.inertia, float)
+    if not all(shapes) or inertia.shape not in ((3,), (6,), (3, 3)):
+        raise RobotError(f"row {i} of the table: centre and box take 3 numbers, inertia takes 3, 6 or 3 x 3")
+    if not np.isfinite([*numbers, *link.centre, *inertia.ravel(), *(link.box or ())]).all():
+        raise RobotError(f"row {i} of the table has a number that is not finite; give finite numbers")
+    if inertia.shape == (3, 3) and not np.allclose(inertia, inertia.T):
+        raise RobotError(f"row {i} of the table has an inertia that is not symmetric; give a symmetric 3 x 3 matrix")
+    if not -inf <= link.lower < link.upper <= inf:
+        raise RobotError(f"row {i} of the table has limits {link.lower} to {link.upper}; the lower one comes first")

@@ -1,0 +1,178 @@
+"""What Pinocchio tells of the rigid bodies along a motion, over the n joints that move by themselves.
+
+States are those of the model: configurations (N, nq) [rad, m or 1], rates (N, nv) [rad/s, rad/s2 or m/s, m/s2].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from ..types import Array, Mask, Robot
+
+
+class Sensitivity(NamedTuple):
+    """Derivatives of the rigid-body torque with respect to position, velocity and acceleration, (N, n, n) each."""
+
+    position: Array  # (N, n, n) [N.m/rad]
+    velocity: Array  # (N, n, n) [N.m.s/rad]
+    acceleration: Array  # (N, n, n) [kg.m2], the mass matrix
+
+
+def rigid_torque(robot: Robot, q: Array, v: Array, a: Array) -> Array:
+    """Torque (N, n) [N.m or N] of the description's inertials.
+
+    Args:
+        robot: the robot.
+        q: (N, nq) [rad, m or 1].
+        v: (N, nv) [rad/s or m/s].
+        a: (N, nv) [rad/s2 or m/s2].
+    """
+    model, data = robot.model, robot.model.createData()
+    rows = [pin.rnea(model, data, *state).copy() for state in zip(q, v, a, strict=True)]
+    return np.asarray(np.array(rows).reshape(len(q), model.nv) @ robot.drive)
+
+
+def effective_inertia(robot: Robot, q: Array) -> Array:
+    """Diagonal of the joint-space mass matrix, (N, n) [kg.m2 or kg].
+
+    Args:
+        robot: the robot.
+        q: (N, nq) [rad, m or 1].
+    """
+    mass = _masses(robot.model, robot.model.createData(), q)
+    return np.asarray(np.einsum("ij,tik,kj->tj", robot.drive, mass, robot.drive, optimize=True))
+
+
+def mass_matrices(model: Any, data: Any, q: Array, drive: Array) -> Array:
+    """Mass matrices (N, n, n) over the coordinates that drive a model, its rotors included [kg.m2 or kg].
+
+    Args:
+        model: a pin.Model.
+        data: its pin.Data.
+        q: (N, nq) [rad, m or 1].
+        drive: (nv, n) model velocity per coordinate's [1].
+    """
+    return np.asarray(drive.T @ _masses(model, data, q) @ drive)
+
+
+def _masses(model: Any, data: Any, q: Array) -> Array:
+    """(N, nv, nv) of all the model's coordinates [kg.m2 or kg]."""
+    rows = [np.reshape(pin.crba(model, data, row), -1).copy() for row in q]
+    return _symmetric(np.array(rows).reshape(-1, model.nv, model.nv))
+
+
+def sensitivity(robot: Robot, q: Array, v: Array, a: Array) -> Sensitivity:
+    """How the rigid-body torque changes with the motion.
+
+    Args:
+        robot: the robot.
+        q: (N, nq) [rad, m or 1].
+        v: (N, nv) [rad/s or m/s].
+        a: (N, nv) [rad/s2 or m/s2].
+
+    Source: Carpentier, Mansard, Analytical derivatives of rigid body dynamics algorithms, RSS 2018.
+    """
+    model, data, drive = robot.model, robot.model.createData(), robot.drive
+    out = np.empty((3, len(q), model.nv, model.nv))
+    for i, state in enumerate(zip(q, v, a, strict=True)):
+        out[:, i] = np.reshape(pin.computeRNEADerivatives(model, data, *state), out[:, i].shape)
+    out[2] = _symmetric(out[2])
+    by_joint = np.ascontiguousarray(np.moveaxis(drive.T @ out @ drive, 3, 1))  # laws ask for those of one joint
+    return Sensitivity(*np.moveaxis(by_joint, 1, 3))
+
+
+def body_regressor(robot: Robot, q: Array, v: Array, a: Array) -> Array:
+    """Regressor (N, n, nb, 10) of the bodies' inertial parameters, in Pinocchio's order.
+
+    Args:
+        robot: the robot.
+        q: (N, nq) [rad, m or 1].
+        v: (N, nv) [rad/s or m/s].
+        a: (N, nv) [rad/s2 or m/s2].
+    """
+    model, data = robot.model, robot.model.createData()
+    out = np.empty((len(q), model.nv, 10 * (model.njoints - 1)))
+    for i, state in enumerate(zip(q, v, a, strict=True)):
+        out[i] = np.reshape(pin.computeJointTorqueRegressor(model, data, *state), (model.nv, -1))
+    plain = np.array_equal(robot.drive, np.eye(model.nv))
+    return (out if plain else np.asarray(robot.drive.T @ out)).reshape(len(q), robot.drive.shape[1], -1, 10)
+
+
+def gravity_torque(robot: Robot, q: Array, gravity: Sequence[float] | Array) -> Array:
+    """Torque (N, n) [N.m or N] that holds the robot in a gravity field.
+
+    Args:
+        robot: the robot.
+        q: (N, nq) [rad, m or 1].
+        gravity: (3,) [m/s2].
+    """
+    model = robot.model.copy()
+    model.gravity.linear = np.asarray(gravity, float)
+    data = model.createData()
+    rows = [pin.computeGeneralizedGravity(model, data, state).copy() for state in q]
+    return np.asarray(np.array(rows).reshape(len(q), model.nv) @ robot.drive)
+
+
+def tip_jacobian(robot: Robot, q: Array) -> Array:
+    """Jacobian (N, 3, n) [m/rad or 1] of the last link's centre of mass, in the world's axes.
+
+    Args:
+        robot: the robot.
+        q: (N, nq) [rad, m or 1].
+    """
+    model, data, tip = robot.model, robot.model.createData(), carried(robot, len(robot.joints) - 1) + 1
+    rows = [point_jacobian(model, data, state, tip, model.inertias[tip].lever) for state in q]
+    return np.asarray(np.array(rows).reshape(len(q), 3, model.nv) @ robot.drive)
+
+
+def point_jacobian(model: Any, data: Any, q: Array, joint: int, point: Array) -> Array:
+    """Jacobian (3, nv) [m/rad or 1] of a point that a model's joint carries, in the world's axes.
+
+    Args:
+        model: a pin.Model.
+        data: its pin.Data.
+        q: (nq,) [rad, m or 1].
+        joint: its index in the model.
+        point: (3,) in the joint's frame [m].
+    """
+    pin.computeJointJacobians(model, data, q)
+    jacobian = np.reshape(pin.getJointJacobian(model, data, joint, pin.LOCAL_WORLD_ALIGNED), (6, model.nv))
+    arm = data.oMi[joint].rotation @ point
+    return np.asarray(jacobian[:3] - pin.skew(arm) @ jacobian[3:])
+
+
+def moved(robot: Robot) -> Mask:
+    """(n, nb) whether a joint moves a body; the torque of joints that move no body together does not depend on both."""
+    out = np.zeros((len(robot.joints), robot.model.njoints - 1), dtype=bool)
+    for body, ways in enumerate(list(robot.model.supports)[1:]):
+        for joint in (robot.model.joints[i] for i in list(ways)[1:]):
+            out[:, body] |= robot.drive[joint.idx_v : joint.idx_v + joint.nv].any(axis=0)
+    return out
+
+
+def carried(robot: Robot, joint: int) -> int:
+    """The body, from 0, that a joint itself moves (a joint that others mimic moves theirs as well)."""
+    return carrier(robot.model, own_row(robot, joint)) - 1
+
+
+def own_row(robot: Robot, joint: int) -> int:
+    """The row of the model that is a joint's own; those of joints that mimic it may stand before it."""
+    model, name, column = robot.model, robot.joints[joint], robot.drive[:, joint]
+    if model.existJointName(name):
+        return int(model.joints[model.getJointId(name)].idx_v)
+    return int(np.flatnonzero(column == 1)[0])  # one of several that Pinocchio puts together
+
+
+def carrier(model: Any, row: int) -> int:
+    """The joint of a pin.Model that has a row."""
+    return next(i for i, j in enumerate(list(model.joints)[1:], 1) if j.idx_v <= row < j.idx_v + j.nv)
+
+
+def _symmetric(mass: Array) -> Array:
+    """(..., nv, nv) of upper triangles."""
+    below = np.tri(mass.shape[-1], k=-1, dtype=bool)
+    return np.where(below, mass.swapaxes(-1, -2), mass)

@@ -1,0 +1,1 @@
+"""How sure signs are: confidence, inflation of the noise, flags."""

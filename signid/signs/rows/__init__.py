@@ -1,0 +1,1 @@
+"""Absolute torque -> segments of constant sign, and the rows that observe them."""

@@ -1,0 +1,1 @@
+"""Signs of segments -> signs of samples: jumps, hidden Markov chain, expected signs."""

@@ -1,0 +1,205 @@
+"""Signs of thinned samples -> a sign for every row of the file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...recording.sampling import Sampling
+from ...recording.sampling.stretch import Stretch
+from ...types import Array, Indices, Mask, Recording
+
+CHUNK = 65_536  # rows
+SMALL = 0.05  # of the joint's rms torque: where it falls lower beyond the samples, the sign may change
+NEAR = 0.01  # of a period: a row so little before an instant counts as at it
+MORE = 64  # rows beyond an interval, so that one of another time is among them
+AROUND = 3  # rows on either side of a minimum, at least, that tell whether it is a kink
+WIDEST = 10  # rows on either side of it, at most
+CLEAR = 0.5  # of what a parabola leaves of absolute torques: if it leaves less after a change of sign, there is one
+
+Marks = NDArray[np.int8]
+
+
+def spread(recording: Recording, sampling: Sampling, t: Array, first: Indices, signs: Marks) -> Marks:
+    """(rows, n) a sign for every row of a recording: -1, 1, and 0 in rows that no sample tells of.
+
+    Between two samples of different sign it changes where the torque recorded between them is smallest. Before the
+    first and after the last sample of a span the nearest sign goes on, but for minima near zero (under 5 % of the
+    joint's rms torque, or within a step between rows) where torque of changing sign is the smoother one. Torques that
+    have their sign get 1.
+
+    Args:
+        recording: of n joints; read piece by piece.
+        sampling: its spans, or some of them; rows beyond get 0.
+        t: (M,) [s] of the samples, on the grids of those spans that are long enough.
+        first: (k,) samples at which a span begins.
+        signs: (M, n) of the samples.
+    """
+    found = np.zeros((len(recording), len(recording.joints)), np.int8)
+    pieces = [slice(*ends) for ends in pairwise([*first.tolist(), len(t)])]
+    for stretch in sampling.stretches:
+        if pieces and _holds(stretch, sampling.period, t[pieces[0]]):
+            piece = pieces.pop(0)
+            _fill(found, _Span.of(recording, sampling, stretch, t[piece]), signs[piece])
+    assert not pieces, "every span of the samples lies in one of the recording, in the same order"
+    found[:, recording.signed] = 1
+    return found
+
+
+class _Rows(NamedTuple):
+    """K rows, one for each time, in either direction."""
+
+    number: Indices  # (K,)
+    t: Array  # (K,) [s]
+    size: Array  # (K, h) absolute torques of the joints without a sign [N.m or N]
+
+    def backwards(self) -> _Rows:
+        return _Rows(self.number[::-1], self.t[::-1], self.size[::-1])
+
+
+class _Span(NamedTuple):
+    """Rows begin..end of a recording, and those at or right after each of M samples."""
+
+    recording: Recording
+    dropped: Indices
+    hidden: list[int]  # h joints without a sign
+    small: Array  # (h,) [N.m or N]
+    begin: int
+    end: int
+    at: Indices  # (M,)
+    exact: bool  # whether the samples are rows
+
+    @classmethod
+    def of(cls, recording: Recording, sampling: Sampling, stretch: Stretch, t: Array) -> _Span:
+        low, high = _ends(stretch, sampling.period)
+        at = _at(recording, sampling, stretch, np.array([low, *t, high]))
+        begin = stretch.start if stretch.first == 0 else int(at[0])
+        end = stretch.stop if stretch.first + stretch.count == stretch.size else int(at[-1])
+        hidden = np.flatnonzero(~recording.signed).tolist()
+        small, at = SMALL * sampling.torque_rms[hidden], np.clip(at[1:-1], begin, end - 1)
+        return cls(recording, sampling.dropped, hidden, small, begin, end, at, sampling.uniform)
+
+    def read(self, start: int, stop: int) -> _Rows:
+        """Rows start..stop as far as they lie in the span, those left out that repeat a time."""
+        start, stop = max(start, self.begin), min(stop, self.end)
+        names = [*self.recording.columns["t"], *(self.recording.columns["tau"][j] for j in self.hidden)]
+        inside = slice(*np.searchsorted(self.dropped, [start, stop]))
+        repeated = self.dropped[inside] - start
+        values = np.delete(self.recording.table.read(names, start, stop), repeated, axis=0)
+        number = np.delete(np.arange(start, stop), repeated)
+        return _Rows(number, values[:, 0], np.abs(values[:, 1:] * self.recording.torque_per_unit[self.hidden]))
+
+
+def _ends(stretch: Stretch, period: float) -> tuple[float, float]:
+    """Half a period before and after the grid of a span [s]."""
+    first, last = stretch.first - 0.5, stretch.first + stretch.count - 0.5
+    return float(stretch.stamps[0] + first * period), float(stretch.stamps[0] + last * period)
+
+
+def _holds(stretch: Stretch, period: float, t: Array) -> bool:
+    low, high = _ends(stretch, period)
+    return bool(low < t[0] and t[-1] < high)
+
+
+def _at(recording: Recording, sampling: Sampling, stretch: Stretch, t: Array) -> Indices:
+    """The first row at or after each instant, by the grid where rows are the grid, else by their own stamps."""
+    if sampling.uniform:
+        kept = np.ceil((t - stretch.stamps[0]) / sampling.period - NEAR).astype(np.intp)
+        inside = slice(*np.searchsorted(sampling.dropped, [stretch.start, stretch.stop]))
+        place = sampling.dropped[inside] - stretch.start
+        place = place - np.arange(len(place))  # how many rows are kept before each dropped one
+        return np.asarray(stretch.start + kept + np.searchsorted(place, kept, side="right"))
+    rows = np.full(len(t), stretch.start, dtype=np.intp)
+    for start in range(stretch.start, stretch.stop, CHUNK):
+        stop = min(start + CHUNK, stretch.stop)
+        stamps = recording.table.read(recording.columns["t"], start, stop)[:, 0]
+        rows += np.searchsorted(stamps, t - NEAR * sampling.period)
+    return rows
+
+
+def _fill(found: Marks, span: _Span, signs: Marks) -> None:
+    """Write the signs of the rows of a span."""
+    own = signs[:, span.hidden]
+    changes = np.repeat(span.at[1:, None], len(span.hidden), axis=1)  # rows from which the next sample's sign holds
+    for rows, which in _windows(span, own):
+        for i in range(len(span.hidden)):
+            turning = which[own[which, i] != own[which + 1, i]]
+            if len(turning):
+                low, high = (_place(rows.number, span.at[turning + k]) for k in (0, 1))
+                changes[turning, i] = rows.number[_crossings(rows.t, rows.size[:, i], low, high, span.exact)]
+    for i, j in enumerate(span.hidden):
+        lengths = np.diff([span.begin, *changes[:, i], span.end])
+        found[span.begin : span.end, j] = np.repeat(own[:, i], lengths)
+    _edges(found, span, own)
+
+
+def _place(number: Indices, row: Indices) -> Indices:
+    return np.asarray(np.minimum(np.searchsorted(number, row), len(number) - 1))
+
+
+def _windows(span: _Span, signs: Marks) -> Iterator[tuple[_Rows, Indices]]:
+    """Rows around some intervals between samples, with more on either side, and which intervals those are."""
+    turning = np.flatnonzero((signs[1:] != signs[:-1]).any(axis=1))
+    for which in np.split(turning, np.flatnonzero(np.diff(span.at[turning] // CHUNK)) + 1):
+        if len(which):
+            yield span.read(int(span.at[which[0]]) - MORE, int(span.at[which[-1] + 1]) + MORE), which
+
+
+def _crossings(t: Array, size: Array, low: Indices, high: Indices, exact: bool) -> Indices:
+    """Where torque of the absolute values size (K,) changes its sign, between the rows low..high (k,) of each interval.
+
+    The smallest value has the sign that makes the smaller second difference with its neighbours of unlike signs.
+    """
+    lengths = high - low + 1
+    begin = np.cumsum(lengths) - lengths
+    rows = np.arange(lengths.sum()) + np.repeat(low - begin, lengths)
+    hits = np.flatnonzero(size[rows] == np.repeat(np.minimum.reduceat(size[rows], begin), lengths))
+    lowest = rows[hits[np.searchsorted(hits, begin)]]
+    return np.asarray(np.clip(lowest + _goes_on(t, size, lowest), low + exact, high))
+
+
+def _goes_on(t: Array, size: Array, lowest: Indices) -> Mask:
+    """Whether the smallest values have the sign of the row before rather than of the row after."""
+    before, after = np.maximum(lowest - 1, 0), np.minimum(lowest + 1, len(size) - 1)
+    return np.asarray(size[before] * np.abs(t[after] - t[lowest]) > size[after] * np.abs(t[lowest] - t[before]))
+
+
+def _edges(found: Marks, span: _Span, signs: Marks) -> None:
+    """Change signs before the first and after the last sample of a span, where that is not done between samples."""
+    step = min(max(AROUND, int(span.at[-1] - span.at[0]) // max(1, len(span.at) - 1)), WIDEST)
+    first, last = int(span.at[0]), int(span.at[-1]) + span.exact
+    left, right = span.read(span.begin, first + step + 1).backwards(), span.read(last - step - 1, span.end)
+    for i, j in enumerate(span.hidden):
+        known = int(np.sum(left.number >= first)) + int(found[first, j] != signs[0, i])
+        for turn in _kinks(left, i, known, float(span.small[i]), step):
+            found[span.begin : left.number[turn - 1], j] *= -1
+        known = int(np.sum(right.number < last)) + int(found[max(last - 1, span.begin), j] != signs[-1, i])
+        for turn in _kinks(right, i, known, float(span.small[i]), step):
+            found[right.number[turn] : span.end, j] *= -1
+
+
+def _kinks(rows: _Rows, joint: int, known: int, small: float, step: int) -> list[int]:
+    """Where torque changes its sign beyond the rows that are known: rows from which it has another, `step` apart."""
+    size = rows.size[:, joint]
+    steps = np.abs(np.diff(size, prepend=size[0], append=size[-1]))
+    low = size < np.maximum(small, np.maximum(steps[1:], steps[:-1]))  # near zero, or as near as rows so sparse go
+    lowest = np.flatnonzero((size[1:-1] <= size[:-2]) & (size[1:-1] < size[2:]) & low[1:-1]) + 1
+    turns = lowest + _goes_on(rows.t, size, lowest)
+    found: list[int] = []
+    for bend, turn in sorted((_bend(rows.t, size, turn, step), turn) for turn in turns[turns >= known].tolist()):
+        if bend < CLEAR and all(abs(turn - other) > step for other in found):
+            found.append(turn)
+    return found
+
+
+def _bend(t: Array, size: Array, turn: int, step: int) -> float:
+    """How much nearer to a parabola absolute torques are around a row when their sign changes there: at 0 wholly."""
+    around = slice(max(0, turn - step), turn + step)
+    x, y = t[around] - t[turn], size[around]
+    both = np.stack([y, np.where(x < 0 if t[-1] > t[0] else x > 0, y, -y)], axis=1)
+    _, (kept, changed), *_ = np.polyfit(x / np.ptp(x), both, 2, full=True)
+    return float(changed / max(kept, 1e-300))

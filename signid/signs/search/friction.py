@@ -1,0 +1,40 @@
+"""What is believed of friction beforehand: weak rows that tell a model from its mirror image."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...regression.rows import Task
+from ...types import Array
+from ..rows.observations import Observed, alone
+from .problem import Rows
+
+BELIEFS = {  # in rms torques of the joint, at its rms velocity: expected, standard deviation
+    "torque_offset": (0.0, 0.15),
+    "coulomb_friction": (0.1, 0.1),
+    "viscous_friction": (0.1, 0.1),
+}
+
+
+def believe(task: Task, observed: Observed, weights: Array, strength: float = 0.3) -> Rows:
+    """Rows for offset, Coulomb and viscous friction of joints whose torque has no sign.
+
+    A row is there where a base parameter is one of these coefficients alone. Rows do not grow with the weights: the
+    more samples count, the less does belief.
+
+    Args:
+        task: laws and base map.
+        observed: gives the rms of torque and velocity.
+        weights: (n,) [1/N.m or 1/N] of each joint's torque; where it is 0 nothing is believed.
+        strength: of the rows; at 1 they count as measurements.
+    """
+    torque, speed = observed.rms, np.sqrt(np.mean(observed.v**2, axis=0))
+    matrix, target = [np.zeros((0, observed.count))], []
+    for k, (name, joint) in alone(task).items():
+        used = joint in observed.hidden and weights[joint] > 0 and torque[joint] * speed[joint] > 0
+        if name in BELIEFS and used:
+            expected, deviation = BELIEFS[name]
+            unit = torque[joint] / (speed[joint] if name == "viscous_friction" else 1.0)
+            matrix.append(np.eye(1, observed.count, k) * strength / (deviation * unit))
+            target.append(strength * expected / deviation)
+    return Rows(np.concatenate(matrix), np.array(target))

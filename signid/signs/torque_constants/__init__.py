@@ -1,0 +1,1 @@
+"""Unknown torque constants of joints that log currents."""

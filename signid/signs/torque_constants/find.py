@@ -1,0 +1,239 @@
+"""Recordings of currents without signs whose torque constants are not known -> the constants."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...errors import OptionError, RecordingError, shorten
+from ...model import stated_inertials
+from ...recording import same_joints, with_signs
+from ...regression.factors import Factors
+from ...regression.prepare import prepare
+from ...regression.rows import Task
+from ...regression.session import Options, Progress, Session
+from ...types import Array, Frozen, Mask, Recording, Robot, prismatic_unit
+from ..infer import infer
+from ..result import Gain, Signs
+from ..rows.observations import Observed, observe
+from ..samples.rows_of_file import spread
+from .from_description import WRONG, combine, describe_constants
+from .from_shared_parameters import Constants, share_constants
+
+ROUNDS = 5  # of signs and constants in turn, at most
+SETTLED, CALM = 0.01, 0.1  # change of a constant that changes no sign: relative, or of its standard deviation
+LOOSE = 0.3  # relative standard deviation above which a constant is not known at all ...
+ROUGH = 0.1  # ... or only roughly
+
+
+@dataclass(frozen=True, eq=False)
+class Gains(Frozen):
+    """Torque constants that n joints lacked."""
+
+    joints: tuple[str, ...]  # n
+    units: tuple[str, ...]  # n of them
+    unknown: Mask  # (n,)
+    value: Array  # (n,) [N.m/A or N/A] where the constant was unknown, else 1
+    covariance: Array  # (n, n) [1] of its logarithm, 0 elsewhere
+    notes: tuple[str, ...]
+    flags: tuple[str, ...]
+
+    @property
+    def found(self) -> tuple[Gain, ...]:
+        """The torque constants of the joints where they were unknown."""
+        std = self.value * np.sqrt(np.diag(self.covariance))
+        return tuple(
+            Gain(self.joints[j], float(self.value[j]), float(std[j]), self.units[j])
+            for j in np.flatnonzero(self.unknown).tolist()
+        )
+
+    def scale(self, recording: Recording) -> Recording:
+        """The recording with its currents as torques."""
+        return replace(recording, torque_per_unit=recording.torque_per_unit * self.value, scaled=None)
+
+    def tell(self, signs: Signs) -> Signs:
+        """The signs that were found in scaled recordings, with what is known about the constants."""
+        notes, flags = (*self.notes, *signs.notes), (*self.flags, *signs.flags)
+        return replace(signs, gains=self.found, notes=notes, flags=flags)
+
+
+def find_gains(
+    robot: Robot,
+    recordings: Sequence[Recording],
+    learn: Sequence[Recording],
+    options: Options,
+    progress: Progress | None = None,
+) -> Gains | None:
+    """The torque constants that recordings lack; None where they lack none.
+
+    Each joint's signs are searched by itself, where its constant does not matter; the signed currents tell the
+    constants, by the base parameters that joints share, and with those the signs are searched in all joints together;
+    again until nothing changes. Where no joint's constant is known, or where joints share too little, the inertials
+    that the description states tell the scale.
+
+    Args:
+        robot: as `load_robot` gives it.
+        recordings: all that are to be used.
+        learn: those to find constants from.
+        options: effects, cut-off and the like.
+        progress: told that it begins.
+
+    Raises:
+        OptionError: a constant cannot be told; the sentence says what to state.
+        RecordingError: a recording cannot be used, or recordings lack constants of different joints.
+    """
+    unknown = _unknown(recordings)
+    if not unknown.any():
+        return None
+    if progress is not None:
+        progress("finding torque constants from", 0.0)
+    session = prepare(robot, learn, learn, options, scaled=False)
+    observed = observe(session.task, session.train)
+    anchors = observed.known & ~unknown
+    if not anchors.any() and not stated_inertials(session.robot).any():
+        raise OptionError(
+            f"the torque constants of {_names(session.robot, unknown)} are not known, no torque of another joint is, "
+            f"and the description states no inertials to tell the scale by; {_state(session.robot, unknown)}, of one "
+            f"at least"
+        )
+    constants = _settle(session, observed, unknown, options.seed)
+    _check(session.robot, constants, unknown)
+    value, std = np.where(unknown, np.exp(constants.log), 1.0), np.where(unknown, constants.std, 0.0)
+    covariance = np.where(np.outer(unknown, unknown), constants.covariance, 0.0)
+    notes = tuple(_notes(session.robot, value, std, unknown, anchors, constants.described))
+    units = tuple(_unit(session.robot, j) for j in range(len(unknown)))
+    return Gains(
+        observed.joints, units, unknown, value, covariance, notes, tuple(_flags(session.robot, std, constants))
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Found(Constants):
+    described: bool = False  # whether the description was needed
+    settled: bool = True  # whether signs and constants no longer changed in the last round
+
+
+def _unknown(recordings: Sequence[Recording]) -> Mask:
+    """(n,) joints whose torque constant is not known, in all recordings alike."""
+    joints = same_joints(recordings)
+    lacking = np.array([np.zeros(len(joints), bool) if r.scaled is None else ~r.scaled for r in recordings])
+    for j in np.flatnonzero(lacking.any(axis=0) & ~lacking.all(axis=0)).tolist():
+        one, other = recordings[int(np.argmax(lacking[:, j]))], recordings[int(np.argmin(lacking[:, j]))]
+        raise RecordingError(
+            f"{one.path or 'one recording'} lacks the torque constant of {joints[j]}, {other.path or 'another'} needs "
+            f"none; state torque_constant of it in an actuators file, or use recordings of one kind together"
+        )
+    return np.asarray(lacking[0])
+
+
+def _settle(session: Session, observed: Observed, unknown: Mask, seed: int) -> _Found:
+    """Signs and constants in turn."""
+    found = _Found(np.zeros(len(unknown)), np.diag(np.where(unknown, np.inf, 0.0)))
+    signs = np.zeros_like(observed.torque)
+    for _ in range(ROUNDS):
+        last, signs = signs, _signs(session.task, observed, found, seed)
+        if np.array_equal(last, signs):
+            break
+        before, found = found, _constants(session.task, _factors(session, observed, signs), unknown)
+        change = np.abs(found.log - before.log)
+        if last.any() and np.all(change <= np.maximum(SETTLED, CALM * found.std)):
+            break
+    else:
+        return replace(found, settled=False)
+    return found
+
+
+def _signs(task: Task, observed: Observed, found: Constants, seed: int) -> Array:
+    """(N, n) [1] of joints whose constants are told together, of each other joint by itself."""
+    told = found.std <= LOOSE
+    alone = np.diag(observed.known & ~told)
+    signs = np.sign(observed.torque)
+    for group in (observed.known & told, *alone[alone.any(axis=1)]):
+        if (group & ~observed.signed).any():
+            torque = np.where(group, observed.torque * np.exp(found.log), 0.0)
+            inferred = infer(task, replace(observed, known=group, torque=torque), seed)
+            signs[:, group] = inferred.refined.signs[:, group]
+    return signs
+
+
+def _factors(session: Session, observed: Observed, signs: Array) -> Factors:
+    """Of the recordings with their signs, in the units recorded."""
+    parts = []
+    for k, (recording, sampling) in enumerate(session.train):
+        at = observed.part == k
+        t, first, own = observed.t[at], np.flatnonzero(observed.first[at]), signs[at].astype(np.int8)
+        parts.append((with_signs(recording, spread(recording, sampling, t, first, own)), sampling))
+    return session.reduce(parts)
+
+
+def _constants(task: Task, factors: Factors, unknown: Mask) -> _Found:
+    """By what joints share with those whose constant is known, and by the description where that does not suffice."""
+    recorded = np.array([joint.counts[0] > 0 for joint in factors.joints])
+    anchors = recorded & ~unknown
+    shared = share_constants(factors, task.base, unknown) if anchors.any() else None
+    if shared is not None and np.all(shared.std[unknown] <= LOOSE):
+        return _Found(shared.log, shared.covariance)
+    described = describe_constants(task, factors)
+    reference = int(np.argmin(np.where(unknown, described.std, np.inf)))
+    if shared is not None and not np.isfinite(described.std[reference]):
+        return _Found(shared.log, shared.covariance)
+    relative = share_constants(factors, task.base, recorded & (np.arange(len(unknown)) != reference))
+    both = combine(relative, described, anchors)
+    return _Found(both.log, both.covariance, described=True)
+
+
+def _check(robot: Robot, found: Constants, unknown: Mask) -> None:
+    lost = unknown & ~(found.std <= LOOSE)
+    if lost.any():
+        raise OptionError(
+            f"the torque constant of {_names(robot, lost)} is not known, and neither what the joint shares with others "
+            f"nor stated inertials tell it to {100 * LOOSE:.0f} %; {_state(robot, lost)}, or leave out the "
+            f"column of the current"
+        )
+
+
+def _state(robot: Robot, joints: Mask) -> str:
+    units = sorted({_unit(robot, j) for j in np.flatnonzero(joints).tolist()})
+    return f"state torque_constant [{' or '.join(units)} at the joint] in an actuators file"
+
+
+def _unit(robot: Robot, joint: int) -> str:
+    return prismatic_unit("N.m/A") if robot.prismatic[joint] else "N.m/A"
+
+
+def _names(robot: Robot, joints: Mask) -> str:
+    return shorten([robot.joints[j] for j in np.flatnonzero(joints)])
+
+
+def _notes(robot: Robot, value: Array, std: Array, unknown: Mask, anchors: Mask, described: bool) -> Iterator[str]:
+    told = [
+        f"{robot.joints[j]} {value[j]:.3g} {_unit(robot, j)} (+- {100 * std[j]:.2g} %)"
+        for j in np.flatnonzero(unknown).tolist()
+    ]
+    yield f"torque constants that were not known were found from the motion: {shorten(told)}"
+    if anchors.any():
+        yield f"torque constants rest on the torque of {_names(robot, anchors)}, which depends on the same inertials"
+    if described:
+        more = "also " if anchors.any() else ""
+        yield (
+            f"torque constants rest {more}on the inertials that the description states, taken to be right to "
+            f"{100 * WRONG:.0f} % a link"
+        )
+    yield "standard deviations of parameters count how uncertain these torque constants are, which they have in common"
+
+
+def _flags(robot: Robot, std: Array, found: _Found) -> Iterator[str]:
+    if not found.settled:
+        yield (
+            f"signs and torque constants still changed in the last of {ROUNDS} rounds: either may be wrong; state "
+            f"torque_constant in an actuators file"
+        )
+    rough = np.flatnonzero(std > ROUGH)
+    if len(rough):
+        told = shorten([f"{robot.joints[j]} ({100 * std[j]:.0f} %)" for j in rough])
+        yield (
+            f"torque constants are known roughly only, of {told}: what is identified there may be off by as much; "
+            f"state torque_constant in an actuators file"
+        )

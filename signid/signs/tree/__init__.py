@@ -1,0 +1,1 @@
+"""The tree of sign choices, searched with a beam."""

@@ -1,0 +1,144 @@
+"""The classical method: a tree of sign choices whose every node is solved by a search for standard parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ...errors import OptionError
+from ...estimation.pbrp import Bounds, bounds_around
+from ...estimation.pbrp.bounds import check_box
+from ...estimation.pbrp.cost import cost_over, descend
+from ...estimation.pbrp.penalty import physics_of
+from ...regression.session import Progress
+from ...types import Array, BaseMap, Estimate, Parameters
+from ..search.problem import Problem
+from .beam import WIDTH, Grown, Level, Node, grow, in_place
+from .condition import Ordered, condition_order
+
+FAR = 0.01  # share of the loss by which the winner may be worse than least squares with its signs before it is said
+SLIGHT = 1e-6  # share of all energy that is no matter
+SHOWN = 1e-3  # share of what all joints show of a parameter from which on a joint counts as showing it
+
+
+def search_tree(
+    problem: Problem,
+    base: BaseMap,
+    prior: Parameters,
+    bounds: Bounds | None = None,
+    *,
+    forward: Array | None = None,
+    total_mass: tuple[float, float] | None = None,
+    width: int = WIDTH,
+    algorithm: str = "LN_SBPLX",
+    restarts: int = 3,
+    rounds: int = 3,
+    schedule: float = 10.0,
+    budget: int = 1000,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Grown:
+    """Signs by a tree: all choices for a first set of segments, then two children a node, the best nodes kept.
+
+    Segments are taken by `condition_order`. Every node is solved by a local algorithm over the standard parameters in
+    their box, from random starts, first for the loss alone, then with a growing penalty on what violates physics, each
+    round from where the last ended. The loss is that of the stacked rows, evaluated on a factor of their Gram matrix.
+
+    Args:
+        problem: the segments.
+        base: which combinations of the standard parameters the torque shows.
+        prior: standard parameters of the description; they give the box and the sizes, not the answer.
+        bounds: the box; by default the one of `box_of`.
+        forward: (r, b) [standard deviations per unit of base] from base parameters to the coordinates of the problem;
+            needed only where the segments do not tell all base parameters apart, r < b.
+        total_mass: least and largest sum of the masses of all moving bodies [kg].
+        width: nodes kept of each level.
+        algorithm: a local one of NLopt.
+        restarts: random starts per node.
+        rounds: of growing penalty per start; the first has none.
+        schedule: penalty per round, in squared standard deviations.
+        budget: evaluations per round.
+        seed: of the starts.
+        progress: told how far it is.
+
+    Raises:
+        OptionError: there is no such algorithm, or width, restarts, rounds, bounds or the range of mass make no sense.
+        ValueError: the prior does not have the labels of the base map.
+    """
+    if restarts < 1 or rounds < 1:
+        raise OptionError(f"{restarts} starts of {rounds} rounds were asked for; ask for at least 1 of each")
+    box = box_of(problem, base, prior, forward) if bounds is None else bounds
+    check_box(box, base)
+    physics = physics_of(base, _surmise(problem, base, forward), prior, total_mass)
+    told, rng = _forward(problem, forward) @ base.combination, np.random.default_rng(seed)
+    weights = (schedule * np.arange(rounds)).tolist()
+
+    def solve(level: Level, right: Array) -> Node:
+        target = level.turn @ right
+        cost = cost_over(box, physics, level.root @ told, target, max(level.energy - float(target @ target), 0.0))
+        starts = rng.uniform(size=(restarts, len(cost.free)))
+        ends = [descend(cost, start, weights, algorithm, budget, seed) for start in starts]
+        best = min(ends, key=lambda end: end.value)
+        return Node(best.value, cost.standard(best.x), sum(end.evaluations for end in ends))
+
+    ordered = condition_order(problem)
+    node, nodes = grow(problem, ordered.order, ordered.start, width, solve, progress)
+    signs = in_place(node.signs, ordered.order)
+    notes = (*_order_notes(ordered), *_loss_notes(problem, signs, node), *_rank_notes(problem, forward))
+    return Grown(signs, base.combination @ node.end, node.loss, nodes, node.evaluations, notes)
+
+
+def box_of(problem: Problem, base: BaseMap, prior: Parameters, forward: Array | None = None) -> Bounds:
+    """A box around the description; coefficients of laws reach to three times what the absolute torque could need.
+
+    Args:
+        problem: the segments.
+        base: which combinations of the standard parameters the torque shows.
+        prior: standard parameters of the description.
+        forward: (r, b) [standard deviations per unit of base] as of `search_tree`.
+
+    Raises:
+        ValueError: the prior does not have the labels of the base map.
+    """
+    return bounds_around(base, _surmise(problem, base, forward), prior)
+
+
+def _forward(problem: Problem, forward: Array | None) -> Array:
+    return np.asarray(np.linalg.pinv(problem.back)) if forward is None else forward
+
+
+def _surmise(problem: Problem, base: BaseMap, forward: Array | None) -> Estimate:
+    """Sizes of the base parameters: of each, were it alone responsible for the torque of a joint that shows it."""
+    into, joints = _forward(problem, forward), np.unique(problem.joints)
+    grams = np.array([problem.grams[problem.joints == j].sum(0) for j in joints])
+    energies = np.array([problem.energies[problem.joints == j].sum() for j in joints])
+    shown = np.einsum("ri,jrs,si->ji", into, grams, into)
+    alone = np.where(shown > SHOWN * shown.sum(0), energies[:, None] / np.maximum(shown, 1e-300), np.inf)
+    least = alone.min(0)
+    size = np.sqrt(np.where(np.isfinite(least), least, 0.0))
+    nothing = np.zeros((base.rank, base.rank))
+    return Estimate(size, nothing, nothing, np.zeros(0), ())
+
+
+def _order_notes(ordered: Ordered) -> Iterator[str]:
+    if not ordered.complete:
+        yield (
+            f"the first {ordered.start} segments of the tree were chosen one by one (condition number "
+            f"{ordered.condition:.3g}): there are too many sets, or too many choices of sign, to try them all"
+        )
+
+
+def _loss_notes(problem: Problem, signs: Array, node: Node) -> Iterator[str]:
+    least = problem.loss(signs)
+    if node.loss > (1 + FAR) * least + SLIGHT * problem.energies.sum():
+        yield (
+            f"the search at the last node ended at a loss of {node.loss:.3g}, where least squares with its signs "
+            f"reaches {least:.3g}: its signs may be wrong for that alone; --signs exact needs no such search"
+        )
+
+
+def _rank_notes(problem: Problem, forward: Array | None) -> Iterator[str]:
+    unseen = len(problem.back) - problem.back.shape[1]
+    if unseen and forward is None:
+        yield f"{unseen} combinations of base parameters are not seen by any segment; their least values were taken"

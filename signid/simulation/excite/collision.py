@@ -1,0 +1,173 @@
+"""How near a robot's own links come to one another, by coal through Pinocchio."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from ...errors import RobotError
+from ...robot import configuration
+from ...robot.description.document import parse
+from ...robot.meshes import find_mesh
+from ...types import Array, Frozen, Robot
+from .limits import Limits
+
+POSTURES = 200  # random ones that pairs of links are judged on
+SPARED = 0.25  # of what a pair usually has beyond the clearance
+ALWAYS = 0.5  # pairs too near in more of them belong together: their shapes overlap by design
+
+
+class _Near(NamedTuple):
+    lack: float  # [1] of the clearance, more than 1 where shapes overlap
+    slope: Array  # (nv,) [1/rad] of it
+
+
+@dataclass(frozen=True, eq=False)
+class Collision(Frozen):
+    """The shapes of a robot, meshes as their convex hulls, and the pairs that could meet."""
+
+    robot: Robot
+    geometry: Any  # pin.GeometryModel with those pairs
+    usual: Array  # (pairs,) [m] median distance over random postures
+
+    def distance(self, q: Array) -> Array:
+        """Smallest distance at each of q (N, n) [rad or m], (N,) [m], negative where links overlap."""
+        return np.asarray(self.distances(q).min(axis=1))
+
+    def distances(self, q: Array) -> Array:
+        """Of every pair at each of q (N, n) [rad or m], (N, pairs) [m]."""
+        model, data, placed = self.robot.model, self.robot.model.createData(), self.geometry.createData()
+        out = np.empty((len(q), len(self.geometry.collisionPairs)))
+        for i, where in enumerate(configuration(self.robot, q)):
+            pin.computeDistances(model, data, self.geometry, placed, where)
+            out[i] = [found.min_distance for found in placed.distanceResults]
+        return out
+
+    def penalty(self, q: Array, clearance: float, spare: float) -> tuple[float, Array]:
+        """Mean square of what each pair lacks of its clearance, relative, and its slope.
+
+        Links that are always near one another are spared a quarter of their usual distance at most.
+
+        Args:
+            q: (N, n) [rad or m] positions.
+            clearance: that is needed [m].
+            spare: more of it that is wanted [m].
+
+        Returns:
+            The mean, and (N, n) [1/rad or 1/m].
+        """
+        model, data, placed = self.robot.model, self.robot.model.createData(), self.geometry.createData()
+        wanted = clearance + np.clip(SPARED * (self.usual - clearance), 0, spare)
+        total, slope = 0.0, np.zeros_like(q)
+        for i, where in enumerate(configuration(self.robot, q)):
+            pin.computeDistances(model, data, self.geometry, placed, where)
+            for near in self._near(model, data, placed, wanted, where):
+                total += near.lack**2
+                slope[i] += 2 * near.lack * (near.slope @ self.robot.drive)
+        return total / len(q), slope / len(q)
+
+    def _near(self, model: Any, data: Any, placed: Any, wanted: Array, where: Array) -> Iterator[_Near]:
+        ready = False
+        for k, found in enumerate(placed.distanceResults):
+            if found.min_distance >= wanted[k]:
+                continue
+            if not ready:
+                pin.computeJointJacobians(model, data, where)
+                ready = True
+            pair, slope = self.geometry.collisionPairs[k], np.zeros(model.nv)
+            ends = (pair.first, found.getNearestPoint1(), -1.0), (pair.second, found.getNearestPoint2(), 1.0)
+            for shape, point, sign in ends:
+                joint = self.geometry.geometryObjects[shape].parentJoint
+                if joint:
+                    slope += sign * _approach(model, data, joint, point, found.normal)
+            yield _Near(1 - found.min_distance / wanted[k], -slope / wanted[k])
+
+
+def build_collision(robot: Robot, limits: Limits, clearance: float, seed: int = 0) -> tuple[Collision | None, str]:
+    """The shapes of a robot with the pairs that could meet; None, and why, where nothing is known of them.
+
+    Left out: shapes of one link, of links joined by one joint that moves, and pairs nearer than the clearance in more
+    than half of 200 random postures, whose shapes overlap by design.
+
+    Args:
+        robot: its URDF is read anew for the collision elements.
+        limits: between which postures are drawn.
+        clearance: nearer is too near [m].
+        seed: of the postures.
+    """
+    if robot.kind != "urdf":
+        return None, f"self-collision was not checked: shapes are read from a URDF, not from {robot.kind.upper()}"
+    try:
+        geometry = pin.buildGeomFromUrdfString(robot.model, _placed(robot), pin.GeometryType.COLLISION)
+        for item in geometry.geometryObjects:
+            item.geometry = _convex(item.geometry)
+    except Exception as error:  # Pinocchio's are of no family
+        return None, f"self-collision was not checked: {' '.join(str(error).split())[:200]}"
+    pairs = _pairs(robot, geometry)
+    if not pairs:
+        return None, f"self-collision was not checked: {robot.name} has no two shapes that could meet"
+    _keep(geometry, pairs)
+    q = np.random.default_rng(seed).uniform(limits.lower, limits.upper, (POSTURES, len(robot.joints)))
+    found = Collision(robot, geometry, np.zeros(len(pairs))).distances(q)
+    apart = (found < clearance).mean(0) <= ALWAYS
+    if not apart.any():
+        return None, "self-collision was not checked: the shapes overlap by design"
+    _keep(geometry, [pair for pair, free in zip(pairs, apart, strict=True) if free])
+    return Collision(robot, geometry, np.median(found[:, apart], axis=0)), ""
+
+
+def _placed(robot: Robot) -> str:
+    """The URDF with the paths of the meshes that it collides with.
+
+    Raises:
+        RobotError: there is no such mesh.
+    """
+    from lxml import etree
+
+    root = parse(robot.document)
+    for mesh in root.iterfind(".//{*}collision//{*}mesh"):
+        name = mesh.get("filename") or ""
+        path = find_mesh(name, robot.path)
+        if path is None:
+            raise RobotError(f"the mesh {name} is not found")
+        mesh.set("filename", path.resolve().as_posix())
+    return str(etree.tostring(root, encoding="unicode"))
+
+
+def _keep(geometry: Any, pairs: list[tuple[int, int]]) -> None:
+    geometry.removeAllCollisionPairs()
+    for first, second in pairs:
+        geometry.addCollisionPair(pin.CollisionPair(first, second))
+
+
+def _convex(shape: Any) -> Any:
+    """The shape itself, or the hull of a mesh: signed distances need convex shapes."""
+    if not hasattr(shape, "buildConvexRepresentation"):
+        return shape
+    shape.buildConvexRepresentation(False)
+    return shape.convex
+
+
+def _pairs(robot: Robot, geometry: Any) -> list[tuple[int, int]]:
+    """Shapes on links between which at least two joints move."""
+    model, moves = robot.model, np.asarray(np.any(robot.drive, axis=1))
+    body = [0]  # per joint, the first of the joints that it stands still with
+    for i in range(1, model.njoints):
+        joint = model.joints[i]
+        moving = moves[joint.idx_v : joint.idx_v + joint.nv].any()
+        body.append(i if moving else body[model.parents[i]])
+    before = [body[model.parents[i]] for i in range(model.njoints)]
+    at = [body[item.parentJoint] for item in geometry.geometryObjects]
+    joined = {(a, a) for a in body} | {(a, before[a]) for a in body} | {(before[a], a) for a in body}
+    return [(i, j) for i in range(len(at)) for j in range(i + 1, len(at)) if (at[i], at[j]) not in joined]
+
+
+def _approach(model: Any, data: Any, joint: int, point: Array, normal: Array) -> Array:
+    """(nv,) velocity along the normal of a point that a joint carries, per joint velocity."""
+    jacobian = np.reshape(pin.getJointJacobian(model, data, joint, pin.LOCAL_WORLD_ALIGNED), (6, model.nv))
+    arm = point - data.oMi[joint].translation
+    return np.asarray(normal @ jacobian[:3] + np.cross(arm, normal) @ jacobian[3:])

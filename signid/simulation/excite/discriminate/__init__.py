@@ -1,0 +1,1 @@
+"""Motions that make two laws predict different torque."""

@@ -1,0 +1,1 @@
+"""Families of periodic motions, and random members of them."""

@@ -1,0 +1,83 @@
+"""Model -> setting: what is to be told, the noise, shapes and reference sizes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...effects import EFFECTS
+from ...errors import OptionError
+from ...model import Model
+from ...regression.base_parameters import build_base
+from ...regression.motion import Motion
+from ...types import Array, Law
+from .collision import build_collision
+from .feasible import find_home
+from .limits import Limits
+from .motions.family import Family
+from .motions.random_motion import random_parameters, sample
+from .problem import Setting
+
+REFERENCES = 20  # random motions that give reference sizes
+INSTANTS = 200  # of each
+NOISE = 0.01  # of the torque limit, or of the rms torque where there is none
+
+
+def make_ready(
+    model: Model,
+    laws: tuple[Law, ...],
+    family: Family,
+    duration: float,
+    limits: Limits,
+    clearance: float,
+    seed: int,
+) -> tuple[Setting, tuple[str, ...]]:
+    """All that the worth of a motion depends on, and notes on what is not known.
+
+    Torque noise is 1 % of each joint's torque limit, or of its rms torque along random motions where it has none. The
+    reference size of a base parameter's column is its rms along these motions.
+
+    Raises:
+        OptionError: no posture obeys the limits, or the clearance is none.
+    """
+    if not 0 <= clearance < np.inf:
+        raise OptionError(f"the clearance is {clearance:g} m; give 0 or more")
+    base = build_base(model.robot, laws, seed)
+    collision, why = build_collision(model.robot, limits, clearance, seed)
+    home = find_home(model, limits, collision, clearance, seed)
+    rng = np.random.default_rng(seed)
+    t = np.linspace(0, duration, INSTANTS)
+    basis = family.basis(t)
+    drawn = [sample(family, model.robot.joints, random_parameters(basis, limits, rng), t) for _ in range(REFERENCES)]
+    states = [np.concatenate([getattr(motion, key) for motion in drawn]) for key in "qva"]
+    times = np.tile(t, REFERENCES)
+    torque = model.inverse(Motion(model.robot, times, states[0], states[1], states[2]))
+    noise = _noise(limits, torque)
+    bare = Setting(model, laws, base, limits, noise, np.ones(base.rank), collision, clearance, home)
+    rows = bare.rows(times, states[0], states[1], states[2])
+    size = np.sqrt(np.diag(bare.information(rows)) / len(times))
+    setting = Setting(model, laws, base, limits, noise, np.maximum(size, 1e-300), collision, clearance, home)
+    return setting, (why,) if why else ()
+
+
+def usual_laws(model: Model, effects: Sequence[str]) -> tuple[Law, ...]:
+    """The laws of those names at every joint.
+
+    Raises:
+        OptionError: there is no such effect, or it is no coefficient of a single joint.
+    """
+    for name in effects:
+        effect = EFFECTS[name]
+        if effect.scope != "joint" or not effect.parameters or len(effect.linear()) < len(effect.parameters):
+            raise OptionError(
+                f"{name} has no torque that is linear in its parameters at a single joint; leave it out here, and find "
+                "a motion that shows it with separate"
+            )
+    return tuple(Law(EFFECTS[name], (j,)) for name in effects for j in range(len(model.robot.joints)))
+
+
+def _noise(limits: Limits, torque: Array) -> Array:
+    """(n,) [N.m or N] assumed, from torque (N, n) [N.m or N] along random motions."""
+    rms = np.maximum(np.sqrt(np.mean(torque**2, axis=0)), 1e-9)
+    return NOISE * np.where(np.isfinite(limits.torque), limits.torque, rms)

@@ -1,0 +1,118 @@
+"""One effect at all the joints where it acts, evaluated together while the simulator steps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ...effects.base import TorqueLaw, TransmissionLaw
+from ...effects.trial import Trial
+from ...types import Array, Law
+from .state import Moment, MomentView
+
+GIVES, HALVINGS = 1.0, 50  # [rad or m] the most that a joint gives way, and steps towards how much it does
+
+
+class Term:
+    """Laws of one effect at different joints, its parameters side by side."""
+
+    def __init__(self, laws: Sequence[Law], moment: Moment) -> None:
+        bodies = moment.dynamics.bodies
+        effect = self.effect = laws[0].effect
+        self.transmission, self.memory = isinstance(effect, TransmissionLaw), bool(getattr(effect, "memory", False))
+        joints = tuple(j for law in laws for j in law.joints)
+        soft = np.empty(0, dtype=np.intp)
+        if self.transmission:
+            index = bodies.flex[[bodies.soft.tolist().index(j) for j in joints]]
+        else:
+            index = bodies.motor[list(joints)]
+            if effect.scope == "robot":  # these act on the links, behind what is elastic
+                soft = bodies.soft
+        everywhere = not len(soft) and np.array_equal(index, np.arange(len(moment.joints)))
+        self.view = moment if everywhere else MomentView(moment, index, joints, soft, bodies.flex)
+        self.z: Array | None = None  # (B, m) memory
+        several = len(laws) > 1
+        keys = effect.parameters if self.transmission else effect.shape(laws[0].parameters)
+        self.shape = {
+            key: np.array([law.parameters[key] for law in laws]) if several else laws[0].parameters[key] for key in keys
+        }
+        coefficients = np.array([effect.coefficients(law.parameters) for law in laws])
+        self.coefficients = list(coefficients.T if several else coefficients[0])
+
+    def add(self, total: Array) -> None:
+        """Add the torque that the laws take to the coordinates.
+
+        Args:
+            total: (R, B, c) [N.m or N], changed.
+        """
+        view, torque = self.view, self._torque()
+        if view.at is ...:
+            total += torque
+            return
+        total[view.at] += torque
+        if len(view.soft):
+            total[..., view.flex] += torque[..., view.soft]
+
+    def settle(self, state: Array) -> None:
+        """Let what is elastic give way to the load of the moment, by bisection.
+
+        Args:
+            state: (B, c) positions, changed [rad or m].
+        """
+        load = self.view.load
+        low, high = np.full(load.shape, -GIVES), np.full(load.shape, GIVES)
+        for _ in range(HALVINGS):
+            middle = (low + high) / 2
+            trial = Trial(middle, np.zeros_like(middle), load=load, inertia=self.view.inertia)
+            beyond = self.effect.hold(trial, **self.shape) + load > 0
+            low, high = np.where(beyond, low, middle), np.where(beyond, middle, high)
+        state[self.view.at] = (low + high) / 2
+
+    def begin(self) -> None:
+        """Forget, and start anew from the moment's state."""
+        if self.memory:
+            self.z = self.effect.begin(self._state(self.view.v[0]), **self.shape)
+
+    def remember(self, v: Array) -> None:
+        """Carry the memory over a step.
+
+        Args:
+            v: (B, c) that the step was taken with [rad/s or m/s].
+        """
+        self.z = self.effect.advance(self.z, self._state(self.view.cut(v)), **self.shape)
+
+    def _torque(self) -> Any:
+        effect, view = self.effect, self.view
+        if self.transmission:
+            return effect.hold(view, **self.shape)
+        if self.memory:
+            columns = effect.columns(view, effect.advance(self.z, view, **self.shape), **self.shape)
+        else:
+            columns = effect.columns(view, **self.shape)
+        torque = self.coefficients[0] * columns[0]
+        for k in range(1, len(columns)):
+            torque = torque + self.coefficients[k] * columns[k]
+        return torque
+
+    def _state(self, v: Array) -> Trial:
+        return Trial(self.view.q[0], v, t=self.view.t[0], dt=self.view.dt, joints=self.view.joints)
+
+
+def build_terms(laws: Sequence[Law], moment: Moment) -> tuple[Term, ...]:
+    """Terms of the laws that act while a robot moves; those of one effect at different joints together.
+
+    Args:
+        laws: any laws; those of bodies and of recordings have no term.
+        moment: that they will be evaluated at.
+    """
+    groups: list[list[Law]] = []
+    for law in (law for law in laws if isinstance(law.effect, TorqueLaw | TransmissionLaw)):
+        alike = law.effect.scope in ("joint", "link")
+        mine = [g for g in groups if g[0].effect is law.effect and all(law.joints != other.joints for other in g)]
+        if alike and mine:
+            mine[0].append(law)
+        else:
+            groups.append([law])
+    return tuple(Term(sorted(group, key=lambda law: law.joints), moment) for group in groups)

@@ -1,0 +1,246 @@
+"""A robot with laws, moved on by one step at a time: Pinocchio's forward dynamics, friction that can hold."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from ...errors import OptionError
+from ...model import Model
+from ...types import Array
+from .bodies import build_bodies
+from .dynamics import Dynamics
+from .effect_terms import build_terms
+from .friction import DryFriction
+from .state import Moment
+from .stiffness import TRIAL, feel
+
+INTEGRATORS = ("semi-implicit", "rk4")
+MOST = 200  # sub-steps
+CAREFUL = 4  # sub-steps where a joint stops or reverses inside a step of Runge and Kutta
+
+
+class Plant:
+    """B copies of a model in motion: q, v and a (B, n) of the motors, link (B, n) positions behind what is elastic.
+
+    Each step is semi-implicit (velocity first, laws that are stiff taken at the end of the step), or of Runge and
+    Kutta's fourth order with the torque held; where dry friction stops a joint, the step is semi-implicit.
+    """
+
+    def __init__(
+        self, model: Model, step: float, copies: int = 1, integrator: str = "semi-implicit", substeps: int = 0
+    ) -> None:
+        if integrator not in INTEGRATORS:
+            raise OptionError(f"integrator {integrator!r} is none of {', '.join(INTEGRATORS)}")
+        self.bodies, self.step, self.integrator = build_bodies(model), step, integrator
+        self.dynamics = Dynamics(self.bodies, copies)
+        self.moment = Moment(self.dynamics, copies)
+        self.terms = build_terms(model.laws, self.moment)
+        self.remembering = [term for term in self.terms if term.memory]
+        self.dry = any(term.effect.reverses for term in self.terms)
+        self.friction = DryFriction(self.bodies.drive.shape[1])
+        felt = feel(self, model.robot)
+        self.substeps = substeps or felt.substeps(step, implicit=integrator == "semi-implicit")
+        if not 0 < self.substeps <= MOST:
+            raise OptionError(
+                f"steps of {step:g} s would be parted into {self.substeps}, at most {MOST} are made; "
+                f"give shorter steps, or take integrator 'semi-implicit' where a law is stiff"
+            )
+        self.stiff = felt.stiff(step / self.substeps)
+        count = self.bodies.drive.shape[1]
+        self.direct = np.array_equal(self.bodies.motor, np.arange(count))
+        self.state = self.speed = self.before = np.zeros((copies, count))
+        self.both = np.ones((2, copies, count))  # directions of motion
+        self.both[1] = -1
+
+    def start(self, q: Array, v: Array) -> None:
+        """Put the robot somewhere, what is elastic in balance with the load.
+
+        Args:
+            q: (B, n) [rad or m].
+            v: (B, n) [rad/s or m/s].
+        """
+        self.state, self.speed = np.zeros((2, *self.moment.inertia.shape))
+        self.state[:, self.bodies.motor], self.speed[:, self.bodies.motor] = q, v
+        self.before = self.speed
+        self.moment.rest()
+        self.moment.inertia = self.dynamics.inertia(self.state)
+        self.moment.set(0.0, self.step, self.state[None], self.speed[None], np.sign(self.speed)[None])
+        for term in self.terms:
+            if term.transmission:
+                term.settle(self.state)
+            term.begin()
+
+    def advance(self, t: float | Array, torque: Array) -> None:
+        """One step under the torque of the motors, which is held.
+
+        Args:
+            t: () at its beginning, the same for all copies, or (B,) [s].
+            torque: (B, n) [N.m or N].
+        """
+        force, dt = torque, self.step / self.substeps
+        if not self.direct:
+            force = np.zeros_like(self.state)
+            force[:, self.bodies.motor] = torque
+        self.before = self.speed
+        move = self._runge_kutta if self.integrator == "rk4" else self._semi_implicit
+        for k in range(self.substeps):
+            move(t + k * dt, dt, force)
+
+    @property
+    def q(self) -> Array:  # (B, n) [rad or m]
+        return self._joints(self.state)
+
+    @property
+    def v(self) -> Array:  # (B, n) [rad/s or m/s]
+        return self._joints(self.speed)
+
+    @property
+    def a(self) -> Array:  # (B, n) [rad/s2 or m/s2], over the last step
+        return self._joints((self.speed - self.before) / self.step)
+
+    @property
+    def link(self) -> Array:
+        """Positions (B, n) of the links, behind what is elastic [rad or m]."""
+        if self.direct:
+            return self.state
+        found = self._joints(self.state).copy()
+        found[:, self.bodies.soft] += self.state[:, self.bodies.flex]
+        return found
+
+    def _joints(self, signal: Array) -> Array:
+        return signal if self.direct else np.asarray(signal[:, self.bodies.motor])
+
+    def resist(self, t: float | Array, dt: float, q: Array, v: Array, direction: Array) -> Array:
+        """Torque (R, B, c) of all laws for R trials [N.m or N]; q and v may have one row for all of them.
+
+        Args:
+            t: () of all copies, or (B,) [s].
+            dt: that the coming step takes [s].
+            q: (R, B, c) [rad or m].
+            v: (R, B, c) [rad/s or m/s].
+            direction: (R, B, c) [1].
+        """
+        self.moment.set(t, dt, q, v, direction)
+        total = np.zeros(direction.shape)
+        for term in self.terms:
+            term.add(total)
+        return total
+
+    def _semi_implicit(self, t: float | Array, dt: float, force: Array) -> None:
+        after = self._sliding(t, dt, force)
+        if after is None:
+            after = self._boxed(t, dt, force)
+        self._take(dt, self.state + dt * after, after, after)
+
+    def _take(self, dt: float, q: Array, v: Array, mean: Array) -> None:
+        """The state after a step of that mean velocity."""
+        self.moment.changed(self.speed, v, dt)
+        self.state, self.speed = q, v
+        for term in self.remembering:
+            term.remember(mean)
+
+    def _sliding(self, t: float | Array, dt: float, force: Array) -> Array | None:
+        """Velocity after a step in which no joint stands or stops; None where one does."""
+        v, direction = self.speed, np.sign(self.speed)
+        if self.dry and not v.all():
+            return None
+        if self.stiff:
+            trials = self._trials(direction)
+            total = self.resist(t, dt, *trials)
+            here, armature = self._implicit(dt, total[0], total[1:])
+        else:
+            here, armature = self.resist(t, dt, self.state[None], v[None], direction[None])[0], None
+        after: Array = v + dt * self.dynamics.accelerate(self.state, v, force - here, armature)
+        if self.dry and (after * v).min() <= 0:
+            return None
+        return after
+
+    def _boxed(self, t: float | Array, dt: float, force: Array) -> Array:
+        """Velocity after a step in which friction lies between what it is forward and backward."""
+        q, v = self.state, self.speed
+        low, high, armature = self._box(t, dt)
+        friction = np.where(v > 0, high, low)  # where a joint stands, the solver decides
+        after: Array = v + dt * self.dynamics.accelerate(q, v, force - friction, armature)
+        stops = (high > low) & (after * v <= 0)
+        if stops.any():
+            rows = slice(None) if len(q) == 1 else np.flatnonzero(stops.any(axis=1))
+            mobility = dt * self.dynamics.mobility(q[rows], None if armature is None else armature[rows])
+            free = after[rows] + (mobility @ friction[rows, :, None])[..., 0]
+            after[rows] = self.friction(free, low[rows], high[rows], mobility)
+        return after
+
+    def _box(self, t: float | Array, dt: float) -> tuple[Array, Array, Array | None]:
+        """Least and most torque of the laws, and the armature that makes stiff ones implicit, (B, c) each."""
+        v = self.speed
+        if self.stiff:
+            q, speeds, direction = self._trials(np.where(v >= 0, 1.0, -1.0))
+            first = [np.concatenate([x[:1], x]) for x in (q, speeds)]
+            total = self.resist(t, dt, first[0], first[1], np.concatenate([self.both, direction[1:]]))
+        else:
+            total = self.resist(t, dt, self.state[None], v[None], self.both)
+        high, low = total[0], total[1]
+        here = np.where(v >= 0, high, low)
+        dry = high >= low
+        if not dry.all():  # friction would drive: taken as it is in this direction
+            high, low = np.where(dry, high, here), np.where(dry, low, here)
+        if not self.stiff:
+            return low, high, None
+        shifted, armature = self._implicit(dt, here, total[2:])
+        return low + (shifted - here), high + (shifted - here), armature
+
+    def _trials(self, direction: Array) -> tuple[Array, Array, Array]:
+        """The state, and it moved a little in velocity and in position: q, v, direction (3, B, c)."""
+        q, v = np.empty((2, 3, *self.state.shape))
+        q[:], v[:] = self.state, self.speed
+        v[1] += TRIAL
+        q[2] += TRIAL
+        return q, v, np.repeat(direction[None], 3, axis=0)
+
+    def _implicit(self, dt: float, here: Array, moved: Array) -> tuple[Array, Array]:
+        """Torque (B, c) and armature (B, c) of laws that are taken at the end of the step."""
+        damping, stiffness = np.maximum(0, (moved - here) / TRIAL)
+        armature = dt * damping
+        if not stiffness.any():
+            return here, armature
+        mobility = np.einsum("bjj->bj", self.dynamics.mobility(self.state))
+        excess = np.maximum(0, stiffness - 1 / (dt**2 * mobility))  # below, steps are stable and keep the energy
+        return here + dt * self.speed * excess, armature + dt**2 * excess
+
+    def _runge_kutta(self, t: float | Array, dt: float, force: Array) -> None:
+        """The classic fourth order; parted, semi-implicit steps of copies in which a joint stops or stands."""
+        q, v, *_ = start = self._now()
+        slopes, shares = [(v, self._slope(t, 0.0, q, v, force))], (0.5, 0.5, 1.0)
+        for share in shares:
+            dq, dv = slopes[-1]
+            there = v + share * dt * dv
+            slopes.append((there, self._slope(t + share * dt, share * dt, q + share * dt * dq, there, force)))
+        dq, dv = ((s[0] + 2 * s[1] + 2 * s[2] + s[3]) / 6 for s in zip(*slopes, strict=True))
+        after = v + dt * dv
+        self.moment.set(t, dt, q[None], v[None], np.sign(v)[None])
+        self._take(dt, q + dt * dq, after, dq)
+        parted = (after * v).min(axis=1, keepdims=True) <= 0
+        if self.dry and parted.any():
+            whole = self._now()
+            self._put(*start)
+            for k in range(CAREFUL):
+                self._semi_implicit(t + k * dt / CAREFUL, dt / CAREFUL, force)
+            (q, v, a, bent), mixed = self._now(), partial[Array](np.where, parted)
+            self._put(mixed(q, whole[0]), mixed(v, whole[1]), mixed(a, whole[2]), [*map(mixed, bent, whole[3])])
+
+    def _now(self) -> tuple[Array, Array, Array, list[Any]]:
+        return self.state, self.speed, self.moment.a, [term.z for term in self.remembering]
+
+    def _put(self, q: Array, v: Array, a: Array, memory: list[Any]) -> None:
+        self.state, self.speed = q, v
+        self.moment.changed(np.zeros_like(a), a, 1.0)
+        for term, z in zip(self.remembering, memory, strict=True):
+            term.z = z
+
+    def _slope(self, t: float | Array, dt: float, q: Array, v: Array, force: Array) -> Array:
+        taken = self.resist(t, dt, q[None], v[None], np.sign(self.speed)[None])[0]
+        found = self.dynamics.accelerate(q, v, force - taken).copy()
+        self.moment.changed(np.zeros_like(found), found, 1.0)
+        return found

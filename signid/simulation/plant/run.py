@@ -1,0 +1,162 @@
+"""Plant, drives and what is recorded: the loop."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...effects.base import ActuatorLaw, RecordingLaw
+from ...effects.trial import Trial
+from ...errors import OptionError
+from ...model import Model
+from ...types import Array, Frozen, Law
+from .control import Drive
+from .plant import Plant
+
+Progress = Callable[[str, float], None]  # what is being done, share of it that is done
+MOST_STEPS = 5e6
+MOST_SPEED = 1e4  # [rad/s or m/s] beyond which a robot has flown apart
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation(Frozen):
+    """What was recorded of n joints at K instants, before sensors spoil it, and what truly happened."""
+
+    joints: tuple[str, ...]
+    t: Array  # (K,) [s]
+    q: Array  # (K, n) recorded position [rad or m]
+    tau: Array  # (K, n) recorded torque [N.m or N]
+    desired: Array  # (K, n) desired position [rad or m]
+    true_q: Array  # (K, n) of the motors [rad or m]
+    true_v: Array  # (K, n) of the motors [rad/s or m/s]
+    true_a: Array  # (K, n) of the motors [rad/s2 or m/s2]
+    link_q: Array  # (K, n) of the links, behind what is elastic [rad or m]
+    applied: Array  # (K, n) torque of the motors [N.m or N]
+
+
+def simulate(
+    model: Model,
+    drive: Drive,
+    duration: float,
+    *,
+    step: float = 1e-3,
+    integrator: str = "semi-implicit",
+    substeps: int = 0,
+    progress: Progress | None = None,
+) -> Simulation:
+    """A model moved by a drive: every law acts, the record is as a perfect logger would write it each step.
+
+    Recorded torque and acceleration belong to the same moment.
+
+    Args:
+        model: rigid bodies and laws of any kind.
+        drive: a controller, or torque that is given.
+        duration: [s].
+        step: of the controller and of the record [s].
+        integrator: `semi-implicit` or `rk4`.
+        substeps: into which each step is parted; 0: as the stiffest law asks.
+        progress: told how far it is.
+
+    Raises:
+        OptionError: a duration, a step or a law cannot be simulated.
+    """
+    return simulate_many(
+        model, [drive], duration, step=step, integrator=integrator, substeps=substeps, progress=progress
+    )[0]
+
+
+def simulate_many(
+    model: Model,
+    drives: Sequence[Drive],
+    duration: float,
+    *,
+    step: float = 1e-3,
+    integrator: str = "semi-implicit",
+    substeps: int = 0,
+    progress: Progress | None = None,
+) -> list[Simulation]:
+    """Copies of a model, one for each drive, moved at the same time; as `simulate` otherwise.
+
+    Raises:
+        OptionError: a duration, a step or a law cannot be simulated.
+    """
+    t = instants(duration, step)
+    plant = Plant(model, step, len(drives), integrator, substeps)
+    joints, reading = range(len(model.robot.joints)), model.of(RecordingLaw)
+    acting = model.of(ActuatorLaw)
+    plans = [drive.plan(t) for drive in drives]
+    torque, desired, speed = (np.stack([getattr(p, key) for p in plans], 1) for key in ("torque", "desired", "speed"))
+    stiffness, damping = (np.stack([getattr(p, key) for p in plans]) for key in ("stiffness", "damping"))
+    plant.start(*(np.stack(x) for x in zip(*(drive.start() for drive in drives), strict=True)))
+    log = np.empty((7, len(t), len(drives), len(joints)))  # seen, q, v, a, link, command, applied
+    for k, now in enumerate(t):
+        q, v = plant.q, plant.v
+        seen = _seen(reading, q)
+        command = torque[k] + stiffness * (desired[k] - seen) + damping * (speed[k] - v)
+        applied = apply_actuators(acting, command)
+        log[:3, k], log[4:, k] = (seen, q, v), (plant.link, command, applied)
+        plant.advance(float(now), applied)
+        log[3, k] = plant.a
+        if k % 1000 == 0:
+            _check(plant, float(now))
+            if progress is not None:
+                progress("simulating", k / len(t))
+    _check(plant, float(t[-1]))
+    late = 0.5 if integrator == "rk4" else (plant.substeps - 1) / (2 * plant.substeps)  # steps
+    for row in (3, 5, 6):  # what is held through a step belongs to a moment so much later than its beginning
+        log[row, 1:] += late * (log[row, :-1] - log[row, 1:])
+    return [_told(model, t, step, log[:, :, b], desired[:, b], reading) for b in range(len(drives))]
+
+
+def instants(duration: float, step: float) -> Array:
+    """When steps begin, (K,) [s].
+
+    Raises:
+        OptionError: there is none, or there are too many.
+    """
+    if not (np.isfinite(duration) and 0 < step <= duration):
+        raise OptionError(f"{duration:g} s in steps of {step:g} s cannot be simulated; give at least a step")
+    if duration / step > MOST_STEPS:
+        raise OptionError(f"{duration / step:.3g} steps were asked for; at most {MOST_STEPS:.0e} are made at once")
+    return np.asarray(np.arange(round(duration / step)) * step, dtype=np.float64)
+
+
+def _seen(reading: Sequence[Law], q: Array) -> Array:
+    """Positions (B, n) that the encoders tell."""
+    for law in reading:
+        j = list(law.joints)
+        q = q.copy()
+        q[:, j] = law.effect.recorded_q(Trial(q[:, j]), **law.parameters)
+    return q
+
+
+def apply_actuators(acting: Sequence[Law], command: Array) -> Array:
+    """Torque (..., n) that the amplifiers give [N.m or N].
+
+    Args:
+        acting: laws of actuators.
+        command: (..., n) [N.m or N].
+    """
+    for law in acting:
+        j = list(law.joints)
+        command = command.copy()
+        command[..., j] = law.effect.applied_torque(Trial(torque=command[..., j]), **law.parameters)
+    return command
+
+
+def _check(plant: Plant, t: float) -> None:
+    if not np.all(np.abs(plant.v) < MOST_SPEED):
+        raise OptionError(
+            f"the robot flew apart within {t:.3g} s; take shorter steps, softer gains, or torque that it can follow"
+        )
+
+
+def _told(model: Model, t: Array, step: float, log: Array, desired: Array, reading: Sequence[Law]) -> Simulation:
+    recorded = log[5].copy()
+    for law in reading:
+        j = list(law.joints)
+        x = Trial(log[0][:, j], log[2][:, j], t=t[:, None], dt=step, torque=recorded[:, j], joints=law.joints)
+        recorded[:, j] = law.effect.recorded_torque(x, **law.parameters)
+    return Simulation(model.robot.joints, t, log[0], recorded, desired, log[1], log[2], log[3], log[4], log[6])

@@ -1,0 +1,138 @@
+"""What a logger makes of a simulation: columns of a recording, as encoders, amplifiers and a bus would give them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from ...errors import OptionError
+from ...types import Array, Mask, Robot
+from .run import Simulation
+
+CORNER = 3.0  # [Hz] of coloured noise
+BURST = 4.0  # rows that are lost together, on average
+LATE = 0.4  # of a period, the most that a moment of sampling is off
+STAMP = 9  # decimals of time [s]: a logger's clock counts nanoseconds
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """How a robot is logged; without any of it, exactly and at every step."""
+
+    rate: float | None = None  # of the log [Hz]
+    encoder_bits: float | None = None  # counts per turn, or per metre of a prismatic joint, are 2**bits
+    noise: float = 0.0  # white torque noise, standard deviation over the joint's rms torque [1]
+    coloured_noise: float = 0.0  # the same behind a first-order low-pass at 3 Hz [1]
+    jitter: float = 0.0  # standard deviation of the moments of sampling, over the period [1]
+    drop_outs: float = 0.0  # share of the rows that are lost, in bursts [1]
+    unsigned: bool = False  # torque without its sign
+
+    def every(self, step: float) -> int:
+        """How many steps [s] lie between two rows.
+
+        Raises:
+            OptionError: the log falls between the steps, or a number makes no sense.
+        """
+        shares = {"noise": self.noise, "coloured noise": self.coloured_noise, "jitter": self.jitter}
+        for name, value in shares.items():
+            if not 0 <= value < np.inf:
+                raise OptionError(f"{name} is {value:g}; give a share of 0 or more")
+        if not 0 <= self.drop_outs < 1:
+            raise OptionError(f"drop-outs are {self.drop_outs:g}; give the share of rows that is lost, below 1")
+        if self.encoder_bits is not None and not 1 <= self.encoder_bits <= 52:
+            raise OptionError(f"an encoder of {self.encoder_bits:g} bits makes no sense; give 1 to 52")
+        if self.rate is None:
+            return 1
+        if not (0 < self.rate < np.inf and 0 < step < np.inf):
+            raise OptionError(f"a log at {self.rate:g} Hz of steps of {step:g} s cannot be; give positive numbers")
+        every = max(1, round(1 / (self.rate * step)))
+        if abs(every * self.rate * step - 1) > 1e-9:
+            raise OptionError(
+                f"a log at {self.rate:g} Hz falls between the steps of {step:g} s; "
+                f"give a rate such as {1 / (every * step):.12g} Hz, or other steps"
+            )
+        return every
+
+
+def record(
+    robot: Robot, simulation: Simulation, sensors: Sensors | None = None, *, desired: bool = True, seed: int = 0
+) -> dict[str, Array]:
+    """The columns of a recording: t, then q_J, tau_J (or abs_tau_J) and q_des_J by the names of joints.
+
+    The moments of sampling may be off; the times written are those moments. All signals are read at one moment,
+    between steps by interpolation: cubic for positions, linear for torque.
+
+    Args:
+        robot: that was simulated.
+        simulation: K steps of n joints.
+        sensors: what spoils it; nothing, if None.
+        desired: whether desired positions are written.
+        seed: of noise, encoder zeros, moments and losses.
+
+    Raises:
+        OptionError: the log falls between the steps, or a number makes no sense.
+    """
+    sensors = sensors or Sensors()
+    step = float(simulation.t[1] - simulation.t[0]) if len(simulation.t) > 1 else 1.0
+    every = sensors.every(step)
+    noise, clock, zeros = (np.random.default_rng([seed, k]) for k in range(3))
+    t, q, tau, asked = _sampled(simulation, every, sensors.jitter * every * step, clock)
+    q = _counted(q, sensors.encoder_bits, robot.prismatic, zeros)
+    tau = tau + _noise(np.sqrt(np.mean(tau**2, axis=0)), len(t), every * step, sensors, noise)
+    torque = ("abs_tau", np.abs(tau)) if sensors.unsigned else ("tau", tau)
+    columns = {"t": t.round(STAMP)}
+    for name, values in (("q", q), torque, *([("q_des", asked)] if desired else [])):
+        columns |= {f"{name}_{joint}": x for joint, x in zip(robot.joints, values.T, strict=True)}
+    kept = _kept(len(t), sensors.drop_outs, clock)
+    return {name: x[kept] for name, x in columns.items()}
+
+
+def _sampled(
+    simulation: Simulation, every: int, jitter: float, rng: np.random.Generator
+) -> tuple[Array, Array, Array, Array]:
+    """Moments, positions, torques and desired positions; jitter in s."""
+    s, rows = simulation, slice(None, None, every)
+    if not jitter:
+        return s.t[rows], s.q[rows], s.tau[rows], s.desired[rows]
+    t, most = s.t[rows], LATE * every * (s.t[1] - s.t[0])
+    t = np.clip(t + np.clip(jitter * rng.standard_normal(len(t)), -most, most), s.t[0], s.t[-1])
+    tau = np.column_stack([np.interp(t, s.t, x) for x in s.tau.T])
+    return t, CubicSpline(s.t, s.q)(t), tau, CubicSpline(s.t, s.desired)(t)
+
+
+def _counted(q: Array, bits: float | None, prismatic: Mask, rng: np.random.Generator) -> Array:
+    """Positions as counts tell them, zero somewhere between two counts."""
+    if bits is None:
+        return q
+    count = np.where(prismatic, 1.0, 2 * np.pi) / 2**bits
+    zero = rng.uniform(0, count)
+    return np.asarray(np.round((q - zero) / count) * count + zero)
+
+
+def _noise(size: Array, rows: int, period: float, sensors: Sensors, rng: np.random.Generator) -> Array:
+    """Torque noise (rows, n) for rms torques (n,); coloured noise is stationary from the first row on."""
+    from scipy.signal import lfilter  # takes long to import
+
+    white, coloured = rng.standard_normal((2, rows, len(size)))
+    keep = float(np.exp(-2 * np.pi * CORNER * period))
+    coloured[1:] *= np.sqrt(1 - keep**2)
+    coloured = np.asarray(lfilter([1.0], [1.0, -keep], coloured, axis=0))
+    return np.asarray(size * (sensors.noise * white + sensors.coloured_noise * coloured))
+
+
+def _kept(rows: int, lost: float, rng: np.random.Generator) -> Mask:
+    """Which rows arrive: runs of arrivals and losses in turn; the first and the last arrive.
+
+    Source: Gilbert, Capacity of a burst-noise channel, Bell System Technical Journal 39(5), 1960.
+    """
+    kept = np.ones(rows, dtype=bool)
+    if not lost:
+        return kept
+    burst = max(BURST, lost / (1 - lost))
+    fail = lost / (1 - lost) / burst
+    runs = int(2 * rows * fail) + 10
+    lengths = np.column_stack([rng.geometric(fail, runs), rng.geometric(1 / burst, runs)]).ravel()
+    kept[1:-1] = np.repeat(np.tile([True, False], runs), lengths)[: rows - 2]
+    return kept

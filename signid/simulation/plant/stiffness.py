@@ -1,0 +1,80 @@
+"""How stiff the laws of a plant are, felt in states all over its range."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from ...errors import OptionError
+from ...types import Array, Robot
+
+if TYPE_CHECKING:
+    from .plant import Plant
+
+STATES = 60
+TRIAL = 1e-6  # [rad, rad/s] by which a law is moved to feel its stiffness and damping
+SLACK = 4.0  # laws may be stiffer than felt
+GENTLE = 0.4  # share of the inertia below which a law is taken at the beginning of the step
+RINGING, DECAY = 0.3, 0.5  # [1] largest step times frequency, and times rate of decay, of explicit steps
+
+
+class Stiffness(NamedTuple):
+    """The most that laws resist more, per unit of velocity and of position, and the least inertia, (c,) each."""
+
+    damping: Array  # (c,) [N.m.s/rad]
+    spring: Array  # (c,) [N.m/rad]
+    inertia: Array  # (c,) [kg.m2]
+
+    def stiff(self, dt: float) -> bool:
+        """Whether a step of dt [s] must take the laws at its end."""
+        load = SLACK * (dt * self.damping + dt**2 * self.spring)
+        return bool((load > GENTLE * self.inertia).any())
+
+    def substeps(self, step: float, implicit: bool) -> int:
+        """Into how many a step [s] is parted: for accuracy when springs ring, for stability when not implicit."""
+        rate = RINGING**-1 * np.sqrt(self.spring / self.inertia)
+        if implicit:
+            return int(np.clip(np.ceil(step * rate.max()), 1, 10))
+        return int(max(1, np.ceil(step * max(rate.max(), (self.damping / self.inertia).max() / DECAY))))
+
+
+def feel(plant: Plant, robot: Robot, seed: int = 0) -> Stiffness:
+    """The stiffness of a plant's laws from trials at random states, slow and fast.
+
+    Raises:
+        OptionError: no bodies could move so.
+    """
+    rng, bodies, copies = np.random.default_rng(seed), plant.bodies, len(plant.moment.inertia)
+    count = bodies.drive.shape[1]
+    low, high = np.clip((robot.lower, robot.upper), -np.pi, np.pi)
+    damping, spring, inertia = np.zeros(count), np.zeros(count), np.full(count, np.inf)
+    for k in range(STATES):
+        q, v = np.zeros((copies, count)), np.zeros((copies, count))
+        q[:, bodies.motor] = rng.uniform(low, high)
+        v[:] = rng.choice([-1.0, 1.0], count) * 10.0 ** (rng.uniform(-5, 0.5) + rng.uniform(-0.5, 0, count))
+        q[:, bodies.flex] = rng.uniform(-0.05, 0.05, len(bodies.flex))
+        plant.moment.inertia = np.repeat(plant.dynamics.inertia(q[:1]), copies, axis=0)
+        trials, speeds = np.stack([q, q, q + TRIAL]), np.stack([v, v + TRIAL, v])
+        plant.moment.set(float(k), plant.step, trials, speeds, np.sign(speeds))
+        for term in plant.terms:
+            term.begin()
+        here, faster, moved = plant.resist(float(k), plant.step, trials, speeds, np.sign(speeds))[:, 0]
+        damping, spring = np.maximum(damping, (faster - here) / TRIAL), np.maximum(spring, (moved - here) / TRIAL)
+        inertia = np.minimum(inertia, 1 / _mobility(plant, q[:1], robot.name).diagonal())
+    return Stiffness(damping, spring, inertia)
+
+
+def _mobility(plant: Plant, q: Array, robot: str) -> Array:
+    """The inverse (c, c) of the mass matrix at q (1, c), of bodies that can be."""
+    try:
+        found = plant.dynamics.mobility(q)[0]
+        possible = bool(np.isfinite(found).all()) and np.linalg.eigvalsh(found)[0] > 0
+    except np.linalg.LinAlgError:
+        possible = False
+    if not possible:
+        raise OptionError(
+            f"no bodies can move as those of {robot} would: their mass matrix is not positive; give every joint mass "
+            "or an armature, and a payload or a correction of a link smaller first moments"
+        )
+    return np.asarray(found)

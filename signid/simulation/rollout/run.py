@@ -1,0 +1,141 @@
+"""A model simulated over short windows of recordings, from measured states under recorded torque."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...effects.trial import Trial
+from ...errors import OptionError
+from ...model import Model
+from ...recording.sampling import survey
+from ...regression.bandwidth import Band, choose_band
+from ...regression.session import Session, common_rate, longest_piece
+from ...types import Array, Recording
+from ..plant.plant import Plant
+from .joints import restrict_joints
+from .result import RollOut
+from .windows import Windows, cut_windows
+
+COUNT, STEP = 48, 1e-3  # windows, and [s]
+FAR = 1e3  # [rad or m] that no joint strays: the simulated robot flew apart
+BEYOND = 1e6  # [rad, m, rad/s or m/s] from where on its numbers would soon overflow
+
+
+def roll_out(
+    model: Model,
+    recordings: Recording | Sequence[Recording] | Session,
+    horizons: Sequence[float] = (0.2, 0.5),
+    *,
+    windows: int = COUNT,
+    band: Band | None = None,
+    step: float = STEP,
+    integrator: str = "semi-implicit",
+    beside: Model | None = None,
+) -> RollOut:
+    """How far a model strays from a robot within short horizons: from measured states, under recorded torque.
+
+    Windows as long as the longest horizon start evenly over the recordings, which share them by their lengths; all are
+    simulated at once. What the model's recording laws did is undone, its actuator laws act. A joint whose torque is
+    not recorded follows its measured motion.
+
+    Args:
+        model: any; joints that the recordings lack are held as identification holds them.
+        recordings: one, or several of the same joints and rate; of a session what it holds out, in its band.
+        horizons: [s].
+        windows: how many; they overlap where the recordings are short.
+        band: of the filter on positions; None: as the recordings themselves suggest.
+        step: of the simulation, at most [s].
+        integrator: `semi-implicit`, positions centred between velocities, or `rk4`.
+        beside: another model of the same joints that is rolled out over the same windows.
+
+    Raises:
+        OptionError: a horizon, a number of windows or a step cannot be used, or a recording's torque has no sign.
+        RecordingError: a recording cannot be used, or no stretch of it is long enough.
+    """
+    each = _each(recordings)
+    _check(each, horizons, windows, step)
+    model, notes = restrict_joints(model, each)
+    if isinstance(recordings, Session):
+        parts, band = list(recordings.held_out), band or recordings.task.band
+    else:
+        parts = [(recording, survey(recording, model.robot)) for recording in each]
+    if band is None:
+        band = choose_band([longest_piece(part) for part in parts], common_rate(parts, "roll out each by itself"))
+    lengths = np.array([sampling.duration for _, sampling in parts])
+    counts = np.maximum(1, np.rint(windows * lengths / lengths.sum())).astype(int).tolist()
+    cuts = [
+        cut_windows(model, part, band, max(horizons), k, step, beside) for part, k in zip(parts, counts, strict=True)
+    ]
+    errors = [_simulate(model, cut, integrator) for cut in cuts]
+    samples_each = min(error.shape[1] for error in errors)
+    robot, first = model.robot, cuts[0]
+    return RollOut(
+        joints=robot.joints,
+        unit=tuple("m" if prismatic else "rad" for prismatic in robot.prismatic),
+        horizons=tuple(map(float, horizons)),
+        t=np.arange(1, samples_each + 1) * first.step * first.parts,
+        recording=np.repeat(np.arange(len(cuts)), [len(cut.t) for cut in cuts]),
+        start=np.concatenate([cut.t for cut in cuts]),
+        error=np.concatenate([error[:, :samples_each] for error in errors]),
+        step=first.step,
+        notes=notes,
+    )
+
+
+def _each(given: Recording | Sequence[Recording] | Session) -> list[Recording]:
+    if isinstance(given, Session):
+        return [recording for recording, _ in given.held_out]
+    return [given] if isinstance(given, Recording) else list(given)
+
+
+def _check(recordings: Sequence[Recording], horizons: Sequence[float], windows: int, step: float) -> None:
+    if not recordings:
+        raise OptionError("no recording was given; at least one is needed")
+    if not (len(horizons) and all(np.isfinite(h) and h > 0 for h in horizons)):
+        told = ", ".join(f"{h:g} s" for h in horizons) or "none"
+        raise OptionError(f"horizons {told}; give one or more that are longer than 0 s, such as 0.2 and 0.5")
+    if windows < 1 or not step > 0:
+        raise OptionError(f"{windows} windows in steps of {step:g} s; give at least one window and a positive step")
+    unsigned = {j for r in recordings for j, s in zip(r.joints, r.signed, strict=True) if not s}
+    if unsigned:
+        raise OptionError(f"the torque of {', '.join(sorted(unsigned))} has no sign; a roll-out needs signed torque")
+
+
+def _simulate(model: Model, windows: Windows, integrator: str) -> Array:
+    """Simulated minus measured position (W, S, n) [rad or m] after each sample."""
+    plant = Plant(model, windows.step, len(windows.t), integrator)
+    half = 0.0 if integrator == "rk4" else windows.step / plant.substeps / 2  # [s] positions are ahead of velocities
+    ahead = windows.q + half * windows.v
+    plant.start(ahead[:, 0], windows.v[:, 0])
+    plant.speed[:, plant.bodies.flex] = windows.flex[1]
+    plant.state[:, plant.bodies.flex] = windows.flex[0] + half * windows.flex[1]
+    _remember(plant, windows)
+    blind, error = plant.bodies.motor[~windows.told], np.full_like(windows.q[:, 1:], np.nan)
+    gone = np.zeros((len(windows.t), 1), dtype=bool)
+    with np.errstate(all="ignore"):
+        for k, torque in enumerate(windows.torque.swapaxes(0, 1), 1):
+            plant.advance(windows.t + (k - 1) * windows.step, torque)
+            still = (np.abs(plant.state) < BEYOND) & (np.abs(plant.speed) < BEYOND)
+            gone |= ~still.all(axis=1, keepdims=True)
+            if gone.any():
+                plant.state, plant.speed = np.where(gone, 0.0, plant.state), np.where(gone, 0.0, plant.speed)
+            i, rest = divmod(k, windows.parts)
+            if rest == 0:
+                error[:, i - 1] = np.where(gone, np.inf, plant.q - half * plant.v - windows.q[:, i])
+                plant.state, plant.speed = plant.state.copy(), plant.speed.copy()  # the step's acceleration stays
+                plant.state[:, blind] = ahead[:, i, ~windows.told]
+                plant.speed[:, blind] = windows.v[:, i, ~windows.told]
+    error = np.where(np.abs(error) < FAR, error, np.inf)
+    error[..., ~windows.told] = np.nan
+    return error
+
+
+def _remember(plant: Plant, windows: Windows) -> None:
+    """Run memories along the motion before the windows."""
+    for term in plant.remembering:
+        j = list(term.view.joints)
+        for v in windows.before.swapaxes(0, 1):
+            x = Trial(0.0, v[:, j], dt=windows.period, joints=term.view.joints)
+            term.z = term.effect.advance(term.z, x, **term.shape)

@@ -1,0 +1,146 @@
+"""Windows all over a recording: where they start, how the robot moved in them, and under which torque."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...effects.base import ActuatorLaw, RecordingLaw, TransmissionLaw
+from ...errors import RecordingError
+from ...model import Model
+from ...recording.sampling import Sampling, samples
+from ...recording.sampling.stretch import Span
+from ...regression.bandwidth import Band
+from ...regression.motion import Motion, build_motion, margin
+from ...regression.session import Part
+from ...types import Array, Frozen, Mask
+from ..plant.run import apply_actuators
+
+BEFORE, AFTER = 1.0, 0.1  # [s] of motion that memories are run along, and that records reach ahead at most
+
+
+@dataclass(frozen=True, eq=False)
+class Windows(Frozen):
+    """W windows of S samples, each of them some steps long, of n joints: what truly was by the model's own laws."""
+
+    t: Array  # (W,) at which they start [s]
+    period: float  # of the recording [s]
+    step: float  # of the simulation [s]
+    parts: int  # steps a sample
+    q: Array  # (W, S + 1, n) [rad or m]
+    v: Array  # (W, S + 1, n) [rad/s or m/s]
+    torque: Array  # (W, S * parts, n) mean over each step [N.m or N]
+    flex: Array  # (2, W, k) deflection and its rate of each elastic joint at the start [rad or m, rad/s or m/s]
+    before: Array  # (W, L, n) velocities up to the start, of which memories are left [rad/s or m/s]
+    told: Mask  # (n,) whether the joint's torque is recorded
+
+
+def cut_windows(
+    model: Model, part: Part, band: Band, length: float, count: int, step: float, beside: Model | None = None
+) -> Windows:
+    """Windows that start evenly over what can be used of a recording, apart from each other where it is long enough.
+
+    Args:
+        model: whose laws say what is recorded, and what is remembered.
+        part: a recording and its sampling.
+        band: gives the filter on positions.
+        length: of a window [s].
+        count: of windows.
+        step: the longest one [s].
+        beside: another model whose memories the windows leave room for.
+
+    Raises:
+        RecordingError: no stretch of the recording is long enough.
+    """
+    recording, sampling = part
+    period = sampling.period
+    stride, parts = max(1, int(step / period * (1 + 1e-9))), max(1, int(np.ceil(period / step * (1 - 1e-9))))
+    size = stride * max(1, round(length / (stride * period)))
+    before, after = _reach(model, period)
+    more = _reach(model if beside is None else beside, period)
+    edge, after = margin(band), max(after, more[1])
+    lead = max(before, after, *more)
+    whole = edge + lead + size + after + edge + 1
+    places = _places(sampling, whole, count)
+    if not places:
+        longest = max(sampling.length(span) for span in sampling.spans) * period
+        raise RecordingError(
+            f"{recording.path or 'the recording'}: windows of {length:g} s take {whole * period:.3g} s without a gap, "
+            f"filters included, but the longest stretch lasts {longest:.3g} s; choose shorter horizons"
+        )
+    motions = [
+        _acted(model, build_motion(model.robot, samples(recording, sampling, span, k, k + whole), band, period))
+        for span, k in places
+    ]
+    q, v, torque = (np.stack([getattr(m, key) for m in motions]) for key in ("q", "v", "recorded"))
+    states, inside = slice(lead, lead + size + 1, stride), slice(lead, lead + size + 1)
+    return Windows(
+        t=np.array([m.t[lead] for m in motions]),
+        period=period,
+        step=period * stride / parts,
+        parts=parts,
+        q=q[:, states],
+        v=v[:, states],
+        torque=_means(torque[:, inside], stride, parts),
+        flex=np.stack([_deflections(model, m, lead) for m in motions], axis=1),
+        before=v[:, lead - before : lead],
+        told=np.array([bool(c) for c in recording.columns["tau"]]),
+    )
+
+
+def _reach(model: Model, period: float) -> tuple[int, int]:
+    """Samples before a window that memories are run along, and that records reach ahead."""
+    remembers = any(getattr(law.effect, "memory", isinstance(law.effect, TransmissionLaw)) for law in model.laws)
+    before = int(np.ceil(BEFORE / period)) if remembers else 0
+    return before, int(np.ceil(AFTER / period)) if model.of(RecordingLaw) else 0
+
+
+def _places(sampling: Sampling, whole: int, count: int) -> list[tuple[Span, int]]:
+    """Spans and samples in them at which windows of so many samples begin, evenly over all that can."""
+    rooms = [(span, sampling.length(span) - whole + 1) for span in sampling.spans]
+    rooms = [(span, room) for span, room in rooms if room > 0]
+    ends = np.cumsum([room for _, room in rooms])
+    if not rooms:
+        return []
+    found = np.unique(np.linspace(0, ends[-1] - 1, count).round().astype(int))
+    which = np.searchsorted(ends, found, side="right")
+    return [(rooms[i][0], int(k - ends[i] + rooms[i][1])) for k, i in zip(found, which, strict=True)]
+
+
+def _acted(model: Model, motion: Motion) -> Motion:
+    """Positions and torque as they were; where no torque is recorded, what the motion takes by the model."""
+    motion = model.acted(motion)
+    assert motion.recorded is not None, "windows carry torque"
+    torque = apply_actuators(model.of(ActuatorLaw), motion.recorded)
+    unknown = np.isnan(torque)
+    if unknown.any():
+        physics = tuple(law for law in model.laws if not isinstance(law.effect, ActuatorLaw | RecordingLaw))
+        torque = np.where(unknown, replace(model, laws=physics).inverse(motion), torque)
+    return replace(motion, recorded=torque)
+
+
+def _deflections(model: Model, motion: Motion, k: int) -> Array:
+    """Deflection and rate (2, k) of the elastic joints at a sample, after the motion before it."""
+    elastic = model.of(TransmissionLaw)
+    if not elastic:
+        return np.empty((2, 0))
+    whole = model.bodies()
+    whole.armature = np.zeros(whole.nv)
+    acting = replace(motion, robot=replace(model.robot, model=whole))
+    out = np.empty((2, len(elastic)))
+    for i, law in enumerate(elastic):
+        parts = law.effect.deflection(acting.at(law.joints), **law.effect.shape(law.parameters))
+        z = sum(c * d for c, d in zip(law.effect.coefficients(law.parameters), parts, strict=True))
+        out[:, i] = z[k, 0], (z[k + 1, 0] - z[k - 1, 0]) / (2 * motion.dt)
+    return out
+
+
+def _means(torque: Array, stride: int, parts: int) -> Array:
+    """Of torque (W, N, n) that is linear between samples: over strides, or over parts of one."""
+    if stride > 1:
+        middle = (torque[:, 1:] + torque[:, :-1]) / 2
+        return np.asarray(middle.reshape(len(torque), -1, stride, torque.shape[2]).mean(axis=2))
+    share = (np.arange(parts)[:, None] + 0.5) / parts
+    steps = torque[:, :-1, None] * (1 - share) + torque[:, 1:, None] * share
+    return np.asarray(steps.reshape(len(torque), -1, torque.shape[2]))

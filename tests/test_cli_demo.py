@@ -1,0 +1,198 @@
+"""The demonstration tells a true story, also where it goes wrong."""
+
+from __future__ import annotations
+
+import io
+import json
+import sys
+import webbrowser
+from collections.abc import Iterator
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from plant import law
+
+import signid
+import signid.cli.demo
+from signid.cli import run
+from signid.cli.demo import Story, demo
+from signid.diagnose import Alternative
+from signid.effects.naming import spoken
+from signid.robot import load_robot
+
+FILES = "demo.json diagnosis.json held_out.csv model.json recording.csv replay.html report.html robot.urdf".split()
+
+
+@dataclass(frozen=True)
+class Told:
+    """What the command did in a folder."""
+
+    folder: Path
+    code: int
+    out: str
+    err: str
+    story: Story
+
+
+def command(patch: pytest.MonkeyPatch, folder: Path, *arguments: str, story: Story | None = None) -> Told:
+    """The command in a folder; a story that is given is told instead of a new one."""
+    stories: list[Story] = []
+
+    def play(*given: Any, **more: Any) -> Story:
+        stories.append(demo(*given, **more) if story is None else story)
+        return stories[-1]
+
+    patch.chdir(folder)
+    patch.setenv("COLUMNS", "100")
+    patch.setattr(signid.cli.demo, "demo", play)
+    with redirect_stdout(io.StringIO()) as out, redirect_stderr(io.StringIO()) as err:
+        code = run(["demo", *arguments])
+    return Told(folder, code, out.getvalue(), err.getvalue(), stories[0])
+
+
+@pytest.fixture(scope="module")
+def told(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Told]:
+    """The story of the 3R arm."""
+    with pytest.MonkeyPatch.context() as patch:
+        yield command(patch, tmp_path_factory.mktemp("demo"))
+
+
+def test_what_is_concealed_is_found_and_proved(told: Told) -> None:
+    story, result = told.story, told.story.result
+    assert [outcome.kind for outcome in story.outcomes] == ["found"] * 3
+    assert result.verdict == "named" and len(result.causes) == 3 and story.flags == ()
+    for outcome in story.outcomes:
+        found = outcome.found
+        assert found is not None and found.probability > 0.99
+        for key, value in outcome.law.parameters.items():
+            assert abs(found.law.parameters[key] - value) < 4 * found.std[key], key
+    before, after = result.rollout_before, result.rollout_after
+    assert before is not None and after is not None
+    assert np.all(result.gain < 0.2) and np.all(after.rms(0.5) < 0.2 * before.rms(0.5))
+
+
+def test_the_story_fits_on_a_screen(told: Told) -> None:
+    lines = told.out.splitlines()
+    assert (told.code, told.err) == (0, "") and len(lines) <= 40 and max(map(len, lines)) <= 100
+    for outcome in told.story.outcomes:
+        row = next(line for line in lines if line.startswith(spoken(outcome.law, told.story.simulation.robot)))
+        assert row.rstrip().endswith("found")
+    assert "3 of 3 concealed laws found; " in told.out
+    assert "look at:\n  signid-demo/report.html\n  signid-demo/replay.html\n" in told.out
+    assert sorted(path.name for path in (told.folder / "signid-demo").iterdir()) == FILES
+
+
+def test_the_files_say_the_same(told: Told) -> None:
+    folder, result = told.folder / "signid-demo", told.story.result
+    said, found = (json.loads((folder / name).read_text()) for name in ("demo.json", "diagnosis.json"))
+    assert said["schema"] == "signid.demo/1" and said["robot"] == "3r" and said["flags"] == []
+    assert all(said[key] == found[key] for key in ("verdict", "fit", "rollout", "inputs", "seed", "version"))
+    for entry in said["concealed"]:
+        named = next(f for f in found["findings"] if (f["effect"], f["joint"]) == (entry["effect"], entry["joint"]))
+        assert entry["outcome"] == "found" and entry["probability"] == named["probability"]
+        for key, number in entry["parameters"].items():
+            theirs = {"found": named["parameters"][key]["value"], "std": named["parameters"][key]["std"]}
+            assert {**number, **theirs} == number and number["unit"] == named["parameters"][key]["unit"]
+    extended = signid.load_model(folder / "model.json")
+    assert len(extended.laws) == len(result.model.laws) == 3, "and nothing beside them"
+    assert "spring" in (folder / "replay.html").read_text() and "spring" in (folder / "report.html").read_text()
+
+
+def test_by_hand_the_diagnosis_is_the_same(
+    told: Told, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """So it saw the description and the two files, and nothing else."""
+    monkeypatch.chdir(told.folder)
+    line = next(line for line in told.out.splitlines() if line.startswith("by hand: "))
+    assert run([*line.split()[3:], "--json"]) == 0
+    again, first = json.loads(capfd.readouterr().out), json.loads(Path("signid-demo/diagnosis.json").read_text())
+    assert again == first
+
+
+def test_the_same_seed_gives_the_same_bytes(told: Told, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    again = command(monkeypatch, tmp_path, "--robot", "3r", "--json")
+    assert (again.code, again.err) == (0, "")
+    for name in FILES:
+        theirs = told.folder / "signid-demo" / name
+        assert (tmp_path / "signid-demo" / name).read_bytes() == theirs.read_bytes(), name
+    assert again.out == (tmp_path / "signid-demo" / "demo.json").read_text()
+
+
+def test_pages_open_where_a_person_sits(told: Told, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Terminal(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    opened: list[str] = []
+    monkeypatch.setattr(webbrowser, "open", lambda url: opened.append(Path(url).name))
+    for name in ("WAYLAND_DISPLAY", "BROWSER"):
+        monkeypatch.delenv(name, raising=False)
+    for screen, more, pages in ((":0", (), 2), (":0", ("--no-open",), 0), (":0", ("--json",), 0), ("", (), 0)):
+        monkeypatch.setenv("DISPLAY", screen)
+        monkeypatch.setattr(sys, "platform", "linux")
+        monkeypatch.setattr(io, "StringIO", Terminal)
+        command(monkeypatch, tmp_path, *more, story=told.story)
+        assert opened == ["report.html", "replay.html"][:pages], (screen, more)
+        opened.clear()
+    monkeypatch.undo()
+
+
+def test_a_miss_is_told(told: Told, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    story = told.story
+    first, second, third = story.result.findings
+    robot, other = story.simulation.robot, law("armature", 2, inertia=0.1)
+    beside = replace(second, law=other, alternatives=(Alternative(second.law, 0.25, ""),))
+    wrong = replace(story, result=replace(story.result, findings=(first, beside, replace(third, role="secondary"))))
+    found = command(monkeypatch, tmp_path, story=wrong)
+    hidden = spoken(second.law, robot)
+    flag = f"{hidden} was concealed and is named only as an alternative to armature of joint_3, with probability 0.250"
+    assert found.code == 3 and wrong.flags == (flag,)
+    assert flag in found.err and f"{flag}." in " ".join(found.out.split())
+    assert "2 of 3 concealed laws found; " in found.out and "only an alternative" in found.out
+    assert f"{third.law.effect.name} of" in found.out and "found, as a correction" in found.out
+    another = replace(second, law=other, alternatives=())
+    wrong = replace(story, result=replace(story.result, findings=(first, another, third)))
+    gone = command(monkeypatch, tmp_path, story=wrong)
+    assert wrong.flags == (
+        f"{hidden} was concealed and is missed",
+        "armature of joint_3 is named and was not concealed",
+    )
+    assert gone.code == 3 and all(flag in gone.err and f"{flag}." in gone.out for flag in wrong.flags)
+    entry = next(e for e in json.loads(Path("signid-demo/demo.json").read_text())["concealed"] if not e["probability"])
+    assert entry["outcome"] == "missed" and all(n["found"] is None for n in entry["parameters"].values())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--robot", "nobody"], "there is no file and no robot named 'nobody'"),
+        (["-o", "taken/below"], "taken is a file"),
+        (["-o", ""], "no folder"),
+        (["--seed", "-1"], "--seed"),
+    ],
+)
+def test_bad_input_is_refused(
+    arguments: list[str], says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "taken").write_text("")
+    assert run(["demo", *arguments]) == 2
+    out, err = capfd.readouterr()
+    assert out == "" and err.startswith("signid: ") and says in err and err.count("\n") == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["taken"]
+
+
+def test_progress_goes_forward(tmp_path: Path) -> None:
+    told: list[float] = []
+    demo(load_robot("1r"), tmp_path, progress=lambda what, share: told.append(share))
+    assert told == sorted(told) and told[0] == 0 and told[-1] < 1 and len(told) > 4
+
+
+def test_the_panda_too(tmp_path: Path) -> None:
+    story = demo(load_robot("panda"), tmp_path)
+    assert [outcome.kind for outcome in story.outcomes] == ["found"] * 3 and story.flags == ()
+    assert np.all(story.result.gain[:6] < 0.2) and len(story.simulation.robot.joints) == 7

@@ -1,0 +1,238 @@
+"""Fleets on this machine: manifests, sessions that are whole or not there, resuming, what they tell together."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import pytest
+from chromium import Chromium
+from fleets import FILES, contents, manifest, record
+
+import signid
+from signid.cli import run
+from signid.cli.fleet import Answer, Order, fleet, spread
+from signid.cli.fleet import process as process_module
+from signid.cli.fleet import run as run_module
+from signid.errors import InputError
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a manifest of eight sessions, two of which cannot be done, and the fleet of it."""
+    folder = tmp_path_factory.mktemp("fleet")
+    days = record(folder)
+    (folder / "short.csv").write_text("t,q_1,tau_1\n0,0,1\n0.01,0.1,2\n")
+    rows = [f"3r,{day},arm 1,2026-01-0{k + 1},identify" for k, day in enumerate(days)]
+    rows += [f"3r,{days[0]},arm 1,2026-01-01,reduce", f"3r,{days[2]},arm 2,2026-01-01,", "3r,none.csv,arm 3,,"]
+    rows += ["3r,short.csv,arm 4,,identify", f"3r,{days[1]};{days[2]},arm 5,,identify"]
+    path = manifest(folder, *rows)
+    assert run(["fleet", str(path), "-o", str(folder / "out"), "--workers", "2"]) == 3
+    return folder
+
+
+def test_every_session_has_the_files_of_the_single_command(done: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(done)
+    names = sorted(path.name for path in (done / "out/sessions").iterdir())
+    days = [f"arm-1_2026-01-0{k}_identify" for k in (1, 2, 3)]
+    assert names == sorted([*days, "arm-1_2026-01-01_reduce", "arm-2_2026-01-01", "arm-5_day_1.parquet_identify"])
+    single = (
+        ["identify", "3r", "day_0.parquet", "-o", "single"],
+        ["diagnose", "3r", "day_2.parquet", "-o", "single_2"],
+        ["reduce", "3r", "day_0.parquet", "-o", "single_3/factors.npz"],
+    )
+    for words, name in zip(single, (days[0], "arm-2_2026-01-01", "arm-1_2026-01-01_reduce"), strict=True):
+        assert run(words) in (0, 3)
+        kept = contents(done / "out/sessions" / name)
+        record = json.loads(kept.pop("session.json"))
+        assert kept == contents(done / words[-1].split("/")[0]) and FILES[words[0]] in kept
+        assert record["arguments"] == words[:-2] and record["files"] == sorted(kept)
+
+
+def test_the_fleet_tells_all_together(done: Path) -> None:
+    told = json.loads((done / "out/fleet.json").read_text("utf-8"))
+    assert [(robot["name"], len(robot["sessions"])) for robot in told["robots"]][-2:] == [("arm 3", 1), ("arm 4", 1)]
+    assert told["robots"][0]["name"] == "arm 2" and told["robots"][0]["mismatch"] > 10
+    assert told["robots"][0]["joint"] in ("joint_1", "joint_2", "joint_3") and told["robots"][0]["explained"] > 0.9
+    states = {one["session"]: one for one in told["sessions"]}
+    assert states["arm-3_none.csv"]["said"] == ["cannot read none.csv: No such file or directory"]
+    assert "too short" in states["arm-4_short.csv_identify"]["said"][0]
+    assert {"done", "not done"} <= {one["state"] for one in states.values()} <= {"done", "flagged", "not done"}
+    slopes = {drift["number"]: drift for drift in told["drifts"] if drift["name"] == "arm 1"}
+    assert slopes["viscous_friction of joint_1: coefficient"]["slope"]["unit"] == "N.m.s/rad/d"
+    assert any(cause["robots"] == ["arm 2"] and cause["of"] == 1 for cause in told["causes"])
+
+
+class _Links(HTMLParser):
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.found: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: Sequence[tuple[str, str | None]]) -> None:
+        self.found += [value for name, value in attrs if name in ("href", "src") and tag != "link" and value]
+
+
+def test_the_page_leads_to_every_report_and_needs_no_network(done: Path, tmp_path: Path) -> None:
+    text = (done / "out/index.html").read_text("utf-8")
+    links = set(_Links(text).found)
+    assert len(links) == 5 and all((done / "out" / link).is_file() for link in links)
+    assert "cannot read none.csv" in text and len(text) < 6e6
+    browser = Chromium(tmp_path, 1200, 900)
+    try:
+        for width in (390, 1200):
+            browser.send("Emulation.setEmulatedMedia", media="screen")
+            size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
+            browser.send("Emulation.setDeviceMetricsOverride", **size)
+            browser.open((done / "out/index.html").as_uri(), "document.querySelectorAll('h2').length > 3")
+            assert browser.value("document.documentElement.scrollWidth") <= width
+        assert browser.errors == [] and all(url.startswith(("file:", "data:")) for url in browser.requests)
+    finally:
+        browser.close()
+
+
+def refuse_all(orders: Sequence[Order], *_: object) -> Iterator[tuple[int, Answer]]:
+    for k, order in enumerate(orders):
+        yield k, Answer(None, (" ".join(order.arguments),), {})
+
+
+def test_what_was_done_is_not_done_again(done: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(run_module, "spread", refuse_all)
+    path, out = done / "manifest.csv", done / "out"
+    before = contents(out)
+
+    def asked(**options: Any) -> list[str]:
+        found = fleet(path, out, **options)
+        return [one.said[0] for one in found.outcomes if not one.done and "cannot read" not in one.said[0]]
+
+    assert asked() == ["identify 3r short.csv"]  # what could not be done is tried again
+    assert contents(out) == before
+    assert len(asked(seed=1)) == 7
+    changed = (done / "day_1.parquet").read_bytes()
+    try:
+        record(done, 1)
+        (done / "day_1.parquet").write_bytes((done / "day_0.parquet").read_bytes())
+        assert [said.split()[2] for said in asked()] == ["day_1.parquet", "short.csv", "day_1.parquet"]
+    finally:
+        (done / "day_1.parquet").write_bytes(changed)
+    (out / "sessions/arm-2_2026-01-01/report.html").rename(tmp_path / "report.html")
+    assert asked() == ["diagnose 3r day_2.parquet", "identify 3r short.csv"]
+    (tmp_path / "report.html").rename(out / "sessions/arm-2_2026-01-01/report.html")
+    with pytest.raises(InputError, match=r"session arm-3_none\.csv \(line 7\) cannot be done: cannot read"):
+        fleet(path, out, keep_going=False)
+
+
+def test_a_session_whose_process_dies_twice_does_not_stop_the_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[str] = []
+    ask = process_module._Process.ask
+
+    def doomed(self: Any, order: Order) -> Answer:
+        asked.append(order.arguments[0])
+        if order.arguments[0] == "inspect" or asked.count("effects") == 1 and order.arguments[0] == "effects":
+            os.kill(self.child.pid, signal.SIGKILL)
+        return ask(self, order)
+
+    monkeypatch.setattr(process_module._Process, "ask", doomed)
+    orders = [Order((name,), str(tmp_path)) for name in ("inspect", "effects", "check")]
+    found = dict(spread(orders, workers=1))
+    assert asked == ["inspect", "inspect", "effects", "effects", "check"]
+    assert found[0].code is None and "died 2 times, the last time by signal 9" in found[0].said[0]
+    assert found[1].code == 2 and found[2].code == 2 and "no such option: -o" in found[2].said[0]
+    elsewhere = dict(spread([Order(("effects",), str(tmp_path / "none")), Order((), "", version="0")], workers=1))
+    assert "none cannot be used where the work is done" in elsewhere[0].said[0]
+    assert elsewhere[1].code is None and "install the same" in elsewhere[1].said[0]
+
+
+def test_a_process_that_died_before_it_was_asked_ends_quietly() -> None:
+    process = process_module._Process()
+    os.kill(process.child.pid, signal.SIGKILL)
+    process.child.wait()
+    with pytest.raises(process_module._Died, match="by signal 9"):
+        process.ask(Order(("effects",), ""))
+    process.end()
+    assert process.child.stdin is not None and process.child.stdin.closed
+
+
+def test_a_process_that_nobody_asks_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(process_module, "IDLE", 0.05)
+    processes = process_module.Processes()
+    assert processes.carry_out(Order(("effects",), str(tmp_path))).code == 2
+    while processes._all:
+        time.sleep(0.02)
+    assert processes.carry_out(Order(("effects",), str(tmp_path))).code == 2
+    processes.stop()
+    with pytest.raises(process_module.Stopped):
+        processes.carry_out(Order(("effects",), str(tmp_path)))
+
+
+def whole(folder: Path) -> list[str]:
+    """Names of all sessions, each found to be whole."""
+    names = []
+    for place in (folder / "sessions").glob("[!.]*"):
+        kept = contents(place)
+        assert sorted([*json.loads(kept["session.json"])["files"], "session.json"]) == sorted(kept)
+        assert json.loads(kept["identification.json"]) and kept["report.html"].rstrip().endswith(b"</html>")
+        names.append(place.name)
+    return sorted(names)
+
+
+def test_ctrl_c_and_kill_leave_whole_sessions_and_the_rest_is_done_next(tmp_path: Path) -> None:
+    rows = [f"3r,{day},arm,,identify" for day in record(tmp_path, 3)]
+    path, out, expected = (
+        manifest(tmp_path, *rows),
+        tmp_path / "out",
+        [f"arm_day_{k}.parquet_identify" for k in range(3)],
+    )
+
+    def interrupt(what: str, share: float) -> None:
+        if what.startswith("1 of"):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        fleet(path, out, workers=1, progress=interrupt)
+    assert whole(out) == expected[:1] and not list((out / "sessions").glob(".*"))
+    command = [sys.executable, "-m", "signid", "fleet", str(path), "-o", str(out), "--workers", "1"]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as child:
+        while len(list((out / "sessions").glob("[!.]*"))) < 2 and child.poll() is None:
+            time.sleep(0.02)
+        child.kill()
+    assert expected[:2] == whole(out)[:2] and not (out / "index.html").exists()
+    assert fleet(path, out, workers=1).document()["sessions"][2]["state"] in ("done", "flagged")
+    assert whole(out) == expected
+
+
+@pytest.mark.skipif(not hasattr(os, "killpg"), reason="no groups of processes")
+def test_ctrl_c_in_a_terminal_is_heard_by_who_asks_alone(tmp_path: Path) -> None:
+    path = manifest(tmp_path, *[f"3r,{day},arm,,diagnose" for day in record(tmp_path, 4)])
+    hears = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"  # also where pytest does not
+    program = f"{hears}; from signid.cli import main; main()"
+    command = [sys.executable, "-c", program, "fleet", str(path), "-o", str(tmp_path / "out"), "--workers", "1"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True) as child:
+        while not list((tmp_path / "out/sessions").glob("[!.]*")) and child.poll() is None:
+            time.sleep(0.02)
+        os.killpg(child.pid, signal.SIGINT)
+        _, told = child.communicate()
+    assert child.returncode == 130 and "the same command goes on from them" in told
+    assert len(list((tmp_path / "out/sessions").glob("[!.]*"))) == 1, "nothing is done again"
+
+
+def test_a_folder_that_cannot_be_written_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = manifest(tmp_path, f"3r,{record(tmp_path, 1)[0]},arm,,identify")
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out/sessions").write_text("")
+    assert run(["fleet", str(path), "-o", str(tmp_path / "out")]) == 2
+    assert "cannot write results to" in capsys.readouterr().err
+
+
+def test_the_verb_is_public() -> None:
+    assert signid.cli.fleet is fleet and callable(signid.reduce) and callable(signid.load_factors)

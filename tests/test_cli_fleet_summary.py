@@ -1,0 +1,133 @@
+"""What sessions tell together: drift or noise, equal causes, and the page that shows them."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from chromium import Chromium
+from fleets import manifest, record
+from test_output_report_browser import DRAWN, EMPTY, show
+
+from signid.cli.fleet import Answer, Order, fleet
+from signid.cli.fleet import run as run_module
+from signid.cli.fleet.drift import find_drifts
+from signid.cli.fleet.order import DONE
+from signid.cli.fleet.summary import Number
+from signid.output.report import fleet_page, fleet_tables
+from signid.output.report.results.fleet import cause_sentence, number_ranges
+
+
+def numbers(days: np.ndarray, values: np.ndarray, std: float) -> list[tuple[float, list[Number]]]:
+    return [(day, [Number("x", "N.m", value, std)]) for day, value in zip(days.tolist(), values.tolist(), strict=True)]
+
+
+@pytest.mark.parametrize("sessions", [3, 5, 20])
+@pytest.mark.parametrize("scatter", [1.0, 5.0])
+def test_noise_is_no_drift_even_where_it_is_larger_than_said(sessions: int, scatter: float) -> None:
+    rng, alarms = np.random.default_rng(0), 0
+    for _ in range(200):
+        days = [np.sort(rng.uniform(0, 100, sessions)) for _ in range(30)]
+        robots = [
+            (str(k), numbers(d, 5 + scatter * 0.1 * rng.standard_normal(sessions), 0.1)) for k, d in enumerate(days)
+        ]
+        alarms += any(line.beyond for line in find_drifts(robots))
+    assert alarms <= 0.05 * 200 + 2 * (0.05 * 0.95 * 200) ** 0.5
+
+
+def test_a_drift_is_found_with_an_interval_that_holds_it() -> None:
+    rng, inside, found = np.random.default_rng(1), 0, 0
+    for _ in range(300):
+        days = np.arange(8.0) * 30
+        std = rng.uniform(0.05, 0.2)
+        truth = numbers(days, 2 + 0.01 * days + std * rng.standard_normal(8), std)
+        still = [(str(k), numbers(days, 5 + 0.1 * rng.standard_normal(8), 0.1)) for k in range(10)]
+        lines = find_drifts([("worn", truth), *still])
+        line = next(line for line in lines if line.robot == "worn")
+        inside += abs(line.slope - 0.01) <= line.half
+        found += line.beyond
+        assert line.change == pytest.approx(210 * line.slope)
+    assert found == 300 and 0.93 <= inside / 300 <= 0.99
+    assert find_drifts([("two", truth[:2]), ("same day", [truth[0]] * 5)]) == ()
+
+
+def diagnosis(causes: Mapping[str, float], level: float) -> dict[str, Any]:
+    """What is read of a diagnosis."""
+    fit = {"joints": ["j1", "j2"], "held_out_rms": [1.0, 2.0 * level], "noise_floor": [0.5, 0.1]}
+    findings = [
+        {
+            "effect": effect,
+            "joint": "j2",
+            "role": "cause",
+            "probability": 0.99,
+            "parameters": {"level": {"value": value, "std": 0.01, "unit": "N.m"}},
+        }
+        for effect, value in causes.items()
+    ]
+    after = {**fit, "held_out_rms": [0.5, None]}
+    verdict = "named" if causes else "nothing_missing"
+    return {"robot": "r", "joints": ["j1", "j2"], "fit": {"before": fit, "after": after}, "verdict": verdict} | {
+        "findings": findings
+    }
+
+
+def test_equal_causes_are_grouped_over_the_last_sessions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    record(tmp_path, 1)
+    rows, answers = [], []
+    for k in range(12):
+        for day in (1, 2):
+            rows.append(f"3r,day_0.parquet,unit {k},2026-01-0{day},diagnose")
+            worn = {"coulomb_friction": 1.0 + k / 10} if k < 7 and day == 2 or k > 10 and day == 1 else {}
+            answers.append(diagnosis(worn, 1.0 + k if worn else 0.1))
+
+    def answer(orders: Sequence[Order], *_: object) -> Iterator[tuple[int, Answer]]:
+        for k in reversed(range(len(orders))):
+            yield k, Answer(DONE, (), {"diagnosis.json": json.dumps(answers[k]).encode()})
+
+    monkeypatch.setattr(run_module, "spread", answer)
+    found = fleet(manifest(tmp_path, *rows), tmp_path / "out").document()
+    (cause,) = found["causes"]
+    assert cause["cause"] == "coulomb_friction of j2" and (len(cause["robots"]), cause["of"]) == (7, 12)
+    assert [cause["numbers"][0][key] for key in ("least", "median", "most")] == [1.0, 1.3, 1.6]
+    assert [robot["name"] for robot in found["robots"]][:7] == [f"unit {k}" for k in reversed(range(7))]
+    assert found["robots"][0]["mismatch"] == pytest.approx(140) and found["robots"][0]["left"] is None
+    page = re.sub(r"<script>.*?</script>", "", fleet_page(found), flags=re.DOTALL)
+    assert "level 1.00 to 1.60, median 1.30 N.m" in page
+    assert "7 of 12 robots lack coulomb_friction of j2" in page and "12 robots, 24 sessions" in page
+    assert len(fleet_tables(found)) > 4
+
+
+def test_numbers_that_could_be_zero_are_counted() -> None:
+    def number(key: str, least: float, most: float) -> dict[str, Any]:
+        return {"key": key, "unit": "kg", "least": least, "median": most, "most": most, "std": 0.01}
+
+    cause = {"cause": "payload", "of": 4, "robots": ["a"], "numbers": [number("mass", 0.3, 0.3)]}
+    assert cause_sentence(cause) == "1 of 4 robots lacks payload" and number_ranges(cause) == ["mass 0.300 kg"]
+    cause["numbers"] += [number("first_moment_x", -0.001, 0.002), number("first_moment_y", -0.03, 0.0)]
+    assert number_ranges(cause)[1:] == ["first moment y -0.0300 to 0 kg", "1 more number could be zero"]
+
+
+def test_drifts_are_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    record(tmp_path, 1)
+
+    def answer(orders: Sequence[Order], *_: object) -> Iterator[tuple[int, Answer]]:
+        for k in range(len(orders)):
+            told = diagnosis({"coulomb_friction": 1.0 + 0.2 * k}, 1.0)
+            yield k, Answer(DONE, (), {"diagnosis.json": json.dumps(told).encode()})
+
+    monkeypatch.setattr(run_module, "spread", answer)
+    rows = [f"3r,day_0.parquet,worn,2026-0{k}-01,diagnose" for k in range(1, 7)]
+    found = fleet(manifest(tmp_path, *rows), tmp_path / "out")
+    assert [drift.beyond for drift in found.drifts] == [True]
+    (tmp_path / "index.html").write_text(fleet_page(found.document(), "signid fleet x"), encoding="utf-8")
+    browser = Chromium(tmp_path / "browser", 1200, 900)
+    try:
+        show(browser, tmp_path / "index.html")
+        assert browser.value(f"{DRAWN}.length") == 1 and browser.value(EMPTY) == [] and browser.errors == []
+    finally:
+        browser.close()

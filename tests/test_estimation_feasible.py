@@ -1,0 +1,256 @@
+"""Standard parameters that a real robot could have: kept where possible, moved little where not, proved always."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+
+import cvxpy as cp
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from told import Told, told
+
+from signid.estimation.feasible import (
+    ConsistentFit,
+    fit_consistent,
+    solve,
+    standard_from_base,
+)
+from signid.estimation.feasible import (
+    problem as cone,
+)
+from signid.estimation.feasible.fit import _proved
+from signid.estimation.feasible.newton import polish
+from signid.estimation.feasible.packing import BASIS, TO_INERTIAL, congruence, pack, unpack
+from signid.estimation.feasible.prior import believable, inertial
+from signid.types import Estimate, pseudo_inertia
+
+
+def fitted(case: Told) -> ConsistentFit:
+    return fit_consistent(case.base, case.estimate, case.prior)
+
+
+def least_chi2(case: Told) -> float:
+    """Of any feasible parameters, by a formulation without prior, barrier or Newton's method."""
+    x = cp.Variable(len(case.base.labels))
+    root = cone.information_root(case.estimate.information)
+    basis = np.array([pseudo_inertia(e) for e in np.eye(10)]).reshape(10, 16).T
+    bodies = [
+        cp.reshape(basis @ x[i : i + 10], (4, 4), order="C") >> 0 for i in range(0, inertial(case.prior).sum(), 10)
+    ]
+    signs = [x[i] >= 0 for i, label in enumerate(case.base.labels) if label.positive]
+    away = root @ case.base.combination @ x - root @ case.estimate.value
+    problem = cp.Problem(cp.Minimize(cp.sum_squares(away)), bodies + signs)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        problem.solve(solver=cp.CLARABEL)
+    return float(problem.value)
+
+
+def moved_to(case: Told, name: str, value: float) -> Told:
+    """The same recordings, had they told another value for one coefficient."""
+    where = next(i for i, k in enumerate(case.base.independent) if case.base.labels[k].name == name)
+    changed = case.estimate.value.copy()
+    changed[where] = value
+    return replace(case, estimate=replace(case.estimate, value=changed))
+
+
+def test_noise_free_base_parameters_are_kept() -> None:
+    for name in ("1r", "3r"):
+        case = told(name, noise=1e-9)
+        fit = fitted(case)
+        assert fit.feasible_without_moving and fit.parameters.is_feasible() and not fit.notes
+        assert_allclose(fit.base_value, case.estimate.value, rtol=0, atol=1e-9 * np.abs(case.estimate.value).max())
+        assert fit.moved < 0.01
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_noisy_base_parameters_are_kept_where_a_robot_could_have_them(seed: int) -> None:
+    case = told("3r", noise=0.03, seed=seed)
+    fit, least = fitted(case), least_chi2(case)
+    assert fit.parameters.is_feasible()
+    assert least - 1e-6 <= fit.chi2 <= least + 0.5
+    if fit.feasible_without_moving:
+        assert fit.moved < 2e-3 and least < 1e-6
+    elif least < 1e-6:  # only bodies a thousand times heavier than stated would reproduce it
+        assert fit.moved < 0.5
+
+
+def test_what_is_reported_belongs_together() -> None:
+    for case in (told("3r", 0.1), moved_to(told("3r", 0.1), "coulomb_friction_2", -0.5)):
+        fit = fitted(case)
+        away = fit.base_value - case.estimate.value
+        assert_allclose(fit.base_value, case.base.combination @ fit.parameters.values, rtol=0, atol=0)
+        assert_allclose(fit.chi2, away @ case.estimate.information @ away)
+        assert_allclose(fit.moves, away / case.estimate.std)
+        assert fit.moved == np.abs(fit.moves).max()
+
+
+def test_negative_friction_is_moved_to_zero_and_no_further_than_it_must() -> None:
+    kept = told("3r", noise=0.01, seed=1)
+    assert fitted(kept).feasible_without_moving
+    case = moved_to(kept, "coulomb_friction_2", -0.05)
+    fit = fitted(case)
+    i = [label.name for label in case.base.labels].index("coulomb_friction_2")
+    assert 0 <= fit.parameters.values[i] < 0.1 * case.estimate.std.max()
+    assert not fit.feasible_without_moving and fit.moved > 1
+    assert fit.chi2 < 1.05 * least_chi2(case)
+
+
+def test_two_solvers_agree() -> None:
+    case = told("3r", noise=0.05)
+    problem = cone.pose(case.base, case.estimate, case.prior, 1e-2)
+    asked, status = solve._ask(problem)
+    assert status == "optimal" and asked is not None
+    u, heavier = polish(problem, asked), problem.distance(problem.start) ** 2 / problem.weight
+    traced = solve.trace(problem, heavier)
+    assert traced is not None and solve.solve(problem)[1] == "optimal"
+    for alone in (solve.follow(problem, problem.start, heavier), traced):
+        assert_allclose(problem.cost(alone), problem.cost(u), rtol=1e-9)
+        assert_allclose(problem.matrix @ alone, problem.matrix @ u, atol=1e-3)
+
+
+def test_a_failing_solver_costs_nothing_but_a_note(monkeypatch: pytest.MonkeyPatch) -> None:
+    case = told("3r", noise=0.05)
+    well = fitted(case)
+    monkeypatch.setattr(solve, "trace", lambda problem, heavier: None)
+    by_solver = fitted(case)
+    assert not by_solver.notes
+    assert_allclose(by_solver.parameters.values, well.parameters.values, rtol=1e-6, atol=1e-9)
+    monkeypatch.setattr(solve, "_ask", lambda problem: (None, "failed"))
+    alone = fitted(case)
+    assert alone.parameters.is_feasible() and "Newton" in alone.notes[-1]
+    assert_allclose(alone.chi2, well.chi2, rtol=1e-6)
+
+
+def test_no_solver_is_believed(monkeypatch: pytest.MonkeyPatch) -> None:
+    case = told("3r", noise=0.05)
+    u = cone.pose(case.base, case.estimate, case.prior, 1e-2).start
+    u[:10] = pack(np.diag([1.0, 1.0, -1e-9, 1.0]))
+    monkeypatch.setattr(solve, "trace", lambda problem, heavier: None)
+    monkeypatch.setattr(cp.Problem, "solve", lambda problem, **_: setattr(problem.variables()[0], "value", u))
+    fit = fitted(case)
+    assert fit.parameters.is_feasible() and "without a feasible point" in fit.notes[-1]
+
+
+def test_an_infeasible_answer_is_drawn_to_the_prior_by_the_least_share() -> None:
+    prior = told("3r", noise=0.05).prior
+    matrix, values = pseudo_inertia(prior.values[:10]), prior.values.copy()
+    least, axes = np.linalg.eigh(matrix)
+    values[:10] = TO_INERTIAL @ pack(matrix - (1.001 * least[0]) * np.outer(axes[:, 0], axes[:, 0]))
+    mixed, share = _proved(replace(prior, values=values), prior)
+    assert 0 < share < 2e-3 and mixed.is_feasible()
+    assert not replace(prior, values=values + share / 2 * (prior.values - values)).is_feasible()
+    untouched, share = _proved(prior, prior)
+    assert share == 0 and np.array_equal(untouched.values, prior.values)
+
+
+def test_bodies_that_no_torque_shows_keep_the_prior() -> None:
+    case = told("3r", noise=0.02)
+    combination = case.base.combination.copy()
+    combination[:, 20:30] = 0
+    fit = fit_consistent(replace(case.base, combination=combination), case.estimate, case.prior)
+    assert_allclose(fit.parameters.values[20:30], case.prior.values[20:30], rtol=0, atol=0)
+    assert not np.allclose(fit.parameters.values[10:20], case.prior.values[10:20])
+
+
+def test_massless_flat_and_impossible_bodies_of_the_prior_are_replaced_and_said() -> None:
+    case = told("3r", noise=0.02)
+    values = case.prior.values.copy()
+    values[:10] = 0
+    values[10:20] = [1, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+    values[26] = 1.0
+    prior = replace(case.prior, values=values)
+    assert not prior.is_feasible()
+    fit = fit_consistent(case.base, case.estimate, prior)
+    assert fit.parameters.is_feasible()
+    assert [note.split(";")[0] for note in fit.notes[:3]] == [
+        "body 1 of the description has no mass",
+        "body 2 of the description is thinner than 3 mm or could not exist",
+        "body 3 of the description is thinner than 3 mm or could not exist",
+    ]
+    made, _ = believable(case.base, prior)
+    assert made.is_feasible() and made.values[10] == 1 and made.values[0] == 0.05
+
+
+def test_what_the_recordings_do_not_tell_comes_from_the_prior() -> None:
+    case = told("3r", noise=0.02, seed=1)
+    lost = case.base.rank // 2
+    information, covariance = case.estimate.information.copy(), np.full((case.base.rank,) * 2, 0.0)
+    information[:lost], information[:, :lost] = 0, 0
+    covariance[lost:, lost:] = np.linalg.inv(information[lost:, lost:])
+    covariance[range(lost), range(lost)] = np.inf
+    value = np.where(np.arange(case.base.rank) < lost, 1e6, case.estimate.value)
+    half = replace(case.estimate, value=value, information=information, covariance=covariance)
+    fit = fit_consistent(case.base, half, case.prior)
+    assert fit.parameters.is_feasible() and np.isfinite(fit.moves).all() and fit.moved < 1e-3
+    assert np.abs(fit.base_value[:lost]).max() < 1e3
+    nothing = Estimate(value, np.full_like(covariance, np.inf), 0 * information, half.noise, half.orders)
+    assert_allclose(fit_consistent(case.base, nothing, case.prior).parameters.bodies(), case.prior.bodies(), atol=1e-6)
+
+
+def test_a_heavier_prior_pulls_harder_where_the_estimate_must_move() -> None:
+    case = moved_to(told("3r", noise=0.05), "coulomb_friction_2", -1.0)
+    fits = [fit_consistent(case.base, case.estimate, case.prior, prior_weight=w) for w in (1e-4, 1e-2, 1.0)]
+    assert fits[0].chi2 < fits[1].chi2 < fits[2].chi2
+
+
+def test_absurd_estimates_still_give_a_possible_robot() -> None:
+    case = told("3r", noise=1e-6)
+    rng = np.random.default_rng(3)
+    value = case.estimate.value + 0.05 * np.abs(case.estimate.value) * rng.standard_normal(case.base.rank) - 0.02
+    absurd = replace(case, estimate=replace(case.estimate, value=value))
+    fit = fitted(absurd)
+    assert fit.parameters.is_feasible() and not fit.feasible_without_moving
+    assert fit.chi2 < 1.2 * least_chi2(absurd)
+
+
+def test_the_same_question_has_the_same_answer() -> None:
+    case = told("3r", noise=0.05)
+    assert np.array_equal(fitted(case).parameters.values, fitted(case).parameters.values)
+
+
+@pytest.mark.parametrize("name", ["panda", "g1"])
+def test_large_robots_are_fitted(name: str) -> None:
+    case = told(name, noise=0.05, rows=200)
+    assert fitted(case).parameters.is_feasible()
+
+
+def test_the_nearest_standard_parameters_reproduce_the_base_parameters() -> None:
+    for name in ("1r", "3r", "panda"):
+        case = told(name, noise=0.05)
+        got = standard_from_base(case.base, case.estimate.value, case.prior)
+        error = np.abs(case.base.combination @ got.values - case.estimate.value)
+        assert error.max() < 1e-12 * np.abs(case.estimate.value).max()
+
+
+def test_the_nearest_is_the_prior_itself_when_it_fits_and_no_detour_otherwise() -> None:
+    case = told("3r", noise=0.05, laws=False)
+    own = standard_from_base(case.base, case.base.combination @ case.prior.values, case.prior)
+    assert_allclose(own.values, case.prior.values, rtol=0, atol=1e-12)
+    got = standard_from_base(case.base, case.estimate.value, case.prior)
+    size = np.outer(case.prior.bodies()[:, 0], [0.3, *[0.1] * 3, *[0.01] * 6]).ravel()
+    step = (got.values - case.prior.values) / size
+    unseen = np.linalg.svd(case.base.combination * size)[2][case.base.rank :]
+    assert_allclose(unseen @ step, 0, atol=1e-9 * np.abs(step).max())
+
+
+def test_labels_must_agree() -> None:
+    case, other = told("3r", noise=0.05), told("3r", noise=0.05, laws=False)
+    with pytest.raises(ValueError, match="build both from the same robot and the same laws"):
+        fit_consistent(case.base, case.estimate, other.prior)
+    with pytest.raises(ValueError, match="labels"):
+        standard_from_base(case.base, case.estimate.value, other.prior)
+
+
+def test_packed_matrices_keep_angles_and_congruences() -> None:
+    rng = np.random.default_rng(0)
+    a, b, f = rng.standard_normal((3, 4, 4))
+    a, b = a + a.T, b + b.T
+    assert_allclose(pack(a) @ pack(b), np.trace(a @ b))
+    assert_allclose(unpack(pack(a))[0], a)
+    assert_allclose(congruence(f[None])[0] @ pack(a), pack(f @ a @ f.T))
+    assert_allclose(np.einsum("aij,bij->ab", BASIS, BASIS), np.eye(10), atol=1e-15)
+    ten = rng.standard_normal(10)
+    assert_allclose(TO_INERTIAL @ pack(pseudo_inertia(ten)), ten, atol=1e-12)

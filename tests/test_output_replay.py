@@ -1,0 +1,248 @@
+"""The replay as data: what moves as recorded, what strays as rolled out, what is coloured, drawn and marked."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+from urllib.request import urlopen
+
+import numpy as np
+import pytest
+from diagnosis_file import write_diagnosis
+from numpy.testing import assert_allclose
+
+import signid
+from signid.cli import run
+from signid.errors import OptionError, RecordingError
+from signid.output.replay import Replay
+from signid.output.replay.part import part
+from signid.robot import load_robot
+from signid.simulation.rollout import RollOut
+from signid.types import Recording
+
+LAWS = ("coulomb_friction@2:level=0.8", "payload:mass=0.3,first_moment_x=0.03")
+CONTACT = "external_contact:force_x=1,force_y=2,force_z=-3,start=2,end=3"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recording of an arm with friction and a payload, its diagnosis, and one without signs."""
+    place = tmp_path_factory.mktemp("replay")
+    laws = [word for law in (*LAWS, CONTACT) for word in ("--inject", law)]
+    assert run(["simulate", "3r", *laws, *"--seed 3 --duration 6 -o".split(), str(place / "arm.csv")]) == 0
+    assert run(["simulate", "3r", *"--unsigned --duration 2 -o".split(), str(place / "lost.csv")]) == 0
+    write_diagnosis(place, "3r", (*LAWS, CONTACT))
+    return place
+
+
+@pytest.fixture(autouse=True)
+def inside(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(folder)
+    monkeypatch.delenv("SIGNID_DEBUG", raising=False)
+
+
+@pytest.fixture(scope="module")
+def recording(folder: Path) -> Recording:
+    return signid.read_recording(folder / "arm.csv", load_robot("3r"))
+
+
+@pytest.fixture(scope="module")
+def shown(folder: Path, recording: Recording) -> Replay:
+    return signid.output.replay(signid.load_model("3r"), recording, folder / "diagnosis.json")
+
+
+def test_the_recorded_robot_is_where_it_was(shown: Replay, recording: Recording) -> None:
+    samples, track = recording.read(), shown.track
+    assert_allclose(np.diff(track.t), 1 / 30)
+    for j in range(3):
+        assert_allclose(track.recorded[:, j], np.interp(track.t, samples.t, samples.q[:, j]), atol=1e-9)
+    third = shown.bodies.index(3)
+    q2 = track.recorded[:, 1]
+    out = 0.3 * np.cos(q2) + 0.09j  # the elbow is 0.09 m beside the plane of the upper arm
+    place = shown.recorded[:, third]
+    assert_allclose(place[:, 2], 0.3 + 0.3 * np.sin(q2), atol=1e-9)
+    assert_allclose(np.hypot(place[:, 0], place[:, 1]), np.abs(out), atol=1e-9)
+
+
+def test_the_simulated_robot_strays_as_rolled_out(shown: Replay, recording: Recording) -> None:
+    track, model = shown.track, signid.load_model("3r")
+    error = track.simulated - track.recorded
+    assert track.simulated.shape == (2, *track.recorded.shape) and np.isnan(error[:, track.window < 0]).all()
+    starts = np.flatnonzero(np.diff(track.window) > 0) + 1
+    assert 10 <= len(starts) <= 12, "a roll-out every half second"
+    assert np.abs(error[0][starts[1:]]).max() < 0.1 * np.nanmax(np.abs(error[0]))
+    found = signid.roll_out(model, recording, (0.5,), windows=12, step=2e-3)
+    ends = np.abs(error[0][starts[1:] - 1])
+    assert_allclose(np.sqrt(np.mean(ends**2, axis=0)), found.rms(0.45), rtol=0.35)
+    assert np.nanmax(np.abs(error[1])) < 0.2 * np.nanmax(np.abs(error[0])), "with what it lacked"
+
+
+def test_the_residual_is_the_torque_that_is_missing(recording: Recording) -> None:
+    model = signid.load_model("3r")
+    plain = signid.output.replay(model, recording).track
+    rows = recording.read()
+    speed = np.interp(plain.t, rows.t, np.gradient(rows.q[:, 1], rows.t))
+    bodies = signid.output.replay(signid.load_model("3r"), recording, "diagnosis.json").track.residual
+    moving = (np.abs(speed) > 0.5) & np.isfinite(plain.residual[0]).all(axis=1)
+    assert plain.residual.shape[0] == 1 and np.sqrt(np.mean(bodies[1][moving] ** 2)) < 0.05
+    assert np.corrcoef(plain.residual[0][moving, 1], np.sign(speed[moving]))[0, 1] > 0.6
+    assert_allclose(plain.torque, np.sqrt(np.mean(rows.tau**2, axis=0)))
+
+
+def test_what_is_marked(shown: Replay) -> None:
+    marks = {mark.kind: mark for mark in shown.marks}
+    assert marks["joint"].title == "coulomb friction of joint_2" and marks["joint"].body == 2
+    assert marks["joint"].lines == ("level 0.8000 ± 0.0020 N.m", "probability >0.999")
+    assert_allclose(marks["body"].point, (0.1, 0, 0))
+    assert "centre of mass at 100, 0, 0 mm in the joint's frame" in marks["body"].lines
+    assert_allclose(marks["body"].size, (3 * 0.3 / (4 * np.pi * 3000)) ** (1 / 3))
+    assert marks["force"].time == (2.0, 3.0) and marks["force"].along == (-1.0, -2.0, 3.0), "what pushes the robot"
+    assert_allclose(marks["force"].point, (0.1, 0, 0), err_msg="the centre of mass of the last link")
+
+
+def test_a_diagnosis_is_shown_as_its_files() -> None:
+    made = "simulate 1r --inject coulomb_friction@1:level=0.5 --seed 1 --duration 6 -o swing.csv"
+    assert run(made.split()) == 0 and run("diagnose 1r swing.csv -o real".split()) in (0, 3)
+    model = signid.load_model("1r")
+    recording = signid.read_recording("swing.csv", model.robot)
+    found = signid.diagnose(model, [recording])
+    given = found, "real/diagnosis.json", Path("real")
+    pages = [signid.output.replay(model, recording, each).page() for each in given]
+    assert pages[0] == pages[1] == pages[2] and "coulomb friction of " in pages[0] and found.causes
+
+
+def test_a_part_of_a_recording(recording: Recording) -> None:
+    cut = part(recording, 1.0, 2.0)
+    assert_allclose(cut.read().t[[0, -1]], (1.0, 3.0))
+    assert_allclose(cut.read().q, recording.read(250, 751).q)
+    assert part(recording, 0.0, 100.0) is recording
+    shown = signid.output.replay(signid.load_model("3r"), recording, start=1.0, duration=2.0, rate=10.0)
+    assert_allclose(shown.track.t, 1 + 0.1 * np.arange(21))
+
+
+def test_pages_are_whole_and_the_same_every_time(shown: Replay, recording: Recording) -> None:
+    again = signid.output.replay(signid.load_model("3r"), recording, "diagnosis.json")
+    page = shown.page()
+    assert page == again.page() and "%%" not in page and 0.9e6 < len(page) < 1.5e6
+    assert 'src="' not in page and '<link rel="stylesheet' not in page and page.count("</script>") == 4
+
+
+def test_joints_that_are_not_recorded_are_held_and_names_do_no_harm(recording: Recording) -> None:
+    rows, robot = recording.read(), load_robot("3r")
+    columns = {"t": rows.t, "q_1": rows.q[:, 0], "tau_1": rows.tau[:, 0]}
+    shown = signid.output.replay(
+        signid.load_model("3r"), replace(signid.read_recording(columns, robot), path="<b>&.csv")
+    )
+    assert shown.robot.joints == ("joint_1",) and shown.movers == (0, 0, 0), "all that it carries has its colour"
+    assert "<b>" not in shown.page() and "&lt;b&gt;&amp;.csv" in shown.page()
+
+
+def test_torque_that_is_not_recorded_has_no_colour(recording: Recording) -> None:
+    rows = recording.read()
+    columns = {"t": rows.t, **{f"q_{j + 1}": rows.q[:, j] for j in range(3)}, "tau_2": rows.tau[:, 1]}
+    track = signid.output.replay(signid.load_model("3r"), signid.read_recording(columns, load_robot("3r"))).track
+    assert np.isnan(track.residual[0][:, [0, 2]]).all() and np.isfinite(track.residual[0][20:-20, 1]).all()
+    error = (track.simulated[0] - track.recorded)[track.window >= 0]
+    assert np.abs(error[:, 1]).max() > 0.01 and not error[:, [0, 2]].any(), "it follows what was measured"
+
+
+def test_a_simulation_that_flies_apart_is_shown_as_far_as_it_goes(
+    recording: Recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def flying(*given: Any, **options: Any) -> RollOut:
+        found = signid.roll_out(*given, **options)
+        error = found.error.copy()
+        error[3, 60:, 2] = error[5, 60:] = np.inf
+        return replace(found, error=error)
+
+    model = signid.load_model("3r")
+    calm = signid.output.replay(model, recording).track
+    monkeypatch.setattr(sys.modules["signid.output.replay.track"], "roll_out", flying)
+    wild = signid.output.replay(model, recording).track
+    for window, partly in ((3, True), (5, False)):
+        lost = (wild.window == window) & wild.apart[0]
+        assert 3 < lost.sum() < 12 and np.isfinite(wild.simulated[0][lost]).all() == partly
+        assert partly or np.isnan(wild.simulated[0][lost]).all()
+    assert_allclose(wild.simulated[0][:, :2][wild.window == 3], calm.simulated[0][:, :2][wild.window == 3])
+    assert not wild.apart[0][np.isin(wild.window, [3, 5], invert=True)].any() and not calm.apart.any()
+
+
+def test_meshcat_is_read_and_not_imported() -> None:
+    code = "import sys; from signid.output.replay.page import _viewer; _viewer(); print('meshcat' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
+
+
+def test_the_command_writes_the_page(shown: Replay, capfd: pytest.CaptureFixture[str]) -> None:
+    assert run("replay 3r arm.csv --diagnosis diagnosis.json --html deep/er/replay.html".split()) == 0
+    out, err = capfd.readouterr()
+    assert out.endswith("\nwritten:\n  deep/er/replay.html\n") and not err
+    assert "marked: coulomb friction of joint_2" in out and out.startswith("3r: arm.csv: 180 frames, 0 to 5.967 s")
+    assert Path("deep/er/replay.html").read_text() == shown.page()
+    assert run("replay model.json arm.csv --duration 2 --html saved.html".split()) == 0
+    capfd.readouterr()
+    assert run("replay 3r arm.csv --diagnosis diagnosis.json --json".split()) == 0
+    told = json.loads(capfd.readouterr().out)
+    assert (told["schema"], told["frames"], told["joints"][1]) == ("signid.replay/1", 180, "joint_2")
+    assert told["residual_rms"][1][1] < 0.2 * told["residual_rms"][0][1] and told["strayed_rms"][1][1] < 0.05
+    assert [x["path"] for x in told["inputs"]] == ["3r", "arm.csv", "diagnosis.json"]
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        ("3r none.csv --html a.html", "none.csv"),
+        ("3r arm.csv --html a.txt", "let it end in .html"),
+        ("3r arm.csv --html arm.csv/a.html", "arm.csv is a file"),
+        ("3r lost.csv --html a.html", "no sign"),
+        ("3r arm.csv --diagnosis none.json --html a.html", "none.json"),
+        ("3r arm.csv --diagnosis model.json --html a.html", "signid.model/1"),
+        ("3r arm.csv --diagnosis arm.csv --html a.html", "no diagnosis.json"),
+        ("3r arm.csv --diagnosis alone/diagnosis.json --html a.html", "no model.json beside"),
+        ("3r arm.csv --diagnosis other/diagnosis.json --html a.html", "the diagnosis is of 1r"),
+        ("3r arm.csv --diagnosis broken/diagnosis.json --html a.html", "is no diagnosis.json"),
+        ("3r arm.csv --from 9 --html a.html", "start earlier"),
+        ("3r arm.csv --duration -1 --html a.html", "cannot be shown"),
+        ("3r arm.csv --rate 0 --html a.html", "frames a second"),
+        ("3r arm.csv --horizon 0 --html a.html", "horizon"),
+        ("3r arm.csv --horizon 20 --html a.html", "shorter horizons"),
+        ("model.json arm.csv --lock 1=0 --html a.html", "states its joints"),
+    ],
+)
+def test_bad_input_is_a_sentence(command: str, words: str, capfd: pytest.CaptureFixture[str]) -> None:
+    for name in ("alone", "other", "broken"):
+        Path(name).mkdir(exist_ok=True)
+    Path("alone/diagnosis.json").write_text("{}")
+    write_diagnosis(Path("other"), "1r", ("spring@1",))
+    write_diagnosis(Path("broken"), "3r", LAWS)
+    document = json.loads(Path("broken/diagnosis.json").read_text())
+    del document["findings"][0]["parameters"]
+    Path("broken/diagnosis.json").write_text(json.dumps(document))
+    assert run(["replay", *command.split()]) == 2
+    out, err = capfd.readouterr()
+    assert words in err and err.count("\n") == 1 and not out and not Path("a.html").exists()
+
+
+def test_the_library_refuses_in_the_same_words(recording: Recording) -> None:
+    with pytest.raises(OptionError, match="start earlier"):
+        signid.output.replay(signid.load_model("3r"), recording, start=99.0)
+    with pytest.raises(RecordingError, match="shorter horizons"):
+        signid.output.replay(signid.load_model("3r"), recording, horizon=30.0)
+
+
+def test_the_command_serves_the_page_until_it_is_interrupted(shown: Replay, folder: Path) -> None:
+    command = [sys.executable, "-m", "signid", "replay", "3r", "arm.csv", "--diagnosis", "diagnosis.json", "--no-open"]
+    there = {**os.environ, "PYTHONPATH": str(Path(signid.__file__).parents[1]), "PYTHONUNBUFFERED": "1"}
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with subprocess.Popen(command, cwd=folder, text=True, env=there, **pipes) as served:  # type: ignore[call-overload]
+        address = next(line for line in served.stdout if line.startswith("http")).split()[0]
+        with urlopen(address, timeout=20) as answer:
+            assert answer.read().decode() == shown.page().replace("<body>", '<body class="live">')
+        served.send_signal(signal.SIGINT)
+        assert served.wait(20) == 0 and served.stderr.read() == ""

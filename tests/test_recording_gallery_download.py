@@ -1,0 +1,192 @@
+"""A download ends with the whole file, or with one sentence that says why not."""
+
+from __future__ import annotations
+
+from http.server import BaseHTTPRequestHandler
+
+import pytest
+from serving import TEXT, Server, send, serve, toy
+
+from signid.errors import DownloadError, OptionError
+from signid.recording.gallery import DATA, DataSet, Patience, Product, fetch
+from signid.recording.gallery.download import is_allowed
+from signid.recording.gallery.fetch import check_source
+
+PATH = "logs/a_toy.csv"
+HASTE = Patience(size=10_000, silence=0.3, total=0.6)
+
+
+@pytest.fixture(autouse=True)
+def no_proxy(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing may go through a proxy to this machine."""
+    monkeypatch.setenv("http_proxy", "http://127.0.0.1:9")
+    monkeypatch.delenv("no_proxy", raising=False)
+
+
+def refusal(server: Server) -> str:
+    with pytest.raises(DownloadError) as caught:
+        fetch(toy(), server.address, HASTE)
+    sentence = str(caught.value)
+    assert server.address in sentence and sentence.count("--source") == 1 and "\n" not in sentence
+    return sentence
+
+
+def test_a_file_arrives_whole_and_its_share_is_told() -> None:
+    told: list[tuple[str, float]] = []
+    with serve({PATH: TEXT}) as server:
+        files = fetch(toy(), server.address + "/", progress=lambda what, share: told.append((what, share)))
+    assert set(files) == {"toy.csv.gz", "source_toy.txt"} and told[-1] == ("downloading toy", 1.0)
+    assert server.asked == [PATH] and b"MIT" in files["source_toy.txt"] and b"0" * 40 in files["source_toy.txt"]
+
+
+def test_a_file_that_is_not_there() -> None:
+    with serve({}) as server:
+        sentence = refusal(server)
+    assert "the server answers 404 (Not Found)" in sentence and "try again" not in sentence
+
+
+def test_a_transfer_that_breaks_off() -> None:
+    with serve({PATH: lambda to: send(to, TEXT, length=1000)}) as server:
+        assert f"it broke off after {len(TEXT)} of 1000 bytes; try again" in refusal(server)
+
+
+def test_a_transfer_in_pieces_that_breaks_off() -> None:
+    def answer(to: BaseHTTPRequestHandler) -> None:
+        to.protocol_version = "HTTP/1.1"
+        to.send_response(200)
+        to.send_header("Transfer-Encoding", "chunked")
+        to.end_headers()
+        to.wfile.write(b"64\r\n" + TEXT)
+        to.close_connection = True
+
+    with serve({PATH: answer}) as server:
+        assert "it broke off" in refusal(server)
+
+
+def test_a_file_that_is_too_large_is_not_begun() -> None:
+    with serve({PATH: lambda to: send(to, b"", length=50_000_000)}) as server:
+        assert "it has 50 MB, where 0.01 MB are the most" in refusal(server)
+
+
+def test_a_file_without_end_is_cut() -> None:
+    def answer(to: BaseHTTPRequestHandler) -> None:
+        to.send_response(200)
+        to.end_headers()
+        with pytest.raises(OSError):  # the reader goes away
+            for _ in range(100_000):
+                to.wfile.write(b"0" * 1000)
+
+    with serve({PATH: answer}) as server:
+        assert "it has more than 0.01 MB" in refusal(server)
+
+
+@pytest.mark.parametrize("begun", [False, True])
+def test_a_server_that_falls_silent(begun: bool) -> None:
+    def answer(to: BaseHTTPRequestHandler) -> None:
+        if begun:
+            send(to, b"t", length=100)
+            to.wfile.flush()
+        server.over.wait()
+
+    with serve({PATH: answer}) as server:
+        assert "nothing came for 0.3 s" in refusal(server)
+
+
+def test_a_server_that_drips_is_left() -> None:
+    def answer(to: BaseHTTPRequestHandler) -> None:
+        send(to, b"", length=9000)
+        while not server.over.wait(0.02):
+            try:
+                to.wfile.write(b"0")
+            except OSError:
+                return
+
+    with serve({PATH: answer}) as server:
+        assert "it takes more than 0.6 s" in refusal(server)
+
+
+@pytest.mark.parametrize(
+    ("where", "why"),
+    [
+        ("http://example.com/x", "it leads on to 'http://example.com/x', which is not encrypted"),
+        ("ftp://localhost/x", "not encrypted"),
+        ("file:///etc/hostname", "the server answers 302 (Found)"),
+        ("http://[x/", "Invalid IPv6 URL"),
+    ],
+)
+def test_a_way_out_of_encryption_is_not_followed(where: str, why: str) -> None:
+    with serve({PATH: lambda to: send(to, b"", code=302, Location=where)}) as server:
+        assert why in refusal(server)
+    assert server.asked == [PATH]
+
+
+def test_a_way_within_this_machine_is_followed_but_not_in_a_circle() -> None:
+    with serve({PATH: lambda to: send(to, b"", code=302, Location="/there"), "there": TEXT}) as server:
+        assert "toy.csv.gz" in fetch(toy(), server.address, HASTE)
+    with serve({"*": lambda to: send(to, b"", code=302, Location=f"/{PATH}")}) as server:
+        assert "the server answers 302" in refusal(server)
+
+
+def test_no_server_at_all_and_one_without_encryption() -> None:
+    with serve({PATH: TEXT}) as server:
+        with pytest.raises(DownloadError, match="cannot download https://127.0.0.1.*; try again"):
+            fetch(toy(), server.address.replace("http", "https"), HASTE)
+        assert not server.asked
+    assert "refused" in refusal(server)
+
+
+@pytest.mark.parametrize(
+    ("address", "local", "allowed"),
+    [
+        ("https://raw.githubusercontent.com/x", False, True),
+        ("http://raw.githubusercontent.com/x", True, False),
+        ("http://localhost:8000/x", True, True),
+        ("http://localhost:8000/x", False, False),
+        ("http://127.0.0.1.example.com/x", True, False),
+        ("http://localhost@example.com/x", True, False),
+        ("https:///x", False, False),
+        ("file:///etc/hostname", True, False),
+        ("https://[::1", True, False),
+        ("https://host:port/x", False, False),
+    ],
+)
+def test_addresses(address: str, local: bool, allowed: bool) -> None:
+    assert is_allowed(address, local) is allowed
+
+
+@pytest.mark.parametrize("source", ["", "panda", "ftp://x/y", "http://example.com", "https://x/y?z", "https://x/y#z"])
+def test_sources_that_are_none(source: str) -> None:
+    with pytest.raises(OptionError, match="no address to download from"):
+        check_source(source)
+
+
+@pytest.mark.parametrize("name", ["../x.csv", "a/b.csv", "..", "", "/x", "a\\b", "-o", ".profile", "x\n"])
+def test_names_that_would_leave_the_folder(name: str) -> None:
+    known = {key: value for key, value in vars(toy()).items() if key not in ("folder", "products")}
+    product = Product("x.csv", ("x.csv",), bytes.decode, "")
+    for folder, products in ((name, ()), ("x", (Product(name, ("x.csv",), bytes.decode, ""),))):
+        with pytest.raises(OptionError, match="without a path"):
+            DataSet(folder=folder, products=products, **known)
+    if name != "a/b.csv":
+        with pytest.raises(OptionError, match="without a path"):
+            DataSet(folder="x", products=(Product("x", (f"a/{name}/b",), bytes.decode, ""),), **known)
+    assert DataSet(folder="x", products=(product,), **known).sources == ("x.csv",)
+
+
+@pytest.mark.parametrize("name", DATA.names)
+@pytest.mark.parametrize(
+    "rubbish", [b"", b"rubbish", b"\x80\x02c", b"1,2\n3\n", b"version https://git-lfs.github.com\n"]
+)
+def test_what_is_no_recording_is_refused(name: str, rubbish: bytes) -> None:
+    with serve({"*": rubbish}) as server:
+        with pytest.raises(DownloadError, match=f"commit {DATA[name].commit[:12]} by --source"):
+            fetch(DATA[name], server.address)
+
+
+def test_another_recording_is_refused() -> None:
+    with serve({"*": b"0\n" * 7, "time": b"0\n"}) as server:
+        with pytest.raises(DownloadError, match="exciting_traj_1.csv.gz from .* nothing was written"):
+            fetch(DATA["panda"], server.address)
+    with serve({PATH: TEXT.replace(b"1.5", b"1.6")}) as server:
+        with pytest.raises(DownloadError, match=r"is another \(sha256 [0-9a-f]{12}... instead of"):
+            fetch(toy(), server.address)
