@@ -15,9 +15,9 @@ from .recording_faults import Gross, examine
 from .regression.bandwidth import Band
 from .regression.factors import Factors
 from .regression.prepare import prepare
-from .regression.session import Options, Progress, Session
+from .regression.session import Options, Session
 from .signs import Signs, recover
-from .types import Array, BaseMap, Frozen, Recording, Robot
+from .types import Array, BaseMap, Frozen, Progress, Recording, Robot
 
 WELL, BARELY = 0.3, 1.0  # expected standard deviation over how far the parameter may be off beforehand
 FEW_ROWS = 20  # rows per parameter, fewer leave the noise model poor

@@ -21,9 +21,9 @@ from .regression.factors import LAGS, Factors, Weigh
 from .regression.prepare import ITSELF, only_once, prepare, recordings_used
 from .regression.reduced import Reduced
 from .regression.rows import Rows
-from .regression.session import Options, Progress, Session
+from .regression.session import Options, Session
 from .signs import Recovered, Signs, recover
-from .types import Array, BaseMap, Estimate, Frozen, Input, Parameters, Recording, Robot
+from .types import Array, BaseMap, Estimate, Frozen, Input, Parameters, Progress, Recording, Robot
 
 HUBER = 1.345  # residual, in standard deviations, beyond which a row counts less
 ROBUST_ROUNDS = 3

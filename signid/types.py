@@ -5,7 +5,7 @@ Shapes: N samples, n joints that move by themselves, nb bodies. Parameters have 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
@@ -26,6 +26,8 @@ from .parameters import pseudo_inertia as pseudo_inertia
 
 if TYPE_CHECKING:
     import pinocchio as pin
+
+Progress = Callable[[str, float], None]  # what is being done, share of it that is done [1]
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,8 +14,10 @@ from typer.main import get_command
 
 from ..errors import SignidError
 from ..threads import one_thread
+from .app import app
 
 from .demo import command as demo  # noqa: F401  # isort: skip (help lists commands in this order)
+from .commands import identification as identification  # isort: skip
 from .commands import diagnosis as diagnosis  # isort: skip
 from .commands import validation as validation  # isort: skip
 from .commands import payload as payload  # isort: skip
@@ -29,7 +31,6 @@ from .commands import replay as replay  # isort: skip
 from .commands import factors as factors  # isort: skip
 from .fleet import command as fleet  # noqa: F401  # isort: skip
 from .commands import data as data  # isort: skip
-from .commands.identification import app
 from .interrupt import signals_heard
 from .terminal import BAD, BROKEN, DONE, INTERRUPTED, complain
 

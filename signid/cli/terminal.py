@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from ..deadline import seconds_left
 
 if TYPE_CHECKING:
-    from ..regression.session import Progress
+    from ..types import Progress
 
 DONE, BROKEN, BAD, FLAGGED, INTERRUPTED = 0, 1, 2, 3, 130  # exit codes
 LONGEST = 390  # characters

@@ -14,12 +14,12 @@ from ..model import Model
 from ..recording_faults import Finding, Gross, examine
 from ..regression.base_parameters import build_base
 from ..regression.prepare import prepare, recordings_used
-from ..regression.session import Options, Part, Progress, Session, longest_piece
+from ..regression.session import Options, Part, Session, longest_piece
 from ..robot.dynamics import carried
 from ..signs import Recovered, recover
 from ..simulation.rollout import RollOut, roll_out
 from ..simulation.rollout.joints import restrict_joints
-from ..types import Recording
+from ..types import Progress, Recording
 from .data.column_groups import dry_friction, lay_out
 from .data.dataset import Setting
 from .data.hypotheses import happens_once, pooled, propose

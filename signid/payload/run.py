@@ -14,7 +14,7 @@ from ..estimation.least_squares import estimate
 from ..model import stated_parameters
 from ..regression.factors import LAGS, Factors
 from ..regression.prepare import prepare
-from ..regression.session import Options, Progress
+from ..regression.session import Options
 from ..robot.dynamics import carried
 from ..signs.torque_constants.from_shared_parameters import constant_sensitivity
 from ..types import (
@@ -27,6 +27,7 @@ from ..types import (
     Label,
     Mask,
     Parameters,
+    Progress,
     Recording,
     Robot,
 )

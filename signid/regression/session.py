@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
 
@@ -11,11 +11,10 @@ import numpy as np
 from ..effects import EFFECT_NAMES
 from ..errors import RecordingError
 from ..recording.sampling import Sampling, samples
-from ..types import Frozen, Recording, Robot, Samples
+from ..types import Frozen, Progress, Recording, Robot, Samples
 from .factors import LAGS, Factors, Weigh, reduce_rows
 from .rows import Rows, Task, read_rows
 
-Progress = Callable[[str, float], None]  # what is being done, share of it that is done
 Part = tuple[Recording, Sampling]
 
 PIECE = 2**17  # samples of a recording that the cut-off is chosen from

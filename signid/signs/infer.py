@@ -2,60 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from ..regression.rows import Task
 from ..types import Array, Frozen
+from .inferred import SUSPECT, SYSTEMATIC, Choice, Choose, Inferred
 from .posterior.confidence import joint_doubt
 from .posterior.inflation import inflation
 from .posterior.recheck import follow, known_rows, weigh
-from .result import Proof
 from .rows.observations import Observed
-from .rows.segments import cut_by_signs, minimum_cuts, split_impure, threshold_runs
+from .rows.segments import Segment, cut_by_signs, minimum_cuts, split_impure, threshold_runs
 from .samples.markov_chain import Refined, refine
 from .search.cone import Cone, physical_cone
 from .search.exact import search
 from .search.friction_signs import friction_patterns
-from .search.problem import Problem, Rows, Segment, pose, signed_rows
+from .search.problem import Problem, Rows, pose, signed_rows
 
 SPLITS = 3  # rounds of cutting segments in which the model changes sign
 LEAST_NOISE = 1e-3  # of the rms torque: no residual counts as smaller when confidence is judged
-SUSPECT, SYSTEMATIC = 0.15, 3.0  # residual over torque, and samples for one that is independent (noise alone: 1)
-
-
-@dataclass(frozen=True, eq=False)
-class Inferred(Frozen):
-    """Signs of N samples, the S segments that are told, and all that says how far they can be trusted."""
-
-    segments: tuple[Segment, ...]  # S
-    signs: Array  # (S,) [1]
-    confidence: Array  # (S,) [1]
-    refined: Refined
-    inflation: Array  # (n,) [1]
-    threshold: Array  # (n,) [N.m or N]
-    problem: Problem  # in variance units
-    proof: Proof
-    complete: bool  # whether every rival within the window was counted
-    doubt: dict[int, float]  # per joint, probability that all its signs are the other way round
-    impure: dict[int, int]  # per joint, segments in which torque changed its sign
-    finer: bool  # whether the finer segments were used
-    notes: tuple[str, ...]
-
-
-class Choice(NamedTuple):
-    """Signs of the segments of a problem, and how they were found."""
-
-    signs: Array  # (S,) [1]
-    coordinates: Array  # (r,) z [standard deviations]
-    proof: Proof
-    notes: tuple[str, ...] = ()
-
-
-Choose = Callable[[Problem, Sequence[Segment]], Choice]
 
 
 @dataclass(frozen=True, eq=False)

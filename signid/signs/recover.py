@@ -13,9 +13,10 @@ from ..recording import with_signs
 from ..regression.factors import Factors
 from ..regression.prepare import prepare
 from ..regression.rows import Task
-from ..regression.session import Options, Part, Progress
-from ..types import Array, BaseMap, Estimate, Recording, Robot
-from .infer import Inferred, infer
+from ..regression.session import Options, Part
+from ..types import Array, BaseMap, Estimate, Progress, Recording, Robot
+from .infer import infer
+from .inferred import Inferred
 from .posterior.flags import raise_flags
 from .result import Signs, Told, Trace
 from .rows.observations import Observed, observe, thinning

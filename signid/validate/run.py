@@ -15,9 +15,9 @@ from ..model import Model
 from ..recording import same_joints
 from ..recording_faults import Gross, examine
 from ..regression.prepare import only_once, prepare
-from ..regression.session import Options, Progress, Session
+from ..regression.session import Options, Session
 from ..simulation.rollout import RollOut, roll_out
-from ..types import Input, Recording
+from ..types import Input, Progress, Recording
 from .flags import constant_flags, fault_flags, joint_flags, rollout_notes, row_flags, row_notes
 from .joints import Candidate, share_joints
 from .result import ValidatedModel, Validation

@@ -6,9 +6,9 @@ from typing import Annotated
 
 import typer
 
+from ..app import app
 from ..arguments import Json
 from ..terminal import DONE
-from .identification import app
 
 
 @app.command(epilog="Example: signid effects stribeck_friction")

@@ -8,10 +8,10 @@ from typing import Annotated
 import typer
 
 from ...errors import OptionError
+from ..app import app
 from ..arguments import Actuators, Columns, Joints, Json, Lock, given_inputs, given_robot
 from ..output import check_file, write_columns
 from ..terminal import tell_flags
-from .identification import app
 
 
 @app.command(epilog="Example: signid convert bag --topic /joint_states -o recording.csv")

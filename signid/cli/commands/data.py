@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ...errors import OptionError
+from ..app import app
 from ..arguments import Json
 from ..terminal import BAD, DONE, bars, complain
-from .identification import app
 
 if TYPE_CHECKING:
     from ...recording.gallery import DataSet

@@ -8,6 +8,7 @@ import typer
 
 from ...deadline import USUAL
 from ...deadline import time_limit as limited
+from ..app import app
 from ..arguments import (
     Actuators,
     Columns,
@@ -26,7 +27,6 @@ from ..arguments import (
 from ..output import check_folder
 from ..source import Source, given_model
 from ..terminal import bars
-from .identification import app
 
 if TYPE_CHECKING:
     from ...types import Recording, Robot

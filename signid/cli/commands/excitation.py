@@ -9,6 +9,7 @@ import typer
 from ...deadline import USUAL
 from ...deadline import time_limit as limited
 from ...errors import OptionError
+from ..app import app
 from ..arguments import (
     Actuators,
     Effects,
@@ -24,7 +25,6 @@ from ..arguments import (
 from ..output import check_file, write_columns
 from ..source import Source, given_model
 from ..terminal import bars, tell_flags
-from .identification import app
 
 if TYPE_CHECKING:
     from ...simulation.excite import Excitation, Limits, Separation

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ...errors import OptionError
+from ..app import app
 from ..arguments import Json, SimulationName
 from ..source import Source, given_model
 from ..terminal import DONE
-from .identification import app
 
 if TYPE_CHECKING:
     from ...output.export import Exported

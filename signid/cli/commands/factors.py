@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ...errors import OptionError
+from ..app import app
 from ..arguments import (
     Actuators,
     Columns,
@@ -30,12 +31,10 @@ from ..arguments import (
     given_robot,
 )
 from ..terminal import DONE, bars
-from .identification import app
 
 if TYPE_CHECKING:
     from ...regression.reduced import Reduced
-    from ...regression.session import Progress
-    from ...types import Input, Robot
+    from ...types import Input, Progress, Robot
 
 SHAPES = ("held_out", "columns", "effects", "cutoff", "derivatives", "no_instruments")
 SAMPLES = ("unsigned", "robust")  # options that need samples

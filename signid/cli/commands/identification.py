@@ -8,7 +8,7 @@ import typer
 
 from ...deadline import USUAL
 from ...deadline import time_limit as limited
-from ..app import app as app
+from ..app import app
 from ..arguments import (
     Actuators,
     Bounds,

@@ -8,6 +8,7 @@ import typer
 
 from ...deadline import USUAL
 from ...deadline import time_limit as limited
+from ..app import app
 from ..arguments import (
     Actuators,
     Columns,
@@ -29,7 +30,6 @@ from ..arguments import (
     given_robot,
 )
 from ..terminal import bars, tell_flags
-from .identification import app
 
 
 @app.command(epilog="Example: signid payload 3r --without recording.csv --with loaded.csv")

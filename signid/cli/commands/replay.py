@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ..app import app
 from ..arguments import Actuators, Columns, Joints, Json, Lock, PackageDir, SimulationName, given_recording
 from ..source import Source, given_model
 from ..terminal import DONE
-from .identification import app
 
 if TYPE_CHECKING:
     from ...output.replay import Replay

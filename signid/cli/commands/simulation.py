@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ..app import app
 from ..arguments import Actuators, Joints, Json, Lock, PackageDir, Seed, SimulationName
 from ..drive import Loop, given_drive
 from ..output import check_file, write_columns
 from ..source import Source, given_model
 from ..terminal import DONE, bars
-from .identification import app
 
 if TYPE_CHECKING:
     from ...model import Model

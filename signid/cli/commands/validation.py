@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ...errors import OptionError, RecordingError, RobotError
+from ..app import app
 from ..arguments import (
     Actuators,
     Columns,
@@ -25,7 +26,6 @@ from ..arguments import (
 from ..output import check_folder
 from ..source import Source, given_model
 from ..terminal import bars
-from .identification import app
 
 if TYPE_CHECKING:
     from ...model import Model

@@ -16,10 +16,10 @@ from ...output.report import write_files
 from ...recording import read_recording
 from ...recording.formats.find import find_format
 from ...regression.motion import Motion
-from ...regression.session import Options, Progress
+from ...regression.session import Options
 from ...simulation.excite import build_limits, excite
 from ...simulation.plant import Sensors, record
-from ...types import Array, Frozen, Law, Robot, Trajectory
+from ...types import Array, Frozen, Law, Progress, Robot, Trajectory
 from .arm import take_arm
 from .conceal import conceal, least
 from .outcome import Outcome, judge, misses

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ...errors import ManifestError, OptionError, shorten
+from ..app import app
 from ..arguments import Json, Seed, again
-from ..commands.identification import app
 from ..terminal import BAD, DONE, FLAGGED, bars, complain
 
 if TYPE_CHECKING:

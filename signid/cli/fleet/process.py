@@ -35,7 +35,7 @@ class _Process:
     def __init__(self) -> None:
         heard = None if os.environ.get("SIGNID_DEBUG") else subprocess.DEVNULL
         self.child = subprocess.Popen(
-            [sys.executable, "-m", "signid.cli.fleet.worker"],
+            [sys.executable, "-m", "signid.cli.worker"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=heard,

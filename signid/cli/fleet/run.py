@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ...errors import InputError, ManifestError, SignidError
-from ...regression.session import Progress
-from ...types import Input
+from ...types import Input, Progress
 from .dispatch import cores, spread
 from .inputs import check_robot, key, read_inputs
 from .manifest import Entry, Manifest, read_manifest

@@ -17,13 +17,13 @@ from ..data.dataset import Setting
 from ..data.hypotheses import VARIABLES
 from ..data.locate import Place, locate
 from ..data.motions import torque_rows
-from ..evidence.knowledge import covariance_after
 from ..evidence.posterior_odds import Judge
 from ..evidence.selection import Found
 from ..extend.holdout import Shown
 from ..result import Alternative, Finding, Unexplained
 from ..search.stepwise import FIRST, NEXT, needed
 from .alternatives import DOUBT, Slot, with_held_out
+from .covariance import covariance_after
 from .held_out_selection import Extended, hand_out
 from .intervals import deviations
 from .separating_motion import tell_apart

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from ...regression.factors import Factors, Weigh
-from ...regression.session import Options, Part, Progress, Session
-from ...types import Array, BaseMap, Estimate, Frozen
+from ...regression.session import Options, Part, Session
+from ...types import Array, BaseMap, Estimate, Frozen, Progress
 
 
 @dataclass(frozen=True, eq=False)

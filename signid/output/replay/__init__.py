@@ -5,6 +5,7 @@ the torque that is left unexplained at their joint, and what a diagnosis found i
 """
 
 from .live import Live
-from .run import Replay, replay
+from .page import Replay
+from .run import replay
 
 __all__ = ["Live", "Replay", "replay"]

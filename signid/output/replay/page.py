@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from base64 import b64encode
+from dataclasses import dataclass
 from html import escape
 from importlib.util import find_spec
 from pathlib import Path
@@ -12,14 +13,68 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import OptionError
+from ...types import Array, Frozen, Robot
+from .marks import Mark
+from .shapes import Look
+from .track import Track
 
 if TYPE_CHECKING:
-    from .run import Replay
+    from .live import Live
 
 HERE = Path(__file__).parent
 PARTS = ("scene.js", "colours.js", "player.js")
 INSTANTS, DIRECTIONS = 80, 400  # of the motion, and around it, in which its outermost points are sought
 SURE = 0.98  # share of the torque residuals that the scale of colours covers
+
+
+@dataclass(frozen=True, eq=False)
+class Replay(Frozen):
+    """A recorded robot beside its simulation: M simulations, F frames, b bodies."""
+
+    robot: Robot
+    title: str
+    look: Look
+    bodies: tuple[int, ...]  # joints of the model that carry what is drawn, 0 for the base
+    movers: tuple[int, ...]  # per body the joint that moves it, -1 for the base
+    track: Track
+    recorded: Array  # (F, b, 7) position [m] and quaternion x, y, z, w [1]
+    simulated: Array  # (M, F, b, 7) [m, 1]; NaN where nothing is simulated
+    marks: tuple[Mark, ...]
+    verdict: str  # of the diagnosis, empty without one
+    horizon: float  # [s] of a roll-out
+    reach: float  # [m]
+    notes: tuple[str, ...]
+
+    def page(self) -> str:
+        """One HTML file that needs nothing else; the same replay gives the same bytes."""
+        return replay_page(self)
+
+    def document(self) -> dict[str, Any]:
+        """What it shows, in numbers: residual torque, and how far simulations stray, first as given, then extended."""
+        track = self.track
+        strayed = track.simulated - track.recorded
+        return {
+            "schema": "signid.replay/1",
+            "robot": self.robot.name,
+            "joints": list(self.robot.joints),
+            "unit": ["m" if slides else "rad" for slides in self.robot.prismatic],
+            "torque_unit": ["N" if slides else "N.m" for slides in self.robot.prismatic],
+            "start": float(track.t[0]),
+            "end": float(track.t[-1]),
+            "frames": len(track.t),
+            "horizon": self.horizon,
+            "residual_rms": [_rms(residual).tolist() for residual in track.residual],
+            "strayed_rms": [_rms(error).tolist() for error in strayed],
+            "apart": track.apart.mean(axis=1).tolist(),
+            "marks": [mark.document() for mark in self.marks],
+            "notes": list(self.notes),
+        }
+
+    def show(self) -> Live:
+        """Serve it on this machine, as a Meshcat viewer that other programs can draw into, until it is closed."""
+        from .live import Live
+
+        return Live(self.page())
 
 
 def replay_page(replay: Replay) -> str:
@@ -149,3 +204,10 @@ def _viewer() -> str:
     if path is None or not path.is_file():
         raise OptionError("the meshcat package is not installed, and the page holds its viewer; pip install meshcat")
     return path.read_text(encoding="utf-8").replace("</script", "<\\/script")
+
+
+def _rms(values: Array) -> Array:
+    """Root mean square of values (F, n) [any] over the frames that have them, (n,); NaN where none has."""
+    known = np.isfinite(values)
+    total = np.sum(np.where(known, values, 0.0) ** 2, axis=0)
+    return np.asarray(np.sqrt(np.where(known.any(axis=0), total / np.maximum(1, known.sum(axis=0)), np.nan)))

@@ -3,81 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...errors import OptionError
 from ...model import Model
 from ...simulation.rollout.joints import restrict_joints
-from ...types import Array, Frozen, Recording, Robot
+from ...types import Recording, Robot
 from .found import Found, read_found
-from .marks import Mark, marks
+from .marks import marks
+from .page import Replay
 from .part import part
 from .poses import movers, poses
-from .shapes import Look, look, reach
-from .track import Track, follow
+from .shapes import look, reach
+from .track import follow
 
 if TYPE_CHECKING:
     from ...diagnose import Diagnosis
-    from .live import Live
 
 LONGEST = 60.0  # [s] shown unless more is asked for
 MOST = 150_000  # bodies times frames times robots: about 6 MB
-
-
-@dataclass(frozen=True, eq=False)
-class Replay(Frozen):
-    """A recorded robot beside its simulation: M simulations, F frames, b bodies."""
-
-    robot: Robot
-    title: str
-    look: Look
-    bodies: tuple[int, ...]  # joints of the model that carry what is drawn, 0 for the base
-    movers: tuple[int, ...]  # per body the joint that moves it, -1 for the base
-    track: Track
-    recorded: Array  # (F, b, 7) position [m] and quaternion x, y, z, w [1]
-    simulated: Array  # (M, F, b, 7) [m, 1]; NaN where nothing is simulated
-    marks: tuple[Mark, ...]
-    verdict: str  # of the diagnosis, empty without one
-    horizon: float  # [s] of a roll-out
-    reach: float  # [m]
-    notes: tuple[str, ...]
-
-    def page(self) -> str:
-        """One HTML file that needs nothing else; the same replay gives the same bytes."""
-        from .page import replay_page
-
-        return replay_page(self)
-
-    def document(self) -> dict[str, Any]:
-        """What it shows, in numbers: residual torque, and how far simulations stray, first as given, then extended."""
-        track = self.track
-        strayed = track.simulated - track.recorded
-        return {
-            "schema": "signid.replay/1",
-            "robot": self.robot.name,
-            "joints": list(self.robot.joints),
-            "unit": ["m" if slides else "rad" for slides in self.robot.prismatic],
-            "torque_unit": ["N" if slides else "N.m" for slides in self.robot.prismatic],
-            "start": float(track.t[0]),
-            "end": float(track.t[-1]),
-            "frames": len(track.t),
-            "horizon": self.horizon,
-            "residual_rms": [_rms(residual).tolist() for residual in track.residual],
-            "strayed_rms": [_rms(error).tolist() for error in strayed],
-            "apart": track.apart.mean(axis=1).tolist(),
-            "marks": [mark.document() for mark in self.marks],
-            "notes": list(self.notes),
-        }
-
-    def show(self) -> Live:
-        """Serve it on this machine, as a Meshcat viewer that other programs can draw into, until it is closed."""
-        from .live import Live
-
-        return Live(self.page())
 
 
 def replay(
@@ -139,13 +86,6 @@ def replay(
         reach=far,
         notes=tuple(dict.fromkeys((*notes, *seen.notes, *(note for each in more for note in each)))),
     )
-
-
-def _rms(values: Array) -> Array:
-    """Root mean square of values (F, n) [any] over the frames that have them, (n,); NaN where none has."""
-    known = np.isfinite(values)
-    total = np.sum(np.where(known, values, 0.0) ** 2, axis=0)
-    return np.asarray(np.sqrt(np.where(known.any(axis=0), total / np.maximum(1, known.sum(axis=0)), np.nan)))
 
 
 def _check(recording: Recording, horizon: float, rate: float) -> None:

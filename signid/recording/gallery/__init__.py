@@ -4,13 +4,10 @@ Nothing is downloaded unless it is asked for. A data set is one file; other pack
 `signid.data`.
 """
 
-from ...registry import Registry
-from .base import DataSet, Product
+from .base import DATA, DataSet, Product
 from .download import Patience
 from .fetch import check_source, fetch
 from .place import data_folder, is_complete, recordings
-
-DATA: Registry[DataSet] = Registry("data", __name__, "_1r _3r emps panda tx40 ur10e")
 
 __all__ = [
     "DATA",

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from ...errors import OptionError
+from ...registry import Registry
 
 _PLAIN = re.compile(r"\w[\w.+-]*")  # a name that cannot leave its folder
 UNSTATED = "none stated (all rights reserved)"
@@ -60,3 +61,6 @@ class DataSet:
     def home(self) -> str:
         """A page that shows the repository at that commit."""
         return f"https://github.com/{self.repository}/tree/{self.commit}"
+
+
+DATA: Registry[DataSet] = Registry("data", __package__, "_1r _3r emps panda tx40 ur10e")

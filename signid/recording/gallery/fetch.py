@@ -15,7 +15,7 @@ from .base import DataSet, Product
 from .download import USUAL, Patience, download, is_allowed
 
 if TYPE_CHECKING:
-    from ...regression.session import Progress
+    from ...types import Progress
 
 
 def fetch(

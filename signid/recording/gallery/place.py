@@ -9,7 +9,7 @@ from pathlib import Path
 from zlib import error as ZlibError
 
 from ...errors import RecordingError
-from .base import DataSet
+from .base import DATA, DataSet
 
 VARIABLE = "SIGNID_DATA"
 
@@ -26,8 +26,6 @@ def recordings(name: str) -> Path:
         OptionError: there is no such data set.
         RecordingError: it is not there, or not whole; the sentence says how to get it.
     """
-    from . import DATA
-
     wanted = DATA[name]
     folder = data_folder() / wanted.folder
     lacking = [product.name for product in wanted.products if not (folder / product.name).is_file()]

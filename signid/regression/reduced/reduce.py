@@ -6,11 +6,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from ...errors import OptionError, RecordingError
-from ...types import Frozen, Input, Recording, Robot
+from ...types import Frozen, Input, Progress, Recording, Robot
 from ..factors import LAGS, Factors, Node, cascade, window_factors
 from ..prepare import only_once, prepare, recordings_used
 from ..rows import Task, count_windows, cut_rows, read_rows
-from ..session import SAME_RATE, Options, Part, Progress, Session
+from ..session import SAME_RATE, Options, Part, Session
 
 Share = tuple[int, int]  # which of how many equal parts, counted from 1
 WHOLE: Share = (1, 1)

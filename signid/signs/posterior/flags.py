@@ -9,7 +9,7 @@ import numpy as np
 from ...errors import shorten
 from ...regression.rows import Task
 from ...types import Indices, Robot
-from ..infer import SUSPECT, SYSTEMATIC, Inferred
+from ..inferred import SUSPECT, SYSTEMATIC, Inferred
 from ..rows.observations import Observed, alone
 from ..search.cone import RECTIFIED
 from ..search.friction_signs import friction_patterns

@@ -12,13 +12,13 @@ from ...regression.rows import Task
 from ...types import Array
 from ..result import Proof
 from ..rows.observations import Observed
-from ..rows.segments import cut_by_signs
+from ..rows.segments import Segment, cut_by_signs
 from ..samples.markov_chain import Refined, refine
 from ..search.cone import Cone
 from ..search.exact import Found, Rivals, enumerate_near, search
 from ..search.friction import believe
 from ..search.friction_signs import friction_patterns
-from ..search.problem import Problem, Rows, Segment, pose, signed_rows
+from ..search.problem import Problem, Rows, pose, signed_rows
 from .confidence import WINDOW, judge_confidence
 
 CERTAIN = 0.999  # confidence that the parts of a run need, to be told apart

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from ...errors import RecordingError
 from ...types import Array, Indices, Mask
-from ..search.problem import Segment
 from .observations import Observed
 
 QUANTILE = 0.1  # of |torque|: below it a torque may change its sign
@@ -18,6 +18,14 @@ STANDS = 0.1  # [s] without certain motion after which a joint counts as at rest
 LOW, LOWEST = 0.5, 0.02  # of the rms: minima below the first are cut, samples below the second belong to no segment
 RESTS = 0.1  # share of the samples in motion below which a joint counts as one that hardly moves
 CLEAR, TURN = 3.0, 3  # standard deviations and samples by which a model must have the other sign inside a segment
+
+
+class Segment(NamedTuple):
+    """Consecutive samples start..stop of one joint, in which the torque keeps one sign."""
+
+    joint: int
+    start: int
+    stop: int
 
 
 def threshold_runs(observed: Observed, quantile: float = QUANTILE) -> tuple[list[Segment], Array]:

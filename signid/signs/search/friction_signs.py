@@ -8,7 +8,8 @@ import numpy as np
 
 from ...types import Array
 from ..rows.observations import Observed
-from .problem import Problem, Segment
+from ..rows.segments import Segment
+from .problem import Problem
 
 
 def friction_patterns(problem: Problem, observed: Observed, segments: Sequence[Segment]) -> list[Array]:

@@ -10,16 +10,9 @@ import numpy as np
 
 from ...types import Array, Frozen, Indices
 from ..rows.observations import Observed
+from ..rows.segments import Segment
 
 RANK = 1e-7  # of the largest singular value of the scaled rows
-
-
-class Segment(NamedTuple):
-    """Consecutive samples start..stop of one joint, in which the torque keeps one sign."""
-
-    joint: int
-    start: int
-    stop: int
 
 
 class Rows(NamedTuple):

@@ -13,8 +13,8 @@ from ...recording import same_joints, with_signs
 from ...regression.factors import Factors
 from ...regression.prepare import prepare
 from ...regression.rows import Task
-from ...regression.session import Options, Progress, Session
-from ...types import Array, Frozen, Mask, Recording, Robot, prismatic_unit
+from ...regression.session import Options, Session
+from ...types import Array, Frozen, Mask, Progress, Recording, Robot, prismatic_unit
 from ..infer import infer
 from ..result import Gain, Signs
 from ..rows.observations import Observed, observe

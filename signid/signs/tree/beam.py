@@ -10,8 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...errors import OptionError
-from ...regression.session import Progress
-from ...types import Array, Frozen, Indices
+from ...types import Array, Frozen, Indices, Progress
 from ..search.problem import Problem
 
 WIDTH = 5  # nodes kept of each level

@@ -6,11 +6,12 @@ from collections.abc import Sequence
 
 from ...model import stated_parameters
 from ...regression.rows import Task
-from ...regression.session import Progress
-from ..infer import Choice, Choose
+from ...types import Progress
+from ..inferred import Choice, Choose
 from ..result import Proof
+from ..rows.segments import Segment
 from ..search.certificate import certify
-from ..search.problem import Problem, Segment
+from ..search.problem import Problem
 from .tree import search_tree
 
 NOTE = (

@@ -11,8 +11,7 @@ from ...estimation.pbrp import Bounds, bounds_around
 from ...estimation.pbrp.bounds import check_box
 from ...estimation.pbrp.cost import cost_over, descend
 from ...estimation.pbrp.penalty import physics_of
-from ...regression.session import Progress
-from ...types import Array, BaseMap, Estimate, Parameters
+from ...types import Array, BaseMap, Estimate, Parameters, Progress
 from ..search.problem import Problem
 from .beam import WIDTH, Grown, Level, Node, grow, in_place
 from .condition import Ordered, condition_order

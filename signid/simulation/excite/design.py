@@ -12,8 +12,7 @@ from ...deadline import ends_in_time
 from ...effects import EFFECT_NAMES
 from ...errors import OptionError
 from ...model import Model
-from ...regression.session import Progress
-from ...types import Array, Trajectory
+from ...types import Array, Progress, Trajectory
 from .cost import Cost
 from .criterion import CRITERIA
 from .feasible import Safe, grid, make_safe

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...optimisers import OPTIMISERS, Optimum, Problem
-from ...regression.session import Progress
-from ...types import Array, Frozen
+from ...types import Array, Frozen, Progress
 from .cost import Cost
 from .motions.random_motion import fit_inside, random_parameters
 

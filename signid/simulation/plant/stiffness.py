@@ -2,21 +2,36 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from ...errors import OptionError
 from ...types import Array, Robot
-
-if TYPE_CHECKING:
-    from .plant import Plant
+from .bodies import Bodies
+from .dynamics import Dynamics
+from .effect_terms import Term
+from .state import Moment
 
 STATES = 60
 TRIAL = 1e-6  # [rad, rad/s] by which a law is moved to feel its stiffness and damping
 SLACK = 4.0  # laws may be stiffer than felt
 GENTLE = 0.4  # share of the inertia below which a law is taken at the beginning of the step
 RINGING, DECAY = 0.3, 0.5  # [1] largest step times frequency, and times rate of decay, of explicit steps
+
+
+class Loaded(Protocol):
+    """A plant whose laws are felt."""
+
+    bodies: Bodies
+    dynamics: Dynamics
+    moment: Moment
+    terms: tuple[Term, ...]
+    step: float
+
+    def resist(self, t: float, dt: float, q: Array, v: Array, direction: Array, /) -> Array:
+        """Torque (R, B, c) of all laws for R trials [N.m or N]."""
+        ...
 
 
 class Stiffness(NamedTuple):
@@ -39,7 +54,7 @@ class Stiffness(NamedTuple):
         return int(max(1, np.ceil(step * max(rate.max(), (self.damping / self.inertia).max() / DECAY))))
 
 
-def feel(plant: Plant, robot: Robot, seed: int = 0) -> Stiffness:
+def feel(plant: Loaded, robot: Robot, seed: int = 0) -> Stiffness:
     """The stiffness of a plant's laws from trials at random states, slow and fast.
 
     Raises:
@@ -65,7 +80,7 @@ def feel(plant: Plant, robot: Robot, seed: int = 0) -> Stiffness:
     return Stiffness(damping, spring, inertia)
 
 
-def _mobility(plant: Plant, q: Array, robot: str) -> Array:
+def _mobility(plant: Loaded, q: Array, robot: str) -> Array:
     """The inverse (c, c) of the mass matrix at q (1, c), of bodies that can be."""
     try:
         found = plant.dynamics.mobility(q)[0]

@@ -12,8 +12,7 @@ from ....effects import EFFECTS
 from ....effects.law import places
 from ....errors import OptionError
 from ....model import Model
-from ....regression.session import Progress
-from ....types import Law
+from ....types import Law, Progress
 from ..design import CLEARANCE
 from ..feasible import grid, make_safe
 from ..limits import Limits, build_limits

@@ -11,8 +11,7 @@ import numpy as np
 
 from ....optimisers import OPTIMISERS, Problem
 from ....regression.motion import Motion
-from ....regression.session import Progress
-from ....types import Array, Frozen
+from ....types import Array, Frozen, Progress
 from ..motions.family import Family
 from ..motions.random_motion import column_sizes, fit_inside, random_parameters, sample
 from ..search import SEARCH, SPARE

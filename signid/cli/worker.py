@@ -1,4 +1,4 @@
-"""Commands one after another in one process: `python -m signid.cli.fleet.worker`, as a fleet begins it.
+"""Commands one after another in one process: `python -m signid.cli.worker`, as a fleet begins it.
 
 Each line of standard input is an order. Each answer is the length of a header in sixteen digits, the header, and the
 bytes of the files that it lists.
@@ -17,8 +17,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import IO, Any
 
-from ..run import run
-from ..terminal import INTERRUPTED
+from .run import run
+from .terminal import INTERRUPTED
 
 
 def attend(orders: Iterable[bytes], answers: IO[bytes]) -> None:

@@ -1,0 +1,67 @@
+"""A fit -> the covariance of the extended model."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...effects.law import coefficient_count
+from ...model import Model
+from ...regression.base_parameters import build_base
+from ...regression.covariance import Covariance, base_covariance
+from ...robot.dynamics import carried
+from ...types import INERTIAL, Array, Law
+from ..data.hypotheses import refits
+from ..data.whitened_rows import columns_of
+from ..evidence.bayes_factors import Evidence
+from ..evidence.knowledge import laid_out, of_laws
+from ..evidence.selection import Found
+from .held_out_selection import Extended
+
+
+def covariance_after(model: Model, evidence: Evidence, found: Found, extended: Extended) -> Covariance:
+    """The covariance of base parameters and laws of the extended simulation, about what it states.
+
+    Where numbers were not refitted though the recordings would have moved them, the square of that step is added.
+
+    Args:
+        model: the extended simulation.
+        evidence: rows.
+        found: the selected laws.
+        extended: what was handed out.
+    """
+    fit = evidence.fit(found.true, found.base, max(found.trust, 1.0))
+    linear = [law for law in model.laws if _is_base_law(law)]
+    base = build_base(model.robot, linear)
+    place = {label.name: k for k, label in enumerate(base.labels)}
+    sources = list(laid_out(model, evidence.data.refitted).items())
+    for group, own in extended.laws.items():
+        if not group.claim.bodies:
+            sources += of_laws(model, group, own)
+    at = {int(column): k for k, column in enumerate(fit.which)}
+    share = np.zeros((len(place), len(fit.which)))
+    for name, column in sources:
+        if name in place and column in at:
+            share[place[name], at[column]] = 1.0
+    for group in (group for group in extended.laws if group.claim.bodies):
+        body, numbers = carried(model.robot, group.claim.laws[0].joints[0]) + 1, group.claim.numbers
+        for name, row in zip(INERTIAL, numbers, strict=False):
+            share[place[f"{name}_{body}"], fit.place(group)] = row
+    mixed = base.combination @ share
+    matrix = mixed @ fit.covariance @ mixed.T
+    moved = np.isin(fit.which, columns_of([*found.true, *extended.refitted]))
+    step = mixed @ np.where(moved, 0.0, fit.value)
+    matrix = matrix + np.outer(step, step)
+    values = base.combination @ np.concatenate([model.inertials.ravel(), *(_coefficients(law) for law in linear)])
+    lost = np.diag(matrix) <= 0
+    matrix[lost, lost] = np.inf
+    return base_covariance(base, values, matrix)
+
+
+def _is_base_law(law: Law) -> bool:
+    effect = law.effect
+    plain = effect.scope == "joint" and not effect.shape(law.parameters)
+    return plain and refits(law) and effect.coefficients(effect.example) == [effect.example[k] for k in effect.linear()]
+
+
+def _coefficients(law: Law) -> Array:
+    return np.array(law.effect.coefficients(law.parameters)[: coefficient_count(law)])
