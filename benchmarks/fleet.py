@@ -103,7 +103,7 @@ def measure(name: str, minutes: float, folder: Path, turns: int) -> Reduction:
     recording = signid.read_recording(path, robot)
     parts = add_up([reduce(robot, [recording], share=(k + 1, PARTS)) for k in range(PARTS)])
     differences = (difference(found, whole) for found in (again, signid.identify(robot, parts)))
-    sizes = path.stat().st_size, file.stat().st_size, len(signid.output.report(whole).encode())
+    sizes = path.stat().st_size, file.stat().st_size, len(signid.report(whole).encode())
     return Reduction(name, len(recording), *sizes, reading, from_samples, from_factors, squares, *differences)
 
 
@@ -140,7 +140,7 @@ def scale(sessions: int, turns: int, folder: Path) -> tuple[dict[str, Taken], bo
                     {"scheduler": cluster.scheduler_address} if way == CLUSTER else {"workers": WAYS[way]}
                 )
                 start = Taken(time.perf_counter(), _children())
-                found = signid.cli.fleet(manifest, out, **where)
+                found = signid.fleet(manifest, out, **where)
                 now = Taken(time.perf_counter() - start.wall, _children() - start.processor)
                 seconds[way] = Taken(*map(min, now, seconds.get(way, now)))
                 assert all(one.done for one in found.outcomes), "every session can be diagnosed"

@@ -31,8 +31,7 @@ from signid.simulation.plant.control import Plan
 from signid.simulation.plant.plant import Plant
 from signid.types import Array, Law, Trajectory
 
-from .plants.bodies import Body
-from .plants.bodies import bare as bare_urdf
+from .plants.bodies import Body, bare as bare_urdf
 
 JOINTS = tuple(f"panda_joint{i}" for i in range(1, 8))
 CENTRE = (0.0, -0.3, 0.0, -2.0, 0.0, 1.8, 0.0)  # rad

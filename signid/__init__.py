@@ -9,6 +9,7 @@ import sys  # isort: skip_file
 from typing import TYPE_CHECKING
 
 from .registry import package as _package
+from .registry import public_names as _names
 from .version import __version__ as __version__
 
 if TYPE_CHECKING:
@@ -32,10 +33,7 @@ if TYPE_CHECKING:
     from .simulation.plant import Sensors as Sensors, record as record, simulate as simulate, track as track
     from .simulation.rollout import roll_out as roll_out
     from .validate import validate as validate
-NAMES = {n: n for n in "check diagnose identify inspect payload validate".split()} | {"cli.fleet": "fleet",
-    "deadline": "time_limit", "errors": "SignidError", "model": "load_model", "output.export": "export",
-    "output.replay": "replay", "output.report": "report", "recording": "read_recording",
-    "regression.reduced": "encode_factors load_factors reduce", "regression.session": "Options",
-    "robot": "load_robot urdf_from_dh", "simulation.excite": "excite separate", "simulation.rollout": "roll_out",
-    "simulation.plant": "Sensors record simulate track"}  # fmt: skip
-sys.modules[__name__].__class__ = _package(NAMES)
+
+NAMES = _names(__name__)
+
+sys.modules[__name__].__class__ = _package(__name__, NAMES)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import ast
+import sys
 from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
 from importlib import import_module
+from pathlib import Path
 from types import ModuleType
 from typing import Generic, TypeVar, cast
 
@@ -51,25 +54,44 @@ class Registry(Generic[Plugin]):
         return (self[name] for name in self.modules)
 
 
-def package(homes: Mapping[str, str]) -> type[ModuleType]:
-    """What a package is whose public names are imported from the modules that are their homes when first used.
+def public_names(package: str) -> dict[str, str]:
+    """The names that a package imports for type checkers alone -> the modules that they come from, relative to it.
 
-    They are properties, so that `signid.identify` is the verb although a module has its name.
+    Args:
+        package: "signid.diagnose"; its source is read.
     """
-    names = {name: _public(name, home) for home, names in homes.items() for name in names.split()}
-    return type("Package", (ModuleType,), names)
+    source = Path(str(sys.modules[package].__file__)).read_text(encoding="utf-8")
+    blocks = [node.body for node in ast.parse(source).body if isinstance(node, ast.If)]
+    lines = [line for block in blocks for line in block if isinstance(line, ast.ImportFrom)]
+    return {alias.name: f"{'.' * line.level}{line.module}" for line in lines for alias in line.names}
 
 
-def inner_package(homes: Mapping[str, str]) -> type[ModuleType]:
-    """The same of a package within the package, all of whose names are imported when its `__all__` is asked for."""
+def package(name: str, homes: Mapping[str, str]) -> type[ModuleType]:
+    """Type of a package whose public names are imported from their modules when first used.
+
+    The names are properties, so that `signid.identify` is the verb although a module has its name.
+
+    Args:
+        name: of the package.
+        homes: its `public_names`.
+    """
+    return type("Package", (ModuleType,), {public: _lazy(public, home, name) for public, home in homes.items()})
+
+
+def inner_package(name: str, homes: Mapping[str, str]) -> type[ModuleType]:
+    """The same of a package within the package, all of whose names are imported when its `__all__` is asked for.
+
+    Args:
+        name: of the package.
+        homes: its `public_names`.
+    """
 
     def everything(module: ModuleType) -> list[str]:
-        names = [name for names in homes.values() for name in names.split()]
-        vars(module).update({name: getattr(module, name) for name in names})
-        return names
+        vars(module).update({public: getattr(module, public) for public in homes})
+        return list(homes)
 
-    return type("InnerPackage", (package(homes),), {"__all__": property(everything)})
+    return type("InnerPackage", (package(name, homes),), {"__all__": property(everything)})
 
 
-def _public(name: str, home: str) -> property:
-    return property(lambda _: getattr(import_module(f"{__package__}.{home}"), name), lambda _, module: None)
+def _lazy(name: str, home: str, package: str) -> property:
+    return property(lambda _: getattr(import_module(home, package), name), lambda _, module: None)

@@ -11,18 +11,17 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
-from .arrays import Array as Array
-from .arrays import Frozen as Frozen
-from .arrays import Indices as Indices
-from .arrays import Mask as Mask
-from .parameters import INERTIAL as INERTIAL
-from .parameters import INERTIAL_UNITS as INERTIAL_UNITS
-from .parameters import TWO_SIDED as TWO_SIDED
-from .parameters import BaseMap as BaseMap
-from .parameters import Estimate as Estimate
-from .parameters import Label as Label
-from .parameters import Parameters as Parameters
-from .parameters import pseudo_inertia as pseudo_inertia
+from .arrays import Array as Array, Frozen as Frozen, Indices as Indices, Mask as Mask
+from .parameters import (
+    INERTIAL as INERTIAL,
+    INERTIAL_UNITS as INERTIAL_UNITS,
+    TWO_SIDED as TWO_SIDED,
+    BaseMap as BaseMap,
+    Estimate as Estimate,
+    Label as Label,
+    Parameters as Parameters,
+    pseudo_inertia as pseudo_inertia,
+)
 
 if TYPE_CHECKING:
     import pinocchio as pin

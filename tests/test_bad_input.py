@@ -9,8 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from bad_input import CASES as FILES
-from bad_input import Case
+from bad_input import CASES as FILES, Case
 from bad_motions import CASES as MOTIONS
 
 from signid.cli import run

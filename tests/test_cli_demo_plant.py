@@ -10,9 +10,9 @@ import pinocchio as pin
 import pytest
 from plant import law
 
-from signid.cli.demo.arm import take_arm
 from signid.cli.demo.conceal import conceal
 from signid.cli.demo.plant import STEP, run_plant
+from signid.cli.demo.run import take_arm
 from signid.errors import RobotError
 from signid.model import Model, stated_inertials, stated_laws
 from signid.output.export.mjcf import mjcf_laws

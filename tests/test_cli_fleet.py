@@ -19,9 +19,7 @@ from fleets import FILES, contents, manifest, record
 
 import signid
 from signid.cli import run
-from signid.cli.fleet import Answer, Order, fleet, spread
-from signid.cli.fleet import process as process_module
-from signid.cli.fleet import run as run_module
+from signid.cli.fleet import Answer, Order, fleet, process as process_module, run as run_module, spread
 from signid.errors import InputError
 
 
@@ -235,4 +233,4 @@ def test_a_folder_that_cannot_be_written_is_told(tmp_path: Path, capsys: pytest.
 
 
 def test_the_verb_is_public() -> None:
-    assert signid.cli.fleet is fleet and callable(signid.reduce) and callable(signid.load_factors)
+    assert signid.fleet is fleet and callable(signid.reduce) and callable(signid.load_factors)

@@ -44,7 +44,7 @@ SEARCHES: dict[str, tuple[str, Callable[[Any, Any, Any], Any]]] = {
     "laws": ("the search for laws", lambda r, full, lost: signid.diagnose(signid.load_model("3r"), [full])),
     "motion": (
         "the search for a motion",
-        lambda r, full, lost: signid.simulation.excite(signid.load_model("3r"), duration=4),
+        lambda r, full, lost: signid.excite(signid.load_model("3r"), duration=4),
     ),
 }
 

@@ -15,7 +15,7 @@ from signid.diagnose.data.whitened_rows import columns_of
 from signid.diagnose.evidence.bayes_factors import FURTHER, KNOWN, Evidence
 from signid.diagnose.evidence.knowledge import known_before
 from signid.diagnose.evidence.linear_model import Known
-from signid.diagnose.extend.numbers import read_laws
+from signid.diagnose.extend.extend import read_laws
 from signid.model import Model
 from signid.regression.base_parameters import build_base
 from signid.regression.covariance import base_covariance

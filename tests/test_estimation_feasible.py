@@ -11,15 +11,7 @@ import pytest
 from numpy.testing import assert_allclose
 from told import Told, told
 
-from signid.estimation.feasible import (
-    ConsistentFit,
-    fit_consistent,
-    solve,
-    standard_from_base,
-)
-from signid.estimation.feasible import (
-    problem as cone,
-)
+from signid.estimation.feasible import ConsistentFit, fit_consistent, problem as cone, solve, standard_from_base
 from signid.estimation.feasible.fit import _proved
 from signid.estimation.feasible.newton import polish
 from signid.estimation.feasible.packing import BASIS, TO_INERTIAL, congruence, pack, unpack

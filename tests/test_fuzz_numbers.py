@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import signid
-from signid.diagnose.data import subsample as enough
+from signid.diagnose.data import motions
 from signid.diagnose.data.normal_equations import solve
 from signid.errors import InputError
 from signid.model import Model, stated_inertials
@@ -150,11 +150,11 @@ def test_a_link_may_have_the_name_of_a_joint() -> None:
 
 
 def test_of_a_long_recording_stretches_are_taken_and_it_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(enough, "MOST", 9 * 12.0)
-    monkeypatch.setattr(enough, "LEAST", 1.0)
+    monkeypatch.setattr(motions, "MOST", 9 * 12.0)
+    monkeypatch.setattr(motions, "LEAST", 1.0)
     robot = signid.load_robot("3r")
     whole = prepare(robot, [signid.read_recording(_waves(80.0), robot)], [], Options(effects=()))
-    cut = enough.enough(whole)
+    cut = motions.enough(whole)
     ((recording, train),) = cut.train
     assert train.duration == pytest.approx(12, rel=0.02)
     assert [s.first for s in train.stretches] == sorted(s.first for s in train.stretches)
@@ -166,5 +166,5 @@ def test_of_a_long_recording_stretches_are_taken_and_it_is_told(monkeypatch: pyt
         assert found.q[:, 0] == pytest.approx(_waves(80.0)["q_1"][first : first + 5])
     assert "evenly spread" in cut.notes[-1]
     assert spread(whole.train[0][1], 1e6) is whole.train[0][1]
-    monkeypatch.setattr(enough, "MOST", 1e9)
-    assert enough.enough(whole) is whole
+    monkeypatch.setattr(motions, "MOST", 1e9)
+    assert motions.enough(whole) is whole

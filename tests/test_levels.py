@@ -1,107 +1,142 @@
-"""A module imports only from lower levels of the package, or from its own folder."""
+"""Imports point one way: between rooms, between the sub-rooms of a room, and between the files of a folder."""
 
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 PACKAGE = Path(__file__).parents[1] / "signid"
-LEVELS = (
-    "version errors threads deadline plain unfinished registry arrays parameters covariance types",
-    "robot formats effects optimisers",
-    "recording sampling filters cutoff rigid motion regressor basis residual rows",
-    "row_sample factors session course prepare fit discrepancy estimate excitation consistent retrieve laws model "
-    "standard simulate estimators rollout excite signs gross reduced",
-    "identify check inspect payload diagnose convert gallery",
-    "validate",
-    "report replay export fleet",
-    "demo",
-    "cli",
-    "__main__",
-    "__init__",
-)
-IN_ORDER = (0, 2, 3)  # in these levels a module may also import those named before it
-PLACE = {name: (level, i) for level, names in enumerate(LEVELS) for i, name in enumerate(names.split())}
+ROOMS = {  # modules and folders of a folder in the order of the data; one imports only those before it
+    "": "version errors threads deadline toml_json arrays registry parameters types optimisers robot effects recording "
+    "regression model inspect simulation estimation signs recording_faults payload check identify diagnose validate "
+    "output cli __main__ __init__",
+    "cli": "app terminal interrupt arguments source output drive files fleet demo commands run worker __init__",
+    "diagnose": "data evidence result extend search findings run __init__",
+    "output": "__init__ replay export report",
+    "output/report": "numbers quantities joints layout write results diagnosis pages page __init__",
+    "estimation": "__init__ fit_quality discrepancy excitation feasible pbrp least_squares standard estimators",
+    "regression": "__init__ filters covariance projection bandwidth motion regressor base_parameters rows row_sample "
+    "factors session prepare reduced",
+    "recording": "units frames numbering signed mapping formats source names columns sampling gallery read "
+    "__init__ convert",
+    "robot": "configuration dynamics joints locate weld actuators hold description meshes load __init__",
+    "signs": "result rows search samples inferred tree posterior infer torque_constants recover __init__",
+    "simulation": "__init__ plant excite rollout",
+    "simulation/excite": "result criterion limits collision motions problem cost feasible search setup design "
+    "discriminate __init__",
+}
+MOST_FOLDERS, MOST_MODULES, MOST_FILES = 14, 14, 14  # below signid/, below signid/, in any folder but effects/
+Arrows = Mapping[str, set[str]]  # file -> files that it imports; "robot/load", without .py
 
 
-def imported(node: ast.ImportFrom, folder: tuple[str, ...]) -> list[str]:
-    """The modules right below the package that a relative import in this folder of the package reaches."""
-    above = node.level - 1
-    if above > len(folder):
-        return ["what is above the package"]
-    base = folder[: len(folder) - above] + tuple(node.module.split(".") if node.module else ())
-    return [base[0]] if base else [alias.name for alias in node.names]
+def sources() -> dict[str, str]:
+    """Source of every file, by its path below signid/ without .py."""
+    return {path.relative_to(PACKAGE).as_posix()[:-3]: path.read_text() for path in sorted(PACKAGE.rglob("*.py"))}
 
 
-def may_import(importer: str, target: str) -> bool:
-    if importer == target:
-        return True
-    if target not in PLACE:
-        return False
-    (level, i), (below, j) = PLACE[importer], PLACE[target]
-    return below < level or (below == level and level in IN_ORDER and j < i)
+def rooms() -> list[Path]:
+    """Every folder of the package that can be imported, without the package itself."""
+    return [path.parent for path in sorted(PACKAGE.glob("*/**/__init__.py"))]
 
 
-def violations(source: str, path: str) -> Iterator[str]:
-    """One line for each import that the level table forbids; `path` is inside the package: "robot/load.py"."""
-    parts = Path(path).with_suffix("").parts
-    folder, name = parts[:-1], parts[0]
-    if name not in PLACE:
-        yield f"signid/{path}: {name} stands at no level of tests/test_levels.py"
-        return
+def arrows(files: Mapping[str, str]) -> dict[str, set[str]]:
+    """The files that each file imports anywhere, for type checkers too."""
+    return {name: set(imported(name, source, files)) for name, source in files.items()}
+
+
+def imported(name: str, source: str, files: Mapping[str, str]) -> Iterator[str]:
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.ImportFrom) and node.level:
+            folder = name.split("/")[:-1]
+            base = [*folder[: len(folder) - node.level + 1], *(node.module.split(".") if node.module else ())]
+            for alias in node.names:
+                places = ("/".join([*base, alias.name]), "/".join([*base, alias.name, "__init__"]), "/".join(base))
+                yield next((place for place in places if place in files), "/".join([*base, "__init__"]))
+
+
+def wrong_way(found: Arrows) -> Iterator[str]:
+    """One line for each import that goes from one room to a later one."""
+    for file, targets in found.items():
+        for target in sorted(targets):
+            a, b = file.split("/"), target.split("/")
+            k = next(k for k in range(len(a)) if k >= len(b) - 1 or a[k] != b[k])
+            order = ROOMS.get("/".join(a[:k]), "").split()
+            if order and a[k] != b[k]:
+                if a[k] not in order or b[k] not in order:
+                    yield f"{file} -> {target}: no such room in tests/test_levels.py"
+                elif order.index(b[k]) > order.index(a[k]):
+                    yield f"{file} -> {target}: {a[k]} comes before {b[k]}"
+
+
+def absolute(name: str, source: str) -> Iterator[str]:
+    """One line for each import of signid that is not relative."""
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):
-            for alias in node.names:
-                if alias.name.split(".")[0] == "signid":
-                    yield f"signid/{path}:{node.lineno}: import {alias.name} is absolute"
-        elif isinstance(node, ast.ImportFrom) and not node.level:
-            if (node.module or "").split(".")[0] == "signid":
-                yield f"signid/{path}:{node.lineno}: from {node.module} import is absolute"
-        elif isinstance(node, ast.ImportFrom):
-            for target in imported(node, folder):
-                if not may_import(name, target):
-                    yield f"signid/{path}:{node.lineno}: {name} may not import {target}"
+            modules = [alias.name for alias in node.names]
+        else:
+            modules = [node.module or ""] if isinstance(node, ast.ImportFrom) and not node.level else []
+        yield from (
+            f"{name}:{node.lineno}: {module} is absolute" for module in modules if module.split(".")[0] == "signid"
+        )  # type: ignore[attr-defined]
 
 
-def files() -> list[Path]:
-    return sorted(PACKAGE.rglob("*.py"))
-
-
-def test_imports_point_downwards() -> None:
-    found = [line for path in files() for line in violations(path.read_text(), path.relative_to(PACKAGE).as_posix())]
+def test_imports_go_one_way() -> None:
+    found = list(wrong_way(arrows(sources())))
     assert not found, "\n" + "\n".join(found)
 
 
+def test_no_files_import_each_other_in_a_circle() -> None:
+    try:
+        TopologicalSorter(arrows(sources())).prepare()
+    except CycleError as error:
+        raise AssertionError(" -> ".join(error.args[1])) from None
+
+
+def test_imports_inside_the_package_are_relative() -> None:
+    found = [line for name, source in sources().items() for line in absolute(name, source)]
+    assert not found, "\n" + "\n".join(found)
+
+
+def test_every_room_stands_in_the_table() -> None:
+    for room, order in ROOMS.items():
+        there = {path.stem for path in (PACKAGE / room).iterdir() if path.suffix == ".py" or path in rooms()}
+        assert there == set(order.split()), room
+    parents = {folder.parent.relative_to(PACKAGE).as_posix() for folder in rooms()}
+    assert {parent.removeprefix(".") for parent in parents} == set(ROOMS)
+
+
+def test_rooms_are_few_and_small() -> None:
+    assert len([folder for folder in rooms() if folder.parent == PACKAGE]) <= MOST_FOLDERS
+    for folder in (PACKAGE, *rooms()):
+        files = [path for path in folder.glob("*.py") if not path.stem.startswith("__")]
+        assert len(files) <= (MOST_MODULES if folder == PACKAGE else MOST_FILES) or folder.name == "effects", folder
+
+
 def test_planted_imports_are_caught() -> None:
-    forbidden = {
-        "types.py": "from .robot import load",
-        "robot/load.py": "def f():\n    from ..motion import build",
-        "effects/spring.py": "from ..formats import csv",
-        "recording.py": "if TYPE_CHECKING:\n    from .motion import Motion",
-        "identify.py": "from . import check",
-        "report/page.py": "from .. import cli",
-        "motion.py": "from signid.types import Array",
-        "basis.py": "import signid.types",
-        "model.py": "from . import __version__",
-        "filters.py": "from ..elsewhere import thing",
-        "helper.py": "",
+    files = {
+        "types": "",
+        "robot/load": "",
+        "robot/locate": "",
+        "cli/run": "",
+        "diagnose/data/rows": "",
+        "robot/__init__": "",
     }
-    for path, source in forbidden.items():
-        assert len(list(violations(source, path))) == 1, path
-
-
-def test_allowed_imports_pass() -> None:
-    allowed = {
-        "registry.py": "from .errors import OptionError",
-        "effects/spring.py": "from .base import TorqueLaw\nfrom . import base\nfrom ..types import View",
-        "effects/deep/law.py": "from ..base import TorqueLaw\nfrom ...types import View",
-        "residual.py": "from .motion import Motion\nfrom . import types, filters",
-        "cli.py": "from .identify import identify\nimport numpy",
-        "__init__.py": "from .cli import main",
+    files["diagnose/search/stepwise"] = "from ..data.rows import Table"
+    assert not list(wrong_way(arrows(files)))
+    planted = {
+        "types": "from .robot.load import load_robot",
+        "robot/locate": "def f():\n    from .load import load_robot",
+        "robot/load": "if TYPE_CHECKING:\n    from ..cli.run import run",
+        "diagnose/data/rows": "from ..search.stepwise import search",
+        "elsewhere": "from .types import Array",
     }
-    for path, source in allowed.items():
-        assert not list(violations(source, path)), path
+    for name, source in planted.items():
+        assert len(list(wrong_way(arrows({**files, name: source})))) == 1, name
+    assert list(absolute("motion", "from signid.types import Array")) and list(
+        absolute("motion", "import signid.types")
+    )
 
 
 def is_reexport(node: ast.stmt) -> bool:
@@ -113,9 +148,6 @@ def is_reexport(node: ast.stmt) -> bool:
 
 
 def test_the_face_of_the_package_only_reexports() -> None:
-    face = PACKAGE / "__init__.py"
-    if not face.exists():
-        return
-    source = face.read_text()
+    source = (PACKAGE / "__init__.py").read_text()
     assert len(source.splitlines()) <= 40
     assert [ast.unparse(node) for node in ast.parse(source).body if not is_reexport(node)] == []

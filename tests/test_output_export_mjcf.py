@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from exported import gripper, model_of, mujoco_torque, states
 from lxml import etree
-from toys import BODY as MASS
-from toys import joint, link, toy
+from toys import BODY as MASS, joint, link, toy
 
 from signid.effects import EFFECTS
 from signid.errors import RobotError

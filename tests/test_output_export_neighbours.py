@@ -27,7 +27,7 @@ MODEL = Model(ROBOT, stated_inertials(ROBOT), tuple(parse_law(law, ROBOT) for la
 
 
 def test_the_ros_parameters_give_the_torque_of_the_model() -> None:
-    made = signid.output.export(MODEL, "ros")
+    made = signid.export(MODEL, "ros")
     assert made.notes == ()
     told = yaml.safe_load(made.text)["/**"]["ros__parameters"]["dynamics"]
     robot = ROBOT.model.copy()
@@ -51,7 +51,7 @@ def inertia(told: dict[str, Any]) -> pin.Inertia:
 
 
 def test_the_actuators_of_isaac_lab_are_those_of_the_model() -> None:
-    made = signid.output.export(MODEL, "isaaclab")
+    made = signid.export(MODEL, "isaaclab")
     assert made.notes == ("an actuator group of Isaac Lab cannot hold torque_offset of joint_3",)
     (call,) = (node for node in ast.walk(ast.parse(made.text)) if isinstance(node, ast.Call))
     assert isinstance(call.func, ast.Name) and call.func.id == "ImplicitActuatorCfg"
@@ -66,9 +66,9 @@ def test_the_actuators_of_isaac_lab_are_those_of_the_model() -> None:
 def test_what_a_parameter_file_cannot_hold_is_said() -> None:
     more = Model(ROBOT, MODEL.inertials, (*MODEL.laws, parse_law("spring@1:stiffness=3,rest=0", ROBOT)))
     for kind, name in (("ros", "a ROS parameter file"), ("isaaclab", "an actuator group of Isaac Lab")):
-        (note,) = signid.output.export(more, kind).notes
+        (note,) = signid.export(more, kind).notes
         assert (
             note.startswith(f"{name} cannot hold")
             and "spring of joint_1" in note
-            and note in signid.output.export(more, kind).text
+            and note in signid.export(more, kind).text
         )

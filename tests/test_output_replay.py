@@ -54,7 +54,7 @@ def recording(folder: Path) -> Recording:
 
 @pytest.fixture(scope="module")
 def shown(folder: Path, recording: Recording) -> Replay:
-    return signid.output.replay(signid.load_model("3r"), recording, folder / "diagnosis.json")
+    return signid.replay(signid.load_model("3r"), recording, folder / "diagnosis.json")
 
 
 def test_the_recorded_robot_is_where_it_was(shown: Replay, recording: Recording) -> None:
@@ -85,10 +85,10 @@ def test_the_simulated_robot_strays_as_rolled_out(shown: Replay, recording: Reco
 
 def test_the_residual_is_the_torque_that_is_missing(recording: Recording) -> None:
     model = signid.load_model("3r")
-    plain = signid.output.replay(model, recording).track
+    plain = signid.replay(model, recording).track
     rows = recording.read()
     speed = np.interp(plain.t, rows.t, np.gradient(rows.q[:, 1], rows.t))
-    bodies = signid.output.replay(signid.load_model("3r"), recording, "diagnosis.json").track.residual
+    bodies = signid.replay(signid.load_model("3r"), recording, "diagnosis.json").track.residual
     moving = (np.abs(speed) > 0.5) & np.isfinite(plain.residual[0]).all(axis=1)
     assert plain.residual.shape[0] == 1 and np.sqrt(np.mean(bodies[1][moving] ** 2)) < 0.05
     assert np.corrcoef(plain.residual[0][moving, 1], np.sign(speed[moving]))[0, 1] > 0.6
@@ -113,7 +113,7 @@ def test_a_diagnosis_is_shown_as_its_files() -> None:
     recording = signid.read_recording("swing.csv", model.robot)
     found = signid.diagnose(model, [recording])
     given = found, "real/diagnosis.json", Path("real")
-    pages = [signid.output.replay(model, recording, each).page() for each in given]
+    pages = [signid.replay(model, recording, each).page() for each in given]
     assert pages[0] == pages[1] == pages[2] and "coulomb friction of " in pages[0] and found.causes
 
 
@@ -122,12 +122,12 @@ def test_a_part_of_a_recording(recording: Recording) -> None:
     assert_allclose(cut.read().t[[0, -1]], (1.0, 3.0))
     assert_allclose(cut.read().q, recording.read(250, 751).q)
     assert part(recording, 0.0, 100.0) is recording
-    shown = signid.output.replay(signid.load_model("3r"), recording, start=1.0, duration=2.0, rate=10.0)
+    shown = signid.replay(signid.load_model("3r"), recording, start=1.0, duration=2.0, rate=10.0)
     assert_allclose(shown.track.t, 1 + 0.1 * np.arange(21))
 
 
 def test_pages_are_whole_and_the_same_every_time(shown: Replay, recording: Recording) -> None:
-    again = signid.output.replay(signid.load_model("3r"), recording, "diagnosis.json")
+    again = signid.replay(signid.load_model("3r"), recording, "diagnosis.json")
     page = shown.page()
     assert page == again.page() and "%%" not in page and 0.9e6 < len(page) < 1.5e6
     assert 'src="' not in page and '<link rel="stylesheet' not in page and page.count("</script>") == 4
@@ -136,9 +136,7 @@ def test_pages_are_whole_and_the_same_every_time(shown: Replay, recording: Recor
 def test_joints_that_are_not_recorded_are_held_and_names_do_no_harm(recording: Recording) -> None:
     rows, robot = recording.read(), load_robot("3r")
     columns = {"t": rows.t, "q_1": rows.q[:, 0], "tau_1": rows.tau[:, 0]}
-    shown = signid.output.replay(
-        signid.load_model("3r"), replace(signid.read_recording(columns, robot), path="<b>&.csv")
-    )
+    shown = signid.replay(signid.load_model("3r"), replace(signid.read_recording(columns, robot), path="<b>&.csv"))
     assert shown.robot.joints == ("joint_1",) and shown.movers == (0, 0, 0), "all that it carries has its colour"
     assert "<b>" not in shown.page() and "&lt;b&gt;&amp;.csv" in shown.page()
 
@@ -146,7 +144,7 @@ def test_joints_that_are_not_recorded_are_held_and_names_do_no_harm(recording: R
 def test_torque_that_is_not_recorded_has_no_colour(recording: Recording) -> None:
     rows = recording.read()
     columns = {"t": rows.t, **{f"q_{j + 1}": rows.q[:, j] for j in range(3)}, "tau_2": rows.tau[:, 1]}
-    track = signid.output.replay(signid.load_model("3r"), signid.read_recording(columns, load_robot("3r"))).track
+    track = signid.replay(signid.load_model("3r"), signid.read_recording(columns, load_robot("3r"))).track
     assert np.isnan(track.residual[0][:, [0, 2]]).all() and np.isfinite(track.residual[0][20:-20, 1]).all()
     error = (track.simulated[0] - track.recorded)[track.window >= 0]
     assert np.abs(error[:, 1]).max() > 0.01 and not error[:, [0, 2]].any(), "it follows what was measured"
@@ -162,9 +160,9 @@ def test_a_simulation_that_flies_apart_is_shown_as_far_as_it_goes(
         return replace(found, error=error)
 
     model = signid.load_model("3r")
-    calm = signid.output.replay(model, recording).track
+    calm = signid.replay(model, recording).track
     monkeypatch.setattr(sys.modules["signid.output.replay.track"], "roll_out", flying)
-    wild = signid.output.replay(model, recording).track
+    wild = signid.replay(model, recording).track
     for window, partly in ((3, True), (5, False)):
         lost = (wild.window == window) & wild.apart[0]
         assert 3 < lost.sum() < 12 and np.isfinite(wild.simulated[0][lost]).all() == partly
@@ -231,9 +229,9 @@ def test_bad_input_is_a_sentence(command: str, words: str, capfd: pytest.Capture
 
 def test_the_library_refuses_in_the_same_words(recording: Recording) -> None:
     with pytest.raises(OptionError, match="start earlier"):
-        signid.output.replay(signid.load_model("3r"), recording, start=99.0)
+        signid.replay(signid.load_model("3r"), recording, start=99.0)
     with pytest.raises(RecordingError, match="shorter horizons"):
-        signid.output.replay(signid.load_model("3r"), recording, horizon=30.0)
+        signid.replay(signid.load_model("3r"), recording, horizon=30.0)
 
 
 def test_the_command_serves_the_page_until_it_is_interrupted(shown: Replay, folder: Path) -> None:

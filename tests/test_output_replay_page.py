@@ -38,7 +38,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def shown(folder: Path) -> Replay:
     model = signid.load_model("3r")
     recording = signid.read_recording(folder / "arm.csv", model.robot)
-    return signid.output.replay(model, recording, folder / "diagnosis.json")
+    return signid.replay(model, recording, folder / "diagnosis.json")
 
 
 @pytest.fixture(scope="module")

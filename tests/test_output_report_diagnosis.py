@@ -14,8 +14,7 @@ import signid
 from signid.diagnose import Alternative, Diagnosis, Finding, Unexplained
 from signid.diagnose.data.locate import Place
 from signid.effects.naming import parse_law
-from signid.estimation.fit_quality import Fit
-from signid.estimation.residual_trace import Course
+from signid.estimation.fit_quality import Course, Fit
 from signid.output.report import diagnosis_document, diagnosis_tables, to_json
 from signid.simulation.rollout import RollOut
 from signid.types import Input

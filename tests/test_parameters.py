@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.testing import assert_allclose
 

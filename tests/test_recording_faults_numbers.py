@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import nnls
 
-from signid.recording_faults.curve import Curve
-from signid.recording_faults.nonnegative import nonnegative
+from signid.recording_faults.evidence import Curve
+from signid.recording_faults.fits import nonnegative
 
 
 def test_coefficients_are_those_of_scipy() -> None:

@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from numpy.testing import assert_allclose
 
 from signid.effects import EFFECT_NAMES, EFFECTS

@@ -8,8 +8,7 @@ import numpy as np
 import pinocchio as pin
 import polars as pl
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from signid.errors import RobotError
 from signid.robot import DHLink, configuration, load_robot, robot_from_text, urdf_from_dh

@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from toys import CHAIN, LIMIT, PAIR, joint, link, toy, urdf
 
 from signid.errors import InputError, RobotError

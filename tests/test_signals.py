@@ -20,15 +20,7 @@ import pytest
 import signid
 from signid.cli import run
 from signid.cli.terminal import remaining
-from signid.deadline import (
-    OutOfTimeError,
-    need_time,
-    show_step,
-    steps_shown,
-    stop_searches,
-    time_is_up,
-    time_limit,
-)
+from signid.deadline import OutOfTimeError, need_time, show_step, steps_shown, stop_searches, time_is_up, time_limit
 
 ROOT = Path(__file__).parents[1]
 THERE = {**os.environ, "PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from signless import Lost, lost
 
-from signid.signs.posterior.inflation import inflation
+from signid.signs.posterior.confidence import inflation
 from signid.signs.samples.markov_chain import coupling, expected_signs, likeliest_signs, refine
 from signid.signs.search.problem import Rows, Segment
 from signid.types import Array

@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 from rosbags.rosbag1 import Writer as Writer1
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
-from rosbags.rosbag2 import Writer as Writer2
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 JOINT, ROWS, STEP, FPS = "joint_1", 40, 20_000_000, 50  # STEP [ns]

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..plants.bodies import Body, Drives
-from ..plants.control import Motion
-from ..plants.control import Track as Moved
+from ..plants.control import Motion, Track as Moved
 from ..plants.faults import Fault
 from ..plants.mujoco_ import simulate
 from ..regressor.job import HARMONICS, RATE, REACH, Array, drives, load

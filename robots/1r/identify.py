@@ -3,10 +3,9 @@
 `signid data 1r` gets the recording; its torque is m g d sin q + (I + m d^2) a.
 """
 
-from signid.gallery import recordings
-
 import signid
 from signid.identify import Identification
+from signid.recording.gallery import recordings
 
 TRUTH = {"mz_1": -2.5, "Iyy_1": 1.67085}  # -m d [kg.m], I + m d^2 [kg.m2]
 

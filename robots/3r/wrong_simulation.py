@@ -15,10 +15,10 @@ the command line, given the recordings:
 from pathlib import Path
 
 import numpy as np
-from signid.laws import parse_law
 
 import signid
 from signid.diagnose import Diagnosis
+from signid.effects.naming import parse_law
 from signid.model import Model
 from signid.types import Recording, Trajectory
 

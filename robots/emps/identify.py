@@ -3,10 +3,9 @@
 `signid data emps` gets the recordings.
 """
 
-from signid.gallery import recordings
-
 import signid
 from signid.identify import Identification
+from signid.recording.gallery import recordings
 
 PUBLISHED = {  # by least squares on the inverse dynamics, from the benchmark's own description
     "m_1 + armature_1": 95.1089,  # kg

@@ -5,10 +5,9 @@
 
 from pathlib import Path
 
-from signid.gallery import recordings
-
 import signid
 from signid.identify import Identification
+from signid.recording.gallery import recordings
 
 EFFECTS = ("viscous_friction", "coulomb_friction", "torque_offset")
 HELD_OUT_R2 = (0.997, 0.999, 0.999, 0.990, 0.996, 0.999, 0.968)  # on the last 30 %, by this example

@@ -3,10 +3,9 @@
 `signid data tx40` gets the recording.
 """
 
-from signid.gallery import recordings
-
 import signid
 from signid.identify import Identification
+from signid.recording.gallery import recordings
 
 HELD_OUT_R2 = (0.98, 0.95, 0.97, 0.96)  # joints 1 to 4
 

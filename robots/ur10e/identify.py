@@ -5,10 +5,9 @@
 
 from pathlib import Path
 
-from signid.gallery import recordings
-
 import signid
 from signid.identify import Identification
+from signid.recording.gallery import recordings
 
 ACTUATORS = Path(__file__).with_name("actuators.toml")
 HELD_OUT_R2 = (0.991, 0.995, 0.997, 0.983, 0.972, 0.987)

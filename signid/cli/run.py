@@ -21,11 +21,13 @@ from .commands import identification as identification  # isort: skip
 from .commands import diagnosis as diagnosis  # isort: skip
 from .commands import validation as validation  # isort: skip
 from .commands import payload as payload  # isort: skip
-from .commands import catalogue as catalogue
-from .commands import convert as convert
-from .commands import excitation as excitation
-from .commands import exports as exports
-from .commands import simulation as simulation
+from .commands import (
+    catalogue as catalogue,
+    convert as convert,
+    excitation as excitation,
+    exports as exports,
+    simulation as simulation,
+)
 
 from .commands import replay as replay  # isort: skip
 from .commands import factors as factors  # isort: skip

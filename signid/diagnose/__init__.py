@@ -9,18 +9,13 @@ standard deviations, a probability, and `alternatives` that explain the same, wi
 apart. Its `model` is the simulation with what it lacked, judged on recordings that took no part. `flags` say what not
 to trust.
 
-The way of the data through the files, as `run` goes it:
+The way of the data, as `run` goes it:
 
-- recordings to rows: `enough`, `sample` (motions and residual), `hypothesis`, `group` (what columns mean), `table`,
-  `period`, `noise`, `wave`, `discrepancy`, `whitening`, `whitened`, `setting` (all of these together);
-- rows to evidence: `knowledge` and `prior`, `components`, `linear` and `fitted` (normal equations), `batches`,
-  `evidence`, `odds`;
-- evidence to the selected laws: `explain` by `search`, `sound`, `sizes`, `strain`, `contact`, `refine`, `noise_model`
-  (what the selected laws leave), `linearise` (what laws do to each other), then `prune`;
-- to what is said: `slots` by `likelihood` and `steady` (how sure), `verdict`, `findings` with `numbers`,
-  `intervals`, `locate` and `separate`;
-- to the extended simulation: `handout` by `trials`, `extend` and `bodies`, `empirical`, judged by `prove`, `doubt`
-  and, where nothing else holds, `fallback`.
+- `data`: recordings to rows of all hypotheses, their noise and its whitening;
+- `evidence`: rows to normal equations, likelihood, prior, Bayes factors and posterior odds;
+- `extend`: laws and numbers to the extended simulation, and its residuals;
+- `search`: evidence to the selected laws, step by step, with shapes, relinearisation and pruning;
+- `findings`: the selected laws to what is reported, and to the extended simulation that is handed out.
 
 The model behind it, with formulas and sources, is `README.md` in this folder.
 """
@@ -28,13 +23,13 @@ The model behind it, with formulas and sources, is `README.md` in this folder.
 import sys
 from typing import TYPE_CHECKING
 
-from ..registry import inner_package as _package
+from ..registry import inner_package as _package, public_names as _names
 
 if TYPE_CHECKING:
     from .result import Alternative as Alternative, Diagnosis as Diagnosis, Finding as Finding  # isort: skip
     from .result import Unexplained as Unexplained
     from .run import diagnose as diagnose
 
-NAMES = {"diagnose.result": "Alternative Diagnosis Finding Unexplained", "diagnose.run": "diagnose"}
+NAMES = _names(__name__)
 
-sys.modules[__name__].__class__ = _package(NAMES)
+sys.modules[__name__].__class__ = _package(__name__, NAMES)

@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..estimation.fit_quality import Fit
-from ..estimation.residual_trace import Course
+from ..estimation.fit_quality import Course, Fit
 from ..model import Model
 from ..signs import Signs
 from ..simulation.rollout import RollOut

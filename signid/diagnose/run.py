@@ -23,11 +23,10 @@ from ..types import Progress, Recording
 from .data.column_groups import dry_friction, lay_out
 from .data.dataset import Setting
 from .data.hypotheses import happens_once, pooled, propose
-from .data.motions import pieces, row_filter
+from .data.motions import enough, pieces, row_filter
 from .data.noise import measure_noise
-from .data.period import find_period
+from .data.periodicity import find_period
 from .data.rows import tabulate
-from .data.subsample import enough
 from .data.whitened_rows import Whitened, whitened
 from .evidence.bayes_factors import Evidence
 from .evidence.knowledge import known_before

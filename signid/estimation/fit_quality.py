@@ -8,10 +8,30 @@ import numpy as np
 
 from ..regression.factors import Factors
 from ..regression.session import Session
-from ..types import Array, Frozen, Robot
+from ..types import Array, Frozen, Indices, Robot
 
 LITTLE = 0.5  # held-out R2 below which a joint's torque is hardly predicted
 CONSTANT = 1e-12  # of a torque's power: less variance is rounding
+
+
+@dataclass(frozen=True, eq=False)
+class Course(Frozen):
+    """M rows of n joints, through the filter of the rows; NaN where no torque counts."""
+
+    joints: tuple[str, ...]
+    unit: tuple[str, ...]  # of torque, one a joint
+    prismatic: tuple[bool, ...]
+    stretch: Indices  # (M,) number of the stretch without gaps that a row is of
+    recording: Indices  # (M,) number of the recording
+    t: Array  # (M,) [s]
+    q: Array  # (M, n) [rad or m]
+    v: Array  # (M, n) [rad/s or m/s]
+    torque: Array  # (M, n) [N.m or N] measured
+    before: Array  # (M, n) [N.m or N] measured - predicted by the model before
+    after: Array  # (M, n) [N.m or N] measured - predicted
+
+    def __len__(self) -> int:
+        return len(self.t)
 
 
 @dataclass(frozen=True, eq=False)

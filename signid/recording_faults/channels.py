@@ -8,13 +8,23 @@ from typing import NamedTuple
 import numpy as np
 
 from ..regression.session import PIECE, Part
-from ..types import Array, Samples
+from ..types import Array, Mask, Samples
+from .evidence import Evidence
 
 LEVELS = 200  # distinct values: fewer are too coarse to tell a standstill from a quantum
 OFTEN, SHARE, RUN = 10, 2e-3, 4  # samples at the extreme value, share of all, and so many in a row
 NEXT, BAND = 5.0, 5e-3  # times as many as within a band below, as a share of the range
 STILL, TRAVEL = 0.25, 0.02  # s, and share of the joint's range it moved meanwhile
 HOLD, STEPS, JUMP = 0.05, 5, 3.0  # s and samples a position stands; times the largest step of the five after it
+
+
+NEAR = 0.02  # of the largest torque: absolute torque goes so near to zero where its sign changes
+
+BOTH = 0.1  # of the rows, in which the model's torque has the rarer sign
+
+SEVERAL = 2  # joints that touch zero and never go below: no friction makes all of them one-sided
+
+BETTER, ALIKE = 0.5, 0.2  # of what the model leaves, and of the torque, that its absolute value leaves at most
 
 
 class Fault(NamedTuple):
@@ -93,3 +103,22 @@ def _runs(mask: Array) -> list[tuple[int, int]]:
     """First and one past the last index of every stretch of True."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+
+
+def judge_absolute(evidence: Evidence, parts: Sequence[Part]) -> Mask:
+    """(n,) joints whose torque is said to have its sign and has none: all that are never negative, if one shows it.
+
+    Args:
+        evidence: rows of all recordings.
+        parts: the recordings, whose raw samples of the longest stretch are looked at.
+    """
+    predicted, torque = evidence.plain.predicted, evidence.plain.torque
+    rarer = np.minimum((predicted > 0).mean(axis=0), (predicted < 0).mean(axis=0))
+    sizes, plain = (np.sum((torque - p) ** 2, axis=0) for p in (np.abs(predicted), predicted))
+    raw = np.concatenate([np.nan_to_num(longest_rows(part).tau) for part in parts])
+    least, most = raw.min(axis=0), raw.max(axis=0)
+    never = evidence.signed & (least >= 0) & (most > 0)
+    touches = never & (least <= NEAR * most) & (rarer >= BOTH)
+    alike = (sizes <= BETTER * plain) & (sizes <= ALIKE * np.sum(torque**2, axis=0))
+    lost = touches & (alike | ((touches & (sizes < plain)).sum() >= SEVERAL))
+    return np.asarray(never if lost.any() else lost)

@@ -17,13 +17,40 @@ from ..regression.rows import Task
 from ..regression.session import Part, Session, longest_piece
 from ..types import Array, Frozen, Indices, Law, Mask, Robot
 from .correction import Correction
-from .curve import Curve
 
 SAMPLES = 2**16  # that are looked at, of all recordings together
 FINE = 4  # times as dense as the rows of identification: lags are told between them
 ROWS = 1500  # of all recordings, at most
 BLOCKS = 8  # parts of all recordings, at least: what is claimed must hold in most of them
 LAG = 0.25  # [s] longest that is looked for
+
+
+NODES = 6  # samples around a moment. Measured: off by 3 % of a sine of four samples a period, 0.05 % of one of eight
+
+
+@dataclass(frozen=True, eq=False)
+class Curve(Frozen):
+    """Uniform samples of n signals."""
+
+    t: Array  # (M,) [s]
+    x: Array  # (M, n) [any unit]
+
+    def at(self, t: Array) -> Array:
+        """(K, n) values by the polynomial through the nearest samples; those at the ends hold beyond them.
+
+        Args:
+            t: (K,) [s].
+        """
+        count, last = min(NODES, len(self.t)), len(self.t) - 1
+        place = (np.clip(t, self.t[0], self.t[-1]) - self.t[0]) / (self.t[-1] - self.t[0]) * last
+        start = np.clip(np.floor(place).astype(np.intp) - count // 2 + 1, 0, last + 1 - count)
+        nodes, off = np.arange(count), place - start
+        value = np.zeros((len(t), self.x.shape[1]))
+        for k in nodes:
+            others = nodes[nodes != k]
+            weight = np.prod((off[:, None] - others) / (k - others), axis=1)
+            value += weight[:, None] * self.x[start + k]
+        return value
 
 
 class Signals(NamedTuple):

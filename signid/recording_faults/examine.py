@@ -14,8 +14,7 @@ from ..estimation.least_squares import estimate
 from ..model import Model
 from ..regression.session import Part, Session
 from ..types import Array, Mask
-from .absolute import judge_absolute
-from .channels import judge_channels
+from .channels import judge_absolute, judge_channels
 from .correction import Correction
 from .evidence import Evidence, Signals, gather
 from .fits import Columns, unexplained

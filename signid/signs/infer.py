@@ -10,15 +10,14 @@ import numpy as np
 from ..regression.rows import Task
 from ..types import Array, Frozen
 from .inferred import SUSPECT, SYSTEMATIC, Choice, Choose, Inferred
-from .posterior.confidence import joint_doubt
-from .posterior.inflation import inflation
+from .posterior.confidence import inflation, joint_doubt
 from .posterior.recheck import follow, known_rows, weigh
 from .rows.observations import Observed
 from .rows.segments import Segment, cut_by_signs, minimum_cuts, split_impure, threshold_runs
 from .samples.markov_chain import Refined, refine
 from .search.cone import Cone, physical_cone
 from .search.exact import search
-from .search.friction_signs import friction_patterns
+from .search.friction import friction_patterns
 from .search.problem import Problem, Rows, pose, signed_rows
 
 SPLITS = 3  # rounds of cutting segments in which the model changes sign

@@ -6,22 +6,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ...deadline import USUAL
-from ...deadline import time_limit as limited
+from ...deadline import USUAL, time_limit as limited
 from ...errors import OptionError
 from ..app import app
-from ..arguments import (
-    Actuators,
-    Effects,
-    Joints,
-    Json,
-    Lock,
-    PackageDir,
-    RobotName,
-    Seed,
-    TimeLimit,
-    given_effects,
-)
+from ..arguments import Actuators, Effects, Joints, Json, Lock, PackageDir, RobotName, Seed, TimeLimit, given_effects
 from ..output import check_file, write_columns
 from ..source import Source, given_model
 from ..terminal import bars, tell_flags
@@ -80,8 +68,7 @@ def excite(
     code 3) that none does. The numbers of a law that are not stated are usual ones.
     """
     from ...output.report import Screen, excitation_document, excitation_tables, to_json
-    from ...simulation.excite import excite as search
-    from ...simulation.excite import separate as part
+    from ...simulation.excite import excite as search, separate as part
 
     check_file(output, json)
     source = Source(robot, joints, lock, actuators, package_dir)

@@ -114,8 +114,7 @@ def reduce(
     them; without it laws, band and filter follow from the recordings themselves.
     """
     from ...output.report import Screen, factors_document, factors_tables, to_json, write_files
-    from ...regression.reduced import add_up, encode_factors, load_factors
-    from ...regression.reduced import reduce as learn
+    from ...regression.reduced import add_up, encode_factors, load_factors, reduce as learn
 
     _check(output, only, parts, scheduler, json)
     described = given_robot(robot, joints, lock, actuators, package_dir)

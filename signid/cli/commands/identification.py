@@ -6,8 +6,7 @@ from typing import Annotated
 
 import typer
 
-from ...deadline import USUAL
-from ...deadline import time_limit as limited
+from ...deadline import USUAL, time_limit as limited
 from ..app import app
 from ..arguments import (
     Actuators,

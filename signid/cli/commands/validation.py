@@ -11,18 +11,7 @@ import typer
 
 from ...errors import OptionError, RecordingError, RobotError
 from ..app import app
-from ..arguments import (
-    Actuators,
-    Columns,
-    Cutoff,
-    Joints,
-    Json,
-    Lock,
-    PackageDir,
-    Seed,
-    again,
-    given_recording,
-)
+from ..arguments import Actuators, Columns, Cutoff, Joints, Json, Lock, PackageDir, Seed, again, given_recording
 from ..output import check_folder
 from ..source import Source, given_model
 from ..terminal import bars

@@ -41,8 +41,7 @@ def demo(
     model.json and robot.urdf, report.html, replay.html, and demo.json: what was concealed beside what was found.
     """
     from ...output.report import Screen, to_json, write_files
-    from . import demo as play
-    from . import story_document, story_end, story_tables
+    from . import demo as play, story_document, story_end, story_tables
 
     check_folder(output, False)
     described = given_robot(robot, None, None, None, None)

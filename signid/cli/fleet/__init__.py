@@ -1,9 +1,17 @@
 """Many robots and recordings: sessions side by side on this machine or on many, and what they tell together."""
 
-from .dispatch import cores, spread
-from .manifest import Entry, Manifest, read_manifest
-from .order import Answer, Order
-from .result import Fleet, Outcome
-from .run import fleet
+import sys
+from typing import TYPE_CHECKING
 
-__all__ = ["Answer", "Entry", "Fleet", "Manifest", "Order", "Outcome", "cores", "fleet", "read_manifest", "spread"]
+from ...registry import inner_package as _package, public_names as _names
+
+if TYPE_CHECKING:
+    from .dispatch import cores as cores, spread as spread
+    from .manifest import Entry as Entry, Manifest as Manifest, read_manifest as read_manifest
+    from .process import Answer as Answer, Order as Order
+    from .result import Fleet as Fleet, Outcome as Outcome
+    from .run import fleet as fleet
+
+NAMES = _names(__name__)
+
+sys.modules[__name__].__class__ = _package(__name__, NAMES)

@@ -11,8 +11,7 @@ from typing import Any
 from uuid import uuid4
 
 from ...errors import OptionError
-from .order import Answer, Order
-from .process import Processes, carry_out
+from .process import Answer, Order, Processes, carry_out
 
 Answers = Generator[tuple[int, Answer], None, None]
 HEARS = 0.2  # [s] after which whoever waits hears an interruption, whichever thread it reached
@@ -57,8 +56,7 @@ def _here(orders: Sequence[Order], workers: int) -> Answers:
 
 def _elsewhere(orders: Sequence[Order], address: str) -> Answers:
     try:
-        from distributed import Client
-        from distributed import as_completed as completed
+        from distributed import Client, as_completed as completed
     except ImportError:
         raise OptionError("--scheduler needs Dask, which is not installed: pip install 'signid[fleet]'") from None
     with _hushed(), _client(Client, address) as client:

@@ -6,19 +6,44 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Mapping
 from contextlib import suppress
 from threading import Lock, Timer
-from typing import IO
+from typing import IO, NamedTuple
 
 from ...errors import SignidError
 from ...version import __version__
-from .order import Answer, Order
 
 TRIES = 2  # of a command whose process dies
 IDLE = 60.0  # [s] after which a process that nobody asks ends
 GRACE = 3.0  # [s] for a process to leave nothing behind
 LASTS = 50  # commands that a process carries out, so that what it holds of memory does not pile up
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "POLARS_MAX_THREADS")
+
+
+DONE, FLAGGED = 0, 3  # exit codes of commands that leave results
+
+
+class Order(NamedTuple):
+    """One command of signid, to be run in a folder; its results go into a folder of its own, and come back."""
+
+    arguments: tuple[str, ...]  # without -o
+    folder: str  # that paths are relative to
+    output: str = ""  # name of the only result, where the command writes a file rather than a folder
+    version: str = __version__
+
+
+class Answer(NamedTuple):
+    """How a command ended."""
+
+    code: int | None  # None: its process died, or never began
+    said: tuple[str, ...]  # sentences, as on standard error
+    files: Mapping[str, bytes]
+
+    @property
+    def done(self) -> bool:
+        """Whether there are results."""
+        return self.code in (DONE, FLAGGED)
 
 
 class Stopped(SignidError):

@@ -11,7 +11,7 @@ from ...types import Frozen, Input
 from ...version import __version__
 from .drift import Drift, find_drifts
 from .manifest import Entry
-from .order import FLAGGED
+from .process import FLAGGED
 from .summary import Cause, Number, Told
 
 SCHEMA = "signid.fleet/1"

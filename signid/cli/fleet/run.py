@@ -13,7 +13,7 @@ from ...types import Input, Progress
 from .dispatch import cores, spread
 from .inputs import check_robot, key, read_inputs
 from .manifest import Entry, Manifest, read_manifest
-from .order import Answer, Order
+from .process import Answer, Order
 from .result import Fleet, Outcome, gather
 from .store import Store
 from .summary import FILES, Told, tell

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import OutputError
-from ...output.unfinished import MARK, give_usual_rights, is_abandoned
+from ...output.report.write import MARK, give_usual_rights, is_abandoned
 from ...toml_json import read_json
 
 SESSIONS, RECORD = "sessions", "session.json"

@@ -8,8 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...errors import RecordingError
-from ...estimation.fit_quality import Fit, fit_rows, rms_of
-from ...estimation.residual_trace import Course
+from ...estimation.fit_quality import Course, Fit, fit_rows, rms_of
 from ...model import Model
 from ...regression.filters import Decimator
 from ...regression.rows import Task

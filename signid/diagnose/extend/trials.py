@@ -16,9 +16,8 @@ from ..data.normal_equations import Fitted
 from ..data.whitened_rows import columns_of
 from ..evidence.posterior_odds import Judge
 from ..evidence.selection import Found
-from .extend import extend
+from .extend import extend, read_laws
 from .holdout import Rows, residuals
-from .numbers import read_laws
 
 Unit = tuple[Group, ...]  # stated numbers that are refitted together: all bodies, or the laws of some joints
 

@@ -13,7 +13,7 @@ from ..data.column_groups import Group
 from ..evidence.posterior_odds import Judge
 from ..evidence.selection import Found
 from ..extend.bodies import is_possible, nearest_bodies
-from ..extend.numbers import has_possible_numbers
+from ..extend.extend import has_possible_numbers
 
 APPROXIMATE, CLIPPED = (0.3, 2.0), (0.6, 1.5)  # coefficients of laws that are there (1) or not
 LEAST = 0.007  # share of some joint's torque that an effect needs

@@ -20,8 +20,7 @@ from ..evidence.noise_model import update_noise
 from ..evidence.posterior_odds import Judge
 from ..evidence.selection import Found
 from ..result import Diagnosis
-from .contact_window import NAME as CONTACT
-from .contact_window import find_contact
+from .contact_window import NAME as CONTACT, find_contact
 from .contributions import measure_sizes
 from .relinearise import linearised
 from .shape_optimisation import refine

@@ -16,9 +16,8 @@ from ..data.motions import torque_rows
 from ..data.whitened_rows import columns_of
 from ..evidence.posterior_odds import Judge
 from ..evidence.selection import Found
-from ..extend.extend import extend
+from ..extend.extend import extend, has_possible_numbers, read_laws
 from ..extend.holdout import residuals
-from ..extend.numbers import has_possible_numbers, read_laws
 from .inertial_check import relieved
 from .stepwise import SEARCH, without
 

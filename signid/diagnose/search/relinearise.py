@@ -19,8 +19,7 @@ from ..data.motions import bodies_of
 from ..data.rows import retabulated
 from ..evidence.posterior_odds import Judge
 from ..evidence.selection import Found
-from ..extend.extend import inertial_places
-from ..extend.numbers import read_laws
+from ..extend.extend import inertial_places, read_laws
 from .stepwise import SEARCH
 
 MATTERS = 1.0  # squared standard deviations of the rows: a number may be off by one standard deviation

@@ -13,7 +13,7 @@ from ..data.hypotheses import Key
 from ..evidence.posterior_odds import Judge, Odds
 from ..evidence.prior import NOTHING
 from ..evidence.selection import Found
-from ..extend.numbers import has_possible_numbers
+from ..extend.extend import has_possible_numbers
 from .contributions import energies, measure_sizes
 from .feasible import is_sound
 from .inertial_check import relieved, strained_links

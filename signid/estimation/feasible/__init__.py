@@ -4,6 +4,6 @@ A body is possible where its pseudo-inertia, a matrix of its mass, first moments
 """
 
 from .fit import ConsistentFit, fit_consistent
-from .nearest import standard_from_base
+from .prior import standard_from_base
 
 __all__ = ["ConsistentFit", "fit_consistent", "standard_from_base"]

@@ -7,12 +7,16 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ...regression.projection import least_squares
 from ...types import Array, BaseMap, Parameters, pseudo_inertia
 from .packing import TO_INERTIAL, pack
 
 LEAST_MASS = 1e-3  # [kg] a lighter body counts as massless
 LEAST_RADIUS = 3e-3  # [m] of gyration; a thinner body counts as flat
 MASS, RADIUS = 0.05, 0.03  # [kg] [m] of the body that stands in
+
+
+_SCALE = np.array([0.3] + [0.1] * 3 + [0.01] * 6)  # of a body per kg: 30 % of mass, 10 cm, (10 cm)^2
 
 
 def inertial(parameters: Parameters) -> NDArray[np.bool_]:
@@ -83,3 +87,27 @@ def _solid(body: Array) -> Array:
     matrix[:3, :3] = (axes * spread) @ axes.T + mass * np.outer(centre, centre)
     matrix[3, 3] = mass
     return np.asarray(TO_INERTIAL @ pack(matrix))
+
+
+def standard_from_base(base: BaseMap, value: Array, prior: Parameters) -> Parameters:
+    """The standard parameters nearest to the prior that reproduce the base parameters exactly, feasible or not.
+
+    Near is measured in 30 % of a body's mass, 10 cm for its centre, (10 cm)^2 per kg for its inertia, and for a
+    coefficient in its own size.
+
+    Args:
+        base: which combinations of the standard parameters the torque shows.
+        value: (b,) base parameters [kg, kg.m, kg.m2 or the unit of the coefficient that leads].
+        prior: standard parameters with the labels of `base`.
+
+    Raises:
+        ValueError: when the prior does not have the labels of the base map.
+    """
+    start, _ = believable(base, prior)
+    size = coefficient_sizes(base, value, start.values)
+    size[inertial(start)] = np.outer(start.bodies()[:, 0], _SCALE).ravel()
+    x = np.nan_to_num(prior.values)
+    for _ in range(3):  # the second and the third remove the rounding of the first
+        rest = value - base.combination @ x
+        x = x + size * least_squares(base.combination * size, rest)
+    return Parameters(prior.labels, x)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ import pinocchio as pin
 
 from ...model import Model
 from .actuators import driven
-from .beyond import BODIES, Exported, fixed_note, remarks
+from .beyond import BODIES, Exported, fixed_note, held, lacking, remarks, summed
 
 HEAD = """\
 # Dynamics of {name} as parameters of a ROS 2 node: ros2 param load NODE FILE, or parameters=[FILE] in a launch file.
@@ -17,6 +18,20 @@ HEAD = """\
 # * acceleration + viscous_friction * velocity + coulomb_friction * sign(velocity) + torque_offset. Inertia is about the
 # centre of mass, along the axes of the link's joint frame.
 """
+
+
+FIELDS = {"armature": "armature", "viscous_friction": "viscous_friction", "coulomb_friction": "friction"}
+
+ISAAC_HEAD = '''\
+"""Actuators of {name} for Isaac Lab 2.2 or newer on Isaac Sim 5: ArticulationCfg(actuators=ACTUATORS, ...).
+
+kg.m2, N.m.s/rad and N.m; prismatic joints: kg, N.s/m and N. Friction is an effort (PhysX 5.6, PxJointFrictionParams),
+static and dynamic alike. Stiffness and damping are gains of your controller: put them in.
+"""
+
+from isaaclab.actuators import ImplicitActuatorCfg
+
+'''
 
 
 def write_ros(model: Model) -> Exported:
@@ -44,3 +59,22 @@ def _inertial(body: pin.Inertia) -> dict[str, Any]:
         "centre_of_mass": np.asarray(body.lever).tolist(),
         "inertia": {name: float(inertia[place]) for name, place in names.items()},
     }
+
+
+def write_isaaclab(model: Model) -> Exported:
+    """A Python file with armature, viscous and dry friction of each joint."""
+    robot = model.robot
+    names = [re.escape(joint) for joint in robot.joints]
+    carried = [*held(model, FIELDS), *(law for law in model.laws if law.effect.name in BODIES)]
+    beyond = lacking(robot, model.laws, carried)
+    notes = [f"an actuator group of Isaac Lab cannot hold {beyond}"] if beyond else []
+    lines = [f"joint_names_expr={names!r}", "stiffness=None", "damping=None"]
+    for effect, field in FIELDS.items():
+        value = np.maximum(0.0, np.nan_to_num(summed(model, effect)))
+        table = repr(dict(zip(names, value.tolist(), strict=True)))
+        lines += [f"{name}={table}" for name in ([field, "dynamic_friction"] if field == "friction" else [field])]
+    body = "".join(f"        {line},\n" for line in lines)
+    head = ISAAC_HEAD.format(name=" ".join(robot.name.split()).replace('"', "'").replace("\\", "/"))
+    return Exported(
+        f'{head}{remarks(notes)}ACTUATORS = {{\n    "all": ImplicitActuatorCfg(\n{body}    )\n}}\n', tuple(notes)
+    )

@@ -10,9 +10,8 @@ from ...model import Model
 from .actuators import write_actuators
 from .beyond import Exported as Exported
 from .function import write_function
-from .isaaclab import write_isaaclab
 from .mjcf import write_mjcf
-from .ros import write_ros
+from .ros import write_isaaclab, write_ros
 from .urdf import write_urdf
 
 _WRITERS: dict[str, Callable[[Model], Exported]] = {

@@ -12,7 +12,6 @@ from ...errors import shorten
 from ...robot.description.document import children, parse
 from ...robot.meshes import find_mesh
 from ...types import Array, Robot
-from .meshes import read_mesh
 from .poses import own_axis
 from .simplify import share, simplify
 from .solids import Triangles, between, box, capsule, cylinder, joined
@@ -148,3 +147,24 @@ def _generated(robot: Robot) -> dict[int, Triangles]:
             tip = 2 * lever if np.linalg.norm(lever) > SHORT else np.zeros(3)
             own.append(between(np.zeros(3), tip, radius[joint]))
     return {body: joined(some) for body, some in sorted(parts.items())}
+
+
+def read_mesh(path: Path, scale: Array) -> Triangles | None:
+    """The triangles of an STL, OBJ, Collada or other mesh file, corners that coincide joined; None where it is unread.
+
+    Args:
+        path: of the file.
+        scale: (3,) [1], negative where it mirrors.
+    """
+    import coal
+
+    try:
+        found = coal.MeshLoader(coal.BV_AABB).load(str(path), np.abs(scale))
+        triangles = map(found.tri_indices, range(found.num_tris))
+        vertices, faces = np.array(found.vertices()), np.array([(f[0], f[1], f[2]) for f in triangles])
+    except Exception:  # coal's are of no family
+        return None
+    if not len(faces) or not np.isfinite(vertices).all():
+        return None
+    mirrored = np.prod(scale) < 0
+    return Triangles(vertices * np.sign(scale), faces[:, ::-1] if mirrored else faces)

@@ -11,10 +11,13 @@ from pathlib import Path
 from stat import S_ISREG
 
 from ...errors import OutputError
-from ..unfinished import MARK, give_usual_rights, is_abandoned
 
 Content = str | bytes | Iterable[str]
+MARK = ".signid-"  # how the names of files and folders begin that are not complete
 _NAME = re.compile(rf"{re.escape(MARK)}\w{{8}}")  # of files that are not complete, as mkstemp calls them
+
+
+_STALE = 86_400.0  # [s]
 
 
 def probe_folder(folder: str | Path, option: str = "-o") -> None:
@@ -117,3 +120,30 @@ def _refusal(folder: str | Path, place: Path, error: OSError, option: str) -> Ou
     return OutputError(
         f"cannot write results to {folder}: {why}; name another folder with {option}, or make room in it"
     )
+
+
+def is_abandoned(path: Path, now: float) -> bool:
+    """Whether a run that was killed left this; that it is no longer at work cannot be told, so a day must have gone by.
+
+    Args:
+        path: of a file or folder that is not complete.
+        now: by the clock of the machine that holds it [s].
+
+    Raises:
+        OSError: it is there no more, or cannot be looked at.
+    """
+    return now - path.lstat().st_mtime > _STALE
+
+
+def give_usual_rights(path: Path) -> None:
+    """The rights of an ordinary new file or folder, for one that only its owner may read.
+
+    Args:
+        path: of a file or folder.
+
+    Raises:
+        OSError: they cannot be changed.
+    """
+    mask = os.umask(0)
+    os.umask(mask)
+    path.chmod((0o777 if path.is_dir() else 0o666) & ~mask)

@@ -4,8 +4,7 @@ Uneven time steps are resampled; gaps and missing values part a recording into s
 """
 
 from .grid import samples
-from .spread import spread
-from .stretch import Sampling, excerpt, split
+from .stretch import Sampling, excerpt, split, spread
 from .survey import survey
 
 __all__ = ["Sampling", "excerpt", "samples", "split", "spread", "survey"]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,6 +17,9 @@ SHORTEST = 8  # samples
 BRIEFEST = 0.5  # s
 
 Span = tuple[int, int]
+
+
+COUNT = 6  # stretches that are taken
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,3 +125,27 @@ def _span(stretch: Stretch) -> Span:
     rows = stretch.stop - stretch.start
     low, high = (round(rows * k / stretch.size) for k in (stretch.first, stretch.first + stretch.count))
     return stretch.start + low, stretch.start + high
+
+
+def spread(sampling: Sampling, seconds: float) -> Sampling:
+    """The recording as it is, or stretches that last so long together: its beginning, its end, and some between.
+
+    Args:
+        sampling: of the recording.
+        seconds: that are enough.
+    """
+    total = sum(stretch.count for stretch in sampling.stretches)
+    size = max(SHORTEST, round(seconds / sampling.period / COUNT))
+    if total <= COUNT * size:
+        return sampling
+    starts = np.linspace(0, total - size, COUNT).round().astype(int).tolist()
+    return restrict(sampling, [part for start in starts for part in _parts(sampling, start, start + size)])
+
+
+def _parts(sampling: Sampling, low: int, high: int) -> Iterator[Stretch]:
+    """Samples low..high of all stretches in a row; ends of stretches that are too short to be used are left out."""
+    for stretch in sampling.stretches:
+        start, stop = max(0, low), min(stretch.count, high)
+        if stop - start >= SHORTEST:
+            yield stretch.part(start, stop)
+        low, high = low - stretch.count, high - stretch.count

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ...types import Array
 from ..search.problem import Problem
 
 WINDOW = 24.0  # of the loss, in variance units: rivals beyond it weigh less than 1e-5
+
+
+FADED = 0.05  # correlation from which on there is none
+
+PAIRS = 0.1  # of the samples: fewer pairs do not tell a correlation
 
 
 def judge_confidence(problem: Problem, signs: Array, rival_signs: Array, rival_losses: Array) -> Array:
@@ -54,3 +61,33 @@ def _flip_costs(problem: Problem, signs: Array) -> Array:
     """(S,) by how much the loss rises when one segment is turned round."""
     b = problem.projections
     return np.asarray(4 * signs * (b.T @ (b @ signs)) - 4 * np.sum(b**2, axis=0))
+
+
+def inflation(residual: Array, runs: Sequence[tuple[int, int]]) -> float:
+    """Integrated autocorrelation time of one joint's residual, at least 1 sample: 1 + 2 sum of correlations.
+
+    Correlations are those of pairs in one run, of all runs together, up to the first that is small; so it is less than
+    twice the length of the longest run. Where the residual is NaN a sample does not count.
+
+    Args:
+        residual: (N,) [N.m or N].
+        runs: start and stop of stretches of consecutive samples.
+
+    Source: Sokal, Monte Carlo methods in statistical mechanics, in: Functional Integration, 1997, section 3.
+    """
+    run = np.full(len(residual), -1)
+    for k, (start, stop) in enumerate(runs):
+        run[start:stop] = k
+    inside = (run >= 0) & np.isfinite(residual)
+    count, values = int(inside.sum()), np.where(inside, residual, 0.0)
+    power = float(values @ values) / max(count, 1)
+    longest, total = max((stop - start for start, stop in runs), default=0), 1.0
+    for lag in range(1, longest if power > 0 else 0):
+        pairs = inside[lag:] & inside[:-lag] & (run[lag:] == run[:-lag])
+        if pairs.sum() < PAIRS * count:
+            break
+        correlation = float(np.mean((values[lag:] * values[:-lag])[pairs])) / power
+        if correlation < FADED:
+            break
+        total += 2 * correlation
+    return total

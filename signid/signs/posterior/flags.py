@@ -12,7 +12,7 @@ from ...types import Indices, Robot
 from ..inferred import SUSPECT, SYSTEMATIC, Inferred
 from ..rows.observations import Observed, alone
 from ..search.cone import RECTIFIED
-from ..search.friction_signs import friction_patterns
+from ..search.friction import friction_patterns
 from ..search.local_search import ascend
 from .confidence import WINDOW
 

@@ -16,8 +16,7 @@ from ..rows.segments import Segment, cut_by_signs
 from ..samples.markov_chain import Refined, refine
 from ..search.cone import Cone
 from ..search.exact import Found, Rivals, enumerate_near, search
-from ..search.friction import believe
-from ..search.friction_signs import friction_patterns
+from ..search.friction import believe, friction_patterns
 from ..search.problem import Problem, Rows, pose, signed_rows
 from .confidence import WINDOW, judge_confidence
 

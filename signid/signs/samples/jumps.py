@@ -12,7 +12,7 @@ from ...regression.rows import Task
 from ...regression.session import Part
 from ...types import Array, Indices, Mask
 from ..rows.observations import motions, predict
-from ..rows.reversals import LARGE, place_turn
+from ..rows.segments import LARGE, place_turn
 
 
 class Signed(NamedTuple):

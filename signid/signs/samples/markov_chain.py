@@ -11,7 +11,7 @@ import numpy as np
 
 from ...types import Array, Frozen, Mask
 from ..rows.observations import Observed
-from ..rows.reversals import place_turns
+from ..rows.segments import place_turns
 from ..search.problem import Rows, orthonormalise, signed_rows
 
 INFLATION = 10.0  # samples for one whose residual is independent of the others

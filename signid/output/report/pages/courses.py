@@ -7,12 +7,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ....estimation.fit_quality import Fit
-from ....estimation.residual_trace import Course
+from ....estimation.fit_quality import Course, Fit
 from ....types import Array, Indices
 from ..numbers import determination, figure
-from .frame import AFTER, BEFORE, FAINT, INK, Plot, axis, packed
-from .thin import thinned
+from .frame import AFTER, BEFORE, FAINT, INK, Plot, axis, packed, thinned
 
 POINTS, DOTS = 16_000, 9_000  # of all joints together
 FEWEST = 150

@@ -11,7 +11,7 @@ from .courses import clock
 from .frame import Plot, axis, packed
 
 if TYPE_CHECKING:
-    from ....estimation.residual_trace import Course
+    from ....estimation.fit_quality import Course
     from ....types import Array
 
 BINS, FEWEST = 10, 3  # regions of a variable, and rows that one must hold

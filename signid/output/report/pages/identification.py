@@ -10,8 +10,7 @@ import numpy as np
 
 from ....diagnose.extend.holdout import course_of, residuals
 from ....estimation.excitation import ENOUGH
-from ....estimation.fit_quality import Fit
-from ....estimation.residual_trace import Course
+from ....estimation.fit_quality import Course, Fit
 from ....identify import Identification
 from ....model import Model, stated_inertials, stated_laws
 from ....recording.sampling import split

@@ -10,8 +10,7 @@ import numpy as np
 from ....signs import Signs, Told, Trace
 from ....types import Array
 from ..results.signs import CERTAIN, confidence, part_name, proof_sentence
-from .frame import BEFORE, FAINT, INK, Plot, axis, packed, render
-from .thin import thinned
+from .frame import BEFORE, FAINT, INK, Plot, axis, packed, render, thinned
 
 MOST = 4000  # points a line
 PANEL, MARGINS = 200, 50  # [pixels] height of a joint's panel, and of what stands around it
