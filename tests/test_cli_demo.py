@@ -48,7 +48,7 @@ def command(patch: pytest.MonkeyPatch, folder: Path, *arguments: str, story: Sto
 
     patch.chdir(folder)
     patch.setenv("COLUMNS", "100")
-    patch.setattr(signid.cli.demo, "demo", play)
+    patch.setattr(sys.modules["signid.cli.demo.run"], "demo", play)
     with redirect_stdout(io.StringIO()) as out, redirect_stderr(io.StringIO()) as err:
         code = run(["demo", *arguments])
     return Told(folder, code, out.getvalue(), err.getvalue(), stories[0])

@@ -43,7 +43,7 @@ def everything(recording: Recording, sampling: Sampling, span: int = 0) -> Sampl
 
 def small_blocks(monkeypatch: pytest.MonkeyPatch, stride: int, chunk: int) -> None:
     """As if files were longer."""
-    for module in ("grid", "tally"):
+    for module in ("grid", "accumulate"):
         monkeypatch.setattr(sys.modules[f"signid.recording.sampling.{module}"], "STRIDE", stride)
     for module in ("survey", "clock"):
         monkeypatch.setattr(sys.modules[f"signid.recording.sampling.{module}"], "CHUNK", chunk)

@@ -238,7 +238,7 @@ def test_xacro_keeps_to_limits_that_are_there_already() -> None:
     pytest.importorskip("resource")
     program = """if 1:
         import resource
-        from signid.robot import sandbox
+        from signid.robot.description import sandbox
         resource.setrlimit(resource.RLIMIT_AS, (3_000_000_000,) * 2)
         sandbox._limit()
         assert resource.getrlimit(resource.RLIMIT_AS) == (3_000_000_000,) * 2

@@ -32,8 +32,7 @@ PENDULUM = (
 
 def stating(robot: Robot, known: Sequence[int]) -> Robot:
     """With the torque constants of some joints."""
-    constants = np.full(len(robot.joints), np.nan)
-    constants[list(known)] = CONSTANTS[list(known)]
+    constants = np.where(np.isin(range(len(robot.joints)), known), CONSTANTS[: len(robot.joints)], np.nan)
     return replace(robot, actuators=replace(robot.actuators, torque_constant=constants))
 
 

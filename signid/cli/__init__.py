@@ -5,4 +5,4 @@ Each command is a function of a few lines, whose arguments are the options; `sig
 
 from .run import main, run
 
-__all__ = ["main", "run"]
+__all__ = ["fleet", "main", "run"]

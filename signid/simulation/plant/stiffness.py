@@ -30,8 +30,15 @@ class Loaded(Protocol):
     step: float
 
     def resist(self, t: float, dt: float, q: Array, v: Array, direction: Array, /) -> Array:
-        """Torque (R, B, c) of all laws for R trials [N.m or N]."""
-        ...
+        """Torque (R, B, c) of all laws for R trials [N.m or N].
+
+        Args:
+            t: time [s].
+            dt: step [s].
+            q: (R, B, c) positions [rad or m].
+            v: (R, B, c) velocities [rad/s or m/s].
+            direction: (R, B, c) of motion [1].
+        """
 
 
 class Stiffness(NamedTuple):
