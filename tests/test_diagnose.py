@@ -84,7 +84,7 @@ def test_the_extended_simulation_is_as_good_as_noise_allows(planted: Any) -> Non
 def test_nothing_is_missing_of_a_healthy_robot(robot: str, seed: int) -> None:
     found = look(robot, seed=seed)
     assert (found.verdict, found.findings, found.unexplained, found.flags) == ("nothing_missing", (), (), ())
-    assert 0 < found.tolerance < 0.02 and found.trust == 0
+    assert 0 < found.tolerance < 0.02 and found.prior_scale == 0
     assert np.all(found.after.train_rms < 1.3 * found.after.noise_floor)
     assert [place.joint for place in found.located] == list(range(len(found.robot.joints)))
 

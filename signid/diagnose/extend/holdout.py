@@ -29,7 +29,7 @@ class Rows(NamedTuple):
     torque: Array  # (M, n) [N.m or N] measured
     unsure: Array  # (M, n) [N.m or N] near reversals, standard deviation
 
-    def unforeseen(self, noise: Noise, least: float = 0.0) -> Array:
+    def irreducible_std(self, noise: Noise, least: float = 0.0) -> Array:
         """(M, n) [N.m or N] standard deviation of all that no simulation could predict.
 
         Args:
@@ -68,7 +68,7 @@ def show(session: Session, model: Model) -> Shown:
 
 def fit_of(shown: Shown, noise: Noise) -> Fit:
     """Residual rms of a simulation in training and held out, beside what no simulation could predict."""
-    judged, floor = shown.judged, rms_of(shown.judged.unforeseen(noise))
+    judged, floor = shown.judged, rms_of(shown.judged.irreducible_std(noise))
     return fit_rows(shown.model.robot, judged.rest, judged.torque, floor, shown.learned.rest)
 
 
