@@ -65,8 +65,9 @@ def check(
         InputError: a recording or an option cannot be used; the sentence says which and why.
     """
     options = options or Options()
-    recovered = recover(robot, recordings, options=options, progress=progress)
-    session = prepare(robot, recovered.expected, recovered.expected, options)
+    signed = all(recording.signed.all() for recording in recordings)
+    recovered = recover(prepare(robot, recordings, recordings, options, scaled=signed), progress=progress)
+    session = recovered.learning
     factors = session.reduce(session.train, progress=progress)
     found = estimate(factors, session.task.base, whiten=options.whiten)
     found = recovered.widen(found, factors, session.task.base, options.whiten)

@@ -103,15 +103,19 @@ def identify(
         if estimator not in (None, "wls"):
             raise OptionError(f"factors answer by weighted least squares alone; give recordings for {way.name!r}")
         return _from_factors(robot, recordings, held_out, method or METHODS[0], search, options)
-    only_once((*recordings, *held_out))
-    recovered = recover(robot, recordings, held_out, method=signs, options=options, progress=progress)
-    method = method or METHODS[-1 if recovered.signs is not None and signs == "tree" else 0]
-    session = prepare(robot, recovered.expected, recovered.held_out, options)
+    everything = (*recordings, *held_out)
+    only_once(everything)
+    session = prepare(robot, recordings, held_out, options, scaled=all(r.signed.all() for r in everything))
+    recovered = recover(session, method=signs, progress=progress)
+    method, session = (
+        method or METHODS[-1 if recovered.signs is not None and signs == "tree" else 0],
+        recovered.learning,
+    )
     train, test, weigh = _factors(session, options, progress)
     given = Given(session, train, _prior(session), options.whiten, weigh, progress)
     found = _conclude(given, test, way, recovered, method, search, options.seed)
     notes = (*recovered.notes, *_judged_by_itself(recordings, held_out), *found.notes)
-    found = _judged(found, train, test, (*recordings, *held_out))
+    found = _judged(found, train, test, everything)
     return replace(found, inputs=recordings_used(recordings, held_out), notes=notes)
 
 
@@ -128,9 +132,9 @@ def _from_factors(
         raise OptionError(f"the factors are one part of {reduced.share[1]}; add all of them first")
     session = Session(reduced.task, (), (), reduced.notes)
     given = Given(session, reduced.train[0].factors, _prior(session), options.whiten)
-    nothing = Recovered((), (), ())
-    found = _conclude(given, reduced.held_out[0].factors, ESTIMATORS["wls"], nothing, method, search, options.seed)
-    return replace(_judged(found, given.factors, reduced.held_out[0].factors, ()), inputs=reduced.inputs)
+    recovered, test = Recovered(session, session), reduced.held_out[0].factors
+    found = _conclude(given, test, ESTIMATORS["wls"], recovered, method, search, options.seed)
+    return replace(_judged(found, given.factors, test, ()), inputs=reduced.inputs)
 
 
 def _judged(found: Identification, train: Factors, test: Factors, recordings: Sequence[Recording]) -> Identification:
@@ -174,7 +178,7 @@ def _conclude(
         moved=chosen.moved,
         inputs=(),
         signs=recovered.signs,
-        recordings=(*recovered.recordings, *recovered.held_out),
+        recordings=recovered.session.recordings,
         flags=(*recovered.flags, *found.flags, *excitation.sentences, *_untold(given, found), *chosen.flags),
         notes=(*(note for note in session.notes if note != ITSELF), *found.notes, *chosen.notes, *fit.sentences),
         cutoff=session.task.band.cutoff,

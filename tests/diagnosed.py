@@ -24,6 +24,7 @@ from signid.diagnose.run import _build, _posterior, _prepare, _silent
 from signid.diagnose.search.stepwise import begin
 from signid.effects import EFFECTS
 from signid.model import Model, stated_inertials
+from signid.regression.prepare import prepare
 from signid.regression.session import Options, Session
 from signid.robot import load_robot
 from signid.signs import recover
@@ -124,6 +125,6 @@ class Posed(NamedTuple):
 def posed(robot: str, *faults: Planted, heavier: tuple[tuple[str, float], ...] = ()) -> Posed:
     """What the search of a diagnosis is given."""
     model, recordings = simulation(robot), read(robot, recorded(robot, *faults, heavier=heavier))
-    session, _ = _prepare(model, recover(model.robot, recordings), Options(effects=()), _silent)
+    session, _ = _prepare(model, recover(prepare(model.robot, recordings)), Options(effects=()), _silent)
     dataset, data = _build(model, session, (), _silent)
     return Posed(session, dataset, _posterior(model, Evidence(data), ()))

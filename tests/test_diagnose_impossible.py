@@ -148,6 +148,7 @@ def test_a_gain_that_deletes_the_torque_is_not_found() -> None:
     from signid.diagnose.run import _build, _posterior, _prepare, _silent
     from signid.diagnose.search.contributions import measure_sizes
     from signid.diagnose.search.stepwise import is_sound
+    from signid.regression.prepare import prepare
     from signid.regression.session import Options
     from signid.signs import recover
 
@@ -156,7 +157,7 @@ def test_a_gain_that_deletes_the_torque_is_not_found() -> None:
         v = np.gradient(columns["q_2"], columns["t"])
         made.append({**columns, "tau_2": 2.0 * np.tanh(v / 0.02) + 0.5 * v})
     robot = simulation("3r")
-    session, _ = _prepare(robot, recover(robot.robot, read("3r", tuple(made))), Options(effects=()), _silent)
+    session, _ = _prepare(robot, recover(prepare(robot.robot, read("3r", tuple(made)))), Options(effects=()), _silent)
     dataset, data = _build(robot, session, (), _silent)
     posed = Posed(session, dataset, _posterior(robot, Evidence(data), ()))
     gain = posed.group("torque_gain", 1)

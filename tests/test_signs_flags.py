@@ -10,6 +10,7 @@ import pytest
 from signless import Lost, lost
 
 from signid.recording import read_recording
+from signid.regression.prepare import prepare
 from signid.robot import load_robot
 from signid.signs import recover
 from signid.signs.infer import Inferred, infer
@@ -85,6 +86,6 @@ def test_torque_without_a_trace_of_the_bodies(offset: bool) -> None:
     q, v = np.sin(1.1 * t) + 0.3 * np.sin(2.3 * t), 1.1 * np.cos(1.1 * t) + 0.69 * np.cos(2.3 * t)
     torque = np.where(offset, 1.0, np.sign(v)) + 0.02 * np.random.default_rng(0).standard_normal(len(t))
     robot = load_robot("1r")
-    signs = recover(robot, [read_recording({"t": t, "q_1": q, "abs_tau_1": np.abs(torque)}, robot)]).signs
+    signs = recover(prepare(robot, [read_recording({"t": t, "q_1": q, "abs_tau_1": np.abs(torque)}, robot)])).signs
     assert signs is not None and not signs.is_certain()
     assert any("nothing of the robot's bodies shows in the torque of joint_1" in flag for flag in signs.flags)

@@ -61,7 +61,7 @@ def made(robot: Robot, seed: int = 0, seconds: float = 12.0) -> dict[str, Array]
 
 
 def signs_of(robot: Robot, columns: dict[str, Array]) -> Signs:
-    found = recover(robot, [signid.read_recording(columns, robot)]).signs
+    found = recover(prepare(robot, [signid.read_recording(columns, robot)], scaled=False)).signs
     assert found is not None
     return found
 
@@ -176,7 +176,7 @@ def test_a_force_has_its_unit() -> None:
 
 def refused(robot: Robot, *columns: dict[str, Array]) -> str:
     with pytest.raises(InputError) as caught:
-        recover(robot, [signid.read_recording(c, robot) for c in columns])
+        recover(prepare(robot, [signid.read_recording(c, robot) for c in columns], scaled=False))
     assert str(caught.value).count("\n") == 0
     return str(caught.value)
 

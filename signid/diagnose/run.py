@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from ..deadline import OutOfTimeError, ends_in_time, steps_shown, time_is_up
-from ..effects import EFFECTS
+from ..effects import EFFECT_NAMES, EFFECTS
 from ..errors import InputError, OptionError, RecordingError
 from ..model import Model
 from ..recording_faults import Finding, Gross, examine
 from ..regression.base_parameters import build_base
-from ..regression.prepare import prepare, recordings_used
+from ..regression.prepare import prepare, rearrange, recordings_used
 from ..regression.session import Options, Part, Session, longest_piece
 from ..robot.dynamics import carried
 from ..signs import Recovered, recover
@@ -80,8 +80,8 @@ def diagnose(
     _check(recordings, reference, skip)
     told, options = progress or _silent, replace(options or Options(), effects=())
     known = diagnose(model, reference, skip=skip, options=options, progress=progress) if reference else None
-    recovered = recover(model.robot, recordings, held_out, options=Options(seed=options.seed), progress=progress)
     given, notes = restrict_joints(model, [*recordings, *held_out])
+    recovered = _recovered(given, recordings, held_out, options, progress)
     model = restrict_joints(_lasting(known.model), [*recordings, *held_out])[0] if known else given
     session, gross = _prepare(model, recovered, options, told)
     session = _judged_by_itself(model, session)
@@ -114,7 +114,7 @@ def diagnose(
         notes=(*recovered.notes, *notes, *session.notes, *gross.notes, *rolled[2]),
         cutoff=session.task.band.cutoff,
         seed=options.seed,
-        recordings=(*recovered.recordings, *recovered.held_out),
+        recordings=recovered.session.recordings,
         informed=found.evidence.informed,
     )
 
@@ -140,9 +140,22 @@ def _search(
     return found
 
 
+def _recovered(
+    model: Model,
+    recordings: Sequence[Recording],
+    held_out: Sequence[Recording],
+    options: Options,
+    told: Progress | None,
+) -> Recovered:
+    """The recordings, prepared once, with the signs of all torques."""
+    signed = all(recording.signed.all() for recording in (*recordings, *held_out))
+    own = options if signed else replace(options, effects=EFFECT_NAMES)
+    return recover(prepare(model.robot, recordings, held_out, own, scaled=signed), progress=told)
+
+
 def _flags(given: Recovered, gross: Gross) -> tuple[str, ...]:
     """Sentences on the recordings: doubtful columns, doubtful signs, gross faults."""
-    columns = dict.fromkeys(flag for one in (*given.recordings, *given.held_out) for flag in one.flags)
+    columns = dict.fromkeys(flag for one in given.session.recordings for flag in one.flags)
     return (*columns, *given.flags, *gross.flags)
 
 
@@ -155,11 +168,11 @@ def _prepare(model: Model, given: Recovered, options: Options, told: Progress) -
 
     Its band is wide where encoder noise allows it: laws differ most where torque is fast.
     """
-    session = prepare(model.robot, given.recordings, given.held_out, options)
+    session = rearrange(model.robot, given.session, options)
     band = session.task.band
     allowed = min(WIDE, float(np.median(band.per_joint)), SPARE * float(np.min(band.per_joint)))
     if options.cutoff is None and band.filtered and band.cutoff < 0.95 * allowed:
-        session = prepare(model.robot, given.recordings, given.held_out, replace(options, cutoff=allowed))
+        session = rearrange(model.robot, session, replace(options, cutoff=allowed))
     session = subsample(session)
     told("looking for gross faults", 0.1)
     gross = examine(model, session)

@@ -59,7 +59,6 @@ def prepare(
         RecordingError: a recording cannot be used, or recordings do not fit together.
         OptionError: an effect or an option is unknown.
     """
-    options = options or Options()
     if not recordings:
         raise OptionError("no recording was given; at least one is needed")
     everything = [*recordings, *held_out]
@@ -67,36 +66,47 @@ def prepare(
         need_constants(everything)
     moving = hold(robot, resting(robot, but=same_joints(everything)))
     surveys = {recording: survey(recording, moving) for recording in dict.fromkeys(everything)}
-    parts = list(surveys.items())
-    learned = [(r, surveys[r]) for r in dict.fromkeys(recordings)]
-    band = _band(learned, options)
-    train, test = _split(tuple((r, surveys[r]) for r in recordings), tuple((r, surveys[r]) for r in held_out), band)
-    measured = [all(r.columns["tau"][j] for r in everything) for j in range(len(moving.joints))]
+    learn, judge = (tuple((r, surveys[r]) for r in some) for some in (recordings, held_out))
+    return _arranged(moving, (learn, judge), options or Options(), robot.notes)
+
+
+def rearrange(robot: Robot, session: Session, options: Options) -> Session:
+    """The same recordings with other options: effects, cut-off and the like. No recording is read as a whole again.
+
+    Args:
+        robot: as `load_robot` gives it.
+        session: its recordings, prepared.
+        options: the other options.
+
+    Raises:
+        RecordingError: the recordings do not fit together.
+        OptionError: an effect or an option is unknown.
+    """
+    return _arranged(session.robot, session.given, options, robot.notes)
+
+
+def _arranged(robot: Robot, given: tuple[Parts, Parts], options: Options, notes: Sequence[str]) -> Session:
+    """Band, base map and split of recordings that were surveyed."""
+    (learn, _), whole = given, tuple(dict((*given[0], *given[1])).items())
+    once = tuple(dict(learn).items())
+    band = _band(once, options)
+    train, test = _split(*given, band)
+    measured = [all(r.columns["tau"][j] for r, _ in whole) for j in range(len(robot.joints))]
     laws = tuple(Law(EFFECTS[name], (j,)) for name in options.effects for j in np.flatnonzero(measured).tolist())
     _only_linear(laws)
-    recorded = _use_recorded(moving, parts, band, options)
-    desired = options.instruments and not recorded and all(_wholly(r, "q_des") for r in everything)
-    complete = desired and all(_complete(part, "q_des") for part in parts)
-    slow = _slow(moving, list(surveys.values()), band)
-    task = Task(
-        moving,
-        laws,
-        build_base(moving, laws, options.seed, measured),
-        band,
-        slow,
-        _reach(moving, learned, band, slow),
-        recorded,
-        complete,
-    )
-    notes = [
-        f"{recording.path or 'recording'}: {note}" for recording, s in parts for note in (*recording.notes, *s.notes)
-    ]
-    notes += [ITSELF] * (train is test)
+    recorded = _use_recorded(robot, whole, band, options)
+    desired = options.instruments and not recorded and all(_wholly(r, "q_des") for r, _ in whole)
+    complete = desired and all(_complete(part, "q_des") for part in whole)
+    slow = _slow(robot, [sampling for _, sampling in whole], band)
+    base, reach = build_base(robot, laws, options.seed, measured), _reach(robot, once, band, slow)
+    task = Task(robot, laws, base, band, slow, reach, recorded, complete)
+    said = [f"{r.path or 'recording'}: {note}" for r, sampling in whole for note in (*r.notes, *sampling.notes)]
+    said += [ITSELF] * (train is test)
     if recorded:
-        notes.append("velocities and accelerations are taken as recorded: they agree with the positions")
+        said.append("velocities and accelerations are taken as recorded: they agree with the positions")
     if desired and not complete:
-        notes.append("desired positions have gaps where the measured ones have none: they do not serve as instruments")
-    return Session(task, train, test, (*robot.notes, *dict.fromkeys(notes)))
+        said.append("desired positions have gaps where the measured ones have none: they do not serve as instruments")
+    return Session(task, train, test, (*robot.notes, *dict.fromkeys(notes)), given, options)
 
 
 def recordings_used(

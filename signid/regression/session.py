@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
@@ -36,17 +36,53 @@ class Options(Frozen):
 
 @dataclass(frozen=True, eq=False)
 class Session(Frozen):
-    """One robot's recordings, ready to be reduced."""
+    """One robot's recordings, surveyed and split, and what their rows are made for."""
 
     task: Task
     train: tuple[Part, ...]
-    held_out: tuple[Part, ...]
+    held_out: tuple[Part, ...]  # the same object as `train` where nothing is held out
     notes: tuple[str, ...]
+    given: tuple[tuple[Part, ...], tuple[Part, ...]] = ((), ())  # whole recordings: to learn from, and to hold out
+    options: Options = Options()
 
     @property
     def robot(self) -> Robot:
         """With the joints held that the recordings do not move."""
         return self.task.robot
+
+    @property
+    def whole(self) -> tuple[Part, ...]:
+        """Every recording once, not split, in the order in which it was given."""
+        return tuple(dict((*self.given[0], *self.given[1])).items())
+
+    @property
+    def recordings(self) -> tuple[Recording, ...]:
+        """Every recording once, in the order in which it was given."""
+        return tuple(recording for recording, _ in self.whole)
+
+    @property
+    def signed(self) -> bool:
+        """Whether every torque has its sign."""
+        return all(recording.signed.all() for recording in self.recordings)
+
+    @property
+    def learned(self) -> tuple[Part, ...]:
+        """The recordings of which at least a part is learned from, not split."""
+        train = {recording for recording, _ in self.train}
+        return tuple(part for part in self.whole if part[0] in train)
+
+    def exchange(self, new: Mapping[Recording, Recording]) -> Session:
+        """The same with other recordings of the same rows in the place of some.
+
+        Args:
+            new: recordings of this session, and what takes their place.
+        """
+        train, held_out, *given = (
+            tuple((new.get(recording, recording), sampling) for recording, sampling in parts)
+            for parts in (self.train, self.held_out, *self.given)
+        )
+        held_out = train if self.judges_itself else held_out
+        return replace(self, train=train, held_out=held_out, given=(given[0], given[1]))
 
     @property
     def judges_itself(self) -> bool:

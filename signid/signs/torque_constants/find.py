@@ -11,9 +11,8 @@ from ...errors import OptionError, RecordingError, shorten
 from ...model import stated_inertials
 from ...recording import same_joints, with_signs
 from ...regression.factors import Factors
-from ...regression.prepare import prepare
 from ...regression.rows import Task
-from ...regression.session import Options, Session
+from ...regression.session import Session
 from ...types import Array, Frozen, Mask, Progress, Recording, Robot, prismatic_unit
 from ..infer import infer
 from ..result import Gain, Signs
@@ -59,38 +58,28 @@ class Gains(Frozen):
         return replace(signs, gains=self.found, notes=notes, flags=flags)
 
 
-def find_gains(
-    robot: Robot,
-    recordings: Sequence[Recording],
-    learn: Sequence[Recording],
-    options: Options,
-    progress: Progress | None = None,
-) -> Gains | None:
+def find_gains(session: Session, progress: Progress | None = None) -> Gains | None:
     """The torque constants that recordings lack; None where they lack none.
 
-    Each joint's signs are searched by itself, where its constant does not matter; the signed currents tell the
+    Each joint's signs are searched by itself, where its constant does not matter; the signed currents determine the
     constants, by the base parameters that joints share, and with those the signs are searched in all joints together;
     again until nothing changes. Where no joint's constant is known, or where joints share too little, the inertials
-    that the description states tell the scale.
+    that the description states set the scale.
 
     Args:
-        robot: as `load_robot` gives it.
-        recordings: all that are to be used.
-        learn: those to find constants from.
-        options: effects, cut-off and the like.
-        progress: told that it begins.
+        session: the recordings; those of which a part is learned from are used, whole.
+        progress: called with what is being done and the share that is done.
 
     Raises:
-        OptionError: a constant cannot be told; the sentence says what to state.
-        RecordingError: a recording cannot be used, or recordings lack constants of different joints.
+        OptionError: a constant is not identifiable; the sentence says what to state.
+        RecordingError: recordings lack constants of different joints.
     """
-    unknown = _unknown(recordings)
+    unknown = _unknown(session.recordings)
     if not unknown.any():
         return None
     if progress is not None:
         progress("finding torque constants from", 0.0)
-    session = prepare(robot, learn, learn, options, scaled=False)
-    observed = observe(session.task, session.train)
+    observed = observe(session.task, session.learned)
     anchors = observed.known & ~unknown
     if not anchors.any() and not stated_inertials(session.robot).any():
         raise OptionError(
@@ -98,7 +87,7 @@ def find_gains(
             f"and the description states no inertials to tell the scale by; {_state(session.robot, unknown)}, of one "
             f"at least"
         )
-    constants = _settle(session, observed, unknown, options.seed)
+    constants = _settle(session, observed, unknown)
     _check(session.robot, constants, unknown)
     value, std = np.where(unknown, np.exp(constants.log), 1.0), np.where(unknown, constants.std, 0.0)
     covariance = np.where(np.outer(unknown, unknown), constants.covariance, 0.0)
@@ -128,12 +117,12 @@ def _unknown(recordings: Sequence[Recording]) -> Mask:
     return np.asarray(lacking[0])
 
 
-def _settle(session: Session, observed: Observed, unknown: Mask, seed: int) -> _Found:
+def _settle(session: Session, observed: Observed, unknown: Mask) -> _Found:
     """Signs and constants in turn."""
     found = _Found(np.zeros(len(unknown)), np.diag(np.where(unknown, np.inf, 0.0)))
     signs = np.zeros_like(observed.torque)
     for _ in range(ROUNDS):
-        last, signs = signs, _signs(session.task, observed, found, seed)
+        last, signs = signs, _signs(session.task, observed, found, session.options.seed)
         if np.array_equal(last, signs):
             break
         before, found = found, _constants(session.task, _factors(session, observed, signs), unknown)
@@ -161,7 +150,7 @@ def _signs(task: Task, observed: Observed, found: Constants, seed: int) -> Array
 def _factors(session: Session, observed: Observed, signs: Array) -> Factors:
     """Of the recordings with their signs, in the units recorded."""
     parts = []
-    for k, (recording, sampling) in enumerate(session.train):
+    for k, (recording, sampling) in enumerate(session.learned):
         at = observed.part == k
         t, first, own = observed.t[at], np.flatnonzero(observed.first[at]), signs[at].astype(np.int8)
         parts.append((with_signs(recording, spread(recording, sampling, t, first, own)), sampling))
