@@ -14,7 +14,7 @@ from .recording.sampling import Sampling
 from .recording_faults import Gross, examine
 from .regression.bandwidth import Band
 from .regression.factors import Factors
-from .regression.prepare import prepare
+from .regression.prepare import prepare, rearrange
 from .regression.session import Options, Session
 from .signs import Signs, recover
 from .types import Array, BaseMap, Frozen, Progress, Recording, Robot
@@ -66,8 +66,9 @@ def check(
     """
     options = options or Options()
     signed = all(recording.signed.all() for recording in recordings)
-    recovered = recover(prepare(robot, recordings, recordings, options, scaled=signed), progress=progress)
-    session = recovered.learning
+    session = prepare(robot, recordings, recordings, options, scaled=signed)
+    recovered = recover(session, progress=progress)
+    session = session if signed else rearrange(robot, recovered.learning, options)  # noise of signed torque
     factors = session.reduce(session.train, progress=progress)
     found = estimate(factors, session.task.base, whiten=options.whiten)
     found = recovered.widen(found, factors, session.task.base, options.whiten)

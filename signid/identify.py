@@ -18,7 +18,7 @@ from .model import Model, fitted_model, stated_parameters
 from .recording_faults import Judged, identification_flags
 from .regression.covariance import base_covariance
 from .regression.factors import LAGS, Factors, Weigh
-from .regression.prepare import ITSELF, only_once, prepare, recordings_used
+from .regression.prepare import ITSELF, only_once, prepare, rearrange, recordings_used
 from .regression.reduced import Reduced
 from .regression.rows import Rows
 from .regression.session import Options, Session

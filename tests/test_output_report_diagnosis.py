@@ -27,7 +27,7 @@ BEFORE, AFTER, FLOOR = np.array([0.05, 0.8, 0.2]), np.array([0.05, 0.04, 0.3]), 
 
 
 def fit(rms: np.ndarray) -> Fit:
-    return Fit(ROBOT.joints, ("N.m",) * 3, rms, rms, FLOOR, 1 - rms)
+    return Fit(ROBOT.joints, ("N.m",) * 3, rms, rms, FLOOR, 1 - rms, FLOOR)
 
 
 def course(rows: int, recordings: int = 1) -> Course:

@@ -92,9 +92,9 @@ def diagnose(
     contenders = limit_in_step(dataset, contenders)
     verdict = decide(dataset, found, contenders)
     result = model_rest(session, find(dataset, session, found, contenders, verdict, options.seed))
-    first = show(session, given)
-    result = never_worse(first, result, dataset.noise)
-    proof = prove(first, result.shown, dataset.noise)
+    first, floor = show(session, given), session.task.band.torque_floor
+    result = never_worse(first, result, dataset.noise, floor)
+    proof = prove(first, result.shown, dataset.noise, floor)
     rolled = _roll_out(session, given, result.shown.model, told)
     return Diagnosis(
         robot=session.robot,

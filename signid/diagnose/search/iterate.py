@@ -156,7 +156,7 @@ def _expected(posterior: Posterior, known: Diagnosis | None) -> Array:
     expected = NOISE_ERROR * (1 + (DISCREPANCY * data.scale / data.floor) ** 2)
     if known is None:
         return np.asarray(expected)
-    return np.asarray(np.maximum(expected, (known.after.train_rms / known.after.noise_floor) ** 2))
+    return np.asarray(np.maximum(expected, (known.after.train_rms / known.after.irreducible_rms) ** 2))
 
 
 def _touched(dataset: Dataset, found: Selection) -> Selection:

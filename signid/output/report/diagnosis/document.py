@@ -9,7 +9,7 @@ from ....effects.base import BodyLaw
 from ....effects.naming import placed
 from ....robot.dynamics import carried
 from ....types import Coefficient, Input, Law, Robot
-from ..results.documents import Document, description, fit_document, provenance
+from ..results.documents import Document, description, fit_with_errors, provenance
 from ..results.signs import signs_document
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def diagnosis_document(result: Diagnosis, inputs: Sequence[Input] = ()) -> Docum
             }
             for place in result.located
         ],
-        "fit": {"before": fit_document(result.before), "after": fit_document(result.after)},
+        "fit": {"before": fit_with_errors(result.before), "after": fit_with_errors(result.after)},
         "rollout": None if before is None or after is None else after.document(before),
         "inertials": {"off": None if result.informed else result.prior_scale, "covariance": result.informed},
         "signs": signs_document(result.signs),

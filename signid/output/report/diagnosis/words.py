@@ -78,7 +78,7 @@ def place_words(result: Diagnosis) -> list[str]:
     fit, said, quiet = result.before, list[str](), list[str]()
     for place in result.located:
         joint = result.robot.joints[place.joint]
-        if fit.train_rms[place.joint] <= NOISE * fit.noise_floor[place.joint]:
+        if fit.train_rms[place.joint] <= NOISE * fit.irreducible_rms[place.joint]:
             quiet.append(joint)
             continue
         said.append(f"{joint} {place.region}: {share(place.share)} of its unexplained torque; {_follows(place)}")
