@@ -107,10 +107,8 @@ def identify(
     only_once(everything)
     session = prepare(robot, recordings, held_out, options, scaled=all(r.signed.all() for r in everything))
     recovered = recover(session, method=signs, progress=progress)
-    method, session = (
-        method or METHODS[-1 if recovered.signs is not None and signs == "tree" else 0],
-        recovered.learning,
-    )
+    method = method or METHODS[-1 if recovered.signs is not None and signs == "tree" else 0]
+    session = session if session.signed else rearrange(robot, recovered.learning, options)  # noise of signed torque
     train, test, weigh = _factors(session, options, progress)
     given = Given(session, train, _prior(session), options.whiten, weigh, progress)
     found = _conclude(given, test, way, recovered, method, search, options.seed)

@@ -106,7 +106,7 @@ def _arranged(robot: Robot, given: tuple[Parts, Parts], options: Options, notes:
         said.append("velocities and accelerations are taken as recorded: they agree with the positions")
     if desired and not complete:
         said.append("desired positions have gaps where the measured ones have none: they do not serve as instruments")
-    return Session(task, train, test, (*robot.notes, *dict.fromkeys(notes)), given, options)
+    return Session(task, train, test, (*notes, *dict.fromkeys(said)), given, options)
 
 
 def recordings_used(
