@@ -13,7 +13,8 @@ from diagnosed import Posed, fault, posed
 from signid.diagnose.data.whitened_rows import columns_of
 from signid.diagnose.evidence.bayes_factors import KNOWN, Evidence
 from signid.diagnose.evidence.linear_model import Known
-from signid.diagnose.findings.alternatives import Contender, _follows, limit_in_step, rank_contenders
+from signid.diagnose.findings.alternatives import _follows, limit_in_step, rank_contenders
+from signid.diagnose.findings.contender import Contender
 from signid.diagnose.findings.verdict import decide
 from signid.diagnose.search.inertial_check import relieved
 from signid.diagnose.search.stepwise import is_founded, laws_there

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +11,7 @@ import numpy as np
 from ...deadline import time_is_up
 from ...estimation.excitation import in_step
 from ...regression.projection import RANK, leave
-from ...types import Array, Frozen
+from ...types import Array
 from ..data.column_groups import Group
 from ..data.dataset import Dataset
 from ..data.hypotheses import Key
@@ -23,6 +23,7 @@ from ..search.feasible import is_sound
 from ..search.inertial_check import relieved
 from ..search.steady import steadiness
 from ..search.stepwise import SEARCH, is_founded, laws_there
+from .contender import CLIP, Contender
 
 NOTABLE = 0.03  # probability from which on a rival is listed
 NEAR = 4.0  # log odds behind the likeliest, up to which a rival must be physically possible to count
@@ -34,45 +35,11 @@ MOST_IN_STEP = float(np.log(0.95 / 0.05))  # log odds of laws of joints that mov
 SAME = 4.0  # variance units: what a rival leaves of an effect, up to which nothing tells them apart
 
 
-@dataclass(frozen=True, eq=False)
-class Contender(Frozen):
-    """One hypothesis beside the others, and its rivals."""
-
-    group: Group
-    probability: float
-    unknown: float  # probability that no law of the library is behind it
-    rivals: Mapping[Key, tuple[float, Group]]  # probability of each, and its likeliest shape
-    log: float  # log posterior odds against its absence, noise and discrepancy at their likeliest either way
-    instead: Group | None = None  # the likeliest law in its place, where that is clearly likelier
-    most: float = np.inf  # log odds that it has at most, by how steady its gain is
-    log_at_scale: float = np.inf  # its log odds at k^2 times the variance, see `judge_slots`
-
-
 class _Rows(NamedTuple):
     """A variance of the rows, and the odds of everything beside all hypotheses at that variance."""
 
     dispersion: Array  # (n,) variance of the whitened residual [1]
     beside: Mapping[Key, Odds]
-
-
-def with_held_out(contender: Contender, support: float) -> Contender:
-    """The probabilities given the held-out rows as well.
-
-    Args:
-        contender: a selected law and its rivals.
-        support: log Bayes factor of the held-out rows for it, against its absence [-].
-    """
-    log = min(contender.log + support, contender.most)
-    before, after = (float(np.clip(x, -500.0, 500.0)) for x in (contender.log, log))
-    factor = (1 + np.exp(-before)) / (1 + np.exp(-after))
-    rivals = {key: (float(p * factor), group) for key, (p, group) in contender.rivals.items()}
-    own, unknown = float(contender.probability * factor), float(contender.unknown * factor)
-    return replace(contender, probability=own, unknown=unknown, rivals=rivals, log=log)
-
-
-def _limited(contender: Contender, most: float) -> Contender:
-    """The same with log odds of at most `most`."""
-    return with_held_out(replace(contender, most=min(contender.most, most)), 0.0)
 
 
 def limit_in_step(dataset: Dataset, contenders: Sequence[Contender]) -> tuple[Contender, ...]:
@@ -84,7 +51,10 @@ def limit_in_step(dataset: Dataset, contenders: Sequence[Contender]) -> tuple[Co
     """
     v = np.concatenate([piece.motion.v for piece in dataset.pieces])
     joints = {joint for group in in_step(v.T @ v / len(v)) for joint in group}
-    return tuple(_limited(one, MOST_IN_STEP) if _follows(one.group, joints) else one for one in contenders)
+    return tuple(
+        replace(one, steadiness=min(one.steadiness, MOST_IN_STEP)) if _follows(one.group, joints) else one
+        for one in contenders
+    )
 
 
 def _follows(group: Group, joints: Collection[int]) -> bool:
@@ -109,7 +79,7 @@ def rank_contenders(dataset: Dataset, found: Selection) -> tuple[Contender, ...]
     likelihood = Likelihood(dataset, found.evidence, found)
     rest = dataset.remaining(found.data, sizes.fit)
     contenders = (_contender(found, group, rows, sizes, likelihood) for group in found.selected)
-    return tuple(_limited(one, steadiness(found.posterior, sizes, rest, one.group)) for one in contenders)
+    return tuple(replace(one, steadiness=steadiness(found.posterior, sizes, rest, one.group)) for one in contenders)
 
 
 def replace_weak(dataset: Dataset, found: Selection) -> tuple[Selection, tuple[Contender, ...]]:
@@ -157,21 +127,25 @@ def _contender(
         logs |= {key: logs[own] + log_at_scale[key] - log_at_scale[own] for key in same & log_at_scale.keys()}
     logs = _possible(rest, odds, logs, own)
     highest = max(logs.values())
-    share = {key: float(np.exp(x - highest)) for key, x in logs.items()}
-    nothing = 1 / (1 + float(np.exp(np.clip(log, -500.0, 500.0))))
-    total = sum(share.values())
-    probability = {key: (1 - nothing) * x / total for key, x in share.items()}
-    rivals = {
-        key: (p, odds[key].best)
-        for key, p in sorted(probability.items(), key=lambda item: -item[1])
-        if key in same and (p > NOTABLE or left[key] < SAME)
-    }
-    unknown = sum(p for key, p in probability.items() if odds[key].best.claim.unknown)
-    there = probability.get(own, 0.0)
-    others = {key: p for key, p in probability.items() if key != own and not odds[key].best.claim.unknown}
+    weight = {key: float(np.exp(x - highest)) for key, x in logs.items()}
+    total = sum(weight.values())
+    share = {key: x / total for key, x in weight.items()}
+    some = 1 / (1 + float(np.exp(-np.clip(log, -CLIP, CLIP))))
+    listed = [key for key in same & share.keys() if some * share[key] > NOTABLE or left[key] < SAME]
+    candidates = {key: odds[key].best for key in share if key in listed}
+    unknown = sum(x for key, x in share.items() if odds[key].best.claim.unknown)
+    others = {key: some * x for key, x in share.items() if key != own and not odds[key].best.claim.unknown}
     first = max(others, key=lambda key: others[key], default=own)
-    instead = odds[first].best if others.get(first, 0.0) > max(LIKELIER * there, DOUBT) else None
-    return Contender(group, there, unknown, rivals, log, instead, log_at_scale=log_at_scale.get(own, np.inf))
+    likelier = others.get(first, 0.0) > max(LIKELIER * some * share.get(own, 0.0), DOUBT)
+    return Contender(
+        group=group,
+        evidence=log,
+        shares=share,
+        candidates=dict(sorted(candidates.items(), key=lambda item: -share[item[0]])),
+        unexplained=unknown,
+        instead=odds[first].best if likelier else None,
+        log_at_scale=log_at_scale.get(own, np.inf),
+    )
 
 
 def _instead(found: Selection, group: Group, rows: _Rows) -> tuple[dict[Key, Odds], dict[Key, float]]:

@@ -21,7 +21,8 @@ from ..evidence.selection import Selection
 from ..extend.holdout import Shown
 from ..result import Alternative, Finding, Unexplained
 from ..search.stepwise import FIRST, NEXT, needed
-from .alternatives import DOUBT, Contender, with_held_out
+from .alternatives import DOUBT
+from .contender import Contender
 from .covariance import covariance_after
 from .held_out_selection import Extended, hand_out
 from .intervals import deviations
@@ -32,7 +33,6 @@ from .verdict import Verdict
 UNSURE = 0.95  # probability below which a cause is flagged
 LISTED = 4  # rivals of a finding whose separating motion is sought
 SEPARATED = 2 * LISTED  # rivals of all findings together: each search simulates several motions
-REFUSED = 0.0  # log odds that a law has at most if the extended simulation is better without it
 VAGUE = 0.5  # standard deviations of a coefficient: nearer to zero, and a law may as well not be there
 PLAUSIBLE = 0.05  # probability of a rival above which a separating motion is sought
 
@@ -109,15 +109,9 @@ def find(
 
 
 def _judged(contender: Contender, extended: Extended, itself: bool, vague: Collection[Group] = ()) -> Contender:
-    """How sure a hypothesis is after the held-out rows, if there are any.
-
-    One that they speak against, or whose numbers are vague, is even at most.
-    """
-    refused = not extended.holds(contender.group) and not itself
-    limited = (
-        replace(contender, most=min(contender.most, REFUSED)) if refused or contender.group in vague else contender
-    )
-    return with_held_out(limited, extended.support[contender.group])
+    """With what the held-out rows say; a law that they refuse, or whose numbers are vague, is even at most."""
+    refused = (not extended.holds(contender.group) and not itself) or contender.group in vague
+    return replace(contender, held_out=extended.support[contender.group], refused=refused)
 
 
 def _is_vague(law: Law, std: Mapping[str, float]) -> bool:

@@ -16,7 +16,7 @@ from ..data.whitening import weights
 from ..evidence.posterior_odds import Posterior
 from ..evidence.selection import Selection
 from ..search.contributions import Sizes, measure_sizes
-from .alternatives import Contender
+from .contender import Contender
 
 CAUSE = 0.15  # of the largest ratio of torque to residual: less is a small correction
 LARGE, HOLDS = 0.03, 0.2  # share of some joint's torque, and held-out gain: more is no small correction
