@@ -36,8 +36,8 @@ def test_cut_segments_are_counted_by_the_name_of_their_joint() -> None:
     made, found = inferred()
     one, more = _notes(made.observed, replace(found, impure={0: 1, 2: 3}))
     first, _, last = made.observed.joints
-    assert one == f"1 segment of {first} was cut where the torque changes its sign inside it"
-    assert more == f"3 segments of {last} were cut where the torque changes its sign inside them"
+    assert one == f"{first}: 1 segment cut at a change of sign of the torque inside"
+    assert more == f"{last}: 3 segments cut at a change of sign of the torque inside"
 
 
 @pytest.mark.parametrize(("prismatic", "unit"), [(False, "N.m"), (True, "N")])

@@ -96,8 +96,8 @@ def test_constants_of_a_plant_are_found(known: tuple[int, ...]) -> None:
         assert abs(value - CONSTANTS[j]) < 3 * std, name
         assert std < 0.3 * value or j in known
     assert any("inertials that the description states" in note for note in found.notes) == (not known)
-    assert any("which they have in common" in note for note in found.notes)
-    assert any("known roughly only" in flag for flag in found.flags) == any(s > 0.1 * v for v, s in told.values())
+    assert any("common uncertainty" in note for note in found.notes)
+    assert any("known only roughly" in flag for flag in found.flags) == any(s > 0.1 * v for v, s in told.values())
 
 
 def test_constants_that_still_change_are_told(monkeypatch: pytest.MonkeyPatch) -> None:

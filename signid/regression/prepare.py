@@ -1,4 +1,4 @@
-"""Robot and recordings -> session: checked, split, with one band and one base map for all of them."""
+"""Robot and recordings -> session: surveyed and split, with one band and one base map for all of them."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from .rows import Task, choose_reach, consumed
 from .session import PIECE, Options, Part, Session, common_rate, longest_piece
 
 TRAINING_SHARE = 0.7  # of a single recording
-LEARNED, HELD_OUT, REFERENCE = "learned from", "held out", "of the robot when all was well"
-SHARED = f"learned from, but for the last {1 - TRAINING_SHARE:.0%}, which is held out"
-REVERSAL, REVERSAL_SHARE = 0.01, 0.02  # [rad/s] and share of the rms velocity: width of a geared joint's reversal
-AGREE = 2e-3  # recorded derivatives are taken where they differ by less from those of the positions
-ENOUGH = 16  # filtered rows of a recording of which nothing can be held out
+LEARNED, HELD_OUT, REFERENCE = "learned from", "held out", "of the healthy robot"
+SHARED = f"learned from, except the last {1 - TRAINING_SHARE:.0%}, which is held out"
+REVERSAL, REVERSAL_SHARE = 0.01, 0.02  # [rad/s], share of the rms velocity: width of the reversal of a geared joint
+AGREE = 2e-3  # [1] relative difference from derivatives of the positions, below which recorded ones are used
+ENOUGH = 16  # filtered rows that a recording needs if nothing can be held out of it
 ITSELF = (
-    "the recording is too short to hold anything out: what it was learned from judges the model, so that held-out "
-    "errors are too small; record for longer, or give another recording to judge by"
+    "the recording is too short to hold anything out: the model is evaluated on its own training data, so held-out "
+    "errors are too small; record for longer, or give another recording with --held-out"
 )
-TAPS = 9.0  # periods of the cut-off that both filters together are long
+TAPS = 9.0  # length of both filters together, in periods of the cut-off
 
 Parts = tuple[Part, ...]
 
@@ -43,17 +43,17 @@ def prepare(
     *,
     scaled: bool = True,
 ) -> Session:
-    """A session: joints, laws, base map, band and the split into training and held-out recordings.
+    """Prepare a session: joints, laws, base map, band and the split into training and held-out recordings.
 
-    Without held-out recordings the last of several is held out, or the last 30 % of the only one; nothing of one that
-    is too short for that, which then judges itself.
+    Without held-out recordings the last of several is held out, or the last 30 % of the only one. Nothing is held out
+    of an only recording that is too short for that.
 
     Args:
         robot: as `load_robot` gives it.
-        recordings: to learn from.
-        held_out: to judge by.
+        recordings: recordings to learn from.
+        held_out: held-out recordings.
         options: effects, cut-off and the like.
-        scaled: False: currents whose torque constant is not known may stand where torques should.
+        scaled: whether every torque must be in N.m or N; False: currents without torque constants are accepted.
 
     Raises:
         RecordingError: a recording cannot be used, or recordings do not fit together.
@@ -112,22 +112,22 @@ def _arranged(robot: Robot, given: tuple[Parts, Parts], options: Options, notes:
 def recordings_used(
     recordings: Sequence[Recording], held_out: Sequence[Recording], reference: Sequence[Recording] = ()
 ) -> tuple[Input, ...]:
-    """Recordings with the part that each plays, as `prepare` splits them.
+    """Recordings with their roles, as `prepare` splits them.
 
     Args:
-        recordings: to learn from.
-        held_out: to judge by.
-        reference: of the robot when all was well.
+        recordings: recordings to learn from.
+        held_out: held-out recordings.
+        reference: recordings of the healthy robot.
     """
     given = [*recordings]
     parts = [(LEARNED, given[:-1]), (HELD_OUT, given[-1:])] if len(given) > 1 else [(SHARED, given)]
     parts = [(LEARNED, given), (HELD_OUT, [*held_out])] if held_out else parts
-    told = {(r.path, r.sha256): role for role, some in [*parts, (REFERENCE, [*reference])] for r in some}
-    return tuple(Input(path, digest, f"recording, {role}") for (path, digest), role in told.items())
+    roles = {(r.path, r.sha256): role for role, some in [*parts, (REFERENCE, [*reference])] for r in some}
+    return tuple(Input(path, digest, f"recording, {role}") for (path, digest), role in roles.items())
 
 
 def only_once(recordings: Sequence[Recording]) -> None:
-    """Find out whether each recording was given once.
+    """Check that each recording was given once.
 
     Raises:
         OptionError: one was given twice, perhaps under two names.
@@ -138,12 +138,12 @@ def only_once(recordings: Sequence[Recording]) -> None:
             again = (
                 f"{recording.path or 'one recording'} holds the same samples as {seen[recording.sha256] or 'another'}"
             )
-            raise OptionError(f"{again}; give each recording once, to learn from or to judge by")
+            raise OptionError(f"{again}; give each recording once, to learn from or as held out")
         seen[recording.sha256] = recording.path
 
 
 def _split(train: Parts, test: Parts, band: Band) -> tuple[Parts, Parts]:
-    """What is learned from and what is held out; the same where an only recording is too short for both."""
+    """Training and held-out parts; the same object where an only recording is too short for both."""
     if not test and len(train) > 1:
         return train[:-1], train[-1:]
     if not test:
@@ -248,10 +248,10 @@ def _complete(part: Part, key: str) -> bool:
 def _agree(robot: Robot, part: Part, band: Band) -> bool:
     """Whether recorded derivatives and those of the positions are the same inside the band."""
     piece, period = longest_piece(part), part[1].period
-    own, told = (build_motion(robot, piece, band, period, recorded_derivatives=yes) for yes in (False, True))
-    edge = (len(told) - len(own)) // 2
+    own, recorded = (build_motion(robot, piece, band, period, recorded_derivatives=yes) for yes in (False, True))
+    edge = (len(recorded) - len(own)) // 2
     thin = Decimator(band.taps, band.factor)
-    for mine, theirs in ((own.v, told.v), (own.a, told.a)):
+    for mine, theirs in ((own.v, recorded.v), (own.a, recorded.a)):
         ours, given = thin(mine), thin(theirs[edge : len(theirs) - edge])
         if not len(ours) or np.linalg.norm(ours - given) > AGREE * np.linalg.norm(ours):
             return False

@@ -1,4 +1,4 @@
-"""Recordings whose torque lost its sign -> signs, and the recordings as if they had been measured."""
+"""Session with unsigned torque -> signs, and the session as if they had been measured."""
 
 from __future__ import annotations
 
@@ -40,24 +40,24 @@ class Recovered:
     gains: Gains | None = None  # torque constants that were not known
 
     def widen(self, found: Estimate, factors: Factors, base: BaseMap, whiten: bool) -> Estimate:
-        """The estimate with the uncertainty of torque constants that were found.
+        """The estimate with the uncertainty of the torque constants that were found.
 
         Args:
-            found: with the constants taken to be exact.
-            factors: that it comes from.
-            base: what the columns are.
+            found: estimate with exact constants.
+            factors: factors that it comes from.
+            base: base map of the columns.
             whiten: as for the estimate.
         """
         return found if self.gains is None else count_constants(found, factors, base, self.gains.covariance, whiten)
 
     @property
     def flags(self) -> tuple[str, ...]:
-        """When not to trust the signs."""
+        """Reasons not to rely on the signs."""
         return () if self.signs is None else self.signs.flags
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was done."""
+        """Remarks on how the signs were found."""
         return () if self.signs is None else self.signs.notes
 
 
@@ -86,7 +86,7 @@ def recover(session: Session, *, method: str = "exact", progress: Progress | Non
         found = recover(
             session.exchange({r: gains.scale(r) for r in session.recordings}), method=method, progress=progress
         )
-        return replace(found, signs=found.signs and gains.tell(found.signs), gains=gains)
+        return replace(found, signs=found.signs and gains.describe(found.signs), gains=gains)
     task, learn, seed = session.task, session.learned, session.options.seed
     _same_torques([recording for recording, _ in learn])
     if progress is not None:
@@ -139,18 +139,18 @@ def _traces(observed: Observed, parts: Sequence[Part], inferred: Inferred, signs
 
 
 def _followed(task: Task, part: Part, inferred: Inferred) -> dict[Recording, Trace]:
-    """The signs that the model found elsewhere gives a recording that took no part in the search."""
+    """Signs of a recording that took no part in the search, by the model that the search found."""
     observed = observe(task, [part])
-    told = refine(observed, 1 / observed.scale, inferred.refined.value, rounds=1)
-    return _traces(observed, [part], inferred, told.signs)
+    refined = refine(observed, 1 / observed.scale, inferred.refined.value, rounds=1)
+    return _traces(observed, [part], inferred, refined.signs)
 
 
 def _with(task: Task, part: Part, trace: Trace, step: int, inferred: Inferred) -> tuple[Recording, Recording]:
-    """The recording with the signs found, and with their expectations."""
+    """The recording with the signs found, and with expected signs."""
     recording, sampling = part
     thinned, refined = Signed(trace.t, trace.first, trace.signs), inferred.refined
-    told = place_jumps(task, part, step, thinned, trace.magnitude, refined.value)
-    signs = spread(recording, sampling, told.t, told.first, told.signs.astype(np.int8))
+    placed = place_jumps(task, part, step, thinned, trace.magnitude, refined.value)
+    signs = spread(recording, sampling, placed.t, placed.first, placed.signs.astype(np.int8))
     expected = expect_signs(task, part, refined.value, refined.sigma, signs)
     return with_signs(recording, signs), with_signs(recording, expected)
 
@@ -164,12 +164,12 @@ def _result(
     method: str,
 ) -> Signs:
     order = sorted(range(len(inferred.segments)), key=lambda k: _place(observed, inferred, k))
-    told = [_told(observed, inferred, k) for k in order]
+    segments = tuple(_segment(observed, inferred, k) for k in order)
     return Signs(
         joints=observed.joints,
         hidden=observed.hidden,
         method=method,
-        segments=tuple(told),
+        segments=segments,
         threshold=inferred.threshold,
         proof=inferred.proof,
         flags=raise_flags(session.task, observed, inferred),
@@ -187,7 +187,7 @@ def _place(observed: Observed, inferred: Inferred, k: int) -> tuple[int, int, in
     return int(observed.part[start]), joint, start
 
 
-def _told(observed: Observed, inferred: Inferred, k: int) -> Told:
+def _segment(observed: Observed, inferred: Inferred, k: int) -> Told:
     joint, start, stop = inferred.segments[k]
     return Told(
         part=int(observed.part[start]),
@@ -202,16 +202,17 @@ def _told(observed: Observed, inferred: Inferred, k: int) -> Told:
 def _notes(observed: Observed, inferred: Inferred) -> tuple[str, ...]:
     notes = [*inferred.notes]
     if inferred.finer:
-        notes.append("segments above the threshold hid changes of sign: stretches between low minima were searched")
+        notes.append(
+            "segments above the threshold hid changes of sign: stretches between low minima were searched instead"
+        )
     for joint, count in inferred.impure.items():
-        told, them = ("1 segment", "was") if count == 1 else (f"{count} segments", "were")
-        inside = "inside it" if count == 1 else "inside them"
-        notes.append(f"{told} of {observed.joints[joint]} {them} cut where the torque changes its sign {inside}")
+        segments = "1 segment" if count == 1 else f"{count} segments"
+        notes.append(f"{observed.joints[joint]}: {segments} cut at a change of sign of the torque inside")
     return tuple(notes)
 
 
 def _unused(observed: Observed, parts: Sequence[Part]) -> tuple[str, ...]:
-    """Signs that some recordings have and others have not."""
+    """A note on signs that some recordings have and others lack."""
     some = [observed.joints[j] for j in observed.hidden if any(recording.signed[j] for recording, _ in parts)]
-    told = f"signs of {shorten(some)}, which some recordings have, took no part in the search: others lack them"
-    return (told,) if some else ()
+    note = f"signs of {shorten(some)}, which some recordings have, were not used: other recordings lack them"
+    return (note,) if some else ()
