@@ -111,7 +111,7 @@ def identify(
     session = session if session.signed else rearrange(robot, recovered.learning, options)  # noise of signed torque
     train, test, weigh = _factors(session, options, progress)
     given = Given(session, train, _prior(session), options.whiten, weigh, progress)
-    found = _conclude(given, test, way, recovered, method, search, options.seed)
+    found = _conclude(given, test, way, recovered, method, search)
     notes = (*recovered.notes, *_signs_of_the_model(recordings, held_out), *found.notes)
     found = _judged(found, train, test, everything)
     return replace(found, inputs=recordings_used(recordings, held_out), notes=notes)
@@ -128,10 +128,10 @@ def _from_factors(
         raise OptionError(f"the factors are not of {robot.name} as it is described; give the robot they were made with")
     if reduced.share[1] > 1:
         raise OptionError(f"the factors are one part of {reduced.share[1]}; add all of them first")
-    session = Session(reduced.task, (), (), reduced.notes)
+    session = Session(reduced.task, (), (), reduced.notes, options=options)
     given = Given(session, reduced.train[0].factors, _prior(session), options.whiten)
     recovered, test = Recovered(session, session), reduced.held_out[0].factors
-    found = _conclude(given, test, ESTIMATORS["wls"], recovered, method, search, options.seed)
+    found = _conclude(given, test, ESTIMATORS["wls"], recovered, method, search)
     return replace(_judged(found, given.factors, test, ()), inputs=reduced.inputs)
 
 
@@ -147,10 +147,10 @@ def _prior(session: Session) -> Array:
 
 
 def _conclude(
-    given: Given, test: Factors, way: Estimator, recovered: Recovered, method: str, search: Search, seed: int
+    given: Given, test: Factors, way: Estimator, recovered: Recovered, method: str, search: Search
 ) -> Identification:
     """Estimate, standard parameters, fit and flags from factors."""
-    session, train = given.session, given.factors
+    session, train, seed = given.session, given.factors, given.session.options.seed
     found = way.estimate(given)
     excitation = judge_excitation(session.task, train, found, seed)
     with steps_shown(given.progress):
