@@ -36,9 +36,9 @@ def printed(effect: Effect, motion: Motion, joints: tuple[int, ...]) -> tuple[in
         parts = [[j] for j in joints] if alone else [list(joints)]
         values = []
         for j in parts:
-            told = {key: signal[j[0]] if alone else signal[j] for key, signal in here.items()}
-            told["torque_at"] = lambda now, j=j: np.interp(now, motion.t, motion.load[:, j[0]])
-            values.append(eval(text, names | told | bodies | {"t": motion.t[i]}))
+            values_at = {key: signal[j[0]] if alone else signal[j] for key, signal in here.items()}
+            values_at["torque_at"] = lambda now, j=j: np.interp(now, motion.t, motion.load[:, j[0]])
+            values.append(eval(text, names | values_at | bodies | {"t": motion.t[i]}))
         rows.append(np.concatenate([np.atleast_1d(value) for value in values]))
     return EVERY, np.array(rows)
 

@@ -13,6 +13,7 @@ from html import unescape
 from pathlib import Path
 
 import pytest
+from readmes import FENCED, TEXTS, links
 
 import signid
 from signid.effects import EFFECTS
@@ -20,6 +21,7 @@ from signid.effects import EFFECTS
 pytest.importorskip("pdoc")
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "signid"
+ROOMS = [path for path in TEXTS if path.startswith("signid/") and path.endswith("/README.md")]
 PUBLIC = [(name, home[1:].replace(".", "/")) for name, home in signid.NAMES.items()]
 
 
@@ -37,7 +39,7 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
 
 
 def words(page: str, start: str = "", end: str = "") -> str:
-    """What is to be read on a page, source listings left out; from one place to another."""
+    """Text of a page without source listings, from one place to another."""
     page = page[page.index(start) :] if start else page
     page = page[: page.index(end, 1)] if end and end in page[1:] else page
     page = re.sub(r'<div class="pdoc-code codehilite">.*?</pre></div>', " ", page, flags=re.DOTALL)
@@ -77,6 +79,19 @@ def test_fields_have_their_shapes_and_units(page: str, file: str, least: int, pa
                 assert " ".join(line.partition("  # ")[2].split()) in read, line
                 found += 1
     assert found >= least
+
+
+def test_folders_show_their_readmes_and_link_to_each_other(pages: dict[str, str]) -> None:
+    for path in ROOMS:
+        name = path.removesuffix("/README.md")
+        page, shown = pages[name], [words(heading) for heading in re.findall(r"<h[1-6].*?</h[1-6]>", pages[name])]
+        for heading in re.findall(r"^#+ (.+)$", FENCED.sub("", TEXTS[path]), re.MULTILINE):
+            assert heading.replace("`", "") in shown, f"{name}: {heading}"
+        for file, _ in links(path):
+            if file.is_relative_to(PACKAGE) and file.name == "README.md":
+                target = file.parent.relative_to(ROOT).as_posix()
+                relative = os.path.relpath(target, Path(name).parent) + ".html"
+                assert target in pages and relative in map(os.path.normpath, re.findall(r'href="([^"#]+)', page))
 
 
 def test_every_law_has_its_equation_units_and_source(pages: dict[str, str]) -> None:

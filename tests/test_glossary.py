@@ -1,4 +1,4 @@
-"""The README's glossary has the words and the units that signid's results are told in, and the laws have sources."""
+"""The glossary in signid/README.md has the terms and units of all results, and the laws have sources."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from signid.cli import run
 from signid.effects import EFFECTS
 
 ROOT = Path(__file__).parents[1]
-GLOSSARY = (ROOT / "README.md").read_text().partition("## Glossary")[2].partition("\n## ")[0]
+GLOSSARY = (ROOT / "signid" / "README.md").read_text().partition("## Glossary")[2].partition("\n## ")[0]
 ROWS = [
     [cell.strip() for cell in line.strip("|").split("|")] for line in GLOSSARY.splitlines() if line.startswith("|")
 ][2:]
 UNITS = {unit for row in ROWS for unit in re.split(r"[,;] ", row[2])}
 WORDS = """standard parameters, base parameter, armature, Stribeck velocity, pseudo-inertia, held out, residual,
 noise floor, R2, roll-out, finding, cause, secondary, alternative, twin, probability, torque_share, excitation, ghost,
-cut-off, sure_J, in doubt, confidence, segment, empirical, physically_consistent, horizon, std"""
+cut-off, sure_J, uncertain, confidence, segment, empirical, physically_consistent, horizon, std"""
 
 
 def units(document: Any) -> Iterator[str]:

@@ -1,88 +1,139 @@
-"""What the README shows is so; numbers in its extract may differ, words may not."""
+"""The READMEs show what signid prints; numbers in their extracts may differ, words may not."""
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import pytest
+from readmes import READMES, TEXTS, Block, blocks, inline
+from typer.main import get_command
 
 from signid.cli import run
+from signid.cli.commands.identification import app
 
 ROOT = Path(__file__).parents[1]
+EXTRACTS = [block for block in blocks("") if block.text.startswith("$ signid ")]
+SCRIPTS = [block for block in blocks("sh") if block.commands()]
+SOURCES = {  # file or folder that a command reads -> beginning of the block that makes it
+    "recording.csv": "signid excite 3r",
+    "motion.csv": "signid excite 3r",
+    "bare.csv": "signid simulate 3r",
+    "result/": "$ signid identify 3r robots",
+    "diagnosis/": "$ signid diagnose 3r recording.csv",
+    "manifest.csv": "robot,recording",
+}
+FLAGGED = ("diagnose 3r recording.csv", "fleet manifest.csv")  # commands that end with exit code 3
+DRIVE = ("friction", "armature", "torque_offset")  # effects that the description of 3r lacks
+DONE: dict[str, Done] = {}
 
 
-def readme(start: str, language: str = "") -> list[str]:
-    """Lines of the first block of the README whose first line begins so."""
-    blocks = re.findall(r"^```(\w*)\n(.*?)^```$", (ROOT / "README.md").read_text(), re.MULTILINE | re.DOTALL)
-    return next(block for kind, block in blocks if kind == language and block.startswith(start)).splitlines()
+class Done(NamedTuple):
+    """A block that was executed."""
+
+    folder: Path
+    printed: str
 
 
-@pytest.mark.parametrize(
-    ("start", "code"),
-    [
-        ("$ signid demo", 0),
-        ("$ signid identify 3r robots", 0),
-        ("$ signid diagnose 3r recording.csv", 3),
-        ("$ signid payload 3r --without bare.csv --with recording.csv", 0),
-        ("$ signid replay 3r recording.csv", 0),
-        ("$ signid identify 3r recording.csv --unsigned", 0),
-        ("$ signid export result/model.json", 0),
-        ("$ signid fleet manifest.csv", 3),
-        ("$ signid data", 0),
-    ],
-)
-def test_the_extract_in_the_readme_is_what_is_printed(
-    start: str, code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+@pytest.fixture
+def place(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> pytest.TempPathFactory:
+    """Makes folders; the terminal is as wide as in the READMEs."""
+    monkeypatch.setenv("COLUMNS", "100")
+    monkeypatch.delenv("SIGNID_DATA", raising=False)
+    return tmp_path_factory
+
+
+def title(block: Block) -> str:
+    return f"{block.path}: {block.text.splitlines()[0]}"
+
+
+def sources(block: Block) -> Iterator[Block]:
+    """Blocks that make the files which the commands of a block read."""
+    read = " ".join(argument for arguments in block.commands() for argument in arguments)
+    starts = [start for name, start in SOURCES.items() if name in read]
+    for start in dict.fromkeys(starts):
+        if not block.text.startswith(start):
+            yield next(made for made in blocks() if made.text.startswith(start))
+
+
+def execute(block: Block, place: pytest.TempPathFactory, capfd: pytest.CaptureFixture[str]) -> Done:
+    """Executes the commands of a block, once, in a folder of its own beside links to the files that they read."""
+    key = repr(block.commands()) if block.kind != "csv" else block.text
+    if key not in DONE:
+        folder = place.mktemp("readme")
+        (folder / "robots").symlink_to(ROOT / "robots")
+        for file in (path for made in sources(block) for path in execute(made, place, capfd).folder.iterdir()):
+            if not (folder / file.name).exists():
+                (folder / file.name).symlink_to(file)
+        if block.kind == "csv":
+            (folder / "manifest.csv").write_text(block.text)
+        capfd.readouterr()
+        with contextlib.chdir(folder):
+            for arguments in block.commands():
+                assert run(arguments) == (3 if " ".join(arguments).startswith(FLAGGED) else 0), arguments
+        DONE[key] = Done(folder, capfd.readouterr().out)
+    return DONE[key]
+
+
+def test_commands_of_readmes_are_executed() -> None:
+    assert len(EXTRACTS) >= 9 and len(SCRIPTS) >= 3
+    shown = [block for block in blocks() if re.search(r"^(?:\$ )?signid [a-z]+ ", block.text, re.MULTILINE)]
+    assert [title(block) for block in shown if block not in (*EXTRACTS, *SCRIPTS)] == []
+
+
+@pytest.mark.parametrize("block", EXTRACTS, ids=title)
+def test_extracts_are_what_is_printed(
+    block: Block, place: pytest.TempPathFactory, capfd: pytest.CaptureFixture[str]
 ) -> None:
     def form(text: str) -> str:
         return " ".join(re.sub(r"(?<![\w.])-?\d[\d.]*", "#", text).split())
 
-    command, *extract = readme(start)
-    monkeypatch.setenv("COLUMNS", "100")
-    monkeypatch.delenv("SIGNID_DATA", raising=False)
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "robots").symlink_to(ROOT / "robots")
-    if "recording.csv" in start:
-        for line in "\n".join(readme("signid excite", "sh")).replace("\\\n", "").splitlines():
-            assert run(line.split()[1:]) == 0
-        if "diagnosis/" in command:
-            assert run(readme("$ signid diagnose 3r")[0].split()[2:]) == 3
-        capfd.readouterr()
-    if "manifest.csv" in start:
-        (tmp_path / "manifest.csv").write_text("\n".join(readme("robot,recording", "csv")))
-    if "bare.csv" in start:
-        assert run("\n".join(readme("signid simulate 3r", "sh")).replace("\\\n", "").split()[1:]) == 0
-        capfd.readouterr()
-    if "model.json" in start:
-        assert run(readme("$ signid identify 3r robots")[0].split()[2:]) == 0
-        capfd.readouterr()
-    assert run(command.split()[2:]) == code
-    printed, at = form(capfd.readouterr().out), 0
-    for line in extract:
+    printed, at = form(execute(block, place, capfd).printed), 0
+    for line in block.text.splitlines()[1:]:
         if line != "...":
             at = printed.find(form(line), at)
             assert at >= 0, line
 
 
-def test_the_python_in_the_readme_runs() -> None:
-    starts = ("import signid", "lost = ", "model = ", "text = ", "found = ", "shown = ")
-    code = "\n".join(line for start in starts for line in readme(start, "python"))
+@pytest.mark.parametrize("block", SCRIPTS, ids=title)
+def test_commands_succeed(block: Block, place: pytest.TempPathFactory, capfd: pytest.CaptureFixture[str]) -> None:
+    execute(block, place, capfd)
+
+
+def test_python_of_readmes_runs() -> None:
+    parts = blocks("python")
+    code = "\n".join(f"print('in', {block.path!r})\n{block.text}" for block in parts)
     there = {**os.environ, "PYTHONPATH": str(ROOT)}
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, env=there, check=False
     )
-    *lines, verdict = done.stdout.splitlines()
-    assert (done.returncode, done.stderr) == (0, "") and len(lines) >= 28, "27 lines and the causes"
-    drive = ("friction", "armature", "torque_offset")
-    assert all(any(name in line for name in drive) and "probability" in line for line in lines[27:])
+    assert (done.returncode, done.stderr) == (0, "")
+    first, *others = done.stdout.split("in README.md\n")[1].split("\nin ")
+    *lines, verdict = first.splitlines()
+    assert len(lines) >= 26 and all(" +- " in line for line in lines[:25]), "25 base parameters and the causes"
+    assert all(any(name in line for name in DRIVE) and "probability" in line for line in lines[25:])
     assert verdict.startswith("named")
+    assert [text.split()[0] for text in others] == [block.path for block in parts[1:]]
+    assert any(text.startswith("signid/simulation/README.md\n[") for text in others), "errors of a roll-out"
 
 
 def test_the_readme_lists_the_commands(capfd: pytest.CaptureFixture[str]) -> None:
-    listed = re.findall(r"^\| `signid (\w+) ", (ROOT / "README.md").read_text(), re.MULTILINE)
+    listed = re.findall(r"^\| `signid (\w+) ", TEXTS["README.md"], re.MULTILINE)
     assert run(["--help"]) == 0
     assert listed == re.findall(r"^  (\w+)  ", capfd.readouterr().out.partition("Commands:")[2], re.MULTILINE)
+
+
+@pytest.mark.parametrize("path", READMES)
+def test_inline_commands_have_known_options(path: str) -> None:
+    group: Any = get_command(app)
+    for code in (code for code in inline(path) if re.match(r"signid [a-z]+\b", code)):
+        _, name, *arguments = code.split()
+        assert name in group.commands, code
+        known = {option for parameter in group.commands[name].params for option in parameter.opts}
+        assert {argument for argument in arguments if argument.startswith("-")} <= {*known, "--help"}, code

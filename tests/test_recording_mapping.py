@@ -181,7 +181,7 @@ def test_what_is_offered_is_a_map_that_reads(tmp_path: Path) -> None:
 
 
 def test_the_map_in_the_readme_reads(tmp_path: Path) -> None:
-    text = (Path(__file__).parents[1] / "README.md").read_text()
+    text = (Path(__file__).parents[1] / "signid" / "recording" / "README.md").read_text()
     (tmp_path / "map.toml").write_text("t = { column" + text.partition("```toml\nt = { column")[2].partition("```")[0])
     source = {"stamp": T * 1e9, "elbow_pos": np.degrees(Q[:, 1]), "wrist": Q[:, 2]}
     source |= {"q_left_arm/shoulder": Q[:, 0], "tau_left_arm/shoulder": TAU[:, 0] * 1e3}

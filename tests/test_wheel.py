@@ -1,4 +1,4 @@
-"""What is packaged, and that the files which speak of the package agree."""
+"""Contents of the wheel and the source archive; files that describe the package agree."""
 
 from __future__ import annotations
 
@@ -44,6 +44,7 @@ def wheel() -> list[str]:
 
 def test_the_wheel_holds_the_package_alone(wheel: list[str]) -> None:
     assert [path for path in wheel if not path.startswith("signid/")] == []
+    assert {f"signid/{room}README.md" for room in ("", "recording/", "cli/fleet/")} <= set(wheel), "pdoc includes them"
     assert {"signid/py.typed", "signid/__main__.py", "signid/types.py"} <= set(wheel)
     assert [path for path in wheel if "test" in path or path.endswith((".pyc", ".log"))] == []
 
@@ -61,10 +62,10 @@ def test_the_source_archive_holds_all_that_tests_read() -> None:
     assert {*kept, ".ci/run", ".ci/versions", "README.md", "CHANGELOG.md", "CITATION.cff", "LICENSE"} == held
 
 
-def test_the_versions_of_python_that_are_tested_are_told() -> None:
-    told = [line.rpartition(" ")[2] for line in PROJECT["classifiers"] if re.search(r":: 3\.\d+$", line)]
-    assert told == re.findall(r'"(3\.\d+) (?:lowest-direct|highest)"', (ROOT / ".ci" / "versions").read_text())
-    assert PROJECT["requires-python"] == f">={told[0]}"
+def test_the_versions_of_python_that_are_tested_are_listed() -> None:
+    listed = [line.rpartition(" ")[2] for line in PROJECT["classifiers"] if re.search(r":: 3\.\d+$", line)]
+    assert listed == re.findall(r'"(3\.\d+) (?:lowest-direct|highest)"', (ROOT / ".ci" / "versions").read_text())
+    assert PROJECT["requires-python"] == f">={listed[0]}"
     assert "Operating System :: OS Independent" in PROJECT["classifiers"]
 
 
