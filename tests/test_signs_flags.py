@@ -15,8 +15,8 @@ from signid.signs import recover
 from signid.signs.infer import Inferred, infer
 from signid.signs.posterior.flags import raise_flags
 from signid.signs.recover import _notes
-from signid.signs.result import Proof
-from signid.signs.rows.observations import alone
+from signid.signs.result import SignProof
+from signid.signs.rows.observations import law_coefficients
 
 
 @cache
@@ -42,7 +42,7 @@ def test_cut_segments_are_counted_by_the_name_of_their_joint() -> None:
 @pytest.mark.parametrize(("prismatic", "unit"), [(False, "N.m"), (True, "N")])
 def test_numbers_have_units(prismatic: bool, unit: str) -> None:
     made, found = inferred()
-    place = {law: k for k, law in alone(made.task).items()}
+    place = {law: k for k, law in law_coefficients(made.task).items()}
     value = found.refined.value.copy()
     value[place["torque_offset", 1]] = 100.0
     robot = replace(made.task.robot, prismatic=np.full(3, prismatic))
@@ -67,7 +67,7 @@ def test_what_is_not_explained_may_be_by_options_that_there_are() -> None:
 @pytest.mark.parametrize(("gap", "words"), [(0.03, "(gap 0.03)"), (1.0, "nothing is proved"), (np.inf, "nothing is")])
 def test_a_gap_of_all_proves_nothing(gap: float, words: str) -> None:
     made, found = inferred()
-    (flag,) = raise_flags(made.task, made.observed, replace(found, proof=Proof(False, gap, 10)))
+    (flag,) = raise_flags(made.task, made.observed, replace(found, proof=SignProof(False, gap, 10)))
     assert words in flag and ("gap" in flag) == (gap < 1)
 
 

@@ -19,8 +19,8 @@ from signid.regression.regressor import base_rows, regressor
 from signid.robot import load_robot
 from signid.signs.rows.observations import Observed
 from signid.signs.rows.segments import threshold_runs
-from signid.signs.search.problem import Problem, Rows, pose
-from signid.signs.tree.condition import Ordered, condition_order
+from signid.signs.search.problem import KnownRows, SignProblem, pose
+from signid.signs.tree.condition import SegmentOrder, condition_order
 from signid.signs.tree.tree import _order_notes, box_of, search_tree
 from signid.types import Array, BaseMap, Parameters
 
@@ -35,7 +35,7 @@ class Case:
     prior: Parameters
     truth: Array  # (p,) standard parameters
     observed: Observed
-    problem: Problem
+    problem: SignProblem
     signs: Array  # (S,) true ones
 
 
@@ -141,7 +141,7 @@ def test_rows_of_known_sign_are_kept() -> None:
     told = swung()
     joint, start, stop = threshold_runs(told.observed)[0][0]
     at = slice(start, stop, 3)
-    known = Rows(told.observed.rows(joint, at), told.signs[0] * told.observed.torque[at, joint])
+    known = KnownRows(told.observed.rows(joint, at), told.signs[0] * told.observed.torque[at, joint])
     problem = pose(told.observed, threshold_runs(told.observed)[0], np.ones(1), known)
     got = search_tree(problem, told.base, told.prior, **QUICK)
     assert problem.anchored and np.array_equal(got.signs, [*told.signs, 1.0])
@@ -218,5 +218,5 @@ def test_least_squares_at_every_node_finds_the_same_up_to_all_signs_at_once() ->
 
 
 def test_a_first_set_that_may_not_be_the_smallest_is_said() -> None:
-    notes = [[*_order_notes(Ordered(np.arange(9), 7, 120.0, complete))] for complete in (True, False)]
+    notes = [[*_order_notes(SegmentOrder(np.arange(9), 7, 120.0, complete))] for complete in (True, False)]
     assert notes[0] == [] and "first 7 segments of the tree were chosen one by one" in notes[1][0]

@@ -15,13 +15,13 @@ The way of the data through these files:
 - `tree`: the classical search, with `condition` for the order of segments and `beam` for the nodes; `classical` puts it
   in the place of the exact one.
 - `chain`: parameters to the signs of single samples, and back. `reversals`: where friction turns round.
-- `weigh`: the search again, in variance units (`inflation`), and its rivals counted. `confidence`: how probable each
+- `recheck`: the search again, in variance units (`inflation`), and its rivals counted. `confidence`: how probable each
   sign is. `flags`: when not to believe it. `result`: what is handed back.
 - `spread`: signs of samples to every row of the file. `jumps`: where exactly torque jumped past zero. `expect`: what a
   sign is on average, for a fit without bias.
 """
 
 from .recover import Recovered, recover
-from .result import Gain, Proof, Signs, Told, Trace
+from .result import Gain, SignProof, Signs, SignSegment, Trace
 
-__all__ = ["Gain", "Proof", "Recovered", "Signs", "Told", "Trace", "recover"]
+__all__ = ["Gain", "SignProof", "Recovered", "Signs", "SignSegment", "Trace", "recover"]

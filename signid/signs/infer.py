@@ -9,16 +9,16 @@ import numpy as np
 
 from ..regression.rows import Task
 from ..types import Array, Frozen
-from .inferred import SUSPECT, SYSTEMATIC, Choice, Choose, Inferred
-from .posterior.confidence import inflation, joint_doubt
-from .posterior.recheck import follow, known_rows, weigh
+from .inferred import SUSPECT, SYSTEMATIC, ChooseSigns, Inferred, SignChoice
+from .posterior.confidence import inflation, joint_flip_probability
+from .posterior.recheck import apply_signs, known_rows, recheck_signs
 from .rows.observations import Observed
 from .rows.segments import Segment, cut_by_signs, minimum_cuts, split_impure, threshold_runs
-from .samples.markov_chain import Refined, refine
-from .search.cone import Cone, physical_cone
-from .search.exact import search
+from .samples.markov_chain import RefinedSigns, refine_signs
+from .search.cone import PhysicalCone, cone_inequalities
+from .search.exact import search_signs
 from .search.friction import friction_patterns
-from .search.problem import Problem, Rows, pose, signed_rows
+from .search.problem import KnownRows, SignProblem, pose, signed_rows
 
 SPLITS = 3  # rounds of cutting segments in which the model changes sign
 LEAST_NOISE = 1e-3  # of the rms torque: no residual counts as smaller when confidence is judged
@@ -27,12 +27,12 @@ LEAST_NOISE = 1e-3  # of the rms torque: no residual counts as smaller when conf
 @dataclass(frozen=True, eq=False)
 class _Attempt(Frozen):
     segments: tuple[Segment, ...]
-    choice: Choice
-    refined: Refined
+    choice: SignChoice
+    refined: RefinedSigns
     cuts: int
 
 
-def infer(task: Task, observed: Observed, seed: int = 0, choose: Choose | None = None) -> Inferred:
+def infer(task: Task, observed: Observed, seed: int = 0, choose: ChooseSigns | None = None) -> Inferred:
     """Signs of the hidden joints.
 
     Args:
@@ -45,7 +45,7 @@ def infer(task: Task, observed: Observed, seed: int = 0, choose: Choose | None =
         RecordingError: a torque has no segment.
     """
     segments, threshold = threshold_runs(observed)
-    cone, finer = physical_cone(task, observed, seed), False
+    cone, finer = cone_inequalities(task, observed, seed), False
     if choose is None:
         attempt, finer = _exactly(task, observed, segments, cone, seed)
     else:
@@ -53,20 +53,24 @@ def infer(task: Task, observed: Observed, seed: int = 0, choose: Choose | None =
     refined = attempt.refined
     kappa = _inflations(observed, refined, cut_by_signs(observed, segments, refined.signs))
     sigma = np.maximum(refined.sigma, LEAST_NOISE * observed.scale)
-    weighed = weigh(task, observed, segments, refined, 1 / (sigma * np.sqrt(kappa)), cone, seed, choose is None)
-    told, proof = weighed.segments, weighed.found.proof if choose is None else attempt.choice.proof
-    count, signs = len(told), weighed.found.signs
+    rechecked = recheck_signs(
+        task, observed, segments, refined, 1 / (sigma * np.sqrt(kappa)), cone, seed, choose is None
+    )
+    told, proof = rechecked.segments, rechecked.found.proof if choose is None else attempt.choice.proof
+    count, signs = len(told), rechecked.found.signs
     return Inferred(
         segments=tuple(told),
         signs=signs[:count],
-        confidence=weighed.confidence[:count],
-        refined=follow(observed, refined, weighed),
+        confidence=rechecked.confidence[:count],
+        refined=apply_signs(observed, refined, rechecked),
         inflation=kappa,
         threshold=threshold,
-        problem=weighed.problem,
+        problem=rechecked.problem,
         proof=proof,
-        complete=weighed.rivals.complete,
-        doubt=joint_doubt(weighed.problem, signs, weighed.rivals.signs, weighed.rivals.losses),
+        complete=rechecked.rivals.complete,
+        flip_probability=joint_flip_probability(
+            rechecked.problem, signs, rechecked.rivals.signs, rechecked.rivals.losses
+        ),
         impure=_impure(segments, told),
         finer=finer,
         notes=attempt.choice.notes,
@@ -79,9 +83,11 @@ def _exactly(
     """Runs above the threshold first; stretches between minima where those hid changes of sign, if they do better."""
     known = known_rows(task, observed, 1 / observed.scale)
 
-    def choose(problem: Problem, segments: Sequence[Segment]) -> Choice:
-        found = search(problem, Cone.of(problem, cone), friction_patterns(problem, observed, segments), seed=seed)
-        return Choice(found.signs, found.coordinates, found.proof)
+    def choose(problem: SignProblem, segments: Sequence[Segment]) -> SignChoice:
+        found = search_signs(
+            problem, PhysicalCone.of(problem, cone), friction_patterns(problem, observed, segments), seed=seed
+        )
+        return SignChoice(found.signs, found.coordinates, found.proof)
 
     attempt = _attempt(observed, segments, choose, known)
     if attempt.cuts or _is_suspect(observed, attempt):
@@ -92,7 +98,7 @@ def _exactly(
 
 
 def _attempt(
-    observed: Observed, segments: Sequence[Segment], choose: Choose, known: Rows, splits: int = SPLITS
+    observed: Observed, segments: Sequence[Segment], choose: ChooseSigns, known: KnownRows, splits: int = SPLITS
 ) -> _Attempt:
     """Search, cut segments in which the model changes sign, search again; then the signs of all samples."""
     weights, total = 1 / observed.scale, 0
@@ -105,7 +111,7 @@ def _attempt(
         total += cuts
         if not cuts:
             break
-    return _Attempt(tuple(segments), choice, refine(observed, weights, problem.back @ choice.coordinates), total)
+    return _Attempt(tuple(segments), choice, refine_signs(observed, weights, problem.back @ choice.coordinates), total)
 
 
 def _is_suspect(observed: Observed, attempt: _Attempt) -> bool:
@@ -114,7 +120,7 @@ def _is_suspect(observed: Observed, attempt: _Attempt) -> bool:
     return bool(np.any((share > SUSPECT) & (_inflations(observed, attempt.refined, attempt.segments) > SYSTEMATIC)))
 
 
-def _inflations(observed: Observed, refined: Refined, told: Sequence[Segment]) -> Array:
+def _inflations(observed: Observed, refined: RefinedSigns, told: Sequence[Segment]) -> Array:
     residual = refined.signs * np.abs(observed.torque) - observed.predict(refined.value)
     residual[~observed.steady] = np.nan  # friction near a reversal is another matter
     kappa = np.ones(len(observed.joints))

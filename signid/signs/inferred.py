@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from ..types import Array, Frozen
-from .result import Proof
+from .result import SignProof
 from .rows.segments import Segment
-from .samples.markov_chain import Refined
-from .search.problem import Problem
+from .samples.markov_chain import RefinedSigns
+from .search.problem import SignProblem
 
 SUSPECT, SYSTEMATIC = 0.15, 3.0  # residual over torque, and samples for one that is independent (noise alone: 1)
 
@@ -22,25 +22,25 @@ class Inferred(Frozen):
     segments: tuple[Segment, ...]  # S
     signs: Array  # (S,) [1]
     confidence: Array  # (S,) [1]
-    refined: Refined
+    refined: RefinedSigns
     inflation: Array  # (n,) [1]
     threshold: Array  # (n,) [N.m or N]
-    problem: Problem  # in variance units
-    proof: Proof
+    problem: SignProblem  # in variance units
+    proof: SignProof
     complete: bool  # whether every rival within the window was counted
-    doubt: dict[int, float]  # per joint, probability that all its signs are the other way round
+    flip_probability: dict[int, float]  # per joint, probability that all its signs are the other way round
     impure: dict[int, int]  # per joint, segments in which torque changed its sign
     finer: bool  # whether the finer segments were used
     notes: tuple[str, ...]
 
 
-class Choice(NamedTuple):
+class SignChoice(NamedTuple):
     """Signs of the segments of a problem, and how they were found."""
 
     signs: Array  # (S,) [1]
     coordinates: Array  # (r,) z [standard deviations]
-    proof: Proof
+    proof: SignProof
     notes: tuple[str, ...] = ()
 
 
-Choose = Callable[[Problem, Sequence[Segment]], Choice]
+ChooseSigns = Callable[[SignProblem, Sequence[Segment]], SignChoice]

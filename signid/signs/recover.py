@@ -18,14 +18,14 @@ from ..types import Array, BaseMap, Estimate, Progress, Recording, Robot
 from .infer import infer
 from .inferred import Inferred
 from .posterior.flags import raise_flags
-from .result import Signs, Told, Trace
+from .result import Signs, SignSegment, Trace
 from .rows.observations import Observed, observe, thinning
 from .samples.expected_signs import expect_signs
 from .samples.jumps import Signed, place_jumps
-from .samples.markov_chain import refine
-from .samples.rows_of_file import spread
+from .samples.markov_chain import refine_signs
+from .samples.rows_of_file import signs_of_rows
 from .torque_constants.find import Gains, find_gains
-from .torque_constants.from_shared_parameters import count_constants
+from .torque_constants.from_shared_parameters import widen_estimate
 from .tree.method import by_tree
 
 METHODS = ("exact", "tree")
@@ -50,7 +50,7 @@ class Recovered:
             base: what the columns are.
             whiten: as for the estimate.
         """
-        return found if self.gains is None else count_constants(found, factors, base, self.gains.covariance, whiten)
+        return found if self.gains is None else widen_estimate(found, factors, base, self.gains.covariance, whiten)
 
     @property
     def flags(self) -> tuple[str, ...]:
@@ -159,7 +159,7 @@ def _traces(observed: Observed, parts: Sequence[Part], inferred: Inferred, signs
 def _followed(task: Task, part: Part, inferred: Inferred) -> dict[Recording, Trace]:
     """The signs that the model found elsewhere gives a recording that took no part in the search."""
     observed = observe(task, [part])
-    told = refine(observed, 1 / observed.scale, inferred.refined.value, rounds=1)
+    told = refine_signs(observed, 1 / observed.scale, inferred.refined.value, rounds=1)
     return _traces(observed, [part], inferred, told.signs)
 
 
@@ -168,7 +168,7 @@ def _with(task: Task, part: Part, trace: Trace, step: int, inferred: Inferred) -
     recording, sampling = part
     thinned, refined = Signed(trace.t, trace.first, trace.signs), inferred.refined
     told = place_jumps(task, part, step, thinned, trace.magnitude, refined.value)
-    signs = spread(recording, sampling, told.t, told.first, told.signs.astype(np.int8))
+    signs = signs_of_rows(recording, sampling, told.t, told.first, told.signs.astype(np.int8))
     expected = expect_signs(task, part, refined.value, refined.sigma, signs)
     return with_signs(recording, signs), with_signs(recording, expected)
 
@@ -206,9 +206,9 @@ def _place(observed: Observed, inferred: Inferred, k: int) -> tuple[int, int, in
     return int(observed.part[start]), joint, start
 
 
-def _told(observed: Observed, inferred: Inferred, k: int) -> Told:
+def _told(observed: Observed, inferred: Inferred, k: int) -> SignSegment:
     joint, start, stop = inferred.segments[k]
-    return Told(
+    return SignSegment(
         part=int(observed.part[start]),
         joint=joint,
         start=float(observed.t[start]),

@@ -12,7 +12,7 @@ from ..types import Array, Frozen, Indices
 NOTHING = 0.995  # gap from which on nothing is proved
 
 
-class Proof(NamedTuple):
+class SignProof(NamedTuple):
     """Whether the signs of the segments are the best there are."""
 
     optimal: bool
@@ -21,12 +21,12 @@ class Proof(NamedTuple):
     certified: bool = False  # by eigenvalues alone, without the tree
 
     @property
-    def tells(self) -> bool:
+    def has_bound(self) -> bool:
         """Whether anything is known about signs that were not looked at."""
         return self.gap < NOTHING
 
 
-class Told(NamedTuple):
+class SignSegment(NamedTuple):
     """A stretch of one joint's torque that keeps one sign."""
 
     part: int  # of which recording
@@ -65,9 +65,9 @@ class Signs(Frozen):
     joints: tuple[str, ...]  # n of the robot
     hidden: tuple[int, ...]  # those whose torque had no sign
     method: str  # "exact" or "tree"
-    segments: tuple[Told, ...]  # in the order of recording, joint and time
+    segments: tuple[SignSegment, ...]  # in the order of recording, joint and time
     threshold: Array  # (n,) [N.m or N] below which a sample belongs to no segment; 0 where the sign was recorded
-    proof: Proof
+    proof: SignProof
     flags: tuple[str, ...]
     notes: tuple[str, ...]
     value: Array  # (b,) base parameters that the signs were found with [units of base]
@@ -77,7 +77,7 @@ class Signs(Frozen):
     gains: tuple[Gain, ...] = ()
     seed: int = 0
 
-    def of(self, joint: int) -> tuple[Told, ...]:
+    def of(self, joint: int) -> tuple[SignSegment, ...]:
         """The segments of one joint."""
         return tuple(told for told in self.segments if told.joint == joint)
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...types import Array
-from ..search.problem import Problem
+from ..search.problem import SignProblem
 
 WINDOW = 24.0  # of the loss, in variance units: rivals beyond it weigh less than 1e-5
 
@@ -17,7 +17,7 @@ FADED = 0.05  # correlation from which on there is none
 PAIRS = 0.1  # of the samples: fewer pairs do not tell a correlation
 
 
-def judge_confidence(problem: Problem, signs: Array, rival_signs: Array, rival_losses: Array) -> Array:
+def sign_confidence(problem: SignProblem, signs: Array, rival_signs: Array, rival_losses: Array) -> Array:
     """Probability (S,) that each sign is right; the known segment has 1.
 
     With weights that make the loss a squared number of standard deviations, exp(-J/2) is the posterior of a choice of
@@ -38,7 +38,9 @@ def judge_confidence(problem: Problem, signs: Array, rival_signs: Array, rival_l
     return np.where(problem.joints < 0, 1.0, found)
 
 
-def joint_doubt(problem: Problem, signs: Array, rival_signs: Array, rival_losses: Array) -> dict[int, float]:
+def joint_flip_probability(
+    problem: SignProblem, signs: Array, rival_signs: Array, rival_losses: Array
+) -> dict[int, float]:
     """Per joint, the probability that all its signs (by far the most of them) are the other way round.
 
     Args:
@@ -57,7 +59,7 @@ def joint_doubt(problem: Problem, signs: Array, rival_signs: Array, rival_losses
     return doubt
 
 
-def _flip_costs(problem: Problem, signs: Array) -> Array:
+def _flip_costs(problem: SignProblem, signs: Array) -> Array:
     """(S,) by how much the loss rises when one segment is turned round."""
     b = problem.projections
     return np.asarray(4 * signs * (b.T @ (b @ signs)) - 4 * np.sum(b**2, axis=0))

@@ -10,7 +10,7 @@ from ...errors import shorten
 from ...regression.rows import Task
 from ...types import Indices, Robot
 from ..inferred import SUSPECT, SYSTEMATIC, Inferred
-from ..rows.observations import Observed, alone
+from ..rows.observations import Observed, law_coefficients
 from ..search.cone import RECTIFIED
 from ..search.friction import friction_patterns
 from ..search.local_search import ascend
@@ -42,7 +42,7 @@ def raise_flags(task: Task, observed: Observed, inferred: Inferred) -> tuple[str
 def _unproved(inferred: Inferred) -> Iterator[str]:
     proof = inferred.proof
     if not proof.optimal:
-        told = f"gap {proof.gap:.2g}" if proof.tells else "nothing is proved of others"
+        told = f"gap {proof.gap:.2g}" if proof.has_bound else "nothing is proved of others"
         yield f"the signs are the best that were found, not proved to be the best there are ({told})"
     elif not inferred.complete:
         yield "more choices of signs are nearly as good as the best than could be counted: confidences may be too high"
@@ -58,11 +58,11 @@ def _unsettled(inferred: Inferred) -> Iterator[str]:
 
 
 def _undecided(observed: Observed, inferred: Inferred) -> Iterator[str]:
-    doubtful = [joint for joint, doubt in inferred.doubt.items() if doubt > DOUBT]
+    doubtful = [joint for joint, doubt in inferred.flip_probability.items() if doubt > DOUBT]
     if not doubtful:
         return
     names = shorten([observed.joints[j] for j in doubtful])
-    worst = max(inferred.doubt[j] for j in doubtful)
+    worst = max(inferred.flip_probability[j] for j in doubtful)
     yield (
         f"the sign of the torque of {names} is not decided: turned round as a whole it explains the recording nearly "
         f"as well (probability {worst:.2g}); {_advice(observed, doubtful)}"
@@ -82,7 +82,7 @@ def _advice(observed: Observed, joints: list[int]) -> str:
 
 
 def _rectified(task: Task, observed: Observed, inferred: Inferred) -> Iterator[str]:
-    place = {law: k for k, law in alone(task).items()}
+    place = {law: k for k, law in law_coefficients(task).items()}
     std = np.linalg.norm(inferred.problem.back, axis=1)  # of the base parameters, in variance units
     for joint in observed.hidden:
         k, i = (place.get((name, joint)) for name in ("torque_offset", "coulomb_friction"))
@@ -99,7 +99,7 @@ def _rectified(task: Task, observed: Observed, inferred: Inferred) -> Iterator[s
 
 def _bare(task: Task, observed: Observed, inferred: Inferred) -> Iterator[str]:
     problem, bodies = inferred.problem, inferred.refined.value.copy()
-    bodies[list(alone(task))] = 0.0
+    bodies[list(law_coefficients(task))] = 0.0
     share = np.std(observed.predict(bodies), axis=0) / observed.scale
     signs = np.append(inferred.signs, np.ones(problem.count - len(inferred.signs)))
     for move in friction_patterns(problem, observed, inferred.segments):

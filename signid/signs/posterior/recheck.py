@@ -10,40 +10,40 @@ import numpy as np
 
 from ...regression.rows import Task
 from ...types import Array
-from ..result import Proof
+from ..result import SignProof
 from ..rows.observations import Observed
 from ..rows.segments import Segment, cut_by_signs
-from ..samples.markov_chain import Refined, refine
-from ..search.cone import Cone
-from ..search.exact import Found, Rivals, enumerate_near, search
-from ..search.friction import believe, friction_patterns
-from ..search.problem import Problem, Rows, pose, signed_rows
-from .confidence import WINDOW, judge_confidence
+from ..samples.markov_chain import RefinedSigns, refine_signs
+from ..search.cone import PhysicalCone
+from ..search.exact import RivalSigns, SignSolution, enumerate_near, search_signs
+from ..search.friction import friction_patterns, friction_prior
+from ..search.problem import KnownRows, SignProblem, pose, signed_rows
+from .confidence import WINDOW, sign_confidence
 
 CERTAIN = 0.999  # confidence that the parts of a run need, to be told apart
 ROUNDS = 2  # of joining runs again whose parts are not certain
 
 
-class Weighed(NamedTuple):
+class RecheckedSigns(NamedTuple):
     """Segments judged in variance units."""
 
     segments: list[Segment]
-    problem: Problem
-    found: Found
-    rivals: Rivals
+    problem: SignProblem
+    found: SignSolution
+    rivals: RivalSigns
     confidence: Array  # (S,) [1]
 
 
-def weigh(
+def recheck_signs(
     task: Task,
     observed: Observed,
     runs: Sequence[Segment],
-    refined: Refined,
+    refined: RefinedSigns,
     weights: Array,
     rows: Array,
     seed: int,
     free: bool,
-) -> Weighed:
+) -> RecheckedSigns:
     """Search again in variance units, from the signs that refinement gave, and count the rivals.
 
     A run that refinement cut is judged whole in a second round where its parts are not certain in the first. Parts
@@ -63,23 +63,23 @@ def weigh(
     known = known_rows(task, observed, weights)
     for left in reversed(range(ROUNDS)):
         problem = pose(observed, told, weights, known)
-        cone = Cone.of(problem, rows)
+        cone = PhysicalCone.of(problem, rows)
         start = np.array([_majority(refined, s) for s in told] + [1.0] * (problem.count - len(told)))
         if free:
-            found = search(problem, cone, friction_patterns(problem, observed, told), start, seed=seed)
+            found = search_signs(problem, cone, friction_patterns(problem, observed, told), start, seed=seed)
         else:
-            found = _standing(problem, cone, start)
+            found = _unchanged(problem, cone, start)
         rivals = enumerate_near(problem, cone, found, WINDOW)
-        confidence = judge_confidence(problem, found.signs, rivals.signs, rivals.losses)
+        confidence = sign_confidence(problem, found.signs, rivals.signs, rivals.losses)
         doubtful = {run for run in runs if _is_doubtful(run, told, confidence)}
         if not doubtful or not left:
             break
         told = [s for s in told if not any(_holds(run, s) for run in doubtful)]
         told = sorted([*told, *doubtful])
-    return Weighed(told, problem, found, rivals, confidence)
+    return RecheckedSigns(told, problem, found, rivals, confidence)
 
 
-def _majority(refined: Refined, segment: Segment) -> float:
+def _majority(refined: RefinedSigns, segment: Segment) -> float:
     joint, start, stop = segment
     return 1.0 if refined.signs[start:stop, joint].sum() >= 0 else -1.0
 
@@ -93,27 +93,29 @@ def _holds(run: Segment, part: Segment) -> bool:
     return run.joint == part.joint and run.start <= part.start and part.stop <= run.stop
 
 
-def follow(observed: Observed, refined: Refined, weighed: Weighed) -> Refined:
+def apply_signs(observed: Observed, refined: RefinedSigns, rechecked: RecheckedSigns) -> RefinedSigns:
     """The signs of samples, in each segment that of the segment."""
-    count = len(weighed.segments)
-    turned = any(_majority(refined, s) != x for s, x in zip(weighed.segments, weighed.found.signs[:count], strict=True))
+    count = len(rechecked.segments)
+    turned = any(
+        _majority(refined, s) != x for s, x in zip(rechecked.segments, rechecked.found.signs[:count], strict=True)
+    )
     if turned:
-        value = weighed.problem.back @ weighed.found.coordinates
-        refined = refine(observed, 1 / observed.scale, value)
+        value = rechecked.problem.back @ rechecked.found.coordinates
+        refined = refine_signs(observed, 1 / observed.scale, value)
     start = refined.signs.copy()
-    for (joint, begin, stop), sign in zip(weighed.segments, weighed.found.signs[:count], strict=True):
+    for (joint, begin, stop), sign in zip(rechecked.segments, rechecked.found.signs[:count], strict=True):
         start[begin:stop, joint] = sign
     return replace(refined, signs=start)
 
 
-def _standing(problem: Problem, cone: Cone, signs: Array) -> Found:
+def _unchanged(problem: SignProblem, cone: PhysicalCone, signs: Array) -> SignSolution:
     """Signs as they are, as if a search had ended with them."""
     z = problem.coordinates(signs)
     squared, nearest = cone.distance(z)
-    return Found(signs, nearest, problem.loss(signs) + squared, Proof(False, 1.0, 0), np.zeros((len(z), 0)))
+    return SignSolution(signs, nearest, problem.loss(signs) + squared, SignProof(False, 1.0, 0), np.zeros((len(z), 0)))
 
 
-def known_rows(task: Task, observed: Observed, weights: Array) -> Rows:
+def known_rows(task: Task, observed: Observed, weights: Array) -> KnownRows:
     """Rows with a known right side: joints whose torque has its sign, and weak beliefs on friction.
 
     Args:
@@ -121,5 +123,5 @@ def known_rows(task: Task, observed: Observed, weights: Array) -> Rows:
         observed: the rows.
         weights: (n,) [1/N.m or 1/N] of each joint's torque.
     """
-    parts = [signed_rows(observed, weights), believe(task, observed, weights)]
-    return Rows(np.concatenate([p.matrix for p in parts]), np.concatenate([p.target for p in parts]))
+    parts = [signed_rows(observed, weights), friction_prior(task, observed, weights)]
+    return KnownRows(np.concatenate([p.matrix for p in parts]), np.concatenate([p.target for p in parts]))

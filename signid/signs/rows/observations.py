@@ -83,7 +83,7 @@ class Observed(Frozen):
         return _predicted(self.columns, self.seen, value)
 
 
-class Stretch(NamedTuple):
+class MotionWindow(NamedTuple):
     """N consecutive samples at full rate."""
 
     first: bool  # whether a span begins with them
@@ -100,7 +100,7 @@ def observe(task: Task, parts: Sequence[Part], most: int = MOST) -> Observed:
         most: samples altogether.
     """
     step = thinning(task, parts, most)
-    pieces = [(k, *stretch) for k, part in enumerate(parts) for stretch in motions(task, part, step)]
+    pieces = [(k, *stretch) for k, part in enumerate(parts) for stretch in motion_windows(task, part, step)]
     rows = [columns_of(task, _thin(motion, step)) for _, _, motion, _ in pieces]
     recorded = np.concatenate([_recorded(motion)[::step] for _, _, motion, _ in pieces])
     known = ~np.isnan(recorded).any(0)
@@ -146,7 +146,7 @@ def predict(task: Task, motion: Motion, value: Array) -> Array:
     return _predicted(columns_of(task, motion), _seen(task), value)
 
 
-def alone(task: Task) -> dict[int, tuple[str, int]]:
+def law_coefficients(task: Task) -> dict[int, tuple[str, int]]:
     """Base parameters that are one coefficient of a law by itself -> name of the law, joint."""
     found = {}
     for k, row in enumerate(task.base.combination):
@@ -163,7 +163,7 @@ def thinning(task: Task, parts: Sequence[Part], most: int = MOST) -> int:
     return max(1, int(rate / dense), -(-total // most))
 
 
-def motions(task: Task, part: Part, step: int) -> Iterator[Stretch]:
+def motion_windows(task: Task, part: Part, step: int) -> Iterator[MotionWindow]:
     """The motion of every span at full rate to its very ends, in windows that are a multiple of the step long.
 
     Beyond the ends positions go on as their mirror images through the last one, so that the filter has what it needs.
@@ -181,7 +181,7 @@ def motions(task: Task, part: Part, step: int) -> Iterator[Stretch]:
             motion = build_motion(task.robot, window, band, sampling.period, task.recorded_derivatives, task.slow)
             place = np.arange(k, stop)
             whole = (place >= edge) & (place < total - edge)
-            yield Stretch(k == 0, motion, _steady(task, motion, reach) & whole[:, None])
+            yield MotionWindow(k == 0, motion, _steady(task, motion, reach) & whole[:, None])
 
 
 def _seen(task: Task) -> tuple[Indices, ...]:

@@ -45,7 +45,7 @@ def threshold_runs(observed: Observed, quantile: float = QUANTILE) -> tuple[list
         some = np.sort(magnitude[moving] if moving.any() else magnitude)
         threshold[joint] = some[min(int(round(quantile * len(some))), len(some) - 1)]
         above = list(runs(observed, joint, moving & (magnitude >= threshold[joint]) & (magnitude > 0)))
-        long = _longest(above, fewest(observed))
+        long = _longest(above, usual_length(observed))
         if not long:
             raise RecordingError(_too_short(observed, joint, above))
         found += long
@@ -125,7 +125,7 @@ def runs(observed: Observed, joint: int, inside: Mask) -> Iterator[Segment]:
         yield from (Segment(joint, a, b) for a, b in zip(ends[:-1], ends[1:], strict=True))
 
 
-def fewest(observed: Observed) -> int:
+def usual_length(observed: Observed) -> int:
     """Samples of a segment, as a rule."""
     return max(FEWEST, round(SHORTEST / observed.period))
 
@@ -181,7 +181,7 @@ def _too_short(observed: Observed, joint: int, found: Sequence[Segment]) -> str:
     return f"{told}: its sign may change from sample to sample; record faster, or move more slowly"
 
 
-def place_turns(observed: Observed, signs: Array, predicted: Array) -> Array:
+def place_sign_changes(observed: Observed, signs: Array, predicted: Array) -> Array:
     """Signs (N, n) [1] that change, in each stretch near a reversal at whose ends they differ, where the model has it.
 
     Only where all torque of the stretch is large: then absolute values do not tell where friction turned round.
@@ -201,12 +201,12 @@ def place_turns(observed: Observed, signs: Array, predicted: Array) -> Array:
             before, after = signs[start - 1, joint], signs[stop, joint]
             size, model = magnitude[start:stop], predicted[start:stop, joint]
             if before != after and size.min() > large:
-                at = start + place_turn(before, after, size, model)
+                at = start + place_sign_change(before, after, size, model)
                 found[start:at, joint], found[at:stop, joint] = before, after
     return found
 
 
-def place_turn(before: float, after: float, size: Array, model: Array) -> int:
+def place_sign_change(before: float, after: float, size: Array, model: Array) -> int:
     """How many samples have the sign before and not the one after, where that leaves least of a model.
 
     Args:

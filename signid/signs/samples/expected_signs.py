@@ -9,7 +9,7 @@ from ...recording.sampling.stretch import Stretch
 from ...regression.rows import Task
 from ...regression.session import Part
 from ...types import Array
-from ..rows.observations import motions, predict
+from ..rows.observations import motion_windows, predict
 from .markov_chain import SURE, coupling, expected_signs
 
 CHUNK = 65_536  # rows
@@ -50,7 +50,7 @@ def _expected(task: Task, part: Part, value: Array, sigma: Array) -> list[Weight
     """Of the samples of the grid, window by window; NaN near reversals."""
     found: list[Weights] = []
     variance = np.where(sigma > 0, INFLATION * sigma**2, np.inf)
-    for _, motion, steady in motions(task, part, 1):
+    for _, motion, steady in motion_windows(task, part, 1):
         assert motion.recorded is not None, "windows carry torque"
         magnitude = np.abs(np.nan_to_num(motion.recorded))
         odds = np.clip(2 * predict(task, motion, value) * magnitude / variance, -SURE, SURE)

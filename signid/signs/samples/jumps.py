@@ -11,8 +11,8 @@ import numpy as np
 from ...regression.rows import Task
 from ...regression.session import Part
 from ...types import Array, Indices, Mask
-from ..rows.observations import motions, predict
-from ..rows.segments import LARGE, place_turn
+from ..rows.observations import motion_windows, predict
+from ..rows.segments import LARGE, place_sign_change
 
 
 class Signed(NamedTuple):
@@ -72,13 +72,13 @@ def _turned(jump: _Jump, before: Array, after: Array) -> Array:
     signs = np.repeat(before[None], len(jump.t), axis=0)
     for j in np.flatnonzero(before != after):
         size, model = jump.size[:, j], jump.predicted[:, j]
-        signs[place_turn(before[j], after[j], size, model) :, j] = after[j]
+        signs[place_sign_change(before[j], after[j], size, model) :, j] = after[j]
     return signs
 
 
 def _jumps(task: Task, part: Part, step: int, turning: Mask, value: Array) -> Iterator[_Jump]:
     passed = 0
-    for _, motion, _ in motions(task, part, step):
+    for _, motion, _ in motion_windows(task, part, step):
         count = -(-len(motion) // step)
         for k in np.flatnonzero(turning[passed : passed + count - 1]).tolist():
             some = replace(motion[k * step : (k + 1) * step + 1], slow=None)  # friction turns round at once

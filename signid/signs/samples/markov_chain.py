@@ -11,8 +11,8 @@ import numpy as np
 
 from ...types import Array, Frozen, Mask
 from ..rows.observations import Observed
-from ..rows.segments import place_turns
-from ..search.problem import Rows, orthonormalise, signed_rows
+from ..rows.segments import place_sign_changes
+from ..search.problem import KnownRows, orthonormalise, signed_rows
 
 INFLATION = 10.0  # samples for one whose residual is independent of the others
 MOST = 30.0  # of them: with more, signs would follow the chain alone
@@ -25,7 +25,7 @@ SETTLED = 1e-10  # relative change of the coordinates
 
 
 @dataclass(frozen=True, eq=False)
-class Refined(Frozen):
+class RefinedSigns(Frozen):
     """Signs of N samples of n joints, and the parameters that go with them."""
 
     signs: Array  # (N, n) [1] the likeliest: -1 or 1; as recorded where torque has its sign, 0 where there is none
@@ -37,16 +37,16 @@ class Refined(Frozen):
     change: float  # relative, of the parameters' coordinates in the last round
 
 
-def refine(
+def refine_signs(
     observed: Observed,
     weights: Array,
     value: Array,
     *,
     inflation: Array | None = None,
-    known: Rows | None = None,
+    known: KnownRows | None = None,
     same: float = SAME,
     rounds: int = 12,
-) -> Refined:
+) -> RefinedSigns:
     """Signs of all samples by expectation maximisation, from parameters that are nearly right.
 
     Samples near reversals do not teach the parameters; their own residual says what they tell of signs. Parameters are
@@ -64,7 +64,7 @@ def refine(
     Source: Dempster, Laird, Rubin, J. Royal Statistical Society B 39(1), 1977; Rabiner, Proc. IEEE 77(2), 1989.
     """
     hidden = list(observed.hidden)
-    fit = _Fit.of(observed, weights, known)
+    fit = _ParameterFit.of(observed, weights, known)
     magnitude = np.abs(observed.torque[:, hidden])
     tied = coupling(magnitude, observed.first, same)
     kappa = np.full(len(weights), INFLATION) if inflation is None else np.minimum(inflation, MOST)
@@ -84,9 +84,9 @@ def refine(
     signs = np.sign(observed.torque) * (observed.known & observed.signed)
     mean = signs.copy()
     signs[:, hidden], mean[:, hidden] = likeliest_signs(odds, tied), expected
-    signs = place_turns(observed, signs, observed.predict(value))
+    signs = place_sign_changes(observed, signs, observed.predict(value))
     sigma = _deviation(observed, mean, value)
-    return Refined(signs, mean, value, sigma, max(fit.energy - float(z @ z), 0.0), done, change)
+    return RefinedSigns(signs, mean, value, sigma, max(fit.energy - float(z @ z), 0.0), done, change)
 
 
 def coupling(magnitude: Array, first: Mask, same: float = SAME) -> Array:
@@ -193,7 +193,7 @@ def _taught(observed: Observed) -> Mask:
 
 
 @dataclass(frozen=True, eq=False)
-class _Fit:
+class _ParameterFit:
     """Least squares of the samples that teach: one product for any right side."""
 
     orthonormal: Array  # (M, r) of the rows whose sign is hidden
@@ -204,7 +204,7 @@ class _Fit:
     energy: float  # of all right sides
 
     @classmethod
-    def of(cls, observed: Observed, weights: Array, known: Rows | None) -> _Fit:
+    def of(cls, observed: Observed, weights: Array, known: KnownRows | None) -> _ParameterFit:
         hidden = list(observed.hidden)
         taught = _taught(observed)
         rows = [observed.rows(j, taught[:, j]) * weights[j] for j in hidden]

@@ -24,7 +24,7 @@ CLEAR = 0.5  # of what a parabola leaves of absolute torques: if it leaves less 
 Marks = NDArray[np.int8]
 
 
-def spread(recording: Recording, sampling: Sampling, t: Array, first: Indices, signs: Marks) -> Marks:
+def signs_of_rows(recording: Recording, sampling: Sampling, t: Array, first: Indices, signs: Marks) -> Marks:
     """(rows, n) a sign for every row of a recording: -1, 1, and 0 in rows that no sample tells of.
 
     Between two samples of different sign it changes where the torque recorded between them is smallest. Before the
@@ -50,15 +50,15 @@ def spread(recording: Recording, sampling: Sampling, t: Array, first: Indices, s
     return found
 
 
-class _Rows(NamedTuple):
+class _FileRows(NamedTuple):
     """K rows, one for each time, in either direction."""
 
     number: Indices  # (K,)
     t: Array  # (K,) [s]
     size: Array  # (K, h) absolute torques of the joints without a sign [N.m or N]
 
-    def backwards(self) -> _Rows:
-        return _Rows(self.number[::-1], self.t[::-1], self.size[::-1])
+    def backwards(self) -> _FileRows:
+        return _FileRows(self.number[::-1], self.t[::-1], self.size[::-1])
 
 
 class _Span(NamedTuple):
@@ -83,7 +83,7 @@ class _Span(NamedTuple):
         small, at = SMALL * sampling.torque_rms[hidden], np.clip(at[1:-1], begin, end - 1)
         return cls(recording, sampling.dropped, hidden, small, begin, end, at, sampling.uniform)
 
-    def read(self, start: int, stop: int) -> _Rows:
+    def read(self, start: int, stop: int) -> _FileRows:
         """Rows start..stop as far as they lie in the span, those left out that repeat a time."""
         start, stop = max(start, self.begin), min(stop, self.end)
         names = [*self.recording.columns["t"], *(self.recording.columns["tau"][j] for j in self.hidden)]
@@ -91,7 +91,7 @@ class _Span(NamedTuple):
         repeated = self.dropped[inside] - start
         values = np.delete(self.recording.table.read(names, start, stop), repeated, axis=0)
         number = np.delete(np.arange(start, stop), repeated)
-        return _Rows(number, values[:, 0], np.abs(values[:, 1:] * self.recording.torque_per_unit[self.hidden]))
+        return _FileRows(number, values[:, 0], np.abs(values[:, 1:] * self.recording.torque_per_unit[self.hidden]))
 
 
 def _ends(stretch: Stretch, period: float) -> tuple[float, float]:
@@ -141,7 +141,7 @@ def _place(number: Indices, row: Indices) -> Indices:
     return np.asarray(np.minimum(np.searchsorted(number, row), len(number) - 1))
 
 
-def _windows(span: _Span, signs: Marks) -> Iterator[tuple[_Rows, Indices]]:
+def _windows(span: _Span, signs: Marks) -> Iterator[tuple[_FileRows, Indices]]:
     """Rows around some intervals between samples, with more on either side, and which intervals those are."""
     turning = np.flatnonzero((signs[1:] != signs[:-1]).any(axis=1))
     for which in np.split(turning, np.flatnonzero(np.diff(span.at[turning] // CHUNK)) + 1):
@@ -182,7 +182,7 @@ def _edges(found: Marks, span: _Span, signs: Marks) -> None:
             found[right.number[turn] : span.end, j] *= -1
 
 
-def _kinks(rows: _Rows, joint: int, known: int, small: float, step: int) -> list[int]:
+def _kinks(rows: _FileRows, joint: int, known: int, small: float, step: int) -> list[int]:
     """Where torque changes its sign beyond the rows that are known: rows from which it has another, `step` apart."""
     size = rows.size[:, joint]
     steps = np.abs(np.diff(size, prepend=size[0], append=size[-1]))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ...deadline import time_is_up
 from ...types import Array, Frozen, Indices
-from .problem import Problem
+from .problem import SignProblem
 
 SEARCH = "the search for signs"
 WIDEST = 10_000  # nodes kept of a level
@@ -23,7 +23,7 @@ ROUNDING = 1e-11  # share of the total energy: losses that differ by less are th
 
 
 @dataclass(frozen=True, eq=False)
-class Branched(Frozen):
+class BranchResult(Frozen):
     """Where a tree ended. Losses are those of the problem, with what the cuts add."""
 
     leaves: Array  # (K, S) [1] signs of lower loss than the limit, the best first
@@ -32,14 +32,14 @@ class Branched(Frozen):
 
 
 def branch(
-    problem: Problem,
+    problem: SignProblem,
     incumbent: Array,
     window: float = 0.0,
     cuts: Array | None = None,
     z: Array | None = None,
     widest: int = WIDEST,
     most: int = MOST,
-) -> Branched:
+) -> BranchResult:
     """All signs whose loss is below that of the incumbent plus a window, or the best of them.
 
     A node has the signs of the first segments of an order, g = sum s_i b_i of them. J(s) is the minimum over z of
@@ -68,10 +68,10 @@ def branch(
     leaves = tree.leaves()
     losses = bounds(problem, leaves, cuts)
     kept = np.argsort(losses, kind="stable")[: int(np.sum(losses <= below))]
-    return Branched(leaves[kept], max(min(below, tree.dropped), 0.0), tree.nodes)
+    return BranchResult(leaves[kept], max(min(below, tree.dropped), 0.0), tree.nodes)
 
 
-def bounds(problem: Problem, signs: Array, cuts: Array) -> Array:
+def bounds(problem: SignProblem, signs: Array, cuts: Array) -> Array:
     """(K,) losses, with what the cuts add [squared standard deviations].
 
     Args:
@@ -125,7 +125,7 @@ def _prices(planes: Array, own: Array) -> Array:
 class _Tree:
     """The nodes of one level, and how they came about."""
 
-    def __init__(self, problem: Problem, cuts: Array, z: Array, below: float) -> None:
+    def __init__(self, problem: SignProblem, cuts: Array, z: Array, below: float) -> None:
         self.order = _branching_order(problem, z)
         self.cuts = cuts
         self.energy = float(problem.energies.sum())
@@ -191,7 +191,7 @@ class _Tree:
         return best
 
 
-def _branching_order(problem: Problem, z: Array) -> Indices:
+def _branching_order(problem: SignProblem, z: Array) -> Indices:
     """The segments (S,), a known one first, then those that matter much and are uncertain.
 
     |b_i| is what a sign can do, |b_i| / |b_i'z| how easily it turns round where the parameters are about z (r,). What

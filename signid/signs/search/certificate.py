@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...types import Array
-from .problem import Problem
+from .problem import SignProblem
 
 SLACK = 1e-12  # share of the total energy that is rounding error
 
@@ -19,7 +19,7 @@ class Certificate(NamedTuple):
     optimal: bool  # these signs have the lowest
 
 
-def certify(problem: Problem, signs: Array) -> Certificate:
+def certify(problem: SignProblem, signs: Array) -> Certificate:
     """Whether signs are globally optimal, where eigenvalues can tell; a lower bound in any case.
 
     With Q = diag(T) - B'B and D = diag(s (Q s)), every x in {-1, 1}^S has x'Qx >= tr D + S min(0, eig_min(Q - D)), and

@@ -9,8 +9,8 @@ import numpy as np
 from ...regression.motion import Motion
 from ...regression.rows import Task
 from ...types import Array, Frozen
-from ..rows.observations import Observed, alone, columns_of
-from .problem import Problem
+from ..rows.observations import Observed, columns_of, law_coefficients
+from .problem import SignProblem
 
 POSES, DIRECTIONS = 15, 4  # configurations of the mass matrix, and random velocities at each
 RECTIFIED = 2.0  # an offset larger than so many times Coulomb friction is friction whose sign went astray
@@ -19,7 +19,7 @@ INSIDE = 1e-9  # of the distance from the origin: no further outside is inside
 ROUNDS = 20  # a row, of a search for multipliers, at most
 
 
-def physical_cone(task: Task, observed: Observed, seed: int = 0) -> Array:
+def cone_inequalities(task: Task, observed: Observed, seed: int = 0) -> Array:
     """Rows c (g, b) with c'theta >= 0 for the base parameters theta of every real robot.
 
     Kinetic energy x'M(q)x at observed configurations, for each joint's velocity alone and for random ones;
@@ -63,11 +63,11 @@ def _energy(task: Task, observed: Observed, seed: int) -> Array:
 
 def _signs(task: Task) -> Array:
     labels = [task.base.labels[k] for k in task.base.independent]
-    return np.eye(task.base.rank)[[k for k in alone(task) if labels[k].positive]]
+    return np.eye(task.base.rank)[[k for k in law_coefficients(task) if labels[k].positive]]
 
 
 def _offsets(task: Task) -> Array:
-    own = {law: k for k, law in alone(task).items()}
+    own = {law: k for k, law in law_coefficients(task).items()}
     unit, rows = np.eye(task.base.rank), [np.zeros((0, task.base.rank))]
     for (name, joint), k in own.items():
         coulomb = own.get(("coulomb_friction", joint))
@@ -77,13 +77,13 @@ def _offsets(task: Task) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Cone(Frozen):
+class PhysicalCone(Frozen):
     """The coordinates z of a problem that a real robot could have: those with G z >= 0."""
 
     rows: Array  # (g, r) G, each of length 1 [1]
 
     @classmethod
-    def of(cls, problem: Problem, rows: Array) -> Cone:
+    def of(cls, problem: SignProblem, rows: Array) -> PhysicalCone:
         """The cone in a problem's coordinates; rows of parameters that it does not tell are left out.
 
         Args:

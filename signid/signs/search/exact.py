@@ -10,12 +10,12 @@ import numpy as np
 
 from ...deadline import show_step, time_is_up
 from ...types import Array, Frozen
-from ..result import Proof
+from ..result import SignProof
 from .branch_and_bound import MOST, SEARCH, WIDEST, branch
 from .certificate import certify
 from .local_search import TURNS, ascend, climb
-from .problem import Problem
-from .scores import Cone, Everywhere, Scores
+from .problem import SignProblem
+from .scores import ConvexCone, Scores, WholeSpace
 
 NARROW = 200  # nodes kept of a level in the first trees, ten times as many where they no longer show anything new
 PATTERNS = 9  # groups of segments, at most, of which all patterns of flips are tried
@@ -24,17 +24,17 @@ NEAR = 1000  # signs near the best that are listed, about
 
 
 @dataclass(frozen=True, eq=False)
-class Found(Frozen):
+class SignSolution(Frozen):
     """The best signs under the constraints. A loss is J(s) plus the squared distance of B s from the cone."""
 
     signs: Array  # (S,) [1]
     coordinates: Array  # (r,) z, inside the cone [standard deviations]
     loss: float  # [squared standard deviations]
-    proof: Proof
+    proof: SignProof
     cuts: Array  # (r, C) [1] directions c with c'z <= 0 in the cone
 
 
-class Rivals(NamedTuple):
+class RivalSigns(NamedTuple):
     """Signs almost as good as the best; s and -s are different."""
 
     signs: Array  # (K, S) [1]
@@ -42,15 +42,15 @@ class Rivals(NamedTuple):
     complete: bool  # whether there are no others: proved
 
 
-def search(
-    problem: Problem,
-    cone: Cone | None = None,
+def search_signs(
+    problem: SignProblem,
+    cone: ConvexCone | None = None,
     moves: Sequence[Array] = (),
     start: Array | None = None,
     seed: int = 0,
     widest: int = WIDEST,
     most: int = MOST,
-) -> Found:
+) -> SignSolution:
     """The signs of lowest loss.
 
     Without the cone: a climb from many starts, a certificate, else branch and bound. With it: flips of joints and
@@ -70,7 +70,7 @@ def search(
     tries = climb(problem, seed=seed)[None]
     if start is not None:
         tries = np.concatenate([tries, start[None], ascend(problem, start[None], pairs=True)])
-    free = Scores(problem, Everywhere())
+    free = Scores(problem, WholeSpace())
     free.add(tries)
     lower, certified = certify(problem, free.signs)
     lower, nodes = _prove(problem, free, (), free.best if certified else lower, widest, most)
@@ -83,13 +83,18 @@ def search(
     attained = scores.attained()
     optimal = attained and scores.best - lower <= scores.same
     gap = 0.0 if optimal else 1 - max(lower, 0.0) / scores.best if attained else 1.0
-    proof = Proof(optimal, gap, nodes, certified=optimal and not nodes)
-    return Found(scores.signs, scores.coordinates, scores.best, proof, scores.cuts)
+    proof = SignProof(optimal, gap, nodes, certified=optimal and not nodes)
+    return SignSolution(scores.signs, scores.coordinates, scores.best, proof, scores.cuts)
 
 
 def enumerate_near(
-    problem: Problem, cone: Cone | None, found: Found, window: float, widest: int = NEAR, most: int = MOST
-) -> Rivals:
+    problem: SignProblem,
+    cone: ConvexCone | None,
+    found: SignSolution,
+    window: float,
+    widest: int = NEAR,
+    most: int = MOST,
+) -> RivalSigns:
     """All signs whose loss exceeds that of those found by a window at most; the best where there are too many.
 
     Args:
@@ -101,18 +106,18 @@ def enumerate_near(
         most: nodes looked at before only a few are kept of a level.
     """
     limit = found.loss + window
-    scores = Scores(problem, cone or Everywhere(), limit, found.cuts)
+    scores = Scores(problem, cone or WholeSpace(), limit, found.cuts)
     scores.add(found.signs[None])
     above = limit - problem.loss(found.signs)
     tree = branch(problem, found.signs, above, found.cuts, found.coordinates, widest, most)
     beyond = min(tree.beyond, scores.add(tree.leaves, widest))
     signs, losses = scores.ranked()
     inside = losses <= limit + scores.same
-    return Rivals(signs[inside], losses[inside], beyond >= limit - scores.same)
+    return RivalSigns(signs[inside], losses[inside], beyond >= limit - scores.same)
 
 
 def _prove(
-    problem: Problem, scores: Scores, moves: Sequence[Array], lower: float, widest: int, most: int
+    problem: SignProblem, scores: Scores, moves: Sequence[Array], lower: float, widest: int, most: int
 ) -> tuple[float, int]:
     """Trees, each with the best signs and the half-spaces of those before; the lower bound proved, and nodes."""
     nodes, width = 0, min(NARROW, widest)
@@ -134,7 +139,7 @@ def _prove(
     return lower, nodes
 
 
-def _improve(problem: Problem, scores: Scores, moves: Sequence[Array]) -> None:
+def _improve(problem: SignProblem, scores: Scores, moves: Sequence[Array]) -> None:
     """Flips of joints, moves of joints, flips of segments, until none of them lowers the loss, or for some rounds."""
     for _ in range(TURNS):
         if time_is_up(SEARCH):
@@ -147,7 +152,7 @@ def _improve(problem: Problem, scores: Scores, moves: Sequence[Array]) -> None:
             break
 
 
-def _flip_segments(problem: Problem, scores: Scores) -> None:
+def _flip_segments(problem: SignProblem, scores: Scores) -> None:
     flips = 1 - 2 * np.eye(problem.count)[: problem.count - int(problem.anchored)]
     for _ in range(TURNS * problem.count):
         before = scores.best
@@ -156,7 +161,7 @@ def _flip_segments(problem: Problem, scores: Scores) -> None:
             break
 
 
-def _patterns(problem: Problem, signs: Array) -> Array:
+def _patterns(problem: SignProblem, signs: Array) -> Array:
     """(K, S) the signs with joints flipped: all patterns of a few joints, single ones and pairs of many."""
     groups, at = np.unique(problem.joints, return_inverse=True)  # a known segment is the first group
     count = len(groups)
@@ -169,7 +174,7 @@ def _patterns(problem: Problem, signs: Array) -> Array:
     return np.asarray(signs * (1.0 - 2.0 * flips[:, at]))
 
 
-def _moved(problem: Problem, signs: Array, moves: Sequence[Array]) -> Array:
+def _moved(problem: SignProblem, signs: Array, moves: Sequence[Array]) -> Array:
     """(K, S) the signs with those of one joint replaced by, or multiplied with, those of a move or their opposites."""
     found = []
     for move in moves:

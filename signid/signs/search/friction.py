@@ -8,18 +8,18 @@ import numpy as np
 
 from ...regression.rows import Task
 from ...types import Array
-from ..rows.observations import Observed, alone
+from ..rows.observations import Observed, law_coefficients
 from ..rows.segments import Segment
-from .problem import Problem, Rows
+from .problem import KnownRows, SignProblem
 
-BELIEFS = {  # in rms torques of the joint, at its rms velocity: expected, standard deviation
+FRICTION_PRIOR = {  # in rms torques of the joint, at its rms velocity: expected, standard deviation
     "torque_offset": (0.0, 0.15),
     "coulomb_friction": (0.1, 0.1),
     "viscous_friction": (0.1, 0.1),
 }
 
 
-def believe(task: Task, observed: Observed, weights: Array, strength: float = 0.3) -> Rows:
+def friction_prior(task: Task, observed: Observed, weights: Array, strength: float = 0.3) -> KnownRows:
     """Rows for offset, Coulomb and viscous friction of joints whose torque has no sign.
 
     A row is there where a base parameter is one of these coefficients alone. Rows do not grow with the weights: the
@@ -33,17 +33,17 @@ def believe(task: Task, observed: Observed, weights: Array, strength: float = 0.
     """
     torque, speed = observed.rms, np.sqrt(np.mean(observed.v**2, axis=0))
     matrix, target = [np.zeros((0, observed.count))], []
-    for k, (name, joint) in alone(task).items():
+    for k, (name, joint) in law_coefficients(task).items():
         used = joint in observed.hidden and weights[joint] > 0 and torque[joint] * speed[joint] > 0
-        if name in BELIEFS and used:
-            expected, deviation = BELIEFS[name]
+        if name in FRICTION_PRIOR and used:
+            expected, deviation = FRICTION_PRIOR[name]
             unit = torque[joint] / (speed[joint] if name == "viscous_friction" else 1.0)
             matrix.append(np.eye(1, observed.count, k) * strength / (deviation * unit))
             target.append(strength * expected / deviation)
-    return Rows(np.concatenate(matrix), np.array(target))
+    return KnownRows(np.concatenate(matrix), np.array(target))
 
 
-def friction_patterns(problem: Problem, observed: Observed, segments: Sequence[Segment]) -> list[Array]:
+def friction_patterns(problem: SignProblem, observed: Observed, segments: Sequence[Segment]) -> list[Array]:
     """Per joint the signs (S,) of the mean velocity in its segments, 0 elsewhere and for a known segment [1].
 
     A search tries each joint's signs as these, against these, and multiplied by these: |F sign(v)| is explained as well

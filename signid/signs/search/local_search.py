@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...types import Array, Indices
-from .problem import Problem
+from .problem import SignProblem
 
 STARTS = 150
 VECTORS = 3  # leading singular vectors of B, plain and scaled, that starts are taken from
@@ -14,7 +14,7 @@ LEAST = 1e-12  # share of the total energy that a flip must gain
 TURNS = 20  # flips a segment, at most: where rounding errors could go on, an ascent is cut short
 
 
-def climb(problem: Problem, starts: int = STARTS, seed: int = 0) -> Array:
+def climb(problem: SignProblem, starts: int = STARTS, seed: int = 0) -> Array:
     """Good signs, the best end of many starts; a known segment has +1.
 
     Args:
@@ -33,7 +33,7 @@ def climb(problem: Problem, starts: int = STARTS, seed: int = 0) -> Array:
     return np.asarray(ends[np.argmin(losses)])
 
 
-def ascend(problem: Problem, starts: Array, joints: bool = True, pairs: bool = False) -> Array:
+def ascend(problem: SignProblem, starts: Array, joints: bool = True, pairs: bool = False) -> Array:
     """Where steepest ascent ends: flips of segments, then of whole joints, then of pairs, until none helps.
 
     A known segment has +1 in the end; its loss is that of the opposite signs. An end is a candidate, never a proof, so
@@ -67,7 +67,7 @@ def ascend(problem: Problem, starts: Array, joints: bool = True, pairs: bool = F
     return signs * signs[:, -1:] if problem.anchored else signs
 
 
-def _starts(problem: Problem, count: int, seed: int) -> Array:
+def _starts(problem: SignProblem, count: int, seed: int) -> Array:
     """(K, S): leading singular vectors of B and of its normed columns; signs of random models; random signs."""
     rng = np.random.default_rng(seed)
     size = np.linalg.norm(problem.projections, axis=0)

@@ -15,7 +15,7 @@ from ..rows.segments import Segment
 RANK = 1e-7  # of the largest singular value of the scaled rows
 
 
-class Rows(NamedTuple):
+class KnownRows(NamedTuple):
     """Rows whose right side is known: joints with signed torque, or what is believed beforehand."""
 
     matrix: Array  # (k, b) [standard deviations per unit of base]
@@ -23,7 +23,7 @@ class Rows(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Problem(Frozen):
+class SignProblem(Frozen):
     """Minimise J(s) = sum T - |B s|^2 over s in {-1, 1}^S.
 
     Coordinates z (r,) are such that the stacked rows U are orthonormal; B_i = U_i' u_i, T_i = u_i' u_i, A_i = U_i' U_i
@@ -73,7 +73,9 @@ class Problem(Frozen):
         return np.asarray(self.back @ self.coordinates(signs))
 
 
-def pose(observed: Observed, segments: Sequence[Segment], weights: Array, known: Rows | None = None) -> Problem:
+def pose(
+    observed: Observed, segments: Sequence[Segment], weights: Array, known: KnownRows | None = None
+) -> SignProblem:
     """The problem of these segments.
 
     Args:
@@ -90,7 +92,7 @@ def pose(observed: Observed, segments: Sequence[Segment], weights: Array, known:
     return eliminate(rows, right, [s.joint for s in segments] + [-1] * (len(rows) - len(segments)))
 
 
-def eliminate(rows: Sequence[Array], right: Sequence[Array], joints: Sequence[int]) -> Problem:
+def eliminate(rows: Sequence[Array], right: Sequence[Array], joints: Sequence[int]) -> SignProblem:
     """The problem of segments by their rows.
 
     Args:
@@ -103,7 +105,7 @@ def eliminate(rows: Sequence[Array], right: Sequence[Array], joints: Sequence[in
     stacked = np.concatenate(rows)
     orthonormal, back = orthonormalise(stacked)
     parts = np.split(orthonormal, np.cumsum([len(r) for r in right])[:-1])
-    return Problem(
+    return SignProblem(
         projections=np.column_stack([u.T @ r for u, r in zip(parts, right, strict=True)]),
         energies=np.array([r @ r for r in right]),
         grams=np.array([u.T @ u for u in parts]),
@@ -113,7 +115,7 @@ def eliminate(rows: Sequence[Array], right: Sequence[Array], joints: Sequence[in
     )
 
 
-def signed_rows(observed: Observed, weights: Array) -> Rows:
+def signed_rows(observed: Observed, weights: Array) -> KnownRows:
     """Rows of the joints whose torque has its sign.
 
     Args:
@@ -124,7 +126,7 @@ def signed_rows(observed: Observed, weights: Array) -> Rows:
     matrix = [observed.rows(j, observed.steady[:, j]) * weights[j] for j in joints]
     target = [observed.torque[observed.steady[:, j], j] * weights[j] for j in joints]
     nothing = np.zeros((0, observed.count))
-    return Rows(np.concatenate([nothing, *matrix]), np.concatenate([np.zeros(0), *target]))
+    return KnownRows(np.concatenate([nothing, *matrix]), np.concatenate([np.zeros(0), *target]))
 
 
 def orthonormalise(rows: Array) -> tuple[Array, Array]:

@@ -8,13 +8,13 @@ import numpy as np
 
 from ...types import Array
 from .branch_and_bound import ROUNDING, bounds
-from .problem import Problem
+from .problem import SignProblem
 
 CUTS = 64  # half-spaces kept
 WORTH = 0.9  # of a distance: a half-space is kept where those before it tell less
 
 
-class Cone(Protocol):
+class ConvexCone(Protocol):
     """A convex cone of coordinates, such as a real robot could have."""
 
     def distance(self, z: Array) -> tuple[float, Array]:
@@ -28,7 +28,7 @@ class Cone(Protocol):
         ...
 
 
-class Everywhere:
+class WholeSpace:
     """The cone that leaves nothing out."""
 
     def distance(self, z: Array) -> tuple[float, Array]:
@@ -53,7 +53,9 @@ class Scores:
         cuts: (r, C) [1] normals of half-spaces already known.
     """
 
-    def __init__(self, problem: Problem, cone: Cone, limit: float | None = None, cuts: Array | None = None) -> None:
+    def __init__(
+        self, problem: SignProblem, cone: ConvexCone, limit: float | None = None, cuts: Array | None = None
+    ) -> None:
         self.problem, self.cone, self._limit = problem, cone, limit
         self.same = ROUNDING * float(problem.energies.sum())
         self.cuts = np.zeros((len(problem.projections), 0)) if cuts is None else cuts

@@ -18,7 +18,7 @@ from ...types import Array, Frozen, Mask, Progress, Recording, Robot, prismatic_
 from ..infer import infer
 from ..result import Gain, Signs
 from ..rows.observations import Observed, observe
-from ..samples.rows_of_file import spread
+from ..samples.rows_of_file import signs_of_rows
 from .from_description import WRONG, combine, describe_constants
 from .from_shared_parameters import Constants, share_constants
 
@@ -164,7 +164,7 @@ def _factors(session: Session, observed: Observed, signs: Array) -> Factors:
     for k, (recording, sampling) in enumerate(session.train):
         at = observed.part == k
         t, first, own = observed.t[at], np.flatnonzero(observed.first[at]), signs[at].astype(np.int8)
-        parts.append((with_signs(recording, spread(recording, sampling, t, first, own)), sampling))
+        parts.append((with_signs(recording, signs_of_rows(recording, sampling, t, first, own)), sampling))
     return session.reduce(parts)
 
 

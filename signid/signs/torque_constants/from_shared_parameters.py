@@ -67,7 +67,7 @@ def share_constants(factors: Factors, base: BaseMap, unknown: Mask) -> Constants
     return Constants(log, covariance)
 
 
-def count_constants(found: Estimate, factors: Factors, base: BaseMap, covariance: Array, whiten: bool) -> Estimate:
+def widen_estimate(found: Estimate, factors: Factors, base: BaseMap, covariance: Array, whiten: bool) -> Estimate:
     """The estimate with the uncertainty that constants add, which many base parameters have in common.
 
     Args:

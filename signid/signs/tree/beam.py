@@ -11,14 +11,14 @@ import numpy as np
 
 from ...errors import OptionError
 from ...types import Array, Frozen, Indices, Progress
-from ..search.problem import Problem
+from ..search.problem import SignProblem
 
 WIDTH = 5  # nodes kept of each level
 LOST = 1e-13  # of the largest eigenvalue of a Gram matrix: rounding
 
 
 @dataclass(frozen=True, eq=False)
-class Grown(Frozen):
+class TreeResult(Frozen):
     """Where a tree of sign choices ended."""
 
     signs: Array  # (S,) [1]
@@ -29,7 +29,7 @@ class Grown(Frozen):
     notes: tuple[str, ...] = ()
 
 
-class Level(NamedTuple):
+class TreeLevel(NamedTuple):
     """The first k segments of an order, whose signs the nodes of a level choose.
 
     With right = the sum of their s_i B_i, their loss at z is |root z - turn right|^2 + energy - |turn right|^2: the
@@ -42,7 +42,7 @@ class Level(NamedTuple):
     energy: float  # [squared standard deviations]
 
 
-class Node(NamedTuple):
+class TreeNode(NamedTuple):
     """A choice of signs for the segments of a level, and what solving it gave."""
 
     loss: float  # [squared standard deviations]
@@ -51,12 +51,12 @@ class Node(NamedTuple):
     signs: tuple[float, ...] = ()  # (k,) in the order of the segments
 
 
-Solve = Callable[[Level, Array], Node]  # level, right side (r,) [standard deviations]
+Solve = Callable[[TreeLevel, Array], TreeNode]  # level, right side (r,) [standard deviations]
 
 
 def grow(
-    problem: Problem, order: Indices, start: int, width: int, solve: Solve, progress: Progress | None = None
-) -> tuple[Node, int]:
+    problem: SignProblem, order: Indices, start: int, width: int, solve: Solve, progress: Progress | None = None
+) -> tuple[TreeNode, int]:
     """The best node of the last level, with the evaluations of all, and how many nodes were solved.
 
     Args:
@@ -73,7 +73,7 @@ def grow(
     if width < 1:
         raise OptionError(f"a tree of {width} nodes a level was asked for; keep at least 1")
     choices = [(1.0,) if problem.joints[i] < 0 else (1.0, -1.0) for i in order]
-    pool, nodes, spent = [Node(0.0, np.zeros(0), 0)], 0, 0
+    pool, nodes, spent = [TreeNode(0.0, np.zeros(0), 0)], 0, 0
     for k in range(max(start, 1), len(order) + 1):
         level, members = _level(problem, order[:k]), problem.projections[:, order[:k]]
         tried = [(*node.signs, *more) for node in pool for more in product(*choices[len(node.signs) : k])]
@@ -97,9 +97,9 @@ def in_place(signs: Sequence[float], order: Indices) -> Array:
     return out
 
 
-def _level(problem: Problem, members: Indices) -> Level:
+def _level(problem: SignProblem, members: Indices) -> TreeLevel:
     gram = problem.grams[members].sum(0)
     values, axes = np.linalg.eigh(gram)
     seen = values > LOST * values[-1]
     size, axes = np.sqrt(values[seen])[:, None], axes[:, seen].T
-    return Level(gram, size * axes, axes / size, float(problem.energies[members].sum()))
+    return TreeLevel(gram, size * axes, axes / size, float(problem.energies[members].sum()))

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...types import Array, Indices
-from ..search.problem import Problem
+from ..search.problem import SignProblem
 
 LOST = 1e-14  # of the largest eigenvalue of a Gram matrix: rounding
 MOST = 8  # segments of a set that is taken one by one: a tree tries all their signs
@@ -20,7 +20,7 @@ _LOOKED = 100  # sets looked at for one that may be tried: few may have the join
 _Set = tuple[int, ...]
 
 
-class Ordered(NamedTuple):
+class SegmentOrder(NamedTuple):
     """Segments in the order in which a tree takes them."""
 
     order: Indices  # (S,)
@@ -29,7 +29,9 @@ class Ordered(NamedTuple):
     complete: bool  # every smaller set was tried, and so was every other one of that size
 
 
-def condition_order(problem: Problem, threshold: float = 1000.0, largest: int = 3, budget: int = 20_000) -> Ordered:
+def condition_order(
+    problem: SignProblem, threshold: float = 1000.0, largest: int = 3, budget: int = 20_000
+) -> SegmentOrder:
     """The smallest set of segments whose stacked regressor is well conditioned, then the others.
 
     Of the others, each time the one with which all so far have the smallest condition number, which is that of the
@@ -53,10 +55,10 @@ def condition_order(problem: Problem, threshold: float = 1000.0, largest: int = 
         first = _one_by_one(grams, known, unknown, threshold)[: len(known) + MOST]
     lost, condition = _judge(grams[list(first)].sum(0)[None])
     order = np.array(_one_by_one(grams, first, unknown), dtype=np.intp)
-    return Ordered(order, len(first), np.inf if lost[0] else float(condition[0]), complete)
+    return SegmentOrder(order, len(first), np.inf if lost[0] else float(condition[0]), complete)
 
 
-def _in_base(problem: Problem) -> Array:
+def _in_base(problem: SignProblem) -> Array:
     """(S, r, r) Gram matrices with the eigenvalues that they have over the base parameters themselves."""
     left, size, _ = np.linalg.svd(np.linalg.pinv(problem.back), full_matrices=False)
     turn = left * size

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from ...model import stated_parameters
 from ...regression.rows import Task
 from ...types import Progress
-from ..inferred import Choice, Choose
-from ..result import Proof
+from ..inferred import ChooseSigns, SignChoice
+from ..result import SignProof
 from ..rows.segments import Segment
 from ..search.certificate import certify
-from ..search.problem import Problem
+from ..search.problem import SignProblem
 from .tree import search_tree
 
 NOTE = (
@@ -20,7 +20,7 @@ NOTE = (
 )
 
 
-def by_tree(task: Task, seed: int, progress: Progress | None = None) -> Choose:
+def by_tree(task: Task, seed: int, progress: Progress | None = None) -> ChooseSigns:
     """A search by the tree of sign choices, every node solved over the standard parameters.
 
     Args:
@@ -29,13 +29,13 @@ def by_tree(task: Task, seed: int, progress: Progress | None = None) -> Choose:
         progress: told how far it is.
     """
 
-    def choose(problem: Problem, segments: Sequence[Segment]) -> Choice:
+    def choose(problem: SignProblem, segments: Sequence[Segment]) -> SignChoice:
         prior = stated_parameters(task)
         grown = search_tree(problem, task.base, prior, forward=problem.forward, seed=seed, progress=progress)
         loss, (lower, optimal) = problem.loss(grown.signs), certify(problem, grown.signs)
         gap = 0.0 if optimal or loss <= 0 else min(max(1 - lower / loss, 0.0), 1.0)
         note = NOTE.format(nodes=grown.nodes, evaluations=grown.evaluations)
-        proof = Proof(optimal, gap, grown.nodes, optimal)
-        return Choice(grown.signs, problem.coordinates(grown.signs), proof, (note, *grown.notes))
+        proof = SignProof(optimal, gap, grown.nodes, optimal)
+        return SignChoice(grown.signs, problem.coordinates(grown.signs), proof, (note, *grown.notes))
 
     return choose

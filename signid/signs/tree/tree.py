@@ -12,9 +12,9 @@ from ...estimation.pbrp.bounds import check_box
 from ...estimation.pbrp.cost import cost_over, descend
 from ...estimation.pbrp.penalty import physics_of
 from ...types import Array, BaseMap, Estimate, Parameters, Progress
-from ..search.problem import Problem
-from .beam import WIDTH, Grown, Level, Node, grow, in_place
-from .condition import Ordered, condition_order
+from ..search.problem import SignProblem
+from .beam import WIDTH, TreeLevel, TreeNode, TreeResult, grow, in_place
+from .condition import SegmentOrder, condition_order
 
 FAR = 0.01  # share of the loss by which the winner may be worse than least squares with its signs before it is said
 SLIGHT = 1e-6  # share of all energy that is no matter
@@ -22,7 +22,7 @@ SHOWN = 1e-3  # share of what all joints show of a parameter from which on a joi
 
 
 def search_tree(
-    problem: Problem,
+    problem: SignProblem,
     base: BaseMap,
     prior: Parameters,
     bounds: Bounds | None = None,
@@ -37,7 +37,7 @@ def search_tree(
     budget: int = 1000,
     seed: int = 0,
     progress: Progress | None = None,
-) -> Grown:
+) -> TreeResult:
     """Signs by a tree: all choices for a first set of segments, then two children a node, the best nodes kept.
 
     Segments are taken by `condition_order`. Every node is solved by a local algorithm over the standard parameters in
@@ -73,22 +73,22 @@ def search_tree(
     told, rng = _forward(problem, forward) @ base.combination, np.random.default_rng(seed)
     weights = (schedule * np.arange(rounds)).tolist()
 
-    def solve(level: Level, right: Array) -> Node:
+    def solve(level: TreeLevel, right: Array) -> TreeNode:
         target = level.turn @ right
         cost = cost_over(box, physics, level.root @ told, target, max(level.energy - float(target @ target), 0.0))
         starts = rng.uniform(size=(restarts, len(cost.free)))
         ends = [descend(cost, start, weights, algorithm, budget, seed) for start in starts]
         best = min(ends, key=lambda end: end.value)
-        return Node(best.value, cost.standard(best.x), sum(end.evaluations for end in ends))
+        return TreeNode(best.value, cost.standard(best.x), sum(end.evaluations for end in ends))
 
     ordered = condition_order(problem)
     node, nodes = grow(problem, ordered.order, ordered.start, width, solve, progress)
     signs = in_place(node.signs, ordered.order)
     notes = (*_order_notes(ordered), *_loss_notes(problem, signs, node), *_rank_notes(problem, forward))
-    return Grown(signs, base.combination @ node.end, node.loss, nodes, node.evaluations, notes)
+    return TreeResult(signs, base.combination @ node.end, node.loss, nodes, node.evaluations, notes)
 
 
-def box_of(problem: Problem, base: BaseMap, prior: Parameters, forward: Array | None = None) -> Bounds:
+def box_of(problem: SignProblem, base: BaseMap, prior: Parameters, forward: Array | None = None) -> Bounds:
     """A box around the description; coefficients of laws reach to three times what the absolute torque could need.
 
     Args:
@@ -103,11 +103,11 @@ def box_of(problem: Problem, base: BaseMap, prior: Parameters, forward: Array | 
     return bounds_around(base, _surmise(problem, base, forward), prior)
 
 
-def _forward(problem: Problem, forward: Array | None) -> Array:
+def _forward(problem: SignProblem, forward: Array | None) -> Array:
     return np.asarray(np.linalg.pinv(problem.back)) if forward is None else forward
 
 
-def _surmise(problem: Problem, base: BaseMap, forward: Array | None) -> Estimate:
+def _surmise(problem: SignProblem, base: BaseMap, forward: Array | None) -> Estimate:
     """Sizes of the base parameters: of each, were it alone responsible for the torque of a joint that shows it."""
     into, joints = _forward(problem, forward), np.unique(problem.joints)
     grams = np.array([problem.grams[problem.joints == j].sum(0) for j in joints])
@@ -120,7 +120,7 @@ def _surmise(problem: Problem, base: BaseMap, forward: Array | None) -> Estimate
     return Estimate(size, nothing, nothing, np.zeros(0), ())
 
 
-def _order_notes(ordered: Ordered) -> Iterator[str]:
+def _order_notes(ordered: SegmentOrder) -> Iterator[str]:
     if not ordered.complete:
         yield (
             f"the first {ordered.start} segments of the tree were chosen one by one (condition number "
@@ -128,7 +128,7 @@ def _order_notes(ordered: Ordered) -> Iterator[str]:
         )
 
 
-def _loss_notes(problem: Problem, signs: Array, node: Node) -> Iterator[str]:
+def _loss_notes(problem: SignProblem, signs: Array, node: TreeNode) -> Iterator[str]:
     least = problem.loss(signs)
     if node.loss > (1 + FAR) * least + SLIGHT * problem.energies.sum():
         yield (
@@ -137,7 +137,7 @@ def _loss_notes(problem: Problem, signs: Array, node: Node) -> Iterator[str]:
         )
 
 
-def _rank_notes(problem: Problem, forward: Array | None) -> Iterator[str]:
+def _rank_notes(problem: SignProblem, forward: Array | None) -> Iterator[str]:
     unseen = len(problem.back) - problem.back.shape[1]
     if unseen and forward is None:
         yield f"{unseen} combinations of base parameters are not seen by any segment; their least values were taken"
