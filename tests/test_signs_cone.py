@@ -145,7 +145,7 @@ def test_a_solver_that_gives_up_leaves_a_bound_and_no_proof(monkeypatch: pytest.
     monkeypatch.setattr("scipy.optimize.lsq_linear", unfinished)
     bound, near = cone.distance(z)
     assert 0 < bound < squared and np.sum((near - z) ** 2) == pytest.approx(bound)
-    monkeypatch.setattr(exact, "_prove", lambda problem, scores, *_: (scores.best, 1))
+    monkeypatch.setattr(exact, "_prove", lambda scores, *_: (scores.best, 1))
     monkeypatch.setattr(exact, "climb", lambda problem, seed: np.ones(problem.count))
     found = exact.search_signs(problem, cone)
     assert not found.proof.optimal and not found.proof.has_bound
@@ -172,7 +172,7 @@ def test_joints_without_torque_do_not_enter() -> None:
 
 def test_beliefs_are_weak_and_met_by_what_they_expect() -> None:
     case = lost(0.02)
-    rows, own = friction_prior(case.task, case.observed, case.weights), law_coefficients(case.task)
+    rows, own = friction_prior(case.observed, case.weights), law_coefficients(case.task)
     assert len(rows.target) == 9
     torque, speed = (np.sqrt(np.mean(x**2, axis=0)) for x in (case.torque, case.observed.v))
     value = np.zeros(case.observed.count)
@@ -180,7 +180,7 @@ def test_beliefs_are_weak_and_met_by_what_they_expect() -> None:
         expected = {"coulomb_friction": 0.1, "viscous_friction": 0.1 / speed[j]}
         value[k] = expected.get(name, 0.0) * torque[j]
     assert rows.matrix @ value == pytest.approx(rows.target, abs=1e-12)
-    half = friction_prior(case.task, case.observed, case.weights, strength=0.15)
+    half = friction_prior(case.observed, case.weights, strength=0.15)
     assert half.matrix == pytest.approx(rows.matrix / 2)
     assert sorted(set(rows.target)) == pytest.approx([0, 0.3])
 
@@ -188,8 +188,8 @@ def test_beliefs_are_weak_and_met_by_what_they_expect() -> None:
 def test_nothing_is_believed_of_joints_with_their_sign() -> None:
     case = lost(0.02)
     mixed = replace(case.observed, signed=np.array([True, False, True]))
-    rows = friction_prior(case.task, mixed, case.weights)
+    rows = friction_prior(mixed, case.weights)
     assert {
         case.task.base.labels[case.task.base.independent[k]].joint for k in np.argmax(rows.matrix != 0, axis=1)
     } == {1}
-    assert len(friction_prior(case.task, replace(mixed, signed=np.ones(3, dtype=bool)), case.weights).target) == 0
+    assert len(friction_prior(replace(mixed, signed=np.ones(3, dtype=bool)), case.weights).target) == 0

@@ -34,6 +34,8 @@ def seen(torque: Array, first: tuple[int, ...] = (0,), moving: Mask | None = Non
         known=np.array([True]),
         steady=np.ones((count, 1), dtype=bool) if moving is None else moving[:, None],
         period=PERIOD,
+        coefficients={},
+        units=("N.m",),
     )
 
 
@@ -98,7 +100,7 @@ def test_segments_are_cut_where_samples_change_sign() -> None:
     [
         (np.zeros(100), "absolute torque of elbow is zero throughout"),
         (np.tile([1.0, 0.0], 100), "longest has 1 sample,"),
-        (np.tile([1.0, 1.0, 1.0, 0.0], 50), "stays above its threshold nowhere for long"),
+        (np.tile([1.0, 1.0, 1.0, 0.0], 50), "above its threshold is long enough"),
     ],
 )
 def test_torque_without_a_segment_is_refused(torque: Array, told: str) -> None:

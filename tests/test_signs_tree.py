@@ -71,6 +71,8 @@ def observed_from(motion: Motion, base: BaseMap, torque: Array) -> Observed:
         known=np.ones(n, dtype=bool),
         steady=np.ones((count, n), dtype=bool),
         period=motion.dt,
+        coefficients={},
+        units=("N.m",) * n,
     )
 
 

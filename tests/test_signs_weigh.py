@@ -13,6 +13,7 @@ from signid.signs.posterior import recheck as weigh_module
 from signid.signs.posterior.recheck import recheck_signs
 from signid.signs.search.cone import cone_inequalities
 from signid.signs.search.problem import SignProblem
+from signid.signs.search.segment_search import SegmentSearch
 from signid.types import Array
 
 
@@ -30,8 +31,8 @@ def test_segments_and_confidences_go_together_after_every_round(monkeypatch: pyt
         return np.where(np.isin(np.arange(len(best)), parts[[0, -1]]), 0.5, 1.0)
 
     monkeypatch.setattr(weigh_module, "sign_confidence", confident)
-    cone, refined = cone_inequalities(made.task, made.observed), replace(found.refined, signs=signs)
-    rechecked = recheck_signs(made.task, made.observed, runs, refined, made.weights, cone, 0, free=False)
+    search = SegmentSearch(made.observed, cone_inequalities(made.task, made.observed))
+    rechecked = recheck_signs(search, runs, replace(found.refined, signs=signs), made.weights, free=False)
     known = int(rechecked.problem.anchored)
     assert len(rechecked.segments) == rechecked.problem.count - known == len(rechecked.confidence) - known
     assert [s.joint for s in rechecked.segments] == rechecked.problem.joints[: len(rechecked.segments)].tolist()

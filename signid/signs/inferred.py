@@ -1,4 +1,4 @@
-"""What the search for signs finds: signs of segments and samples, and the evidence for them."""
+"""Signs of segments and samples as the search infers them, with the evidence for flags."""
 
 from __future__ import annotations
 
@@ -12,32 +12,30 @@ from .rows.segments import Segment
 from .samples.markov_chain import RefinedSigns
 from .search.problem import SignProblem
 
-SUSPECT, SYSTEMATIC = 0.15, 3.0  # residual over torque, and samples for one that is independent (noise alone: 1)
-
 
 @dataclass(frozen=True, eq=False)
 class Inferred(Frozen):
-    """Signs of N samples, the S segments that are told, and all that says how far they can be trusted."""
+    """Signs of S segments and N samples of n joints, their confidence, and the evidence for flags."""
 
     segments: tuple[Segment, ...]  # S
-    signs: Array  # (S,) [1]
+    signs: Array  # (S,) s [1]
     confidence: Array  # (S,) [1]
     refined: RefinedSigns
-    inflation: Array  # (n,) [1]
+    inflation: Array  # (n,) kappa, samples per independent sample of the residual [1]
     threshold: Array  # (n,) [N.m or N]
-    problem: SignProblem  # in variance units
+    problem: SignProblem  # weighted in standard deviations
     proof: SignProof
-    complete: bool  # whether every rival within the window was counted
-    flip_probability: dict[int, float]  # per joint, probability that all its signs are the other way round
-    impure: dict[int, int]  # per joint, segments in which torque changed its sign
-    finer: bool  # whether the finer segments were used
+    complete: bool  # whether every rival within the window was enumerated
+    flip_probability: dict[int, float]  # joint -> probability that all its signs are inverted
+    impure: dict[int, int]  # joint -> segments in which torque changed its sign
+    finer: bool  # whether segments between low minima were used
     notes: tuple[str, ...]
 
 
 class SignChoice(NamedTuple):
     """Signs of the segments of a problem, and how they were found."""
 
-    signs: Array  # (S,) [1]
+    signs: Array  # (S,) s [1]
     coordinates: Array  # (r,) z [standard deviations]
     proof: SignProof
     notes: tuple[str, ...] = ()

@@ -123,7 +123,7 @@ def recover(
         tuple(signed.get(r, (r,))[0] for r in recordings),
         tuple(signed.get(r, (r,))[0] for r in held_out),
         tuple(signed.get(r, (r,))[-1] for r in recordings),
-        _result(session.task, observed, inferred, notes, tuple(traced.values()), method, options.seed),
+        _result(observed, inferred, notes, tuple(traced.values()), method, options.seed),
     )
 
 
@@ -174,7 +174,6 @@ def _with(task: Task, part: Part, trace: Trace, step: int, inferred: Inferred) -
 
 
 def _result(
-    task: Task,
     observed: Observed,
     inferred: Inferred,
     notes: tuple[str, ...],
@@ -191,7 +190,7 @@ def _result(
         segments=tuple(told),
         threshold=inferred.threshold,
         proof=inferred.proof,
-        flags=raise_flags(task, observed, inferred),
+        flags=raise_flags(observed, inferred),
         notes=notes,
         value=inferred.refined.value,
         noise=inferred.refined.sigma,
