@@ -19,7 +19,8 @@ from ..infer import infer
 from ..result import Gain, Signs
 from ..rows.observations import Observed, observe
 from ..samples.rows_of_file import signs_of_rows
-from .from_description import WRONG, combine, describe_constants
+from ..thresholds import INERTIAL_ERROR
+from .from_description import combine, describe_constants
 from .from_shared_parameters import Constants, share_constants
 
 ROUNDS = 5  # of signs and constants in turn, at most
@@ -219,7 +220,7 @@ def _notes(robot: Robot, value: Array, std: Array, unknown: Mask, anchors: Mask,
         more = "also " if anchors.any() else ""
         yield (
             f"torque constants rest {more}on the inertials that the description states, taken to be right to "
-            f"{100 * WRONG:.0f} % a link"
+            f"{100 * INERTIAL_ERROR:.0f} % a link"
         )
     yield "standard deviations of parameters count how uncertain these torque constants are, which they have in common"
 

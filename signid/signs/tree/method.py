@@ -1,4 +1,4 @@
-"""The classical tree as a search for the signs of segments."""
+"""Classical tree search as a choice of the signs of segments."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from ..search.problem import SignProblem
 from .tree import search_tree
 
 NOTE = (
-    "signs were searched by the classical tree ({nodes} nodes, {evaluations} evaluations), which keeps few nodes of "
-    "each level and proves nothing; samples below the threshold follow the model that it found"
+    "signs were searched by the classical tree ({nodes} nodes, {evaluations} evaluations), which keeps few nodes per "
+    "level and proves nothing; samples below the threshold follow the model that it found"
 )
 
 
 def by_tree(task: Task, seed: int, progress: Progress | None = None) -> ChooseSigns:
-    """A search by the tree of sign choices, every node solved over the standard parameters.
+    """Search by the tree of sign choices, each node solved over the standard parameters.
 
     Args:
-        task: gives the base map and the description.
-        seed: of the random starts.
-        progress: told how far it is.
+        task: base map and description.
+        seed: seed of the random starts.
+        progress: called with the share of levels done.
     """
 
     def choose(problem: SignProblem, segments: Sequence[Segment]) -> SignChoice:
