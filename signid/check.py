@@ -1,4 +1,4 @@
-"""Recordings -> check: what they can and cannot tell, and what would help, before a model is fitted."""
+"""Recordings -> check: which parameters they identify, and what would help, before a model is fitted."""
 
 from __future__ import annotations
 
@@ -14,19 +14,22 @@ from .recording.sampling import Sampling
 from .recording_faults import Gross, examine
 from .regression.bandwidth import Band
 from .regression.factors import Factors
-from .regression.prepare import prepare
+from .regression.prepare import prepare, rearrange
 from .regression.session import Options, Session
 from .signs import Signs, recover
 from .types import Array, BaseMap, Frozen, Progress, Recording, Robot
 
-WELL, BARELY = 0.3, 1.0  # expected standard deviation over how far the parameter may be off beforehand
-FEW_ROWS = 20  # rows per parameter, fewer leave the noise model poor
-LOW_CUTOFF = 2.0  # [Hz] below which dynamics hardly show
+WELL, BARELY = (
+    0.3,
+    1.0,
+)  # [1] expected over prior standard deviation: identifiable below, unidentifiable above
+FEW_ROWS = 20  # rows per parameter; with fewer the noise model is poor
+LOW_CUTOFF = 2.0  # [Hz] below which inertial torque is hardly visible
 
 
 @dataclass(frozen=True, eq=False)
 class Check(Frozen):
-    """Verdicts `told`, `weak` or `not told` per base parameter, with advice in sentences."""
+    """Verdicts `identifiable`, `weak` or `unidentifiable` per base parameter, with advice in sentences."""
 
     robot: Robot
     base: BaseMap
@@ -44,10 +47,10 @@ class Check(Frozen):
 
     @property
     def flags(self) -> tuple[str, ...]:
-        """What makes the recordings insufficient; empty when they are good."""
+        """Reasons why the recordings are insufficient; empty when they are good."""
         lost = self.signs.flags if self.signs else ()
-        doubtful = [flag for recording in self.recordings for flag in recording.flags]
-        return tuple(dict.fromkeys((*doubtful, *lost, *self.excitation.sentences, *self.gross.flags)))
+        columns = [flag for recording in self.recordings for flag in recording.flags]
+        return tuple(dict.fromkeys((*columns, *lost, *self.excitation.sentences, *self.gross.flags)))
 
 
 def check(
@@ -57,16 +60,18 @@ def check(
     options: Options | None = None,
     progress: Progress | None = None,
 ) -> Check:
-    """The verdict on recordings, all of them taken together; torques without a sign get it back first.
+    """Check recordings, all of them together; signs of unsigned torque are recovered first.
 
-    What is grossly wrong is judged by the bodies that the description states.
+    Recording faults are detected with the inertials that the description states.
 
     Raises:
         InputError: a recording or an option cannot be used; the sentence says which and why.
     """
     options = options or Options()
-    recovered = recover(robot, recordings, options=options, progress=progress)
-    session = prepare(robot, recovered.expected, recovered.expected, options)
+    signed = all(recording.signed.all() for recording in recordings)
+    session = prepare(robot, recordings, recordings, options, scaled=signed)
+    recovered = recover(session, progress=progress)
+    session = session if signed else rearrange(robot, recovered.learning, options)  # noise of signed torque
     factors = session.reduce(session.train, progress=progress)
     found = estimate(factors, session.task.base, whiten=options.whiten)
     found = recovered.widen(found, factors, session.task.base, options.whiten)
@@ -76,7 +81,7 @@ def check(
     used = np.array([f.counts[0] / f.rows if f.rows else 0.0 for f in factors.joints])
     weak = {name for group in excitation.weak for name in group}
     verdicts = tuple(
-        "not told" if s >= BARELY * p or e in weak else "weak" if s >= WELL * p else "told"
+        "unidentifiable" if s >= BARELY * p or e in weak else "weak" if s >= WELL * p else "identifiable"
         for s, p, e in zip(found.std, excitation.prior, session.task.base.expressions, strict=True)
     )
     return Check(
@@ -108,7 +113,7 @@ def _advice(session: Session, factors: Factors, used: Array) -> tuple[str, ...]:
             said.append(f"{joint} keeps {share:.0%} of its rows, the others are near a reversal: move it faster")
     for joint, f in zip(robot.joints, factors.joints, strict=True):
         if f.rows == 0:
-            said.append(f"{joint} has no torque column: only what other joints feel of it can be told")
+            said.append(f"{joint} has no torque column: only parameters that act on other joints are identifiable")
     if factors.rows < FEW_ROWS * session.task.base.rank / max(len(robot.joints), 1):
         said.append(f"{factors.rows} filtered rows for {session.task.base.rank} parameters are few: record for longer")
     return tuple(said)

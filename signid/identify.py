@@ -1,4 +1,4 @@
-"""Session -> identification: base parameters, a physically consistent set, the fit on what was held out."""
+"""Recordings -> identification: base parameters, physically consistent standard parameters, held-out fit."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .model import Model, fitted_model, stated_parameters
 from .recording_faults import Judged, identification_flags
 from .regression.covariance import base_covariance
 from .regression.factors import LAGS, Factors, Weigh
-from .regression.prepare import ITSELF, only_once, prepare, recordings_used
+from .regression.prepare import ITSELF, only_once, prepare, rearrange, recordings_used
 from .regression.reduced import Reduced
 from .regression.rows import Rows
 from .regression.session import Options, Session
@@ -31,7 +31,7 @@ ROBUST_ROUNDS = 3
 
 @dataclass(frozen=True, eq=False)
 class Identification(Frozen):
-    """A robot's dynamics as its recordings tell them. `flags` say what is not to be trusted; empty when all is well."""
+    """A robot's dynamics, identified from recordings. `flags` say what not to rely on; empty if nothing is suspect."""
 
     robot: Robot
     base: BaseMap
@@ -55,7 +55,7 @@ class Identification(Frozen):
 
     @property
     def physically_consistent(self) -> bool:
-        """Whether a real robot could have the standard parameters; proved, not believed."""
+        """Whether a real robot could have the standard parameters; proved, not assumed."""
         return self.parameters.is_feasible()
 
 
@@ -72,27 +72,27 @@ def identify(
     options: Options | None = None,
     progress: Progress | None = None,
 ) -> Identification:
-    """A dynamics model from a description and recordings.
+    """Identify a dynamics model from a description and recordings.
 
-    Where torque was recorded without its sign, the signs are recovered first; then they count as measured.
+    Where torque was recorded without its sign, the signs are recovered first and then count as measured.
 
     Args:
         robot: as `load_robot` gives it.
-        recordings: to learn from, as `read_recording` gives them; or their factors, as `reduce` or `load_factors` gives
-            them, which hold what is held out, too.
-        held_out: to judge by; without any, the last of several recordings or the last 30 % of the only one.
-        method: `convex`: physically consistent fit; `wls`: the least-squares base parameters as they are, with the
-            nearest standard parameters; `pbrp`: penalty-based parameter retrieval. None: convex, or pbrp after a tree.
+        recordings: recordings to learn from, as `read_recording` gives them; or their factors from `reduce` or
+            `load_factors`, which include the held-out part.
+        held_out: held-out recordings; without any, the last of several recordings or the last 30 % of the only one.
+        method: `convex`: physically consistent fit; `wls`: least-squares base parameters unchanged, with the nearest
+            standard parameters; `pbrp`: penalty-based parameter retrieval. None: convex, or pbrp after `signs="tree"`.
         signs: how lost signs are recovered: `exact`, or `tree`, the classical tree of sign choices.
         estimator: `wls`, `iv`, `tls`, `oe` or one of another package. None: weighted least squares, with desired
             positions as instruments where they are recorded.
-        search: how penalty-based parameter retrieval searches.
+        search: options of penalty-based parameter retrieval.
         options: effects, cut-off and the like.
-        progress: told what is being done and how far it is.
+        progress: called with the current step and the share that is done.
 
     Raises:
         OptionError: a method or an estimator is unknown, or the recordings lack what it needs.
-        RecordingError: a recording cannot be used, or no sign can be found in it; the sentence says which and why.
+        RecordingError: a recording cannot be used, or its signs cannot be found; the sentence says which and why.
     """
     way = ESTIMATORS[estimator or "wls"] if isinstance(estimator, str | None) else estimator
     options = way.options(options or Options()) if estimator else options or Options()
@@ -103,22 +103,24 @@ def identify(
         if estimator not in (None, "wls"):
             raise OptionError(f"factors answer by weighted least squares alone; give recordings for {way.name!r}")
         return _from_factors(robot, recordings, held_out, method or METHODS[0], search, options)
-    only_once((*recordings, *held_out))
-    recovered = recover(robot, recordings, held_out, method=signs, options=options, progress=progress)
+    everything = (*recordings, *held_out)
+    only_once(everything)
+    session = prepare(robot, recordings, held_out, options, scaled=all(r.signed.all() for r in everything))
+    recovered = recover(session, method=signs, progress=progress)
     method = method or METHODS[-1 if recovered.signs is not None and signs == "tree" else 0]
-    session = prepare(robot, recovered.expected, recovered.held_out, options)
+    session = session if session.signed else rearrange(robot, recovered.learning, options)  # noise of signed torque
     train, test, weigh = _factors(session, options, progress)
     given = Given(session, train, _prior(session), options.whiten, weigh, progress)
     found = _conclude(given, test, way, recovered, method, search, options.seed)
-    notes = (*recovered.notes, *_judged_by_itself(recordings, held_out), *found.notes)
-    found = _judged(found, train, test, (*recordings, *held_out))
+    notes = (*recovered.notes, *_signs_of_the_model(recordings, held_out), *found.notes)
+    found = _judged(found, train, test, everything)
     return replace(found, inputs=recordings_used(recordings, held_out), notes=notes)
 
 
 def _from_factors(
     robot: Robot, reduced: Reduced, held_out: Sequence[Recording], method: str, search: Search, options: Options
 ) -> Identification:
-    """What recordings tell whose samples are not there any more."""
+    """Identify from factors, without samples."""
     if held_out or options.robust:
         what = "weights against outliers need samples" if options.robust else "factors hold what is held out themselves"
         raise OptionError(f"{what}; give recordings instead of their factors")
@@ -128,13 +130,13 @@ def _from_factors(
         raise OptionError(f"the factors are one part of {reduced.share[1]}; add all of them first")
     session = Session(reduced.task, (), (), reduced.notes)
     given = Given(session, reduced.train[0].factors, _prior(session), options.whiten)
-    nothing = Recovered((), (), ())
-    found = _conclude(given, reduced.held_out[0].factors, ESTIMATORS["wls"], nothing, method, search, options.seed)
-    return replace(_judged(found, given.factors, reduced.held_out[0].factors, ()), inputs=reduced.inputs)
+    recovered, test = Recovered(session, session), reduced.held_out[0].factors
+    found = _conclude(given, test, ESTIMATORS["wls"], recovered, method, search, options.seed)
+    return replace(_judged(found, given.factors, test, ()), inputs=reduced.inputs)
 
 
 def _judged(found: Identification, train: Factors, test: Factors, recordings: Sequence[Recording]) -> Identification:
-    """With flags on the recordings and on joints that fit badly."""
+    """The same with flags on the recordings and on joints that fit badly."""
     rows = Judged(found.session, train, test, recordings)
     own = identification_flags(rows, found.model, found.excitation, found.fit, found.estimate.value)
     return replace(found, flags=(*own, *found.flags))
@@ -147,7 +149,7 @@ def _prior(session: Session) -> Array:
 def _conclude(
     given: Given, test: Factors, way: Estimator, recovered: Recovered, method: str, search: Search, seed: int
 ) -> Identification:
-    """All that factors tell."""
+    """Estimate, standard parameters, fit and flags from factors."""
     session, train = given.session, given.factors
     found = way.estimate(given)
     excitation = judge_excitation(session.task, train, found, seed)
@@ -174,8 +176,8 @@ def _conclude(
         moved=chosen.moved,
         inputs=(),
         signs=recovered.signs,
-        recordings=(*recovered.recordings, *recovered.held_out),
-        flags=(*recovered.flags, *found.flags, *excitation.sentences, *_untold(given, found), *chosen.flags),
+        recordings=recovered.session.recordings,
+        flags=(*recovered.flags, *found.flags, *excitation.sentences, *_too_few(given, found), *chosen.flags),
         notes=(*(note for note in session.notes if note != ITSELF), *found.notes, *chosen.notes, *fit.sentences),
         cutoff=session.task.band.cutoff,
         position_cutoff=session.task.band.position_cutoff,
@@ -184,20 +186,20 @@ def _conclude(
     )
 
 
-def _untold(given: Given, found: Estimate) -> Iterator[str]:
-    """Where rows are too few to judge by, or to learn from, however exciting the motion is."""
+def _too_few(given: Given, found: Estimate) -> Iterator[str]:
+    """Flags for too few rows to evaluate the model on, or to learn from, however exciting the motion is."""
     if ITSELF in given.session.notes:
         yield ITSELF
     joints = zip(given.session.robot.joints, given.factors.joints, strict=True)
     if masked := [name for name, own in joints if own.rows and not own.counts[0]]:
         yield (
-            f"all filtered rows of {shorten(masked)} lie near reversals of the motion, where friction is not certain, "
-            f"and do not count: move farther or faster at a time, or raise the cut-off"
+            f"all filtered rows of {shorten(masked)} lie near reversals of the motion, where friction is uncertain, "
+            f"and are not used: move farther or faster at a time, or raise the cut-off"
         )
     if lost := int(np.isinf(found.std).sum()):
         yield (
-            f"the rows that count tell nothing of {lost} of {len(found.std)} base parameters: these keep what the "
-            f"description states; record for longer, or more varied motion"
+            f"{lost} of {len(found.std)} base parameters are not identifiable from the rows that are used and keep the "
+            f"values of the description; record for longer, or more varied motion"
         )
 
 
@@ -221,11 +223,11 @@ def _huber(found: Estimate, factors: Factors) -> Weigh:
     return weigh
 
 
-def _judged_by_itself(recordings: Sequence[Recording], held_out: Sequence[Recording]) -> Iterator[str]:
-    """Where the model chose the signs of the torque that it is judged by."""
+def _signs_of_the_model(recordings: Sequence[Recording], held_out: Sequence[Recording]) -> Iterator[str]:
+    """A note where the model itself chose the signs of the held-out torque."""
     if not all(r.signed.all() for r in held_out or recordings[-1:]):
-        whole = "" if held_out or len(recordings) > 1 else ", in a search that saw it"
+        whole = "" if held_out or len(recordings) > 1 else " and data"
         yield (
-            f"the model itself gave the torque that is held out its signs{whole}: R2 held out is too good where they "
-            f"are wrong; give --held-out a recording with signs if there is one"
+            f"the signs of the held-out torque were recovered with this model{whole}, so held-out R2 is optimistic "
+            f"where a sign is wrong; give --held-out a recording with signs if there is one"
         )

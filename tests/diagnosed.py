@@ -16,13 +16,15 @@ from benchmarks.plants.faults import Fault
 from benchmarks.plants.mujoco_ import log, simulate
 from signid.diagnose import Diagnosis
 from signid.diagnose.data.column_groups import Group
-from signid.diagnose.data.dataset import Setting
+from signid.diagnose.data.dataset import Dataset
 from signid.diagnose.evidence.bayes_factors import Evidence
-from signid.diagnose.evidence.posterior_odds import Judge
-from signid.diagnose.evidence.selection import Found
-from signid.diagnose.run import _build, _judge, _prepare, _silent
+from signid.diagnose.evidence.posterior_odds import Posterior
+from signid.diagnose.evidence.selection import Selection
+from signid.diagnose.run import _build, _posterior, _prepare, _silent
+from signid.diagnose.search.stepwise import begin
 from signid.effects import EFFECTS
 from signid.model import Model, stated_inertials
+from signid.regression.prepare import prepare
 from signid.regression.session import Options, Session
 from signid.robot import load_robot
 from signid.signs import recover
@@ -106,23 +108,23 @@ class Posed(NamedTuple):
     """A question to the search, before it begins."""
 
     session: Session
-    setting: Setting
-    judge: Judge
+    dataset: Dataset
+    posterior: Posterior
 
     def group(self, effect: str, *joints: int) -> Group:
         """A hypothesis, of a grid of shapes the first."""
-        return self.judge.evidence.data.groups[self.judge.keys[effect, joints][0]]
+        return self.posterior.evidence.data.groups[self.posterior.keys[effect, joints][0]]
 
-    def found(self, *true: Group) -> Found:
-        """With these taken for true, at the noise's own dispersion."""
-        base = np.full(self.judge.evidence.data.joints, 1.3)
-        return Found(true, dict.fromkeys(true, 100.0), base, self.judge.evidence.trust(true, base))
+    def found(self, *selected: Group) -> Selection:
+        """With these selected, at the noise's own dispersion."""
+        noise = np.full(self.posterior.evidence.data.joints, 1.3)
+        return begin(self.posterior, noise, {}).having(selected, dict.fromkeys(selected, 100.0))
 
 
 @cache
 def posed(robot: str, *faults: Planted, heavier: tuple[tuple[str, float], ...] = ()) -> Posed:
     """What the search of a diagnosis is given."""
     model, recordings = simulation(robot), read(robot, recorded(robot, *faults, heavier=heavier))
-    session, _ = _prepare(model, recover(model.robot, recordings), Options(effects=()), _silent)
-    setting, data = _build(model, session, (), _silent)
-    return Posed(session, setting, _judge(model, Evidence(data), ()))
+    session, _ = _prepare(model, recover(prepare(model.robot, recordings)), Options(effects=()), _silent)
+    dataset, data = _build(model, session, (), _silent)
+    return Posed(session, dataset, _posterior(model, Evidence(data), ()))

@@ -121,7 +121,7 @@ def test_a_session_tells_nothing_of_its_answer(tmp_path: Path) -> None:
     assert work.make(case, tmp_path) == folder and (folder / "robot.urdf").stat().st_mtime_ns == before
 
 
-FIT = {"held_out_rms": [1.02, 2.04, 3.06], "noise_floor": [1.0, 2.0, 3.0]}
+FIT = {"held_out_rms": [1.02, 2.04, 3.06], "irreducible_rms": [1.0, 2.0, 3.0]}
 
 
 def cause(effect: str, joint: str | None, p: float = 0.99, **more: Any) -> dict[str, Any]:

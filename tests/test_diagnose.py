@@ -70,7 +70,7 @@ def test_a_fault_is_named_with_its_numbers(
 @pytest.mark.parametrize("planted", [f[0] for f in FAULTS[:11]], ids=[effect(f[0]) for f in FAULTS[:11]])
 def test_the_extended_simulation_is_as_good_as_noise_allows(planted: Any) -> None:
     found = examine(planted)
-    floor = found.after.noise_floor
+    floor = found.after.irreducible_rms
     assert np.all(found.after.held_out_rms < 1.6 * floor)  # of one recording, whose noise is its own
     assert np.any(found.before.held_out_rms > 2 * floor) and found.findings[0].held_out_gain > 0.3
     assert found.rollout_before is not None and found.rollout_after is not None
@@ -84,8 +84,8 @@ def test_the_extended_simulation_is_as_good_as_noise_allows(planted: Any) -> Non
 def test_nothing_is_missing_of_a_healthy_robot(robot: str, seed: int) -> None:
     found = look(robot, seed=seed)
     assert (found.verdict, found.findings, found.unexplained, found.flags) == ("nothing_missing", (), (), ())
-    assert 0 < found.tolerance < 0.02 and found.trust == 0
-    assert np.all(found.after.train_rms < 1.3 * found.after.noise_floor)
+    assert 0 < found.tolerance < 0.02 and found.prior_scale == 0
+    assert np.all(found.after.train_rms < 1.3 * found.after.irreducible_rms)
     assert [place.joint for place in found.located] == list(range(len(found.robot.joints)))
 
 
@@ -120,7 +120,7 @@ def test_the_extended_simulation_lacks_nothing_more(planted: Any) -> None:
     faults = (planted,) if isinstance(planted[0], str) else ()
     again = signid.diagnose(first.model, read("3r", recorded("3r", *faults, seed=9, motions=3)))
     assert (again.verdict, again.findings) == ("nothing_missing", ())
-    assert np.all(again.before.train_rms < 1.3 * again.before.noise_floor)
+    assert np.all(again.before.train_rms < 1.3 * again.before.irreducible_rms)
 
 
 def test_the_same_recordings_give_the_same_bytes() -> None:
@@ -165,7 +165,7 @@ def test_a_reference_tells_the_load_from_wrong_bodies() -> None:
     assert named(found) == [("payload", (2,))]
     assert first.law.parameters["mass"] == pytest.approx(0.2, rel=0.03)
     assert first.law.parameters["first_moment_x"] == pytest.approx(0.03, rel=0.02)
-    assert np.all(found.after.held_out_rms < 1.6 * found.after.noise_floor)
+    assert np.all(found.after.held_out_rms < 1.6 * found.after.irreducible_rms)
 
 
 def test_what_the_simulation_lacks_in_the_reference_is_no_finding() -> None:
@@ -174,7 +174,7 @@ def test_what_the_simulation_lacks_in_the_reference_is_no_finding() -> None:
     assert named(found) == [("torque_gain", (2,))]
     assert found.findings[0].law.parameters["error"] == pytest.approx(0.1, rel=0.05)
     assert "spring" in {law.effect.name for law in found.model.laws}  # but it is in the simulation
-    assert np.all(found.after.held_out_rms < 1.6 * found.after.noise_floor)
+    assert np.all(found.after.held_out_rms < 1.6 * found.after.irreducible_rms)
 
 
 def test_torque_without_a_sign_is_diagnosed() -> None:

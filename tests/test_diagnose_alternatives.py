@@ -13,7 +13,8 @@ from diagnosed import Posed, fault, posed
 from signid.diagnose.data.whitened_rows import columns_of
 from signid.diagnose.evidence.bayes_factors import KNOWN, Evidence
 from signid.diagnose.evidence.linear_model import Known
-from signid.diagnose.findings.alternatives import Slot, _follows, judge_slots, limit_in_step
+from signid.diagnose.findings.alternatives import _follows, limit_in_step, rank_contenders
+from signid.diagnose.findings.contender import Contender
 from signid.diagnose.findings.verdict import decide
 from signid.diagnose.search.inertial_check import relieved
 from signid.diagnose.search.stepwise import is_founded, laws_there
@@ -24,16 +25,16 @@ OFF = KNOWN[-1]
 
 def informed(question: Posed) -> Posed:
     """The same of a model whose numbers identification left known to a tenth."""
-    evidence = question.judge.evidence
+    evidence = question.posterior.evidence
     which = columns_of([group for group in evidence.data.refitted if group.bodies])
     known = Known(which, 100.0 * np.eye(len(which)))
-    return question._replace(judge=replace(question.judge, evidence=Evidence(evidence.data, known)))
+    return question._replace(posterior=replace(question.posterior, evidence=Evidence(evidence.data, known)))
 
 
-def slots(question: Posed, off: float) -> tuple[Slot, ...]:
+def contenders(question: Posed, off: float) -> tuple[Contender, ...]:
     """Of a spring and quadratic friction, where the model is `off` times further off than its covariance says."""
     found = question.found(question.group("spring", 0), question.group("quadratic_friction", 0))
-    return judge_slots(question.setting, question.judge, replace(found, trust=off))
+    return rank_contenders(question.dataset, replace(found, prior_scale=off))
 
 
 @pytest.fixture(scope="module")
@@ -41,13 +42,13 @@ def question() -> Posed:
     return informed(posed("1r", SPRING, DRAG))
 
 
-def ratios(slot: Slot) -> dict[object, float]:
+def ratios(contender: Contender) -> dict[object, float]:
     """Log of how much less likely each rival is."""
-    return {key: float(np.log(slot.probability / p)) for key, (p, _) in slot.rivals.items() if p > 1e-200}
+    return {key: float(np.log(contender.probability / p)) for key, (p, _) in contender.rivals.items() if p > 1e-200}
 
 
 def test_evidence_between_laws_of_the_same_torque_counts_less_where_the_model_is_off(question: Posed) -> None:
-    (sure, _), (unsure, _) = slots(question, 1.0), slots(question, OFF)
+    (sure, _), (unsure, _) = contenders(question, 1.0), contenders(question, OFF)
     near, far = ratios(unsure), ratios(sure)
     both = near.keys() & far.keys()
     assert both and all(abs(near[key]) < abs(far[key]) for key in both)
@@ -55,24 +56,24 @@ def test_evidence_between_laws_of_the_same_torque_counts_less_where_the_model_is
 
 
 def test_causes_that_stand_where_rows_are_as_far_off_come_first(question: Posed) -> None:
-    spring, drag = slots(question, OFF)
-    assert 0 < spring.doubted < spring.log
+    spring, drag = contenders(question, OFF)
+    assert 0 < spring.log_at_scale < spring.log
     found = question.found(spring.group, drag.group)
     for weak, strong in ((spring, drag), (drag, spring)):
-        ranked = (replace(weak, doubted=-1.0), replace(strong, doubted=1.0))
-        assert decide(question.setting, question.judge, found, ranked).causes == (strong.group, weak.group)
+        ranked = (replace(weak, log_at_scale=-1.0), replace(strong, log_at_scale=1.0))
+        assert decide(question.dataset, found, ranked).causes == (strong.group, weak.group)
 
 
 def test_of_a_model_without_covariance_nothing_is_doubted() -> None:
-    assert all(slot.doubted == np.inf for slot in slots(posed("1r", SPRING, DRAG), 2.0))
+    assert all(contender.log_at_scale == np.inf for contender in contenders(posed("1r", SPRING, DRAG), 2.0))
 
 
 def test_laws_of_joints_in_step_are_not_sure() -> None:
     one = posed("3r", SPRING)
-    before = judge_slots(one.setting, one.judge, one.found(one.group("spring", 0)))
-    assert limit_in_step(one.setting, before) == before and before[0].probability > 0.99
-    alike = [p._replace(motion=replace(p.motion, v=p.motion.v[:, [0, 0, 2]])) for p in one.setting.pieces]
-    (after,) = limit_in_step(replace(one.setting, pieces=tuple(alike)), before)
+    before = rank_contenders(one.dataset, one.found(one.group("spring", 0)))
+    assert limit_in_step(one.dataset, before) == before and before[0].probability > 0.99
+    alike = [p._replace(motion=replace(p.motion, v=p.motion.v[:, [0, 0, 2]])) for p in one.dataset.pieces]
+    (after,) = limit_in_step(replace(one.dataset, pieces=tuple(alike)), before)
     assert after.probability <= 0.95 and after.log <= np.log(19) + 1e-9
 
 
@@ -80,19 +81,19 @@ def test_a_law_that_changes_another_is_founded_on_it() -> None:
     one = posed("1r", SPRING, DRAG)
     bare = cast(Any, SimpleNamespace(evidence=SimpleNamespace(data=SimpleNamespace(refitted=()))))
     drift, spring = one.group("friction_drift", 0), one.group("spring", 0)
-    assert is_founded(drift, laws_there(one.judge, one.found()))  # of a simulation that states dry friction
-    assert not is_founded(drift, laws_there(bare, one.found(spring)))
-    assert is_founded(spring, laws_there(bare, one.found()))
+    assert is_founded(drift, laws_there(one.found()))  # of a simulation that states dry friction
+    assert not is_founded(drift, laws_there(replace(one.found(spring), posterior=bare)))
+    assert is_founded(spring, laws_there(replace(one.found(), posterior=bare)))
 
 
 @pytest.mark.parametrize(("before", "name"), [(1.0, "nothing_missing"), (200.0, "unknown")])
 def test_where_no_cause_stays_something_is_missing_only_if_it_is_loud(before: float, name: str) -> None:
     one = posed("1r", SPRING, DRAG)
     found = one.found(one.group("spring", 0))
-    decided = decide(one.setting, one.judge, found, judge_slots(one.setting, one.judge, found))
+    decided = decide(one.dataset, found, rank_contenders(one.dataset, found))
     assert decided.name == "named"
     verdict = replace(decided, before=np.array([before]), threshold=np.array([100.0]))
-    assert verdict.without(found.true).name == name and verdict.without(()).name == "named"
+    assert verdict.without(found.selected).name == name and verdict.without(()).name == "named"
     assert verdict.is_quiet([0]) == (name == "nothing_missing")
 
 
@@ -100,17 +101,17 @@ def test_causes_that_held_out_rows_speak_against_are_corrections_beside_others()
     one = posed("1r", SPRING, DRAG)
     spring, drag = one.group("spring", 0), one.group("quadratic_friction", 0)
     found = one.found(spring, drag)
-    decided = decide(one.setting, one.judge, found, judge_slots(one.setting, one.judge, found))
+    decided = decide(one.dataset, found, rank_contenders(one.dataset, found))
     both = replace(decided, causes=(spring, drag), secondary=())
-    assert both.confirmed({drag}).causes == (drag,) and both.confirmed({drag}).secondary == (spring,)
-    assert both.confirmed(()).causes == (spring, drag)
+    assert both.with_demoted({drag}).causes == (drag,) and both.with_demoted({drag}).secondary == (spring,)
+    assert both.with_demoted(()).causes == (spring, drag)
 
 
 def test_a_link_that_is_off_relieves_what_is_strained_without_it() -> None:
     heavy = posed("3r", heavier=(("link_3", 1.5),))
     link, spring = heavy.group("link_inertia", 2), heavy.group("spring", 0)
-    assert relieved(heavy.judge, heavy.found(link), heavy.found(), link) == {2}
-    assert relieved(heavy.judge, heavy.found(spring), heavy.found(), spring) == set()
+    assert relieved(heavy.found(link), heavy.found(), link) == {2}
+    assert relieved(heavy.found(spring), heavy.found(), spring) == set()
 
 
 @pytest.mark.parametrize(("joints", "limited"), [([0, 1, 2], True), ([0, 1], False)])

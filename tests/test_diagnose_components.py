@@ -10,29 +10,31 @@ from random_rows import DISPERSION, FRICTION, OFFSET, SPRING, SWAP, VISCOUS, row
 
 from signid.diagnose.evidence.batches import gather, log_factor
 from signid.diagnose.evidence.bayes_factors import Evidence
-from signid.diagnose.evidence.prior import Belief
+from signid.diagnose.evidence.prior import CoefficientPrior
 from signid.regression.projection import leave
 
 
 def test_joints_that_nothing_couples_are_fitted_apart() -> None:
     evidence = rows(4)
-    for true, trust, expected in (
+    for selected, prior_scale, expected in (
         ((), 0.0, [(0,), (1,)]),
         ((VISCOUS, OFFSET), 0.0, [(0,), (1,)]),
         ((VISCOUS, SWAP), 0.0, [(0, 1)]),
         ((VISCOUS,), 1.0, [(0, 1)]),
     ):
-        found = evidence.components(true, trust)
+        found = evidence.components(selected, prior_scale)
         assert [one.joints for one in found] == expected
-        assert {group for one in found for group in one.groups} == {*evidence.refitted(trust), *true}
+        assert {group for one in found for group in one.groups} == {*evidence.refitted(prior_scale), *selected}
 
 
 def test_what_was_asked_before_changes_no_answer() -> None:
     asked = Evidence(rows(4).data)
-    for true in ((VISCOUS, OFFSET), (VISCOUS,), (VISCOUS, SPRING), (SPRING, OFFSET, VISCOUS), (OFFSET,)):
+    for selected in ((VISCOUS, OFFSET), (VISCOUS,), (VISCOUS, SPRING), (SPRING, OFFSET, VISCOUS), (OFFSET,)):
         for dispersion in (DISPERSION, DISPERSION * [1.0, 1.5]):
             for one, other in zip(
-                asked.weigh(true, dispersion), Evidence(asked.data).weigh(true, dispersion), strict=True
+                asked.log_bayes_factors(selected, dispersion),
+                Evidence(asked.data).log_bayes_factors(selected, dispersion),
+                strict=True,
             ):
                 np.testing.assert_array_equal(one, other)
 
@@ -41,8 +43,8 @@ def test_a_law_that_is_far_too_large_is_weighed_whatever_the_rounding() -> None:
     own, right, variance = Fraction(473 * 10**15), Fraction(-25 * 10**7), Fraction(4, 25)
     wide = 1 + variance * own
     exact = float(right - own / 2 + variance * (right - own) ** 2 / wide / 2) - np.log(float(wide)) / 2
-    beliefs = gather([Belief(np.eye(1) * 0.4, 1.0, -1)])
-    told = log_factor(beliefs, np.array([[[float(own)]]]), np.array([[float(right)]]))
+    priors_of = gather([CoefficientPrior(np.eye(1) * 0.4, 1.0, -1)])
+    told = log_factor(priors_of, np.array([[[float(own)]]]), np.array([[float(right)]]))
     assert told[0] == pytest.approx(exact, abs=1e-6)
 
 

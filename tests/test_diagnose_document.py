@@ -144,6 +144,6 @@ def test_silence_means_that_the_simulation_is_as_good_as_said(robot: str, plante
     """What inertials within their tolerance explain is in the extended simulation, or the verdict is another."""
     told = look(robot, planted, skip=skip)
     if told.verdict == "nothing_missing":
-        assert np.all(told.after.train_rms < 1.6 * told.after.noise_floor)
+        assert np.all(told.after.train_rms < 1.6 * told.after.irreducible_rms)
     else:
         assert told.findings or told.unexplained

@@ -24,9 +24,9 @@ from scipy.stats import multivariate_normal
 
 from signid.diagnose.data.column_groups import Group
 from signid.diagnose.data.whitened_rows import columns_of, total
-from signid.diagnose.evidence.bayes_factors import TRUST, TRUST_PRIOR, Evidence
+from signid.diagnose.evidence.bayes_factors import SCALE_PRIOR, SCALES, Evidence
 from signid.diagnose.evidence.linear_model import Known
-from signid.diagnose.evidence.prior import SIZES, WIDE, Belief
+from signid.diagnose.evidence.prior import SIZES, WIDE, CoefficientPrior
 from signid.types import Array, Law
 
 
@@ -40,47 +40,47 @@ def dense(evidence: Evidence, which: Array) -> Array:
     return out.reshape(-1, len(which))
 
 
-def covariance(evidence: Evidence, true: tuple[Group, ...], trust: float) -> Array:
+def covariance(evidence: Evidence, selected: tuple[Group, ...], prior_scale: float) -> Array:
     """Of all rows, coefficients that are fitted integrated out under their prior."""
-    which = evidence.columns(true, trust)
+    which = evidence.columns(selected, prior_scale)
     x, noise = dense(evidence, which), np.diag(np.repeat(DISPERSION, len(evidence.data)))
     gram = x.T @ np.linalg.solve(noise, x)
-    return noise + x @ np.linalg.inv(evidence.precision(true, np.diag(gram), trust)) @ x.T
+    return noise + x @ np.linalg.inv(evidence.precision(selected, np.diag(gram), prior_scale)) @ x.T
 
 
 def log_normal(y: Array, spread: Array) -> float:
     return float(multivariate_normal.logpdf(y, np.zeros(len(y)), spread))
 
 
-def integrated(evidence: Evidence, true: tuple[Group, ...], trust: float, group: Group, size: float) -> float:
+def integrated(evidence: Evidence, selected: tuple[Group, ...], prior_scale: float, group: Group, size: float) -> float:
     """Log Bayes factor of a hypothesis at one size of its prior: a sum over a fine grid of its coefficients."""
-    belief = evidence.beliefs[group]
-    assert belief is not None
-    y, spread = evidence.data.residual.ravel(), covariance(evidence, true, trust)
+    prior = evidence.priors_of[group]
+    assert prior is not None
+    y, spread = evidence.data.residual.ravel(), covariance(evidence, selected, prior_scale)
     x, factor = dense(evidence, columns_of([group])), np.linalg.cholesky(spread)
     white, told = np.linalg.solve(factor, x), np.linalg.solve(factor, y)
-    scale = belief.spread * (1.0 if belief.mean else size)
+    scale = prior.spread * (1.0 if prior.mean else size)
     count = 40001 if group.size == 1 else 401
     u, step = np.linspace(-8, 8, count, retstep=True)  # coefficients = mean + scale @ u, u unit normal
     grid = np.stack(np.meshgrid(*[u] * group.size, indexing="ij"), axis=-1).reshape(-1, group.size)
-    theta = belief.mean + grid @ scale.T
+    theta = prior.mean + grid @ scale.T
     misfit = np.array(
         told @ told - 2 * theta @ (white.T @ told) + np.einsum("ki,ij,kj->k", theta, white.T @ white, theta)
     )
     log = -misfit / 2 + told @ told / 2 - np.sum(grid**2, axis=1) / 2 + group.size * np.log(step / np.sqrt(2 * np.pi))
-    if belief.positive >= 0:
-        first = theta[:, belief.positive]
+    if prior.positive >= 0:
+        first = theta[:, prior.positive]
         log = log + np.where(first > 1e-12, np.log(2), np.where(first < -1e-12, -np.inf, 0.0))  # half of the edge
     return float(logsumexp(log))
 
 
-def by_hand(evidence: Evidence, true: tuple[Group, ...], group: Group) -> float:
+def by_hand(evidence: Evidence, selected: tuple[Group, ...], group: Group) -> float:
     """Sizes and trusts averaged."""
     y = evidence.data.residual.ravel()
-    weight = TRUST_PRIOR + [log_normal(y, covariance(evidence, true, trust)) for trust in TRUST]
+    weight = SCALE_PRIOR + [log_normal(y, covariance(evidence, selected, prior_scale)) for prior_scale in SCALES]
     factors = [
-        logsumexp([integrated(evidence, true, trust, group, size) for size in SIZES]) - np.log(len(SIZES))
-        for trust in TRUST
+        logsumexp([integrated(evidence, selected, prior_scale, group, size) for size in SIZES]) - np.log(len(SIZES))
+        for prior_scale in SCALES
     ]
     return float(logsumexp(weight - logsumexp(weight) + factors))
 
@@ -89,36 +89,36 @@ def by_hand(evidence: Evidence, true: tuple[Group, ...], group: Group) -> float:
 @pytest.mark.parametrize("size", (0.0, 0.25, -0.4))
 def test_the_bayes_factor_is_the_integral(group: Group, size: float) -> None:
     evidence = rows(1, size)
-    factors, _ = evidence.weigh((), DISPERSION)
+    factors, _ = evidence.log_bayes_factors((), DISPERSION)
     assert factors[GROUPS.index(group)] == pytest.approx(by_hand(evidence, (), group), abs=2e-3)
 
 
 @pytest.mark.parametrize("group", (OFFSET, SPRING, WAVE), ids=lambda g: g.hypothesis.key[0])
 def test_the_bayes_factor_beside_what_is_taken_for_true(group: Group) -> None:
     evidence = rows(2, 0.5)
-    factors, _ = evidence.weigh((VISCOUS,), DISPERSION)
+    factors, _ = evidence.log_bayes_factors((VISCOUS,), DISPERSION)
     assert factors[GROUPS.index(group)] == pytest.approx(by_hand(evidence, (VISCOUS,), group), abs=2e-3)
     assert np.isnan(factors[[0, 1, GROUPS.index(VISCOUS)]]).all()
 
 
 def test_what_the_sign_forbids_is_unlikely_and_what_is_there_likely() -> None:
     at, swap = GROUPS.index(VISCOUS), GROUPS.index(SWAP)
-    told = {size: rows(3, size, count=400).weigh((), DISPERSION)[0] for size in (-0.5, 0.0, 0.5)}
+    told = {size: rows(3, size, count=400).log_bayes_factors((), DISPERSION)[0] for size in (-0.5, 0.0, 0.5)}
     assert told[0.5][at] > 20 > 0 > told[0.0][at] > told[-0.5][at]
     assert told[0.0][swap] < -20  # of a law that is there or not, that is not there: 1 / (2 x 0.15^2) against
 
 
-@pytest.mark.parametrize("trust", TRUST)
-@pytest.mark.parametrize("true", ((), (VISCOUS,), (SPRING, OFFSET), (SWAP,)), ids=len)
-def test_the_evidence_is_the_marginal_likelihood(trust: float, true: tuple[Group, ...]) -> None:
+@pytest.mark.parametrize("prior_scale", SCALES)
+@pytest.mark.parametrize("selected", ((), (VISCOUS,), (SPRING, OFFSET), (SWAP,)), ids=len)
+def test_the_evidence_is_the_marginal_likelihood(prior_scale: float, selected: tuple[Group, ...]) -> None:
     evidence = rows(4)
     y, noise = evidence.data.residual.ravel(), np.diag(np.repeat(DISPERSION, ROWS))
-    fit = evidence.fit(true, DISPERSION, trust)
-    other = log_normal(y, covariance(evidence, true, trust)) - log_normal(y, noise)
+    fit = evidence.fit(selected, DISPERSION, prior_scale)
+    other = log_normal(y, covariance(evidence, selected, prior_scale)) - log_normal(y, noise)
     assert fit.log_evidence == pytest.approx(other, abs=1e-3)
     x = dense(evidence, fit.which)
     gram = x.T @ np.linalg.solve(noise, x)
-    whole = gram + evidence.precision(true, np.diag(gram), trust)
+    whole = gram + evidence.precision(selected, np.diag(gram), prior_scale)
     np.testing.assert_allclose(fit.value, np.linalg.solve(whole, x.T @ np.linalg.solve(noise, y)), rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(
         fit.covariance, np.linalg.inv(whole), rtol=1e-5, atol=1e-8 * np.abs(fit.covariance).max()
@@ -129,9 +129,9 @@ def test_prior_precisions_are_of_what_is_believed() -> None:
     evidence = rows(4)
     diagonal = np.full(4, 7.0)
     precision = evidence.precision((VISCOUS,), diagonal, 2.0)
-    belief = evidence.beliefs[VISCOUS]
-    assert isinstance(belief, Belief)
-    expected = [7e-6, 1 / 0.8**2, 1 / 0.4**2, 1 / (WIDE * belief.spread[0, 0]) ** 2]
+    prior = evidence.priors_of[VISCOUS]
+    assert isinstance(prior, CoefficientPrior)
+    expected = [7e-6, 1 / 0.8**2, 1 / 0.4**2, 1 / (WIDE * prior.spread[0, 0]) ** 2]
     np.testing.assert_allclose(np.diag(precision), expected, rtol=1e-6)
     assert BODIES not in evidence.refitted(0.0) and BODIES in evidence.refitted(1.0)
 
@@ -139,23 +139,26 @@ def test_prior_precisions_are_of_what_is_believed() -> None:
 def test_trust_follows_from_the_rows() -> None:
     for bodies, likely in ((0.0, 0.0), (0.3, 1.0), (0.9, 2.0)):
         evidence = rows(5, 0.0, bodies, count=400)
-        _, weight = evidence.weigh((), DISPERSION)
+        _, weight = evidence.log_bayes_factors((), DISPERSION)
         y = evidence.data.residual.ravel()
-        whole = [log_normal(y, covariance(evidence, (), trust)) for trust in TRUST] + TRUST_PRIOR
+        whole = [log_normal(y, covariance(evidence, (), prior_scale)) for prior_scale in SCALES] + SCALE_PRIOR
         np.testing.assert_allclose(weight, np.exp(whole - logsumexp(whole)), atol=1e-3)
-        assert evidence.trust((), DISPERSION) == likely == TRUST[np.argmax(weight)]
+        assert evidence.prior_scale((), DISPERSION) == likely == SCALES[np.argmax(weight)]
         assert weight.sum() == pytest.approx(1)
 
 
-@pytest.mark.parametrize("true", ((), (VISCOUS,)), ids=len)
-def test_asking_is_weighing(true: tuple[Group, ...]) -> None:
+@pytest.mark.parametrize("selected", ((), (VISCOUS,)), ids=len)
+def test_asking_is_weighing(selected: tuple[Group, ...]) -> None:
     evidence = rows(6, 0.4)
-    factors, weight = evidence.weigh(true, DISPERSION)
-    for group in (g for g in TOLD if g not in true):
-        belief = evidence.beliefs[group]
-        assert belief is not None
+    factors, weight = evidence.log_bayes_factors(selected, DISPERSION)
+    for group in (g for g in TOLD if g not in selected):
+        prior = evidence.priors_of[group]
+        assert prior is not None
         own = {j: evidence.data.part(j, group) for j in evidence.data.rows(group)}
-        told = [evidence.ask(evidence.fit(true, DISPERSION, trust), DISPERSION, belief, own) for trust in TRUST]
+        told = [
+            evidence.ask(evidence.fit(selected, DISPERSION, prior_scale), DISPERSION, prior, own)
+            for prior_scale in SCALES
+        ]
         assert logsumexp(np.log(weight) + told) == pytest.approx(factors[GROUPS.index(group)], abs=1e-6)
 
 
@@ -178,9 +181,13 @@ def test_what_is_known_before_is_as_good_as_rows() -> None:
 
 @pytest.mark.parametrize("without", [VISCOUS, SPRING], ids=["one coefficient", "two"])
 def test_leaving_one_out_is_as_never_having_it(without: Group) -> None:
-    true = (OFFSET, VISCOUS, SPRING)
-    rest = tuple(group for group in true if group is not without)
-    for one, other in zip(rows(4).weigh(true, DISPERSION, without), rows(4).weigh(rest, DISPERSION), strict=True):
+    selected = (OFFSET, VISCOUS, SPRING)
+    rest = tuple(group for group in selected if group is not without)
+    for one, other in zip(
+        rows(4).log_bayes_factors(selected, DISPERSION, without),
+        rows(4).log_bayes_factors(rest, DISPERSION),
+        strict=True,
+    ):
         np.testing.assert_allclose(one, other, rtol=1e-7, atol=1e-7)
 
 

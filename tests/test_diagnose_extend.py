@@ -16,7 +16,7 @@ from signid.diagnose.extend.extend import extend
 from signid.diagnose.findings.findings import PLAUSIBLE
 from signid.diagnose.findings.separating_motion import tell_apart
 from signid.diagnose.search.contributions import energies, measure_sizes
-from signid.diagnose.search.inertial_check import strained_links
+from signid.diagnose.search.inertial_check import inertial_violations
 from signid.diagnose.search.prune import prune
 from signid.effects import EFFECTS
 from signid.model import Model, stated_inertials
@@ -142,8 +142,8 @@ SPRING = fault("spring", 2, stiffness=1.0, rest=0.2)
 
 def test_of_a_law_that_is_stated_its_size_is_a_hypothesis() -> None:
     one = posed("3r")
-    motion = one.setting.pieces[0].motion
-    whole = {h.key: h for h in propose(one.setting.model, motion, ("spring",))}
+    motion = one.dataset.pieces[0].motion
+    whole = {h.key: h for h in propose(one.dataset.model, motion, ("spring",))}
     lacking = {h.key: h for h in propose(simulation("3r", ()), motion)}
     keys, bare = set(whole), set(lacking)
     stated = whole["viscous_friction", (0,)].stated
@@ -157,17 +157,17 @@ def test_of_a_law_that_is_stated_its_size_is_a_hypothesis() -> None:
 def test_a_law_that_makes_the_simulation_no_better_is_pruned() -> None:
     one = posed("3r", SPRING)
     spring, ripple = one.group("spring", 1), one.group("torque_ripple", 0)
-    kept = prune(one.setting, one.session, one.judge, one.found(spring, ripple))
-    assert kept.true == (spring,)
-    assert prune(one.setting, one.session, one.judge, one.found(ripple)).true == ()
-    assert prune(one.setting, one.session, one.judge, one.found()).true == ()
+    kept = prune(one.dataset, one.session, one.found(spring, ripple))
+    assert kept.selected == (spring,)
+    assert prune(one.dataset, one.session, one.found(ripple)).selected == ()
+    assert prune(one.dataset, one.session, one.found()).selected == ()
 
 
 def test_energy_is_what_a_law_takes_away() -> None:
     one = posed("3r", SPRING)
     spring, offset = one.group("spring", 1), one.group("torque_offset", 0)
     found = one.found(spring, offset)
-    sizes = measure_sizes(one.judge.evidence, found.true, found.base, 0.0)
+    sizes = measure_sizes(one.posterior.evidence, found.selected, found.dispersion, 0.0)
     gone = energies(sizes)
     assert sizes.value[spring][0] == pytest.approx(1.0, rel=0.05) and sizes.share[spring][1] > 0.05
     assert gone[spring][1] > 1000 and gone[spring][0] < 1 and gone[offset].max() < 20
@@ -175,10 +175,10 @@ def test_energy_is_what_a_law_takes_away() -> None:
 
 
 def test_a_link_beyond_any_tolerance_is_strained() -> None:
-    assert strained_links(posed("3r").judge, posed("3r").found()) == {}
+    assert inertial_violations(posed("3r").found()) == {}
     heavy = posed("3r", heavier=(("link_3", 1.5),))
     found = heavy.found()
-    assert found.trust > 0 and strained_links(heavy.judge, found)[2] > 30
+    assert found.prior_scale > 0 and inertial_violations(found)[2] > 30
 
 
 @pytest.mark.parametrize(

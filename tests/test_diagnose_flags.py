@@ -51,18 +51,18 @@ def test_causes_that_leave_more_than_they_explain_are_not_said_to_be_nothing() -
 def made(probabilities: Sequence[float]) -> Any:
     """A case whose law has rivals of these probabilities."""
     rivals = {k: (p, SimpleNamespace(claim=SimpleNamespace(laws=LAWS[:1]))) for k, p in enumerate(probabilities)}
-    judge = SimpleNamespace(evidence=SimpleNamespace(data=SimpleNamespace(floor=None)))
-    slot = SimpleNamespace(group=object(), rivals=rivals)
-    extended = SimpleNamespace(laws={slot.group: LAWS[1:2]})
-    return findings._Case(SETTING, judge, None, slot, "cause", extended, 0)  # type: ignore[arg-type]
+    found = SimpleNamespace(data=SimpleNamespace(floor=None))
+    contender = SimpleNamespace(group=object(), rivals=rivals)
+    extended = SimpleNamespace(laws={contender.group: LAWS[1:2]})
+    return findings._Case(SETTING, found, contender, "cause", extended, 0)  # type: ignore[arg-type]
 
 
 def test_separating_motions_are_sought_for_few_plausible_rivals(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(findings, "tell_apart", lambda *_: "a motion")
     monkeypatch.setattr(findings, "_finding", lambda case, law, std, gain, rivals: rivals)
     cases = [made(p) for p in ([0.3, 0.06, 0.05, 1e-9], [0.1] * 6, [0.2, 0.2, 0.2], [0.5])]
-    numbers = {case.slot.group: [{}] for case in cases}
-    gains = {case.slot.group: 0.5 for case in cases}
+    numbers = {case.contender.group: [{}] for case in cases}
+    gains = {case.contender.group: 0.5 for case in cases}
     found: Any = list(findings._findings(cases, numbers, gains))
     assert [[bool(rival.separating_motion) for rival in rivals] for rivals in found] == [
         [True, True, False, False],

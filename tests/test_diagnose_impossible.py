@@ -145,9 +145,10 @@ def test_a_gain_that_deletes_the_torque_is_not_found() -> None:
     from diagnosed import Posed, read, recorded, simulation
 
     from signid.diagnose.evidence.bayes_factors import Evidence
-    from signid.diagnose.run import _build, _judge, _prepare, _silent
+    from signid.diagnose.run import _build, _posterior, _prepare, _silent
     from signid.diagnose.search.contributions import measure_sizes
     from signid.diagnose.search.stepwise import is_sound
+    from signid.regression.prepare import prepare
     from signid.regression.session import Options
     from signid.signs import recover
 
@@ -156,11 +157,11 @@ def test_a_gain_that_deletes_the_torque_is_not_found() -> None:
         v = np.gradient(columns["q_2"], columns["t"])
         made.append({**columns, "tau_2": 2.0 * np.tanh(v / 0.02) + 0.5 * v})
     robot = simulation("3r")
-    session, _ = _prepare(robot, recover(robot.robot, read("3r", tuple(made))), Options(effects=()), _silent)
-    setting, data = _build(robot, session, (), _silent)
-    posed = Posed(session, setting, _judge(robot, Evidence(data), ()))
+    session, _ = _prepare(robot, recover(prepare(robot.robot, read("3r", tuple(made)))), Options(effects=()), _silent)
+    dataset, data = _build(robot, session, (), _silent)
+    posed = Posed(session, dataset, _posterior(robot, Evidence(data), ()))
     gain = posed.group("torque_gain", 1)
     state = posed.found(gain)
-    value = measure_sizes(posed.judge.evidence, (gain,), state.base, 0.0).value[gain]
+    value = measure_sizes(posed.posterior.evidence, (gain,), state.dispersion, 0.0).value[gain]
     assert value[0] == pytest.approx(-1, abs=0.1)
-    assert not is_sound(posed.judge, posed.found(), gain)
+    assert not is_sound(posed.found(), gain)

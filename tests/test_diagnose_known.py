@@ -28,7 +28,7 @@ LINK = 1  # the second
 def test_recordings_tell_how_far_a_model_is_off(off: float, scale: float) -> None:
     evidence, which = rows(7, 0.0, off), columns_of([BODIES])
     known = Evidence(evidence.data, Known(which, 30.0 * np.eye(2)))  # a standard deviation of .18
-    assert known.trust((), DISPERSION) == scale
+    assert known.prior_scale((), DISPERSION) == scale
 
 
 def test_stated_numbers_go_further_where_they_are_off() -> None:
@@ -55,7 +55,7 @@ def test_a_law_that_was_taken_out_is_zero_not_unknown() -> None:
 
 def _known(model: Model) -> dict[str, dict[str, float]]:
     """Information on each column, by what it is of."""
-    motion = posed("1r").setting.pieces[0].motion
+    motion = posed("1r").dataset.pieces[0].motion
     groups = lay_out(model, motion, [], np.zeros(1))
     found = known_before(model, groups)
     assert found is not None
@@ -83,12 +83,12 @@ def test_a_link_that_is_heavier_as_a_whole() -> None:
 
 def test_a_factor_is_all_numbers_of_a_link() -> None:
     question = posed("3r")
-    groups = [question.judge.evidence.data.groups[k] for k in question.judge.keys["link_inertia", (LINK,)]]
+    groups = [question.posterior.evidence.data.groups[k] for k in question.posterior.keys["link_inertia", (LINK,)]]
     free, scaled = sorted(groups, key=lambda group: -group.size)
-    assert (free.size, scaled.size) == (10, 1) and question.judge.like(scaled) is scaled
+    assert (free.size, scaled.size) == (10, 1) and question.posterior.like(scaled) is scaled
     inertials = simulation("3r").inertials[LINK]
     (law,) = read_laws(scaled, np.array([0.3]))
     np.testing.assert_allclose(list(law.parameters.values()), 0.3 * inertials)
-    for j in question.judge.evidence.data.rows(scaled):
-        one, ten = (question.judge.evidence.data.raw(j, group) for group in (scaled, free))
+    for j in question.posterior.evidence.data.rows(scaled):
+        one, ten = (question.posterior.evidence.data.raw(j, group) for group in (scaled, free))
         np.testing.assert_allclose(one[:, 0], ten @ inertials, atol=1e-9)

@@ -52,7 +52,7 @@ def test_numbers_are_off_where_columns_stay_those_about_the_simulation(
 def test_bodies_that_are_off_within_their_tolerance_count_as_well() -> None:
     wrong = fault("link_inertia", 2, mass=0.4, first_moment_x=0.1, first_moment_y=0.0, first_moment_z=0.0)
     found = look("3r", wrong, OTHERS[0])
-    assert found.trust > 0 and named(found) == [("base_tilt", (0, 1, 2))] and off(found, OTHERS[0]) < 0.06
+    assert found.prior_scale > 0 and named(found) == [("base_tilt", (0, 1, 2))] and off(found, OTHERS[0]) < 0.06
 
 
 def test_a_search_that_does_not_settle_is_told(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -19,8 +19,8 @@ def test_a_spring_is_no_degrees(stiffness: float) -> None:
 
 def test_the_floor_is_noise_once_a_contact_is_named() -> None:
     found = look("3r", CONTACT)
-    healthy = look("3r").after.noise_floor
-    assert np.all(found.after.noise_floor < 2 * healthy) and found.tolerance < 0.03
+    healthy = look("3r").after.irreducible_rms
+    assert np.all(found.after.irreducible_rms < 2 * healthy) and found.tolerance < 0.03
 
 
 def test_causes_make_held_out_torque_better() -> None:

@@ -8,10 +8,11 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from signid.diagnose.data.column_groups import Group
 from signid.diagnose.data.noise import LONGEST, _damped
 from signid.diagnose.data.normal_equations import solve
 from signid.diagnose.extend.holdout import Rows
-from signid.diagnose.findings.alternatives import Slot
+from signid.diagnose.findings.contender import Contender
 from signid.diagnose.findings.findings import _is_vague, _judged
 from signid.diagnose.findings.held_out_selection import _change
 from signid.diagnose.search.shape_optimisation import _minimised
@@ -27,9 +28,9 @@ def steady(torque: Array, rest: Array, prior: float = 0.5) -> float:
     """Log odds of a law with this torque (N,) [N.m], where all laws leave (N,) [N.m]."""
     group = SimpleNamespace(claim=SimpleNamespace(key=KEY))
     data = SimpleNamespace(rows=lambda _: [0], raw=lambda *_: torque[:, None])
-    judge = SimpleNamespace(evidence=SimpleNamespace(data=data), priors={KEY: float(np.log(prior))})
+    posterior = SimpleNamespace(evidence=SimpleNamespace(data=data), priors={KEY: float(np.log(prior))})
     sizes = SimpleNamespace(value=_Always(np.ones(1)))
-    return steadiness(cast(Any, judge), cast(Any, sizes), rest[:, None], cast(Any, group))
+    return steadiness(cast(Any, posterior), cast(Any, sizes), rest[:, None], cast(Any, group))
 
 
 class _Always:
@@ -103,9 +104,10 @@ def test_noise_decays() -> None:
     ("kept", "itself", "likely"), [(True, False, 0.999), (False, False, 0.5), (False, True, 0.999)]
 )
 def test_a_law_that_is_left_out_is_no_likelier_than_not(kept: bool, itself: bool, likely: float) -> None:
-    slot = Slot(cast(Any, KEY), 0.9999, 0.0, {}, 9.2)
-    extended = SimpleNamespace(holds=lambda _: kept, support={KEY: 0.0})
-    assert _judged(slot, cast(Any, extended), itself).probability == pytest.approx(likely, abs=0.001)
+    group = Group(0, 1, cast(Any, SimpleNamespace(key=KEY)))
+    contender = Contender(group, evidence=9.2, shares={KEY: 1.0}, candidates={}, unexplained=0.0)
+    extended = SimpleNamespace(holds=lambda _: kept, support={group: 0.0})
+    assert _judged(contender, cast(Any, extended), itself).probability == pytest.approx(likely, abs=0.001)
 
 
 @pytest.mark.parametrize(("best", "further", "found"), [(0.4, 0, 0.4), (2.5, 0, 1.0), (2.5, 4, 2.5), (-2.5, 4, -1.0)])

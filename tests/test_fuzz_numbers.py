@@ -154,7 +154,7 @@ def test_of_a_long_recording_stretches_are_taken_and_it_is_told(monkeypatch: pyt
     monkeypatch.setattr(motions, "LEAST", 1.0)
     robot = signid.load_robot("3r")
     whole = prepare(robot, [signid.read_recording(_waves(80.0), robot)], [], Options(effects=()))
-    cut = motions.enough(whole)
+    cut = motions.subsample(whole)
     ((recording, train),) = cut.train
     assert train.duration == pytest.approx(12, rel=0.02)
     assert [s.first for s in train.stretches] == sorted(s.first for s in train.stretches)
@@ -167,4 +167,4 @@ def test_of_a_long_recording_stretches_are_taken_and_it_is_told(monkeypatch: pyt
     assert "evenly spread" in cut.notes[-1]
     assert spread(whole.train[0][1], 1e6) is whole.train[0][1]
     monkeypatch.setattr(motions, "MOST", 1e9)
-    assert motions.enough(whole) is whole
+    assert motions.subsample(whole) is whole

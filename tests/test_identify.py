@@ -102,7 +102,7 @@ def test_rows_that_are_all_near_reversals_are_told(arm: Robot) -> None:
     recording = signid.read_recording(swinging(arm, 0.01, 6.0), arm)
     found = signid.identify(arm, [recording], options=Options(cutoff=3.0))
     assert any("joint_1, joint_2, joint_3 lie near reversals" in flag for flag in found.flags)
-    assert any("tell nothing of 25 of 25 base parameters" in flag for flag in found.flags)
+    assert any("25 of 25 base parameters are not identifiable" in flag for flag in found.flags)
     stated = found.base.combination @ stated_parameters(found.session.task).values
     assert_allclose(found.estimate.value, stated), "what is not told stays as it is described"
 
@@ -118,7 +118,7 @@ def test_check_tells_before_anything_is_fitted(arm: Robot) -> None:
     poor = signid.check(arm, [trial(arm, rest=(2,)).recording()])
     assert good.flags == ()
     assert poor.flags
-    assert poor.verdicts.count("not told") > good.verdicts.count("not told")
+    assert poor.verdicts.count("unidentifiable") > good.verdicts.count("unidentifiable")
     assert (good.used > 0.5).all()
 
 

@@ -27,7 +27,7 @@ BEFORE, AFTER, FLOOR = np.array([0.05, 0.8, 0.2]), np.array([0.05, 0.04, 0.3]), 
 
 
 def fit(rms: np.ndarray) -> Fit:
-    return Fit(ROBOT.joints, ("N.m",) * 3, rms, rms, FLOOR, 1 - rms)
+    return Fit(ROBOT.joints, ("N.m",) * 3, rms, rms, FLOOR, 1 - rms, FLOOR)
 
 
 def course(rows: int, recordings: int = 1) -> Course:
@@ -105,7 +105,7 @@ def made(**changes: Any) -> Diagnosis:
         rollout_before=rolled(0.5),
         rollout_after=rolled(0.01),
         model=signid.load_model("3r"),
-        trust=0.0,
+        prior_scale=0.0,
         signs=None,
         inputs=(Input("x.csv", "0" * 64, "recording, learned from"),),
         flags=(FLAG,),
@@ -213,7 +213,7 @@ def test_the_terminal_says_what_matters() -> None:
     assert "joint_3: 5 % of its torque, 40 % of that 3 to 4 s; no single variable explains it" in flat
     assert "Simulated for 0.5 s" in flat and "note: a <note>" in flat and "inertials" not in flat
     off = "The inertials of the simulation seem to be off, by about 2.0 times what is usual."
-    assert off in told(made(trust=2.0)) and off not in told(made(trust=2.0, informed=True))
+    assert off in told(made(prior_scale=2.0)) and off not in told(made(prior_scale=2.0, informed=True))
 
 
 def test_a_number_without_an_interval_says_so() -> None:

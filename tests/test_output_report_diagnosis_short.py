@@ -126,14 +126,17 @@ def test_a_finding_outside_the_extended_simulation_says_so() -> None:
 
 def test_a_simulation_with_covariance_has_a_note_of_it() -> None:
     note = "Bodies and laws of the simulation count as known as well as identification left them"
-    result = made(informed=True, trust=1.0)
+    result = made(informed=True, prior_scale=1.0)
     assert f"note: {note}" in told(result) and note in words(result) and "seem to be off" not in words(result)
     assert note in document(result)["notes"] and document(result)["inertials"] == {"off": None, "covariance": True}
-    assert note not in told(made()) and document(made(trust=1.0))["inertials"] == {"off": 1.0, "covariance": False}
+    assert note not in told(made()) and document(made(prior_scale=1.0))["inertials"] == {
+        "off": 1.0,
+        "covariance": False,
+    }
 
 
 def test_a_simulation_that_is_further_off_than_its_covariance_says_so() -> None:
     further = "yet they seem to be off by about 2.5 times that"
-    result = made(informed=True, trust=2.5)
+    result = made(informed=True, prior_scale=2.5)
     assert further in told(result).replace("\n", " ") and further in words(result)
-    assert further not in words(made(informed=True, trust=1.0)) and further not in words(made(trust=2.5))
+    assert further not in words(made(informed=True, prior_scale=1.0)) and further not in words(made(prior_scale=2.5))

@@ -126,7 +126,7 @@ def test_a_long_diagnosis_ends_in_time(long: Path, tmp_path: Path) -> None:
     fits = document["fit"]
     assert isinstance(fits, dict)
     worse = [a > 1.05 * b for b, a in zip(*(fits[key]["held_out_rms"] for key in ("before", "after")), strict=True)]
-    loud = [a > 3 * f for f, a in zip(fits["after"]["noise_floor"], fits["after"]["held_out_rms"], strict=True)]
+    loud = [a > 3 * f for f, a in zip(fits["after"]["irreducible_rms"], fits["after"]["held_out_rms"], strict=True)]
     assert not any(w and one for w, one in zip(worse, loud, strict=True)), "never worse than the given simulation"
 
 

@@ -10,6 +10,7 @@ import pytest
 from signless import Lost, lost
 
 from signid.recording import read_recording
+from signid.regression.prepare import prepare
 from signid.robot import load_robot
 from signid.signs import recover
 from signid.signs.infer import Inferred, infer
@@ -35,8 +36,8 @@ def test_cut_segments_are_counted_by_the_name_of_their_joint() -> None:
     made, found = inferred()
     one, more = _notes(made.observed, replace(found, impure={0: 1, 2: 3}))
     first, _, last = made.observed.joints
-    assert one == f"1 segment of {first} was cut where the torque changes its sign inside it"
-    assert more == f"3 segments of {last} were cut where the torque changes its sign inside them"
+    assert one == f"{first}: 1 segment cut at a change of sign of the torque inside"
+    assert more == f"{last}: 3 segments cut at a change of sign of the torque inside"
 
 
 @pytest.mark.parametrize("unit", ["N.m", "N"])
@@ -84,6 +85,6 @@ def test_torque_without_a_trace_of_the_bodies(offset: bool) -> None:
     q, v = np.sin(1.1 * t) + 0.3 * np.sin(2.3 * t), 1.1 * np.cos(1.1 * t) + 0.69 * np.cos(2.3 * t)
     torque = np.where(offset, 1.0, np.sign(v)) + 0.02 * np.random.default_rng(0).standard_normal(len(t))
     robot = load_robot("1r")
-    signs = recover(robot, [read_recording({"t": t, "q_1": q, "abs_tau_1": np.abs(torque)}, robot)]).signs
+    signs = recover(prepare(robot, [read_recording({"t": t, "q_1": q, "abs_tau_1": np.abs(torque)}, robot)])).signs
     assert signs is not None and not signs.is_certain()
     assert any("torque of joint_1 shows nothing of the robot's bodies" in flag for flag in signs.flags)

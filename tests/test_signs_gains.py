@@ -61,7 +61,7 @@ def made(robot: Robot, seed: int = 0, seconds: float = 12.0) -> dict[str, Array]
 
 
 def signs_of(robot: Robot, columns: dict[str, Array]) -> Signs:
-    found = recover(robot, [signid.read_recording(columns, robot)]).signs
+    found = recover(prepare(robot, [signid.read_recording(columns, robot)], scaled=False)).signs
     assert found is not None
     return found
 
@@ -96,8 +96,8 @@ def test_constants_of_a_plant_are_found(known: tuple[int, ...]) -> None:
         assert abs(value - CONSTANTS[j]) < 3 * std, name
         assert std < 0.3 * value or j in known
     assert any("inertials that the description states" in note for note in found.notes) == (not known)
-    assert any("which they have in common" in note for note in found.notes)
-    assert any("known roughly only" in flag for flag in found.flags) == any(s > 0.1 * v for v, s in told.values())
+    assert any("common uncertainty" in note for note in found.notes)
+    assert any("known only roughly" in flag for flag in found.flags) == any(s > 0.1 * v for v, s in told.values())
 
 
 def test_constants_that_still_change_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -176,7 +176,7 @@ def test_a_force_has_its_unit() -> None:
 
 def refused(robot: Robot, *columns: dict[str, Array]) -> str:
     with pytest.raises(InputError) as caught:
-        recover(robot, [signid.read_recording(c, robot) for c in columns])
+        recover(prepare(robot, [signid.read_recording(c, robot) for c in columns], scaled=False))
     assert str(caught.value).count("\n") == 0
     return str(caught.value)
 

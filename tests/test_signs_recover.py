@@ -15,6 +15,7 @@ import signid
 from signid.cli import run
 from signid.errors import RecordingError
 from signid.identify import Identification
+from signid.regression.prepare import prepare
 from signid.signs import recover
 from signid.types import Array, Recording, Robot
 
@@ -90,7 +91,7 @@ def test_a_sample_is_missing_between_thinned_ones(arm: Robot) -> None:
     torque = noisy(made)
     columns = lost(made, torque)
     columns["abs_tau_1"][6003] = np.nan
-    (recording,) = recover(arm, [signid.read_recording(columns, arm)]).recordings
+    (recording,) = recover(prepare(arm, [signid.read_recording(columns, arm)])).session.recordings
     signed = recording.read().tau
     assert np.flatnonzero(np.isnan(signed).any(axis=1)).tolist() == [6003]
     assert np.mean(np.sign(signed) == np.sign(torque)) > 0.999
@@ -200,7 +201,7 @@ def test_a_torque_that_one_recording_lacks(arm: Robot, made: Trial) -> None:
             recordings = [signid.read_recording(columns, arm) for columns in learn]
             if refused:
                 with pytest.raises(RecordingError, match="one recording has torque of joint_2, another has none"):
-                    recover(arm, recordings, [made.recording()])
+                    recover(prepare(arm, recordings, [made.recording()]))
             else:
-                signs = recover(arm, recordings, [made.recording()]).signs
+                signs = recover(prepare(arm, recordings, [made.recording()])).signs
                 assert signs is not None and signs.hidden == hidden and signs.is_certain()

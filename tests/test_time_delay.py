@@ -83,7 +83,7 @@ def test_the_diagnosis_of_a_robot_in_mujoco_finds_the_direction(delay: float) ->
     words = f"torque {'recorded 8' if delay > 0 else 'leads the motion by '}"
     assert finding_words(found.robot, finding).numbers[-1].startswith(words)
     assert diagnosis_document(found)["findings"][0]["meaning"].startswith(words)
-    assert np.all(found.after.held_out_rms < 1.6 * found.after.noise_floor)
+    assert np.all(found.after.held_out_rms < 1.6 * found.after.irreducible_rms)
     if delay < 0:  # no amplifier answers before it is asked
         assert finding.probability > 0.99 and "torque_lag" not in {a.law.effect.name for a in finding.alternatives}
 

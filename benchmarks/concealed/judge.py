@@ -117,7 +117,7 @@ def _errors(
 
 
 def _after(fit: Mapping[str, Any]) -> float:
-    """Rms over the joints of what is left on held-out data over the noise floor; NaN where there is no floor."""
-    pairs = zip(fit["held_out_rms"], fit["noise_floor"], strict=True)
+    """Rms over the joints of what is left on held-out data over what no model could predict; NaN where that is zero."""
+    pairs = zip(fit["held_out_rms"], fit["irreducible_rms"], strict=True)
     ratios = [float(x) / float(floor) for x, floor in pairs if x is not None and floor]
     return float(np.sqrt(np.mean(np.square(ratios)))) if ratios else math.nan

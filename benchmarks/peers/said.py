@@ -90,7 +90,7 @@ def judge(case: Case, found: Diagnosis, seconds: float) -> Said:
     """A diagnosis held against what is wrong."""
     document = diagnosis_document(found)
     named = tuple(_named(case, finding) for finding in document["findings"])
-    floor = found.before.noise_floor
+    floor = found.before.irreducible_rms
     before, after = (float(np.sqrt(np.mean((fit.held_out_rms / floor) ** 2))) for fit in (found.before, found.after))
     places = {x.joint for x in named if x.right}
     outcome = _outcome(case, found, document["findings"])

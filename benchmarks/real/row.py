@@ -134,5 +134,5 @@ def _row(robot: str, concealed: str, told: Diagnosis, seconds: float) -> Row:
         for f in told.findings
     )
     rest = {names[u.joint]: (u.share, f"{u.place.variable} {u.place.region}") for u in told.unexplained}
-    left = dict(zip(names, (told.after.held_out_rms / told.after.noise_floor).tolist(), strict=True))
+    left = dict(zip(names, (told.after.held_out_rms / told.after.irreducible_rms).tolist(), strict=True))
     return Row(robot, concealed, told.verdict, findings, (), rest, left, told.flags, told.cutoff, seconds)

@@ -72,7 +72,7 @@ class Diagnosis(Frozen):
     rollout_before: RollOut | None
     rollout_after: RollOut | None
     model: Model  # the extended simulation
-    trust: float  # of the usual tolerance of inertials, how far they seem to be off [1]
+    prior_scale: float  # of the usual tolerance of inertials, how far they seem to be off [1]
     signs: Signs | None
     inputs: tuple[Input, ...]  # the recordings
     flags: tuple[str, ...]

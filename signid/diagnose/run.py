@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from ..deadline import OutOfTimeError, ends_in_time, steps_shown, time_is_up
-from ..effects import EFFECTS
+from ..effects import EFFECT_NAMES, EFFECTS
 from ..errors import InputError, OptionError, RecordingError
 from ..model import Model
 from ..recording_faults import Finding, Gross, examine
 from ..regression.base_parameters import build_base
-from ..regression.prepare import prepare, recordings_used
+from ..regression.prepare import prepare, rearrange, recordings_used
 from ..regression.session import Options, Part, Session, longest_piece
 from ..robot.dynamics import carried
 from ..signs import Recovered, recover
@@ -21,26 +21,26 @@ from ..simulation.rollout import RollOut, roll_out
 from ..simulation.rollout.joints import restrict_joints
 from ..types import Progress, Recording
 from .data.column_groups import dry_friction, lay_out
-from .data.dataset import Setting
+from .data.dataset import Dataset
 from .data.hypotheses import happens_once, pooled, propose
-from .data.motions import enough, pieces, row_filter
+from .data.motions import pieces, row_filter, subsample
 from .data.noise import measure_noise
 from .data.periodicity import find_period
 from .data.rows import tabulate
 from .data.whitened_rows import Whitened, whitened
 from .evidence.bayes_factors import Evidence
 from .evidence.knowledge import known_before
-from .evidence.posterior_odds import Bodies, Judge
+from .evidence.posterior_odds import Bodies, Posterior
 from .extend.holdout import prove, show
-from .findings.alternatives import limit_in_step, settle
+from .findings.alternatives import limit_in_step, replace_weak
 from .findings.empirical import model_rest
 from .findings.findings import find
-from .findings.holdout_warnings import doubts
+from .findings.holdout_warnings import holdout_warnings
 from .findings.never_worse import never_worse
 from .findings.verdict import decide
 from .result import Diagnosis
 from .search.contact_window import NAME as CONTACT
-from .search.iterate import Explained, explain
+from .search.iterate import Selected, select
 from .search.prune import prune
 from .search.stepwise import SEARCH
 
@@ -80,21 +80,21 @@ def diagnose(
     _check(recordings, reference, skip)
     told, options = progress or _silent, replace(options or Options(), effects=())
     known = diagnose(model, reference, skip=skip, options=options, progress=progress) if reference else None
-    recovered = recover(model.robot, recordings, held_out, options=Options(seed=options.seed), progress=progress)
     given, notes = restrict_joints(model, [*recordings, *held_out])
+    recovered = _recovered(given, recordings, held_out, options, progress)
     model = restrict_joints(_lasting(known.model), [*recordings, *held_out])[0] if known else given
     session, gross = _prepare(model, recovered, options, told)
     session = _judged_by_itself(model, session)
-    setting, data = _build_in_time(model, session, skip, told)
+    dataset, data = _build_in_time(model, session, skip, told)
     evidence = Evidence(data, known_before(model, data.groups))
-    setting, judge, found, tangled = _search(setting, _judge(model, evidence, skip), skip, known, told)
-    found, slots = settle(setting, judge, prune(setting, session, judge, found))
-    slots = limit_in_step(setting, slots)
-    verdict = decide(setting, judge, found, slots)
-    result = model_rest(session, find(setting, session, judge, found, slots, verdict, options.seed))
-    first = show(session, given)
-    result = never_worse(first, result, setting.noise)
-    proof = prove(first, result.shown, setting.noise)
+    dataset, found, tangled = _search(dataset, _posterior(model, evidence, skip), skip, known, told)
+    found, contenders = replace_weak(dataset, prune(dataset, session, found))
+    contenders = limit_in_step(dataset, contenders)
+    verdict = decide(dataset, found, contenders)
+    result = model_rest(session, find(dataset, session, found, contenders, verdict, options.seed))
+    first, floor = show(session, given), session.task.band.torque_floor
+    result = never_worse(first, result, dataset.noise, floor)
+    proof = prove(first, result.shown, dataset.noise, floor)
     rolled = _roll_out(session, given, result.shown.model, told)
     return Diagnosis(
         robot=session.robot,
@@ -107,15 +107,15 @@ def diagnose(
         rollout_before=rolled[0],
         rollout_after=rolled[1],
         model=result.shown.model,
-        trust=found.trust,
+        prior_scale=found.prior_scale,
         signs=recovered.signs,
         inputs=recordings_used(recordings, held_out, reference),
-        flags=(*_flags(recovered, gross), *tangled, *result.flags, *doubts(proof.before, proof.after)),
+        flags=(*_flags(recovered, gross), *tangled, *result.flags, *holdout_warnings(proof.before, proof.after)),
         notes=(*recovered.notes, *notes, *session.notes, *gross.notes, *rolled[2]),
         cutoff=session.task.band.cutoff,
         seed=options.seed,
-        recordings=(*recovered.recordings, *recovered.held_out),
-        informed=judge.evidence.informed,
+        recordings=recovered.session.recordings,
+        informed=found.evidence.informed,
     )
 
 
@@ -129,20 +129,33 @@ def _check(recordings: Sequence[Recording], reference: Sequence[Recording], skip
 
 
 def _search(
-    setting: Setting, judge: Judge, skip: Sequence[str], known: Diagnosis | None, progress: Progress
-) -> Explained:
+    dataset: Dataset, posterior: Posterior, skip: Sequence[str], known: Diagnosis | None, progress: Progress
+) -> Selected:
     """Everything from the first search on, with its steps shown; a stop leaves the best found until then."""
     progress("searching", 0.4)
     time_is_up(SEARCH)  # from here on there is an answer: the simulation as it was given
     with steps_shown(progress, 0.4, 0.7):
-        found = explain(setting, judge, skip, known)
+        found = select(dataset, posterior, skip, known)
     progress("judging", 0.7)
     return found
 
 
+def _recovered(
+    model: Model,
+    recordings: Sequence[Recording],
+    held_out: Sequence[Recording],
+    options: Options,
+    told: Progress | None,
+) -> Recovered:
+    """The recordings, prepared once, with the signs of all torques."""
+    signed = all(recording.signed.all() for recording in (*recordings, *held_out))
+    own = options if signed else replace(options, effects=EFFECT_NAMES)
+    return recover(prepare(model.robot, recordings, held_out, own, scaled=signed), progress=told)
+
+
 def _flags(given: Recovered, gross: Gross) -> tuple[str, ...]:
     """Sentences on the recordings: doubtful columns, doubtful signs, gross faults."""
-    columns = dict.fromkeys(flag for one in (*given.recordings, *given.held_out) for flag in one.flags)
+    columns = dict.fromkeys(flag for one in given.session.recordings for flag in one.flags)
     return (*columns, *given.flags, *gross.flags)
 
 
@@ -155,12 +168,12 @@ def _prepare(model: Model, given: Recovered, options: Options, told: Progress) -
 
     Its band is wide where encoder noise allows it: laws differ most where torque is fast.
     """
-    session = prepare(model.robot, given.recordings, given.held_out, options)
+    session = rearrange(model.robot, given.session, options)
     band = session.task.band
     allowed = min(WIDE, float(np.median(band.per_joint)), SPARE * float(np.min(band.per_joint)))
     if options.cutoff is None and band.filtered and band.cutoff < 0.95 * allowed:
-        session = prepare(model.robot, given.recordings, given.held_out, replace(options, cutoff=allowed))
-    session = enough(session)
+        session = rearrange(model.robot, session, replace(options, cutoff=allowed))
+    session = subsample(session)
     told("looking for gross faults", 0.1)
     gross = examine(model, session)
     if any(one.kind == SHORT and one.measures["rows"] >= FEW_ROWS for one in gross.findings):  # priors mend the rest
@@ -185,7 +198,7 @@ def _judged_by_itself(model: Model, session: Session) -> Session:
     return replace(session, held_out=session.train, notes=(*session.notes, note))
 
 
-def _build_in_time(model: Model, session: Session, skip: Sequence[str], progress: Progress) -> tuple[Setting, Whitened]:
+def _build_in_time(model: Model, session: Session, skip: Sequence[str], progress: Progress) -> tuple[Dataset, Whitened]:
     """Motions and rows of all hypotheses, or of none where time is up before they are made."""
     try:
         with steps_shown(progress, 0.2, 0.4):
@@ -194,7 +207,7 @@ def _build_in_time(model: Model, session: Session, skip: Sequence[str], progress
         return _build(model, session, None, progress)
 
 
-def _build(model: Model, session: Session, skip: Sequence[str] | None, told: Progress) -> tuple[Setting, Whitened]:
+def _build(model: Model, session: Session, skip: Sequence[str] | None, told: Progress) -> tuple[Dataset, Whitened]:
     """Motions and rows; without `skip` those of the simulation's own numbers alone, where time is up."""
     told("building hypotheses", 0.2)
     task, parts = session.task, session.train
@@ -210,7 +223,7 @@ def _build(model: Model, session: Session, skip: Sequence[str] | None, told: Pro
     table = tabulate(task, model, lay_out(model, made[0].motion, hypotheses, dry), made, dry)
     periods = tuple(_period(part) for part in parts)
     noise = measure_noise(table, periods, task.band.rate / task.band.factor).white()
-    return Setting(task, model, made, periods, table, noise), whitened(table, noise)
+    return Dataset(task, model, made, periods, table, noise), whitened(table, noise)
 
 
 def _lasting(model: Model) -> Model:
@@ -218,10 +231,10 @@ def _lasting(model: Model) -> Model:
     return replace(model, laws=tuple(law for law in model.laws if not happens_once(law)))
 
 
-def _judge(model: Model, evidence: Evidence, skip: Sequence[str]) -> Judge:
+def _posterior(model: Model, evidence: Evidence, skip: Sequence[str]) -> Posterior:
     bodies = tuple(carried(model.robot, j) for j in range(len(model.robot.joints)))
     own = Bodies(build_base(model.robot), model.whole_inertials())
-    return Judge(evidence, len(list(EFFECTS)), len(skip), bodies, own)
+    return Posterior(evidence, len(list(EFFECTS)), len(skip), bodies, own)
 
 
 def _period(part: Part) -> float | None:

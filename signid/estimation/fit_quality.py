@@ -42,8 +42,9 @@ class Fit(Frozen):
     unit: tuple[str, ...]
     train_rms: Array  # (n,) [N.m or N] of the residual
     held_out_rms: Array  # (n,) [N.m or N]
-    noise_floor: Array  # (n,) [N.m or N] white torque noise inside the band
+    noise_floor: Array  # (n,) [N.m or N] rms of what white measurement noise leaves in the band
     held_out_r2: Array  # (n,) [1], NaN where torque is not recorded, or does not vary
+    irreducible_rms: Array  # (n,) [N.m or N] of all that no model could predict: noise of any colour, reversals
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -74,10 +75,18 @@ def judge_fit(session: Session, train: Factors, test: Factors, base_value: Array
     """
     robot, (learned, _), (judged, r2) = session.robot, _rms(train, base_value), _rms(test, base_value)
     units = tuple("N" if prismatic else "N.m" for prismatic in robot.prismatic)
-    return Fit(robot.joints, units, learned, judged, session.task.band.torque_floor, r2)
+    floor = session.task.band.torque_floor
+    return Fit(robot.joints, units, learned, judged, floor, r2, floor)
 
 
-def fit_rows(robot: Robot, residual: Array, torque: Array, floor: Array, learned: Array | None = None) -> Fit:
+def fit_rows(
+    robot: Robot,
+    residual: Array,
+    torque: Array,
+    floor: Array,
+    learned: Array | None = None,
+    irreducible: Array | None = None,
+) -> Fit:
     """The fit of M rows of torque residuals; rows that are NaN do not count.
 
     Args:
@@ -86,6 +95,7 @@ def fit_rows(robot: Robot, residual: Array, torque: Array, floor: Array, learned
         torque: (M, n) [N.m or N] measured.
         floor: (n,) [N.m or N] noise floor.
         learned: (L, n) [N.m or N] residual in training; None: nothing was fitted, the training rms is NaN.
+        irreducible: (n,) [N.m or N] rms of all that no model could predict; None: the noise floor.
     """
     spread = np.nansum((torque - _mean(torque)) ** 2, axis=0)
     return Fit(
@@ -95,6 +105,7 @@ def fit_rows(robot: Robot, residual: Array, torque: Array, floor: Array, learned
         held_out_rms=rms_of(residual),
         noise_floor=floor,
         held_out_r2=1 - np.nansum(residual**2, axis=0) / np.where(spread > 0, spread, np.nan),
+        irreducible_rms=floor if irreducible is None else irreducible,
     )
 
 

@@ -1,4 +1,4 @@
-"""Recordings without and with a load -> the load."""
+"""Recordings without and with a load -> the load's mass, centre and inertia."""
 
 from __future__ import annotations
 
@@ -34,14 +34,10 @@ from ..types import (
 from .difference import Difference, subtract
 from .result import Payload
 
-RADIUS, LIGHT, FAR = (
-    0.05,
-    0.05,
-    0.3,
-)  # [m] of gyration, [kg] at least, [m] to the centre: of the load believed in
-CERTAIN = 3.0  # standard deviations of a mass that is there
+RADIUS, LIGHT, FAR = 0.05, 0.05, 0.3  # prior load: radius of gyration [m], least mass [kg], farthest centre [m]
+CERTAIN = 3.0  # standard deviations above which a mass is certain
 CONSTANT = 0.03  # relative standard deviation of a torque constant: a magnet loses a tenth of a per cent per kelvin
-DRIFT, MISFIT = 3.0, 10.0  # from which changes of friction and what no load explains are told
+DRIFT, MISFIT = 3.0, 10.0  # [1] changes of friction and misfit, in usual sizes, above which a note is given
 ROLES = ("recording, without the load", "recording, with the load")
 
 
@@ -54,18 +50,18 @@ def payload(
     options: Options | None = None,
     progress: Progress | None = None,
 ) -> Payload:
-    """The load of the last link, from recordings without it and with it.
+    """Identify the load of the last link from recordings without it and with it.
 
-    Base parameters are estimated from both. All that is the robot's own is equal in both and falls out of their
-    difference; friction and offsets may have changed a little. The difference is then brought to the nearest body that
-    could exist. What neither noise nor such changes explain widens the intervals.
+    Base parameters are estimated from both. Parameters of the robot itself are equal in both and cancel in the
+    difference; friction and offsets may have changed a little. The difference is projected onto the nearest physically
+    possible body. Misfit beyond noise and such changes widens the intervals.
 
     Args:
         robot: as `load_robot` gives it.
         without: recordings of the robot alone.
         carrying: recordings of the robot with the load.
         options: effects, cut-off and the like.
-        progress: told what is being done and how far it is.
+        progress: called with the current step and the share that is done.
 
     Raises:
         RecordingError: a recording cannot be used, or lacks signs of torque.
@@ -87,21 +83,21 @@ def payload(
     difference = subtract(base, body, bare, loaded, factors[0], added)
     fitted = fit_consistent(_one_body(difference), difference.estimate, _before(difference))
     inertial = fitted.parameters.bodies()[0]
-    untold = _untold(difference)
+    unidentifiable = _unidentifiable(difference)
     roles = zip((without, carrying), ROLES, strict=True)
     return Payload(
         robot=session.robot,
         link=session.robot.links[body],
         inertial=inertial,
         covariance=difference.spread,
-        untold=untold,
+        untold=unidentifiable,
         moved=fitted.moved,
         misfit=difference.misfit,
         drifted=difference.drifted,
         inputs=tuple(Input(r.path, r.sha256, role) for side, role in roles for r in side),
         cutoff=session.task.band.cutoff,
         seed=options.seed,
-        flags=_flags(difference, untold),
+        flags=_flags(difference, unidentifiable),
         notes=(*session.notes, *fitted.notes, *_notes(difference)),
     )
 
@@ -152,7 +148,7 @@ def _one_body(difference: Difference) -> BaseMap:
 
 
 def _before(difference: Difference) -> Parameters:
-    """A compact body of the mass and at the place that the difference tells."""
+    """A compact body with the mass and the centre of the difference, as a starting point."""
     mass, moment = max(float(difference.load[0]), LIGHT), difference.load[1:4]
     centre = moment / mass
     centre = centre * min(1.0, FAR / max(float(np.linalg.norm(centre)), 1e-9))
@@ -161,14 +157,15 @@ def _before(difference: Difference) -> Parameters:
     return Parameters(_one_body(difference).labels, np.array(values))
 
 
-def _untold(difference: Difference) -> tuple[str, ...]:
+def _unidentifiable(difference: Difference) -> tuple[str, ...]:
     lost = np.isinf(np.diag(difference.spread))
     parts = (("mass", lost[:1]), ("centre of mass", lost[1:4]), ("inertia", lost[4:]))
     return tuple(name for name, some in parts if some.any())
 
 
-def _flags(difference: Difference, untold: Sequence[str]) -> tuple[str, ...]:
-    flags = [f"the recordings cannot tell the {' and the '.join(untold)} of a load"] if untold else []
+def _flags(difference: Difference, unidentifiable: Sequence[str]) -> tuple[str, ...]:
+    what = " and the ".join(unidentifiable)
+    flags = [f"the {what} of a load is not identifiable from these recordings"] if unidentifiable else []
     mass, std = float(difference.load[0]), float(np.sqrt(difference.spread[0, 0]))
     if np.isfinite(std) and mass < CERTAIN * std:
         flags.append(
@@ -181,8 +178,8 @@ def _notes(difference: Difference) -> list[str]:
     notes = []
     if difference.misfit > MISFIT:
         notes.append(
-            f"what differs beside the load is {difference.misfit:.0f} times the variance of noise: intervals are "
-            f"{np.sqrt(difference.misfit):.1f} times wider for it"
+            f"the misfit beside the load is {difference.misfit:.0f} times the variance of noise: intervals are "
+            f"{np.sqrt(difference.misfit):.1f} times wider"
         )
     if difference.drifted > DRIFT:
         notes.append(f"friction or an offset changed by {difference.drifted:.1f} times what is usual from day to day")

@@ -1,4 +1,4 @@
-"""Robot and recordings -> session: checked, split, with one band and one base map for all of them."""
+"""Robot and recordings -> session: surveyed and split, with one band and one base map for all of them."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from .rows import Task, choose_reach, consumed
 from .session import PIECE, Options, Part, Session, common_rate, longest_piece
 
 TRAINING_SHARE = 0.7  # of a single recording
-LEARNED, HELD_OUT, REFERENCE = "learned from", "held out", "of the robot when all was well"
-SHARED = f"learned from, but for the last {1 - TRAINING_SHARE:.0%}, which is held out"
-REVERSAL, REVERSAL_SHARE = 0.01, 0.02  # [rad/s] and share of the rms velocity: width of a geared joint's reversal
-AGREE = 2e-3  # recorded derivatives are taken where they differ by less from those of the positions
-ENOUGH = 16  # filtered rows of a recording of which nothing can be held out
+LEARNED, HELD_OUT, REFERENCE = "learned from", "held out", "of the healthy robot"
+SHARED = f"learned from, except the last {1 - TRAINING_SHARE:.0%}, which is held out"
+REVERSAL, REVERSAL_SHARE = 0.01, 0.02  # [rad/s], share of the rms velocity: width of the reversal of a geared joint
+AGREE = 2e-3  # [1] relative difference from derivatives of the positions, below which recorded ones are used
+ENOUGH = 16  # filtered rows that a recording needs if nothing can be held out of it
 ITSELF = (
-    "the recording is too short to hold anything out: what it was learned from judges the model, so that held-out "
-    "errors are too small; record for longer, or give another recording to judge by"
+    "the recording is too short to hold anything out: the model is evaluated on its own training data, so held-out "
+    "errors are too small; record for longer, or give another recording with --held-out"
 )
-TAPS = 9.0  # periods of the cut-off that both filters together are long
+TAPS = 9.0  # length of both filters together, in periods of the cut-off
 
 Parts = tuple[Part, ...]
 
@@ -43,23 +43,22 @@ def prepare(
     *,
     scaled: bool = True,
 ) -> Session:
-    """A session: joints, laws, base map, band and the split into training and held-out recordings.
+    """Prepare a session: joints, laws, base map, band and the split into training and held-out recordings.
 
-    Without held-out recordings the last of several is held out, or the last 30 % of the only one; nothing of one that
-    is too short for that, which then judges itself.
+    Without held-out recordings the last of several is held out, or the last 30 % of the only one. Nothing is held out
+    of an only recording that is too short for that.
 
     Args:
         robot: as `load_robot` gives it.
-        recordings: to learn from.
-        held_out: to judge by.
+        recordings: recordings to learn from.
+        held_out: held-out recordings.
         options: effects, cut-off and the like.
-        scaled: False: currents whose torque constant is not known may stand where torques should.
+        scaled: whether every torque must be in N.m or N; False: currents without torque constants are accepted.
 
     Raises:
         RecordingError: a recording cannot be used, or recordings do not fit together.
         OptionError: an effect or an option is unknown.
     """
-    options = options or Options()
     if not recordings:
         raise OptionError("no recording was given; at least one is needed")
     everything = [*recordings, *held_out]
@@ -67,57 +66,68 @@ def prepare(
         need_constants(everything)
     moving = hold(robot, resting(robot, but=same_joints(everything)))
     surveys = {recording: survey(recording, moving) for recording in dict.fromkeys(everything)}
-    parts = list(surveys.items())
-    learned = [(r, surveys[r]) for r in dict.fromkeys(recordings)]
-    band = _band(learned, options)
-    train, test = _split(tuple((r, surveys[r]) for r in recordings), tuple((r, surveys[r]) for r in held_out), band)
-    measured = [all(r.columns["tau"][j] for r in everything) for j in range(len(moving.joints))]
+    learn, judge = (tuple((r, surveys[r]) for r in some) for some in (recordings, held_out))
+    return _arranged(moving, (learn, judge), options or Options(), robot.notes)
+
+
+def rearrange(robot: Robot, session: Session, options: Options) -> Session:
+    """The same recordings with other options: effects, cut-off and the like. No recording is read as a whole again.
+
+    Args:
+        robot: as `load_robot` gives it.
+        session: its recordings, prepared.
+        options: the other options.
+
+    Raises:
+        RecordingError: the recordings do not fit together.
+        OptionError: an effect or an option is unknown.
+    """
+    return _arranged(session.robot, session.given, options, robot.notes)
+
+
+def _arranged(robot: Robot, given: tuple[Parts, Parts], options: Options, notes: Sequence[str]) -> Session:
+    """Band, base map and split of recordings that were surveyed."""
+    (learn, _), whole = given, tuple(dict((*given[0], *given[1])).items())
+    once = tuple(dict(learn).items())
+    band = _band(once, options)
+    train, test = _split(*given, band)
+    measured = [all(r.columns["tau"][j] for r, _ in whole) for j in range(len(robot.joints))]
     laws = tuple(Law(EFFECTS[name], (j,)) for name in options.effects for j in np.flatnonzero(measured).tolist())
     _only_linear(laws)
-    recorded = _use_recorded(moving, parts, band, options)
-    desired = options.instruments and not recorded and all(_wholly(r, "q_des") for r in everything)
-    complete = desired and all(_complete(part, "q_des") for part in parts)
-    slow = _slow(moving, list(surveys.values()), band)
-    task = Task(
-        moving,
-        laws,
-        build_base(moving, laws, options.seed, measured),
-        band,
-        slow,
-        _reach(moving, learned, band, slow),
-        recorded,
-        complete,
-    )
-    notes = [
-        f"{recording.path or 'recording'}: {note}" for recording, s in parts for note in (*recording.notes, *s.notes)
-    ]
-    notes += [ITSELF] * (train is test)
+    recorded = _use_recorded(robot, whole, band, options)
+    desired = options.instruments and not recorded and all(_wholly(r, "q_des") for r, _ in whole)
+    complete = desired and all(_complete(part, "q_des") for part in whole)
+    slow = _slow(robot, [sampling for _, sampling in whole], band)
+    base, reach = build_base(robot, laws, options.seed, measured), _reach(robot, once, band, slow)
+    task = Task(robot, laws, base, band, slow, reach, recorded, complete)
+    said = [f"{r.path or 'recording'}: {note}" for r, sampling in whole for note in (*r.notes, *sampling.notes)]
+    said += [ITSELF] * (train is test)
     if recorded:
-        notes.append("velocities and accelerations are taken as recorded: they agree with the positions")
+        said.append("velocities and accelerations are taken as recorded: they agree with the positions")
     if desired and not complete:
-        notes.append("desired positions have gaps where the measured ones have none: they do not serve as instruments")
-    return Session(task, train, test, (*robot.notes, *dict.fromkeys(notes)))
+        said.append("desired positions have gaps where the measured ones have none: they do not serve as instruments")
+    return Session(task, train, test, (*notes, *dict.fromkeys(said)), given, options)
 
 
 def recordings_used(
     recordings: Sequence[Recording], held_out: Sequence[Recording], reference: Sequence[Recording] = ()
 ) -> tuple[Input, ...]:
-    """Recordings with the part that each plays, as `prepare` splits them.
+    """Recordings with their roles, as `prepare` splits them.
 
     Args:
-        recordings: to learn from.
-        held_out: to judge by.
-        reference: of the robot when all was well.
+        recordings: recordings to learn from.
+        held_out: held-out recordings.
+        reference: recordings of the healthy robot.
     """
     given = [*recordings]
     parts = [(LEARNED, given[:-1]), (HELD_OUT, given[-1:])] if len(given) > 1 else [(SHARED, given)]
     parts = [(LEARNED, given), (HELD_OUT, [*held_out])] if held_out else parts
-    told = {(r.path, r.sha256): role for role, some in [*parts, (REFERENCE, [*reference])] for r in some}
-    return tuple(Input(path, digest, f"recording, {role}") for (path, digest), role in told.items())
+    roles = {(r.path, r.sha256): role for role, some in [*parts, (REFERENCE, [*reference])] for r in some}
+    return tuple(Input(path, digest, f"recording, {role}") for (path, digest), role in roles.items())
 
 
 def only_once(recordings: Sequence[Recording]) -> None:
-    """Find out whether each recording was given once.
+    """Check that each recording was given once.
 
     Raises:
         OptionError: one was given twice, perhaps under two names.
@@ -128,12 +138,12 @@ def only_once(recordings: Sequence[Recording]) -> None:
             again = (
                 f"{recording.path or 'one recording'} holds the same samples as {seen[recording.sha256] or 'another'}"
             )
-            raise OptionError(f"{again}; give each recording once, to learn from or to judge by")
+            raise OptionError(f"{again}; give each recording once, to learn from or as held out")
         seen[recording.sha256] = recording.path
 
 
 def _split(train: Parts, test: Parts, band: Band) -> tuple[Parts, Parts]:
-    """What is learned from and what is held out; the same where an only recording is too short for both."""
+    """Training and held-out parts; the same object where an only recording is too short for both."""
     if not test and len(train) > 1:
         return train[:-1], train[-1:]
     if not test:
@@ -238,10 +248,10 @@ def _complete(part: Part, key: str) -> bool:
 def _agree(robot: Robot, part: Part, band: Band) -> bool:
     """Whether recorded derivatives and those of the positions are the same inside the band."""
     piece, period = longest_piece(part), part[1].period
-    own, told = (build_motion(robot, piece, band, period, recorded_derivatives=yes) for yes in (False, True))
-    edge = (len(told) - len(own)) // 2
+    own, recorded = (build_motion(robot, piece, band, period, recorded_derivatives=yes) for yes in (False, True))
+    edge = (len(recorded) - len(own)) // 2
     thin = Decimator(band.taps, band.factor)
-    for mine, theirs in ((own.v, told.v), (own.a, told.a)):
+    for mine, theirs in ((own.v, recorded.v), (own.a, recorded.a)):
         ours, given = thin(mine), thin(theirs[edge : len(theirs) - edge])
         if not len(ours) or np.linalg.norm(ours - given) > AGREE * np.linalg.norm(ours):
             return False

@@ -1,9 +1,9 @@
-"""What one identification works on: its options, and its recordings ready to be reduced."""
+"""Session: a robot's recordings, surveyed and split, with the options that their rows are made with."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
@@ -17,13 +17,13 @@ from .rows import Rows, Task, read_rows
 
 Part = tuple[Recording, Sampling]
 
-PIECE = 2**17  # samples of a recording that the cut-off is chosen from
-SAME_RATE = 0.01  # by which sampling rates of recordings may differ
+PIECE = 2**17  # samples of a recording from which the cut-off is chosen
+SAME_RATE = 0.01  # relative difference that sampling rates of recordings may have
 
 
 @dataclass(frozen=True, eq=False)
 class Options(Frozen):
-    """How recordings are turned into rows. Every default is what the data themselves suggest."""
+    """Options of the way from recordings to rows. Defaults come from the data."""
 
     effects: tuple[str, ...] = EFFECT_NAMES
     cutoff: float | None = None  # [Hz]; None: from the encoder noise; inf: no filter
@@ -36,21 +36,57 @@ class Options(Frozen):
 
 @dataclass(frozen=True, eq=False)
 class Session(Frozen):
-    """One robot's recordings, ready to be reduced."""
+    """One robot's recordings, surveyed and split, and what their rows are made for."""
 
     task: Task
     train: tuple[Part, ...]
-    held_out: tuple[Part, ...]
+    held_out: tuple[Part, ...]  # the same object as `train` where nothing is held out
     notes: tuple[str, ...]
+    given: tuple[tuple[Part, ...], tuple[Part, ...]] = ((), ())  # whole recordings: to learn from, and to hold out
+    options: Options = Options()
 
     @property
     def robot(self) -> Robot:
-        """With the joints held that the recordings do not move."""
+        """The robot with the joints held that the recordings do not move."""
         return self.task.robot
 
     @property
+    def whole(self) -> tuple[Part, ...]:
+        """Every recording once, not split, in the order in which it was given."""
+        return tuple(dict((*self.given[0], *self.given[1])).items())
+
+    @property
+    def recordings(self) -> tuple[Recording, ...]:
+        """Every recording once, in the order in which it was given."""
+        return tuple(recording for recording, _ in self.whole)
+
+    @property
+    def signed(self) -> bool:
+        """Whether every torque has its sign."""
+        return all(recording.signed.all() for recording in self.recordings)
+
+    @property
+    def learned(self) -> tuple[Part, ...]:
+        """The recordings of which at least a part is learned from, not split."""
+        train = {recording for recording, _ in self.train}
+        return tuple(part for part in self.whole if part[0] in train)
+
+    def exchange(self, new: Mapping[Recording, Recording]) -> Session:
+        """The same with other recordings of the same rows in the place of some.
+
+        Args:
+            new: recordings of this session, and what takes their place.
+        """
+        train, held_out, *given = (
+            tuple((new.get(recording, recording), sampling) for recording, sampling in parts)
+            for parts in (self.train, self.held_out, *self.given)
+        )
+        held_out = train if self.judges_itself else held_out
+        return replace(self, train=train, held_out=held_out, given=(given[0], given[1]))
+
+    @property
     def judges_itself(self) -> bool:
-        """Whether nothing is held out: what is learned from judges as well."""
+        """Whether nothing is held out: the training data serve for evaluation as well."""
         return bool(self.train) and self.held_out is self.train
 
     def reduce(
@@ -66,7 +102,7 @@ class Session(Frozen):
         Raises:
             RecordingError: every stretch of the recordings is shorter than the filter.
         """
-        rows = chain.from_iterable(_told(self.task, part, progress, purpose) for part in parts)
+        rows = chain.from_iterable(_rows(self.task, part, progress, purpose) for part in parts)
         factors = reduce_rows(self.task, rows, lags=lags, weigh=weigh)
         if factors.rows == 0:
             band, these = self.task.band, "what is held out" if parts is self.held_out else "the recordings"
@@ -78,7 +114,7 @@ class Session(Frozen):
 
 
 def longest_piece(part: Part, most: int = PIECE) -> Samples:
-    """The longest stretch of a recording, or its beginning where it is very long."""
+    """The longest stretch of a recording without a gap, or its beginning where that is very long."""
     recording, sampling = part
     span = max(sampling.spans, key=sampling.length)
     return samples(recording, sampling, span, 0, min(sampling.length(span), most))
@@ -97,7 +133,7 @@ def common_rate(parts: Sequence[Part], advice: str) -> float:
     return float(rates[0])
 
 
-def _told(task: Task, part: Part, progress: Progress | None, purpose: str) -> Iterator[Rows]:
+def _rows(task: Task, part: Part, progress: Progress | None, purpose: str) -> Iterator[Rows]:
     recording, sampling = part
     total = max(1, sum(sampling.length(span) for span in sampling.spans) // task.band.factor)
     done = 0

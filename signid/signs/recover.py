@@ -1,4 +1,4 @@
-"""Recordings whose torque lost its sign -> signs, and the recordings as if they had been measured."""
+"""Session with unsigned torque -> signs, and the session as if they had been measured."""
 
 from __future__ import annotations
 
@@ -11,10 +11,9 @@ from ..deadline import steps_shown
 from ..errors import OptionError, RecordingError, shorten
 from ..recording import with_signs
 from ..regression.factors import Factors
-from ..regression.prepare import prepare
 from ..regression.rows import Task
-from ..regression.session import Options, Part
-from ..types import Array, BaseMap, Estimate, Progress, Recording, Robot
+from ..regression.session import Part, Session
+from ..types import Array, BaseMap, Estimate, Progress, Recording
 from .infer import infer
 from .inferred import Inferred
 from .posterior.flags import raise_flags
@@ -33,98 +32,81 @@ METHODS = ("exact", "tree")
 
 @dataclass(frozen=True)
 class Recovered:
-    """Recordings with signed torque, and what is known about the signs that were found."""
+    """A session with signed torque, and what is known about the signs that were found."""
 
-    recordings: tuple[Recording, ...]
-    held_out: tuple[Recording, ...]
-    expected: tuple[Recording, ...]  # the recordings with expectations of signs: a fit to them has no bias
+    session: Session
+    learning: Session  # its training torque with expected signs: a fit to it has no bias
     signs: Signs | None = None  # None where every torque had its sign
     gains: Gains | None = None  # torque constants that were not known
 
     def widen(self, found: Estimate, factors: Factors, base: BaseMap, whiten: bool) -> Estimate:
-        """The estimate with the uncertainty of torque constants that were found.
+        """The estimate with the uncertainty of the torque constants that were found.
 
         Args:
-            found: with the constants taken to be exact.
-            factors: that it comes from.
-            base: what the columns are.
+            found: estimate with exact constants.
+            factors: factors that it comes from.
+            base: base map of the columns.
             whiten: as for the estimate.
         """
         return found if self.gains is None else widen_estimate(found, factors, base, self.gains.covariance, whiten)
 
     @property
     def flags(self) -> tuple[str, ...]:
-        """When not to trust the signs."""
+        """Reasons not to rely on the signs."""
         return () if self.signs is None else self.signs.flags
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was done."""
+        """Remarks on how the signs were found."""
         return () if self.signs is None else self.signs.notes
 
 
-def recover(
-    robot: Robot,
-    recordings: Sequence[Recording],
-    held_out: Sequence[Recording] = (),
-    *,
-    method: str = "exact",
-    options: Options | None = None,
-    progress: Progress | None = None,
-) -> Recovered:
-    """The recordings with the signs of all torques.
+def recover(session: Session, *, method: str = "exact", progress: Progress | None = None) -> Recovered:
+    """The session with the signs of all torques.
 
-    Signs are searched in the recordings to learn from, whole; where there are several and none is held out, the last
-    takes no part. Those of held-out recordings follow from the model that the search found. Torque constants that are
-    not known are found first.
+    Signs are searched in the recordings of which at least a part is learned from, whole. Those of other recordings
+    follow from the model that the search found. Torque constants that are not known are found first.
 
     Args:
-        robot: as `load_robot` gives it.
-        recordings: to learn from.
-        held_out: to judge by.
+        session: recordings with laws of friction among its effects.
         method: `exact`: proved by branch and bound within physics; `tree`: the classical tree of sign choices.
-        options: effects, cut-off and the like.
-        progress: told what is being done and how far it is.
+        progress: called with what is being done and the share that is done.
 
     Raises:
-        OptionError: there is no such method, or a torque constant is neither known nor told.
-        RecordingError: a recording cannot be used, or lacks a torque that another has without its sign, or a torque has
-            no stretch of one sign.
+        OptionError: there is no such method, or a torque constant is neither known nor identifiable.
+        RecordingError: a recording lacks a torque that another has without its sign, or a torque has no stretch of one
+            sign.
     """
     if method not in METHODS:
         raise OptionError(f"signs {method!r} is none of {', '.join(METHODS)}")
-    everything = (*recordings, *held_out)
-    if all(r.signed.all() for r in everything):
-        return Recovered(tuple(recordings), tuple(held_out), tuple(recordings))
-    options = options or Options()
-    judges = held_out if held_out or len(recordings) == 1 else recordings[-1:]
-    gains = find_gains(robot, everything, [r for r in recordings if r not in judges], options, progress)
+    if session.signed:
+        return Recovered(session, session)
+    gains = find_gains(session, progress)
     if gains is not None:
-        scaled = [[gains.scale(r) for r in some] for some in (recordings, held_out)]
-        found = recover(robot, *scaled, method=method, options=options, progress=progress)
-        return replace(found, signs=found.signs and gains.tell(found.signs), gains=gains)
-    session = prepare(robot, recordings, judges or recordings, options)  # all parts are whole
-    parts = {part[0]: part for part in (*session.train, *session.held_out)}
-    learn = [parts[r] for r in recordings if r not in judges]
+        found = recover(
+            session.exchange({r: gains.scale(r) for r in session.recordings}), method=method, progress=progress
+        )
+        return replace(found, signs=found.signs and gains.describe(found.signs), gains=gains)
+    task, learn, seed = session.task, session.learned, session.options.seed
     _same_torques([recording for recording, _ in learn])
     if progress is not None:
         progress("searching signs", 0.0)
-    observed = observe(session.task, learn)
-    choose = by_tree(session.task, options.seed, progress) if method == "tree" else None
+    observed = observe(task, learn)
+    choose = by_tree(task, seed, progress) if method == "tree" else None
     with steps_shown(progress):
-        inferred = infer(session.task, observed, options.seed, choose)
-    notes = (*_notes(observed, inferred), *_unused(observed, learn))
+        inferred = infer(task, observed, seed, choose)
     traced = _traces(observed, learn, inferred, inferred.refined.signs)
-    for part in (parts[r] for r in judges if not r.signed.all()):
-        traced |= _followed(session.task, part, inferred)
-    steps = {r: thinning(session.task, [parts[r]] if r in judges else learn) for r in traced}
-    signed = {r: _with(session.task, parts[r], trace, steps[r], inferred) for r, trace in traced.items()}
-    return Recovered(
-        tuple(signed.get(r, (r,))[0] for r in recordings),
-        tuple(signed.get(r, (r,))[0] for r in held_out),
-        tuple(signed.get(r, (r,))[-1] for r in recordings),
-        _result(observed, inferred, notes, tuple(traced.values()), method, options.seed),
-    )
+    others = [part for part in session.whole if part not in learn and not part[0].signed.all()]
+    for part in others:
+        traced |= _followed(task, part, inferred)
+    signed, expected = dict[Recording, Recording](), dict[Recording, Recording]()
+    for part in (*learn, *others):
+        step = thinning(task, [part] if part in others else learn)
+        signed[part[0]], expected[part[0]] = _with(task, part, traced[part[0]], step, inferred)
+    whole = session.exchange(signed)
+    learning = session.exchange({r: x[r] for x, some in ((signed, others), (expected, learn)) for r, _ in some})
+    notes = (*_notes(observed, inferred), *_unused(observed, learn))
+    return Recovered(whole, learning, _result(session, observed, inferred, notes, tuple(traced.values()), method))
 
 
 def _same_torques(recordings: Sequence[Recording]) -> None:
@@ -157,37 +139,37 @@ def _traces(observed: Observed, parts: Sequence[Part], inferred: Inferred, signs
 
 
 def _followed(task: Task, part: Part, inferred: Inferred) -> dict[Recording, Trace]:
-    """The signs that the model found elsewhere gives a recording that took no part in the search."""
+    """Signs of a recording that took no part in the search, by the model that the search found."""
     observed = observe(task, [part])
-    told = refine_signs(observed, 1 / observed.scale, inferred.refined.value, rounds=1)
-    return _traces(observed, [part], inferred, told.signs)
+    refined = refine_signs(observed, 1 / observed.scale, inferred.refined.value, rounds=1)
+    return _traces(observed, [part], inferred, refined.signs)
 
 
 def _with(task: Task, part: Part, trace: Trace, step: int, inferred: Inferred) -> tuple[Recording, Recording]:
-    """The recording with the signs found, and with their expectations."""
+    """The recording with the signs found, and with expected signs."""
     recording, sampling = part
     thinned, refined = Signed(trace.t, trace.first, trace.signs), inferred.refined
-    told = place_jumps(task, part, step, thinned, trace.magnitude, refined.value)
-    signs = signs_of_rows(recording, sampling, told.t, told.first, told.signs.astype(np.int8))
+    placed = place_jumps(task, part, step, thinned, trace.magnitude, refined.value)
+    signs = signs_of_rows(recording, sampling, placed.t, placed.first, placed.signs.astype(np.int8))
     expected = expect_signs(task, part, refined.value, refined.sigma, signs)
     return with_signs(recording, signs), with_signs(recording, expected)
 
 
 def _result(
+    session: Session,
     observed: Observed,
     inferred: Inferred,
     notes: tuple[str, ...],
     traces: tuple[Trace, ...],
     method: str,
-    seed: int,
 ) -> Signs:
     order = sorted(range(len(inferred.segments)), key=lambda k: _place(observed, inferred, k))
-    told = [_told(observed, inferred, k) for k in order]
+    segments = tuple(_segment(observed, inferred, k) for k in order)
     return Signs(
         joints=observed.joints,
         hidden=observed.hidden,
         method=method,
-        segments=tuple(told),
+        segments=segments,
         threshold=inferred.threshold,
         proof=inferred.proof,
         flags=raise_flags(observed, inferred),
@@ -196,7 +178,7 @@ def _result(
         noise=inferred.refined.sigma,
         inflation=inferred.inflation,
         traces=traces,
-        seed=seed,
+        seed=session.options.seed,
     )
 
 
@@ -205,7 +187,7 @@ def _place(observed: Observed, inferred: Inferred, k: int) -> tuple[int, int, in
     return int(observed.part[start]), joint, start
 
 
-def _told(observed: Observed, inferred: Inferred, k: int) -> SignSegment:
+def _segment(observed: Observed, inferred: Inferred, k: int) -> SignSegment:
     joint, start, stop = inferred.segments[k]
     return SignSegment(
         part=int(observed.part[start]),
@@ -220,16 +202,17 @@ def _told(observed: Observed, inferred: Inferred, k: int) -> SignSegment:
 def _notes(observed: Observed, inferred: Inferred) -> tuple[str, ...]:
     notes = [*inferred.notes]
     if inferred.finer:
-        notes.append("segments above the threshold hid changes of sign: stretches between low minima were searched")
+        notes.append(
+            "segments above the threshold hid changes of sign: stretches between low minima were searched instead"
+        )
     for joint, count in inferred.impure.items():
-        told, them = ("1 segment", "was") if count == 1 else (f"{count} segments", "were")
-        inside = "inside it" if count == 1 else "inside them"
-        notes.append(f"{told} of {observed.joints[joint]} {them} cut where the torque changes its sign {inside}")
+        segments = "1 segment" if count == 1 else f"{count} segments"
+        notes.append(f"{observed.joints[joint]}: {segments} cut at a change of sign of the torque inside")
     return tuple(notes)
 
 
 def _unused(observed: Observed, parts: Sequence[Part]) -> tuple[str, ...]:
-    """Signs that some recordings have and others have not."""
+    """A note on signs that some recordings have and others lack."""
     some = [observed.joints[j] for j in observed.hidden if any(recording.signed[j] for recording, _ in parts)]
-    told = f"signs of {shorten(some)}, which some recordings have, took no part in the search: others lack them"
-    return (told,) if some else ()
+    note = f"signs of {shorten(some)}, which some recordings have, were not used: other recordings lack them"
+    return (note,) if some else ()

@@ -6,7 +6,7 @@ from typing import Any
 
 from ...effects.naming import placed, spoken
 from ...output.report.diagnosis.document import told_numbers
-from ...output.report.results.documents import fit_document, provenance
+from ...output.report.results.documents import fit_with_errors, provenance
 from ...types import Input
 from .outcome import Outcome
 from .run import BITS, DURATION, NOISE, RATE, Story
@@ -28,7 +28,7 @@ def story_document(story: Story, name: str) -> dict[str, Any]:
         "recordings": {"duration": DURATION, "rate": RATE, "encoder_bits": BITS, "torque_noise": NOISE},
         "verdict": result.verdict,
         "concealed": [_concealed(story, outcome) for outcome in story.outcomes],
-        "fit": {"before": fit_document(result.before), "after": fit_document(result.after)},
+        "fit": {"before": fit_with_errors(result.before), "after": fit_with_errors(result.after)},
         "rollout": None if before is None or after is None else after.document(before),
         "flags": list(story.flags),
         "notes": list(result.notes),

@@ -93,7 +93,7 @@ def _proof(result: Diagnosis) -> Table:
     table = new_table("joint", "torque: before>", "after>", "noise floor>", "unit", *rolled)
     for j, joint in enumerate(before.joints):
         rms = change(float(before.held_out_rms[j]), float(after.held_out_rms[j]))
-        cells: list[RenderableType] = [joint, *rms, figure(float(before.noise_floor[j]), 2), before.unit[j]]
+        cells: list[RenderableType] = [joint, *rms, figure(float(before.irreducible_rms[j]), 2), before.unit[j]]
         if first is not None and last is not None:
             errors = (float(one.rms(max(one.horizons))[j]) for one in (first, last))
             cells += [*change(*errors), first.unit[j]]

@@ -23,7 +23,7 @@ from .whitening import Whitening
 
 
 @dataclass(frozen=True, eq=False)
-class Setting(Frozen):
+class Dataset(Frozen):
     """Recordings, the simulation, and the rows made of them."""
 
     task: Task
@@ -78,18 +78,18 @@ class Setting(Frozen):
 
 
 def append(
-    setting: Setting, data: Whitened, hypothesis: Hypothesis, columns: Mapping[int, Array]
+    dataset: Dataset, data: Whitened, hypothesis: Hypothesis, columns: Mapping[int, Array]
 ) -> tuple[Whitened, Group]:
     """The rows with one more hypothesis.
 
     Args:
-        setting: gives the noise.
+        dataset: gives the noise.
         data: whitened rows.
         hypothesis: what the columns mean.
         columns: per joint (M, k) [torque per coefficient].
     """
     size = hypothesis.size
-    group, white = Group(data.count, size, hypothesis), setting.whiten(columns)
+    group, white = Group(data.count, size, hypothesis), dataset.whiten(columns)
     place, torque, made = list(data.place), list(data.torque), list(data.columns)
     for j, x in columns.items():
         place[j] = np.append(place[j], range(group.start, group.start + size)).astype(np.intp)

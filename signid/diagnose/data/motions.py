@@ -133,7 +133,7 @@ def _piece(task: Task, model: Model, motion: Motion, robot: Robot, k: int) -> Pi
     return Piece(k, shown, recorded - predicted)
 
 
-def enough(session: Session) -> Session:
+def subsample(session: Session) -> Session:
     """The session with recordings cut to evenly spread stretches where they are longer than needed, and a note of it.
 
     Recordings that a time limit leaves no time for are longer than needed.

@@ -38,7 +38,7 @@ class Factor(NamedTuple):
 
 
 class Fitted(NamedTuple):
-    """What is refitted and what is taken for true, at one trust in the inertials."""
+    """What is refitted and the selected laws, at one trust in the inertials."""
 
     which: Indices  # (k,) columns
     factors: tuple[Factor, ...]

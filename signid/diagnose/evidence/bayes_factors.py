@@ -16,11 +16,11 @@ from ..data.normal_equations import Fitted
 from .batches import Batch, View, batches, gather, log_factor, view
 from .components import Component
 from .linear_model import Linear
-from .prior import Belief
+from .prior import CoefficientPrior
 from .recent import Recent
 
-TRUST = np.array([0.0, 1.0, 2.0])  # of the tolerance of inertials: how far they are off
-TRUST_PRIOR = np.log([0.5, 0.4, 0.1])
+SCALES = np.array([0.0, 1.0, 2.0])  # of the tolerance of inertials: how far they are off
+SCALE_PRIOR = np.log([0.5, 0.4, 0.1])
 KNOWN = np.array([1.0, 2.5])  # of the deviations that a model carries: how far the recordings may be off it
 KNOWN_PRIOR = np.log([0.95, 0.05])
 FURTHER = np.array([1.0, 2.5, 6.0, 15.0])  # the same, when intervals are asked for
@@ -45,47 +45,52 @@ class Told(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Evidence(Linear):
-    """Rows that can be asked what any hypothesis adds to others that are taken for true."""
+    """Rows that can be asked what any hypothesis adds to others that are selected."""
 
-    def weigh(self, true: Sequence[Group], dispersion: Array, without: Group | None = None) -> tuple[Array, Array]:
+    def log_bayes_factors(
+        self, selected: Sequence[Group], dispersion: Array, without: Group | None = None
+    ) -> tuple[Array, Array]:
         """Log Bayes factor of every group (NaN for those that are refitted or true), and the weight of each trust.
 
         Joints that nothing couples with those where anything changed since they were asked last are not asked again.
 
         Args:
-            true: hypotheses that are taken for true.
+            selected: selected hypotheses.
             dispersion: (n,) variance of the whitened residual [1].
             without: one of them that is not, after all; to ask so of each in turn costs little more than of one.
         """
-        kept = {group for group in true if group is not without}
-        fits = [self.fit([group for group in true if group in kept], dispersion, trust) for trust in self.scales]
+        kept = {group for group in selected if group is not without}
+        fits = [
+            self.fit([group for group in selected if group in kept], dispersion, prior_scale)
+            for prior_scale in self.scales
+        ]
         weight = self.scale_prior + np.array([fit.log_evidence for fit in fits])
         weight = weight - logsumexp(weight)
-        factors = np.array([self._factors(true, dispersion, trust, without) for trust in self.scales])
+        factors = np.array([self._factors(selected, dispersion, prior_scale, without) for prior_scale in self.scales])
         factors = factors + weight[:, None]
         factors[:, [k for k, group in enumerate(self.data.groups) if group in kept]] = np.nan
         return np.asarray(logsumexp(factors, axis=0)), np.exp(weight)
 
-    def trust(self, true: Sequence[Group], dispersion: Array) -> float:
+    def prior_scale(self, selected: Sequence[Group], dispersion: Array) -> float:
         """The likeliest distrust of the inertials.
 
         Args:
-            true: hypotheses that are taken for true.
+            selected: selected hypotheses.
             dispersion: (n,) variance of the whitened residual [1].
         """
-        told = [self.fit(true, dispersion, trust).log_evidence for trust in self.scales]
+        told = [self.fit(selected, dispersion, prior_scale).log_evidence for prior_scale in self.scales]
         return float(self.scales[int(np.argmax(told + self.scale_prior))])
 
-    def distance(self, true: Sequence[Group], dispersion: Array) -> float:
+    def distance(self, selected: Sequence[Group], dispersion: Array) -> float:
         """Likeliest scale of the deviations that the model carries, larger ones than in a search included [1].
 
         Args:
-            true: selected hypotheses.
+            selected: selected hypotheses.
             dispersion: (n,) variance of the whitened residual [1].
         """
         if not self.informed:
-            return self.trust(true, dispersion)
-        return float(max(FURTHER, key=lambda scale: self.fit(true, dispersion, scale).log_evidence))
+            return self.prior_scale(selected, dispersion)
+        return float(max(FURTHER, key=lambda scale: self.fit(selected, dispersion, scale).log_evidence))
 
     @property
     def informed(self) -> bool:
@@ -95,35 +100,37 @@ class Evidence(Linear):
     @property
     def scales(self) -> Array:
         """(s,) how far inertials may be off, over their tolerance or over the deviations that a model carries [1]."""
-        return KNOWN if self.informed else TRUST
+        return KNOWN if self.informed else SCALES
 
     @property
     def scale_prior(self) -> Array:
         """(s,) log prior probabilities of the scales."""
-        return KNOWN_PRIOR if self.informed else TRUST_PRIOR
+        return KNOWN_PRIOR if self.informed else SCALE_PRIOR
 
-    def ask(self, fit: Fitted, dispersion: Array, belief: Belief, columns: Mapping[int, Array]) -> float:
+    def ask(self, fit: Fitted, dispersion: Array, prior: CoefficientPrior, columns: Mapping[int, Array]) -> float:
         """Log Bayes factor of columns that are not among the rows' own.
 
         Args:
             fit: everything that is refitted or taken for true.
             dispersion: (n,) variance of the whitened residual [1].
-            belief: of the coefficients.
+            prior: of the coefficients.
             columns: per joint (M, d) whitened [1 per coefficient].
         """
         own, right, across = self.data.products(fit.which, dispersion, columns)
         below = fit.below(across)
         left = (own - below.T @ below)[None], (right - below.T @ fit.told)[None]
-        return float(log_factor(gather([belief]), *left)[0])
+        return float(log_factor(gather([prior]), *left)[0])
 
-    def _factors(self, true: Sequence[Group], dispersion: Array, trust: float, without: Group | None) -> Array:
+    def _factors(
+        self, selected: Sequence[Group], dispersion: Array, prior_scale: float, without: Group | None
+    ) -> Array:
         """(groups,) log Bayes factors at one trust."""
         out, asked = np.full(len(self.data.groups), np.nan), np.zeros(len(self.data.groups), dtype=bool)
-        own = [np.zeros(batch.beliefs.spread.shape) for batch in self._batches]
+        own = [np.zeros(batch.priors_of.spread.shape) for batch in self._batches]
         right = [np.zeros(batch.columns.shape) for batch in self._batches]
-        for component in self.components(true, trust):
+        for component in self.components(selected, prior_scale):
             seen = self._view(component.joints)
-            told = self._told(component, dispersion[list(component.joints)], trust, without)
+            told = self._told(component, dispersion[list(component.joints)], prior_scale, without)
             out[seen.inside], asked[seen.inside] = told.factors, True
             for portion, x, y in zip(seen.portions, told.own, told.right, strict=True):
                 own[portion.batch][portion.beyond] += x
@@ -131,14 +138,14 @@ class Evidence(Linear):
         for batch, x, y in zip(self._batches, own, right, strict=True):
             which = np.flatnonzero(~asked[batch.groups])  # act on joints that are fitted apart
             if len(which):
-                out[batch.groups[which]] = log_factor(batch.beliefs.some(which), x[which], y[which])
+                out[batch.groups[which]] = log_factor(batch.priors_of.some(which), x[which], y[which])
         return out
 
-    def _told(self, component: Component, dispersion: Array, trust: float, without: Group | None) -> Told:
-        if without is not None and without in component.true:
-            return self._tell(component, self._left_without(component, dispersion, trust, without))
-        key = (component, dispersion.tobytes(), trust)
-        return self._tolds(key, lambda: self._tell(component, self._left(component, dispersion, trust)))
+    def _told(self, component: Component, dispersion: Array, prior_scale: float, without: Group | None) -> Told:
+        if without is not None and without in component.selected:
+            return self._tell(component, self._left_without(component, dispersion, prior_scale, without))
+        key = (component, dispersion.tobytes(), prior_scale)
+        return self._tolds(key, lambda: self._tell(component, self._left(component, dispersion, prior_scale)))
 
     @cached_property
     def _tolds(self) -> Recent[Told]:
@@ -149,13 +156,13 @@ class Evidence(Linear):
         for portion, square in zip(self._view(component.joints).portions, left.own, strict=True):
             inside, across, beside = portion.inside, portion.across, left.right[portion.columns]
             if len(inside):
-                factors.append(log_factor(portion.beliefs, square[inside], beside[inside]))
+                factors.append(log_factor(portion.priors_of, square[inside], beside[inside]))
             own.append(square[across])
             right.append(beside[across])
         return Told(np.concatenate(factors), own, right)
 
-    def _left(self, component: Component, dispersion: Array, trust: float) -> Left:
-        fit, seen, own = self.part(component, dispersion, trust), self._view(component.joints), list[Array]()
+    def _left(self, component: Component, dispersion: Array, prior_scale: float) -> Left:
+        fit, seen, own = self.part(component, dispersion, prior_scale), self._view(component.joints), list[Array]()
         below = fit.below(self.across(component, dispersion))
         right = (self.data.right[list(component.joints)][:, seen.columns] / dispersion[:, None]).sum(0)
         for portion in seen.portions:
@@ -163,11 +170,11 @@ class Evidence(Linear):
             own.append(np.tensordot(1 / dispersion, portion.blocks, axes=1) - across @ across.transpose(0, 2, 1))
         return Left(below, right - below.T @ fit.told, own)
 
-    def _left_without(self, component: Component, dispersion: Array, trust: float, without: Group) -> Left:
+    def _left_without(self, component: Component, dispersion: Array, prior_scale: float, without: Group) -> Left:
         """What all but one of the hypotheses leaves."""
-        key = (component, dispersion.tobytes(), trust)
-        left = self._lefts(key, lambda: self._left(component, dispersion, trust))
-        fit = self.part(component, dispersion, trust)
+        key = (component, dispersion.tobytes(), prior_scale)
+        left = self._lefts(key, lambda: self._left(component, dispersion, prior_scale))
+        fit = self.part(component, dispersion, prior_scale)
         below = fit.below(np.eye(len(fit.which))[:, fit.place(without)])
         shares = below.T @ left.below  # (d, p) of what it would make of each column
         back = np.linalg.solve(below.T @ below, shares)
@@ -183,7 +190,7 @@ class Evidence(Linear):
 
     @cached_property
     def _batches(self) -> list[Batch]:
-        return batches(self.data, self.beliefs)
+        return batches(self.data, self.priors_of)
 
     def _view(self, joints: tuple[int, ...]) -> View:
         if joints not in self._views:

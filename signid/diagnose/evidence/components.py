@@ -14,26 +14,28 @@ class Component(NamedTuple):
 
     joints: tuple[int, ...]
     refitted: tuple[Group, ...]
-    true: tuple[Group, ...]  # hypotheses that are taken for true
+    selected: tuple[Group, ...]  # selected hypotheses
 
     @property
     def groups(self) -> tuple[Group, ...]:
         """All that is fitted."""
-        return (*self.refitted, *self.true)
+        return (*self.refitted, *self.selected)
 
 
 def split(
-    data: Whitened, refitted: Sequence[Group], true: Sequence[Group], coupled: Sequence[Group] = ()
+    data: Whitened, refitted: Sequence[Group], selected: Sequence[Group], coupled: Sequence[Group] = ()
 ) -> tuple[Component, ...]:
     """Connected components: two joints are in one if some group acts on both; groups keep their order.
 
     Args:
         data: tells on which joints a group acts.
         refitted: what is refitted.
-        true: hypotheses that are taken for true.
+        selected: selected hypotheses.
         coupled: groups among which something else than rows couples each with each.
     """
-    rows = {group: data.rows(group) or [0] for group in (*refitted, *true)}  # what acts on none is fitted all the same
+    rows = {
+        group: data.rows(group) or [0] for group in (*refitted, *selected)
+    }  # what acts on none is fitted all the same
     label = list(range(data.joints))
     for joints in (*rows.values(), [j for group in coupled for j in rows[group]]):
         first, *others = sorted({label[j] for j in joints}) or [0]
@@ -44,6 +46,8 @@ def split(
         return tuple(group for group in groups if label[rows[group][0]] == one)
 
     return tuple(
-        Component(tuple(j for j, other in enumerate(label) if other == one), within(refitted, one), within(true, one))
+        Component(
+            tuple(j for j, other in enumerate(label) if other == one), within(refitted, one), within(selected, one)
+        )
         for one in sorted(set(label))
     )

@@ -12,14 +12,14 @@ from scipy.special import logsumexp
 
 from ...types import Array, Frozen, Indices
 from ..data.column_groups import Group
-from ..data.dataset import Setting
+from ..data.dataset import Dataset
 from ..data.noise import Noise
 from ..data.normal_equations import solve
 from ..data.whitened_rows import columns_of
 from ..data.whitening import Whitening
 from .bayes_factors import Evidence
 from .noise_model import update_joints
-from .selection import Found
+from .selection import Selection
 
 FAR = 12.0  # log density behind the likeliest, from which on how far inertials are trusted does not count
 
@@ -37,9 +37,9 @@ class _Terms(NamedTuple):
 class Likelihood(Frozen):
     """Of rows with some laws selected; what one of them gains when the noise may explain its torque instead."""
 
-    setting: Setting
+    dataset: Dataset
     evidence: Evidence
-    found: Found
+    found: Selection
 
     def penalty(self, group: Group) -> float:
         """By how much the noise model that is likeliest without a law makes the rows likelier without it, log [-].
@@ -49,31 +49,34 @@ class Likelihood(Frozen):
         Args:
             group: one of the selected laws.
         """
-        true = tuple(g for g in self.found.true if g is not group)
+        selected = tuple(g for g in self.found.selected if g is not group)
         joints = self.evidence.data.rows(group)
-        return float(min(0.0, self._gained(self.found.true, joints) - self._gained(true, joints)))
+        return float(min(0.0, self._gained(self.found.selected, joints) - self._gained(selected, joints)))
 
     def density(self) -> float:
         """Log density of all rows with the selected laws [-]."""
-        return self._log(self.found, self.setting.noise, ())
+        return self._log(self.found, self.dataset.noise, ())
 
-    def _gained(self, true: tuple[Group, ...], joints: Sequence[int]) -> float:
+    def _gained(self, selected: tuple[Group, ...], joints: Sequence[int]) -> float:
         """Log of how much likelier the rows are under the noise model that is likeliest beside some laws [-]."""
-        some = [replace(self.found, true=true, trust=trust) for trust in self.evidence.scales.tolist()]
-        logs = np.tile([self._log(rest, self.setting.noise, joints) for rest in some], (2, 1))
+        some = [
+            replace(self.found, selected=selected, prior_scale=prior_scale)
+            for prior_scale in self.evidence.scales.tolist()
+        ]
+        logs = np.tile([self._log(rest, self.dataset.noise, joints) for rest in some], (2, 1))
         for k in np.flatnonzero(logs[0] > logs[0].max() - FAR):
             logs[1, k] = self._log(some[k], self._likeliest(some[k], joints), joints)
         present, changed = logsumexp(logs + self.evidence.scale_prior, axis=1).tolist()
         return float(max(0.0, changed - present))
 
-    def _likeliest(self, found: Found, joints: Sequence[int]) -> Noise:
+    def _likeliest(self, found: Selection, joints: Sequence[int]) -> Noise:
         """The noise model with the likeliest variance and discrepancy of some joints."""
-        noise, data = self.setting.noise, self.evidence.data
+        noise, data = self.dataset.noise, self.evidence.data
         arrays = {key: getattr(noise, key).copy() for key in ("floor", "innovation", "discrepancy")}
         for j in joints:
-            key = j, found.trust, tuple(g.start for g in found.true if j in data.rows(g))
+            key = j, found.prior_scale, tuple(g.start for g in found.selected if j in data.rows(g))
             if key not in self._known:
-                self._known[key] = update_joints(self.setting, self.evidence, found, [j], colour=False)
+                self._known[key] = update_joints(self.dataset, self.evidence, found, [j], colour=False)
             for name, array in arrays.items():
                 array[j] = getattr(self._known[key], name)[j]
         return replace(noise, **arrays)
@@ -83,30 +86,30 @@ class Likelihood(Frozen):
         """Noise models that were asked for, by joint, trust and the laws that act on the joint."""
         return {}
 
-    def _log(self, found: Found, noise: Noise, joints: Sequence[int]) -> float:
+    def _log(self, found: Selection, noise: Noise, joints: Sequence[int]) -> float:
         """Log density of all rows, with a noise model of some joints [-]."""
-        groups = [*self.evidence.refitted(found.trust), *found.true]
+        groups = [*self.evidence.refitted(found.prior_scale), *found.selected]
         which = columns_of(groups)
         gram, right, log = np.zeros((len(which),) * 2), np.zeros(len(which)), 0.0
-        whitening = Whitening(self.setting.table, noise)
+        whitening = Whitening(self.dataset.table, noise)
         for j in range(self.evidence.data.joints):
-            own = self._terms(j, whitening if j in joints else self.setting.whitening)
+            own = self._terms(j, whitening if j in joints else self.dataset.whitening)
             place = np.flatnonzero(np.isin(which, own.columns))
             here = np.searchsorted(own.columns, which[place])
             gram[np.ix_(place, place)] += own.gram[np.ix_(here, here)]
             right[place] += own.right[here]
             log += own.log
-        precision = self.evidence.precision(found.true, np.diag(gram), found.trust)
+        precision = self.evidence.precision(found.selected, np.diag(gram), found.prior_scale)
         return log + solve(which, gram, right, precision).log_evidence
 
     def _terms(self, joint: int, whitening: Whitening) -> _Terms:
         """Of all columns that may be fitted, under one noise model of the joint."""
-        noise, data, variance = whitening.noise, self.evidence.data, float(self.found.base[joint])
+        noise, data, variance = whitening.noise, self.evidence.data, float(self.found.dispersion[joint])
         key = joint, *(float(x[joint]) for x in (noise.floor, noise.innovation, noise.discrepancy))
         if key not in self._asked:
-            every = np.sort(columns_of([*data.refitted, *self.found.true]))
+            every = np.sort(columns_of([*data.refitted, *self.found.selected]))
             at = data.at[joint, every]
-            x, y = data.torque[joint][:, at[at >= 0]], self.setting.table.residual[:, joint, None]
+            x, y = data.torque[joint][:, at[at >= 0]], self.dataset.table.residual[:, joint, None]
             white = whitening({joint: np.column_stack([x, y])})[joint] / np.sqrt(variance)
             x, y = white[:, :-1], white[:, -1]
             log = whitening.log_scale(joint) - float(y @ y) / 2

@@ -15,7 +15,7 @@ from ..data.column_groups import Group
 from ..data.normal_equations import Fitted, join, solve
 from ..data.whitened_rows import Block, Gram, Whitened, columns_of, mean_products, total
 from .components import Component, split
-from .prior import WIDE, Belief, believe
+from .prior import WIDE, CoefficientPrior, coefficient_prior
 from .recent import Recent
 
 FITS, PARTS, SQUARES, ACROSS = 64, 256, 32, 4  # that are kept
@@ -34,7 +34,7 @@ class Memory:
     """What was computed of some columns; it stays when rows get more of them."""
 
     def __init__(self) -> None:
-        self.beliefs = dict[Group, Belief | None]()
+        self.priors_of = dict[Group, CoefficientPrior | None]()
         self.precisions = dict[Group, Array]()
         self.imitated = dict[Group, float]()
         self.fits = Recent[Fitted](FITS)
@@ -46,63 +46,67 @@ class Memory:
 
 @dataclass(frozen=True, eq=False)
 class Linear(Frozen):
-    """The rows' normal equations; products are made once for each hypothesis that is taken for true."""
+    """The rows' normal equations; products are made once for each hypothesis that is selected."""
 
     data: Whitened
     known: Known | None = None  # what other recordings say of bodies and laws
     memory: Memory = field(default_factory=Memory, repr=False)
 
     @cached_property
-    def beliefs(self) -> dict[Group, Belief | None]:
+    def priors_of(self) -> dict[Group, CoefficientPrior | None]:
         """Of every hypothesis."""
-        kept = self.memory.beliefs
+        kept = self.memory.priors_of
         for group in self.data.groups:
             if group.hypothesis is not None and group not in kept:
                 torque = {j: self.data.raw(j, group) for j in self.data.rows(group)}
-                kept[group] = believe(group.hypothesis, mean_products(torque, self.data.scale))
+                kept[group] = coefficient_prior(group.hypothesis, mean_products(torque, self.data.scale))
         return {group: kept[group] for group in self.data.groups if group.hypothesis is not None}
 
-    def fit(self, true: Sequence[Group], dispersion: Array, trust: float) -> Fitted:
-        """Everything that is refitted, and some hypotheses that are taken for true.
+    def fit(self, selected: Sequence[Group], dispersion: Array, prior_scale: float) -> Fitted:
+        """Everything that is refitted, and some selected hypotheses.
 
         Args:
-            true: hypotheses.
+            selected: hypotheses.
             dispersion: (n,) variance of the whitened residual [1].
-            trust: of the tolerance of inertials, how far they are off.
+            prior_scale: of the tolerance of inertials, how far they are off.
         """
-        key = (tuple(true), dispersion.tobytes(), trust)
-        return self.memory.fits(key, lambda: self._fit(true, dispersion, trust))
+        key = (tuple(selected), dispersion.tobytes(), prior_scale)
+        return self.memory.fits(key, lambda: self._fit(selected, dispersion, prior_scale))
 
-    def _fit(self, true: Sequence[Group], dispersion: Array, trust: float) -> Fitted:
-        fits = [self.part(one, dispersion[list(one.joints)], trust) for one in self.components(true, trust)]
-        return join(self.columns(true, trust), fits)
+    def _fit(self, selected: Sequence[Group], dispersion: Array, prior_scale: float) -> Fitted:
+        fits = [
+            self.part(one, dispersion[list(one.joints)], prior_scale) for one in self.components(selected, prior_scale)
+        ]
+        return join(self.columns(selected, prior_scale), fits)
 
-    def components(self, true: Sequence[Group], trust: float) -> tuple[Component, ...]:
+    def components(self, selected: Sequence[Group], prior_scale: float) -> tuple[Component, ...]:
         """Joints that are fitted together."""
-        return self.memory.components((tuple(true), trust > 0), lambda: self._split(true, trust))
+        return self.memory.components((tuple(selected), prior_scale > 0), lambda: self._split(selected, prior_scale))
 
-    def _split(self, true: Sequence[Group], trust: float) -> tuple[Component, ...]:
-        refitted = self.refitted(trust)
+    def _split(self, selected: Sequence[Group], prior_scale: float) -> tuple[Component, ...]:
+        refitted = self.refitted(prior_scale)
         known = [] if self.known is None else [g for g in refitted if g.start in self.known.columns]
-        return split(self.data, refitted, true, known)
+        return split(self.data, refitted, selected, known)
 
-    def part(self, component: Component, dispersion: Array, trust: float) -> Fitted:
+    def part(self, component: Component, dispersion: Array, prior_scale: float) -> Fitted:
         """All that is fitted to some joints.
 
         Args:
             component: the joints, c of n.
             dispersion: (c,) variance of their whitened residual [1].
-            trust: of the tolerance of inertials, how far they are off.
+            prior_scale: of the tolerance of inertials, how far they are off.
         """
-        key = (component, dispersion.tobytes(), trust)
-        return self.memory.parts(key, lambda: self._part(component, dispersion, trust))
+        key = (component, dispersion.tobytes(), prior_scale)
+        return self.memory.parts(key, lambda: self._part(component, dispersion, prior_scale))
 
-    def _part(self, component: Component, dispersion: Array, trust: float) -> Fitted:
+    def _part(self, component: Component, dispersion: Array, prior_scale: float) -> Fitted:
         which = columns_of(component.groups)
         square = self.memory.squares(component, lambda: self._square(component, which))
         gram = total(square, dispersion, (len(which),) * 2)
         right = (self.data.right[list(component.joints)][:, which] / dispersion[:, None]).sum(0)
-        return solve(which, gram, right, self._precision(component.refitted, component.true, np.diag(gram), trust))
+        return solve(
+            which, gram, right, self._precision(component.refitted, component.selected, np.diag(gram), prior_scale)
+        )
 
     def information(self, which: Indices) -> Array:
         """(k, k) [1 per coefficient, squared] what other recordings say of some columns.
@@ -137,39 +141,41 @@ class Linear(Frozen):
         ]
         return total(tuple(whole), dispersion, (len(which), len(columns)))
 
-    def columns(self, true: Sequence[Group], trust: float) -> Indices:
+    def columns(self, selected: Sequence[Group], prior_scale: float) -> Indices:
         """(k,) columns that are fitted."""
-        return columns_of([*self.refitted(trust), *true])
+        return columns_of([*self.refitted(prior_scale), *selected])
 
-    def refitted(self, trust: float) -> list[Group]:
+    def refitted(self, prior_scale: float) -> list[Group]:
         """What is refitted: inertials where they are not trusted."""
-        return [group for group in self.data.refitted if trust > 0 or not group.bodies]
+        return [group for group in self.data.refitted if prior_scale > 0 or not group.bodies]
 
-    def precision(self, true: Sequence[Group], diagonal: Array, trust: float) -> Array:
+    def precision(self, selected: Sequence[Group], diagonal: Array, prior_scale: float) -> Array:
         """(k, k) [1 per coefficient, squared] of the prior.
 
         Args:
-            true: selected hypotheses.
+            selected: selected hypotheses.
             diagonal: (k,) of the Gram [1 per coefficient, squared].
-            trust: scale of the tolerance of inertials.
+            prior_scale: scale of the tolerance of inertials.
         """
-        return self._precision(self.refitted(trust), true, diagonal, trust)
+        return self._precision(self.refitted(prior_scale), selected, diagonal, prior_scale)
 
-    def _precision(self, refitted: Sequence[Group], true: Sequence[Group], diagonal: Array, trust: float) -> Array:
-        out = self.prior_precision([*refitted, *true], trust)
+    def _precision(
+        self, refitted: Sequence[Group], selected: Sequence[Group], diagonal: Array, prior_scale: float
+    ) -> Array:
+        out = self.prior_precision([*refitted, *selected], prior_scale)
         flat = np.flatnonzero([np.isinf(x) for group in refitted for x in group.deviation])
         out[flat, flat] += FLAT * np.maximum(diagonal[flat], 1e-12)
         return out
 
-    def prior_precision(self, groups: Sequence[Group], trust: float) -> Array:
+    def prior_precision(self, groups: Sequence[Group], prior_scale: float) -> Array:
         """(k, k) [1 per coefficient, squared] of the prior of some groups that are fitted; 0 where it is flat.
 
         Args:
             groups: refitted ones first, then selected hypotheses.
-            trust: of the tolerance of inertials, how far they are off.
+            prior_scale: of the tolerance of inertials, how far they are off.
         """
         stated = tuple(group for group in groups if group.hypothesis is None)
-        first = self.memory.stated((stated, trust), lambda: self._stated_precision(stated, trust))
+        first = self.memory.stated((stated, prior_scale), lambda: self._stated_precision(stated, prior_scale))
         out, at = np.zeros((sum(g.size for g in groups),) * 2), len(first)
         out[:at, :at] = first
         for group in groups[len(stated) :]:
@@ -178,18 +184,18 @@ class Linear(Frozen):
             at += group.size
         return out
 
-    def _stated_precision(self, groups: Sequence[Group], trust: float) -> Array:
+    def _stated_precision(self, groups: Sequence[Group], prior_scale: float) -> Array:
         """(k, k) [1 per coefficient, squared] of the prior of what the simulation states."""
-        deviation = np.array([x * (trust if group.bodies else 1.0) for group in groups for x in group.deviation])
+        deviation = np.array([x * (prior_scale if group.bodies else 1.0) for group in groups for x in group.deviation])
         own = np.diag(np.where(np.isinf(deviation), 0.0, np.maximum(deviation, 1e-150) ** -2.0))
-        return np.asarray(own + self.information(columns_of(groups)) / max(trust, UNTRUSTED) ** 2)
+        return np.asarray(own + self.information(columns_of(groups)) / max(prior_scale, UNTRUSTED) ** 2)
 
     def own_precision(self, group: Group) -> Array:
-        """(d, d) [1 per coefficient, squared] of the prior of a hypothesis that is taken for true."""
+        """(d, d) [1 per coefficient, squared] of the prior of a hypothesis that is selected."""
         if group not in self.memory.precisions:
-            belief = self.beliefs[group]
-            assert belief is not None, "what does not show is never taken for true"
-            covariance = WIDE**2 * belief.spread @ belief.spread.T
+            prior = self.priors_of[group]
+            assert prior is not None, "what does not show is never taken for true"
+            covariance = WIDE**2 * prior.spread @ prior.spread.T
             scale = np.sqrt(np.maximum(np.diag(covariance), 1e-200))
             inverse = np.linalg.inv(covariance / scale / scale[:, None] + 1e-9 * np.eye(group.size))
             self.memory.precisions[group] = inverse / scale / scale[:, None]

@@ -8,83 +8,85 @@ from dataclasses import replace
 import numpy as np
 
 from ...types import Array
-from ..data.dataset import Setting
+from ..data.dataset import Dataset
 from ..data.discrepancy import Likeliest, features, likeliest
 from ..data.noise import Noise, measure_noise, noise_of_rest
 from ..data.whitening import Whitening
 from .linear_model import Linear
-from .selection import Found
+from .selection import Selection
 
 QUIETER = 0.8  # share of the first floor: less, and what was selected had been taken for noise
 LOWEST = 0.7  # share of what columns of everything leave, that noise is at least
 LEAST = 0.1  # of the rows that a fit leaves free, at least
 
 
-def update_noise(setting: Setting, linear: Linear, found: Found) -> Noise:
+def update_noise(dataset: Dataset, linear: Linear, found: Selection) -> Noise:
     """Noise and discrepancy of each joint with the selected laws fitted.
 
     In turn: the size of the discrepancy that makes the rows likeliest; an autoregressive model of what the fit and the
     discrepancy's posterior mean leave.
 
     Args:
-        setting: rows.
+        dataset: rows.
         linear: the rows' columns.
         found: the selected laws.
     """
-    noise = update_joints(setting, linear, found, range(setting.table.joints))
+    noise = update_joints(dataset, linear, found, range(dataset.table.joints))
     if not np.any(noise.floor < QUIETER * noise.least):
         return noise
     data, fit, table, band = (
         linear.data,
-        linear.fit(found.true, found.base, found.trust),
-        setting.table,
-        setting.task.band,
+        linear.fit(found.selected, found.dispersion, found.prior_scale),
+        dataset.table,
+        dataset.task.band,
     )
-    named = [sum(data.raw(j, g) @ fit.value[fit.place(g)] for g in found.true) for j in range(data.joints)]
+    named = [sum(data.raw(j, g) @ fit.value[fit.place(g)] for g in found.selected) for j in range(data.joints)]
     rest = replace(table, residual=table.residual - np.column_stack([x + np.zeros(len(table)) for x in named]))
-    first = measure_noise(rest, setting.periods, band.rate / band.factor)
+    first = measure_noise(rest, dataset.periods, band.rate / band.factor)
     least = np.minimum(noise.least, first.floor)
     raised = np.maximum(1.0, LOWEST * least / noise.floor)
     return replace(noise, least=least, floor=raised * noise.floor, innovation=raised * noise.innovation)
 
 
-def update_joints(setting: Setting, linear: Linear, found: Found, joints: Sequence[int], colour: bool = True) -> Noise:
+def update_joints(
+    dataset: Dataset, linear: Linear, found: Selection, joints: Sequence[int], colour: bool = True
+) -> Noise:
     """The same with new noise of some joints only.
 
     Args:
-        setting: rows.
+        dataset: rows.
         linear: the rows' columns.
         found: the selected laws.
         joints: which.
         colour: whether the autoregressive models are estimated as well; else only variances and discrepancies.
     """
-    noise = setting.noise
+    noise = dataset.noise
     for last in (False, False, True) if colour else (True,):
-        whitening = Whitening(setting.table, noise)
+        whitening = Whitening(dataset.table, noise)
         floor, coefficients = noise.floor.copy(), noise.coefficients.copy()
         innovation, size = noise.innovation.copy(), noise.discrepancy.copy()
         for j in joints:
-            here, rest = _of_joint(setting, linear, found, whitening, j)
+            here, rest = _of_joint(dataset, linear, found, whitening, j)
             size[j], used = here.size, here.used / max(len(rest), 1)
             if last:
                 floor[j], innovation[j] = np.sqrt(here.variance) * np.array([floor[j], innovation[j]])
             else:
                 free = 1 / np.sqrt(max(1 - used, LEAST))
-                floor[j], coefficients[j], innovation[j] = noise_of_rest(setting.table, j, rest, float(free))
+                floor[j], coefficients[j], innovation[j] = noise_of_rest(dataset.table, j, rest, float(free))
         noise = replace(noise, floor=floor, coefficients=coefficients, innovation=innovation, discrepancy=size)
     return noise
 
 
 def _of_joint(
-    setting: Setting, linear: Linear, found: Found, whitening: Whitening, joint: int
+    dataset: Dataset, linear: Linear, found: Selection, whitening: Whitening, joint: int
 ) -> tuple[Likeliest, Array]:
     """The likeliest noise, and (M,) [N.m or N] what fit and discrepancy leave."""
-    table, data = setting.table, linear.data
-    groups = [g for g in (*linear.refitted(found.trust), *found.true) if joint in data.rows(g)]
+    table, data = dataset.table, linear.data
+    groups = [g for g in (*linear.refitted(found.prior_scale), *found.selected) if joint in data.rows(g)]
     raw = np.concatenate([np.zeros((len(table), 0)), *(data.raw(joint, g) for g in groups)], axis=1)
     shape, y = features(table, joint), table.residual[:, joint]
     white = whitening.local({joint: np.column_stack([raw, shape, y])})[joint]
     k = raw.shape[1]
-    precision = linear.prior_precision(groups, found.trust)
+    precision = linear.prior_precision(groups, found.prior_scale)
     here = likeliest(white[:, k:-1], white[:, :k], precision, white[:, -1], float(table.scale[joint]))
     return here, y - np.column_stack([raw, shape])[:, : len(here.value)] @ here.value

@@ -15,7 +15,7 @@ from ..data.hypotheses import Hypothesis, Key
 from ..data.normal_equations import Fitted
 from ..data.whitened_rows import mean_products
 from .bayes_factors import Evidence
-from .prior import NOTHING, believe, likely
+from .prior import NOTHING, coefficient_prior, log_prior
 
 Columns = Mapping[int, Array]
 
@@ -44,7 +44,7 @@ class Bodies(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Judge(Frozen):
+class Posterior(Frozen):
     """The library with its priors, and the evidence."""
 
     evidence: Evidence
@@ -63,7 +63,7 @@ class Judge(Frozen):
         """Members of each grid of shapes, as places in the list of groups."""
         out = dict[Key, list[int]]()
         for k, group in enumerate(self.evidence.data.groups):
-            if group.hypothesis is not None and self.evidence.beliefs[group] is not None:
+            if group.hypothesis is not None and self.evidence.priors_of[group] is not None:
                 out.setdefault(group.hypothesis.key, []).append(k)
         return out
 
@@ -110,14 +110,14 @@ class Judge(Frozen):
             torque: its columns, per joint (M, d) [torque per coefficient].
             white: the same in units of the noise, per joint (M', d) [1 per coefficient].
         """
-        belief = believe(hypothesis, mean_products(torque, self.evidence.data.scale))
-        if belief is None:
+        prior = coefficient_prior(hypothesis, mean_products(torque, self.evidence.data.scale))
+        if prior is None:
             return None
-        return self.evidence.ask(fit, dispersion, belief, white) + self._prior(hypothesis) - float(np.log(NOTHING))
+        return self.evidence.ask(fit, dispersion, prior, white) + self._prior(hypothesis) - float(np.log(NOTHING))
 
     def _prior(self, hypothesis: Hypothesis) -> float:
         places = max(1, self._places.get(hypothesis.key[0], 0))
-        return likely(hypothesis, places, self.skipped, self.kinds, self._places.get("", 1))
+        return log_prior(hypothesis, places, self.skipped, self.kinds, self._places.get("", 1))
 
     @cached_property
     def _places(self) -> dict[str, int]:
@@ -129,17 +129,17 @@ class Judge(Frozen):
         return out
 
     def odds(
-        self, true: Sequence[Group], dispersion: Array, without: Group | None = None
+        self, selected: Sequence[Group], dispersion: Array, without: Group | None = None
     ) -> tuple[dict[Key, Odds], float]:
         """Of everything that is not yet taken for true, and the probability that the inertials are trusted.
 
         Args:
-            true: hypotheses that are taken for true.
+            selected: selected hypotheses.
             dispersion: (n,) variance of the whitened residual [1].
             without: one of them that is not, after all.
         """
-        factors, trust = self.evidence.weigh(true, dispersion, without)
-        grids, taken = self._grids, {group.claim.key for group in true if group is not without}
+        factors, prior_scale = self.evidence.log_bayes_factors(selected, dispersion, without)
+        grids, taken = self._grids, {group.claim.key for group in selected if group is not without}
         told = np.where(np.isfinite(factors), factors, -np.inf)[grids.members]
         highest = np.maximum.reduceat(told, grids.starts)
         shown = np.isfinite(highest)
@@ -152,4 +152,4 @@ class Judge(Frozen):
         for key, yes, value, which in zip(self.keys, shown, log.tolist(), grids.members[first].tolist(), strict=True):
             if yes and key not in taken:
                 out[key] = Odds(value, groups[which])
-        return out, float(trust[0])
+        return out, float(prior_scale[0])

@@ -12,7 +12,7 @@ from ...types import Array, Frozen
 from ..data.hypotheses import Hypothesis
 
 SIZES = np.array([0.006, 0.02, 0.06, 0.2, 0.6, 2.0])  # of an effect, as a share of torque
-WIDE = 1.0  # the same, of an effect that is taken for true: it is not drawn towards nothing
+WIDE = 1.0  # the same, of an effect that is selected: it is not drawn towards nothing
 NOTHING, UNKNOWN = 0.5, 0.02  # prior probabilities; the rest is for effects
 THERE, LOOSE = 0.15, 0.4  # deviation from 1 of a law that is there or not, of one that is approximate
 LEVER = 0.1  # [m] of a body's parts from its joint
@@ -20,7 +20,7 @@ RANK = 1e-6  # of the largest eigenvalue: directions of a group that count
 
 
 @dataclass(frozen=True, eq=False)
-class Belief(Frozen):
+class CoefficientPrior(Frozen):
     """Coefficients of one group: normal about a mean, with deviation = spread @ unit normal, times the size."""
 
     spread: Array  # (d, d) [units of the coefficients], columns beyond its rank zero
@@ -28,7 +28,7 @@ class Belief(Frozen):
     positive: int  # which coefficient is positive, -1 for none
 
 
-def believe(hypothesis: Hypothesis, square: Array) -> Belief | None:
+def coefficient_prior(hypothesis: Hypothesis, square: Array) -> CoefficientPrior | None:
     """Of an effect's size in torque: all its rows together have that share of the joints' rms torque.
 
     None where the motion does not show the effect at all.
@@ -45,19 +45,19 @@ def believe(hypothesis: Hypothesis, square: Array) -> Belief | None:
     if size.max() < 1e-9:
         return None
     if fixed is not None:
-        return Belief(np.eye(len(square)) * fixed, 1.0, -1)
+        return CoefficientPrior(np.eye(len(square)) * fixed, 1.0, -1)
     units = [kind.unit for law in hypothesis.laws for kind in law.effect.linear().values()]
     if hypothesis.laws and not hypothesis.scaled and isinstance(hypothesis.laws[0].effect, BodyLaw) and "kg" in units:
         lever = np.array([LEVER ** _power(unit) for unit in units])
-        return Belief(np.diag(lever / np.sqrt(lever**2 @ size**2)), 0.0, _positive(hypothesis))
+        return CoefficientPrior(np.diag(lever / np.sqrt(lever**2 @ size**2)), 0.0, _positive(hypothesis))
     size = np.where(size < 1e-9 * size.max(), np.inf, size)
     values, vectors = np.linalg.eigh(square / size / size[:, None])
     kept = values > RANK * values[-1]
     spread = vectors * np.where(kept, 1 / np.sqrt(np.where(kept, values, 1)), 0) / size[:, None] / np.sqrt(kept.sum())
-    return Belief(spread, 0.0, _positive(hypothesis))
+    return CoefficientPrior(spread, 0.0, _positive(hypothesis))
 
 
-def likely(hypothesis: Hypothesis, places: int, skipped: int, kinds: int, unknowns: int) -> float:
+def log_prior(hypothesis: Hypothesis, places: int, skipped: int, kinds: int, unknowns: int) -> float:
     """Log of the prior probability of a hypothesis.
 
     Args:

@@ -1,22 +1,59 @@
-"""Hypotheses that are taken for true."""
+"""The selected hypotheses, and the posterior that they were selected by."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 from ...types import Array, Frozen
 from ..data.column_groups import Group
 from ..data.hypotheses import Key
-from .posterior_odds import Odds
+from ..data.normal_equations import Fitted
+from ..data.whitened_rows import Whitened
+from .bayes_factors import Evidence
+from .posterior_odds import Odds, Posterior
 
 
 @dataclass(frozen=True, eq=False)
-class Found(Frozen):
-    """Hypotheses that are taken for true, with what they were accepted by."""
+class Selection(Frozen):
+    """Selected hypotheses, with the noise beside them."""
 
-    true: tuple[Group, ...]
-    log_odds: Mapping[Group, float]
-    base: Array  # (n,) dispersion that no effect explains [1]
-    trust: float  # of the tolerance of inertials
-    first: Mapping[Key, Odds] = field(default_factory=dict)  # odds before anything was taken for true
+    posterior: Posterior
+    selected: tuple[Group, ...]
+    log_odds: Mapping[Group, float]  # log posterior odds of each when it was selected [-]
+    dispersion: Array  # (n,) variance of the whitened residual that no law explains [1]
+    prior_scale: float  # k: errors of the given simulation, in standard deviations of their prior [1]
+    first: Mapping[Key, Odds] = field(default_factory=dict)  # odds of each hypothesis beside the given simulation alone
+
+    @property
+    def evidence(self) -> Evidence:
+        """The rows and what they say of every hypothesis."""
+        return self.posterior.evidence
+
+    @property
+    def data(self) -> Whitened:
+        """The whitened rows."""
+        return self.posterior.evidence.data
+
+    def fit(self) -> Fitted:
+        """Maximum a posteriori of all that is refitted or selected."""
+        return self.evidence.fit(self.selected, self.dispersion, self.prior_scale)
+
+    def having(self, selected: Sequence[Group], log_odds: Mapping[Group, float] | None = None) -> Selection:
+        """The same with other hypotheses, at the prior scale that is likeliest beside these.
+
+        Args:
+            selected: these hypotheses.
+            log_odds: of each when it was selected [-]; None: as they were.
+        """
+        scale = self.evidence.prior_scale(selected, self.dispersion)
+        log = self.log_odds if log_odds is None else log_odds
+        return replace(self, selected=tuple(selected), log_odds=log, prior_scale=scale)
+
+    def without(self, group: Group) -> Selection:
+        """The same without a hypothesis.
+
+        Args:
+            group: one of the selected.
+        """
+        return self.having([other for other in self.selected if other is not group])

@@ -29,7 +29,7 @@ class Rows(NamedTuple):
     torque: Array  # (M, n) [N.m or N] measured
     unsure: Array  # (M, n) [N.m or N] near reversals, standard deviation
 
-    def unforeseen(self, noise: Noise, least: float = 0.0) -> Array:
+    def irreducible_std(self, noise: Noise, least: float = 0.0) -> Array:
         """(M, n) [N.m or N] standard deviation of all that no simulation could predict.
 
         Args:
@@ -66,24 +66,32 @@ def show(session: Session, model: Model) -> Shown:
     return Shown(model, *(residuals(session.task, model, parts) for parts in (session.train, session.held_out)))
 
 
-def fit_of(shown: Shown, noise: Noise) -> Fit:
-    """Residual rms of a simulation in training and held out, beside what no simulation could predict."""
-    judged, floor = shown.judged, rms_of(shown.judged.unforeseen(noise))
-    return fit_rows(shown.model.robot, judged.rest, judged.torque, floor, shown.learned.rest)
+def fit_of(shown: Shown, noise: Noise, floor: Array) -> Fit:
+    """Residual rms of a simulation in training and held out, beside what no simulation could predict.
+
+    Args:
+        shown: its rows.
+        noise: noise of the rows.
+        floor: (n,) [N.m or N] rms of white measurement noise in the band.
+    """
+    held = shown.judged
+    irreducible = rms_of(held.irreducible_std(noise))
+    return fit_rows(shown.model.robot, held.rest, held.torque, floor, shown.learned.rest, irreducible)
 
 
-def prove(before: Shown, after: Shown, noise: Noise) -> Proof:
+def prove(before: Shown, after: Shown, noise: Noise, floor: Array) -> Proof:
     """What a simulation left of the recordings, and what it leaves with what it lacked.
 
     Args:
         before: the simulation as it was.
         after: the extended one.
         noise: of the rows.
+        floor: (n,) [N.m or N] rms of white measurement noise in the band.
     """
     robot = after.model.robot
     return Proof(
-        fit_of(before, noise),
-        fit_of(after, noise),
+        fit_of(before, noise, floor),
+        fit_of(after, noise, floor),
         course_of(before.learned, after.learned, robot),
         course_of(before.judged, after.judged, robot),
     )

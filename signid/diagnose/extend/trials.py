@@ -14,8 +14,7 @@ from ...types import Frozen, Law, Mask
 from ..data.column_groups import Group
 from ..data.normal_equations import Fitted
 from ..data.whitened_rows import columns_of
-from ..evidence.posterior_odds import Judge
-from ..evidence.selection import Found
+from ..evidence.selection import Selection
 from .extend import extend, read_laws
 from .holdout import Rows, residuals
 
@@ -40,15 +39,14 @@ class Trials(Frozen):
 
     session: Session
     model: Model
-    judge: Judge
-    found: Found
+    found: Selection
     made: dict[Choice, tuple[Model, Rows]] = field(default_factory=dict)
 
     def fit(self, choice: Choice) -> Fitted:
         """The likeliest numbers of all that a choice has."""
-        true = tuple(group for group in self.found.true if group in choice.kept)
-        fit = self.judge.evidence.fit(true, self.found.base, self.found.trust)
-        return fit if choice.beside else fit.holding(_among(fit, true) | self.moved(choice, fit))
+        selected = tuple(group for group in self.found.selected if group in choice.kept)
+        fit = self.found.evidence.fit(selected, self.found.dispersion, self.found.prior_scale)
+        return fit if choice.beside else fit.holding(_among(fit, selected) | self.moved(choice, fit))
 
     def moved(self, choice: Choice, fit: Fitted) -> Mask:
         """(k,) which stated numbers a choice refits."""
@@ -69,7 +67,7 @@ class Trials(Frozen):
 
     def units(self) -> list[Unit]:
         """Stated numbers that may be refitted, the laws of each joint by themselves."""
-        refitted = self.judge.evidence.refitted(self.found.trust)
+        refitted = self.found.evidence.refitted(self.found.prior_scale)
         joints = dict.fromkeys(g.law.joints for g in refitted if g.law is not None)
         laws = [tuple(g for g in refitted if g.law is not None and g.law.joints == own) for own in joints]
         bodies = tuple(g for g in refitted if g.bodies)
@@ -80,7 +78,7 @@ class Trials(Frozen):
             fit = self.fit(choice)
             steps = fit.stating(np.where(self.moved(choice, fit), fit.value, 0.0))
             bodies = any(group.bodies for unit in choice.refitted for group in unit)
-            refitted = [g for g in self.judge.evidence.data.refitted if bodies or not g.bodies]
+            refitted = [g for g in self.found.evidence.data.refitted if bodies or not g.bodies]
             laws = [law for own in self.laws(choice).values() for law in own]
             own = extend(self.model, refitted if choice.refitted else (), steps, laws, self.session.task.base)
             rows = residuals(self.session.task, own, self.session.held_out)

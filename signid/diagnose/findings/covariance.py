@@ -14,11 +14,11 @@ from ..data.hypotheses import refits
 from ..data.whitened_rows import columns_of
 from ..evidence.bayes_factors import Evidence
 from ..evidence.knowledge import laid_out, of_laws
-from ..evidence.selection import Found
+from ..evidence.selection import Selection
 from .held_out_selection import Extended
 
 
-def covariance_after(model: Model, evidence: Evidence, found: Found, extended: Extended) -> Covariance:
+def covariance_after(model: Model, evidence: Evidence, found: Selection, extended: Extended) -> Covariance:
     """The covariance of base parameters and laws of the extended simulation, about what it states.
 
     Where numbers were not refitted though the recordings would have moved them, the square of that step is added.
@@ -29,7 +29,7 @@ def covariance_after(model: Model, evidence: Evidence, found: Found, extended: E
         found: the selected laws.
         extended: what was handed out.
     """
-    fit = evidence.fit(found.true, found.base, max(found.trust, 1.0))
+    fit = evidence.fit(found.selected, found.dispersion, max(found.prior_scale, 1.0))
     linear = [law for law in model.laws if _is_base_law(law)]
     base = build_base(model.robot, linear)
     place = {label.name: k for k, label in enumerate(base.labels)}
@@ -48,7 +48,7 @@ def covariance_after(model: Model, evidence: Evidence, found: Found, extended: E
             share[place[f"{name}_{body}"], fit.place(group)] = row
     mixed = base.combination @ share
     matrix = mixed @ fit.covariance @ mixed.T
-    moved = np.isin(fit.which, columns_of([*found.true, *extended.refitted]))
+    moved = np.isin(fit.which, columns_of([*found.selected, *extended.refitted]))
     step = mixed @ np.where(moved, 0.0, fit.value)
     matrix = matrix + np.outer(step, step)
     values = base.combination @ np.concatenate([model.inertials.ravel(), *(_coefficients(law) for law in linear)])

@@ -1,4 +1,4 @@
-"""What is taken for true -> findings with numbers, places and rivals, and the extended simulation."""
+"""The selected laws -> findings with numbers, places and rivals, and the extended simulation."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from ...errors import shorten
 from ...regression.session import Session
 from ...types import Array, Law, Shape
 from ..data.column_groups import Group
-from ..data.dataset import Setting
+from ..data.dataset import Dataset
 from ..data.hypotheses import VARIABLES
 from ..data.locate import Place, locate
 from ..data.motions import torque_rows
-from ..evidence.posterior_odds import Judge
-from ..evidence.selection import Found
+from ..evidence.selection import Selection
 from ..extend.holdout import Shown
 from ..result import Alternative, Finding, Unexplained
 from ..search.stepwise import FIRST, NEXT, needed
-from .alternatives import DOUBT, Slot, with_held_out
+from .alternatives import DOUBT
+from .contender import Contender
 from .covariance import covariance_after
 from .held_out_selection import Extended, hand_out
 from .intervals import deviations
@@ -33,7 +33,6 @@ from .verdict import Verdict
 UNSURE = 0.95  # probability below which a cause is flagged
 LISTED = 4  # rivals of a finding whose separating motion is sought
 SEPARATED = 2 * LISTED  # rivals of all findings together: each search simulates several motions
-REFUSED = 0.0  # log odds that a law has at most if the extended simulation is better without it
 VAGUE = 0.5  # standard deviations of a coefficient: nearer to zero, and a law may as well not be there
 PLAUSIBLE = 0.05  # probability of a rival above which a separating motion is sought
 
@@ -51,74 +50,68 @@ class Result(NamedTuple):
 
 
 class _Case(NamedTuple):
-    """One hypothesis that is taken for true, and what is told of it from."""
+    """One hypothesis that is selected, and what is told of it from."""
 
-    setting: Setting
-    judge: Judge
-    found: Found
-    slot: Slot
+    dataset: Dataset
+    found: Selection
+    contender: Contender
     role: str
     extended: Extended
     seed: int
 
 
 def find(
-    setting: Setting, session: Session, judge: Judge, found: Found, slots: Sequence[Slot], verdict: Verdict, seed: int
+    dataset: Dataset, session: Session, found: Selection, contenders: Sequence[Contender], verdict: Verdict, seed: int
 ) -> Result:
     """Everything that is told of what was taken for true.
 
     Args:
-        setting: motions and rows.
+        dataset: motions and rows.
         session: gives what is held out.
-        judge: library and evidence.
-        found: what is taken for true.
-        slots: how sure each is.
+        found: the selected laws.
+        contenders: how sure each is.
         verdict: roles.
         seed: of motions that tell laws apart.
     """
     order = [*verdict.causes, *verdict.secondary]
-    extended = hand_out(session, setting.model, judge, found, order)
+    extended = hand_out(session, dataset.model, found, order)
     laws, shown = extended.laws, extended.shown
-    stds = deviations(setting, judge, found, laws)
+    stds = deviations(dataset, found, laws)
     vague = {group for group, own in laws.items() if all(map(_is_vague, own, stds[group]))}
-    slots = [_judged(slot, extended, session.judges_itself, vague) for slot in slots]
+    contenders = [_judged(contender, extended, session.judges_itself, vague) for contender in contenders]
     if order:
-        covariance = covariance_after(shown.model, judge.evidence, found, extended)
+        covariance = covariance_after(shown.model, found.evidence, found, extended)
         shown = shown._replace(model=replace(shown.model, covariance=covariance))
     gains = extended.gain
-    weak = {slot.group for slot in slots if slot.probability < DOUBT}
+    weak = {contender.group for contender in contenders if contender.probability < DOUBT}
     refused = [] if session.judges_itself else [g for g in order if not extended.holds(g) and extended.support[g] <= 0]
-    weak.update(group for group in refused if verdict.is_quiet(judge.evidence.data.rows(group)))
-    verdict = verdict.without(weak).raised(slots, gains).confirmed(extended.kept)
+    weak.update(group for group in refused if verdict.is_quiet(found.data.rows(group)))
+    verdict = verdict.without(weak).with_promoted(contenders, gains).with_demoted(extended.kept)
     cases = [
-        _Case(setting, judge, found, slot, "cause" if group in verdict.causes else "secondary", extended, seed)
+        _Case(dataset, found, contender, "cause" if group in verdict.causes else "secondary", extended, seed)
         for group in (*verdict.causes, *verdict.secondary)
-        for slot in slots
-        if slot.group is group
+        for contender in contenders
+        if contender.group is group
     ]
     findings = list(_findings(cases, stds, gains))
     if verdict.name == "unknown" and not verdict.causes:
-        findings = [*resized(setting, session, judge, found, extended), *findings]
-    floor, scale = judge.evidence.data.floor, judge.evidence.data.scale
+        findings = [*resized(dataset, session, found, extended), *findings]
+    floor, scale = found.data.floor, found.data.scale
     return Result(
         verdict=verdict.name,
         shown=shown,
         findings=tuple(findings),
-        unexplained=tuple(_unexplained(setting, shown, verdict)),
-        located=tuple(_place(setting, j, setting.table.residual[:, j]) for j in range(setting.table.joints)),
-        tolerance=float(np.max(np.sqrt(verdict.threshold / judge.evidence.data.counts) * floor / scale)),
-        flags=tuple(_flags(setting, findings, verdict, session.judges_itself)),
+        unexplained=tuple(_unexplained(dataset, shown, verdict)),
+        located=tuple(_place(dataset, j, dataset.table.residual[:, j]) for j in range(dataset.table.joints)),
+        tolerance=float(np.max(np.sqrt(verdict.threshold / found.data.counts) * floor / scale)),
+        flags=tuple(_flags(dataset, findings, verdict, session.judges_itself)),
     )
 
 
-def _judged(slot: Slot, extended: Extended, itself: bool, vague: Collection[Group] = ()) -> Slot:
-    """How sure a hypothesis is after the held-out rows, if there are any.
-
-    One that they speak against, or whose numbers are vague, is even at most.
-    """
-    refused = not extended.holds(slot.group) and not itself
-    limited = replace(slot, most=min(slot.most, REFUSED)) if refused or slot.group in vague else slot
-    return with_held_out(limited, extended.support[slot.group])
+def _judged(contender: Contender, extended: Extended, itself: bool, vague: Collection[Group] = ()) -> Contender:
+    """With what the held-out rows say; a law that they refuse, or whose numbers are vague, is even at most."""
+    refused = (not extended.holds(contender.group) and not itself) or contender.group in vague
+    return replace(contender, held_out=extended.support[contender.group], refused=refused)
 
 
 def _is_vague(law: Law, std: Mapping[str, float]) -> bool:
@@ -133,7 +126,7 @@ def _findings(
     """The findings of all laws, with separating motions as far as time allows."""
     left = SEPARATED
     for case in cases:
-        group = case.slot.group
+        group = case.contender.group
         for law, std in zip(case.extended.laws[group], stds[group], strict=True):
             rivals = tuple(_alternatives(case, law, left))
             left -= sum(bool(rival.separating_motion) for rival in rivals)
@@ -141,43 +134,44 @@ def _findings(
 
 
 def _finding(case: _Case, law: Law, std: dict[str, float], gain: float, rivals: tuple[Alternative, ...]) -> Finding:
-    setting, judge, found, slot = case[:4]
-    in_model = case.extended.holds(slot.group)
-    whole = whole_law(law, setting.model, case.extended.shown.model if in_model else None)
-    torque = torque_rows(setting.thin, setting.pieces, law)
-    share = np.zeros(setting.table.joints)
+    dataset, found, contender = case.dataset, case.found, case.contender
+    in_model = case.extended.holds(contender.group)
+    usual = FIRST if len(found.selected) == 1 else NEXT
+    whole = whole_law(law, dataset.model, case.extended.shown.model if in_model else None)
+    torque = torque_rows(dataset.thin, dataset.pieces, law)
+    share = np.zeros(dataset.table.joints)
     for j, x in torque.items():
-        share[j] = np.sqrt(np.mean(x**2)) / judge.evidence.data.scale[j]
+        share[j] = np.sqrt(np.mean(x**2)) / found.data.scale[j]
     loudest = max(torque, key=lambda j: share[j])
     joint = law.joints[0] if len(law.joints) <= 2 and law.joints[0] in torque else loudest
     return Finding(
         law=whole,
         std=std,
         role=case.role,
-        probability=slot.probability,
+        probability=contender.probability,
         torque_share=share,
-        where=_place(setting, joint, torque[joint], VARIABLES if _passes(law) else VARIABLES[:-1]),
-        statistic=float(found.log_odds[slot.group]),
-        threshold=needed(judge, slot.group, float(found.trust == 0), 0, FIRST if len(found.true) == 1 else NEXT),
+        where=_place(dataset, joint, torque[joint], VARIABLES if _passes(law) else VARIABLES[:-1]),
+        statistic=float(found.log_odds[contender.group]),
+        threshold=needed(found.posterior, contender.group, float(found.prior_scale == 0), 0, usual),
         held_out_gain=gain,
         alternatives=rivals,
-        stated=stated_numbers(setting.model, whole),
+        stated=stated_numbers(dataset.model, whole),
         in_model=in_model,
     )
 
 
 def _alternatives(case: _Case, law: Law, most: int) -> Iterator[Alternative]:
     """The rivals of a law, the likeliest first; at most so many plausible ones with a separating motion."""
-    model, floor, most = case.setting.model, case.judge.evidence.data.floor, min(most, LISTED)
-    for k, (probability, group) in enumerate(case.slot.rivals.values()):
+    model, floor, most = case.dataset.model, case.found.data.floor, min(most, LISTED)
+    for k, (probability, group) in enumerate(case.contender.rivals.values()):
         for rival in group.claim.laws[:1]:
             sought = k < most and probability > PLAUSIBLE
             motion = tell_apart(model, law, rival, floor, case.seed) if sought else ""
             yield Alternative(rival, probability, motion)
 
 
-def _place(setting: Setting, joint: int, torque: Array, variables: Sequence[str] = VARIABLES) -> Place:
-    return locate(setting.table, joint, torque, bool(setting.model.robot.prismatic[joint]), variables)
+def _place(dataset: Dataset, joint: int, torque: Array, variables: Sequence[str] = VARIABLES) -> Place:
+    return locate(dataset.table, joint, torque, bool(dataset.model.robot.prismatic[joint]), variables)
 
 
 def _passes(law: Law) -> bool:
@@ -185,16 +179,16 @@ def _passes(law: Law) -> bool:
     return any(kind.unit == "s" for kind in law.effect.parameters.values() if isinstance(kind, Shape))
 
 
-def _unexplained(setting: Setting, shown: Shown, verdict: Verdict) -> Iterator[Unexplained]:
+def _unexplained(dataset: Dataset, shown: Shown, verdict: Verdict) -> Iterator[Unexplained]:
     rest, torque = np.nan_to_num(shown.learned.rest), np.nan_to_num(shown.learned.torque)
-    excess = np.sum((rest / shown.learned.unforeseen(setting.noise, 1)) ** 2 - 1, axis=0)
+    excess = np.sum((rest / shown.learned.irreducible_std(dataset.noise, 1)) ** 2 - 1, axis=0)
     for joint in np.flatnonzero(excess > verdict.threshold).tolist():
         share = float(np.sqrt(np.mean(rest[:, joint] ** 2) / max(float(np.mean(torque[:, joint] ** 2)), 1e-300)))
-        yield Unexplained(joint, _place(setting, joint, rest[:, joint]), share)
+        yield Unexplained(joint, _place(dataset, joint, rest[:, joint]), share)
 
 
-def _flags(setting: Setting, findings: Sequence[Finding], verdict: Verdict, itself: bool) -> Iterator[str]:
-    robot = setting.model.robot
+def _flags(dataset: Dataset, findings: Sequence[Finding], verdict: Verdict, itself: bool) -> Iterator[str]:
+    robot = dataset.model.robot
     if verdict.name == "unknown":
         named = any(finding.role == "cause" for finding in findings)
         lead = "the causes named leave more than they explain: " if named else ""

@@ -13,8 +13,7 @@ from ...regression.session import Session
 from ...types import Array, Law
 from ..data.column_groups import Group
 from ..data.hypotheses import happens_once
-from ..evidence.posterior_odds import Judge
-from ..evidence.selection import Found
+from ..evidence.selection import Selection
 from ..extend.holdout import Rows, Shown, show
 from ..extend.trials import Choice, Trials, Unit
 from ..search.stepwise import SEARCH
@@ -43,7 +42,7 @@ class Extended(NamedTuple):
         return group in self.kept
 
 
-def hand_out(session: Session, model: Model, judge: Judge, found: Found, order: Sequence[Group]) -> Extended:
+def hand_out(session: Session, model: Model, found: Selection, order: Sequence[Group]) -> Extended:
     """The simulation with the selected laws that hold on held-out rows.
 
     A law without which held-out torque is predicted no worse is left out. Numbers that the simulation states are
@@ -52,11 +51,10 @@ def hand_out(session: Session, model: Model, judge: Judge, found: Found, order: 
     Args:
         session: recordings.
         model: the simulation.
-        judge: library and evidence.
         found: what was selected.
         order: the same, in the order in which the simulation gets their laws.
     """
-    trials = Trials(session, model, judge, found)
+    trials = Trials(session, model, found)
     alone, beside = Choice(tuple(order)), Choice(tuple(order), beside=True)
     chosen, judged = _settled(trials, beside)
     if not time_is_up(SEARCH):

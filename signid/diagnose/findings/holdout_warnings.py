@@ -7,17 +7,17 @@ from collections.abc import Iterator
 from ...estimation.fit_quality import Fit
 
 WORSE = 1.05  # times the rms before
-LITTLE, LOUD = 0.5, 3.0  # held-out R2 below which torque is hardly predicted; noise floors from which on that counts
+LITTLE, LOUD = 0.5, 3.0  # held-out R2 below which torque is hardly predicted; irreducible rms from which on that counts
 
 
-def doubts(before: Fit, after: Fit) -> Iterator[str]:
+def holdout_warnings(before: Fit, after: Fit) -> Iterator[str]:
     """A sentence on each joint that is predicted worse than before, or hardly at all."""
     rows = zip(
         after.joints,
         after.unit,
         before.held_out_rms,
         after.held_out_rms,
-        after.noise_floor,
+        after.irreducible_rms,
         after.held_out_r2,
         strict=True,
     )

@@ -11,12 +11,12 @@ from ...regression.projection import leave
 from ...regression.session import Session
 from ...types import Array, Law
 from ..data.column_groups import Group
-from ..data.dataset import Setting
+from ..data.dataset import Dataset
 from ..data.hypotheses import VARIABLES, Key
 from ..data.locate import locate
 from ..evidence.bayes_factors import Evidence
-from ..evidence.posterior_odds import Judge
-from ..evidence.selection import Found
+from ..evidence.posterior_odds import Posterior
+from ..evidence.selection import Selection
 from ..extend.extend import extended_laws
 from ..extend.holdout import show
 from ..result import Alternative, Finding
@@ -28,31 +28,30 @@ LOST = 1e-12  # of the largest eigenvalue of the prior information, scaled: noth
 SURE, MOST = 1 - 1e-9, 50.0  # most probable; largest log odds
 
 
-def resized(setting: Setting, session: Session, judge: Judge, found: Found, extended: Extended) -> Iterator[Finding]:
+def resized(dataset: Dataset, session: Session, found: Selection, extended: Extended) -> Iterator[Finding]:
     """Laws that the simulation states, whose numbers held-out rows want otherwise: causes where nothing else is one.
 
     Either a law of the library is behind what differs, or only numbers that the simulation states; then a number is off
     or exactly as stated.
 
     Args:
-        setting: motions and rows.
+        dataset: motions and rows.
         session: gives what is held out.
-        judge: library and evidence.
         found: the selected laws.
         extended: what was handed out.
     """
-    none, others = _behind(judge, found)
-    off = {g: none * p for g, p in _off(judge.evidence, found, extended).items()}
+    none, others = _behind(found)
+    off = {g: none * p for g, p in _off(found.evidence, found, extended).items()}
     likely = {g: min(p + (others[_name(g)][0] if _name(g) in others else 0.0), SURE) for g, p in off.items()}
     likely = {g: p for g, p in likely.items() if p >= DOUBT}
     if not likely:
         return
-    given, after = show(session, setting.model).judged.rest, extended.shown.judged.rest
-    fit, data = judge.evidence.fit(found.true, found.base, found.trust), judge.evidence.data
+    given, after = show(session, dataset.model).judged.rest, extended.shown.judged.rest
+    fit, data = found.fit(), found.data
     for group, probability in sorted(likely.items(), key=lambda item: -item[1]):
         assert group.law is not None, "what was refitted is stated"
         place, joint = fit.place(group), group.law.joints[0]
-        whole = whole_law(group.law, setting.model, extended.shown.model)
+        whole = whole_law(group.law, dataset.model, extended.shown.model)
         torque = data.raw(joint, group) @ fit.value[place]
         std = float(np.sqrt(fit.covariance[place, place][0, 0]))
         yield Finding(
@@ -60,13 +59,13 @@ def resized(setting: Setting, session: Session, judge: Judge, found: Found, exte
             std=dict.fromkeys(whole.effect.linear(), std),
             role="cause",
             probability=probability,
-            torque_share=_share(judge.evidence, group, float(fit.value[place][0])),
-            where=locate(setting.table, joint, torque, bool(setting.model.robot.prismatic[joint]), VARIABLES[:-1]),
+            torque_share=_share(found.evidence, group, float(fit.value[place][0])),
+            where=locate(dataset.table, joint, torque, bool(dataset.model.robot.prismatic[joint]), VARIABLES[:-1]),
             statistic=float(np.log(probability / (1 - probability))),
             threshold=float(np.log(DOUBT / (1 - DOUBT))),
             held_out_gain=1 - float(np.nanmean(after[:, joint] ** 2) / np.nanmean(given[:, joint] ** 2)),
-            alternatives=tuple(_rivals(judge, group, fit.value[place], others)),
-            stated=stated_numbers(setting.model, whole),
+            alternatives=tuple(_rivals(found.posterior, group, fit.value[place], others)),
+            stated=stated_numbers(dataset.model, whole),
         )
 
 
@@ -93,21 +92,24 @@ def stated_numbers(model: Model, whole: Law) -> dict[str, float]:
     return out
 
 
-def _behind(judge: Judge, found: Found) -> tuple[float, dict[Key, tuple[float, Group]]]:
+def _behind(found: Selection) -> tuple[float, dict[Key, tuple[float, Group]]]:
     """The probability that no law of the library is behind what differs, and that of each."""
-    odds = judge.odds(found.true, found.base)[0]
+    odds = found.posterior.odds(found.selected, found.dispersion)[0]
     each = {key: float(np.exp(np.clip(one.log, -MOST, MOST))) for key, one in odds.items()}
     total = 1 + sum(each.values())
     return 1 / total, {key: (x / total, odds[key].best) for key, x in each.items()}
 
 
-def _off(evidence: Evidence, found: Found, extended: Extended) -> dict[Group, float]:
+def _off(evidence: Evidence, found: Selection, extended: Extended) -> dict[Group, float]:
     """Laws of one number that were refitted, and the probability that it is off, if stated numbers alone are.
 
     Source: Dickey, Ann. Math. Statist. 42, 1971 (Savage's density ratio).
     """
     groups = [g for g in extended.refitted if g.law is not None and g.size == 1]
-    fit, before = evidence.fit(found.true, found.base, found.trust), _stated_variance(evidence, found.trust)
+    fit, before = (
+        evidence.fit(found.selected, found.dispersion, found.prior_scale),
+        _stated_variance(evidence, found.prior_scale),
+    )
     covariance, out = fit.covariance, dict[Group, float]()
     for group in sorted(groups, key=lambda one: one.start):
         at = fit.place(group).start
@@ -124,10 +126,10 @@ def _name(group: Group) -> Key:
 
 
 def _rivals(
-    judge: Judge, group: Group, value: Array, likely: Mapping[Key, tuple[float, Group]]
+    posterior: Posterior, group: Group, value: Array, likely: Mapping[Key, tuple[float, Group]]
 ) -> Iterator[Alternative]:
     """Laws of the library that make at least half of the torque of a change, the likeliest first."""
-    data, joint = judge.evidence.data, _name(group)[1][0]
+    data, joint = posterior.evidence.data, _name(group)[1][0]
     torque = data.part(joint, group) @ value
     for key, (probability, rival) in sorted(likely.items(), key=lambda item: -item[1][0]):
         if probability > NOTABLE and key != _name(group) and rival.claim.laws and joint in data.rows(rival):
@@ -136,7 +138,7 @@ def _rivals(
                 yield Alternative(rival.claim.laws[0], probability, "")
 
 
-def _stated_variance(evidence: Evidence, trust: float) -> dict[Group, float]:
+def _stated_variance(evidence: Evidence, prior_scale: float) -> dict[Group, float]:
     """Prior variance of each law of one number [its unit, squared]."""
     laws = [g for g in evidence.data.refitted if g.law is not None and g.size == 1]
     if evidence.known is None:
@@ -144,7 +146,7 @@ def _stated_variance(evidence: Evidence, trust: float) -> dict[Group, float]:
     columns, information = evidence.known
     size = np.sqrt(np.maximum(np.diag(information), 1e-300))
     inverse = np.linalg.pinv(information / size / size[:, None], rcond=LOST, hermitian=True) / size / size[:, None]
-    variance = dict(zip(columns.tolist(), (trust**2 * np.diag(inverse)).tolist(), strict=True))
+    variance = dict(zip(columns.tolist(), (prior_scale**2 * np.diag(inverse)).tolist(), strict=True))
     return {g: variance.get(g.start, np.inf) for g in laws}
 
 

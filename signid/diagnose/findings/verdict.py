@@ -10,13 +10,13 @@ import numpy as np
 from ...regression.projection import leave
 from ...types import Array, Frozen, Mask
 from ..data.column_groups import Group
-from ..data.dataset import Setting
+from ..data.dataset import Dataset
 from ..data.noise import whole
 from ..data.whitening import weights
-from ..evidence.posterior_odds import Judge
-from ..evidence.selection import Found
+from ..evidence.posterior_odds import Posterior
+from ..evidence.selection import Selection
 from ..search.contributions import Sizes, measure_sizes
-from .alternatives import Slot
+from .contender import Contender
 
 CAUSE = 0.15  # of the largest ratio of torque to residual: less is a small correction
 LARGE, HOLDS = 0.03, 0.2  # share of some joint's torque, and held-out gain: more is no small correction
@@ -62,14 +62,14 @@ class Verdict(Frozen):
         """
         return bool(np.all(self.before[list(joints)] <= self.threshold[list(joints)]))
 
-    def raised(self, slots: Sequence[Slot], gains: Mapping[Group, float]) -> Verdict:
+    def with_promoted(self, contenders: Sequence[Contender], gains: Mapping[Group, float]) -> Verdict:
         """With what is no small correction beside a larger cause among the causes.
 
         Args:
-            slots: how sure each is.
+            contenders: how sure each is.
             gains: share of the held-out sum of squares, on its joints, that each takes away [1].
         """
-        sure = {slot.group for slot in slots if slot.probability > 0.5}
+        sure = {contender.group for contender in contenders if contender.probability > 0.5}
         size = self.sizes.share
         more = [g for g in self.secondary if g in sure and size[g].max() >= LARGE and gains[g] >= HOLDS]
         if self.name != "named" or not more:
@@ -77,7 +77,7 @@ class Verdict(Frozen):
         secondary = tuple(group for group in self.secondary if group not in more)
         return replace(self, causes=(*self.causes, *more), secondary=secondary)
 
-    def confirmed(self, kept: Collection[Group]) -> Verdict:
+    def with_demoted(self, kept: Collection[Group]) -> Verdict:
         """With causes that held-out rows speak against behind the others: among the corrections, if there are others.
 
         Args:
@@ -88,52 +88,51 @@ class Verdict(Frozen):
         return replace(self, causes=causes, secondary=(*refused, *self.secondary)) if causes else self
 
 
-def decide(setting: Setting, judge: Judge, found: Found, slots: Sequence[Slot]) -> Verdict:
+def decide(dataset: Dataset, found: Selection, contenders: Sequence[Contender]) -> Verdict:
     """Named, unknown, or nothing missing.
 
     Args:
-        setting: rows.
-        judge: library and evidence.
+        dataset: rows.
         found: the selected laws.
-        slots: how sure each is.
+        contenders: how sure each is.
     """
-    data, noise = judge.evidence.data, setting.noise
-    sizes = measure_sizes(judge.evidence, found.true, found.base, found.trust)
-    bare = measure_sizes(judge.evidence, (), found.base, judge.evidence.trust((), found.base))
+    data, noise = found.data, dataset.noise
+    sizes = measure_sizes(found.evidence, found.selected, found.dispersion, found.prior_scale)
+    bare = measure_sizes(found.evidence, (), found.dispersion, found.evidence.prior_scale((), found.dispersion))
     count = data.counts
-    rest, plain = (setting.remaining(data, one.fit) for one in (sizes, bare))
-    after, before = (_excess(setting, count, one) for one in (rest, plain))
+    rest, plain = (dataset.remaining(data, one.fit) for one in (sizes, bare))
+    after, before = (_excess(dataset, count, one) for one in (rest, plain))
     scale = np.maximum(data.scale, FAINT * data.scale.max())
     unknown = (o for o in found.first.values() if o.best.claim.unknown and np.any(before[data.rows(o.best)] > 0))
     clear = max((o.log for o in unknown), default=-np.inf)
     threshold = NOTICED * np.sqrt(2 * count) + count * (DISCREPANCY * scale / noise.least) ** 2
-    threshold = threshold * (CLEARLY if clear > CLEAR and not found.true else 1.0)
-    energy = {group: _weight(judge, sizes, rest, group) for group in found.true}
+    threshold = threshold * (CLEARLY if clear > CLEAR and not found.selected else 1.0)
+    energy = {group: _weight(found.posterior, sizes, rest, group) for group in found.selected}
     largest = max(energy.values(), default=0.0)
-    slot = {slot.group: slot for slot in slots}
-    ranked = sorted(found.true, key=lambda group: (slot[group].doubted < 0, -energy[group]))
+    contender = {contender.group: contender for contender in contenders}
+    ranked = sorted(found.selected, key=lambda group: (contender[group].log_at_scale < 0, -energy[group]))
     causes = tuple(group for group in ranked if energy[group] >= CAUSE * largest)
     secondary = tuple(group for group in ranked if group not in causes)
     if not causes:
         state = clear > 0 or np.any(noise.discrepancy > NOTICEABLE * scale)
         differs = clear > CLEAR or np.any(after > threshold * (1 if state else PLAIN))
         name = "unknown" if differs else "nothing_missing"
-    elif _abstains(data.joints, causes, (before, after, threshold), slot[causes[0]]):
+    elif _abstains(data.joints, causes, (before, after, threshold), contender[causes[0]]):
         name = "unknown"
     else:
         name = "named"
     return Verdict(name, causes, secondary, before, after, threshold, sizes)
 
 
-def _excess(setting: Setting, counts: Array, rest: Array) -> Array:
+def _excess(dataset: Dataset, counts: Array, rest: Array) -> Array:
     """(n,) sum of squares of the residual, discrepancy included, beyond that of the floor [variance of the floor]."""
-    noise = setting.noise
-    weight, order = weights(setting.table, noise), noise.coefficients.shape[1]
-    kept = whole(setting.table.piece, order)
+    noise = dataset.noise
+    weight, order = weights(dataset.table, noise), noise.coefficients.shape[1]
+    kept = whole(dataset.table.piece, order)
     return np.asarray(np.sum((rest[order:][kept] * weight / noise.least) ** 2, axis=0) - counts)
 
 
-def _weight(judge: Judge, sizes: Sizes, rest: Array, group: Group) -> float:
+def _weight(posterior: Posterior, sizes: Sizes, rest: Array, group: Group) -> float:
     """How much a law matters [1]: its mean square torque over that of what all leave, and over that of all torque.
 
     Only the part of its torque counts that no other law could make, since two laws may cancel most of each other, and
@@ -141,12 +140,12 @@ def _weight(judge: Judge, sizes: Sizes, rest: Array, group: Group) -> float:
     geometric mean of both ratios, summed over joints.
 
     Args:
-        judge: library and evidence.
+        posterior: odds of every hypothesis.
         sizes: of the selected laws.
         rest: (M, n) what all laws together leave [N.m or N].
         group: one of them.
     """
-    data, size = judge.evidence.data, 0.0
+    data, size = posterior.evidence.data, 0.0
     for j in data.rows(group):
         torque, left = data.raw(j, group) @ sizes.value[group], float(np.mean(rest[:, j] ** 2))
         beside = [(g, x) for g, x in sizes.value.items() if g is not group and j in data.rows(g)]
@@ -157,7 +156,7 @@ def _weight(judge: Judge, sizes: Sizes, rest: Array, group: Group) -> float:
     return float(np.sqrt(size))
 
 
-def _abstains(joints: int, causes: Sequence[Group], excess: tuple[Array, Array, Array], first: Slot) -> bool:
+def _abstains(joints: int, causes: Sequence[Group], excess: tuple[Array, Array, Array], first: Contender) -> bool:
     """Whether the causes leave most of what differs, at their joints or elsewhere."""
     before, after, threshold = excess
     concerned = np.zeros(joints, dtype=bool)

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...effects import EFFECTS
 from ...types import Array, Indices, Law
-from ..data.dataset import Setting
+from ..data.dataset import Dataset
 from ..data.hypotheses import Hypothesis
 from ..data.noise import whole
 from ..data.whitened_rows import Whitened
@@ -28,27 +28,27 @@ class _Window(NamedTuple):
     stop: int
 
 
-def find_contact(setting: Setting, data: Whitened, residual: Array, dispersion: Array) -> Hypothesis | None:
+def find_contact(dataset: Dataset, data: Whitened, residual: Array, dispersion: Array) -> Hypothesis | None:
     """The likeliest window of all recordings, None where none is better than nothing.
 
     Sums up to every row make each window cost the same.
 
     Args:
-        setting: gives the motions.
+        dataset: gives the motions.
         data: whitened rows.
-        residual: (n, M) whitened, after all that is taken for true [1].
+        residual: (n, M) whitened, after all that is selected [1].
         dispersion: (n,) its variance [1].
     """
-    jacobian = _jacobian(setting)
-    white = setting.whitening.local({j: jacobian[:, :, j] for j in range(data.joints)})
+    jacobian = _jacobian(dataset)
+    white = dataset.whitening.local({j: jacobian[:, :, j] for j in range(data.joints)})
     shape = np.stack([white[j] / np.sqrt(dispersion[j]) for j in range(data.joints)])  # (n, M, 3)
     rest = residual / np.sqrt(dispersion)[:, None]
     variance = SIZE**2 / 3 / max(float(np.mean(np.sum(jacobian**2 / data.scale**2, axis=2))), 1e-300)
-    order = setting.noise.coefficients.shape[1]
-    alive = np.flatnonzero(whole(setting.table.piece, order)) + order
-    rate, best = setting.task.band.rate / setting.task.band.factor, _Window(0.0, 0, 0, 0)
-    for k in np.unique(setting.table.piece[alive]):
-        own = np.flatnonzero(setting.table.piece[alive] == k)
+    order = dataset.noise.coefficients.shape[1]
+    alive = np.flatnonzero(whole(dataset.table.piece, order)) + order
+    rate, best = dataset.task.band.rate / dataset.task.band.factor, _Window(0.0, 0, 0, 0)
+    for k in np.unique(dataset.table.piece[alive]):
+        own = np.flatnonzero(dataset.table.piece[alive] == k)
         x, y = shape[:, own], rest[:, own]
         square = np.concatenate([np.zeros((1, 3, 3)), np.cumsum(np.einsum("jti,jtk->tik", x, x), axis=0)])
         right = np.concatenate([np.zeros((1, 3)), np.cumsum(np.einsum("jti,jt->ti", x, y), axis=0)])
@@ -58,15 +58,15 @@ def find_contact(setting: Setting, data: Whitened, residual: Array, dispersion: 
             best = _Window(found.gain, int(k), int(first), int(last))
     if best.gain <= 0:
         return None
-    span = {"start": float(setting.table.t[best.start]), "end": float(setting.table.t[best.stop])}
+    span = {"start": float(dataset.table.t[best.start]), "end": float(dataset.table.t[best.stop])}
     return Hypothesis((Law(EFFECTS[NAME], tuple(range(data.joints)), span),))
 
 
-def _jacobian(setting: Setting) -> Array:
+def _jacobian(dataset: Dataset) -> Array:
     """(M, 3, n) [m/rad or 1]."""
-    n = setting.table.joints
-    full = [piece.motion.jacobian.reshape(len(piece.motion), -1) for piece in setting.pieces]
-    return np.concatenate([setting.thin(x) for x in full]).reshape(-1, 3, n)
+    n = dataset.table.joints
+    full = [piece.motion.jacobian.reshape(len(piece.motion), -1) for piece in dataset.pieces]
+    return np.concatenate([dataset.thin(x) for x in full]).reshape(-1, 3, n)
 
 
 def _best(square: Array, right: Array, variance: float, rate: float) -> _Window:

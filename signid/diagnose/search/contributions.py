@@ -17,7 +17,7 @@ from ..evidence.bayes_factors import Evidence
 
 @dataclass(frozen=True, eq=False)
 class Sizes(Frozen):
-    """Of hypotheses that are taken for true."""
+    """Of selected hypotheses."""
 
     data: Whitened
     fit: Fitted
@@ -39,18 +39,18 @@ class Sizes(Frozen):
         return np.asarray(np.sum(self.rest**2, axis=1) / self.data.counts)
 
 
-def measure_sizes(evidence: Evidence, true: Sequence[Group], dispersion: Array, trust: float) -> Sizes:
+def measure_sizes(evidence: Evidence, selected: Sequence[Group], dispersion: Array, prior_scale: float) -> Sizes:
     """Of a fit of everything together.
 
     Args:
         evidence: rows.
-        true: hypotheses that are taken for true.
+        selected: selected hypotheses.
         dispersion: (n,) variance of the whitened residual [1].
-        trust: of the tolerance of inertials, how far they are off.
+        prior_scale: of the tolerance of inertials, how far they are off.
     """
-    data, fit = evidence.data, evidence.fit(true, dispersion, trust)
+    data, fit = evidence.data, evidence.fit(selected, dispersion, prior_scale)
     fitted, value, share = fit.value, {}, {}
-    for group in true:
+    for group in selected:
         value[group] = theta = fitted[fit.place(group)]
         share[group] = np.zeros(data.joints)
         for j in data.rows(group):

@@ -10,8 +10,8 @@ from ...effects.base import ActuatorLaw
 from ...regression.projection import leave
 from ...types import Array
 from ..data.column_groups import Group
-from ..evidence.posterior_odds import Judge
-from ..evidence.selection import Found
+from ..evidence.posterior_odds import Posterior
+from ..evidence.selection import Selection
 from ..extend.bodies import is_possible, nearest_bodies
 from ..extend.extend import has_possible_numbers
 
@@ -23,39 +23,41 @@ NEAR = 1.0  # standard deviations by which numbers may differ for the same answe
 SPANNED = 1e-3  # of a hypothesis's columns that others leave: it says nothing new
 
 
-def is_sound(judge: Judge, state: Found, group: Group) -> bool:
+def is_sound(state: Selection, group: Group) -> bool:
     """Whether an effect is large enough, possible, says something new, and is near 1 where it has no number."""
-    true = (*state.true, group)
-    trust = judge.evidence.trust(true, state.base)
-    fit, data = judge.evidence.fit(true, state.base, trust), judge.evidence.data
-    belief, value = judge.evidence.beliefs[group], fit.value[fit.place(group)]
-    assert belief is not None, "hypotheses have beliefs"
+    selected = (*state.selected, group)
+    prior_scale = state.evidence.prior_scale(selected, state.dispersion)
+    fit, data = state.evidence.fit(selected, state.dispersion, prior_scale), state.data
+    prior, value = state.evidence.priors_of[group], fit.value[fit.place(group)]
+    assert prior is not None, "hypotheses have beliefs"
     low, high = CLIPPED if isinstance(group.claim.laws[0].effect, ActuatorLaw) else APPROXIMATE
     rms = [np.sqrt(np.mean((data.raw(j, group) @ value) ** 2)) / data.scale[j] for j in data.rows(group)]
-    if max(rms) < LEAST or (belief.mean and not low < value[0] < high):
+    if max(rms) < LEAST or (prior.mean and not low < value[0] < high):
         return False
     if not has_possible_numbers(group, value):
         return False
-    if belief.positive >= 0 and value[belief.positive] <= 0:
-        at = fit.place(group).start + belief.positive
-        if group.size == 1 or value[belief.positive] <= -2 * np.sqrt(fit.covariance[at, at]):
+    if prior.positive >= 0 and value[prior.positive] <= 0:
+        at = fit.place(group).start + prior.positive
+        if group.size == 1 or value[prior.positive] <= -2 * np.sqrt(fit.covariance[at, at]):
             return False
-    return not _is_redundant(judge, state.true, group) and _has_bodies(judge, true, state.base, trust, group)
+    return not _is_redundant(state, group) and _has_bodies(
+        state.posterior, selected, state.dispersion, prior_scale, group
+    )
 
 
-def _has_bodies(judge: Judge, true: Sequence[Group], base: Array, trust: float, group: Group) -> bool:
+def _has_bodies(posterior: Posterior, selected: Sequence[Group], base: Array, prior_scale: float, group: Group) -> bool:
     """Whether a change of a body leaves bodies that a real robot could have, within what the rows leave open."""
-    law, own = group.claim.laws[0], judge.bodies
+    law, own = group.claim.laws[0], posterior.bodies
     if own is None or law.effect.name not in ("link_inertia", "payload"):
         return True
-    fit = judge.evidence.fit(true, base, trust)
-    place, body, numbers = fit.place(group), judge.carried[law.joints[0]], group.claim.numbers
+    fit = posterior.evidence.fit(selected, base, prior_scale)
+    place, body, numbers = fit.place(group), posterior.carried[law.joints[0]], group.claim.numbers
     step = np.zeros_like(own.inertials)
     step[body, : len(numbers)] = numbers @ fit.value[place]
     if is_possible(own.inertials, own.inertials + step):
         return True
     std = np.sqrt(np.diag(fit.covariance)[place])
-    asked = judge.bodies_asked.setdefault(group, [])
+    asked = posterior.bodies_asked.setdefault(group, [])
     for value, answer in asked:
         if np.all(np.abs(value - fit.value[place]) <= NEAR * std):
             return answer
@@ -67,11 +69,11 @@ def _has_bodies(judge: Judge, true: Sequence[Group], base: Array, trust: float, 
     return asked[-1][1]
 
 
-def _is_redundant(judge: Judge, true: Sequence[Group], group: Group) -> bool:
+def _is_redundant(state: Selection, group: Group) -> bool:
     """Whether the selected laws can make all that a hypothesis could."""
-    data = judge.evidence.data
+    data = state.data
     joints = data.rows(group)
-    near = [g for g in true if not set(joints).isdisjoint(data.rows(g))]
+    near = [g for g in state.selected if not set(joints).isdisjoint(data.rows(g))]
     if not near:
         return False
     x = np.concatenate([data.part(j, group) for j in joints])

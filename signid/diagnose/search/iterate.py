@@ -1,30 +1,30 @@
-"""Evidence -> what is taken for true: searched, with dispersions and noise that what was found tells."""
+"""Evidence -> the selected laws: searched, with dispersions and noise that what was found tells."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from ...deadline import time_is_up
 from ...types import Array
-from ..data.dataset import Setting, append
+from ..data.dataset import Dataset, append
 from ..data.discrepancy import USUAL
 from ..data.hypotheses import Key, happens_once
 from ..data.whitened_rows import whitened
 from ..evidence.bayes_factors import Evidence
 from ..evidence.likelihood import Likelihood
 from ..evidence.noise_model import update_noise
-from ..evidence.posterior_odds import Judge
-from ..evidence.selection import Found
+from ..evidence.posterior_odds import Posterior
+from ..evidence.selection import Selection
 from ..result import Diagnosis
 from .contact_window import NAME as CONTACT, find_contact
 from .contributions import measure_sizes
 from .relinearise import linearised
-from .shape_optimisation import refine
-from .stepwise import SEARCH, begin, log_prior, posterior, search, spread
+from .shape_optimisation import optimise_shapes
+from .stepwise import SEARCH, begin, inflated_dispersion, log_posterior, log_prior_odds, search
 
 NOISE_ERROR, DISCREPANCY = 1.3, 0.003  # of the noise's variance; of torque, in which every simulation is wrong
 WINDOWS = 10  # of contact that are looked at, for each row
@@ -36,140 +36,146 @@ ROUNDS, MORE = 3, 2  # of columns about the simulation with what was found; laws
 NOISE_ROUNDS = 3  # of noise and search in turn
 
 
-class Explained(NamedTuple):
-    """What is taken for true, and what was asked."""
+class Selected(NamedTuple):
+    """The selected laws, and the rows that they were selected by."""
 
-    setting: Setting
-    judge: Judge
-    found: Found
-    flags: tuple[str, ...] = ()  # columns are not those about the simulation with what was found
+    dataset: Dataset
+    selection: Selection
+    flags: tuple[str, ...] = ()  # columns are not those about the simulation with the selected laws
 
 
-def explain(setting: Setting, judge: Judge, skip: Sequence[str], known: Diagnosis | None) -> Explained:
-    """What is taken for true; searched again where laws that were found change what others do.
+@dataclass(frozen=True)
+class _Question:
+    """What stays the same in all rounds."""
+
+    skip: Sequence[str]  # effects that are left out
+    known: Diagnosis | None  # of recordings without the mismatch
+
+
+def select(dataset: Dataset, posterior: Posterior, skip: Sequence[str], known: Diagnosis | None) -> Selected:
+    """Select laws; again, with columns about the extended simulation, where selected laws change what others do.
 
     Args:
-        setting: motions and rows.
-        judge: library and evidence.
+        dataset: motions and rows.
+        posterior: odds of every hypothesis.
         skip: effects that are left out.
         known: a diagnosis of recordings without the mismatch, if there is one.
     """
-    first = about, judge_, found = _explain(setting, judge, skip, known)
-    setting = about
-    named = set[Key]()
+    question = _Question(skip, known)
+    first = about, found = _select(dataset, posterior, question)
+    dataset, named = about, set[Key]()
     for _ in range(ROUNDS):
         if time_is_up(SEARCH):
-            return Explained(*first)
-        new = linearised(setting, about, judge_, found)
+            return Selected(*first)
+        new = linearised(dataset, about, found)
         if new is None:
-            return Explained(about, judge_, found)
-        about, evidence, named = new, Evidence(whitened(new.table, new.noise), judge.evidence.known), _names(found)
-        judge_, found = _search(about, replace(judge, evidence=evidence), skip, known, found)
+            return Selected(about, found)
+        about, named = new, _names(found)
+        found = _search(about, _about(found.posterior, new), question, found)
         if time_is_up(SEARCH):
-            return Explained(*first)
-        if (
-            len(found.true) > len(first[2].true) + MORE
-        ):  # rounds go astray: what is about a wrong simulation asks for more
+            return Selected(*first)
+        if len(found.selected) > len(first[1].selected) + MORE:  # about a wrong simulation each round asks for more
             break
     else:
         if _names(found) == named:
-            return Explained(about, judge_, found)
-    return Explained(*first, (TANGLED,))
+            return Selected(about, found)
+    return Selected(*first, (TANGLED,))
 
 
-def _names(found: Found) -> set[Key]:
-    return {group.claim.key for group in found.true}
+def _names(selection: Selection) -> set[Key]:
+    return {group.claim.key for group in selection.selected}
 
 
-def _explain(
-    setting: Setting, judge: Judge, skip: Sequence[str], known: Diagnosis | None
-) -> tuple[Setting, Judge, Found]:
-    """Searched, and noise estimated beside what was selected, in turn, while both together become likelier."""
-    judge_, found = _search(setting, judge, skip, known)
-    best, highest, asked_again = (setting, judge_, found), -np.inf, False
+def _about(posterior: Posterior, dataset: Dataset) -> Posterior:
+    """The same prior with the rows of another dataset."""
+    return replace(posterior, evidence=Evidence(whitened(dataset.table, dataset.noise), posterior.evidence.known))
+
+
+def _select(dataset: Dataset, posterior: Posterior, question: _Question) -> tuple[Dataset, Selection]:
+    """Search and noise estimation in turn, while the posterior density of laws and noise together rises."""
+    found = _search(dataset, posterior, question)
+    best, highest, asked_again = (dataset, found), -np.inf, False
     for _ in range(NOISE_ROUNDS):
         if time_is_up(SEARCH):
             break
-        noise = update_noise(setting, judge_.evidence, found)
-        quieter = replace(setting, noise=noise)
-        if (score := _score(quieter, judge_, found)) <= highest:
+        quieter = replace(dataset, noise=update_noise(dataset, found.evidence, found))
+        if (score := _score(quieter, found)) <= highest:
             break
-        asked = replace(judge, evidence=Evidence(whitened(quieter.table, noise), judge.evidence.known))
-        once = any(happens_once(law) for group in found.true for law in group.claim.laws)  # its window is of these rows
+        asked = _about(posterior, quieter)
+        once = any(
+            happens_once(law) for group in found.selected for law in group.claim.laws
+        )  # its window is of these rows
         highest, asked_again = score, not once
-        best = (setting, judge_, found) if once else (quieter, asked, found)
-        again = _search(quieter, asked, skip, known, found)
+        best = (dataset, found) if once else (quieter, replace(found, posterior=asked))
+        again = _search(quieter, asked, question, found)
         if time_is_up(SEARCH):
             break
-        if _names(again[1]) == _names(found):
-            return quieter, *again
-        setting, (judge_, found) = quieter, again
-    return (best[0], *_kept(*best, known)) if asked_again else best
+        if _names(again) == _names(found):
+            return quieter, again
+        dataset, found = quieter, again
+    return (best[0], _kept(*best, question)) if asked_again else best
 
 
-def _score(setting: Setting, judge: Judge, found: Found) -> float:
-    """Log posterior density of what was selected and of the noise estimated beside it, up to a constant [-]."""
-    data = judge.evidence.data
-    rows = Likelihood(setting, judge.evidence, replace(found, base=np.ones(data.joints))).density()
-    sizes = float(np.sum(np.log1p((setting.noise.discrepancy / data.scale / USUAL) ** 2)))
-    return rows - sizes + log_prior(judge, found)
+def _score(dataset: Dataset, selection: Selection) -> float:
+    """Log posterior density of the selected laws and of the noise estimated beside them, up to a constant [-]."""
+    data = selection.data
+    rows = Likelihood(dataset, selection.evidence, replace(selection, dispersion=np.ones(data.joints))).density()
+    sizes = float(np.sum(np.log1p((dataset.noise.discrepancy / data.scale / USUAL) ** 2)))
+    return rows - sizes + log_prior_odds(selection)
 
 
-def _kept(setting: Setting, judge: Judge, found: Found, known: Diagnosis | None) -> tuple[Judge, Found]:
-    """What was selected, under another noise."""
-    start = {group: found.log_odds[group] for group in found.true}
-    kept = begin(judge, _expected(judge, known), start)
-    return refine(setting, judge, replace(kept, first=judge.odds((), kept.base)[0]))
+def _kept(dataset: Dataset, selection: Selection, question: _Question) -> Selection:
+    """The same laws under another noise."""
+    start = {group: selection.log_odds[group] for group in selection.selected}
+    kept = begin(selection.posterior, _expected(selection.posterior, question.known), start)
+    return optimise_shapes(dataset, replace(kept, first=kept.posterior.odds((), kept.dispersion)[0]))
 
 
-def _search(
-    setting: Setting, judge: Judge, skip: Sequence[str], known: Diagnosis | None, before: Found | None = None
-) -> tuple[Judge, Found]:
-    """Search from what was selected before, and where that changes from nothing as well, for what is likelier.
+def _search(dataset: Dataset, posterior: Posterior, question: _Question, before: Selection | None = None) -> Selection:
+    """Search from the laws selected before; where that changes them, from none too, for what is likelier.
 
-    Then for a contact. The first time, all that the simulation leaves counts as noise.
+    Then search for a contact. The first time, all that the simulation leaves counts as noise.
     """
-    expected = _expected(judge, known)
+    expected = _expected(posterior, question.known)
     if before is None:
-        left = measure_sizes(judge.evidence, (), expected, judge.evidence.trust((), expected)).left
+        scale = posterior.evidence.prior_scale((), expected)
+        left = measure_sizes(posterior.evidence, (), expected, scale).left
         expected = np.maximum(expected, NOISE_ERROR * left)
-    start = {} if before is None else {group: before.log_odds[group] for group in before.true}
-    found = search(judge, expected, start)
+    start = {} if before is None else {group: before.log_odds[group] for group in before.selected}
+    found = search(posterior, expected, start)
     if before is not None and start and _names(found) != _names(before):
-        found = max(search(judge, expected), found, key=lambda one: posterior(judge, one))
-    if CONTACT not in skip:
-        judge, found = _touched(setting, judge, found)
-    return refine(setting, judge, found)
+        found = max(search(posterior, expected), found, key=log_posterior)
+    if CONTACT not in question.skip:
+        found = _touched(dataset, found)
+    return optimise_shapes(dataset, found)
 
 
-def _expected(judge: Judge, known: Diagnosis | None) -> Array:
-    """(n,) dispersion that no law explains [1]."""
-    data = judge.evidence.data
+def _expected(posterior: Posterior, known: Diagnosis | None) -> Array:
+    """(n,) variance of the whitened residual that no law explains [1]."""
+    data = posterior.evidence.data
     expected = NOISE_ERROR * (1 + (DISCREPANCY * data.scale / data.floor) ** 2)
     if known is None:
         return np.asarray(expected)
-    return np.asarray(np.maximum(expected, (known.after.train_rms / known.after.noise_floor) ** 2))
+    return np.asarray(np.maximum(expected, (known.after.train_rms / known.after.irreducible_rms) ** 2))
 
 
-def _touched(setting: Setting, judge: Judge, found: Found) -> tuple[Judge, Found]:
-    """Once more, with a window of contact where there is one."""
-    window = find_contact(setting, judge.evidence.data, _local_rest(setting, judge, found), found.base)
+def _touched(dataset: Dataset, found: Selection) -> Selection:
+    """The selection, searched again with a window of contact where there is one."""
+    window = find_contact(dataset, found.data, _local_rest(dataset, found), found.dispersion)
     if window is None:
-        return judge, found
-    dispersion, columns = spread(judge, found), setting.columns(window)
-    fit = judge.evidence.fit(found.true, dispersion, found.trust)
-    odds = judge.ask(fit, dispersion, window, columns, setting.whiten(columns))
-    if odds is None or odds <= np.log(WINDOWS * len(judge.evidence.data)):
-        return judge, found
-    data, _ = append(setting, judge.evidence.data, window, columns)
-    wider = replace(judge, evidence=replace(judge.evidence, data=data))
-    again = search(wider, found.base)
-    return (judge, found) if time_is_up(SEARCH) else (wider, again)
+        return found
+    dispersion, columns = inflated_dispersion(found), dataset.columns(window)
+    fit = found.evidence.fit(found.selected, dispersion, found.prior_scale)
+    odds = found.posterior.ask(fit, dispersion, window, columns, dataset.whiten(columns))
+    if odds is None or odds <= np.log(WINDOWS * len(found.data)):
+        return found
+    data, _ = append(dataset, found.data, window, columns)
+    again = search(replace(found.posterior, evidence=replace(found.evidence, data=data)), found.dispersion)
+    return found if time_is_up(SEARCH) else again
 
 
-def _local_rest(setting: Setting, judge: Judge, found: Found) -> Array:
+def _local_rest(dataset: Dataset, selection: Selection) -> Array:
     """(n, M) [1] residual in units of the coloured noise alone, after all that is fitted."""
-    data, fit = judge.evidence.data, judge.evidence.fit(found.true, found.base, found.trust)
-    rest = {j: x[:, None] for j, x in enumerate(setting.remaining(data, fit).T)}
-    white = setting.whitening.local(rest)
-    return np.array([white[j][:, 0] for j in range(data.joints)])
+    rest = {j: x[:, None] for j, x in enumerate(dataset.remaining(selection.data, selection.fit()).T)}
+    white = dataset.whitening.local(rest)
+    return np.array([white[j][:, 0] for j in range(selection.data.joints)])

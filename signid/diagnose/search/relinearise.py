@@ -14,18 +14,17 @@ from ...model import Model
 from ...regression.motion import Motion
 from ...types import Array, Law, Robot
 from ..data.column_groups import dry_friction
-from ..data.dataset import Setting
+from ..data.dataset import Dataset
 from ..data.motions import bodies_of
 from ..data.rows import retabulated
-from ..evidence.posterior_odds import Judge
-from ..evidence.selection import Found
+from ..evidence.selection import Selection
 from ..extend.extend import inertial_places, read_laws
 from .stepwise import SEARCH
 
 MATTERS = 1.0  # squared standard deviations of the rows: a number may be off by one standard deviation
 
 
-def linearised(setting: Setting, about: Setting, judge: Judge, found: Found) -> Setting | None:
+def linearised(dataset: Dataset, about: Dataset, found: Selection) -> Dataset | None:
     """The same rows with columns about the simulation with what was found; None where those at hand hardly differ.
 
     A payload adds to the load that friction grows with and that a tilted base turns, friction to the torque that is
@@ -33,36 +32,35 @@ def linearised(setting: Setting, about: Setting, judge: Judge, found: Found) -> 
     others bring about. The residual stays that of the simulation. None, too, where time is up.
 
     Args:
-        setting: motions and rows, columns about the simulation.
+        dataset: motions and rows, columns about the simulation.
         about: the same, with the columns at hand.
-        judge: library and evidence of these.
-        found: what is taken for true.
+        found: the selected laws.
     """
     if time_is_up(SEARCH):
         return None
-    show_step(f"linearising about {len(found.true)} laws", 0.8)
-    fit = judge.evidence.fit(found.true, found.base, found.trust)
-    value = {group: fit.value[fit.place(group)] for group in found.true}
-    laws = [law for group in found.true for law in read_laws(group, value[group])]
-    inertials, places = setting.model.inertials, inertial_places(judge.evidence.data.refitted, fit)
+    show_step(f"linearising about {len(found.selected)} laws", 0.8)
+    fit = found.fit()
+    value = {group: fit.value[fit.place(group)] for group in found.selected}
+    laws = [law for group in found.selected for law in read_laws(group, value[group])]
+    inertials, places = dataset.model.inertials, inertial_places(found.data.refitted, fit)
     if len(places):
         inertials = inertials + fit.value[places].reshape(inertials.shape)
-    robot = _loaded(setting.model, laws, inertials)
-    new = replace(setting, pieces=tuple(p._replace(motion=_about(p.motion, robot, laws)) for p in setting.pieces))
+    robot = _loaded(dataset.model, laws, inertials)
+    new = replace(dataset, pieces=tuple(p._replace(motion=_about(p.motion, robot, laws)) for p in dataset.pieces))
     if any(np.any(n.motion.inertia <= 0) for n in new.pieces) and all(
-        np.all(o.motion.inertia > 0) for o in setting.pieces
+        np.all(o.motion.inertia > 0) for o in dataset.pieces
     ):
         return None  # bodies that cannot be make nothing known of what they do to others
-    off = np.zeros((setting.table.joints, len(setting.whiten({0: setting.table.residual[:, :1]})[0])))
-    for group in found.true:
+    off = np.zeros((dataset.table.joints, len(dataset.whiten({0: dataset.table.residual[:, :1]})[0])))
+    for group in found.selected:
         was, is_ = about.columns(group.claim), new.columns(group.claim)
-        for j, x in setting.whiten({j: is_[j] - was[j] for j in is_}).items():
+        for j, x in dataset.whiten({j: is_[j] - was[j] for j in is_}).items():
             off[j] += x @ value[group]
-    if not np.sum(off**2, axis=1) @ (1 / found.base) > MATTERS:
+    if not np.sum(off**2, axis=1) @ (1 / found.dispersion) > MATTERS:
         return None
-    dry = dry_friction(setting.model, setting.pieces)
+    dry = dry_friction(dataset.model, dataset.pieces)
     try:
-        return replace(new, table=retabulated(setting.table, setting.task, setting.model, new.pieces, dry))
+        return replace(new, table=retabulated(dataset.table, dataset.task, dataset.model, new.pieces, dry))
     except OutOfTimeError:
         return None
 

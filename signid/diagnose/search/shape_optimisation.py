@@ -14,13 +14,13 @@ from ...optimisers import OPTIMISERS, Problem
 from ...optimisers.base import Optimum
 from ...types import Array, Law
 from ..data.column_groups import Group
-from ..data.dataset import Setting, append
+from ..data.dataset import Dataset, append
 from ..data.hypotheses import Hypothesis, Key
 from ..data.normal_equations import Fitted
-from ..evidence.posterior_odds import Judge
-from ..evidence.selection import Found
+from ..evidence.posterior_odds import Posterior
+from ..evidence.selection import Selection
 from .contributions import measure_sizes
-from .stepwise import SEARCH, spread, without
+from .stepwise import SEARCH, inflated_dispersion
 
 EVALUATIONS, SAME = 20, 0.02  # for each shape; log odds that do not matter
 REACH = 1.6  # by which a shape may be changed, as a factor
@@ -31,53 +31,52 @@ ALGORITHM = "LN_BOBYQA"
 FAR = {"rad": 0.7, "s": 0.3}  # from which on no record is off
 
 
-def refine(setting: Setting, judge: Judge, found: Found) -> tuple[Judge, Found]:
-    """What is taken for true, each with its best shape; laws of the record are taken at their size, not as small.
+def optimise_shapes(dataset: Dataset, found: Selection) -> Selection:
+    """The selected laws, each with its best shape; laws of the record are taken at their size, not as small.
 
     Args:
-        setting: gives the motions.
-        judge: library and evidence.
-        found: what is taken for true.
+        dataset: gives the motions.
+        found: the selected laws.
     """
-    for group in found.true:
-        options = _options(judge, group, {other.claim.key for other in found.true})
+    for group in found.selected:
+        options = _options(found.posterior, group, {other.claim.key for other in found.selected})
         if not options or time_is_up(SEARCH):
             continue
         show_step(f"fitting numbers of {group.claim.key[0]}", 0.7)
-        rest = without(judge, found, group)
-        dispersion = spread(judge, rest)
-        fit = judge.evidence.fit(rest.true, dispersion, found.trust)
+        rest = found.without(group)
+        dispersion = inflated_dispersion(rest)
+        fit = found.evidence.fit(rest.selected, dispersion, found.prior_scale)
         beside = (rest, fit, dispersion)
-        tried = [_polish(setting, judge, option, beside) for option in options if _fits(judge, option, beside)]
+        tried = [_polish(dataset, option, beside) for option in options if _fits(option, beside)]
         if not tried:
             continue
         tried.sort(key=lambda t: -t[0])
-        data, new = append(setting, judge.evidence.data, *tried[0][1:])
+        data, new = append(dataset, found.data, *tried[0][1:])
         for _, rival, columns in tried[1:]:  # at its size too, so that both are weighed alike
-            data, _ = append(setting, data, rival, columns)
-        judge = replace(judge, evidence=replace(judge.evidence, data=data))
-        true = tuple(new if g is group else g for g in found.true)
+            data, _ = append(dataset, data, rival, columns)
+        selected = tuple(new if g is group else g for g in found.selected)
         log = {(new if g is group else g): x for g, x in found.log_odds.items()}
-        found = replace(found, true=true, log_odds=log)
-    return judge, found
+        posterior = replace(found.posterior, evidence=replace(found.evidence, data=data))
+        found = replace(found, posterior=posterior, selected=selected, log_odds=log)
+    return found
 
 
-def _options(judge: Judge, group: Group, taken: Collection[Key]) -> list[tuple[Hypothesis, Group]]:
+def _options(posterior: Posterior, group: Group, taken: Collection[Key]) -> list[tuple[Hypothesis, Group]]:
     """What may stand in the place of a hypothesis, each with where to begin: itself, and twins in the record.
 
     Args:
-        judge: library and evidence.
+        posterior: odds of every hypothesis.
         group: the hypothesis.
-        taken: what is taken for true already.
+        taken: the selected laws already.
     """
     hypothesis = group.claim
     if len(hypothesis.laws) != 1:
         return []
     law = hypothesis.laws[0]
     twins = [
-        (_at_size(EFFECTS[name], law.joints), judge.evidence.data.groups[judge.keys[name, law.joints][0]])
+        (_at_size(EFFECTS[name], law.joints), posterior.evidence.data.groups[posterior.keys[name, law.joints][0]])
         for name in law.effect.twins
-        if _is_small(EFFECTS[name]) and (name, law.joints) in judge.keys and (name, law.joints) not in taken
+        if _is_small(EFFECTS[name]) and (name, law.joints) in posterior.keys and (name, law.joints) not in taken
     ]
     if _is_small(law.effect):
         return [(_at_size(law.effect, law.joints), group), *twins]
@@ -96,15 +95,15 @@ def _is_small(effect: Effect) -> bool:
     return isinstance(effect, RecordingLaw) and len(effect.linear()) == 1
 
 
-Beside = tuple[Found, Fitted, Array]  # the others that are taken for true, their fit, the dispersion (n,) [1]
+Beside = tuple[Selection, Fitted, Array]  # the others that are selected, their fit, the dispersion (n,) [1]
 
 
 def _polish(
-    setting: Setting, judge: Judge, option: tuple[Hypothesis, Group], beside: Beside
+    dataset: Dataset, option: tuple[Hypothesis, Group], beside: Beside
 ) -> tuple[float, Hypothesis, dict[int, Array]]:
     """The best numbers of a law, what they explain, and its columns (M, d) per joint."""
     known, (rest, fit, dispersion) = option[0], beside
-    law, start = known.laws[0], _start(judge, option, rest, dispersion)
+    law, start = known.laws[0], _start(option, rest, dispersion)
     keys, moved = list(start), [_reach(key) for key in start]
 
     def hypothesis(x: Array) -> Hypothesis:
@@ -113,19 +112,19 @@ def _polish(
 
     def cost(x: Array) -> float:
         tried = hypothesis(x).laws[0]
-        if not any(tried.effect.possible(p.motion.at(tried.joints), **_shape(tried)) for p in setting.pieces):
+        if not any(tried.effect.possible(p.motion.at(tried.joints), **_shape(tried)) for p in dataset.pieces):
             return 0.0
-        told = setting.columns(hypothesis(x))
-        return -(judge.ask(fit, dispersion, known, told, setting.whiten(told)) or 0.0)
+        told = dataset.columns(hypothesis(x))
+        return -(rest.posterior.ask(fit, dispersion, known, told, dataset.whiten(told)) or 0.0)
 
     zero = np.zeros(len(keys))
     if not keys:
-        return -cost(zero), known, setting.columns(known)
+        return -cost(zero), known, dataset.columns(known)
     best = _minimised(cost, zero, FURTHER if known.finite else 0)
     ends = [k for k, key in enumerate(keys) if key in ENDS]
-    value, x = _stepped(cost, best.value, best.x, ends, setting.pieces[0].motion.dt / WINDOW)
+    value, x = _stepped(cost, best.value, best.x, ends, dataset.pieces[0].motion.dt / WINDOW)
     chosen = hypothesis(x)
-    return -value, chosen, setting.columns(chosen)
+    return -value, chosen, dataset.columns(chosen)
 
 
 def _minimised(cost: Callable[[Array], float], start: Array, further: int) -> Optimum:
@@ -153,12 +152,12 @@ def _stepped(
     return value, x
 
 
-def _fits(judge: Judge, option: tuple[Hypothesis, Group], beside: Beside) -> bool:
+def _fits(option: tuple[Hypothesis, Group], beside: Beside) -> bool:
     """Whether a law of the record would have a size that a record can have."""
     known, (rest, _, dispersion) = option[0], beside
     if not known.finite:
         return True
-    kinds, start = known.laws[0].effect.linear(), _start(judge, option, rest, dispersion)
+    kinds, start = known.laws[0].effect.linear(), _start(option, rest, dispersion)
     return all(
         0 < abs(x) < FAR.get(kinds[key].unit, np.inf) and not (kinds[key].positive and x < 0)
         for key, x in start.items()
@@ -169,12 +168,12 @@ def _shape(law: Law) -> dict[str, float]:
     return dict(law.effect.shape(law.parameters))
 
 
-def _start(judge: Judge, option: tuple[Hypothesis, Group], rest: Found, dispersion: Array) -> dict[str, float]:
+def _start(option: tuple[Hypothesis, Group], rest: Selection, dispersion: Array) -> dict[str, float]:
     """Numbers to begin with: the shape on its grid, or the size that the small law suggests."""
     (known, group), law = option, option[0].laws[0]
     if not known.finite:
         return dict(law.effect.shape(law.parameters))
-    sizes = measure_sizes(judge.evidence, (*rest.true, group), dispersion, rest.trust)
+    sizes = measure_sizes(rest.evidence, (*rest.selected, group), dispersion, rest.prior_scale)
     (key,) = law.effect.linear()
     return {key: float(sizes.value[group][0])}
 

@@ -7,7 +7,7 @@ from scipy.special import stdtr
 
 from ...types import Array
 from ..data.column_groups import Group
-from ..evidence.posterior_odds import Judge
+from ..evidence.posterior_odds import Posterior
 from ..evidence.prior import NOTHING
 from .contributions import Sizes
 
@@ -15,7 +15,7 @@ BLOCKS, LEAST = 8, 3  # of rows, in each of which a law makes as much torque; an
 SMALLEST = 1e-15  # least probability that counts
 
 
-def steadiness(judge: Judge, sizes: Sizes, rest: Array, group: Group) -> float:
+def steadiness(posterior: Posterior, sizes: Sizes, rest: Array, group: Group) -> float:
     """Log odds that a law makes the prediction better, from how much it does so in parts of the recordings [-].
 
     Its log likelihood ratio against its absence is summed over blocks of rows in each of which it makes as much torque:
@@ -23,14 +23,14 @@ def steadiness(judge: Judge, sizes: Sizes, rest: Array, group: Group) -> float:
     mean over its standard error is compared with Student's t. Holds for models that are wrong, both of them.
 
     Args:
-        judge: library and evidence.
+        posterior: odds of every hypothesis.
         sizes: of the selected laws.
         rest: (M, n) [N.m or N] what all of them leave.
         group: one of them.
 
     Source: Vuong, Likelihood ratio tests for model selection and non-nested hypotheses, Econometrica 57, 1989.
     """
-    data, gain, energy = judge.evidence.data, np.zeros(len(rest)), np.zeros(len(rest))
+    data, gain, energy = posterior.evidence.data, np.zeros(len(rest)), np.zeros(len(rest))
     for j in data.rows(group):
         size = max(float(np.sqrt(np.mean(rest[:, j] ** 2))), 1e-300)
         torque, left = data.raw(j, group) @ sizes.value[group] / size, rest[:, j] / size
@@ -44,5 +44,5 @@ def steadiness(judge: Judge, sizes: Sizes, rest: Array, group: Group) -> float:
         return np.inf
     error = float(np.std(gains, ddof=1)) / np.sqrt(len(gains))
     better = float(stdtr(len(gains) - 1, float(np.mean(gains)) / max(error, 1e-300)))
-    prior = judge.priors.get(group.claim.key, 0.0) - float(np.log(NOTHING))
+    prior = posterior.priors.get(group.claim.key, 0.0) - float(np.log(NOTHING))
     return float(np.log(max(better, SMALLEST)) - np.log(max(1 - better, SMALLEST))) + prior

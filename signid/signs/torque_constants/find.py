@@ -1,4 +1,4 @@
-"""Recordings of currents without signs whose torque constants are not known -> the constants."""
+"""Unsigned currents with unknown torque constants -> the constants."""
 
 from __future__ import annotations
 
@@ -11,9 +11,8 @@ from ...errors import OptionError, RecordingError, shorten
 from ...model import stated_inertials
 from ...recording import same_joints, with_signs
 from ...regression.factors import Factors
-from ...regression.prepare import prepare
 from ...regression.rows import Task
-from ...regression.session import Options, Session
+from ...regression.session import Session
 from ...types import Array, Frozen, Mask, Progress, Recording, Robot, prismatic_unit
 from ..infer import infer
 from ..result import Gain, Signs
@@ -23,10 +22,10 @@ from ..thresholds import INERTIAL_ERROR
 from .from_description import combine, describe_constants
 from .from_shared_parameters import Constants, share_constants
 
-ROUNDS = 5  # of signs and constants in turn, at most
-SETTLED, CALM = 0.01, 0.1  # change of a constant that changes no sign: relative, or of its standard deviation
-LOOSE = 0.3  # relative standard deviation above which a constant is not known at all ...
-ROUGH = 0.1  # ... or only roughly
+ROUNDS = 5  # most rounds of signs and constants in turn
+SETTLED, CALM = 0.01, 0.1  # change of a constant at which rounds end: relative [1], in its standard deviations [1]
+LOOSE = 0.3  # relative standard deviation [1] above which a constant counts as unknown
+ROUGH = 0.1  # the same, above which a constant is flagged as rough
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,52 +53,42 @@ class Gains(Frozen):
         """The recording with its currents as torques."""
         return replace(recording, torque_per_unit=recording.torque_per_unit * self.value, scaled=None)
 
-    def tell(self, signs: Signs) -> Signs:
-        """The signs that were found in scaled recordings, with what is known about the constants."""
+    def describe(self, signs: Signs) -> Signs:
+        """The signs found in scaled recordings, with constants, notes and flags."""
         notes, flags = (*self.notes, *signs.notes), (*self.flags, *signs.flags)
         return replace(signs, gains=self.found, notes=notes, flags=flags)
 
 
-def find_gains(
-    robot: Robot,
-    recordings: Sequence[Recording],
-    learn: Sequence[Recording],
-    options: Options,
-    progress: Progress | None = None,
-) -> Gains | None:
+def find_gains(session: Session, progress: Progress | None = None) -> Gains | None:
     """The torque constants that recordings lack; None where they lack none.
 
-    Each joint's signs are searched by itself, where its constant does not matter; the signed currents tell the
+    Each joint's signs are searched by itself, where its constant does not matter; the signed currents determine the
     constants, by the base parameters that joints share, and with those the signs are searched in all joints together;
     again until nothing changes. Where no joint's constant is known, or where joints share too little, the inertials
-    that the description states tell the scale.
+    that the description states set the scale.
 
     Args:
-        robot: as `load_robot` gives it.
-        recordings: all that are to be used.
-        learn: those to find constants from.
-        options: effects, cut-off and the like.
-        progress: told that it begins.
+        session: the recordings; those of which a part is learned from are used, whole.
+        progress: called with what is being done and the share that is done.
 
     Raises:
-        OptionError: a constant cannot be told; the sentence says what to state.
-        RecordingError: a recording cannot be used, or recordings lack constants of different joints.
+        OptionError: a constant is not identifiable; the sentence says what to state.
+        RecordingError: recordings lack constants of different joints.
     """
-    unknown = _unknown(recordings)
+    unknown = _unknown(session.recordings)
     if not unknown.any():
         return None
     if progress is not None:
         progress("finding torque constants from", 0.0)
-    session = prepare(robot, learn, learn, options, scaled=False)
-    observed = observe(session.task, session.train)
+    observed = observe(session.task, session.learned)
     anchors = observed.known & ~unknown
     if not anchors.any() and not stated_inertials(session.robot).any():
         raise OptionError(
             f"the torque constants of {_names(session.robot, unknown)} are not known, no torque of another joint is, "
-            f"and the description states no inertials to tell the scale by; {_state(session.robot, unknown)}, of one "
+            f"and the description states no inertials to set the scale; {_state(session.robot, unknown)}, of one "
             f"at least"
         )
-    constants = _settle(session, observed, unknown, options.seed)
+    constants = _settle(session, observed, unknown)
     _check(session.robot, constants, unknown)
     value, std = np.where(unknown, np.exp(constants.log), 1.0), np.where(unknown, constants.std, 0.0)
     covariance = np.where(np.outer(unknown, unknown), constants.covariance, 0.0)
@@ -129,12 +118,12 @@ def _unknown(recordings: Sequence[Recording]) -> Mask:
     return np.asarray(lacking[0])
 
 
-def _settle(session: Session, observed: Observed, unknown: Mask, seed: int) -> _Found:
+def _settle(session: Session, observed: Observed, unknown: Mask) -> _Found:
     """Signs and constants in turn."""
     found = _Found(np.zeros(len(unknown)), np.diag(np.where(unknown, np.inf, 0.0)))
     signs = np.zeros_like(observed.torque)
     for _ in range(ROUNDS):
-        last, signs = signs, _signs(session.task, observed, found, seed)
+        last, signs = signs, _signs(session.task, observed, found, session.options.seed)
         if np.array_equal(last, signs):
             break
         before, found = found, _constants(session.task, _factors(session, observed, signs), unknown)
@@ -147,11 +136,11 @@ def _settle(session: Session, observed: Observed, unknown: Mask, seed: int) -> _
 
 
 def _signs(task: Task, observed: Observed, found: Constants, seed: int) -> Array:
-    """(N, n) [1] of joints whose constants are told together, of each other joint by itself."""
-    told = found.std <= LOOSE
-    alone = np.diag(observed.known & ~told)
+    """Signs (N, n) [1]: joints with known constants together, each other joint by itself."""
+    known = found.std <= LOOSE
+    alone = np.diag(observed.known & ~known)
     signs = np.sign(observed.torque)
-    for group in (observed.known & told, *alone[alone.any(axis=1)]):
+    for group in (observed.known & known, *alone[alone.any(axis=1)]):
         if (group & ~observed.signed).any():
             torque = np.where(group, observed.torque * np.exp(found.log), 0.0)
             inferred = infer(task, replace(observed, known=group, torque=torque), seed)
@@ -160,9 +149,9 @@ def _signs(task: Task, observed: Observed, found: Constants, seed: int) -> Array
 
 
 def _factors(session: Session, observed: Observed, signs: Array) -> Factors:
-    """Of the recordings with their signs, in the units recorded."""
+    """Factors of the recordings with their signs, in the units recorded."""
     parts = []
-    for k, (recording, sampling) in enumerate(session.train):
+    for k, (recording, sampling) in enumerate(session.learned):
         at = observed.part == k
         t, first, own = observed.t[at], np.flatnonzero(observed.first[at]), signs[at].astype(np.int8)
         parts.append((with_signs(recording, signs_of_rows(recording, sampling, t, first, own)), sampling))
@@ -170,7 +159,7 @@ def _factors(session: Session, observed: Observed, signs: Array) -> Factors:
 
 
 def _constants(task: Task, factors: Factors, unknown: Mask) -> _Found:
-    """By what joints share with those whose constant is known, and by the description where that does not suffice."""
+    """Constants from parameters shared with joints of known constant; from the description where that is too little."""
     recorded = np.array([joint.counts[0] > 0 for joint in factors.joints])
     anchors = recorded & ~unknown
     shared = share_constants(factors, task.base, unknown) if anchors.any() else None
@@ -189,8 +178,8 @@ def _check(robot: Robot, found: Constants, unknown: Mask) -> None:
     lost = unknown & ~(found.std <= LOOSE)
     if lost.any():
         raise OptionError(
-            f"the torque constant of {_names(robot, lost)} is not known, and neither what the joint shares with others "
-            f"nor stated inertials tell it to {100 * LOOSE:.0f} %; {_state(robot, lost)}, or leave out the "
+            f"the torque constant of {_names(robot, lost)} is not known, and neither parameters shared with other "
+            f"joints nor stated inertials determine it to {100 * LOOSE:.0f} %; {_state(robot, lost)}, or leave out the "
             f"column of the current"
         )
 
@@ -209,11 +198,11 @@ def _names(robot: Robot, joints: Mask) -> str:
 
 
 def _notes(robot: Robot, value: Array, std: Array, unknown: Mask, anchors: Mask, described: bool) -> Iterator[str]:
-    told = [
+    found = [
         f"{robot.joints[j]} {value[j]:.3g} {_unit(robot, j)} (+- {100 * std[j]:.2g} %)"
         for j in np.flatnonzero(unknown).tolist()
     ]
-    yield f"torque constants that were not known were found from the motion: {shorten(told)}"
+    yield f"unknown torque constants were found from the motion: {shorten(found)}"
     if anchors.any():
         yield f"torque constants rest on the torque of {_names(robot, anchors)}, which depends on the same inertials"
     if described:
@@ -222,7 +211,7 @@ def _notes(robot: Robot, value: Array, std: Array, unknown: Mask, anchors: Mask,
             f"torque constants rest {more}on the inertials that the description states, taken to be right to "
             f"{100 * INERTIAL_ERROR:.0f} % a link"
         )
-    yield "standard deviations of parameters count how uncertain these torque constants are, which they have in common"
+    yield "standard deviations of parameters include the common uncertainty of these torque constants"
 
 
 def _flags(robot: Robot, std: Array, found: _Found) -> Iterator[str]:
@@ -233,8 +222,8 @@ def _flags(robot: Robot, std: Array, found: _Found) -> Iterator[str]:
         )
     rough = np.flatnonzero(std > ROUGH)
     if len(rough):
-        told = shorten([f"{robot.joints[j]} ({100 * std[j]:.0f} %)" for j in rough])
+        listed = shorten([f"{robot.joints[j]} ({100 * std[j]:.0f} %)" for j in rough])
         yield (
-            f"torque constants are known roughly only, of {told}: what is identified there may be off by as much; "
+            f"torque constants are known only roughly, of {listed}: parameters there may be off by as much; "
             f"state torque_constant in an actuators file"
         )

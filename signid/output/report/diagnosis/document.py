@@ -9,7 +9,7 @@ from ....effects.base import BodyLaw
 from ....effects.naming import placed
 from ....robot.dynamics import carried
 from ....types import Coefficient, Input, Law, Robot
-from ..results.documents import Document, description, fit_document, provenance
+from ..results.documents import Document, description, fit_with_errors, provenance
 from ..results.signs import signs_document
 
 if TYPE_CHECKING:
@@ -55,9 +55,9 @@ def diagnosis_document(result: Diagnosis, inputs: Sequence[Input] = ()) -> Docum
             }
             for place in result.located
         ],
-        "fit": {"before": fit_document(result.before), "after": fit_document(result.after)},
+        "fit": {"before": fit_with_errors(result.before), "after": fit_with_errors(result.after)},
         "rollout": None if before is None or after is None else after.document(before),
-        "inertials": {"off": None if result.informed else result.trust, "covariance": result.informed},
+        "inertials": {"off": None if result.informed else result.prior_scale, "covariance": result.informed},
         "signs": signs_document(result.signs),
         "cutoff": {"torque": result.cutoff, "unit": "Hz"},
         "flags": list(result.flags),
@@ -70,7 +70,7 @@ def diagnosis_notes(result: Diagnosis) -> list[str]:
     """The notes of a diagnosis, and what the simulation's own covariance means for it."""
     if not result.informed:
         return list(result.notes)
-    return [*result.notes, f"{INFORMED}, {FURTHER.format(result.trust)}" if result.trust > 1 else INFORMED]
+    return [*result.notes, f"{INFORMED}, {FURTHER.format(result.prior_scale)}" if result.prior_scale > 1 else INFORMED]
 
 
 def mended_link(robot: Robot, law: Law) -> str | None:

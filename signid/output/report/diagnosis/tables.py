@@ -105,7 +105,7 @@ def _fit(result: Diagnosis) -> Table:
     for j, joint in enumerate(before.joints):
         rms = change(float(before.held_out_rms[j]), float(after.held_out_rms[j]))
         r2 = (determination(float(fit.held_out_r2[j])) for fit in (before, after))
-        table.add_row(joint, *rms, figure(float(before.noise_floor[j]), 2), before.unit[j], *r2)
+        table.add_row(joint, *rms, figure(float(before.irreducible_rms[j]), 2), before.unit[j], *r2)
     return table
 
 

@@ -78,7 +78,7 @@ def place_words(result: Diagnosis) -> list[str]:
     fit, said, quiet = result.before, list[str](), list[str]()
     for place in result.located:
         joint = result.robot.joints[place.joint]
-        if fit.train_rms[place.joint] <= NOISE * fit.noise_floor[place.joint]:
+        if fit.train_rms[place.joint] <= NOISE * fit.irreducible_rms[place.joint]:
             quiet.append(joint)
             continue
         said.append(f"{joint} {place.region}: {share(place.share)} of its unexplained torque; {_follows(place)}")
@@ -145,9 +145,11 @@ def _modelled(left: Unexplained) -> str:
 
 def trust_words(result: Diagnosis) -> list[str]:
     """How far the bodies of a simulation without covariance seem to be off, if at all."""
-    if result.trust <= 0 or result.informed:
+    if result.prior_scale <= 0 or result.informed:
         return []
-    return [f"The inertials of the simulation seem to be off, by about {figure(result.trust, 2)} times what is usual."]
+    return [
+        f"The inertials of the simulation seem to be off, by about {figure(result.prior_scale, 2)} times what is usual."
+    ]
 
 
 def _follows(place: Place) -> str:

@@ -157,5 +157,5 @@ def clock(t: Array, recording: Indices) -> Array:
 
 def worst(before: Fit, size: Callable[[Array], Array] = np.asarray) -> list[int]:
     """Joints by how far their held-out residual was above the noise floor, the farthest first."""
-    over = np.nan_to_num(before.held_out_rms / np.maximum(before.noise_floor, 1e-300), posinf=0.0)
+    over = np.nan_to_num(before.held_out_rms / np.maximum(before.irreducible_rms, 1e-300), posinf=0.0)
     return [int(j) for j in np.argsort(-size(over), kind="stable")]

@@ -55,7 +55,7 @@ def diagnosis_page(result: Diagnosis, inputs: Sequence[Input] = (), command: str
         inputs: what was read besides the recordings; the robot's description if none is given.
         command: that makes the page again, if there is one.
     """
-    learned, floor, order = result.learned, result.before.noise_floor, worst(result.before)
+    learned, floor, order = result.learned, result.before.irreducible_rms, worst(result.before)
     chosen = [j for j in order if result.before.held_out_rms[j] > LOUD * floor[j]]
     top = hottest(learned, learned.before, floor)
     rolled = result.rollout_before, result.rollout_after
@@ -92,7 +92,7 @@ def _cards(result: Diagnosis, j: int) -> Iterator[Card]:
     """The joint that was worst, the roll-out of the joint that gained most, and what is left."""
     before, after, joint = result.before, result.after, result.before.joints[j]
     rms = " → ".join(figure(float(fit.held_out_rms[j])) for fit in (before, after))
-    floor = f"noise floor {figure(float(before.noise_floor[j]), 2)} {before.unit[j]}"
+    floor = f"noise floor {figure(float(before.irreducible_rms[j]), 2)} {before.unit[j]}"
     yield Card(f"torque left unexplained at {joint}, held out", f"{rms} {before.unit[j]}", floor)
     r2 = " → ".join(determination(float(fit.held_out_r2[j])) for fit in (before, after))
     yield Card("R2 of its torque, held out", r2, "1 is perfect")
@@ -166,7 +166,7 @@ def _fit_rows(result: Diagnosis) -> list[dict[str, Any]]:
             "joint": joint,
             "rms": (float(before.held_out_rms[j]), float(after.held_out_rms[j])),
             "worse": bool(after.held_out_rms[j] > WORSE * before.held_out_rms[j]),
-            "floor": float(before.noise_floor[j]),
+            "floor": float(before.irreducible_rms[j]),
             "unit": before.unit[j],
             "r2": (float(before.held_out_r2[j]), float(after.held_out_r2[j])),
             "rolled": rolled[j],

@@ -162,6 +162,11 @@ def fit_document(fit: Fit) -> Document:
     }
 
 
+def fit_with_errors(fit: Fit) -> Document:
+    """The same beside the rms of all that no model could predict, `irreducible_rms`."""
+    return {**fit_document(fit), "irreducible_rms": fit.irreducible_rms.tolist()}
+
+
 def _sampling(found: Sampling) -> Document:
     return {
         "rate": 1 / found.period,

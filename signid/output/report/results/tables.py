@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 WIDE = 4  # kinds of numbers side by side, at most
 VERDICTS = {"right": "green", "cannot tell": "yellow", "wrong": "red"}
-STYLES = {"told": "green", "weak": "yellow", "not told": "red"}
+STYLES = {"identifiable": "green", "weak": "yellow", "unidentifiable": "red"}
 
 
 def inspection_tables(found: Inspection) -> list[RenderableType]:
