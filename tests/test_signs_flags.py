@@ -7,6 +7,8 @@ from functools import cache
 
 import numpy as np
 import pytest
+from arm import arm
+from motions import trial
 from signless import Lost, lost
 
 from signid.recording import read_recording
@@ -17,7 +19,7 @@ from signid.signs.infer import Inferred, infer
 from signid.signs.posterior.flags import raise_flags
 from signid.signs.recover import _notes
 from signid.signs.result import SignProof
-from signid.signs.rows.observations import law_coefficients
+from signid.signs.rows.observations import law_coefficients, observe
 
 
 @cache
@@ -53,6 +55,14 @@ def test_numbers_have_units(unit: str) -> None:
     coarse = replace(observed, torque=steps * np.round(made.observed.torque / steps))
     told = [flag for flag in raise_flags(coarse, found) if "recorded in steps" in flag]
     assert len(told) == 3 and f"steps of {steps[0]:.2g} {unit}, " in told[0]
+
+
+def test_units_are_those_of_the_joints() -> None:
+    robot = arm("prismatic")
+    session = prepare(robot, [trial(robot, seconds=3).recording()])
+    observed = observe(session.task, session.train)
+    assert observed.units == ("N.m", "N", "N.m")
+    assert set(observed.coefficients.values()) >= {("coulomb_friction", 1), ("torque_offset", 1)}
 
 
 def test_what_is_not_explained_may_be_by_options_that_there_are() -> None:
