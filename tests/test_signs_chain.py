@@ -11,7 +11,7 @@ from signless import Lost, lost
 
 from signid.signs.posterior.confidence import inflation
 from signid.signs.samples.markov_chain import coupling, expected_signs, likeliest_signs, refine_signs
-from signid.signs.search.problem import KnownRows, Segment
+from signid.signs.search.problem import Segment
 from signid.types import Array
 
 SEEDS = (0, 1, 2)
@@ -121,16 +121,6 @@ def test_recorded_signs_stay_and_absent_torques_have_none() -> None:
     assert refined.sigma[2] == 0
 
 
-def test_rows_that_are_known_count() -> None:
-    case = lost(0.05)
-    start = case.value(case.segments())
-    certain = KnownRows(np.eye(case.observed.count) * 1e6, case.true * 1e6)
-    refined = refine_signs(case.observed, case.weights, start, known=certain)
-    assert refined.value == pytest.approx(case.true, abs=1e-6)
-    free = refine_signs(case.observed, case.weights, start)
-    assert refined.loss > free.loss
-
-
 def test_joints_that_never_move_clear_of_a_reversal_still_teach() -> None:
     case = lost(0.0)
     steady = case.observed.steady.copy()
@@ -139,13 +129,6 @@ def test_joints_that_never_move_clear_of_a_reversal_still_teach() -> None:
     refined = refine_signs(slow, case.weights, case.true)
     assert np.isfinite(refined.value).all()
     assert np.mean(refined.signs == np.sign(case.torque)) > 0.99
-
-
-def test_more_inflation_than_thirty_counts_as_thirty() -> None:
-    case = lost(0.05)
-    start = case.value(case.segments())
-    thirty, many = (refine_signs(case.observed, case.weights, start, inflation=np.full(3, x)) for x in (30.0, 500.0))
-    assert np.array_equal(thirty.value, many.value)
 
 
 def coloured(memory: float, count: int, seed: int = 0) -> Array:

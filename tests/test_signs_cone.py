@@ -15,12 +15,12 @@ from signid.signs.rows.observations import law_coefficients
 from signid.signs.search import exact
 from signid.signs.search.cone import PhysicalCone, cone_inequalities, kinetic_rows
 from signid.signs.search.friction import friction_prior
-from signid.signs.search.problem import SignProblem, pose
+from signid.signs.search.problem import SignProblem, build_problem
 from signid.types import Array
 
 
 def posed(case: Lost) -> SignProblem:
-    return pose(case.observed, case.segments(), case.weights)
+    return build_problem(case.observed, case.segments(), case.weights)
 
 
 def posed_in_cone(noise: float) -> tuple[Lost, SignProblem, PhysicalCone]:
@@ -154,7 +154,7 @@ def test_a_solver_that_gives_up_leaves_a_bound_and_no_proof(monkeypatch: pytest.
 def test_rows_of_what_a_problem_does_not_tell_are_left_out() -> None:
     case = lost(0.02)
     rows = cone_inequalities(case.task, case.observed)
-    partial = pose(case.observed, [s for s in case.segments() if s.joint == 2], case.weights)
+    partial = build_problem(case.observed, [s for s in case.segments() if s.joint == 2], case.weights)
     cone = PhysicalCone.of(partial, rows)
     assert 0 < len(cone.rows) < len(PhysicalCone.of(posed(case), rows).rows)
     assert np.linalg.norm(cone.rows, axis=1) == pytest.approx(1)

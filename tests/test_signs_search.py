@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from signid.signs.result import SignProof
 from signid.signs.search import exact
-from signid.signs.search.branch_and_bound import Budget
+from signid.signs.search.branch_and_bound import TreeBudget
 from signid.signs.search.exact import enumerate_near, search_signs
 from signid.signs.search.problem import SignProblem, eliminate
 from signid.types import Array
@@ -61,7 +61,7 @@ def test_a_budget_that_bites_leaves_a_true_gap(seed: int, count: int, noise: flo
     close = CLOSE * problem.energies.sum()
     for widest, most in ((1, 10**6), (3, 10**6), (100, 8)):
         cone = half(problem, rng)
-        found = search_signs(problem, cone, budget=Budget(widest, most))
+        found = search_signs(problem, cone, budget=TreeBudget(widest, most))
         best = losses(problem, every(problem), cone).min()
         assert found.loss * (1 - found.proof.gap) <= best + close <= found.loss + 2 * close
         assert found.proof.optimal == (found.proof.gap == 0)
@@ -85,7 +85,7 @@ def test_all_rivals_near_the_best_are_listed(seed: int, count: int, noise: float
     assert np.all(np.diff(rivals.losses) >= 0) and len(listed) == len(rivals.losses)
     assert_allclose(rivals.losses[0], found.loss, atol=CLOSE * problem.energies.sum())
     assert tuple(found.signs) in listed
-    few = enumerate_near(problem, cone, found, window, Budget(width=1))
+    few = enumerate_near(problem, cone, found, window, TreeBudget(width=1))
     assert {tuple(s) for s in few.signs} <= listed
     assert not few.complete or len(few.losses) == len(rivals.losses)
 

@@ -7,7 +7,7 @@ import pytest
 
 from signid.errors import RecordingError
 from signid.signs.rows.observations import Observed
-from signid.signs.rows.segments import cut_by_signs, minimum_cuts, split_impure, threshold_runs
+from signid.signs.rows.segments import runs_between_minima, split_by_signs, split_impure, threshold_runs
 from signid.signs.search.problem import Segment
 from signid.types import Array, Mask
 
@@ -67,7 +67,7 @@ def test_no_segment_reaches_across_the_beginning_of_a_span() -> None:
 def test_cuts_at_low_minima_find_a_change_of_sign_between_samples() -> None:
     torque = HIDDEN
     assert not pure(threshold_runs(seen(torque))[0], torque)
-    assert pure(minimum_cuts(seen(torque)), torque)
+    assert pure(runs_between_minima(seen(torque)), torque)
 
 
 def test_a_model_of_the_other_sign_splits_a_segment_where_torque_is_lowest() -> None:
@@ -88,7 +88,7 @@ def test_a_model_of_the_other_sign_splits_a_segment_where_torque_is_lowest() -> 
 def test_segments_are_cut_where_samples_change_sign() -> None:
     signs = np.ones((10, 1))
     signs[4:7] = -1
-    assert cut_by_signs(seen(wave(10)), [Segment(0, 1, 9)], signs) == [
+    assert split_by_signs(seen(wave(10)), [Segment(0, 1, 9)], signs) == [
         Segment(0, 1, 4),
         Segment(0, 4, 7),
         Segment(0, 7, 9),

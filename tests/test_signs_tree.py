@@ -19,7 +19,7 @@ from signid.regression.regressor import base_rows, regressor
 from signid.robot import load_robot
 from signid.signs.rows.observations import Observed
 from signid.signs.rows.segments import threshold_runs
-from signid.signs.search.problem import KnownRows, SignProblem, pose
+from signid.signs.search.problem import KnownRows, SignProblem, build_problem
 from signid.signs.tree.condition import SegmentOrder, condition_order
 from signid.signs.tree.tree import _order_notes, box_of, search_tree
 from signid.types import Array, BaseMap, Parameters
@@ -49,7 +49,7 @@ def case(motion: Motion) -> Case:
     observed = observed_from(motion, base, torque)
     segments, _ = threshold_runs(observed)
     signs = np.array([np.sign(torque[a:b, j].sum()) for j, a, b in segments])
-    problem = pose(observed, segments, np.ones(len(robot.joints)))
+    problem = build_problem(observed, segments, np.ones(len(robot.joints)))
     return Case(base, Parameters(base.labels, stated), truth, observed, problem, signs)
 
 
@@ -144,7 +144,7 @@ def test_rows_of_known_sign_are_kept() -> None:
     joint, start, stop = threshold_runs(told.observed)[0][0]
     at = slice(start, stop, 3)
     known = KnownRows(told.observed.rows(joint, at), told.signs[0] * told.observed.torque[at, joint])
-    problem = pose(told.observed, threshold_runs(told.observed)[0], np.ones(1), known)
+    problem = build_problem(told.observed, threshold_runs(told.observed)[0], np.ones(1), known)
     got = search_tree(problem, told.base, told.prior, **QUICK)
     assert problem.anchored and np.array_equal(got.signs, [*told.signs, 1.0])
     assert got.nodes == 1 + 2 + 4

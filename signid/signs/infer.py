@@ -13,11 +13,11 @@ from .inferred import ChooseSigns, Inferred, SignChoice
 from .posterior.confidence import inflation, joint_flip_probability
 from .posterior.recheck import apply_signs, recheck_signs
 from .rows.observations import Observed
-from .rows.segments import Segment, cut_by_signs, minimum_cuts, split_impure, threshold_runs
+from .rows.segments import Segment, runs_between_minima, split_by_signs, split_impure, threshold_runs
 from .samples.markov_chain import RefinedSigns, refine_signs
 from .search.cone import cone_inequalities
 from .search.friction import known_rows
-from .search.problem import KnownRows, SignProblem, pose, signed_rows
+from .search.problem import KnownRows, SignProblem, build_problem, signed_rows
 from .search.segment_search import SegmentSearch
 from .thresholds import CORRELATED_RESIDUAL, LARGE_RESIDUAL, NOISE_FLOOR, SPLIT_ROUNDS
 
@@ -54,7 +54,7 @@ def infer(task: Task, observed: Observed, seed: int = 0, choose: ChooseSigns | N
     else:
         attempt = _attempt(observed, segments, choose, signed_rows(observed, 1 / observed.scale), rounds=1)
     refined = attempt.refined
-    kappa = _inflations(observed, refined, cut_by_signs(observed, segments, refined.signs))
+    kappa = _inflations(observed, refined, split_by_signs(observed, segments, refined.signs))
     sigma = np.maximum(refined.sigma, NOISE_FLOOR * observed.scale)
     rechecked = recheck_signs(search, segments, refined, 1 / (sigma * np.sqrt(kappa)), choose is None)
     solution, count = rechecked.solution, len(rechecked.segments)
@@ -89,7 +89,7 @@ def _search_exactly(search: SegmentSearch, segments: Sequence[Segment]) -> tuple
 
     attempt = _attempt(observed, segments, choose, known)
     if attempt.splits or _is_suspect(observed, attempt):
-        other = _attempt(observed, minimum_cuts(observed), choose, known)
+        other = _attempt(observed, runs_between_minima(observed), choose, known)
         if other.refined.loss < attempt.refined.loss:
             return other, True
     return attempt, False
@@ -105,7 +105,7 @@ def _attempt(
     """Search, split segments in which the model changes sign, and search again; then refine the signs of samples."""
     weights, total = 1 / observed.scale, 0
     for _ in range(rounds):
-        problem = pose(observed, segments, weights, known)
+        problem = build_problem(observed, segments, weights, known)
         choice = choose(problem, segments)
         predicted = observed.predict(problem.back @ choice.coordinates)
         noise = np.sqrt(np.mean((np.abs(predicted) - np.abs(observed.torque)) ** 2, axis=0))

@@ -11,7 +11,7 @@ import numpy as np
 from ...types import Array
 from ..result import SignProof
 from ..rows.observations import Observed
-from ..rows.segments import Segment, cut_by_signs
+from ..rows.segments import Segment, split_by_signs
 from ..samples.markov_chain import RefinedSigns, refine_signs
 from ..search.cone import PhysicalCone
 from ..search.exact import RivalSigns, SignSolution, enumerate_near
@@ -48,9 +48,9 @@ def recheck_signs(
         weights: (n,) [1/N.m or 1/N] one over the standard deviation of independent samples of each joint's torque.
         free: whether signs may change; else only their rivals are enumerated.
     """
-    segments = [s for s in cut_by_signs(search.observed, runs, refined.signs) if s.stop - s.start >= LEAST_SAMPLES]
+    segments = [s for s in split_by_signs(search.observed, runs, refined.signs) if s.stop - s.start >= LEAST_SAMPLES]
     for left in reversed(range(RECHECK_ROUNDS)):
-        problem = search.pose(segments, weights)
+        problem = search.build(segments, weights)
         start = np.array([_majority(refined, s) for s in segments] + [1.0] * (problem.count - len(segments)))
         cone = search.cone(problem)
         solution = search.solve(problem, segments, start) if free else _unchanged(problem, cone, start)

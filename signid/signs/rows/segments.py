@@ -58,7 +58,7 @@ def threshold_runs(observed: Observed, quantile: float = SEGMENT_QUANTILE) -> tu
     return found, threshold
 
 
-def minimum_cuts(observed: Observed) -> list[Segment]:
+def runs_between_minima(observed: Observed) -> list[Segment]:
     """Runs between the low local minima of |torque|, inside which no change of sign can hide.
 
     A joint without such runs gets its runs above the threshold.
@@ -93,7 +93,7 @@ def split_impure(
     return found, len(found) - len(segments)
 
 
-def cut_by_signs(observed: Observed, segments: Sequence[Segment], signs: Array) -> list[Segment]:
+def split_by_signs(observed: Observed, segments: Sequence[Segment], signs: Array) -> list[Segment]:
     """Split segments where the signs of their samples change.
 
     Args:

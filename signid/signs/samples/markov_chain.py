@@ -12,12 +12,11 @@ import numpy as np
 from ...types import Array, Frozen, Mask
 from ..rows.observations import Observed
 from ..rows.segments import place_sign_changes
-from ..search.problem import KnownRows, orthonormalise, signed_rows
+from ..search.problem import orthonormalise, signed_rows
 
 INFLATION = 10.0  # [samples per independent sample] kappa of the residual; logs: with 1, signs of small torques
 # follow the model, and parameter errors are 3 to 7 times larger
 ROUNDS = 12  # [rounds] of EM, at most; logs: 5 to 12 suffice
-MOST_INFLATION = 30.0  # [samples per independent sample] with more, signs would follow the chain alone; heuristic
 SAME = 2.0  # [log-odds] that neighbours have the same sign, whatever their torques; logs
 WINDOW = 31  # [samples] over which the steps of |torque| are averaged; logs
 CALM = 0.25  # [median squared step of |torque|] smallest average; logs
@@ -35,21 +34,12 @@ class RefinedSigns(Frozen):
     expected: Array  # (N, n) E[s], expectations of the signs [1]
     value: Array  # (b,) theta, fitted to expected signs [units of base]
     sigma: Array  # (n,) standard deviation of the residual of steady samples [N.m or N], 0 without torque
-    loss: float  # expected sum of the squared weighted residuals of steady samples and of known rows
+    loss: float  # expected sum of the squared weighted residuals of steady samples
     rounds: int
     change: float  # relative change of z in the last round
 
 
-def refine_signs(
-    observed: Observed,
-    weights: Array,
-    value: Array,
-    *,
-    inflation: Array | None = None,
-    known: KnownRows | None = None,
-    same: float = SAME,
-    rounds: int = ROUNDS,
-) -> RefinedSigns:
+def refine_signs(observed: Observed, weights: Array, value: Array, *, rounds: int = ROUNDS) -> RefinedSigns:
     """Infer the signs of all samples by expectation maximisation, from approximate parameters.
 
     E step: with m the predicted and a the absolute torque of a sample, the log-odds of a positive sign are
@@ -61,24 +51,20 @@ def refine_signs(
         observed: observations.
         weights: (n,) w [1/N.m or 1/N] weight of each joint's torque.
         value: (b,) theta to start from [units of base].
-        inflation: (n,) kappa [1], samples per independent sample; 10 by default, limited to 30.
-        known: rows with a known right-hand side, beside the torques that have their sign.
-        same: log-odds that neighbours have the same sign, whatever their torques.
         rounds: largest number of rounds.
 
     Source: Dempster, Laird, Rubin, J. Royal Statistical Society B 39(1), 1977; Rabiner, Proc. IEEE 77(2), 1989.
     """
     hidden = list(observed.hidden)
-    fit = _ParameterFit.of(observed, weights, known)
+    fit = _ParameterFit.of(observed, weights)
     magnitude = np.abs(observed.torque[:, hidden])
-    tied = coupling(magnitude, observed.first, same)
-    kappa = np.full(len(weights), INFLATION) if inflation is None else np.minimum(inflation, MOST_INFLATION)
+    tied = coupling(magnitude, observed.first)
     z, done, change = np.zeros(fit.back.shape[1]), 0, np.inf
     expected = odds = np.zeros_like(magnitude)
     while done < rounds:
         done += 1
         predicted = observed.predict(value)[:, hidden]
-        variance = _variance((np.abs(predicted) - magnitude) ** 2, magnitude, fit.fitted, kappa[hidden])
+        variance = _variance((np.abs(predicted) - magnitude) ** 2, magnitude, fit.fitted)
         odds = np.clip(2 * predicted * magnitude / variance, -CLEAR_ODDS, CLEAR_ODDS)
         expected = expected_signs(odds, tied)
         before, z = z, fit.coordinates(expected * magnitude)
@@ -171,9 +157,9 @@ def _path(odds: list[float], tied: list[float]) -> list[float]:
     return out[::-1]
 
 
-def _variance(squares: Array, magnitude: Array, fitted: Mask, kappa: Array) -> Array:
+def _variance(squares: Array, magnitude: Array, fitted: Mask) -> Array:
     """Inflated variance (N, h) of the residual [(N.m or N)^2]; near reversals at least that of the samples there."""
-    calm = kappa * _mean(squares, fitted)
+    calm = INFLATION * _mean(squares, fitted)
     return np.maximum(np.where(fitted, calm, np.maximum(calm, _mean(squares, ~fitted))), _least(magnitude))
 
 
@@ -209,21 +195,20 @@ class _ParameterFit:
     energy: float  # sum of the squared right-hand sides
 
     @classmethod
-    def of(cls, observed: Observed, weights: Array, known: KnownRows | None) -> _ParameterFit:
+    def of(cls, observed: Observed, weights: Array) -> _ParameterFit:
         hidden = list(observed.hidden)
         fitted = _fitted(observed)
         rows = [observed.rows(j, fitted[:, j]) * weights[j] for j in hidden]
-        right = [signed_rows(observed, weights), *([] if known is None else [known])]
+        signed = signed_rows(observed, weights)
         unsigned = (observed.torque * weights)[:, hidden][fitted[:, hidden]]
-        target = np.concatenate([r.target for r in right])
-        orthonormal, back = orthonormalise(np.concatenate([*rows, *(r.matrix for r in right)]))
+        orthonormal, back = orthonormalise(np.concatenate([*rows, signed.matrix]))
         return cls(
             orthonormal[: len(unsigned)],
-            orthonormal[len(unsigned) :].T @ target,
+            orthonormal[len(unsigned) :].T @ signed.target,
             back,
             weights[hidden],
             fitted[:, hidden],
-            float(unsigned @ unsigned + target @ target),
+            float(unsigned @ unsigned + signed.target @ signed.target),
         )
 
     def coordinates(self, torque: Array) -> Array:

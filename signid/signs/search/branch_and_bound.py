@@ -23,14 +23,14 @@ STEP_SHARES = (1.0, 0.3, 0.1)  # [full step] tried in turn until the mean bound 
 ROUNDING = 1e-11  # [total energy] losses that differ by less count as equal; heuristic
 
 
-class Budget(NamedTuple):
+class TreeBudget(NamedTuple):
     """Limits of a tree search; the defaults are heuristic."""
 
     width: int = 10_000  # nodes kept per level
     nodes: int = 500_000  # nodes examined before only a few are kept per level
 
 
-BUDGET = Budget()
+BUDGET = TreeBudget()
 
 
 class Incumbent(NamedTuple):
@@ -50,7 +50,9 @@ class BranchResult(Frozen):
     nodes: int  # examined
 
 
-def branch(problem: SignProblem, incumbent: Incumbent, window: float = 0.0, budget: Budget = BUDGET) -> BranchResult:
+def branch(
+    problem: SignProblem, incumbent: Incumbent, window: float = 0.0, budget: TreeBudget = BUDGET
+) -> BranchResult:
     """Find all signs whose loss is below that of the incumbent plus a window, or the best of them.
 
     A node fixes the signs of the first segments of an order; g = sum s_i b_i over them. J(s) is the minimum over z of

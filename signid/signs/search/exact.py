@@ -11,7 +11,7 @@ import numpy as np
 from ...deadline import show_step, time_is_up
 from ...types import Array, Frozen
 from ..result import SignProof
-from .branch_and_bound import BUDGET, SEARCH, Budget, Incumbent, branch
+from .branch_and_bound import BUDGET, SEARCH, Incumbent, TreeBudget, branch
 from .certificate import certify
 from .local_search import TURNS, ascend, climb
 from .problem import SignProblem
@@ -20,7 +20,7 @@ from .scores import ConvexCone, Scores, WholeSpace
 NARROW = 200  # [nodes per level] of the first trees; ten times as many once they give nothing new; heuristic
 PATTERNS = 9  # [groups of segments] up to which all patterns of flips are tried: 2^8 patterns; heuristic
 SCORED = 500  # [leaves per tree] whose distance from the cone is computed, about 1 ms each; heuristic
-NEAR = Budget(width=1000)  # of the enumeration of rivals; its width also limits the distances computed; heuristic
+NEAR = TreeBudget(width=1000)  # of the enumeration of rivals; its width also limits the distances computed; heuristic
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +59,7 @@ def search_signs(
     start: Array | None = None,
     *,
     seed: int = 0,
-    budget: Budget = BUDGET,
+    budget: TreeBudget = BUDGET,
 ) -> SignSolution:
     """Find the signs of lowest loss.
 
@@ -97,7 +97,7 @@ def search_signs(
 
 
 def enumerate_near(
-    problem: SignProblem, cone: ConvexCone | None, solution: SignSolution, window: float, budget: Budget = NEAR
+    problem: SignProblem, cone: ConvexCone | None, solution: SignSolution, window: float, budget: TreeBudget = NEAR
 ) -> RivalSigns:
     """List all signs whose loss exceeds that of a solution by at most a window; the best ones if there are too many.
 
@@ -118,7 +118,7 @@ def enumerate_near(
     return RivalSigns(signs[inside], losses[inside], beyond >= limit - scores.same)
 
 
-def _prove(scores: Scores, moves: Sequence[Array], lower: float, budget: Budget) -> tuple[float, int]:
+def _prove(scores: Scores, moves: Sequence[Array], lower: float, budget: TreeBudget) -> tuple[float, int]:
     """Grow trees, each from the best signs and cuts of those before; returns the lower bound proved, and the nodes."""
     nodes, width = 0, min(NARROW, budget.width)
     if scores.best - lower > scores.same:
@@ -127,7 +127,7 @@ def _prove(scores: Scores, moves: Sequence[Array], lower: float, budget: Budget)
         show_step("searching signs", nodes / budget.nodes)
         before = scores.best, scores.cuts.shape[1]
         window = scores.best - scores.problem.loss(scores.signs)
-        tree = branch(scores.problem, scores.incumbent, window, Budget(width, budget.nodes - nodes))
+        tree = branch(scores.problem, scores.incumbent, window, TreeBudget(width, budget.nodes - nodes))
         rest = min(tree.beyond, scores.add(tree.leaves, SCORED))
         lower = max(lower, min(rest, scores.best))
         nodes += tree.nodes

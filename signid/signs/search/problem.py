@@ -74,7 +74,7 @@ class SignProblem(Frozen):
         return np.asarray(self.back @ self.coordinates(signs))
 
 
-def pose(
+def build_problem(
     observed: Observed, segments: Sequence[Segment], weights: Array, known: KnownRows | None = None
 ) -> SignProblem:
     """Build the problem of some segments.

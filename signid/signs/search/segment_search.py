@@ -11,7 +11,7 @@ from ..rows.segments import Segment
 from .cone import PhysicalCone
 from .exact import SignSolution, search_signs
 from .friction import friction_patterns, known_rows
-from .problem import SignProblem, pose
+from .problem import SignProblem, build_problem
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,14 +22,14 @@ class SegmentSearch(Frozen):
     inequalities: Array  # (g, b) rows c with c'theta >= 0 [1 over units of base]
     seed: int = 0
 
-    def pose(self, segments: Sequence[Segment], weights: Array) -> SignProblem:
+    def build(self, segments: Sequence[Segment], weights: Array) -> SignProblem:
         """Boolean least squares of the segments, with signed joints and the friction prior as known segment.
 
         Args:
             segments: segments of the joints whose torque has no sign.
             weights: (n,) [1/N.m or 1/N] weight of each joint's torque.
         """
-        return pose(self.observed, segments, weights, known_rows(self.observed, weights))
+        return build_problem(self.observed, segments, weights, known_rows(self.observed, weights))
 
     def cone(self, problem: SignProblem) -> PhysicalCone:
         """The physical cone in the coordinates of a problem."""
