@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import given, strategies as st
 from scipy.optimize import nnls
 
-from signid.signs.search.problem import Problem, eliminate
+from signid.signs.search.problem import SignProblem, eliminate
 from signid.types import Array
 
 CLOSE = 1e-9  # share of the total energy
@@ -25,7 +25,7 @@ class Facets:
         return float(move @ move), z + move
 
 
-def drawn(rng: np.random.Generator, count: int, noise: float, anchored: bool = False, columns: int = 4) -> Problem:
+def drawn(rng: np.random.Generator, count: int, noise: float, anchored: bool = False, columns: int = 4) -> SignProblem:
     """S segments of two joints, of 1 to 6 samples; with noise of many times the torque nothing is explained."""
     joints = np.sort(rng.integers(0, 2, count)).tolist()
     rows = [rng.normal(size=(rng.integers(1, 7), columns)) * (1.0, 1.0, 1.0 + j, j)[:columns] for j in joints]
@@ -36,19 +36,19 @@ def drawn(rng: np.random.Generator, count: int, noise: float, anchored: bool = F
     return eliminate(rows, right, joints)
 
 
-def every(problem: Problem) -> Array:
+def every(problem: SignProblem) -> Array:
     """(2^S, S) all signs; half as many where one is known."""
     free = problem.count - int(problem.anchored)
     signs = np.array(list(product((1.0, -1.0), repeat=free))).reshape(2**free, free)
     return np.column_stack([signs, np.ones((len(signs), int(problem.anchored)))])
 
 
-def losses(problem: Problem, signs: Array, cone: Facets | None = None) -> Array:
+def losses(problem: SignProblem, signs: Array, cone: Facets | None = None) -> Array:
     far = [cone.distance(problem.coordinates(s))[0] if cone else 0.0 for s in signs]
     return np.array([problem.loss(s) for s in signs]) + far
 
 
-def half(problem: Problem, rng: np.random.Generator) -> Facets:
+def half(problem: SignProblem, rng: np.random.Generator) -> Facets:
     """A cone of about half of all coordinates or less."""
     return Facets(rng.normal(size=(rng.integers(1, 4), len(problem.projections))))
 

@@ -15,7 +15,7 @@ from signid.regression.rows import Task
 from signid.regression.session import Options
 from signid.signs.rows.observations import Observed, observe
 from signid.signs.rows.segments import threshold_runs
-from signid.signs.search.problem import Segment, orthonormalise, pose
+from signid.signs.search.problem import Segment, build_problem, orthonormalise
 from signid.types import Array
 
 
@@ -38,7 +38,7 @@ class Lost:
     def value(self, segments: list[Segment]) -> Array:
         """(b,) by least squares of segments, each with the sign that most of its torque has."""
         signs = np.array([np.sign(self.torque[s.start : s.stop, s.joint].sum()) for s in segments])
-        return pose(self.observed, segments, self.weights).value(signs)
+        return build_problem(self.observed, segments, self.weights).value(signs)
 
     def with_signs(self) -> Array:
         """(b,) by least squares of all steady rows, their signs known."""

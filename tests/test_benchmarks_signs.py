@@ -16,7 +16,7 @@ from benchmarks.signs.trial import Puzzle, forget, identify, planted, tell
 from benchmarks.signs.truth import Truth, judge, measured
 from benchmarks.told import finite
 from signid.regression.session import Options
-from signid.signs.result import Proof, Signs, Told, Trace
+from signid.signs.result import SignProof, Signs, SignSegment, Trace
 
 T = np.arange(0.0, 10.0, 0.01)
 TORQUE = np.column_stack([np.sin(2 * np.pi * 0.25 * T + 0.1), 3 * np.cos(2 * np.pi * 0.25 * T + 0.1)])
@@ -29,14 +29,14 @@ def fake(torque: np.ndarray, flags: tuple[str, ...] = (), confidence: float = 0.
     for joint, own in enumerate(torque.T):
         ends = [0, *(np.flatnonzero(np.diff(np.sign(own))) + 1).tolist(), len(own)]
         for a, b in zip(ends[:-1], ends[1:], strict=True):
-            told.append(Told(0, joint, T[a], T[b - 1], int(np.sign(own[(a + b) // 2])), confidence))
+            told.append(SignSegment(0, joint, T[a], T[b - 1], int(np.sign(own[(a + b) // 2])), confidence))
     return Signs(
         joints=("a", "b"),
         hidden=tuple(range(torque.shape[1])),
         method="exact",
         segments=tuple(told),
         threshold=np.array([0.1, 0.3]),
-        proof=Proof(True, 0.0, 7),
+        proof=SignProof(True, 0.0, 7),
         flags=flags,
         notes=(),
         value=np.zeros(3),
@@ -76,7 +76,7 @@ def test_a_wrong_segment_and_wrong_samples_are_seen() -> None:
 
 def test_a_segment_with_both_signs_is_judged_by_its_majority() -> None:
     signs = fake(TORQUE)
-    both = Told(0, 0, 1.0, 2.2, 1, 0.9)
+    both = SignSegment(0, 0, 1.0, 2.2, 1, 0.9)
     (judged,) = judge(replace(signs, segments=(both,)), [TRUTH]).judged
     assert judged.mixed and judged.right
 

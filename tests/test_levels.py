@@ -22,7 +22,7 @@ ROOMS = {  # modules and folders of a folder in the order of the data; one impor
     "recording": "units frames numbering signed mapping formats source names columns sampling gallery read "
     "__init__ convert",
     "robot": "configuration dynamics joints locate weld actuators hold description meshes load __init__",
-    "signs": "result rows search samples inferred tree posterior infer torque_constants recover __init__",
+    "signs": "thresholds result rows search samples inferred tree posterior infer torque_constants recover __init__",
     "simulation": "__init__ plant excite rollout",
     "simulation/excite": "result criterion limits collision motions problem cost feasible search setup design "
     "discriminate __init__",

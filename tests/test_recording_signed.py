@@ -15,7 +15,7 @@ from test_recording_formats import sentence
 from signid.errors import RecordingError
 from signid.recording import read_recording, with_signs
 from signid.recording.sampling import Sampling, samples, split, survey
-from signid.signs.samples.rows_of_file import spread
+from signid.signs.samples.rows_of_file import signs_of_rows
 from signid.types import Recording
 
 Columns = dict[str, np.ndarray]
@@ -89,7 +89,7 @@ def test_signs_reach_every_row(case: str, chunk: int, monkeypatch: pytest.Monkey
     monkeypatch.setattr(sys.modules["signid.signs.samples.rows_of_file"], "CHUNK", chunk)
     columns = CASES[case]()
     recording, sampling = absolute(columns)
-    signs = spread(recording, sampling, *kept(recording, sampling))
+    signs = signs_of_rows(recording, sampling, *kept(recording, sampling))
     truth, inside = np.sign(torque(columns["t"])), usable(sampling, len(recording))
     assert signs.dtype == np.int8 and signs.shape == columns["tau"].shape
     assert not signs[~inside].any() and signs[inside].all()
@@ -102,7 +102,7 @@ def test_signs_reach_the_ends_wherever_the_filter_stops(monkeypatch: pytest.Monk
     recording, sampling = absolute(columns)
     for edge in range(15, 45):
         monkeypatch.setattr(sys.modules[__name__], "EDGE", edge)
-        signs = spread(recording, sampling, *kept(recording, sampling))
+        signs = signs_of_rows(recording, sampling, *kept(recording, sampling))
         assert np.sum(signs != np.sign(torque(columns["t"]))) <= 1, edge
 
 
@@ -142,7 +142,7 @@ def test_joints_with_a_sign_get_one_everywhere() -> None:
     recording = read_recording({**columns, "tau_1": tau[:, 0], "abs_tau_2": np.abs(tau[:, 1])}, ROBOT)
     sampling = survey(recording, ROBOT)
     t, first, signs = kept(recording, sampling)
-    found = spread(recording, sampling, t, first, signs)
+    found = signs_of_rows(recording, sampling, t, first, signs)
     assert (found[:, 0] == 1).all() and np.mean(found[:, 1] == np.sign(tau[:, 1])) > 0.999
     np.testing.assert_array_equal(with_signs(recording, found).read().tau[:, 0], tau[:, 0])
 
@@ -151,8 +151,8 @@ def test_parts_of_a_recording_have_rows_of_their_own() -> None:
     for case in ("even", "uneven, gap, repeated, missing"):
         columns = CASES[case]()
         recording, sampling = absolute(columns)
-        whole = spread(recording, sampling, *kept(recording, sampling))
-        parts = [spread(recording, part, *kept(recording, part)) for part in split(sampling, 0.7)]
+        whole = signs_of_rows(recording, sampling, *kept(recording, sampling))
+        parts = [signs_of_rows(recording, part, *kept(recording, part)) for part in split(sampling, 0.7)]
         assert not np.any((parts[0] != 0) & (parts[1] != 0))
         both = parts[0] + parts[1]
         assert np.mean((both == whole) | (both == 0)) > 0.999 and np.mean((both == 0) & (whole != 0)) < 0.02
@@ -167,7 +167,7 @@ def test_a_smooth_touch_of_zero_in_the_filters_edge_is_no_change() -> None:
     recording, sampling = absolute(columns)
     thin = t[EDGE:-EDGE:STEP]
     signs = np.sign(np.column_stack([np.ones(len(thin)), np.sin(6 * (thin - 0.155))])).astype(np.int8)
-    found = spread(recording, sampling, thin, np.array([0]), signs)
+    found = signs_of_rows(recording, sampling, thin, np.array([0]), signs)
     np.testing.assert_array_equal(found, np.sign(columns["tau"]))
 
 
@@ -177,7 +177,7 @@ def test_flat_zero_at_the_end_keeps_the_nearest_sign() -> None:
     recording, sampling = absolute({**recorded(t), "tau": tau})
     thin = t[EDGE:-EDGE:STEP]
     signs = np.repeat(np.array([[1, -1]], np.int8), len(thin), axis=0)
-    assert (spread(recording, sampling, thin, np.array([0]), signs) == [1, -1]).all()
+    assert (signs_of_rows(recording, sampling, thin, np.array([0]), signs) == [1, -1]).all()
 
 
 def test_signs_of_another_shape_are_refused() -> None:

@@ -10,7 +10,7 @@ from boolean import CLOSE, Facets, drawn, every, half, losses, problems
 from numpy.testing import assert_allclose, assert_array_equal
 
 from signid.signs.search import local_search as climb_module
-from signid.signs.search.branch_and_bound import _branching_order, _Tree, bounds, branch
+from signid.signs.search.branch_and_bound import Incumbent, TreeBudget, _branching_order, _Tree, bounds, branch
 from signid.signs.search.certificate import certify
 from signid.signs.search.local_search import ascend, climb
 
@@ -20,7 +20,7 @@ def test_a_budget_that_bites_leaves_a_true_bound(seed: int, count: int, noise: f
     problem = drawn(np.random.default_rng(seed), count, noise, anchored)
     least, close = losses(problem, every(problem)).min(), CLOSE * problem.energies.sum()
     for widest, most in ((1, 10**6), (3, 10**6), (100, 8)):
-        tree = branch(problem, np.ones(problem.count), widest=widest, most=most)
+        tree = branch(problem, Incumbent(np.ones(problem.count)), budget=TreeBudget(widest, most))
         found = min(losses(problem, np.array([*tree.leaves, np.ones(problem.count)])))
         assert min(found, tree.beyond) <= least + close <= found + 2 * close
         assert len(tree.leaves) <= widest
@@ -33,7 +33,7 @@ def test_all_signs_in_the_window_are_leaves(seed: int, count: int, noise: float,
     signs, cuts = every(problem), rng.normal(size=(len(problem.projections), 3 * (seed % 3 > 0)))
     cone = Facets(-cuts.T) if cuts.size else None
     window = 0.3 * problem.energies.sum() + rng.normal() * 1e-3
-    tree = branch(problem, np.ones(problem.count), window, cuts)
+    tree = branch(problem, Incumbent(np.ones(problem.count), cuts=cuts), window)
     inside = signs[losses(problem, signs, cone) <= tree.beyond - CLOSE * problem.energies.sum()]
     if not anchored and cone is None:  # one of s and -s
         first = _branching_order(problem, problem.coordinates(np.ones(problem.count)))[0]

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from benchmarks.signs.beam import beam
-from signid.signs.search.problem import Problem, eliminate
+from signid.signs.search.problem import SignProblem, eliminate
 from signid.signs.tree import condition as condition_module
 from signid.signs.tree.condition import condition_order
 from signid.types import Array
 
 
-def toy(blocks: Sequence[Array], known: int = 0, joints: Sequence[int] | None = None) -> Problem:
+def toy(blocks: Sequence[Array], known: int = 0, joints: Sequence[int] | None = None) -> SignProblem:
     """Segments with these rows, the last of them of known sign, where there is one."""
     rng = np.random.default_rng(0)
     right = [rng.uniform(1, 2, len(b)) for b in blocks]

@@ -11,22 +11,22 @@ import pinocchio as pin
 import pytest
 from signless import Lost, lost
 
-from signid.signs.rows.observations import alone
+from signid.signs.rows.observations import law_coefficients
 from signid.signs.search import exact
-from signid.signs.search.cone import Cone, kinetic_rows, physical_cone
-from signid.signs.search.friction import believe
-from signid.signs.search.problem import Problem, pose
+from signid.signs.search.cone import PhysicalCone, cone_inequalities, kinetic_rows
+from signid.signs.search.friction import friction_prior
+from signid.signs.search.problem import SignProblem, build_problem
 from signid.types import Array
 
 
-def posed(case: Lost) -> Problem:
-    return pose(case.observed, case.segments(), case.weights)
+def posed(case: Lost) -> SignProblem:
+    return build_problem(case.observed, case.segments(), case.weights)
 
 
-def posed_in_cone(noise: float) -> tuple[Lost, Problem, Cone]:
+def posed_in_cone(noise: float) -> tuple[Lost, SignProblem, PhysicalCone]:
     case = lost(noise)
     problem = posed(case)
-    return case, problem, Cone.of(problem, physical_cone(case.task, case.observed))
+    return case, problem, PhysicalCone.of(problem, cone_inequalities(case.task, case.observed))
 
 
 def exhausted(*_: object, **__: object) -> None:
@@ -57,7 +57,7 @@ def mass(case: Lost, q: Array, parameters: Array) -> Array:
 @pytest.mark.parametrize("seed", range(20))
 def test_true_robots_are_inside_and_their_negatives_outside(seed: int) -> None:
     case = lost(0.02)
-    rows, value = physical_cone(case.task, case.observed, seed), case.task.base.combination @ standard(case, seed)
+    rows, value = cone_inequalities(case.task, case.observed, seed), case.task.base.combination @ standard(case, seed)
     slack = rows @ value
     assert slack.min() >= -1e-9 * np.abs(slack).max()
     assert (rows @ -value).min() < -0.1 * np.abs(slack).max()
@@ -71,14 +71,14 @@ def test_kinetic_rows_are_those_of_the_mass_matrix() -> None:
     energy = [v @ (mass(case, p, parameters) + np.diag(armature)) @ v for p, v in zip(q, x, strict=True)]
     rows = kinetic_rows(case.task, q, x)
     assert rows @ case.task.base.combination @ parameters == pytest.approx(np.array(energy), rel=1e-9)
-    friction = [k for k, (name, _) in alone(case.task).items() if name != "armature"]
+    friction = [k for k, (name, _) in law_coefficients(case.task).items() if name != "armature"]
     assert np.abs(rows[:, friction]).max() < 1e-12
 
 
 def test_friction_that_an_offset_replaces_is_outside() -> None:
     case = lost(0.02)
-    own = {law: k for k, law in alone(case.task).items()}
-    rows = physical_cone(case.task, case.observed)
+    own = {law: k for k, law in law_coefficients(case.task).items()}
+    rows = cone_inequalities(case.task, case.observed)
     for joint in range(3):
         for factor, inside in ((1.9, True), (-1.9, True), (5.0, False), (-5.0, False)):
             value = case.true.copy()
@@ -88,8 +88,8 @@ def test_friction_that_an_offset_replaces_is_outside() -> None:
 
 def test_negative_friction_is_outside() -> None:
     case = lost(0.02)
-    rows = physical_cone(case.task, case.observed)
-    for k, (name, _) in alone(case.task).items():
+    rows = cone_inequalities(case.task, case.observed)
+    for k, (name, _) in law_coefficients(case.task).items():
         if name != "torque_offset":
             value = case.true.copy()
             value[k] *= -0.1
@@ -145,18 +145,18 @@ def test_a_solver_that_gives_up_leaves_a_bound_and_no_proof(monkeypatch: pytest.
     monkeypatch.setattr("scipy.optimize.lsq_linear", unfinished)
     bound, near = cone.distance(z)
     assert 0 < bound < squared and np.sum((near - z) ** 2) == pytest.approx(bound)
-    monkeypatch.setattr(exact, "_prove", lambda problem, scores, *_: (scores.best, 1))
+    monkeypatch.setattr(exact, "_prove", lambda scores, *_: (scores.best, 1))
     monkeypatch.setattr(exact, "climb", lambda problem, seed: np.ones(problem.count))
-    found = exact.search(problem, cone)
-    assert not found.proof.optimal and not found.proof.tells
+    found = exact.search_signs(problem, cone)
+    assert not found.proof.optimal and not found.proof.has_bound
 
 
 def test_rows_of_what_a_problem_does_not_tell_are_left_out() -> None:
     case = lost(0.02)
-    rows = physical_cone(case.task, case.observed)
-    partial = pose(case.observed, [s for s in case.segments() if s.joint == 2], case.weights)
-    cone = Cone.of(partial, rows)
-    assert 0 < len(cone.rows) < len(Cone.of(posed(case), rows).rows)
+    rows = cone_inequalities(case.task, case.observed)
+    partial = build_problem(case.observed, [s for s in case.segments() if s.joint == 2], case.weights)
+    cone = PhysicalCone.of(partial, rows)
+    assert 0 < len(cone.rows) < len(PhysicalCone.of(posed(case), rows).rows)
     assert np.linalg.norm(cone.rows, axis=1) == pytest.approx(1)
     assert len(np.unique(np.round(cone.rows, 9), axis=0)) == len(cone.rows)
 
@@ -166,13 +166,13 @@ def test_joints_without_torque_do_not_enter() -> None:
     torque = case.observed.torque.copy()
     torque[:, 0] = 0
     partial = replace(case.observed, torque=torque, known=np.array([False, True, True]))
-    rows = physical_cone(case.task, partial)
+    rows = cone_inequalities(case.task, partial)
     assert (rows @ case.true).min() > -1e-9
 
 
 def test_beliefs_are_weak_and_met_by_what_they_expect() -> None:
     case = lost(0.02)
-    rows, own = believe(case.task, case.observed, case.weights), alone(case.task)
+    rows, own = friction_prior(case.observed, case.weights), law_coefficients(case.task)
     assert len(rows.target) == 9
     torque, speed = (np.sqrt(np.mean(x**2, axis=0)) for x in (case.torque, case.observed.v))
     value = np.zeros(case.observed.count)
@@ -180,7 +180,7 @@ def test_beliefs_are_weak_and_met_by_what_they_expect() -> None:
         expected = {"coulomb_friction": 0.1, "viscous_friction": 0.1 / speed[j]}
         value[k] = expected.get(name, 0.0) * torque[j]
     assert rows.matrix @ value == pytest.approx(rows.target, abs=1e-12)
-    half = believe(case.task, case.observed, case.weights, strength=0.15)
+    half = friction_prior(case.observed, case.weights, strength=0.15)
     assert half.matrix == pytest.approx(rows.matrix / 2)
     assert sorted(set(rows.target)) == pytest.approx([0, 0.3])
 
@@ -188,8 +188,8 @@ def test_beliefs_are_weak_and_met_by_what_they_expect() -> None:
 def test_nothing_is_believed_of_joints_with_their_sign() -> None:
     case = lost(0.02)
     mixed = replace(case.observed, signed=np.array([True, False, True]))
-    rows = believe(case.task, mixed, case.weights)
+    rows = friction_prior(mixed, case.weights)
     assert {
         case.task.base.labels[case.task.base.independent[k]].joint for k in np.argmax(rows.matrix != 0, axis=1)
     } == {1}
-    assert len(believe(case.task, replace(mixed, signed=np.ones(3, dtype=bool)), case.weights).target) == 0
+    assert len(friction_prior(replace(mixed, signed=np.ones(3, dtype=bool)), case.weights).target) == 0

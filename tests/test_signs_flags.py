@@ -7,6 +7,8 @@ from functools import cache
 
 import numpy as np
 import pytest
+from arm import arm
+from motions import trial
 from signless import Lost, lost
 
 from signid.recording import read_recording
@@ -16,8 +18,8 @@ from signid.signs import recover
 from signid.signs.infer import Inferred, infer
 from signid.signs.posterior.flags import raise_flags
 from signid.signs.recover import _notes
-from signid.signs.result import Proof
-from signid.signs.rows.observations import alone
+from signid.signs.result import SignProof
+from signid.signs.rows.observations import law_coefficients, observe
 
 
 @cache
@@ -28,7 +30,7 @@ def inferred() -> tuple[Lost, Inferred]:
 
 def test_nothing_is_said_where_all_is_well() -> None:
     made, found = inferred()
-    assert raise_flags(made.task, made.observed, found) == ()
+    assert raise_flags(made.observed, found) == ()
     assert _notes(made.observed, found) == ()
 
 
@@ -40,20 +42,27 @@ def test_cut_segments_are_counted_by_the_name_of_their_joint() -> None:
     assert more == f"{last}: 3 segments cut at a change of sign of the torque inside"
 
 
-@pytest.mark.parametrize(("prismatic", "unit"), [(False, "N.m"), (True, "N")])
-def test_numbers_have_units(prismatic: bool, unit: str) -> None:
+@pytest.mark.parametrize("unit", ["N.m", "N"])
+def test_numbers_have_units(unit: str) -> None:
     made, found = inferred()
-    place = {law: k for k, law in alone(made.task).items()}
+    place = {law: k for k, law in law_coefficients(made.task).items()}
     value = found.refined.value.copy()
     value[place["torque_offset", 1]] = 100.0
-    robot = replace(made.task.robot, prismatic=np.full(3, prismatic))
-    task = replace(made.task, robot=robot)
-    (flag,) = raise_flags(task, made.observed, replace(found, refined=replace(found.refined, value=value)))
+    observed = replace(made.observed, units=(unit,) * 3)
+    (flag,) = raise_flags(observed, replace(found, refined=replace(found.refined, value=value)))
     assert f"offset of {made.observed.joints[1]} (1e+02 {unit}) is large" in flag
     steps = 0.5 * np.sqrt(np.mean(made.observed.torque**2, axis=0))
-    coarse = replace(made.observed, torque=steps * np.round(made.observed.torque / steps))
-    told = [flag for flag in raise_flags(task, coarse, found) if "recorded in steps" in flag]
+    coarse = replace(observed, torque=steps * np.round(made.observed.torque / steps))
+    told = [flag for flag in raise_flags(coarse, found) if "recorded in steps" in flag]
     assert len(told) == 3 and f"steps of {steps[0]:.2g} {unit}, " in told[0]
+
+
+def test_units_are_those_of_the_joints() -> None:
+    robot = arm("prismatic")
+    session = prepare(robot, [trial(robot, seconds=3).recording()])
+    observed = observe(session.task, session.train)
+    assert observed.units == ("N.m", "N", "N.m")
+    assert set(observed.coefficients.values()) >= {("coulomb_friction", 1), ("torque_offset", 1)}
 
 
 def test_what_is_not_explained_may_be_by_options_that_there_are() -> None:
@@ -61,21 +70,21 @@ def test_what_is_not_explained_may_be_by_options_that_there_are() -> None:
     large = replace(
         found, refined=replace(found.refined, sigma=10 * made.torque.std(axis=0)), inflation=np.full(3, 9.0)
     )
-    (flag,) = raise_flags(made.task, made.observed, large)
+    (flag,) = raise_flags(made.observed, large)
     assert "much of the torque unexplained" in flag and flag.endswith("try more laws (--effects) or a higher --cutoff")
 
 
-@pytest.mark.parametrize(("gap", "words"), [(0.03, "(gap 0.03)"), (1.0, "nothing is proved"), (np.inf, "nothing is")])
+@pytest.mark.parametrize(("gap", "words"), [(0.03, "(gap 0.03)"), (1.0, "no bound was proved"), (np.inf, "no bound")])
 def test_a_gap_of_all_proves_nothing(gap: float, words: str) -> None:
     made, found = inferred()
-    (flag,) = raise_flags(made.task, made.observed, replace(found, proof=Proof(False, gap, 10)))
+    (flag,) = raise_flags(made.observed, replace(found, proof=SignProof(False, gap, 10)))
     assert words in flag and ("gap" in flag) == (gap < 1)
 
 
 def test_a_refinement_that_had_not_settled_is_told() -> None:
     made, found = inferred()
     assert found.refined.change < 1e-3
-    (flag,) = raise_flags(made.task, made.observed, replace(found, refined=replace(found.refined, change=0.02)))
+    (flag,) = raise_flags(made.observed, replace(found, refined=replace(found.refined, change=0.02)))
     assert f"not settled after {found.refined.rounds} rounds" in flag and "by 2 %" in flag
 
 
@@ -88,4 +97,4 @@ def test_torque_without_a_trace_of_the_bodies(offset: bool) -> None:
     robot = load_robot("1r")
     signs = recover(prepare(robot, [read_recording({"t": t, "q_1": q, "abs_tau_1": np.abs(torque)}, robot)])).signs
     assert signs is not None and not signs.is_certain()
-    assert any("nothing of the robot's bodies shows in the torque of joint_1" in flag for flag in signs.flags)
+    assert any("torque of joint_1 shows nothing of the robot's bodies" in flag for flag in signs.flags)

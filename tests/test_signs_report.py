@@ -19,7 +19,7 @@ from test_recording import arm
 from signid.output.report import signed_csv, signs_document, signs_tables, to_json, write_files
 from signid.output.report.results.signs import proof_sentence
 from signid.recording import read_recording, with_signs
-from signid.signs import Gain, Proof, Signs, Told, Trace
+from signid.signs import Gain, SignProof, Signs, SignSegment, Trace
 
 REPORT = sys.modules["signid.output.report.results.signs"]
 JOINTS = ("shoulder", "<b>&elbow</b>", 'wrist"; alert(1)</script>')
@@ -32,12 +32,12 @@ def trace(path: str, t: np.ndarray, first: list[int]) -> Trace:
     return Trace(path, t, np.array(first), np.abs(torque), np.where(torque < 0, -1.0, 1.0), model)
 
 
-def told(part: int, one: Trace, joint: int, threshold: float) -> list[Told]:
+def told(part: int, one: Trace, joint: int, threshold: float) -> list[SignSegment]:
     """Stretches above a threshold, their confidence the lower the later."""
     high = one.magnitude[:, joint] >= threshold
     ends = np.flatnonzero(np.diff(np.concatenate([[0], high, [0]]))).reshape(-1, 2)
     return [
-        Told(part, joint, one.t[a], one.t[b - 1], int(one.signs[a, joint]), 1 - 0.002 * k)
+        SignSegment(part, joint, one.t[a], one.t[b - 1], int(one.signs[a, joint]), 1 - 0.002 * k)
         for k, (a, b) in enumerate(ends)
     ]
 
@@ -54,7 +54,7 @@ def found(recordings: int = 1, samples: int = 600, **changes: Any) -> Signs:
         method="exact",
         segments=tuple(some),
         threshold=level,
-        proof=Proof(True, 0.0, 1454),
+        proof=SignProof(True, 0.0, 1454),
         flags=FLAGS,
         notes=("a note",),
         value=np.ones(5),
@@ -95,7 +95,7 @@ def test_segments_of_several_recordings_name_theirs() -> None:
 
 
 def test_a_bound_that_is_unknown_is_null() -> None:
-    document = json.loads(to_json(signs_document(found(proof=Proof(False, np.inf, 7)))))
+    document = json.loads(to_json(signs_document(found(proof=SignProof(False, np.inf, 7)))))
     assert document["proof"] == {"optimal": False, "gap": None, "nodes": 7, "certified": False}
 
 
@@ -116,14 +116,14 @@ def test_the_terminal_tells_counts_and_doubt() -> None:
 @pytest.mark.parametrize(
     ("proof", "words"),
     [
-        (Proof(True, 0.0, 0, True), "eigenvalues alone"),
-        (Proof(True, 0.0, 1), "a search of 1 node."),
-        (Proof(False, 0.031, 20000), "by 3 % at most"),
-        (Proof(False, 1.0, 122), "not proved: 122 nodes"),
-        (Proof(False, np.inf, 122), "not proved: 122 nodes"),
+        (SignProof(True, 0.0, 0, True), "eigenvalues alone"),
+        (SignProof(True, 0.0, 1), "a search of 1 node."),
+        (SignProof(False, 0.031, 20000), "by 3 % at most"),
+        (SignProof(False, 1.0, 122), "not proved: 122 nodes"),
+        (SignProof(False, np.inf, 122), "not proved: 122 nodes"),
     ],
 )
-def test_what_is_proved_is_one_sentence(proof: Proof, words: str) -> None:
+def test_what_is_proved_is_one_sentence(proof: SignProof, words: str) -> None:
     text = proof_sentence(found(proof=proof))
     assert words in text and text.endswith(".") and text.count(". ") == 0
 
@@ -167,8 +167,14 @@ def test_rows_are_as_sure_as_their_segment(chunk: int, monkeypatch: pytest.Monke
     signs = np.ones((10, 3), np.int8)
     signs[5:8] = -1
     recording = with_signs(read_recording(columns, arm()), signs)
-    told = (Told(0, 0, t[5], t[8], -1, 0.75), Told(0, 0, t[1], t[3], 1, 0.9995), Told(1, 0, t[0], t[9], 1, 1.0))
-    rows = "".join(signed_csv(recording, found(segments=(*told, Told(0, 2, t[6], t[6], -1, 0.5))), 0)).splitlines()
+    told = (
+        SignSegment(0, 0, t[5], t[8], -1, 0.75),
+        SignSegment(0, 0, t[1], t[3], 1, 0.9995),
+        SignSegment(1, 0, t[0], t[9], 1, 1.0),
+    )
+    rows = "".join(
+        signed_csv(recording, found(segments=(*told, SignSegment(0, 2, t[6], t[6], -1, 0.5))), 0)
+    ).splitlines()
     sure = np.array([[float(cell) for cell in row.split(",")[2::2]] for row in rows[1:]]).T
     assert rows[0] == "t,tau_shoulder,sure_shoulder,tau_elbow,sure_elbow,tau_wrist,sure_wrist"
     one = 0.9995

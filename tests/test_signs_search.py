@@ -7,10 +7,11 @@ import pytest
 from boolean import CLOSE, Facets, drawn, every, half, losses, problems
 from numpy.testing import assert_allclose, assert_array_equal
 
-from signid.signs.result import Proof
+from signid.signs.result import SignProof
 from signid.signs.search import exact
-from signid.signs.search.exact import enumerate_near, search
-from signid.signs.search.problem import Problem, eliminate
+from signid.signs.search.branch_and_bound import TreeBudget
+from signid.signs.search.exact import enumerate_near, search_signs
+from signid.signs.search.problem import SignProblem, eliminate
 from signid.types import Array
 
 
@@ -18,7 +19,7 @@ from signid.types import Array
 def test_the_best_signs_are_found_and_proved(seed: int, count: int, noise: float, anchored: bool) -> None:
     problem = drawn(np.random.default_rng(seed), count, noise, anchored)
     least, total = losses(problem, every(problem)).min(), problem.energies.sum()
-    found = search(problem)
+    found = search_signs(problem)
     assert abs(found.loss - least) <= CLOSE * total
     assert found.proof.optimal and found.proof.gap == 0
     assert not problem.anchored or found.signs[-1] == 1
@@ -31,11 +32,11 @@ def test_the_best_signs_within_a_cone(seed: int, count: int, noise: float, ancho
     rng = np.random.default_rng(seed)
     problem = drawn(rng, count, noise, anchored)
     cone, total = half(problem, rng), problem.energies.sum()
-    found = search(problem, cone, start=np.ones(problem.count))
+    found = search_signs(problem, cone, start=np.ones(problem.count))
     assert abs(found.loss - losses(problem, every(problem), cone).min()) <= CLOSE * total
     assert found.proof.optimal
     assert np.all(cone.normals @ found.coordinates >= -1e-6 * np.sqrt(total))
-    free = search(problem, start=np.ones(problem.count))
+    free = search_signs(problem, start=np.ones(problem.count))
     assert abs(free.loss - losses(problem, every(problem)).min()) <= CLOSE * total
     assert free.loss <= found.loss + CLOSE * total
 
@@ -48,7 +49,7 @@ def test_a_bad_climb_costs_time_but_no_proof(seed: int, count: int, noise: float
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(exact, "climb", lambda p, seed: np.ones(p.count))
         patch.setattr(exact, "_improve", lambda *_: None)
-        found = search(problem, cone)
+        found = search_signs(problem, cone)
     assert found.proof.optimal
     assert abs(found.loss - losses(problem, every(problem), cone).min()) <= CLOSE * problem.energies.sum()
 
@@ -60,7 +61,7 @@ def test_a_budget_that_bites_leaves_a_true_gap(seed: int, count: int, noise: flo
     close = CLOSE * problem.energies.sum()
     for widest, most in ((1, 10**6), (3, 10**6), (100, 8)):
         cone = half(problem, rng)
-        found = search(problem, cone, widest=widest, most=most)
+        found = search_signs(problem, cone, budget=TreeBudget(widest, most))
         best = losses(problem, every(problem), cone).min()
         assert found.loss * (1 - found.proof.gap) <= best + close <= found.loss + 2 * close
         assert found.proof.optimal == (found.proof.gap == 0)
@@ -71,7 +72,7 @@ def test_all_rivals_near_the_best_are_listed(seed: int, count: int, noise: float
     rng = np.random.default_rng(seed)
     problem = drawn(rng, count, noise, anchored)
     cone = half(problem, rng) if seed % 2 else None
-    found, window = search(problem, cone), 0.2 * problem.energies.sum()
+    found, window = search_signs(problem, cone), 0.2 * problem.energies.sum()
     rivals = enumerate_near(problem, cone, found, window)
     signs = every(problem)
     expected = losses(problem, signs, cone)
@@ -84,7 +85,7 @@ def test_all_rivals_near_the_best_are_listed(seed: int, count: int, noise: float
     assert np.all(np.diff(rivals.losses) >= 0) and len(listed) == len(rivals.losses)
     assert_allclose(rivals.losses[0], found.loss, atol=CLOSE * problem.energies.sum())
     assert tuple(found.signs) in listed
-    few = enumerate_near(problem, cone, found, window, widest=1)
+    few = enumerate_near(problem, cone, found, window, TreeBudget(width=1))
     assert {tuple(s) for s in few.signs} <= listed
     assert not few.complete or len(few.losses) == len(rivals.losses)
 
@@ -95,7 +96,7 @@ def test_truth_without_noise_is_certain() -> None:
     rows = [rng.normal(size=(20, 8)) for _ in joints]
     truth, model = rng.choice([-1.0, 1.0], 30), rng.normal(size=8)
     problem = eliminate(rows, [s * (r @ model) for s, r in zip(truth, rows, strict=True)], joints)
-    found = search(problem)
+    found = search_signs(problem)
     assert found.loss <= 1e-12 * problem.energies.sum()
     assert found.proof.optimal
     assert abs(found.signs @ truth) == 30
@@ -113,7 +114,7 @@ def test_segments_that_tell_little(anchored: bool) -> None:
     if anchored:
         rows, right, joints = [*rows, np.eye(3)], [*right, np.array([-1.0, -2.0, -3.0])], [*joints, -1]
     problem = eliminate(rows, right, joints)
-    found = search(problem)
+    found = search_signs(problem)
     assert found.proof.optimal
     assert_allclose(found.loss, losses(problem, every(problem)).min())
     assert len(set(found.signs[1:4])) == 1
@@ -125,7 +126,7 @@ def test_segments_that_tell_nothing() -> None:
     nowhere = eliminate([np.zeros((4, 2)), np.zeros((3, 2))], [np.ones(4), np.ones(3)], [0, 1])
     silent = eliminate([np.ones((4, 1)), np.ones((3, 1))], [np.zeros(4), np.zeros(3)], [0, 1])
     for problem, left in ((nowhere, 7.0), (silent, 0.0)):
-        found = search(problem, Facets(np.ones((1, len(problem.projections)))))
+        found = search_signs(problem, Facets(np.ones((1, len(problem.projections)))))
         assert found.proof.optimal
         assert found.loss == pytest.approx(left, abs=1e-9)
         assert_array_equal(np.abs(found.signs), 1)
@@ -133,13 +134,13 @@ def test_segments_that_tell_nothing() -> None:
 
 def test_one_segment() -> None:
     problem = eliminate([np.ones((5, 1))], [np.arange(5.0)], [0])
-    assert search(problem).proof == Proof(True, 0.0, 0, True)
-    found = search(problem, Facets(-np.sign(problem.projections.T)))
+    assert search_signs(problem).proof == SignProof(True, 0.0, 0, True)
+    found = search_signs(problem, Facets(-np.sign(problem.projections.T)))
     assert_array_equal(found.signs, [-1])
     assert found.proof.optimal and found.loss == pytest.approx(10)
 
 
-def friction(cases: int = 10) -> tuple[Problem, Array, Facets]:
+def friction(cases: int = 10) -> tuple[SignProblem, Array, Facets]:
     """Two joints whose torque is F sign v, which an offset F explains as well; the cone knows |offset| <= 2 F."""
     rng = np.random.default_rng(4)
     forward = np.where(np.arange(2 * cases) % 2 == 0, 1.0, -1.0)
@@ -155,10 +156,10 @@ def friction(cases: int = 10) -> tuple[Problem, Array, Facets]:
 def test_friction_is_not_taken_for_an_offset(helped: bool) -> None:
     problem, forward, cone = friction()
     moves = [np.where(problem.joints == j, forward, 0.0) for j in (0, 1)] if helped else []
-    found = search(problem, cone, moves)
+    found = search_signs(problem, cone, moves)
     assert_array_equal(found.signs, forward)
     assert found.proof.optimal
-    assert found.loss >= search(problem).loss
+    assert found.loss >= search_signs(problem).loss
 
 
 def test_a_move_may_leave_the_known_segment_out() -> None:
@@ -168,7 +169,7 @@ def test_a_move_may_leave_the_known_segment_out() -> None:
         [*np.full((8, 4), 2.0), np.ones(4)],
         [*problem.joints.tolist(), -1],
     )
-    found = search(known, Facets(np.eye(4) @ known.back), [forward])
+    found = search_signs(known, Facets(np.eye(4) @ known.back), [forward])
     assert found.signs[-1] == 1 and found.proof.optimal
 
 
@@ -178,7 +179,7 @@ def test_many_joints_flip_alone_and_in_pairs() -> None:
     rows = [rng.normal(size=(4, 5)) for _ in joints]
     problem = eliminate(rows, [np.abs(r @ np.ones(5)) for r in rows], joints)
     cone = half(problem, rng)
-    found = search(problem, cone)
+    found = search_signs(problem, cone)
     assert found.proof.optimal
     assert_allclose(found.loss, losses(problem, every(problem), cone).min())
 
@@ -187,7 +188,7 @@ def test_the_same_search_finds_the_same() -> None:
     rng = np.random.default_rng(7)
     problem = drawn(rng, 12, 0.5, columns=3)
     cone = half(problem, rng)
-    first, again = search(problem, cone, seed=5), search(problem, cone, seed=5)
+    first, again = search_signs(problem, cone, seed=5), search_signs(problem, cone, seed=5)
     assert first.proof == again.proof and first.loss == again.loss
     for one, other in ((first.signs, again.signs), (first.coordinates, again.coordinates), (first.cuts, again.cuts)):
         assert_array_equal(one, other)

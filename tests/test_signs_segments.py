@@ -7,7 +7,7 @@ import pytest
 
 from signid.errors import RecordingError
 from signid.signs.rows.observations import Observed
-from signid.signs.rows.segments import cut_by_signs, minimum_cuts, split_impure, threshold_runs
+from signid.signs.rows.segments import runs_between_minima, split_by_signs, split_impure, threshold_runs
 from signid.signs.search.problem import Segment
 from signid.types import Array, Mask
 
@@ -34,6 +34,8 @@ def seen(torque: Array, first: tuple[int, ...] = (0,), moving: Mask | None = Non
         known=np.array([True]),
         steady=np.ones((count, 1), dtype=bool) if moving is None else moving[:, None],
         period=PERIOD,
+        coefficients={},
+        units=("N.m",),
     )
 
 
@@ -65,7 +67,7 @@ def test_no_segment_reaches_across_the_beginning_of_a_span() -> None:
 def test_cuts_at_low_minima_find_a_change_of_sign_between_samples() -> None:
     torque = HIDDEN
     assert not pure(threshold_runs(seen(torque))[0], torque)
-    assert pure(minimum_cuts(seen(torque)), torque)
+    assert pure(runs_between_minima(seen(torque)), torque)
 
 
 def test_a_model_of_the_other_sign_splits_a_segment_where_torque_is_lowest() -> None:
@@ -86,7 +88,7 @@ def test_a_model_of_the_other_sign_splits_a_segment_where_torque_is_lowest() -> 
 def test_segments_are_cut_where_samples_change_sign() -> None:
     signs = np.ones((10, 1))
     signs[4:7] = -1
-    assert cut_by_signs(seen(wave(10)), [Segment(0, 1, 9)], signs) == [
+    assert split_by_signs(seen(wave(10)), [Segment(0, 1, 9)], signs) == [
         Segment(0, 1, 4),
         Segment(0, 4, 7),
         Segment(0, 7, 9),
@@ -98,7 +100,7 @@ def test_segments_are_cut_where_samples_change_sign() -> None:
     [
         (np.zeros(100), "absolute torque of elbow is zero throughout"),
         (np.tile([1.0, 0.0], 100), "longest has 1 sample,"),
-        (np.tile([1.0, 1.0, 1.0, 0.0], 50), "stays above its threshold nowhere for long"),
+        (np.tile([1.0, 1.0, 1.0, 0.0], 50), "above its threshold is long enough"),
     ],
 )
 def test_torque_without_a_segment_is_refused(torque: Array, told: str) -> None:

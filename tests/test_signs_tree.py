@@ -19,8 +19,8 @@ from signid.regression.regressor import base_rows, regressor
 from signid.robot import load_robot
 from signid.signs.rows.observations import Observed
 from signid.signs.rows.segments import threshold_runs
-from signid.signs.search.problem import Problem, Rows, pose
-from signid.signs.tree.condition import Ordered, condition_order
+from signid.signs.search.problem import KnownRows, SignProblem, build_problem
+from signid.signs.tree.condition import SegmentOrder, condition_order
 from signid.signs.tree.tree import _order_notes, box_of, search_tree
 from signid.types import Array, BaseMap, Parameters
 
@@ -35,7 +35,7 @@ class Case:
     prior: Parameters
     truth: Array  # (p,) standard parameters
     observed: Observed
-    problem: Problem
+    problem: SignProblem
     signs: Array  # (S,) true ones
 
 
@@ -49,7 +49,7 @@ def case(motion: Motion) -> Case:
     observed = observed_from(motion, base, torque)
     segments, _ = threshold_runs(observed)
     signs = np.array([np.sign(torque[a:b, j].sum()) for j, a, b in segments])
-    problem = pose(observed, segments, np.ones(len(robot.joints)))
+    problem = build_problem(observed, segments, np.ones(len(robot.joints)))
     return Case(base, Parameters(base.labels, stated), truth, observed, problem, signs)
 
 
@@ -71,6 +71,8 @@ def observed_from(motion: Motion, base: BaseMap, torque: Array) -> Observed:
         known=np.ones(n, dtype=bool),
         steady=np.ones((count, n), dtype=bool),
         period=motion.dt,
+        coefficients={},
+        units=("N.m",) * n,
     )
 
 
@@ -141,8 +143,8 @@ def test_rows_of_known_sign_are_kept() -> None:
     told = swung()
     joint, start, stop = threshold_runs(told.observed)[0][0]
     at = slice(start, stop, 3)
-    known = Rows(told.observed.rows(joint, at), told.signs[0] * told.observed.torque[at, joint])
-    problem = pose(told.observed, threshold_runs(told.observed)[0], np.ones(1), known)
+    known = KnownRows(told.observed.rows(joint, at), told.signs[0] * told.observed.torque[at, joint])
+    problem = build_problem(told.observed, threshold_runs(told.observed)[0], np.ones(1), known)
     got = search_tree(problem, told.base, told.prior, **QUICK)
     assert problem.anchored and np.array_equal(got.signs, [*told.signs, 1.0])
     assert got.nodes == 1 + 2 + 4
@@ -181,9 +183,9 @@ def test_parameters_that_no_segment_shows_do_not_count() -> None:
     forward = told.problem.back.T @ (rows.T @ rows)
     assert_allclose(rows @ told.problem.back @ forward, rows, atol=1e-9)
     got = search_tree(told.problem, told.base, told.prior, forward=forward, **QUICK)
-    assert np.array_equal(got.signs, told.signs) and not any("not seen" in note for note in got.notes)
+    assert np.array_equal(got.signs, told.signs) and not any("by no segment" in note for note in got.notes)
     got = search_tree(told.problem, told.base, told.prior, **QUICK)
-    assert any(f"{unseen} combinations of base parameters are not seen" in note for note in got.notes)
+    assert any(f"{unseen} combinations of base parameters are identified by no segment" in note for note in got.notes)
 
 
 def test_the_box_leaves_room_for_the_truth() -> None:
@@ -218,5 +220,5 @@ def test_least_squares_at_every_node_finds_the_same_up_to_all_signs_at_once() ->
 
 
 def test_a_first_set_that_may_not_be_the_smallest_is_said() -> None:
-    notes = [[*_order_notes(Ordered(np.arange(9), 7, 120.0, complete))] for complete in (True, False)]
+    notes = [[*_order_notes(SegmentOrder(np.arange(9), 7, 120.0, complete))] for complete in (True, False)]
     assert notes[0] == [] and "first 7 segments of the tree were chosen one by one" in notes[1][0]

@@ -10,9 +10,10 @@ from signless import lost
 
 from signid.signs.infer import infer
 from signid.signs.posterior import recheck as weigh_module
-from signid.signs.posterior.recheck import weigh
-from signid.signs.search.cone import physical_cone
-from signid.signs.search.problem import Problem
+from signid.signs.posterior.recheck import recheck_signs
+from signid.signs.search.cone import cone_inequalities
+from signid.signs.search.problem import SignProblem
+from signid.signs.search.segment_search import SegmentSearch
 from signid.types import Array
 
 
@@ -25,15 +26,15 @@ def test_segments_and_confidences_go_together_after_every_round(monkeypatch: pyt
         signs[(start + stop) // 2 : stop, joint] *= -1
     rounds = iter(cut)
 
-    def confident(problem: Problem, best: Array, *_: object) -> Array:
+    def confident(problem: SignProblem, best: Array, *_: object) -> Array:
         parts = np.flatnonzero(problem.joints == next(rounds).joint)
         return np.where(np.isin(np.arange(len(best)), parts[[0, -1]]), 0.5, 1.0)
 
-    monkeypatch.setattr(weigh_module, "judge_confidence", confident)
-    cone, refined = physical_cone(made.task, made.observed), replace(found.refined, signs=signs)
-    weighed = weigh(made.task, made.observed, runs, refined, made.weights, cone, 0, free=False)
-    known = int(weighed.problem.anchored)
-    assert len(weighed.segments) == weighed.problem.count - known == len(weighed.confidence) - known
-    assert [s.joint for s in weighed.segments] == weighed.problem.joints[: len(weighed.segments)].tolist()
-    assert cut[0] in weighed.segments and cut[1] not in weighed.segments
+    monkeypatch.setattr(weigh_module, "sign_confidence", confident)
+    search = SegmentSearch(made.observed, cone_inequalities(made.task, made.observed))
+    rechecked = recheck_signs(search, runs, replace(found.refined, signs=signs), made.weights, free=False)
+    known = int(rechecked.problem.anchored)
+    assert len(rechecked.segments) == rechecked.problem.count - known == len(rechecked.confidence) - known
+    assert [s.joint for s in rechecked.segments] == rechecked.problem.joints[: len(rechecked.segments)].tolist()
+    assert cut[0] in rechecked.segments and cut[1] not in rechecked.segments
     assert next(rounds, None) is None

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from signid.errors import OptionError
-from signid.signs.search.problem import Problem
-from signid.signs.tree.beam import LOST, WIDTH, Grown, Level, Node, grow, in_place
+from signid.signs.search.problem import SignProblem
+from signid.signs.tree.beam import LOST, WIDTH, TreeLevel, TreeNode, TreeResult, grow, in_place
 from signid.types import Indices
 
 from .truth import Array
@@ -14,7 +14,9 @@ from .truth import Array
 SOLVERS = ("pseudo-inverse", "factor")
 
 
-def beam(problem: Problem, order: Indices, start: int, width: int = WIDTH, solve: str = "pseudo-inverse") -> Grown:
+def beam(
+    problem: SignProblem, order: Indices, start: int, width: int = WIDTH, solve: str = "pseudo-inverse"
+) -> TreeResult:
     """The tree with linear least squares at every node. A sign that is free to be either is left to chance.
 
     Args:
@@ -31,14 +33,14 @@ def beam(problem: Problem, order: Indices, start: int, width: int = WIDTH, solve
         raise OptionError(f"nodes cannot be solved by {solve!r}; choose from {', '.join(SOLVERS)}")
     node, nodes = grow(problem, order, start, width, _by_pseudo_inverse if solve == SOLVERS[0] else _by_factor)
     signs = in_place(node.signs, order)
-    return Grown(signs, problem.value(signs), node.loss, nodes, nodes)
+    return TreeResult(signs, problem.value(signs), node.loss, nodes, nodes)
 
 
-def _by_pseudo_inverse(level: Level, right: Array) -> Node:
+def _by_pseudo_inverse(level: TreeLevel, right: Array) -> TreeNode:
     z = np.linalg.pinv(level.gram, rcond=LOST, hermitian=True) @ right
-    return Node(max(level.energy - float(right @ z), 0.0), z, 1)
+    return TreeNode(max(level.energy - float(right @ z), 0.0), z, 1)
 
 
-def _by_factor(level: Level, right: Array) -> Node:
+def _by_factor(level: TreeLevel, right: Array) -> TreeNode:
     told = level.turn @ right
-    return Node(max(level.energy - float(told @ told), 0.0), told, 1)
+    return TreeNode(max(level.energy - float(told @ told), 0.0), told, 1)

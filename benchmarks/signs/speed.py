@@ -13,7 +13,7 @@ from signid.recording.sampling import survey
 from signid.signs.infer import infer
 from signid.signs.rows.observations import Observed, observe
 from signid.signs.rows.segments import threshold_runs
-from signid.signs.search.problem import Segment, pose
+from signid.signs.search.problem import Segment, build_problem
 from signid.signs.tree.beam import WIDTH
 from signid.signs.tree.condition import condition_order
 from signid.types import Indices
@@ -79,7 +79,7 @@ def beaten(puzzle: Puzzle) -> Iterator[Race]:
     found = infer(task, observed)
     between = time.process_time()
     segments, _ = threshold_runs(observed)
-    problem = pose(observed, segments, 1 / observed.scale)
+    problem = build_problem(observed, segments, 1 / observed.scale)
     ordered = condition_order(problem)
     grown = beam(problem, ordered.order, ordered.start)
     end = time.process_time()

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
-from signid.signs.result import Signs, Told, Trace
+from signid.signs.result import Signs, SignSegment, Trace
 
 Array = NDArray[np.float64]
 
@@ -121,7 +121,7 @@ def majority(truth: Truth, joint: int, start: float, end: float) -> tuple[int, b
     return sign, bool(np.any(smooth * sign < 0))
 
 
-def _judged(segments: Sequence[Told], truths: Sequence[Truth]) -> Iterator[Judged]:
+def _judged(segments: Sequence[SignSegment], truths: Sequence[Truth]) -> Iterator[Judged]:
     for told in segments:
         sign, mixed = majority(truths[told.part], told.joint, told.start, told.end)
         yield Judged(told.confidence, told.sign == sign, mixed)

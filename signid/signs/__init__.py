@@ -1,27 +1,23 @@
-"""Torque whose sign was lost: segments, a search over their signs, and how sure each is.
+"""Sign recovery: signs of torques that were recorded as absolute values, with proof, confidence and flags.
 
-A segment is a stretch in which a joint moves and its torque keeps one sign. The signs of all segments are searched
-together, as friction brakes, inertia is positive, and joints feel each other; the search proves that no other choice
-fits better, or tells by how much one could. Flags say when the model or the motion is too poor to believe it.
+A segment is a run of samples in which a joint moves and its torque keeps one sign. The signs of all segments are found
+together by boolean least squares within physical constraints; README.md in this folder has the mathematics.
 
-The way of the data through these files:
+Files in the order of the data:
 
-- `recover`: recordings to recordings with signs, by all that follows. `gains` finds torque constants that are not known
-  first, from base parameters that joints share (`gains_shared`) or from the description (`gains_described`).
-- `observed`: recordings to rows. `segments`: stretches of one sign. `problem`: segments to boolean least squares, all
-  parameters eliminated, with weak rows on friction beside it (`friction_prior`).
-- `infer`: rows to signs. `exact`: the search, by `climb` (good signs at once), `certificate` (eigenvalues) and `branch`
-  (and bound), within the `cone` of what physics allows; `scores` holds the losses, `friction_signs` what to try.
-- `tree`: the classical search, with `condition` for the order of segments and `beam` for the nodes; `classical` puts it
-  in the place of the exact one.
-- `chain`: parameters to the signs of single samples, and back. `reversals`: where friction turns round.
-- `weigh`: the search again, in variance units (`inflation`), and its rivals counted. `confidence`: how probable each
-  sign is. `flags`: when not to believe it. `result`: what is handed back.
-- `spread`: signs of samples to every row of the file. `jumps`: where exactly torque jumped past zero. `expect`: what a
-  sign is on average, for a fit without bias.
+- `recover`: recordings -> recordings with signs. `torque_constants` comes first if constants are unknown: `find`,
+  `from_shared_parameters`, `from_description`.
+- `rows`: `observations` (recordings -> rows), `segments` (absolute torque -> segments).
+- `infer`: rows -> signs of segments and samples (`inferred`).
+- `search`: `problem` (boolean least squares), `friction` (prior rows), `cone` (physical constraints), `exact` (the
+  search) with `local_search`, `certificate`, `branch_and_bound` and `scores`; `segment_search` joins them.
+- `tree`: the classical search (`method`, `tree`) with `condition` (order of segments) and `beam` (nodes).
+- `samples`: `markov_chain` (signs of samples), `jumps`, `rows_of_file`, `expected_signs`.
+- `posterior`: `recheck` (second search), `confidence`, `flags`.
+- `result`: what `recover` returns. `thresholds`: tuned values.
 """
 
 from .recover import Recovered, recover
-from .result import Gain, Proof, Signs, Told, Trace
+from .result import Gain, SignProof, Signs, SignSegment, Trace
 
-__all__ = ["Gain", "Proof", "Recovered", "Signs", "Told", "Trace", "recover"]
+__all__ = ["Gain", "Recovered", "SignProof", "SignSegment", "Signs", "Trace", "recover"]

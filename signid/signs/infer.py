@@ -1,4 +1,4 @@
-"""Rows -> signs, by the exact search: segments, boolean least squares within physics, refinement, confidence."""
+"""Rows -> signs: segments, exact search within the physical cone, refinement of samples, confidence."""
 
 from __future__ import annotations
 
@@ -9,120 +9,132 @@ import numpy as np
 
 from ..regression.rows import Task
 from ..types import Array, Frozen
-from .inferred import SUSPECT, SYSTEMATIC, Choice, Choose, Inferred
-from .posterior.confidence import inflation, joint_doubt
-from .posterior.recheck import follow, known_rows, weigh
+from .inferred import ChooseSigns, Inferred, SignChoice
+from .posterior.confidence import inflation, joint_flip_probability
+from .posterior.recheck import apply_signs, recheck_signs
 from .rows.observations import Observed
-from .rows.segments import Segment, cut_by_signs, minimum_cuts, split_impure, threshold_runs
-from .samples.markov_chain import Refined, refine
-from .search.cone import Cone, physical_cone
-from .search.exact import search
-from .search.friction import friction_patterns
-from .search.problem import Problem, Rows, pose, signed_rows
-
-SPLITS = 3  # rounds of cutting segments in which the model changes sign
-LEAST_NOISE = 1e-3  # of the rms torque: no residual counts as smaller when confidence is judged
+from .rows.segments import Segment, runs_between_minima, split_by_signs, split_impure, threshold_runs
+from .samples.markov_chain import RefinedSigns, refine_signs
+from .search.cone import cone_inequalities
+from .search.friction import known_rows
+from .search.problem import KnownRows, SignProblem, build_problem, signed_rows
+from .search.segment_search import SegmentSearch
+from .thresholds import CORRELATED_RESIDUAL, LARGE_RESIDUAL, NOISE_FLOOR, SPLIT_ROUNDS
 
 
 @dataclass(frozen=True, eq=False)
 class _Attempt(Frozen):
+    """First search, weighted by rms torque, and the refinement from it."""
+
     segments: tuple[Segment, ...]
-    choice: Choice
-    refined: Refined
-    cuts: int
+    choice: SignChoice
+    refined: RefinedSigns
+    splits: int
 
 
-def infer(task: Task, observed: Observed, seed: int = 0, choose: Choose | None = None) -> Inferred:
-    """Signs of the hidden joints.
+def infer(task: Task, observed: Observed, seed: int = 0, choose: ChooseSigns | None = None) -> Inferred:
+    """Infer the signs of the joints whose torque has none.
+
+    The problem is solved twice: weighted by the rms torque of the joints, to start the refinement of samples, then in
+    standard deviations, from which signs, confidence and (for the exact search) the proof are reported.
 
     Args:
-        task: what the rows were made for.
-        observed: the rows.
-        seed: of everything random.
-        choose: another search for the signs of segments, which then stay and are not proved; the exact one by default.
+        task: robot, laws and base map of the rows.
+        observed: observations.
+        seed: seed of all random numbers.
+        choose: another first search, whose signs then stay and whose proof is reported; None: exact search.
 
     Raises:
         RecordingError: a torque has no segment.
     """
     segments, threshold = threshold_runs(observed)
-    cone, finer = physical_cone(task, observed, seed), False
+    search, finer = SegmentSearch(observed, cone_inequalities(task, observed, seed), seed), False
     if choose is None:
-        attempt, finer = _exactly(task, observed, segments, cone, seed)
+        attempt, finer = _search_exactly(search, segments)
     else:
-        attempt = _attempt(observed, segments, choose, signed_rows(observed, 1 / observed.scale), splits=1)
+        attempt = _attempt(observed, segments, choose, signed_rows(observed, 1 / observed.scale), rounds=1)
     refined = attempt.refined
-    kappa = _inflations(observed, refined, cut_by_signs(observed, segments, refined.signs))
-    sigma = np.maximum(refined.sigma, LEAST_NOISE * observed.scale)
-    weighed = weigh(task, observed, segments, refined, 1 / (sigma * np.sqrt(kappa)), cone, seed, choose is None)
-    told, proof = weighed.segments, weighed.found.proof if choose is None else attempt.choice.proof
-    count, signs = len(told), weighed.found.signs
+    kappa = _inflations(observed, refined, split_by_signs(observed, segments, refined.signs))
+    sigma = np.maximum(refined.sigma, NOISE_FLOOR * observed.scale)
+    rechecked = recheck_signs(search, segments, refined, 1 / (sigma * np.sqrt(kappa)), choose is None)
+    solution, count = rechecked.solution, len(rechecked.segments)
     return Inferred(
-        segments=tuple(told),
-        signs=signs[:count],
-        confidence=weighed.confidence[:count],
-        refined=follow(observed, refined, weighed),
+        segments=tuple(rechecked.segments),
+        signs=solution.signs[:count],
+        confidence=rechecked.confidence[:count],
+        refined=apply_signs(observed, refined, rechecked),
         inflation=kappa,
         threshold=threshold,
-        problem=weighed.problem,
-        proof=proof,
-        complete=weighed.rivals.complete,
-        doubt=joint_doubt(weighed.problem, signs, weighed.rivals.signs, weighed.rivals.losses),
-        impure=_impure(segments, told),
+        problem=rechecked.problem,
+        proof=solution.proof if choose is None else attempt.choice.proof,
+        complete=rechecked.rivals.complete,
+        flip_probability=joint_flip_probability(rechecked.problem, solution.signs, rechecked.rivals),
+        impure=_impure(segments, rechecked.segments),
         finer=finer,
         notes=attempt.choice.notes,
     )
 
 
-def _exactly(
-    task: Task, observed: Observed, segments: Sequence[Segment], cone: Array, seed: int
-) -> tuple[_Attempt, bool]:
-    """Runs above the threshold first; stretches between minima where those hid changes of sign, if they do better."""
-    known = known_rows(task, observed, 1 / observed.scale)
+def _search_exactly(search: SegmentSearch, segments: Sequence[Segment]) -> tuple[_Attempt, bool]:
+    """Search the runs above the threshold; if they hid changes of sign, also runs between minima, and keep the better.
 
-    def choose(problem: Problem, segments: Sequence[Segment]) -> Choice:
-        found = search(problem, Cone.of(problem, cone), friction_patterns(problem, observed, segments), seed=seed)
-        return Choice(found.signs, found.coordinates, found.proof)
+    The second value says whether the runs between minima were kept.
+    """
+    observed = search.observed
+    known = known_rows(observed, 1 / observed.scale)
+
+    def choose(problem: SignProblem, segments: Sequence[Segment]) -> SignChoice:
+        solution = search.solve(problem, segments)
+        return SignChoice(solution.signs, solution.coordinates, solution.proof)
 
     attempt = _attempt(observed, segments, choose, known)
-    if attempt.cuts or _is_suspect(observed, attempt):
-        other = _attempt(observed, minimum_cuts(observed), choose, known)
+    if attempt.splits or _is_suspect(observed, attempt):
+        other = _attempt(observed, runs_between_minima(observed), choose, known)
         if other.refined.loss < attempt.refined.loss:
             return other, True
     return attempt, False
 
 
 def _attempt(
-    observed: Observed, segments: Sequence[Segment], choose: Choose, known: Rows, splits: int = SPLITS
+    observed: Observed,
+    segments: Sequence[Segment],
+    choose: ChooseSigns,
+    known: KnownRows,
+    rounds: int = SPLIT_ROUNDS,
 ) -> _Attempt:
-    """Search, cut segments in which the model changes sign, search again; then the signs of all samples."""
+    """Search, split segments in which the model changes sign, and search again; then refine the signs of samples."""
     weights, total = 1 / observed.scale, 0
-    for _ in range(splits):
-        problem = pose(observed, segments, weights, known)
+    for _ in range(rounds):
+        problem = build_problem(observed, segments, weights, known)
         choice = choose(problem, segments)
         predicted = observed.predict(problem.back @ choice.coordinates)
         noise = np.sqrt(np.mean((np.abs(predicted) - np.abs(observed.torque)) ** 2, axis=0))
-        segments, cuts = split_impure(observed, segments, predicted, noise)
-        total += cuts
-        if not cuts:
+        segments, splits = split_impure(observed, segments, predicted, noise)
+        total += splits
+        if not splits:
             break
-    return _Attempt(tuple(segments), choice, refine(observed, weights, problem.back @ choice.coordinates), total)
+    refined = refine_signs(observed, weights, problem.back @ choice.coordinates)
+    return _Attempt(tuple(segments), choice, refined, total)
 
 
 def _is_suspect(observed: Observed, attempt: _Attempt) -> bool:
-    """Whether some joint's residual is large, and not as noise is."""
-    share = attempt.refined.sigma / observed.scale
-    return bool(np.any((share > SUSPECT) & (_inflations(observed, attempt.refined, attempt.segments) > SYSTEMATIC)))
+    """Whether the residual of some joint is large and correlated."""
+    large = attempt.refined.sigma / observed.scale > LARGE_RESIDUAL
+    kappa = _inflations(observed, attempt.refined, attempt.segments)
+    return bool(np.any(large & (kappa > CORRELATED_RESIDUAL)))
 
 
-def _inflations(observed: Observed, refined: Refined, told: Sequence[Segment]) -> Array:
+def _inflations(observed: Observed, refined: RefinedSigns, segments: Sequence[Segment]) -> Array:
+    """Autocorrelation time kappa (n,) of each joint's residual inside its segments, away from reversals [1]."""
     residual = refined.signs * np.abs(observed.torque) - observed.predict(refined.value)
-    residual[~observed.steady] = np.nan  # friction near a reversal is another matter
+    residual[~observed.steady] = np.nan
     kappa = np.ones(len(observed.joints))
     for joint in observed.hidden:
-        kappa[joint] = inflation(residual[:, joint], [(s.start, s.stop) for s in told if s.joint == joint])
+        kappa[joint] = inflation(residual[:, joint], [(s.start, s.stop) for s in segments if s.joint == joint])
     return kappa
 
 
-def _impure(runs: Sequence[Segment], told: Sequence[Segment]) -> dict[int, int]:
-    cut = [run.joint for run in runs if run not in set(told)]
-    return {joint: cut.count(joint) for joint in sorted(set(cut))}
+def _impure(runs: Sequence[Segment], segments: Sequence[Segment]) -> dict[int, int]:
+    """Joint -> number of its runs that were split."""
+    split = [run.joint for run in runs if run not in set(segments)]
+    return {joint: split.count(joint) for joint in sorted(set(split))}

@@ -1,4 +1,4 @@
-"""What the search for signs finds: signs of segments and samples, and the evidence for them."""
+"""Signs of segments and samples as the search infers them, with the evidence for flags."""
 
 from __future__ import annotations
 
@@ -7,40 +7,38 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from ..types import Array, Frozen
-from .result import Proof
+from .result import SignProof
 from .rows.segments import Segment
-from .samples.markov_chain import Refined
-from .search.problem import Problem
-
-SUSPECT, SYSTEMATIC = 0.15, 3.0  # residual over torque, and samples for one that is independent (noise alone: 1)
+from .samples.markov_chain import RefinedSigns
+from .search.problem import SignProblem
 
 
 @dataclass(frozen=True, eq=False)
 class Inferred(Frozen):
-    """Signs of N samples, the S segments that are told, and all that says how far they can be trusted."""
+    """Signs of S segments and N samples of n joints, their confidence, and the evidence for flags."""
 
     segments: tuple[Segment, ...]  # S
-    signs: Array  # (S,) [1]
+    signs: Array  # (S,) s [1]
     confidence: Array  # (S,) [1]
-    refined: Refined
-    inflation: Array  # (n,) [1]
+    refined: RefinedSigns
+    inflation: Array  # (n,) kappa, samples per independent sample of the residual [1]
     threshold: Array  # (n,) [N.m or N]
-    problem: Problem  # in variance units
-    proof: Proof
-    complete: bool  # whether every rival within the window was counted
-    doubt: dict[int, float]  # per joint, probability that all its signs are the other way round
-    impure: dict[int, int]  # per joint, segments in which torque changed its sign
-    finer: bool  # whether the finer segments were used
+    problem: SignProblem  # weighted in standard deviations
+    proof: SignProof
+    complete: bool  # whether every rival within the window was enumerated
+    flip_probability: dict[int, float]  # joint -> probability that all its signs are inverted
+    impure: dict[int, int]  # joint -> segments in which torque changed its sign
+    finer: bool  # whether segments between low minima were used
     notes: tuple[str, ...]
 
 
-class Choice(NamedTuple):
+class SignChoice(NamedTuple):
     """Signs of the segments of a problem, and how they were found."""
 
-    signs: Array  # (S,) [1]
+    signs: Array  # (S,) s [1]
     coordinates: Array  # (r,) z [standard deviations]
-    proof: Proof
+    proof: SignProof
     notes: tuple[str, ...] = ()
 
 
-Choose = Callable[[Problem, Sequence[Segment]], Choice]
+ChooseSigns = Callable[[SignProblem, Sequence[Segment]], SignChoice]

@@ -17,14 +17,14 @@ from ..types import Array, BaseMap, Estimate, Progress, Recording
 from .infer import infer
 from .inferred import Inferred
 from .posterior.flags import raise_flags
-from .result import Signs, Told, Trace
+from .result import Signs, SignSegment, Trace
 from .rows.observations import Observed, observe, thinning
 from .samples.expected_signs import expect_signs
 from .samples.jumps import Signed, place_jumps
-from .samples.markov_chain import refine
-from .samples.rows_of_file import spread
+from .samples.markov_chain import refine_signs
+from .samples.rows_of_file import signs_of_rows
 from .torque_constants.find import Gains, find_gains
-from .torque_constants.from_shared_parameters import count_constants
+from .torque_constants.from_shared_parameters import widen_estimate
 from .tree.method import by_tree
 
 METHODS = ("exact", "tree")
@@ -48,7 +48,7 @@ class Recovered:
             base: base map of the columns.
             whiten: as for the estimate.
         """
-        return found if self.gains is None else count_constants(found, factors, base, self.gains.covariance, whiten)
+        return found if self.gains is None else widen_estimate(found, factors, base, self.gains.covariance, whiten)
 
     @property
     def flags(self) -> tuple[str, ...]:
@@ -141,7 +141,7 @@ def _traces(observed: Observed, parts: Sequence[Part], inferred: Inferred, signs
 def _followed(task: Task, part: Part, inferred: Inferred) -> dict[Recording, Trace]:
     """Signs of a recording that took no part in the search, by the model that the search found."""
     observed = observe(task, [part])
-    refined = refine(observed, 1 / observed.scale, inferred.refined.value, rounds=1)
+    refined = refine_signs(observed, 1 / observed.scale, inferred.refined.value, rounds=1)
     return _traces(observed, [part], inferred, refined.signs)
 
 
@@ -150,7 +150,7 @@ def _with(task: Task, part: Part, trace: Trace, step: int, inferred: Inferred) -
     recording, sampling = part
     thinned, refined = Signed(trace.t, trace.first, trace.signs), inferred.refined
     placed = place_jumps(task, part, step, thinned, trace.magnitude, refined.value)
-    signs = spread(recording, sampling, placed.t, placed.first, placed.signs.astype(np.int8))
+    signs = signs_of_rows(recording, sampling, placed.t, placed.first, placed.signs.astype(np.int8))
     expected = expect_signs(task, part, refined.value, refined.sigma, signs)
     return with_signs(recording, signs), with_signs(recording, expected)
 
@@ -172,7 +172,7 @@ def _result(
         segments=segments,
         threshold=inferred.threshold,
         proof=inferred.proof,
-        flags=raise_flags(session.task, observed, inferred),
+        flags=raise_flags(observed, inferred),
         notes=notes,
         value=inferred.refined.value,
         noise=inferred.refined.sigma,
@@ -187,9 +187,9 @@ def _place(observed: Observed, inferred: Inferred, k: int) -> tuple[int, int, in
     return int(observed.part[start]), joint, start
 
 
-def _segment(observed: Observed, inferred: Inferred, k: int) -> Told:
+def _segment(observed: Observed, inferred: Inferred, k: int) -> SignSegment:
     joint, start, stop = inferred.segments[k]
-    return Told(
+    return SignSegment(
         part=int(observed.part[start]),
         joint=joint,
         start=float(observed.t[start]),

@@ -1,4 +1,4 @@
-"""What is known about signs that were lost, and how far it can be trusted."""
+"""Result of sign recovery: signs of segments with confidence, proof, flags, and the signed torque."""
 
 from __future__ import annotations
 
@@ -8,37 +8,36 @@ from typing import NamedTuple
 import numpy as np
 
 from ..types import Array, Frozen, Indices
+from .thresholds import CONFIDENT, UNPROVED_GAP
 
-NOTHING = 0.995  # gap from which on nothing is proved
 
-
-class Proof(NamedTuple):
-    """Whether the signs of the segments are the best there are."""
+class SignProof(NamedTuple):
+    """Proof that no other signs of the segments have a lower loss, or the gap that remains."""
 
     optimal: bool
-    gap: float  # share by which better signs could lower the loss at most, 0 where optimal
-    nodes: int  # of the tree that were looked at
-    certified: bool = False  # by eigenvalues alone, without the tree
+    gap: float  # share by which other signs could lower the loss at most, 0 where optimal [1]
+    nodes: int  # of the search tree that were examined
+    certified: bool = False  # by eigenvalues alone, without a tree
 
     @property
-    def tells(self) -> bool:
-        """Whether anything is known about signs that were not looked at."""
-        return self.gap < NOTHING
+    def has_bound(self) -> bool:
+        """Whether a lower bound on the loss of all other signs is known."""
+        return self.gap < UNPROVED_GAP
 
 
-class Told(NamedTuple):
-    """A stretch of one joint's torque that keeps one sign."""
+class SignSegment(NamedTuple):
+    """Interval in which the torque of one joint keeps one sign."""
 
-    part: int  # of which recording
+    part: int  # index of the recording
     joint: int
     start: float  # [s]
     end: float  # [s]
     sign: int  # +1 or -1
-    confidence: float  # probability that the sign is right, where no flag is raised
+    confidence: float  # probability that the sign is right; valid if no flag is raised
 
 
 class Gain(NamedTuple):
-    """A torque constant that was not known."""
+    """Estimate of an unknown torque constant."""
 
     joint: str
     value: float  # [unit]
@@ -48,39 +47,39 @@ class Gain(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Trace(Frozen):
-    """One recording's torque with the signs found, on a thinned grid: N samples of n joints."""
+    """Signed torque of one recording on a thinned grid: N samples of n joints."""
 
     path: str
     t: Array  # (N,) [s]
     first: Indices  # (k,) samples at which a span begins
     magnitude: Array  # (N, n) [N.m or N] as recorded
     signs: Array  # (N, n) [1]
-    predicted: Array  # (N, n) [N.m or N] of the model found with the signs
+    predicted: Array  # (N, n) [N.m or N] torque of the model that was fitted with the signs
 
 
 @dataclass(frozen=True, eq=False)
 class Signs(Frozen):
-    """Signs of torques that were recorded without them. `flags` say when they are not to be trusted."""
+    """Signs of torques that were recorded as absolute values. They are unreliable if `flags` is not empty."""
 
     joints: tuple[str, ...]  # n of the robot
-    hidden: tuple[int, ...]  # those whose torque had no sign
+    hidden: tuple[int, ...]  # joints whose torque had no sign
     method: str  # "exact" or "tree"
-    segments: tuple[Told, ...]  # in the order of recording, joint and time
-    threshold: Array  # (n,) [N.m or N] below which a sample belongs to no segment; 0 where the sign was recorded
-    proof: Proof
+    segments: tuple[SignSegment, ...]  # in the order of recording, joint and time
+    threshold: Array  # (n,) [N.m or N] samples below it belong to no segment; 0 where the sign was recorded
+    proof: SignProof
     flags: tuple[str, ...]
     notes: tuple[str, ...]
-    value: Array  # (b,) base parameters that the signs were found with [units of base]
+    value: Array  # (b,) base parameters fitted with the signs [units of base]
     noise: Array  # (n,) [N.m or N] of the residual
-    inflation: Array  # (n,) samples for one that is independent of the others [1]
-    traces: tuple[Trace, ...]  # of every recording
+    inflation: Array  # (n,) samples per independent sample of the residual [1]
+    traces: tuple[Trace, ...]  # one per recording
     gains: tuple[Gain, ...] = ()
     seed: int = 0
 
-    def of(self, joint: int) -> tuple[Told, ...]:
+    def of(self, joint: int) -> tuple[SignSegment, ...]:
         """The segments of one joint."""
-        return tuple(told for told in self.segments if told.joint == joint)
+        return tuple(segment for segment in self.segments if segment.joint == joint)
 
-    def is_certain(self, least: float = 0.999) -> bool:
-        """Whether nothing is flagged and every segment reaches a confidence."""
-        return not self.flags and bool(np.all([told.confidence >= least for told in self.segments]))
+    def is_certain(self, least: float = CONFIDENT) -> bool:
+        """Whether no flag is raised and the confidence of every segment is at least `least`."""
+        return not self.flags and bool(np.all([segment.confidence >= least for segment in self.segments]))

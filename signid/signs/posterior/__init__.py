@@ -1,1 +1,1 @@
-"""How sure signs are: confidence, inflation of the noise, flags."""
+"""Posterior of the signs: second search in standard deviations, confidence, flags."""

@@ -1,4 +1,4 @@
-"""Signs and their rivals -> how probable each sign is."""
+"""Posterior of the signs of segments: confidence of each, and the inflation of the noise that it needs."""
 
 from __future__ import annotations
 
@@ -7,71 +7,65 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...types import Array
-from ..search.problem import Problem
+from ..search.exact import RivalSigns
+from ..search.problem import SignProblem
 
-WINDOW = 24.0  # of the loss, in variance units: rivals beyond it weigh less than 1e-5
-
-
-FADED = 0.05  # correlation from which on there is none
-
-PAIRS = 0.1  # of the samples: fewer pairs do not tell a correlation
+UNCORRELATED = 0.05  # [1] autocorrelation from which later lags are ignored; tuned on logs and simulations
+PAIRS = 0.1  # [share of the samples] smallest number of pairs that estimates a correlation; heuristic
 
 
-def judge_confidence(problem: Problem, signs: Array, rival_signs: Array, rival_losses: Array) -> Array:
-    """Probability (S,) that each sign is right; the known segment has 1.
+def sign_confidence(problem: SignProblem, signs: Array, rivals: RivalSigns) -> Array:
+    """Probability (S,) that each sign is right; 1 for the known segment.
 
-    With weights that make the loss a squared number of standard deviations, exp(-J/2) is the posterior of a choice of
-    signs under a flat prior on the parameters. A sign's marginal over the rivals is taken, but no more than what
-    turning round that segment alone leaves it.
+    With a loss in squared standard deviations, p(s) ~ exp(-J_c(s)/2) is the posterior of the signs under a flat prior
+    on the parameters, whose normalisation is the same for all s. The confidence of sign i is its marginal over the
+    rivals, but at most 1 / (1 + exp(-dJ_i/2)) with dJ_i the rise of J when segment i alone is flipped.
 
     Args:
         problem: weighted by one over the standard deviation of independent samples.
-        signs: (S,) the best [1].
-        rival_signs: (K, S) other good ones, and the best itself among them [1].
-        rival_losses: (K,) their losses [1].
+        signs: (S,) s, the best signs [1].
+        rivals: signs near the best.
     """
-    weights = np.exp(-(rival_losses - rival_losses.min(initial=np.inf)) / 2)
-    same = rival_signs == signs
+    weights = rivals.weights
+    same = rivals.signs == signs
     marginal = weights @ same / max(float(weights.sum()), 1e-300) if len(weights) else np.ones(problem.count)
-    alone = 1 / (1 + np.exp(np.clip(-_flip_costs(problem, signs) / 2, -700, 700)))
-    found = np.minimum(marginal, alone)
-    return np.where(problem.joints < 0, 1.0, found)
+    flipped = 1 / (1 + np.exp(np.clip(-_flip_costs(problem, signs) / 2, -700, 700)))
+    return np.where(problem.joints < 0, 1.0, np.minimum(marginal, flipped))
 
 
-def joint_doubt(problem: Problem, signs: Array, rival_signs: Array, rival_losses: Array) -> dict[int, float]:
-    """Per joint, the probability that all its signs (by far the most of them) are the other way round.
+def joint_flip_probability(problem: SignProblem, signs: Array, rivals: RivalSigns) -> dict[int, float]:
+    """Per joint, the probability that its signs are inverted in segments that hold more than half of its energy.
 
     Args:
-        problem: as above.
-        signs: (S,) the best [1].
-        rival_signs: (K, S) [1].
-        rival_losses: (K,) [1].
+        problem: as in `sign_confidence`.
+        signs: (S,) s, the best signs [1].
+        rivals: signs near the best.
     """
-    weights = np.exp(-(rival_losses - rival_losses.min(initial=np.inf)) / 2)
+    weights = rivals.weights
     total = max(float(weights.sum()), 1e-300)
-    doubt = {}
+    found = {}
     for joint in np.unique(problem.joints[problem.joints >= 0]).tolist():
         own = problem.joints == joint
-        share = np.average(rival_signs[:, own] != signs[own], axis=1, weights=problem.energies[own] + 1e-300)
-        doubt[joint] = float(weights[share > 0.5].sum()) / total
-    return doubt
+        share = np.average(rivals.signs[:, own] != signs[own], axis=1, weights=problem.energies[own] + 1e-300)
+        found[joint] = float(weights[share > 0.5].sum()) / total
+    return found
 
 
-def _flip_costs(problem: Problem, signs: Array) -> Array:
-    """(S,) by how much the loss rises when one segment is turned round."""
+def _flip_costs(problem: SignProblem, signs: Array) -> Array:
+    """(S,) dJ_i = 4 s_i b_i'B s - 4 |b_i|^2 [squared standard deviations]."""
     b = problem.projections
     return np.asarray(4 * signs * (b.T @ (b @ signs)) - 4 * np.sum(b**2, axis=0))
 
 
 def inflation(residual: Array, runs: Sequence[tuple[int, int]]) -> float:
-    """Integrated autocorrelation time of one joint's residual, at least 1 sample: 1 + 2 sum of correlations.
+    """Integrated autocorrelation time kappa of the residual of one joint: 1 + 2 sum of correlations, at least 1 [1].
 
-    Correlations are those of pairs in one run, of all runs together, up to the first that is small; so it is less than
-    twice the length of the longest run. Where the residual is NaN a sample does not count.
+    Correlations are pooled over pairs of samples within one run, and summed up to the first small one; so kappa is
+    less than twice the length of the longest run. NaN in the residual: the sample is ignored.
 
     Args:
         residual: (N,) [N.m or N].
-        runs: start and stop of stretches of consecutive samples.
+        runs: start and stop of runs of consecutive samples.
 
     Source: Sokal, Monte Carlo methods in statistical mechanics, in: Functional Integration, 1997, section 3.
     """
@@ -87,7 +81,7 @@ def inflation(residual: Array, runs: Sequence[tuple[int, int]]) -> float:
         if pairs.sum() < PAIRS * count:
             break
         correlation = float(np.mean((values[lag:] * values[:-lag])[pairs])) / power
-        if correlation < FADED:
+        if correlation < UNCORRELATED:
             break
         total += 2 * correlation
     return total

@@ -1,4 +1,4 @@
-"""Signs that were found -> judged in variance units: searched again, their rivals counted."""
+"""Second search, weighted in standard deviations, from the signs that refinement gave; its rivals are enumerated."""
 
 from __future__ import annotations
 
@@ -8,118 +8,97 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...regression.rows import Task
 from ...types import Array
-from ..result import Proof
+from ..result import SignProof
 from ..rows.observations import Observed
-from ..rows.segments import Segment, cut_by_signs
-from ..samples.markov_chain import Refined, refine
-from ..search.cone import Cone
-from ..search.exact import Found, Rivals, enumerate_near, search
-from ..search.friction import believe, friction_patterns
-from ..search.problem import Problem, Rows, pose, signed_rows
-from .confidence import WINDOW, judge_confidence
+from ..rows.segments import Segment, split_by_signs
+from ..samples.markov_chain import RefinedSigns, refine_signs
+from ..search.cone import PhysicalCone
+from ..search.exact import RivalSigns, SignSolution, enumerate_near
+from ..search.problem import SignProblem
+from ..search.segment_search import SegmentSearch
+from ..thresholds import CONFIDENT, RECHECK_ROUNDS, RIVAL_WINDOW
+from .confidence import sign_confidence
 
-CERTAIN = 0.999  # confidence that the parts of a run need, to be told apart
-ROUNDS = 2  # of joining runs again whose parts are not certain
+LEAST_SAMPLES = 2  # [samples] of a part of a run; a single sample has no confidence of its own
 
 
-class Weighed(NamedTuple):
-    """Segments judged in variance units."""
+class RecheckedSigns(NamedTuple):
+    """Segments, their problem weighted in standard deviations, its solution and its rivals."""
 
     segments: list[Segment]
-    problem: Problem
-    found: Found
-    rivals: Rivals
+    problem: SignProblem
+    solution: SignSolution
+    rivals: RivalSigns
     confidence: Array  # (S,) [1]
 
 
-def weigh(
-    task: Task,
-    observed: Observed,
-    runs: Sequence[Segment],
-    refined: Refined,
-    weights: Array,
-    rows: Array,
-    seed: int,
-    free: bool,
-) -> Weighed:
-    """Search again in variance units, from the signs that refinement gave, and count the rivals.
+def recheck_signs(
+    search: SegmentSearch, runs: Sequence[Segment], refined: RefinedSigns, weights: Array, free: bool
+) -> RecheckedSigns:
+    """Search again in standard deviations, from the signs that refinement gave, and enumerate the rivals.
 
-    A run that refinement cut is judged whole in a second round where its parts are not certain in the first. Parts
-    that are not certain in the second keep the confidence that they have.
+    Runs are first split where refinement changes sign. If a part of a run is not certain, the second round takes the
+    whole run as one segment. Parts that are uncertain only in the second round keep their confidence.
 
     Args:
-        task: what the rows were made for.
-        observed: the rows.
+        search: search over the signs of segments.
         runs: segments above the threshold.
         refined: signs of all samples.
-        weights: (n,) [1/N.m or 1/N] of each joint's torque, one over the deviation of independent samples.
-        rows: (g, b) of the physical cone [1 over units of base].
-        seed: of the search.
-        free: whether signs may change; else they stay, and only their rivals are counted.
+        weights: (n,) [1/N.m or 1/N] one over the standard deviation of independent samples of each joint's torque.
+        free: whether signs may change; else only their rivals are enumerated.
     """
-    told = [s for s in cut_by_signs(observed, runs, refined.signs) if s.stop - s.start >= 2]
-    known = known_rows(task, observed, weights)
-    for left in reversed(range(ROUNDS)):
-        problem = pose(observed, told, weights, known)
-        cone = Cone.of(problem, rows)
-        start = np.array([_majority(refined, s) for s in told] + [1.0] * (problem.count - len(told)))
-        if free:
-            found = search(problem, cone, friction_patterns(problem, observed, told), start, seed=seed)
-        else:
-            found = _standing(problem, cone, start)
-        rivals = enumerate_near(problem, cone, found, WINDOW)
-        confidence = judge_confidence(problem, found.signs, rivals.signs, rivals.losses)
-        doubtful = {run for run in runs if _is_doubtful(run, told, confidence)}
-        if not doubtful or not left:
+    segments = [s for s in split_by_signs(search.observed, runs, refined.signs) if s.stop - s.start >= LEAST_SAMPLES]
+    for left in reversed(range(RECHECK_ROUNDS)):
+        problem = search.build(segments, weights)
+        start = np.array([_majority(refined, s) for s in segments] + [1.0] * (problem.count - len(segments)))
+        cone = search.cone(problem)
+        solution = search.solve(problem, segments, start) if free else _unchanged(problem, cone, start)
+        rivals = enumerate_near(problem, cone, solution, RIVAL_WINDOW)
+        confidence = sign_confidence(problem, solution.signs, rivals)
+        uncertain = {run for run in runs if _is_uncertain(run, segments, confidence)}
+        if not uncertain or not left:
             break
-        told = [s for s in told if not any(_holds(run, s) for run in doubtful)]
-        told = sorted([*told, *doubtful])
-    return Weighed(told, problem, found, rivals, confidence)
+        segments = [s for s in segments if not any(_holds(run, s) for run in uncertain)]
+        segments = sorted([*segments, *uncertain])
+    return RecheckedSigns(segments, problem, solution, rivals, confidence)
 
 
-def _majority(refined: Refined, segment: Segment) -> float:
+def apply_signs(observed: Observed, refined: RefinedSigns, rechecked: RecheckedSigns) -> RefinedSigns:
+    """Give all samples of a segment the sign of the segment; refine again if a sign changed.
+
+    Args:
+        observed: observations.
+        refined: signs of all samples before.
+        rechecked: signs of the segments.
+    """
+    signs = rechecked.solution.signs[: len(rechecked.segments)]
+    if any(_majority(refined, s) != sign for s, sign in zip(rechecked.segments, signs, strict=True)):
+        value = rechecked.problem.back @ rechecked.solution.coordinates
+        refined = refine_signs(observed, 1 / observed.scale, value)
+    samples = refined.signs.copy()
+    for (joint, start, stop), sign in zip(rechecked.segments, signs, strict=True):
+        samples[start:stop, joint] = sign
+    return replace(refined, signs=samples)
+
+
+def _majority(refined: RefinedSigns, segment: Segment) -> float:
     joint, start, stop = segment
     return 1.0 if refined.signs[start:stop, joint].sum() >= 0 else -1.0
 
 
-def _is_doubtful(run: Segment, told: Sequence[Segment], confidence: Array) -> bool:
-    parts = [k for k, s in enumerate(told) if _holds(run, s)]
-    return told[parts[0]] != run and min(confidence[parts]) < CERTAIN if parts else False
+def _is_uncertain(run: Segment, segments: Sequence[Segment], confidence: Array) -> bool:
+    """Whether a run was split, and the confidence of one of its parts is low."""
+    parts = [k for k, s in enumerate(segments) if _holds(run, s)]
+    return segments[parts[0]] != run and min(confidence[parts]) < CONFIDENT if parts else False
 
 
 def _holds(run: Segment, part: Segment) -> bool:
     return run.joint == part.joint and run.start <= part.start and part.stop <= run.stop
 
 
-def follow(observed: Observed, refined: Refined, weighed: Weighed) -> Refined:
-    """The signs of samples, in each segment that of the segment."""
-    count = len(weighed.segments)
-    turned = any(_majority(refined, s) != x for s, x in zip(weighed.segments, weighed.found.signs[:count], strict=True))
-    if turned:
-        value = weighed.problem.back @ weighed.found.coordinates
-        refined = refine(observed, 1 / observed.scale, value)
-    start = refined.signs.copy()
-    for (joint, begin, stop), sign in zip(weighed.segments, weighed.found.signs[:count], strict=True):
-        start[begin:stop, joint] = sign
-    return replace(refined, signs=start)
-
-
-def _standing(problem: Problem, cone: Cone, signs: Array) -> Found:
-    """Signs as they are, as if a search had ended with them."""
+def _unchanged(problem: SignProblem, cone: PhysicalCone, signs: Array) -> SignSolution:
+    """Given signs as a solution without proof."""
     z = problem.coordinates(signs)
     squared, nearest = cone.distance(z)
-    return Found(signs, nearest, problem.loss(signs) + squared, Proof(False, 1.0, 0), np.zeros((len(z), 0)))
-
-
-def known_rows(task: Task, observed: Observed, weights: Array) -> Rows:
-    """Rows with a known right side: joints whose torque has its sign, and weak beliefs on friction.
-
-    Args:
-        task: what the rows were made for.
-        observed: the rows.
-        weights: (n,) [1/N.m or 1/N] of each joint's torque.
-    """
-    parts = [signed_rows(observed, weights), believe(task, observed, weights)]
-    return Rows(np.concatenate([p.matrix for p in parts]), np.concatenate([p.target for p in parts]))
+    return SignSolution(signs, nearest, problem.loss(signs) + squared, SignProof(False, 1.0, 0), np.zeros((len(z), 0)))

@@ -1,1 +1,1 @@
-"""Absolute torque -> segments of constant sign, and the rows that observe them."""
+"""Observations for sign recovery, and their segments of constant sign."""

@@ -1,4 +1,4 @@
-"""Recordings -> rows to find signs from: torque as recorded, never low-passed, and the columns that make it."""
+"""Recordings -> rows for sign recovery: absolute torque as recorded, unfiltered, and its regressor columns."""
 
 from __future__ import annotations
 
@@ -15,34 +15,32 @@ from ...regression.motion import Motion, build_motion, margin
 from ...regression.regressor import base_rows
 from ...regression.rows import Task
 from ...regression.session import Part
-from ...types import Array, Frozen, Indices, Mask, Samples
+from ...types import Array, Frozen, Indices, Mask, Samples, prismatic_unit
+from ..thresholds import CUTOFF_SAMPLES, LEAST_RATE, MOST_SAMPLES, POSITION_BANDWIDTH, REVERSAL_WIDTHS
 
-DENSE = 8.0  # samples a period of the cut-off ...
-LEAST = 100.0  # [Hz] ... and never fewer than this, where the recording has them
-MOST = 20_000  # samples altogether; longer recordings are thinned further
-WINDOW = 8192  # samples of the recording at a time
-BEYOND = 2.0  # times the cut-off to which positions pass: less than for a fit, as torque is not filtered here
-STILL = 5.0  # widths of a reversal: slower, friction is not certain
+WINDOW = 8192  # [samples] of a recording processed at a time; bounds memory
 
 
 @dataclass(frozen=True, eq=False)
 class Observed(Frozen):
-    """N samples of n joints on thinned grids, one after the other over all spans of all recordings."""
+    """Observations for sign recovery: N samples of n joints on thinned grids, spans and recordings concatenated."""
 
-    part: Indices  # (N,) which recording a sample is of
-    first: Mask  # (N,) whether a span begins with it
+    part: Indices  # (N,) index of the recording
+    first: Mask  # (N,) whether a span begins with the sample
     t: Array  # (N,) [s]
     q: Array  # (N, n) [rad or m]
     v: Array  # (N, n) [rad/s or m/s]
     columns: tuple[Array, ...]  # per joint (N, m) [torque per unit of the base parameter], not filtered
-    seen: tuple[Indices, ...]  # per joint (m,) base parameters
+    seen: tuple[Indices, ...]  # per joint (m,) base parameters that its torque depends on
     count: int  # b, base parameters
     joints: tuple[str, ...]  # n names
     torque: Array  # (N, n) [N.m or N] as recorded: absolute where the sign is lost, 0 where there is none
     signed: Mask  # (n,) whether the recorded torque has its sign, in all recordings
     known: Mask  # (n,) whether torque is recorded, in all recordings
-    steady: Mask  # (N, n) far enough from a reversal for friction to be certain, and from the ends for the filter
-    period: float  # [s] between neighbours of a span
+    steady: Mask  # (N, n) far enough from a reversal for the sign of friction, and from the ends for the filter
+    period: float  # [s] between samples of a span
+    coefficients: dict[int, tuple[str, int]]  # base parameter that is one law coefficient alone -> effect, joint
+    units: tuple[str, ...]  # n units of torque: N.m or N
 
     def __len__(self) -> int:
         return len(self.t)
@@ -54,20 +52,20 @@ class Observed(Frozen):
 
     @cached_property
     def rms(self) -> Array:
-        """(n,) of the torque [N.m or N], 0 where there is none."""
+        """(n,) rms torque [N.m or N], 0 where none is recorded."""
         return np.asarray(np.sqrt(np.mean(self.torque**2, axis=0)))
 
     @property
     def scale(self) -> Array:
-        """(n,) rms torque [N.m or N], 1 where there is none."""
+        """(n,) rms torque [N.m or N], 1 where none is recorded."""
         return np.asarray(np.where(self.rms > 0, self.rms, 1.0))
 
     def rows(self, joint: int, at: slice | Mask | Indices = slice(None)) -> Array:
         """(M, b) rows of a joint over all base parameters [torque per unit of each].
 
         Args:
-            joint: its index.
-            at: which samples.
+            joint: index of the joint.
+            at: samples.
         """
         own = self.columns[joint][at]
         wide = np.zeros((len(own), self.count))
@@ -83,7 +81,7 @@ class Observed(Frozen):
         return _predicted(self.columns, self.seen, value)
 
 
-class Stretch(NamedTuple):
+class MotionWindow(NamedTuple):
     """N consecutive samples at full rate."""
 
     first: bool  # whether a span begins with them
@@ -91,16 +89,16 @@ class Stretch(NamedTuple):
     steady: Mask  # (N, n) far enough from a reversal, and from the ends of the span for the filter
 
 
-def observe(task: Task, parts: Sequence[Part], most: int = MOST) -> Observed:
-    """Rows of some recordings, thin enough to be searched.
+def observe(task: Task, parts: Sequence[Part], most: int = MOST_SAMPLES) -> Observed:
+    """Build the rows of some recordings, thinned for the search.
 
     Args:
         task: robot, laws, base map and band.
         parts: recordings and their sampling.
-        most: samples altogether.
+        most: largest number of samples of all recordings together.
     """
     step = thinning(task, parts, most)
-    pieces = [(k, *stretch) for k, part in enumerate(parts) for stretch in motions(task, part, step)]
+    pieces = [(k, *window) for k, part in enumerate(parts) for window in motion_windows(task, part, step)]
     rows = [columns_of(task, _thin(motion, step)) for _, _, motion, _ in pieces]
     recorded = np.concatenate([_recorded(motion)[::step] for _, _, motion, _ in pieces])
     known = ~np.isnan(recorded).any(0)
@@ -122,11 +120,13 @@ def observe(task: Task, parts: Sequence[Part], most: int = MOST) -> Observed:
         known=known,
         steady=np.concatenate([steady[::step] for *_, steady in pieces]),
         period=step / task.band.rate,
+        coefficients=law_coefficients(task),
+        units=tuple(prismatic_unit("N.m") if moves else "N.m" for moves in task.robot.prismatic),
     )
 
 
 def columns_of(task: Task, motion: Motion) -> list[Array]:
-    """Per joint (N, m) [torque per unit of the base parameter], those that it sees.
+    """Regressor columns per joint (N, m) [torque per unit of the base parameter], without those that are zero.
 
     Args:
         task: laws and base map.
@@ -146,8 +146,8 @@ def predict(task: Task, motion: Motion, value: Array) -> Array:
     return _predicted(columns_of(task, motion), _seen(task), value)
 
 
-def alone(task: Task) -> dict[int, tuple[str, int]]:
-    """Base parameters that are one coefficient of a law by itself -> name of the law, joint."""
+def law_coefficients(task: Task) -> dict[int, tuple[str, int]]:
+    """Map each base parameter that is a single coefficient of a law to the effect's name and the joint."""
     found = {}
     for k, row in enumerate(task.base.combination):
         label = task.base.labels[task.base.independent[k]]
@@ -156,20 +156,20 @@ def alone(task: Task) -> dict[int, tuple[str, int]]:
     return found
 
 
-def thinning(task: Task, parts: Sequence[Part], most: int = MOST) -> int:
-    """Samples of the recording for one that is observed."""
+def thinning(task: Task, parts: Sequence[Part], most: int = MOST_SAMPLES) -> int:
+    """Number of recorded samples per sample of the grid."""
     rate, total = task.band.rate, sum(s.length(span) for _, s in parts for span in s.spans)
-    dense = max(LEAST, DENSE * task.band.cutoff) if task.band.filtered else rate
+    dense = max(LEAST_RATE, CUTOFF_SAMPLES * task.band.cutoff) if task.band.filtered else rate
     return max(1, int(rate / dense), -(-total // most))
 
 
-def motions(task: Task, part: Part, step: int) -> Iterator[Stretch]:
-    """The motion of every span at full rate to its very ends, in windows that are a multiple of the step long.
+def motion_windows(task: Task, part: Part, step: int) -> Iterator[MotionWindow]:
+    """Motion of every span at full rate up to its ends, in windows whose length is a multiple of the step.
 
-    Beyond the ends positions go on as their mirror images through the last one, so that the filter has what it needs.
+    Beyond the ends of a span, positions are extended by odd reflection so that the filter has enough samples.
     """
     recording, sampling = part
-    band = replace(task.band, beyond=BEYOND)
+    band = replace(task.band, beyond=POSITION_BANDWIDTH)
     edge, size = margin(band, task.recorded_derivatives), -(-WINDOW // step) * step
     reach = int(np.ceil(0.5 * band.rate / band.position_cutoff))
     for span in sampling.spans:
@@ -181,7 +181,7 @@ def motions(task: Task, part: Part, step: int) -> Iterator[Stretch]:
             motion = build_motion(task.robot, window, band, sampling.period, task.recorded_derivatives, task.slow)
             place = np.arange(k, stop)
             whole = (place >= edge) & (place < total - edge)
-            yield Stretch(k == 0, motion, _steady(task, motion, reach) & whole[:, None])
+            yield MotionWindow(k == 0, motion, _steady(task, motion, reach) & whole[:, None])
 
 
 def _seen(task: Task) -> tuple[Indices, ...]:
@@ -222,4 +222,4 @@ def _recorded(motion: Motion) -> Array:
 
 
 def _steady(task: Task, motion: Motion, reach: int) -> Mask:
-    return np.asarray((least(np.abs(motion.v), reach) >= STILL * task.slow) | ~np.array(task.reverses))
+    return np.asarray((least(np.abs(motion.v), reach) >= REVERSAL_WIDTHS * task.slow) | ~np.array(task.reverses))

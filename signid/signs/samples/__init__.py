@@ -1,1 +1,1 @@
-"""Signs of segments -> signs of samples: jumps, hidden Markov chain, expected signs."""
+"""Signs of segments -> signs of samples and rows: hidden Markov chain, jumps, expected signs."""

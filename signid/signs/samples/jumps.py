@@ -1,4 +1,4 @@
-"""Signs of thinned samples -> where exactly torque jumped past zero, among the samples that thinning left out."""
+"""Signs of thinned samples -> exact instants of jumps past zero, among the samples that thinning left out."""
 
 from __future__ import annotations
 
@@ -11,12 +11,13 @@ import numpy as np
 from ...regression.rows import Task
 from ...regression.session import Part
 from ...types import Array, Indices, Mask
-from ..rows.observations import motions, predict
-from ..rows.segments import LARGE, place_turn
+from ..rows.observations import motion_windows, predict
+from ..rows.segments import place_sign_change
+from ..thresholds import JUMP_TORQUE
 
 
 class Signed(NamedTuple):
-    """Samples of one recording and their signs."""
+    """M samples of one recording and their signs."""
 
     t: Array  # (M,) [s]
     first: Indices  # (k,) samples at which a span begins
@@ -24,35 +25,35 @@ class Signed(NamedTuple):
 
 
 class _Jump(NamedTuple):
-    """All samples from one of the thinned to the next."""
+    """All K samples from one thinned sample to the next, both included."""
 
-    after: int  # the thinned sample that they begin with
+    after: int  # index of the thinned sample at which they begin
     t: Array  # (K,) [s]
     size: Array  # (K, n) absolute torque [N.m or N]
     predicted: Array  # (K, n) [N.m or N]
 
 
 def place_jumps(task: Task, part: Part, step: int, thinned: Signed, magnitude: Array, value: Array) -> Signed:
-    """The thinned samples and those between two where torque jumped past zero; there the model tells the place.
+    """Add the samples between two thinned ones where torque jumped past zero, with the signs that fit the model best.
 
-    Where torque went through zero it is smallest there. Where it jumped, as it does when friction turns round, absolute
-    values do not tell the place.
+    A torque that passes through zero has its smallest absolute value there. A torque that jumps, as at a reversal of
+    friction, leaves no such trace, so the jump is placed where the residual of the model is smallest.
 
     Args:
-        task: what the samples were made with.
-        part: the recording.
-        step: samples for one of the thinned.
-        thinned: M samples and their signs.
-        magnitude: (M, n) their absolute torque [N.m or N]; NaN where none is recorded.
+        task: robot, laws, base map and band of the samples.
+        part: recording and its sampling.
+        step: number of recorded samples per thinned sample.
+        thinned: M thinned samples and their signs.
+        magnitude: (M, n) absolute torque of the thinned samples [N.m or N]; NaN where none is recorded.
         value: (b,) base parameters [units of base].
     """
     size = np.nan_to_num(magnitude)
-    large = size > LARGE * np.sqrt(np.mean(size**2, axis=0))
-    turning = (thinned.signs[1:] != thinned.signs[:-1]) & large[1:] & large[:-1]
-    turning[thinned.first[1:] - 1] = False
+    large = size > JUMP_TORQUE * np.sqrt(np.mean(size**2, axis=0))
+    changing = (thinned.signs[1:] != thinned.signs[:-1]) & large[1:] & large[:-1]
+    changing[thinned.first[1:] - 1] = False
     signs, after, t, inner = thinned.signs.copy(), [], [], []
-    for jump in _jumps(task, part, step, turning.any(axis=1), value):
-        own = _turned(jump, thinned.signs[jump.after], thinned.signs[jump.after + 1])
+    for jump in _jumps(task, part, step, changing.any(axis=1), value):
+        own = _placed(jump, thinned.signs[jump.after], thinned.signs[jump.after + 1])
         signs[[jump.after, jump.after + 1]] = own[[0, -1]]
         after += [jump.after] * (len(own) - 2)
         t.append(jump.t[1:-1])
@@ -67,21 +68,21 @@ def place_jumps(task: Task, part: Part, step: int, thinned: Signed, magnitude: A
     )
 
 
-def _turned(jump: _Jump, before: Array, after: Array) -> Array:
-    """(K, n) signs that change once, where what is left of the model is least."""
+def _placed(jump: _Jump, before: Array, after: Array) -> Array:
+    """Signs (K, n) that change once per joint, where the squared residual of the model is smallest."""
     signs = np.repeat(before[None], len(jump.t), axis=0)
     for j in np.flatnonzero(before != after):
         size, model = jump.size[:, j], jump.predicted[:, j]
-        signs[place_turn(before[j], after[j], size, model) :, j] = after[j]
+        signs[place_sign_change(before[j], after[j], size, model) :, j] = after[j]
     return signs
 
 
-def _jumps(task: Task, part: Part, step: int, turning: Mask, value: Array) -> Iterator[_Jump]:
+def _jumps(task: Task, part: Part, step: int, changing: Mask, value: Array) -> Iterator[_Jump]:
     passed = 0
-    for _, motion, _ in motions(task, part, step):
+    for _, motion, _ in motion_windows(task, part, step):
         count = -(-len(motion) // step)
-        for k in np.flatnonzero(turning[passed : passed + count - 1]).tolist():
-            some = replace(motion[k * step : (k + 1) * step + 1], slow=None)  # friction turns round at once
+        for k in np.flatnonzero(changing[passed : passed + count - 1]).tolist():
+            some = replace(motion[k * step : (k + 1) * step + 1], slow=None)  # friction changes its sign at once
             assert some.recorded is not None, "windows carry torque"
             yield _Jump(passed + k, some.t, np.abs(np.nan_to_num(some.recorded)), predict(task, some, value))
         passed += count

@@ -1,4 +1,4 @@
-"""Signs of thinned samples -> a sign for every row of the file."""
+"""Signs of thinned samples -> a sign for every row of the recorded file."""
 
 from __future__ import annotations
 
@@ -13,31 +13,31 @@ from ...recording.sampling import Sampling
 from ...recording.sampling.stretch import Stretch
 from ...types import Array, Indices, Mask, Recording
 
-CHUNK = 65_536  # rows
-SMALL = 0.05  # of the joint's rms torque: where it falls lower beyond the samples, the sign may change
-NEAR = 0.01  # of a period: a row so little before an instant counts as at it
-MORE = 64  # rows beyond an interval, so that one of another time is among them
-AROUND = 3  # rows on either side of a minimum, at least, that tell whether it is a kink
-WIDEST = 10  # rows on either side of it, at most
-CLEAR = 0.5  # of what a parabola leaves of absolute torques: if it leaves less after a change of sign, there is one
+CHUNK = 65_536  # [rows] read at a time; bounds memory
+SMALL = 0.05  # [rms torque] minima of |torque| below it, beyond the samples, may be changes of sign; heuristic
+NEAR = 0.01  # [periods] time tolerance of matching rows to instants; heuristic
+MORE = 64  # [rows] read beyond an interval, so that a row of another time is among them; heuristic
+AROUND = 3  # [rows] on either side of a minimum for the fit of a parabola, at least; heuristic
+WIDEST = 10  # [rows] the same, at most; heuristic
+KINK = 0.5  # [1] ratio of squared residuals with and without a change of sign, below which there is one; heuristic
 
 Marks = NDArray[np.int8]
 
 
-def spread(recording: Recording, sampling: Sampling, t: Array, first: Indices, signs: Marks) -> Marks:
-    """(rows, n) a sign for every row of a recording: -1, 1, and 0 in rows that no sample tells of.
+def signs_of_rows(recording: Recording, sampling: Sampling, t: Array, first: Indices, signs: Marks) -> Marks:
+    """A sign (rows, n) for every row of a recording: -1 or 1, and 0 in rows of no span.
 
-    Between two samples of different sign it changes where the torque recorded between them is smallest. Before the
-    first and after the last sample of a span the nearest sign goes on, but for minima near zero (under 5 % of the
-    joint's rms torque, or within a step between rows) where torque of changing sign is the smoother one. Torques that
-    have their sign get 1.
+    Between two samples of different sign, the change is at the smallest |torque| recorded between them. Before the
+    first and after the last sample of a span the nearest sign continues; it changes at minima near zero (below 5 % of
+    the joint's rms torque, or within a step between rows) where the torque is smoother with a change of sign. Torques
+    that have their sign get 1.
 
     Args:
-        recording: of n joints; read piece by piece.
-        sampling: its spans, or some of them; rows beyond get 0.
-        t: (M,) [s] of the samples, on the grids of those spans that are long enough.
+        recording: recording of n joints; read piece by piece.
+        sampling: its spans, or some of them; rows of other spans get 0.
+        t: (M,) [s] times of the samples, on the grids of those spans that are long enough.
         first: (k,) samples at which a span begins.
-        signs: (M, n) of the samples.
+        signs: (M, n) signs of the samples.
     """
     found = np.zeros((len(recording), len(recording.joints)), np.int8)
     pieces = [slice(*ends) for ends in pairwise([*first.tolist(), len(t)])]
@@ -50,19 +50,19 @@ def spread(recording: Recording, sampling: Sampling, t: Array, first: Indices, s
     return found
 
 
-class _Rows(NamedTuple):
-    """K rows, one for each time, in either direction."""
+class _FileRows(NamedTuple):
+    """K rows of distinct times, forwards or backwards."""
 
     number: Indices  # (K,)
     t: Array  # (K,) [s]
     size: Array  # (K, h) absolute torques of the joints without a sign [N.m or N]
 
-    def backwards(self) -> _Rows:
-        return _Rows(self.number[::-1], self.t[::-1], self.size[::-1])
+    def backwards(self) -> _FileRows:
+        return _FileRows(self.number[::-1], self.t[::-1], self.size[::-1])
 
 
 class _Span(NamedTuple):
-    """Rows begin..end of a recording, and those at or right after each of M samples."""
+    """Rows begin..end of a recording, and the first row at or after each of M samples."""
 
     recording: Recording
     dropped: Indices
@@ -71,7 +71,7 @@ class _Span(NamedTuple):
     begin: int
     end: int
     at: Indices  # (M,)
-    exact: bool  # whether the samples are rows
+    exact: bool  # whether samples coincide with rows
 
     @classmethod
     def of(cls, recording: Recording, sampling: Sampling, stretch: Stretch, t: Array) -> _Span:
@@ -83,19 +83,19 @@ class _Span(NamedTuple):
         small, at = SMALL * sampling.torque_rms[hidden], np.clip(at[1:-1], begin, end - 1)
         return cls(recording, sampling.dropped, hidden, small, begin, end, at, sampling.uniform)
 
-    def read(self, start: int, stop: int) -> _Rows:
-        """Rows start..stop as far as they lie in the span, those left out that repeat a time."""
+    def read(self, start: int, stop: int) -> _FileRows:
+        """Rows start..stop inside the span, without those that repeat a time."""
         start, stop = max(start, self.begin), min(stop, self.end)
         names = [*self.recording.columns["t"], *(self.recording.columns["tau"][j] for j in self.hidden)]
         inside = slice(*np.searchsorted(self.dropped, [start, stop]))
         repeated = self.dropped[inside] - start
         values = np.delete(self.recording.table.read(names, start, stop), repeated, axis=0)
         number = np.delete(np.arange(start, stop), repeated)
-        return _Rows(number, values[:, 0], np.abs(values[:, 1:] * self.recording.torque_per_unit[self.hidden]))
+        return _FileRows(number, values[:, 0], np.abs(values[:, 1:] * self.recording.torque_per_unit[self.hidden]))
 
 
 def _ends(stretch: Stretch, period: float) -> tuple[float, float]:
-    """Half a period before and after the grid of a span [s]."""
+    """Times half a period before and after the grid of a span [s]."""
     first, last = stretch.first - 0.5, stretch.first + stretch.count - 0.5
     return float(stretch.stamps[0] + first * period), float(stretch.stamps[0] + last * period)
 
@@ -106,7 +106,7 @@ def _holds(stretch: Stretch, period: float, t: Array) -> bool:
 
 
 def _at(recording: Recording, sampling: Sampling, stretch: Stretch, t: Array) -> Indices:
-    """The first row at or after each instant, by the grid where rows are the grid, else by their own stamps."""
+    """First row at or after each instant t (k,): from the grid where rows lie on it, else from their stamps."""
     if sampling.uniform:
         kept = np.ceil((t - stretch.stamps[0]) / sampling.period - NEAR).astype(np.intp)
         inside = slice(*np.searchsorted(sampling.dropped, [stretch.start, stretch.stop]))
@@ -122,7 +122,7 @@ def _at(recording: Recording, sampling: Sampling, stretch: Stretch, t: Array) ->
 
 
 def _fill(found: Marks, span: _Span, signs: Marks) -> None:
-    """Write the signs of the rows of a span."""
+    """Set the signs of the rows of a span."""
     own = signs[:, span.hidden]
     changes = np.repeat(span.at[1:, None], len(span.hidden), axis=1)  # rows from which the next sample's sign holds
     for rows, which in _windows(span, own):
@@ -141,8 +141,8 @@ def _place(number: Indices, row: Indices) -> Indices:
     return np.asarray(np.minimum(np.searchsorted(number, row), len(number) - 1))
 
 
-def _windows(span: _Span, signs: Marks) -> Iterator[tuple[_Rows, Indices]]:
-    """Rows around some intervals between samples, with more on either side, and which intervals those are."""
+def _windows(span: _Span, signs: Marks) -> Iterator[tuple[_FileRows, Indices]]:
+    """Rows around some intervals between samples in which a sign changes, and the indices of the intervals."""
     turning = np.flatnonzero((signs[1:] != signs[:-1]).any(axis=1))
     for which in np.split(turning, np.flatnonzero(np.diff(span.at[turning] // CHUNK)) + 1):
         if len(which):
@@ -150,9 +150,9 @@ def _windows(span: _Span, signs: Marks) -> Iterator[tuple[_Rows, Indices]]:
 
 
 def _crossings(t: Array, size: Array, low: Indices, high: Indices, exact: bool) -> Indices:
-    """Where torque of the absolute values size (K,) changes its sign, between the rows low..high (k,) of each interval.
+    """First row of the new sign in each interval low..high (k,), given the absolute torques size (K,) at times t.
 
-    The smallest value has the sign that makes the smaller second difference with its neighbours of unlike signs.
+    The smallest value gets the sign with the smaller second difference between its neighbours of opposite signs.
     """
     lengths = high - low + 1
     begin = np.cumsum(lengths) - lengths
@@ -163,13 +163,13 @@ def _crossings(t: Array, size: Array, low: Indices, high: Indices, exact: bool) 
 
 
 def _goes_on(t: Array, size: Array, lowest: Indices) -> Mask:
-    """Whether the smallest values have the sign of the row before rather than of the row after."""
+    """Whether the smallest value of each interval has the sign of the row before it, not of the row after."""
     before, after = np.maximum(lowest - 1, 0), np.minimum(lowest + 1, len(size) - 1)
     return np.asarray(size[before] * np.abs(t[after] - t[lowest]) > size[after] * np.abs(t[lowest] - t[before]))
 
 
 def _edges(found: Marks, span: _Span, signs: Marks) -> None:
-    """Change signs before the first and after the last sample of a span, where that is not done between samples."""
+    """Change signs before the first and after the last sample of a span."""
     step = min(max(AROUND, int(span.at[-1] - span.at[0]) // max(1, len(span.at) - 1)), WIDEST)
     first, last = int(span.at[0]), int(span.at[-1]) + span.exact
     left, right = span.read(span.begin, first + step + 1).backwards(), span.read(last - step - 1, span.end)
@@ -182,22 +182,22 @@ def _edges(found: Marks, span: _Span, signs: Marks) -> None:
             found[right.number[turn] : span.end, j] *= -1
 
 
-def _kinks(rows: _Rows, joint: int, known: int, small: float, step: int) -> list[int]:
-    """Where torque changes its sign beyond the rows that are known: rows from which it has another, `step` apart."""
+def _kinks(rows: _FileRows, joint: int, known: int, small: float, step: int) -> list[int]:
+    """First rows of a new sign beyond the `known` rows, at least `step` apart, the clearest kinks first."""
     size = rows.size[:, joint]
     steps = np.abs(np.diff(size, prepend=size[0], append=size[-1]))
-    low = size < np.maximum(small, np.maximum(steps[1:], steps[:-1]))  # near zero, or as near as rows so sparse go
+    low = size < np.maximum(small, np.maximum(steps[1:], steps[:-1]))  # near zero, or within a step between rows
     lowest = np.flatnonzero((size[1:-1] <= size[:-2]) & (size[1:-1] < size[2:]) & low[1:-1]) + 1
     turns = lowest + _goes_on(rows.t, size, lowest)
     found: list[int] = []
     for bend, turn in sorted((_bend(rows.t, size, turn, step), turn) for turn in turns[turns >= known].tolist()):
-        if bend < CLEAR and all(abs(turn - other) > step for other in found):
+        if bend < KINK and all(abs(turn - other) > step for other in found):
             found.append(turn)
     return found
 
 
 def _bend(t: Array, size: Array, turn: int, step: int) -> float:
-    """How much nearer to a parabola absolute torques are around a row when their sign changes there: at 0 wholly."""
+    """Ratio of the squared residuals of a parabola with and without a change of sign at a row; 0: a perfect change."""
     around = slice(max(0, turn - step), turn + step)
     x, y = t[around] - t[turn], size[around]
     both = np.stack([y, np.where(x < 0 if t[-1] > t[0] else x > 0, y, -y)], axis=1)

@@ -1,1 +1,1 @@
-"""Exact search for signs: boolean least squares, certificate, branch and bound, local search."""
+"""Exact search for signs: boolean least squares, physical cone, certificate, branch and bound, local search."""

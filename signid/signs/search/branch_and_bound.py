@@ -1,4 +1,4 @@
-"""Branch and bound over signs: level by level, one factorisation for all nodes of a level."""
+"""Branch and bound over signs: breadth first, with one factorisation for all nodes of a level."""
 
 from __future__ import annotations
 
@@ -10,94 +10,107 @@ from numpy.typing import NDArray
 
 from ...deadline import time_is_up
 from ...types import Array, Frozen, Indices
-from .problem import Problem
+from .problem import SignProblem
 
-SEARCH = "the search for signs"
-WIDEST = 10_000  # nodes kept of a level
-MOST = 500_000  # nodes looked at; from then on few are kept of a level
-FEW = 50
-SAMPLE = 16  # nodes of a level that its parabolas are fitted to
-SWEEPS = 4  # of the cuts, when what they cost together is judged
-PIVOT = 1e-3  # of a factor, at least: rounding errors of bounds stay far below
-ROUNDING = 1e-11  # share of the total energy: losses that differ by less are the same
+SEARCH = "the search for signs"  # name of the search in the flag of the time limit
+FEW = 50  # [nodes per level] kept once the budget of nodes or time is spent; heuristic
+SAMPLE = 16  # [nodes per level] to which the parabolas are fitted; heuristic
+SWEEPS = 4  # [sweeps] of coordinate descent over the cuts; any number gives a valid bound; heuristic
+PIVOT = 1e-3  # [1] smallest pivot of a factor, so that rounding errors of bounds stay far below ROUNDING; heuristic
+MARGIN = 1e-4  # [T_i] by which the first heights exceed T_i, so that M is clearly positive definite; heuristic
+ASCENT_STEPS = 10  # [steps] of the heights at the first level; one at each later level; heuristic
+STEP_SHARES = (1.0, 0.3, 0.1)  # [full step] tried in turn until the mean bound rises; heuristic
+ROUNDING = 1e-11  # [total energy] losses that differ by less count as equal; heuristic
+
+
+class TreeBudget(NamedTuple):
+    """Limits of a tree search; the defaults are heuristic."""
+
+    width: int = 10_000  # nodes kept per level
+    nodes: int = 500_000  # nodes examined before only a few are kept per level
+
+
+BUDGET = TreeBudget()
+
+
+class Incumbent(NamedTuple):
+    """Signs to beat, and what is known about the solution near them."""
+
+    signs: Array  # (S,) s [1]
+    coordinates: Array | None = None  # (r,) z of losses near the limit [standard deviations]; None: B s
+    cuts: Array | None = None  # (r, C) [1] normals c with c'z <= 0 for every z allowed; None: no cuts
 
 
 @dataclass(frozen=True, eq=False)
-class Branched(Frozen):
-    """Where a tree ended. Losses are those of the problem, with what the cuts add."""
+class BranchResult(Frozen):
+    """Leaves of a tree. Losses are J(s) plus the lower bound on the squared distance that the cuts give."""
 
-    leaves: Array  # (K, S) [1] signs of lower loss than the limit, the best first
-    beyond: float  # signs that are no leaf have at least this loss: proved [squared standard deviations]
-    nodes: int  # looked at
+    leaves: Array  # (K, S) s [1] of lower loss than the limit, ascending
+    beyond: float  # proven lower bound on the loss of all signs that are no leaf [squared standard deviations]
+    nodes: int  # examined
 
 
 def branch(
-    problem: Problem,
-    incumbent: Array,
-    window: float = 0.0,
-    cuts: Array | None = None,
-    z: Array | None = None,
-    widest: int = WIDEST,
-    most: int = MOST,
-) -> Branched:
-    """All signs whose loss is below that of the incumbent plus a window, or the best of them.
+    problem: SignProblem, incumbent: Incumbent, window: float = 0.0, budget: TreeBudget = BUDGET
+) -> BranchResult:
+    """Find all signs whose loss is below that of the incumbent plus a window, or the best of them.
 
-    A node has the signs of the first segments of an order, g = sum s_i b_i of them. J(s) is the minimum over z of
-    E + |z|^2 - 2 sum s_i b_i'z. For a later segment, 2 |b_i'z| <= m_i + (b_i'z)^2 / m_i, a parabola for any m_i > 0:
-    all leaves lose at least E - sum m_i + min z'Mz - 2 g'z with M = 1 - sum b_i b_i' / m_i, where M is positive
-    definite. It is for m_i = T_i; from there the m_i climb to what is best for the nodes of the level, on average. The
-    nodes left are judged again by parabolas that touch at z: about there, nothing is lost.
+    A node fixes the signs of the first segments of an order; g = sum s_i b_i over them. J(s) is the minimum over z of
+    E + |z|^2 - 2 sum_i s_i b_i'z with E = sum_i T_i. For a later segment, 2 |b_i'z| <= m_i + (b_i'z)^2 / m_i for any
+    m_i > 0, a parabola. So all leaves of the node lose at least
+    E - sum m_i + min_z (z'Mz - 2 g'z) with M = 1 - sum b_i b_i' / m_i, sums over later segments, if M is positive
+    definite. It is for m_i > T_i; from there the heights m_i ascend the mean bound of the nodes of a level. Nodes that
+    remain are bounded again with parabolas that touch at z, where this relaxation is tight.
 
-    Where a level has more nodes than may be kept, those of lowest bound are; the lowest bound that was dropped stays a
-    proven bound. Of s and -s only one is looked at, unless a sign is known or cuts tell one from the other.
+    A level keeps the nodes of lowest bound within the budget; the lowest bound dropped remains a proven bound. Only one
+    of s and -s is examined, unless a sign is known or there are cuts, which distinguish them.
 
     Args:
-        problem: the boolean least squares.
-        incumbent: (S,) [1] signs to beat.
-        window: [squared standard deviations] added to the incumbent's loss.
-        cuts: (r, C) [1] directions c with c'z <= 0 for all z allowed: a loss rises by what they cost.
-        z: (r,) [standard deviations] coordinates that losses near the limit have; None: the incumbent's.
-        widest: nodes kept of a level.
-        most: nodes looked at before only a few are kept of a level.
+        problem: boolean least squares.
+        incumbent: signs to beat.
+        window: [squared standard deviations] added to the loss of the incumbent.
+        budget: limits of the tree.
     """
-    cuts = np.zeros((len(problem.projections), 0)) if cuts is None else cuts
-    below = problem.loss(incumbent) + window
-    tree = _Tree(problem, cuts, problem.coordinates(incumbent) if z is None else z, below)
+    cuts = np.zeros((len(problem.projections), 0)) if incumbent.cuts is None else incumbent.cuts
+    z = problem.coordinates(incumbent.signs) if incumbent.coordinates is None else incumbent.coordinates
+    below = problem.loss(incumbent.signs) + window
+    tree = _Tree(problem, cuts, z, below)
     while tree.level < problem.count and len(tree.sums):
-        tree.grow(widest if tree.nodes < most and not time_is_up(SEARCH) else min(FEW, widest))
+        spent = tree.nodes >= budget.nodes or time_is_up(SEARCH)
+        tree.grow(min(FEW, budget.width) if spent else budget.width)
     leaves = tree.leaves()
     losses = bounds(problem, leaves, cuts)
     kept = np.argsort(losses, kind="stable")[: int(np.sum(losses <= below))]
-    return Branched(leaves[kept], max(min(below, tree.dropped), 0.0), tree.nodes)
+    return BranchResult(leaves[kept], max(min(below, tree.dropped), 0.0), tree.nodes)
 
 
-def bounds(problem: Problem, signs: Array, cuts: Array) -> Array:
-    """(K,) losses, with what the cuts add [squared standard deviations].
+def bounds(problem: SignProblem, signs: Array, cuts: Array) -> Array:
+    """Lower bounds (K,) on J_c(s): J(s) plus the bound on the distance by the cuts [squared standard deviations].
 
     Args:
-        problem: the boolean least squares.
-        signs: (K, S) [1].
-        cuts: (r, C) [1].
+        problem: boolean least squares.
+        signs: (K, S) s [1].
+        cuts: (r, C) [1] normals.
     """
     plain = _Relaxed(np.zeros(0), np.eye(len(problem.projections)))
     return np.maximum(plain.floors(float(problem.energies.sum()), signs @ problem.projections.T, cuts), 0.0)
 
 
 class _Relaxed(NamedTuple):
-    """Parabolas for the later segments of a level."""
+    """Parabolas that replace the absolute values of the later segments of a level."""
 
     heights: Array  # (n,) m
     factor: Array  # (r, r) of M
 
     def floors(self, energy: float, sums: Array, cuts: Array) -> Array:
-        """(W,) what all leaves of nodes lose at least."""
+        """(W,) lower bounds on the loss of all leaves of W nodes with sums g (W, r)."""
         own, planes = self._half(sums.T), self._half(cuts)
         prices = _prices(planes, own)
         own -= planes @ prices
         return np.asarray(energy - self.heights.sum() - np.einsum("rw,rw->w", own, own))
 
     def solve(self, sums: Array, cuts: Array) -> Array:
-        """(r, W) the z at which nodes lose that."""
+        """(r, W) minimisers z of the lower bounds."""
         from scipy.linalg import solve_triangular
 
         own, planes = self._half(sums.T), self._half(cuts)
@@ -113,7 +126,7 @@ class _Relaxed(NamedTuple):
 
 
 def _prices(planes: Array, own: Array) -> Array:
-    """(C, W) multipliers, not negative, that make own - planes @ prices short: coordinate descent, a few rounds."""
+    """(C, W) multipliers >= 0 that minimise |own - planes @ prices|, by a few sweeps of coordinate descent."""
     gram, inner = planes.T @ planes, planes.T @ own
     prices = np.zeros(inner.shape)
     for _ in range(SWEEPS):
@@ -123,26 +136,26 @@ def _prices(planes: Array, own: Array) -> Array:
 
 
 class _Tree:
-    """The nodes of one level, and how they came about."""
+    """Nodes of the current level, and their ancestors."""
 
-    def __init__(self, problem: Problem, cuts: Array, z: Array, below: float) -> None:
+    def __init__(self, problem: SignProblem, cuts: Array, z: Array, below: float) -> None:
         self.order = _branching_order(problem, z)
         self.cuts = cuts
         self.energy = float(problem.energies.sum())
         self.below = below - ROUNDING * self.energy
-        self.one_sided = problem.anchored or not cuts.shape[1]  # the first segment has sign +1
+        self.one_sided = problem.anchored or not cuts.shape[1]  # the first segment has sign +1 only
         self.b = problem.projections[:, self.order]
         self.least = 1e-16 * max(self.energy, 1e-280)
-        self.high = (1 + 1e-4) * problem.energies[self.order] + self.least  # M is positive definite, and not just so
+        self.high = (1 + MARGIN) * problem.energies[self.order] + self.least
         self.heights, self.touching = self.high.copy(), np.abs(self.b.T @ z) + self.least
-        self.sums = np.zeros((1, len(self.b)))  # (W, r) of s_i b_i
+        self.sums = np.zeros((1, len(self.b)))  # (W, r) g
         self.floors = np.zeros(1)
         self.dropped = np.inf
         self.level = self.nodes = 0
-        self.came: list[tuple[Indices, NDArray[np.int8]]] = []  # parent and sign of each node kept, per level
+        self.ancestors: list[tuple[Indices, NDArray[np.int8]]] = []  # parent and sign of each node kept, per level
 
     def grow(self, widest: int) -> None:
-        """Both children of every node; those that may lead below the limit are kept."""
+        """Replace every node by its children whose bound is below the limit, at most `widest`."""
         signs = np.array([1, -1][: 1 if self.level == 0 and self.one_sided else 2], dtype=np.int8)
         sums = (self.sums + signs[:, None, None] * self.b[:, self.level]).reshape(-1, len(self.b))
         floors = np.tile(self.floors, len(signs))
@@ -158,28 +171,28 @@ class _Tree:
             apart = np.argpartition(floors[alive], widest)
             self.dropped = min(self.dropped, float(floors[alive[apart[widest]]]))
             alive = np.sort(alive[apart[:widest]])
-        self.came.append((alive % len(self.floors), signs[alive // len(self.floors)]))
+        self.ancestors.append((alive % len(self.floors), signs[alive // len(self.floors)]))
         self.sums, self.floors = sums[alive], floors[alive]
 
     def leaves(self) -> Array:
-        """(K, S) signs of the nodes of the last level."""
+        """(K, S) signs s of the nodes of the nodes of the last level."""
         found = np.empty((len(self.sums), len(self.order)))
         at = np.arange(len(self.sums))
-        for i, (parent, signs) in zip(self.order[: self.level][::-1], self.came[::-1], strict=True):
+        for i, (parent, signs) in zip(self.order[: self.level][::-1], self.ancestors[::-1], strict=True):
             found[:, i] = signs[at]
             at = parent[at]
         return found
 
     def _fitted(self, sums: Array) -> _Relaxed:
-        """One step of ascent of the mean bound over some nodes; ten at the first level."""
+        """Parabolas after an ascent of the mean bound over some nodes."""
         later = self.b[:, self.level :]
         some = sums[np.unique(np.linspace(0, len(sums) - 1, SAMPLE).astype(int))]
         best = _relax(later, self.heights[self.level :]) or _relax(later, self.high[self.level :])
         assert best is not None, "parabolas as high as the energies leave M positive definite"
         value = float(best.floors(self.energy, some, self.cuts).mean())
-        for _ in range(10 if self.level == 1 else 1):
+        for _ in range(ASCENT_STEPS if self.level == 1 else 1):
             step = np.sqrt(np.mean((later.T @ best.solve(some, self.cuts)) ** 2, 1)) - best.heights
-            for share in (1.0, 0.3, 0.1):
+            for share in STEP_SHARES:
                 trial = _relax(later, np.maximum(best.heights + share * step, self.least))
                 reached = -np.inf if trial is None else float(trial.floors(self.energy, some, self.cuts).mean())
                 if trial is not None and reached > value:
@@ -191,11 +204,11 @@ class _Tree:
         return best
 
 
-def _branching_order(problem: Problem, z: Array) -> Indices:
-    """The segments (S,), a known one first, then those that matter much and are uncertain.
+def _branching_order(problem: SignProblem, z: Array) -> Indices:
+    """Order of the segments (S,): a known one first, then descending |b_i|^3 / |b_i'z|.
 
-    |b_i| is what a sign can do, |b_i| / |b_i'z| how easily it turns round where the parameters are about z (r,). What
-    comes late in a tree is what its bounds may then take as good as known.
+    |b_i| is the influence of a sign, |b_i| / |b_i'z| its uncertainty near z (r,). The late segments have large
+    |b_i'z|, where the relaxation is tight.
     """
     size = np.linalg.norm(problem.projections, axis=0)
     clear = np.abs(problem.projections.T @ z)
@@ -206,8 +219,8 @@ def _branching_order(problem: Problem, z: Array) -> Indices:
 
 
 def _relax(later: Array, heights: Array) -> _Relaxed | None:
-    """Parabolas of these heights, unless M is singular or not positive definite."""
-    from scipy.linalg import LinAlgError, cholesky  # here, because signs are rarely sought and it takes long to import
+    """Parabolas of these heights (n,); None if M is not clearly positive definite."""
+    from scipy.linalg import LinAlgError, cholesky  # imported here, since it takes long and signs are rarely needed
 
     scaled = later / np.sqrt(heights)
     try:

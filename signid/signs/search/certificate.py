@@ -1,4 +1,4 @@
-"""Signs -> a lower bound of the loss of all signs, by eigenvalues alone."""
+"""Certificate of global optimality: a lower bound on the loss of all signs, by eigenvalues alone."""
 
 from __future__ import annotations
 
@@ -7,27 +7,27 @@ from typing import NamedTuple
 import numpy as np
 
 from ...types import Array
-from .problem import Problem
+from .problem import SignProblem
 
-SLACK = 1e-12  # share of the total energy that is rounding error
+SLACK = 1e-12  # [total energy] negative eigenvalues or losses of this size are rounding errors
 
 
 class Certificate(NamedTuple):
-    """What eigenvalues say about signs."""
+    """Lower bound on the loss of all signs, and whether the given signs attain it."""
 
-    lower: float  # no signs have a lower loss [squared standard deviations]
-    optimal: bool  # these signs have the lowest
+    lower: float  # [squared standard deviations]
+    optimal: bool
 
 
-def certify(problem: Problem, signs: Array) -> Certificate:
-    """Whether signs are globally optimal, where eigenvalues can tell; a lower bound in any case.
+def certify(problem: SignProblem, signs: Array) -> Certificate:
+    """Lower bound on J from the eigenvalues at given signs; sufficient, but not necessary, for their optimality.
 
-    With Q = diag(T) - B'B and D = diag(s (Q s)), every x in {-1, 1}^S has x'Qx >= tr D + S min(0, eig_min(Q - D)), and
-    tr D = J(s): signs are optimal where Q - D has no negative eigenvalue.
+    J(x) = x'Qx with Q = diag(T) - B'B. With D = diag(s (Q s)), every x in {-1, 1}^S has
+    x'Qx >= tr D + S min(0, eig_min(Q - D)), and tr D = J(s): s is optimal if Q - D has no negative eigenvalue.
 
     Args:
-        problem: the boolean least squares.
-        signs: (S,) [1], best those of a climb.
+        problem: boolean least squares.
+        signs: (S,) s [1], usually a local minimum.
 
     Source: the dual of the semidefinite relaxation: Poljak, Rendl, Wolkowicz, J. Global Optimization 7, 1995.
     """

@@ -1,4 +1,4 @@
-"""What physics allows, as linear inequalities of base parameters, and how far an estimate is outside."""
+"""Physical cone: linear inequalities that the base parameters of every real robot satisfy, and the distance from it."""
 
 from __future__ import annotations
 
@@ -9,38 +9,41 @@ import numpy as np
 from ...regression.motion import Motion
 from ...regression.rows import Task
 from ...types import Array, Frozen
-from ..rows.observations import Observed, alone, columns_of
-from .problem import Problem
+from ..rows.observations import Observed, columns_of, law_coefficients
+from ..thresholds import OFFSET_LIMIT
+from .problem import SignProblem
 
-POSES, DIRECTIONS = 15, 4  # configurations of the mass matrix, and random velocities at each
-RECTIFIED = 2.0  # an offset larger than so many times Coulomb friction is friction whose sign went astray
-VANISHES = 1e-9  # of the sum of its parts: a row that is zero
-INSIDE = 1e-9  # of the distance from the origin: no further outside is inside
-ROUNDS = 20  # a row, of a search for multipliers, at most
+POSES = 15  # configurations at which kinetic energy must be positive; logs: enough for Panda and UR10e
+DIRECTIONS = 4  # random joint velocities per configuration, beside those of each joint alone; as POSES
+ZERO_ROW = 1e-9  # [sum of the absolute values of its terms] length of a row that is zero but for rounding
+INSIDE = 1e-9  # [distance from the origin] violation of an inequality that is rounding error
+ROUNDS = 20  # [iterations per row] of the search for multipliers, at most; heuristic
 
 
-def physical_cone(task: Task, observed: Observed, seed: int = 0) -> Array:
-    """Rows c (g, b) with c'theta >= 0 for the base parameters theta of every real robot.
+def cone_inequalities(task: Task, observed: Observed, seed: int = 0) -> Array:
+    """Rows c (g, b) with c'theta >= 0 for the base parameters theta of every real robot [1 over units of base].
 
-    Kinetic energy x'M(q)x at observed configurations, for each joint's velocity alone and for random ones;
-    coefficients that physics does not allow to be negative; and |offset| <= 2 Coulomb friction where a joint has both:
-    a torque of friction alone is explained as well by an offset of its size, and signs that are all the same.
+    Three kinds: kinetic energy x'M(q)x >= 0 at observed configurations, for each joint's velocity alone and for random
+    ones; law coefficients that are not negative; and |offset| <= 2 Coulomb friction where a joint has both, since
+    friction alone fits as well as an offset of its size with signs that are all equal.
 
     Args:
         task: robot, laws and base map.
-        observed: configurations, and which joints' torque is known.
-        seed: of configurations and velocities.
+        observed: configurations, and the joints whose torque is known.
+        seed: seed of the random configurations and velocities.
     """
-    return np.concatenate([_energy(task, observed, seed), _signs(task), _offsets(task)])
+    return np.concatenate([_energy_rows(task, observed, seed), _positive_rows(task), _offset_rows(task)])
 
 
 def kinetic_rows(task: Task, q: Array, x: Array) -> Array:
-    """Rows (k, b) whose product with base parameters is x'M(q)x = x'(torque(q, 0, x) - torque(q, 0, 0)).
+    """Rows (k, b) whose product with theta is x'M(q)x = x'(torque(q, 0, x) - torque(q, 0, 0)).
+
+    The third argument of the torque is the acceleration, here set to the velocity x.
 
     Args:
         task: robot, laws and base map.
         q: (k, n) [rad or m] configurations.
-        x: (k, n) [rad/s or m/s] velocities, 0 at joints whose torque is not known.
+        x: (k, n) [rad/s or m/s] joint velocities, 0 at joints whose torque is unknown.
     """
     n = len(task.robot.joints)
     t, still = np.arange(len(q), dtype=np.float64), np.zeros_like(q)
@@ -51,57 +54,57 @@ def kinetic_rows(task: Task, q: Array, x: Array) -> Array:
     return rows
 
 
-def _energy(task: Task, observed: Observed, seed: int) -> Array:
+def _energy_rows(task: Task, observed: Observed, seed: int) -> Array:
     rng, n = np.random.default_rng(seed), len(observed.joints)
     rms = observed.rms
-    size = np.where(rms > 0, 1 / np.sqrt(np.where(rms > 0, rms, 1.0)), 0.0)  # alike in kinetic energy
+    size = np.where(rms > 0, 1 / np.sqrt(np.where(rms > 0, rms, 1.0)), 0.0)  # similar kinetic energy of all joints
     at = np.sort(rng.choice(len(observed), min(POSES, len(observed)), replace=False))
     single, mixed = np.tile(np.diag(size), (len(at), 1)), rng.standard_normal((len(at) * DIRECTIONS, n)) * size
     q = np.concatenate([observed.q[at].repeat(n, axis=0), observed.q[at].repeat(DIRECTIONS, axis=0)])
     return kinetic_rows(task, q, np.concatenate([single, mixed]))
 
 
-def _signs(task: Task) -> Array:
+def _positive_rows(task: Task) -> Array:
     labels = [task.base.labels[k] for k in task.base.independent]
-    return np.eye(task.base.rank)[[k for k in alone(task) if labels[k].positive]]
+    return np.eye(task.base.rank)[[k for k in law_coefficients(task) if labels[k].positive]]
 
 
-def _offsets(task: Task) -> Array:
-    own = {law: k for k, law in alone(task).items()}
+def _offset_rows(task: Task) -> Array:
+    own = {law: k for k, law in law_coefficients(task).items()}
     unit, rows = np.eye(task.base.rank), [np.zeros((0, task.base.rank))]
     for (name, joint), k in own.items():
         coulomb = own.get(("coulomb_friction", joint))
         if name == "torque_offset" and coulomb is not None:
-            rows.append(RECTIFIED * unit[coulomb] + np.array([[1.0], [-1.0]]) * unit[k])
+            rows.append(OFFSET_LIMIT * unit[coulomb] + np.array([[1.0], [-1.0]]) * unit[k])
     return np.concatenate(rows)
 
 
 @dataclass(frozen=True, eq=False)
-class Cone(Frozen):
-    """The coordinates z of a problem that a real robot could have: those with G z >= 0."""
+class PhysicalCone(Frozen):
+    """Coordinates z of a problem that a real robot can have: G z >= 0."""
 
-    rows: Array  # (g, r) G, each of length 1 [1]
+    rows: Array  # (g, r) G, each row of length 1 [1]
 
     @classmethod
-    def of(cls, problem: Problem, rows: Array) -> Cone:
-        """The cone in a problem's coordinates; rows of parameters that it does not tell are left out.
+    def of(cls, problem: SignProblem, rows: Array) -> PhysicalCone:
+        """The cone in the coordinates of a problem, without rows on parameters that the problem cannot identify.
 
         Args:
-            problem: gives the coordinates.
-            rows: (g, b) of inequalities of base parameters [1 over units of base].
+            problem: boolean least squares.
+            rows: (g, b) inequalities of base parameters [1 over units of base].
         """
-        told = np.linalg.norm(problem.back, axis=1)
-        rows = rows[~np.any((rows != 0) & (told == 0), axis=1)]
+        size = np.linalg.norm(problem.back, axis=1)  # 0: unidentifiable
+        rows = rows[~np.any((rows != 0) & (size == 0), axis=1)]
         moved = rows @ problem.back
         length = np.linalg.norm(moved, axis=1)
-        kept = length > VANISHES * (np.abs(rows) @ told)
+        kept = length > ZERO_ROW * (np.abs(rows) @ size)
         return cls(_distinct(moved[kept] / length[kept, None]))
 
     def distance(self, z: Array) -> tuple[float, Array]:
         """Squared distance from the cone, and its point nearest to z (r,) [standard deviations].
 
-        Only rows that the point violates enter: few are active. Where the multipliers of these cannot be computed, it
-        is a lower bound of the distance, and the point lies outside.
+        Only violated rows enter, as few are active. If their multipliers cannot be computed, the result is a lower
+        bound on the distance and a point outside the cone.
 
         Args:
             z: (r,) [standard deviations].
@@ -120,15 +123,15 @@ class Cone(Frozen):
 
 
 def _multipliers(rows: Array, z: Array) -> Array:
-    """The lam >= 0 for which z + rows' lam is the point of the cone of these rows nearest to z, or nearly so.
+    """Multipliers lam >= 0 such that z + rows' lam is the point nearest to z in the cone of these rows.
 
-    Any lam >= 0, scaled to maximise -|rows' lam|^2 - 2 lam'rows z, gives a point no farther from z than the cone is.
+    If the solver fails, any lam >= 0 scaled to maximise the dual -|rows' lam|^2 - 2 lam'rows z gives a lower bound.
     """
     from scipy.optimize import lsq_linear, nnls
 
     try:
         return np.asarray(nnls(rows.T, -z, maxiter=ROUNDS * len(rows))[0])
-    except RuntimeError:  # too many rounds
+    except RuntimeError:  # too many iterations
         found = np.maximum(lsq_linear(rows.T, -z, (0, np.inf), method="bvls", max_iter=ROUNDS * len(rows)).x, 0.0)
     step = rows.T @ found
     return np.asarray(found * max(-float(step @ z), 0.0) / max(float(step @ step), 1e-300))

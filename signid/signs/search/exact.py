@@ -1,4 +1,4 @@
-"""Boolean least squares under physical constraints -> the best signs, with a proof or a proven gap."""
+"""Boolean least squares within a cone: the best signs with a proof or a proven gap, and all rivals near them."""
 
 from __future__ import annotations
 
@@ -10,144 +10,150 @@ import numpy as np
 
 from ...deadline import show_step, time_is_up
 from ...types import Array, Frozen
-from ..result import Proof
-from .branch_and_bound import MOST, SEARCH, WIDEST, branch
+from ..result import SignProof
+from .branch_and_bound import BUDGET, SEARCH, Incumbent, TreeBudget, branch
 from .certificate import certify
 from .local_search import TURNS, ascend, climb
-from .problem import Problem
-from .scores import Cone, Everywhere, Scores
+from .problem import SignProblem
+from .scores import ConvexCone, Scores, WholeSpace
 
-NARROW = 200  # nodes kept of a level in the first trees, ten times as many where they no longer show anything new
-PATTERNS = 9  # groups of segments, at most, of which all patterns of flips are tried
-SCORED = 500  # leaves of a tree whose distance from the cone is computed
-NEAR = 1000  # signs near the best that are listed, about
+NARROW = 200  # [nodes per level] of the first trees; ten times as many once they give nothing new; heuristic
+PATTERNS = 9  # [groups of segments] up to which all patterns of flips are tried: 2^8 patterns; heuristic
+SCORED = 500  # [leaves per tree] whose distance from the cone is computed, about 1 ms each; heuristic
+NEAR = TreeBudget(width=1000)  # of the enumeration of rivals; its width also limits the distances computed; heuristic
 
 
 @dataclass(frozen=True, eq=False)
-class Found(Frozen):
-    """The best signs under the constraints. A loss is J(s) plus the squared distance of B s from the cone."""
+class SignSolution(Frozen):
+    """The best signs s within the cone; their loss is J_c(s) = J(s) + dist^2(B s, cone)."""
 
-    signs: Array  # (S,) [1]
+    signs: Array  # (S,) s [1]
     coordinates: Array  # (r,) z, inside the cone [standard deviations]
     loss: float  # [squared standard deviations]
-    proof: Proof
-    cuts: Array  # (r, C) [1] directions c with c'z <= 0 in the cone
+    proof: SignProof
+    cuts: Array  # (r, C) [1] normals c with c'z <= 0 in the cone
+
+    @property
+    def incumbent(self) -> Incumbent:
+        """Start of a tree that looks for other signs."""
+        return Incumbent(self.signs, self.coordinates, self.cuts)
 
 
-class Rivals(NamedTuple):
-    """Signs almost as good as the best; s and -s are different."""
+class RivalSigns(NamedTuple):
+    """Signs almost as good as the best, itself included; s and -s are different rivals."""
 
-    signs: Array  # (K, S) [1]
-    losses: Array  # (K,) [squared standard deviations] ascending
-    complete: bool  # whether there are no others: proved
+    signs: Array  # (K, S) s [1]
+    losses: Array  # (K,) J_c(s), ascending [squared standard deviations]
+    complete: bool  # whether there are provably no others
+
+    @property
+    def weights(self) -> Array:
+        """(K,) posterior weights exp(-J_c/2), relative to the best rival [1]."""
+        return np.asarray(np.exp(-(self.losses - self.losses.min(initial=np.inf)) / 2))
 
 
-def search(
-    problem: Problem,
-    cone: Cone | None = None,
+def search_signs(
+    problem: SignProblem,
+    cone: ConvexCone | None = None,
     moves: Sequence[Array] = (),
     start: Array | None = None,
+    *,
     seed: int = 0,
-    widest: int = WIDEST,
-    most: int = MOST,
-) -> Found:
-    """The signs of lowest loss.
+    budget: TreeBudget = BUDGET,
+) -> SignSolution:
+    """Find the signs of lowest loss.
 
-    Without the cone: a climb from many starts, a certificate, else branch and bound. With it: flips of joints and
-    segments from there, then branch and bound in which half-spaces that hold the cone raise the bounds.
-    Where a budget bites, the proof tells the gap that is left. Of s and -s that lose the same, either is returned.
+    Without a cone: local search from many starts, certificate, else branch and bound. With a cone: flips of joints and
+    segments from there, then branch and bound in which half-spaces that contain the cone raise the bounds. If a budget
+    ends the search, the proof states the remaining gap. Where s and -s have the same loss, either may be returned.
 
     Args:
-        problem: the boolean least squares.
-        cone: where the coordinates of a real robot lie; None: anywhere.
-        moves: (S,) each [1], a known segment may be left out: signs that the segments of a joint may have together or
-            be multiplied by; 0: no opinion.
-        start: (S,) [1] signs that may be good.
-        seed: of the random starts.
-        widest: nodes kept of a level of a tree.
-        most: nodes looked at, with and without the cone, about.
+        problem: boolean least squares.
+        cone: coordinates that a real robot can have; None: all.
+        moves: arrays (S,) [1], without the known segment or with it: signs that the segments of a joint may have
+            together, or be multiplied by; 0: no proposal.
+        start: (S,) s [1] signs that may be good.
+        seed: seed of the random starts.
+        budget: limits of the trees, with and without the cone.
     """
     tries = climb(problem, seed=seed)[None]
     if start is not None:
         tries = np.concatenate([tries, start[None], ascend(problem, start[None], pairs=True)])
-    free = Scores(problem, Everywhere())
+    free = Scores(problem, WholeSpace())
     free.add(tries)
     lower, certified = certify(problem, free.signs)
-    lower, nodes = _prove(problem, free, (), free.best if certified else lower, widest, most)
+    lower, nodes = _prove(free, (), free.best if certified else lower, budget)
     scores = free
     if cone is not None:
         scores = Scores(problem, cone)
         scores.add(np.concatenate([free.signs[None], tries]))
-        lower, more = _prove(problem, scores, moves, lower, widest, most)
+        lower, more = _prove(scores, moves, lower, budget)
         nodes += more
     attained = scores.attained()
     optimal = attained and scores.best - lower <= scores.same
     gap = 0.0 if optimal else 1 - max(lower, 0.0) / scores.best if attained else 1.0
-    proof = Proof(optimal, gap, nodes, certified=optimal and not nodes)
-    return Found(scores.signs, scores.coordinates, scores.best, proof, scores.cuts)
+    proof = SignProof(optimal, gap, nodes, certified=optimal and not nodes)
+    return SignSolution(scores.signs, scores.coordinates, scores.best, proof, scores.cuts)
 
 
 def enumerate_near(
-    problem: Problem, cone: Cone | None, found: Found, window: float, widest: int = NEAR, most: int = MOST
-) -> Rivals:
-    """All signs whose loss exceeds that of those found by a window at most; the best where there are too many.
+    problem: SignProblem, cone: ConvexCone | None, solution: SignSolution, window: float, budget: TreeBudget = NEAR
+) -> RivalSigns:
+    """List all signs whose loss exceeds that of a solution by at most a window; the best ones if there are too many.
 
     Args:
-        problem: the boolean least squares.
-        cone: as in the search.
-        found: what the search found, or any other signs.
-        window: [squared standard deviations].
-        widest: nodes kept of a level, and signs whose distance from the cone is computed, about.
-        most: nodes looked at before only a few are kept of a level.
+        problem: boolean least squares.
+        cone: cone of the search.
+        solution: result of the search, or any other signs.
+        window: excess loss [squared standard deviations].
+        budget: limits of the tree; its width also limits the number of distances computed.
     """
-    limit = found.loss + window
-    scores = Scores(problem, cone or Everywhere(), limit, found.cuts)
-    scores.add(found.signs[None])
-    above = limit - problem.loss(found.signs)
-    tree = branch(problem, found.signs, above, found.cuts, found.coordinates, widest, most)
-    beyond = min(tree.beyond, scores.add(tree.leaves, widest))
+    limit = solution.loss + window
+    scores = Scores(problem, cone or WholeSpace(), limit, solution.cuts)
+    scores.add(solution.signs[None])
+    tree = branch(problem, solution.incumbent, limit - problem.loss(solution.signs), budget)
+    beyond = min(tree.beyond, scores.add(tree.leaves, budget.width))
     signs, losses = scores.ranked()
     inside = losses <= limit + scores.same
-    return Rivals(signs[inside], losses[inside], beyond >= limit - scores.same)
+    return RivalSigns(signs[inside], losses[inside], beyond >= limit - scores.same)
 
 
-def _prove(
-    problem: Problem, scores: Scores, moves: Sequence[Array], lower: float, widest: int, most: int
-) -> tuple[float, int]:
-    """Trees, each with the best signs and the half-spaces of those before; the lower bound proved, and nodes."""
-    nodes, width = 0, min(NARROW, widest)
+def _prove(scores: Scores, moves: Sequence[Array], lower: float, budget: TreeBudget) -> tuple[float, int]:
+    """Grow trees, each from the best signs and cuts of those before; returns the lower bound proved, and the nodes."""
+    nodes, width = 0, min(NARROW, budget.width)
     if scores.best - lower > scores.same:
-        _improve(problem, scores, moves)
-    while scores.best - lower > scores.same and nodes < most and not time_is_up(SEARCH):
-        show_step("searching signs", nodes / most)
+        _improve(scores, moves)
+    while scores.best - lower > scores.same and nodes < budget.nodes and not time_is_up(SEARCH):
+        show_step("searching signs", nodes / budget.nodes)
         before = scores.best, scores.cuts.shape[1]
-        window = scores.best - problem.loss(scores.signs)
-        tree = branch(problem, scores.signs, window, scores.cuts, scores.coordinates, width, most - nodes)
+        window = scores.best - scores.problem.loss(scores.signs)
+        tree = branch(scores.problem, scores.incumbent, window, TreeBudget(width, budget.nodes - nodes))
         rest = min(tree.beyond, scores.add(tree.leaves, SCORED))
         lower = max(lower, min(rest, scores.best))
         nodes += tree.nodes
-        _improve(problem, scores, moves)
+        _improve(scores, moves)
         if (scores.best, scores.cuts.shape[1]) == before:
-            if width == widest:
+            if width == budget.width:
                 break
-            width = min(10 * width, widest)
+            width = min(10 * width, budget.width)
     return lower, nodes
 
 
-def _improve(problem: Problem, scores: Scores, moves: Sequence[Array]) -> None:
-    """Flips of joints, moves of joints, flips of segments, until none of them lowers the loss, or for some rounds."""
+def _improve(scores: Scores, moves: Sequence[Array]) -> None:
+    """Flip joints, apply moves, flip segments, until the loss no longer falls, for TURNS rounds at most."""
     for _ in range(TURNS):
         if time_is_up(SEARCH):
             break
         before = scores.best
-        for starts in (_patterns(problem, scores.signs), _moved(problem, scores.signs, moves)):
-            scores.add(np.concatenate([starts, ascend(problem, starts, joints=False)]))
-        _flip_segments(problem, scores)
+        for starts in (_joint_flips(scores), _moved(scores, moves)):
+            scores.add(np.concatenate([starts, ascend(scores.problem, starts, joints=False)]))
+        _flip_segments(scores)
         if scores.best >= before - scores.same:
             break
 
 
-def _flip_segments(problem: Problem, scores: Scores) -> None:
+def _flip_segments(scores: Scores) -> None:
+    problem = scores.problem
     flips = 1 - 2 * np.eye(problem.count)[: problem.count - int(problem.anchored)]
     for _ in range(TURNS * problem.count):
         before = scores.best
@@ -156,8 +162,9 @@ def _flip_segments(problem: Problem, scores: Scores) -> None:
             break
 
 
-def _patterns(problem: Problem, signs: Array) -> Array:
-    """(K, S) the signs with joints flipped: all patterns of a few joints, single ones and pairs of many."""
+def _joint_flips(scores: Scores) -> Array:
+    """(K, S) the best signs with joints flipped: all patterns of a few joints, else single joints and pairs."""
+    problem, signs = scores.problem, scores.signs
     groups, at = np.unique(problem.joints, return_inverse=True)  # a known segment is the first group
     count = len(groups)
     if count <= PATTERNS:
@@ -169,9 +176,9 @@ def _patterns(problem: Problem, signs: Array) -> Array:
     return np.asarray(signs * (1.0 - 2.0 * flips[:, at]))
 
 
-def _moved(problem: Problem, signs: Array, moves: Sequence[Array]) -> Array:
-    """(K, S) the signs with those of one joint replaced by, or multiplied with, those of a move or their opposites."""
-    found = []
+def _moved(scores: Scores, moves: Sequence[Array]) -> Array:
+    """(K, S) the best signs with those of one joint replaced by, or multiplied by, a move or its opposite."""
+    problem, signs, found = scores.problem, scores.signs, []
     for move in moves:
         move = np.append(move, np.zeros(problem.count - len(move)))
         for joint in np.unique(problem.joints):

@@ -1,4 +1,4 @@
-"""What is believed of friction beforehand: weak rows that tell a model from its mirror image."""
+"""Friction in the search: weak prior rows that break the symmetry s -> -s, and sign patterns to try."""
 
 from __future__ import annotations
 
@@ -6,53 +6,57 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...regression.rows import Task
 from ...types import Array
-from ..rows.observations import Observed, alone
+from ..rows.observations import Observed
 from ..rows.segments import Segment
-from .problem import Problem, Rows
-
-BELIEFS = {  # in rms torques of the joint, at its rms velocity: expected, standard deviation
-    "torque_offset": (0.0, 0.15),
-    "coulomb_friction": (0.1, 0.1),
-    "viscous_friction": (0.1, 0.1),
-}
+from ..thresholds import FRICTION_PRIOR, PRIOR_STRENGTH
+from .problem import KnownRows, SignProblem, signed_rows
 
 
-def believe(task: Task, observed: Observed, weights: Array, strength: float = 0.3) -> Rows:
-    """Rows for offset, Coulomb and viscous friction of joints whose torque has no sign.
-
-    A row is there where a base parameter is one of these coefficients alone. Rows do not grow with the weights: the
-    more samples count, the less does belief.
+def known_rows(observed: Observed, weights: Array) -> KnownRows:
+    """Rows with a known right-hand side: joints whose torque has its sign, and the friction prior.
 
     Args:
-        task: laws and base map.
-        observed: gives the rms of torque and velocity.
-        weights: (n,) [1/N.m or 1/N] of each joint's torque; where it is 0 nothing is believed.
-        strength: of the rows; at 1 they count as measurements.
+        observed: observations.
+        weights: (n,) [1/N.m or 1/N] weight of each joint's torque.
+    """
+    parts = [signed_rows(observed, weights), friction_prior(observed, weights)]
+    return KnownRows(np.concatenate([p.matrix for p in parts]), np.concatenate([p.target for p in parts]))
+
+
+def friction_prior(observed: Observed, weights: Array, strength: float = PRIOR_STRENGTH) -> KnownRows:
+    """Prior rows for offset, Coulomb and viscous friction of joints whose torque has no sign.
+
+    A row exists for each base parameter that is one of these coefficients alone. Rows do not grow with the weights of
+    the torque, so the prior loses influence as samples gain weight.
+
+    Args:
+        observed: observations; their rms torque and velocity are the units of the prior.
+        weights: (n,) [1/N.m or 1/N] weight of each joint's torque; a joint of weight 0 has no prior.
+        strength: weight of the rows; with 1 they count as measurements.
     """
     torque, speed = observed.rms, np.sqrt(np.mean(observed.v**2, axis=0))
     matrix, target = [np.zeros((0, observed.count))], []
-    for k, (name, joint) in alone(task).items():
+    for k, (name, joint) in observed.coefficients.items():
         used = joint in observed.hidden and weights[joint] > 0 and torque[joint] * speed[joint] > 0
-        if name in BELIEFS and used:
-            expected, deviation = BELIEFS[name]
+        if name in FRICTION_PRIOR and used:
+            expected, deviation = FRICTION_PRIOR[name]
             unit = torque[joint] / (speed[joint] if name == "viscous_friction" else 1.0)
             matrix.append(np.eye(1, observed.count, k) * strength / (deviation * unit))
             target.append(strength * expected / deviation)
-    return Rows(np.concatenate(matrix), np.array(target))
+    return KnownRows(np.concatenate(matrix), np.array(target))
 
 
-def friction_patterns(problem: Problem, observed: Observed, segments: Sequence[Segment]) -> list[Array]:
-    """Per joint the signs (S,) of the mean velocity in its segments, 0 elsewhere and for a known segment [1].
+def friction_patterns(problem: SignProblem, observed: Observed, segments: Sequence[Segment]) -> list[Array]:
+    """Per joint, the signs (S,) of the mean velocity in its segments; 0 in segments of other joints [1].
 
-    A search tries each joint's signs as these, against these, and multiplied by these: |F sign(v)| is explained as well
-    by an offset F whose sign never changes.
+    The search tries the signs of a joint as this pattern, as its opposite, and multiplied by it: Coulomb friction
+    F sign(v) fits as well as a constant offset F whose sign never changes.
 
     Args:
-        problem: of S segments, with a known one or without.
-        observed: the rows.
-        segments: those whose sign is not known.
+        problem: boolean least squares of S segments, with or without a known one.
+        observed: observations.
+        segments: segments whose sign is unknown.
     """
     velocity = np.array([np.sign(observed.v[s.start : s.stop, s.joint].mean()) or 1.0 for s in segments])
     wide = np.append(velocity, np.zeros(problem.count - len(segments)))

@@ -1,4 +1,4 @@
-"""Losses of signs under a cone, and the half-spaces that they show."""
+"""Losses of signs under a convex cone, and the half-spaces that bound other losses from below."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ from typing import Protocol
 import numpy as np
 
 from ...types import Array
-from .branch_and_bound import ROUNDING, bounds
-from .problem import Problem
+from .branch_and_bound import ROUNDING, Incumbent, bounds
+from .problem import SignProblem
 
-CUTS = 64  # half-spaces kept
-WORTH = 0.9  # of a distance: a half-space is kept where those before it tell less
+CUTS = 64  # half-spaces kept, since each bound costs a sweep over them; heuristic
+WORTH = 0.9  # [squared distance] a half-space is kept where those before it give a lower bound below; heuristic
 
 
-class Cone(Protocol):
-    """A convex cone of coordinates, such as a real robot could have."""
+class ConvexCone(Protocol):
+    """Convex cone of coordinates z, such as those that a real robot can have."""
 
     def distance(self, z: Array) -> tuple[float, Array]:
-        """Squared distance from the cone, and the nearest point of it (r,) [standard deviations].
+        """Squared distance from the cone, and its point nearest to z (r,) [standard deviations].
 
-        Where that cannot be computed, a lower bound of it, and a point outside.
+        Alternatively, a lower bound on the distance and a point outside the cone.
 
         Args:
             z: (r,) [standard deviations].
@@ -28,11 +28,11 @@ class Cone(Protocol):
         ...
 
 
-class Everywhere:
-    """The cone that leaves nothing out."""
+class WholeSpace:
+    """Cone of all coordinates."""
 
     def distance(self, z: Array) -> tuple[float, Array]:
-        """Nothing, and the point itself: (r,) [standard deviations].
+        """Zero, and z itself (r,) [standard deviations].
 
         Args:
             z: (r,) [standard deviations].
@@ -41,19 +41,21 @@ class Everywhere:
 
 
 class Scores:
-    """J(s) plus the squared distance of B s from a cone, of all signs looked at so far.
+    """Loss J_c(s) = J(s) + dist^2(B s, cone) of all signs evaluated so far, and the best of them.
 
-    With p the point of the cone nearest to z, (z - p)'y <= 0 for every y in it: each distance computed shows a
-    half-space that bounds the distances of other signs from below.
+    With p the point of the cone nearest to z, (z - p)'y <= 0 for every y in the cone: each distance gives a half-space
+    (a cut) that bounds the distances of other signs from below.
 
     Args:
-        problem: the boolean least squares.
-        cone: of coordinates.
-        limit: [squared standard deviations] signs are scored that may lose less; None: those that may be the best.
+        problem: boolean least squares.
+        cone: cone of coordinates.
+        limit: [squared standard deviations] signs of larger loss are skipped; None: signs worse than the best.
         cuts: (r, C) [1] normals of half-spaces already known.
     """
 
-    def __init__(self, problem: Problem, cone: Cone, limit: float | None = None, cuts: Array | None = None) -> None:
+    def __init__(
+        self, problem: SignProblem, cone: ConvexCone, limit: float | None = None, cuts: Array | None = None
+    ) -> None:
         self.problem, self.cone, self._limit = problem, cone, limit
         self.same = ROUNDING * float(problem.energies.sum())
         self.cuts = np.zeros((len(problem.projections), 0)) if cuts is None else cuts
@@ -62,17 +64,23 @@ class Scores:
 
     @property
     def limit(self) -> float:
-        """Signs that cannot lose less are not scored [squared standard deviations]."""
+        """Loss from which signs are skipped [squared standard deviations]."""
         return (self.best if self._limit is None else self._limit) + self.same
 
-    def add(self, signs: Array, most: int | None = None) -> float:
-        """Score signs and their opposites, the most promising first, while they may be below the limit.
+    @property
+    def incumbent(self) -> Incumbent:
+        """The best signs, their coordinates, and the cuts."""
+        return Incumbent(self.signs, self.coordinates, self.cuts)
 
-        Returns a lower bound of what those lose that may be below it and were left out, inf without any.
+    def add(self, signs: Array, most: int | None = None) -> float:
+        """Evaluate signs and their opposites in the order of their lower bounds, while these are below the limit.
+
+        Returns a lower bound on the losses that were left out though they may be below the limit; inf if there are
+        none.
 
         Args:
-            signs: (K, S) [1].
-            most: distances computed, about.
+            signs: (K, S) s [1].
+            most: approximate number of distances to compute; None: all.
         """
         both = signs if self.problem.anchored else np.concatenate([signs, -signs])
         floors = bounds(self.problem, both, self.cuts)
@@ -86,30 +94,30 @@ class Scores:
         return np.inf
 
     def attained(self) -> bool:
-        """Whether the coordinates of the best signs lie in the cone, so that their loss is no mere lower bound."""
+        """Whether the coordinates of the best signs lie in the cone, so that their loss is more than a lower bound."""
         return self.cone.distance(self.coordinates)[0] <= self.same
 
     def ranked(self) -> tuple[Array, Array]:
-        """All signs scored, (K, S) [1], and their losses (K,) [squared standard deviations], the best first."""
+        """All evaluated signs (K, S) [1] and their losses (K,) [squared standard deviations], ascending."""
         losses = np.array(list(self._seen.values()))
         at = np.argsort(losses, kind="stable")
         signs = np.array([np.frombuffer(key, dtype=np.int8) for key in self._seen], dtype=float)
         return signs[at], losses[at]
 
     def _add(self, signs: Array) -> bool:
-        """Score signs, unless they are known or cannot be below the limit."""
+        """Evaluate signs (S,), unless they were evaluated before or are bounded above the limit."""
         key = signs.astype(np.int8).tobytes()
         if key in self._seen:
             return False
         loss = self.problem.loss(signs)
-        told = float(bounds(self.problem, signs[None], self.cuts)[0]) - loss
-        if loss + told >= self.limit:
+        bound = float(bounds(self.problem, signs[None], self.cuts)[0]) - loss  # on the squared distance, by the cuts
+        if loss + bound >= self.limit:
             return False
         z = self.problem.coordinates(signs)
         squared, nearest = self.cone.distance(z)
         self._seen[key] = loss + squared
         if loss + squared < self.best:
             self.best, self.signs, self.coordinates = loss + squared, np.array(signs), nearest
-        if squared > self.same and told < WORTH * squared and self.cuts.shape[1] < CUTS:
+        if squared > self.same and bound < WORTH * squared and self.cuts.shape[1] < CUTS:
             self.cuts = np.column_stack([self.cuts, (z - nearest) / np.linalg.norm(z - nearest)])
         return True

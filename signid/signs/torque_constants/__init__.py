@@ -1,1 +1,1 @@
-"""Unknown torque constants of joints that log currents."""
+"""Unknown torque constants of joints that record currents."""

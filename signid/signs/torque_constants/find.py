@@ -17,8 +17,9 @@ from ...types import Array, Frozen, Mask, Progress, Recording, Robot, prismatic_
 from ..infer import infer
 from ..result import Gain, Signs
 from ..rows.observations import Observed, observe
-from ..samples.rows_of_file import spread
-from .from_description import WRONG, combine, describe_constants
+from ..samples.rows_of_file import signs_of_rows
+from ..thresholds import INERTIAL_ERROR
+from .from_description import combine, describe_constants
 from .from_shared_parameters import Constants, share_constants
 
 ROUNDS = 5  # most rounds of signs and constants in turn
@@ -153,7 +154,7 @@ def _factors(session: Session, observed: Observed, signs: Array) -> Factors:
     for k, (recording, sampling) in enumerate(session.learned):
         at = observed.part == k
         t, first, own = observed.t[at], np.flatnonzero(observed.first[at]), signs[at].astype(np.int8)
-        parts.append((with_signs(recording, spread(recording, sampling, t, first, own)), sampling))
+        parts.append((with_signs(recording, signs_of_rows(recording, sampling, t, first, own)), sampling))
     return session.reduce(parts)
 
 
@@ -208,7 +209,7 @@ def _notes(robot: Robot, value: Array, std: Array, unknown: Mask, anchors: Mask,
         more = "also " if anchors.any() else ""
         yield (
             f"torque constants rest {more}on the inertials that the description states, taken to be right to "
-            f"{100 * WRONG:.0f} % a link"
+            f"{100 * INERTIAL_ERROR:.0f} % a link"
         )
     yield "standard deviations of parameters include the common uncertainty of these torque constants"
 

@@ -1,4 +1,4 @@
-"""Torque constants by the inertials that a description states, and both kinds of knowledge of them as one."""
+"""Torque constants from the inertials of the description, and their combination with those from shared parameters."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from ...model import stated_inertials
 from ...regression.factors import Factors
 from ...regression.rows import Task
 from ...types import Array, Mask
+from ..thresholds import INERTIAL_ERROR, UNKNOWN_CONSTANT
 from .from_shared_parameters import Constants, move
 
-WRONG = 0.2  # of mass, first moment and inertia of each link: by how much a description is off, one standard deviation
-WEAK = 0.5  # relative standard deviation from which on a logarithm of a constant means nothing
-FLAT, CERTAIN = 30.0, 1e-4  # standard deviations of a logarithm of which nothing is known, and all
+FLAT = 30.0  # [log] standard deviation of an uninformative constant: thirteen decades
+EXACT = 1e-4  # [log] standard deviation of an exact constant; keeps matrices regular
 
 
 def describe_constants(task: Task, factors: Factors) -> Constants:
-    """Torque constants of n joints, each by itself: the rigid-body torque of the stated inertials is taken as true.
+    """Torque constants of n joints, each alone, from the rigid-body torque of the stated inertials.
 
-    What was recorded is regressed on it and on the joint's laws. The covariance counts noise, and how wrong a
-    description may be; it is infinite where the torque of the stated inertials cannot be told from the laws.
+    The recorded currents of a joint are regressed on that torque and on the joint's laws. The covariance includes noise
+    and the error of the description; it is infinite where the torque is indistinguishable from the laws.
 
     Args:
         task: robot, laws and base map.
-        factors: of the joints, as recorded.
+        factors: factors of the joints, in recorded units.
     """
     stated = stated_inertials(task.robot)
     bodies = task.base.combination[:, : stated.size]
@@ -40,42 +40,42 @@ def describe_constants(task: Task, factors: Factors) -> Constants:
         one = replace(factors, joints=(move(joint, columns),), columns=(np.arange(len(laws) + 1),), sample=None)
         found = estimate(one, task.base, np.zeros(len(laws) + 1))
         inverse, std = float(found.value[0]), float(np.sqrt(found.covariance[0, 0]))
-        if inverse > 0 and std < WEAK * inverse:
+        if inverse > 0 and std < UNKNOWN_CONSTANT * inverse:
             log[j], noise[j] = -np.log(inverse), std / inverse
             off[j] = _share(joint.grams[0][-len(seen) - 1 : -1, -len(seen) - 1 : -1], columns, bodies[seen])
-    off *= WRONG * np.concatenate([_sizes(body) for body in stated])
+    off *= INERTIAL_ERROR * np.concatenate([_sizes(body) for body in stated])
     return Constants(log, off @ off.T + np.diag(noise**2))
 
 
 def combine(relative: Constants, described: Constants, known: Mask) -> Constants:
-    """Constants by what joints share and by what the description states; they weigh as their covariances say.
+    """Combine constants from shared parameters with those from the description, weighted by their covariances.
 
-    Where the descriptions of several joints disagree by more than that, they are trusted less.
+    If the descriptions of several joints disagree by more than their covariance, it is inflated.
 
     Args:
-        relative: of n joints, to one of them.
-        described: of n joints.
-        known: (n,) joints whose constant is 1 for certain.
+        relative: constants of n joints, relative to one of them.
+        described: constants of n joints from the description.
+        known: (n,) joints whose constant is exactly 1.
     """
     log, before = relative.log.copy(), relative.covariance.copy()
-    lost = ~(relative.std < WEAK)
+    lost = ~(relative.std < UNKNOWN_CONSTANT)
     before[lost], before[:, lost] = 0.0, 0.0
     before += FLAT**2 * (1.0 + np.diag(lost))
     at = np.flatnonzero(known | np.isfinite(described.std))
     if not len(at):
         return Constants(log, before)
-    told = np.where(known | known[:, None], CERTAIN**2 * np.eye(len(log)), described.covariance)[np.ix_(at, at)]
-    apart = np.where(known, 0.0, described.log)[at] - np.where(lost, 0.0, log)[at]
+    stated = np.where(known | known[:, None], EXACT**2 * np.eye(len(log)), described.covariance)[np.ix_(at, at)]
+    difference = np.where(known, 0.0, described.log)[at] - np.where(lost, 0.0, log)[at]
     log[lost] = 0.0
-    spread = before[np.ix_(at, at)]
-    others = int(np.sum(~lost[at])) - 1
-    weighed = float(apart @ np.linalg.solve(spread + told, apart)) / max(others, 1)
-    gain = np.linalg.solve(spread + max(weighed, 1.0) * told, before[at]).T
-    return Constants(log + gain @ apart, before - gain @ before[at])
+    shared = before[np.ix_(at, at)]
+    freedom = max(int(np.sum(~lost[at])) - 1, 1)
+    chi2 = float(difference @ np.linalg.solve(shared + stated, difference)) / freedom
+    gain = np.linalg.solve(shared + max(chi2, 1.0) * stated, before[at]).T
+    return Constants(log + gain @ difference, before - gain @ before[at])
 
 
 def _share(gram: Array, columns: Array, bodies: Array) -> Array:
-    """(10 nb,) by how much of itself the regressed torque changes with each inertial parameter [1 over its unit]."""
+    """Relative change (10 nb,) of the regressed torque with each inertial parameter [1 over its unit]."""
     normal = columns.T @ gram @ columns
     size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
     inverse = np.linalg.pinv(normal / np.outer(size, size), rcond=1e-10, hermitian=True) / np.outer(size, size)
@@ -83,6 +83,6 @@ def _share(gram: Array, columns: Array, bodies: Array) -> Array:
 
 
 def _sizes(body: Array) -> Array:
-    """(10,) of the inertial parameters of a body: what they would be at the distance at which its mass is."""
+    """Scales (10,) of the inertial parameters of a body: those of its mass at its radius of gyration."""
     mass, second = body[0], max((body[4] + body[6] + body[9]) / 2, 0.0)
     return np.array([mass, *[np.sqrt(max(mass * second, 0.0))] * 3, *[second] * 6])

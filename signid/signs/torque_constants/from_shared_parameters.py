@@ -1,4 +1,4 @@
-"""Factors of signed currents -> torque constants, from the base parameters that joints share."""
+"""Torque constants from signed currents, by the base parameters that joints share."""
 
 from __future__ import annotations
 
@@ -11,22 +11,24 @@ from ...estimation.least_squares import estimate
 from ...regression.factors import Factors, JointFactors
 from ...types import Array, BaseMap, Estimate, Frozen, Indices, Mask
 
-GRID = np.geomspace(1e-4, 1e4, 81)  # of the ratio that makes both sides count alike
-TOLD = 1e-12  # of the largest: columns that count less in a joint's torque are not shared
-RIDGE = 1e-9  # of a scaled Gram matrix
-EXACT = 1e-6  # of the torque's power: no residual counts as smaller
-APART = 3.0  # factor between two starts that are not the same
-ROUNDS, STEP, SETTLED = 15, 0.7, 1e-4  # of Gauss-Newton: at most; largest and smallest step of a logarithm
-NUDGE = 1e-3  # of a logarithm of a constant, to see what it does to the base parameters
-ASTRAY = 0.1  # standard deviations: where the last step is longer, nothing is told
+GRID = np.geomspace(1e-4, 1e4, 81)  # [median ratio of the shared columns] values of 1/K tried as start; heuristic
+SHARED = 1e-12  # [largest entry of the Gram matrix] columns that are smaller in a joint's torque are not shared
+RIDGE = 1e-9  # [unit diagonal of a Gram matrix] regularisation
+EXACT = 1e-6  # [power of the torque] smallest residual; rounding
+DISTINCT = 3.0  # [1] factor between two different starts; heuristic
+ROUNDS = 15  # [iterations] of Gauss-Newton, at most; heuristic
+LONGEST_STEP = 0.7  # [log] of a constant in one iteration: a factor of 2; heuristic
+SETTLED = 1e-4  # [log] step at which Gauss-Newton ends; heuristic
+DIFFERENCE = 1e-3  # [log] of a constant, in finite differences of the base parameters; heuristic
+DIVERGED = 0.1  # [standard deviations] a longer last step makes the constant unknown; heuristic
 
 
 @dataclass(frozen=True, eq=False)
 class Constants(Frozen):
-    """Torque constants of n joints, as logarithms, and how far they are told."""
+    """Torque constants of n joints, as logarithms with their covariance."""
 
-    log: Array  # (n,) of [N.m/A or N/A]
-    covariance: Array  # (n, n) [1] relative; 0 where the constant is known, inf or large where nothing is told
+    log: Array  # (n,) logarithms of constants in [N.m/A or N/A]
+    covariance: Array  # (n, n) of the logarithms [1]; 0: known constant; inf or large: unidentifiable
 
     @property
     def std(self) -> Array:
@@ -35,16 +37,15 @@ class Constants(Frozen):
 
 
 def share_constants(factors: Factors, base: BaseMap, unknown: Mask) -> Constants:
-    """Torque constants K of some joints from those of the others: torque / K is what was recorded.
+    """Torque constants K of some joints from those of the others; torque / K was recorded.
 
-    Least squares over K and base parameters, each joint's residual in the unit that was recorded (else small K would
-    make small residuals). Gauss-Newton: the logarithm of a constant is one more parameter, whose column is the torque
-    that the model predicts. It starts from a search over one joint after the other, that whose constant is told best
-    first.
+    Gauss-Newton over K and base parameters, with each joint's residual in its recorded unit, since small K would
+    otherwise make small residuals. The logarithm of a constant is one more parameter, whose column is the predicted
+    torque. The start is a grid search over one joint after the other, the best identifiable constant first.
 
     Args:
-        factors: of n joints, in torque or, where the constant is unknown, in A; one joint at least is known.
-        base: what the columns are.
+        factors: factors of n joints, in torque or, where the constant is unknown, in A; at least one joint is known.
+        base: base map.
         unknown: (n,) joints whose constant is unknown.
 
     Source: Gautier, Vandanjon, Presse, IEEE ICRA 1994 (drive gains beside inertial parameters).
@@ -57,28 +58,28 @@ def share_constants(factors: Factors, base: BaseMap, unknown: Mask) -> Constants
     covariance = np.zeros((n, n))
     for _ in range(ROUNDS if len(free) else 0):
         found = estimate(_with_gains(_scaled(factors, log), value, free, rank), base, np.zeros(rank + len(free)))
-        value, step = found.value[:rank], np.clip(found.value[rank:], -STEP, STEP)
+        value, step = found.value[:rank], np.clip(found.value[rank:], -LONGEST_STEP, LONGEST_STEP)
         log[free] += step
         covariance[np.ix_(free, free)] = found.covariance[rank:, rank:]
         if np.abs(step).max() < SETTLED:
             break
-    astray = free[np.abs(step) > np.maximum(ASTRAY * np.sqrt(np.diag(covariance)[free]), SETTLED)]
-    covariance[astray, astray] = np.inf
+    diverged = free[np.abs(step) > np.maximum(DIVERGED * np.sqrt(np.diag(covariance)[free]), SETTLED)]
+    covariance[diverged, diverged] = np.inf
     return Constants(log, covariance)
 
 
-def count_constants(found: Estimate, factors: Factors, base: BaseMap, covariance: Array, whiten: bool) -> Estimate:
-    """The estimate with the uncertainty that constants add, which many base parameters have in common.
+def widen_estimate(found: Estimate, factors: Factors, base: BaseMap, covariance: Array, whiten: bool) -> Estimate:
+    """Add the uncertainty of torque constants to the covariance of an estimate.
 
     Args:
-        found: from the factors, with the constants taken to be exact.
-        factors: of n joints, in torque.
-        base: what the columns are.
-        covariance: (n, n) [1] of the logarithms of the constants.
-        whiten: as for the estimate.
+        found: estimate from the factors, with exact constants.
+        factors: factors of n joints, in torque.
+        base: base map.
+        covariance: (n, n) of the logarithms of the constants [1].
+        whiten: whether the estimate whitens residuals.
     """
-    turns = constant_sensitivity(found, factors, base, np.diag(covariance) > 0, whiten)
-    return replace(found, covariance=found.covariance + turns @ covariance @ turns.T)
+    slopes = constant_sensitivity(found, factors, base, np.diag(covariance) > 0, whiten)
+    return replace(found, covariance=found.covariance + slopes @ covariance @ slopes.T)
 
 
 def constant_sensitivity(found: Estimate, factors: Factors, base: BaseMap, joints: Mask, whiten: bool) -> Array:
@@ -86,28 +87,28 @@ def constant_sensitivity(found: Estimate, factors: Factors, base: BaseMap, joint
 
     Args:
         found: estimate from the factors.
-        factors: of n joints, in torque.
-        base: the base parameters.
+        factors: factors of n joints, in torque.
+        base: base map.
         joints: (n,) joints to differentiate for; columns of others are zero.
-        whiten: as for the estimate.
+        whiten: whether the estimate whitens residuals.
     """
-    turns = np.zeros((base.rank, len(joints)))
+    slopes = np.zeros((base.rank, len(joints)))
     for j in np.flatnonzero(joints).tolist():
-        nudged = _scaled(factors, NUDGE * np.eye(len(joints))[j])
-        turns[:, j] = (estimate(nudged, base, found.value, whiten).value - found.value) / NUDGE
-    return turns
+        moved = _scaled(factors, DIFFERENCE * np.eye(len(joints))[j])
+        slopes[:, j] = (estimate(moved, base, found.value, whiten).value - found.value) / DIFFERENCE
+    return slopes
 
 
 def move(joint: JointFactors, columns: Array, scale: float = 1.0) -> JointFactors:
     """Factors of a joint over other columns.
 
     Args:
-        joint: over m columns.
-        columns: (m, k) the new ones as combinations of the old [units of new over old].
-        scale: of the torque.
+        joint: factors over m columns.
+        columns: (m, k) new columns as combinations of the old ones [units of new over old].
+        scale: factor of the torque.
     """
     m, k = columns.shape
-    copies = (joint.grams.shape[1] - 1) // max(m, 1)  # with instruments two, else one
+    copies = (joint.grams.shape[1] - 1) // max(m, 1)  # two with instruments, else one
     turn = np.zeros((copies * m + 1, copies * k + 1))
     turn[:-1, :-1], turn[-1, -1] = np.kron(np.eye(copies), columns), scale
     own = turn[-m - 1 :, -k - 1 :]
@@ -120,14 +121,14 @@ def _recorded(factors: Factors) -> Mask:
 
 
 def _scaled(factors: Factors, log: Array) -> Factors:
-    """In torque, with these constants."""
+    """Factors in torque, with constants exp(log)."""
     joints = zip(factors.joints, factors.columns, np.exp(log).tolist(), strict=True)
     moved = tuple(move(joint, np.eye(len(seen)), scale) for joint, seen, scale in joints)
     return replace(factors, joints=moved, sample=None)
 
 
 def _with_gains(factors: Factors, value: Array, free: Indices, rank: int) -> Factors:
-    """With one more column for each free joint: minus the torque predicted, which a larger constant adds to."""
+    """Factors with one more column for each free joint: minus the predicted torque, the derivative by log K."""
     joints, columns = list(factors.joints), list(factors.columns)
     for i, j in enumerate(free.tolist()):
         seen = columns[j]
@@ -137,25 +138,27 @@ def _with_gains(factors: Factors, value: Array, free: Indices, rank: int) -> Fac
 
 
 class _Best(NamedTuple):
+    """Best constant of one more joint."""
+
     gram: Array  # (b + 1, b + 1) of all joints that are scaled, with the one tried
     log: float  # of its constant
-    clear: float  # by how much any other would explain less, in variance units
+    margin: float  # of the explained power over any distinct constant [squared standard deviations]
 
 
 def _start(factors: Factors, free: Indices, rank: int) -> Array:
-    """(k,) logarithms of the constants, found one after the other."""
+    """(k,) logarithms of the constants, found one after the other, the clearest first."""
     grams = [_gram(joint, seen, rank) for joint, seen in zip(factors.joints, factors.columns, strict=True)]
-    told = np.sum([gram for j, gram in enumerate(grams) if j not in free], axis=0)
+    total = np.sum([gram for j, gram in enumerate(grams) if j not in free], axis=0)
     found: dict[int, float] = {}
     while len(found) < len(free):
-        trials = {j: _try(told, grams[j]) for j in free.tolist() if j not in found}
-        j = max(trials, key=lambda j: trials[j].clear)
-        told, found[j] = trials[j].gram, trials[j].log
+        trials = {j: _try(total, grams[j]) for j in free.tolist() if j not in found}
+        j = max(trials, key=lambda j: trials[j].margin)
+        total, found[j] = trials[j].gram, trials[j].log
     return np.array([found[j] for j in free.tolist()])
 
 
 def _gram(joint: JointFactors, seen: Indices, rank: int) -> Array:
-    """(b + 1, b + 1) of [all columns, torque], in variance units of what the joint by itself leaves unexplained."""
+    """Gram matrix (b + 1, b + 1) of [all columns, torque], over the variance of the joint's own residual."""
     own = joint.grams[0][-len(seen) - 1 :, -len(seen) - 1 :]
     power = float(own[-1, -1])
     variance = max(power - _explained(own), EXACT * power, 1e-300) / max(joint.counts[0], 1)
@@ -165,22 +168,22 @@ def _gram(joint: JointFactors, seen: Indices, rank: int) -> Array:
 
 
 def _explained(gram: Array) -> float:
-    """What the columns explain of the torque's power."""
+    """Power of the torque that the columns explain."""
     size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     unit = gram / np.outer(size, size)
     lower = np.linalg.cholesky(unit[:-1, :-1] + RIDGE * np.eye(len(gram) - 1))
     return float(np.sum(np.linalg.solve(lower, unit[:-1, -1]) ** 2) * gram[-1, -1])
 
 
-def _try(told: Array, gram: Array) -> _Best:
-    """The constant with which one more joint, and those that are scaled already, are explained best."""
-    here, there = np.diag(told)[:-1], np.diag(gram)[:-1]
-    both = (here > TOLD * here.max(initial=0.0)) & (there > TOLD * there.max(initial=0.0))
+def _try(total: Array, gram: Array) -> _Best:
+    """Constant with which one more joint, and those that are scaled already, are explained best."""
+    here, there = np.diag(total)[:-1], np.diag(gram)[:-1]
+    both = (here > SHARED * here.max(initial=0.0)) & (there > SHARED * there.max(initial=0.0))
     middle = float(np.median(np.sqrt(here[both] / there[both]))) if both.any() else 1.0
-    inverse = np.concatenate([-middle * GRID[::-1], middle * GRID])  # 1 / K; below 0 the signs are all the other way
-    scaled = [told + gram * np.outer(x, x) for x in (np.append(np.full(len(gram) - 1, k), 1.0) for k in inverse)]
+    inverse = np.concatenate([-middle * GRID[::-1], middle * GRID])  # 1 / K; negative: all signs inverted
+    scaled = [total + gram * np.outer(x, x) for x in (np.append(np.full(len(gram) - 1, k), 1.0) for k in inverse)]
     explained = np.array([_explained(g) for g in scaled])
     best = int(np.argmax(explained))
-    apart = np.abs(np.log(np.abs(inverse / inverse[best]))) > np.log(APART)
-    clear = float(explained[best] - explained[apart].max())
-    return _Best(scaled[best], float(-np.log(np.abs(inverse[best]))), clear)
+    apart = np.abs(np.log(np.abs(inverse / inverse[best]))) > np.log(DISTINCT)
+    margin = float(explained[best] - explained[apart].max())
+    return _Best(scaled[best], float(-np.log(np.abs(inverse[best]))), margin)

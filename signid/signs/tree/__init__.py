@@ -1,1 +1,1 @@
-"""The tree of sign choices, searched with a beam."""
+"""Classical method: a beam search over the tree of sign choices."""

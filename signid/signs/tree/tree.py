@@ -1,4 +1,4 @@
-"""The classical method: a tree of sign choices whose every node is solved by a search for standard parameters."""
+"""Classical method: a tree of sign choices, each node solved by a search for standard parameters."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from ...estimation.pbrp.bounds import check_box
 from ...estimation.pbrp.cost import cost_over, descend
 from ...estimation.pbrp.penalty import physics_of
 from ...types import Array, BaseMap, Estimate, Parameters, Progress
-from ..search.problem import Problem
-from .beam import WIDTH, Grown, Level, Node, grow, in_place
-from .condition import Ordered, condition_order
+from ..search.problem import SignProblem
+from .beam import WIDTH, TreeLevel, TreeNode, TreeResult, grow, in_place
+from .condition import SegmentOrder, condition_order
 
-FAR = 0.01  # share of the loss by which the winner may be worse than least squares with its signs before it is said
-SLIGHT = 1e-6  # share of all energy that is no matter
-SHOWN = 1e-3  # share of what all joints show of a parameter from which on a joint counts as showing it
+EXCESS = 0.01  # [loss of least squares with the same signs] excess loss of the best node that is noted; heuristic
+NEGLIGIBLE = 1e-6  # [total energy] excess loss that is never noted; heuristic
+SHOWN = 1e-3  # [information of all joints on a parameter] share from which a joint counts as showing it; heuristic
 
 
 def search_tree(
-    problem: Problem,
+    problem: SignProblem,
     base: BaseMap,
     prior: Parameters,
     bounds: Bounds | None = None,
@@ -37,78 +37,78 @@ def search_tree(
     budget: int = 1000,
     seed: int = 0,
     progress: Progress | None = None,
-) -> Grown:
-    """Signs by a tree: all choices for a first set of segments, then two children a node, the best nodes kept.
+) -> TreeResult:
+    """Find signs by a tree: all choices for a first set of segments, then two children per node, keeping the best.
 
-    Segments are taken by `condition_order`. Every node is solved by a local algorithm over the standard parameters in
-    their box, from random starts, first for the loss alone, then with a growing penalty on what violates physics, each
-    round from where the last ended. The loss is that of the stacked rows, evaluated on a factor of their Gram matrix.
+    Segments are ordered by `condition_order`. Each node is solved by a local algorithm over the standard parameters in
+    a box, from random starts: first for the loss alone, then with a growing penalty on violations of physics, each
+    round from the end of the last. The loss of the stacked rows is evaluated on a factor of their Gram matrix.
 
     Args:
-        problem: the segments.
-        base: which combinations of the standard parameters the torque shows.
-        prior: standard parameters of the description; they give the box and the sizes, not the answer.
-        bounds: the box; by default the one of `box_of`.
+        problem: boolean least squares.
+        base: base map.
+        prior: standard parameters of the description, for the box and the scales.
+        bounds: box; default: that of `box_of`.
         forward: (r, b) [standard deviations per unit of base] from base parameters to the coordinates of the problem;
-            needed only where the segments do not tell all base parameters apart, r < b.
-        total_mass: least and largest sum of the masses of all moving bodies [kg].
-        width: nodes kept of each level.
-        algorithm: a local one of NLopt.
+            needed only if the segments do not identify all base parameters, r < b.
+        total_mass: smallest and largest sum of the masses of all moving bodies [kg].
+        width: nodes kept per level.
+        algorithm: local algorithm of NLopt.
         restarts: random starts per node.
-        rounds: of growing penalty per start; the first has none.
-        schedule: penalty per round, in squared standard deviations.
+        rounds: rounds of growing penalty per start; the first has none.
+        schedule: penalty per round [squared standard deviations].
         budget: evaluations per round.
-        seed: of the starts.
-        progress: told how far it is.
+        seed: seed of the starts.
+        progress: called with the share of levels done.
 
     Raises:
-        OptionError: there is no such algorithm, or width, restarts, rounds, bounds or the range of mass make no sense.
+        OptionError: unknown algorithm, or invalid width, restarts, rounds, bounds or range of mass.
         ValueError: the prior does not have the labels of the base map.
     """
     if restarts < 1 or rounds < 1:
-        raise OptionError(f"{restarts} starts of {rounds} rounds were asked for; ask for at least 1 of each")
+        raise OptionError(f"{restarts} starts of {rounds} rounds solve nothing; ask for at least 1 of each")
     box = box_of(problem, base, prior, forward) if bounds is None else bounds
     check_box(box, base)
-    physics = physics_of(base, _surmise(problem, base, forward), prior, total_mass)
-    told, rng = _forward(problem, forward) @ base.combination, np.random.default_rng(seed)
+    physics = physics_of(base, _scales(problem, base, forward), prior, total_mass)
+    standard, rng = _forward(problem, forward) @ base.combination, np.random.default_rng(seed)
     weights = (schedule * np.arange(rounds)).tolist()
 
-    def solve(level: Level, right: Array) -> Node:
+    def solve(level: TreeLevel, right: Array) -> TreeNode:
         target = level.turn @ right
-        cost = cost_over(box, physics, level.root @ told, target, max(level.energy - float(target @ target), 0.0))
+        cost = cost_over(box, physics, level.root @ standard, target, max(level.energy - float(target @ target), 0.0))
         starts = rng.uniform(size=(restarts, len(cost.free)))
         ends = [descend(cost, start, weights, algorithm, budget, seed) for start in starts]
         best = min(ends, key=lambda end: end.value)
-        return Node(best.value, cost.standard(best.x), sum(end.evaluations for end in ends))
+        return TreeNode(best.value, cost.standard(best.x), sum(end.evaluations for end in ends))
 
     ordered = condition_order(problem)
     node, nodes = grow(problem, ordered.order, ordered.start, width, solve, progress)
     signs = in_place(node.signs, ordered.order)
     notes = (*_order_notes(ordered), *_loss_notes(problem, signs, node), *_rank_notes(problem, forward))
-    return Grown(signs, base.combination @ node.end, node.loss, nodes, node.evaluations, notes)
+    return TreeResult(signs, base.combination @ node.end, node.loss, nodes, node.evaluations, notes)
 
 
-def box_of(problem: Problem, base: BaseMap, prior: Parameters, forward: Array | None = None) -> Bounds:
-    """A box around the description; coefficients of laws reach to three times what the absolute torque could need.
+def box_of(problem: SignProblem, base: BaseMap, prior: Parameters, forward: Array | None = None) -> Bounds:
+    """Box around the description; law coefficients extend to three times what the absolute torque could need.
 
     Args:
-        problem: the segments.
-        base: which combinations of the standard parameters the torque shows.
+        problem: boolean least squares.
+        base: base map.
         prior: standard parameters of the description.
-        forward: (r, b) [standard deviations per unit of base] as of `search_tree`.
+        forward: (r, b) [standard deviations per unit of base] as in `search_tree`.
 
     Raises:
         ValueError: the prior does not have the labels of the base map.
     """
-    return bounds_around(base, _surmise(problem, base, forward), prior)
+    return bounds_around(base, _scales(problem, base, forward), prior)
 
 
-def _forward(problem: Problem, forward: Array | None) -> Array:
+def _forward(problem: SignProblem, forward: Array | None) -> Array:
     return np.asarray(np.linalg.pinv(problem.back)) if forward is None else forward
 
 
-def _surmise(problem: Problem, base: BaseMap, forward: Array | None) -> Estimate:
-    """Sizes of the base parameters: of each, were it alone responsible for the torque of a joint that shows it."""
+def _scales(problem: SignProblem, base: BaseMap, forward: Array | None) -> Estimate:
+    """Scales of the base parameters: the value at which one alone makes the torque of a joint that depends on it."""
     into, joints = _forward(problem, forward), np.unique(problem.joints)
     grams = np.array([problem.grams[problem.joints == j].sum(0) for j in joints])
     energies = np.array([problem.energies[problem.joints == j].sum() for j in joints])
@@ -120,24 +120,24 @@ def _surmise(problem: Problem, base: BaseMap, forward: Array | None) -> Estimate
     return Estimate(size, nothing, nothing, np.zeros(0), ())
 
 
-def _order_notes(ordered: Ordered) -> Iterator[str]:
+def _order_notes(ordered: SegmentOrder) -> Iterator[str]:
     if not ordered.complete:
         yield (
             f"the first {ordered.start} segments of the tree were chosen one by one (condition number "
-            f"{ordered.condition:.3g}): there are too many sets, or too many choices of sign, to try them all"
+            f"{ordered.condition:.3g}), since there are too many sets or signs to try them all"
         )
 
 
-def _loss_notes(problem: Problem, signs: Array, node: Node) -> Iterator[str]:
+def _loss_notes(problem: SignProblem, signs: Array, node: TreeNode) -> Iterator[str]:
     least = problem.loss(signs)
-    if node.loss > (1 + FAR) * least + SLIGHT * problem.energies.sum():
+    if node.loss > (1 + EXCESS) * least + NEGLIGIBLE * problem.energies.sum():
         yield (
-            f"the search at the last node ended at a loss of {node.loss:.3g}, where least squares with its signs "
-            f"reaches {least:.3g}: its signs may be wrong for that alone; --signs exact needs no such search"
+            f"the search at the last node ended at a loss of {node.loss:.3g}, but least squares with the same signs "
+            f"reaches {least:.3g}, so its signs may be wrong; --signs exact needs no such search"
         )
 
 
-def _rank_notes(problem: Problem, forward: Array | None) -> Iterator[str]:
+def _rank_notes(problem: SignProblem, forward: Array | None) -> Iterator[str]:
     unseen = len(problem.back) - problem.back.shape[1]
     if unseen and forward is None:
-        yield f"{unseen} combinations of base parameters are not seen by any segment; their least values were taken"
+        yield f"{unseen} combinations of base parameters are identified by no segment; their minimum norm was taken"

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ....signs import Signs, Told, Trace
+from ....signs import Signs, SignSegment, Trace
 from ....types import Array
 from ..results.signs import CERTAIN, confidence, part_name, proof_sentence
 from .frame import BEFORE, FAINT, INK, Plot, axis, packed, render, thinned
@@ -95,7 +95,7 @@ def _shades(signs: Signs, part: int, joint: int, top: float) -> list[dict[str, A
     ]
 
 
-def _bars(some: Sequence[Told], name: str, colour: str, top: float, wide: float) -> dict[str, Any]:
+def _bars(some: Sequence[SignSegment], name: str, colour: str, top: float, wide: float) -> dict[str, Any]:
     times = [[_mark(told), f"{told.start:.6g}", f"{told.end:.6g}", confidence(told.confidence)] for told in some]
     return {
         "type": "bar",
@@ -116,11 +116,11 @@ def _bars(some: Sequence[Told], name: str, colour: str, top: float, wide: float)
     }
 
 
-def _kind(told: Told) -> str:
+def _kind(told: SignSegment) -> str:
     return _mark(told) if told.confidence >= CERTAIN else "?"
 
 
-def _mark(told: Told) -> str:
+def _mark(told: SignSegment) -> str:
     return "+" if told.sign > 0 else "−"
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import polars as pl
 from rich.console import RenderableType
 
-from ....signs import Signs, Told
+from ....signs import Signs, SignSegment
 from ....types import Array, Recording
 from ..layout import heading, new_table, paragraph, plural
 from ..numbers import figure, share, with_interval
@@ -92,7 +92,7 @@ def proof_sentence(signs: Signs) -> str:
     best = "No other signs of these segments explain the torque better"
     if proof.optimal:
         return f"{best}: proved by {'eigenvalues alone' if proof.certified else f'a search of {nodes}'}."
-    if proof.tells:
+    if proof.has_bound:
         told = f"Other signs of these segments could lower what is left unexplained by {share(proof.gap)} at most"
         return f"{told}; the search looked at {nodes}."
     return f"Whether other signs of these segments explain the torque better is not proved: {nodes} were looked at."
@@ -124,7 +124,7 @@ def _sure(signs: Signs, part: int, joint: int, t: Array, torque: Array) -> Array
     return np.where((t <= end[at]) & (torque * sign[at] >= 0), sure[at], 0.0)
 
 
-def _segment(signs: Signs, told: Told) -> dict[str, Any]:
+def _segment(signs: Signs, told: SignSegment) -> dict[str, Any]:
     segment = {
         "joint": signs.joints[told.joint],
         "start": float(told.start),
@@ -135,7 +135,7 @@ def _segment(signs: Signs, told: Told) -> dict[str, Any]:
     return segment | ({"recording": part_name(signs, told.part)} if len(signs.traces) > 1 else {})
 
 
-def _samples(signs: Signs, told: tuple[Told, ...]) -> tuple[int, int]:
+def _samples(signs: Signs, told: tuple[SignSegment, ...]) -> tuple[int, int]:
     """Samples of the recordings that were searched, and how many of them lie in some segments."""
     searched = {t.part for t in signs.segments}
     ends = ((signs.traces[t.part].t, t) for t in told)
