@@ -12,7 +12,7 @@ from diagnosed import Posed, fault, posed
 
 from signid.diagnose.data.whitened_rows import columns_of
 from signid.diagnose.evidence.bayes_factors import KNOWN, Evidence
-from signid.diagnose.evidence.linear_model import Known
+from signid.diagnose.evidence.linear_model import StatedPrior
 from signid.diagnose.findings.alternatives import _follows, limit_in_step, rank_contenders
 from signid.diagnose.findings.contender import Contender
 from signid.diagnose.findings.verdict import decide
@@ -27,7 +27,7 @@ def informed(question: Posed) -> Posed:
     """The same of a model whose numbers identification left known to a tenth."""
     evidence = question.posterior.evidence
     which = columns_of([group for group in evidence.data.refitted if group.bodies])
-    known = Known(which, 100.0 * np.eye(len(which)))
+    known = StatedPrior(which, 100.0 * np.eye(len(which)))
     return question._replace(posterior=replace(question.posterior, evidence=Evidence(evidence.data, known)))
 
 

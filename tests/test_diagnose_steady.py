@@ -87,7 +87,7 @@ def test_coefficients_that_are_held_stay_zero() -> None:
     fit = solve(np.arange(3), x.T @ x, x.T @ (x @ truth), 1e-9 * np.eye(3))
     np.testing.assert_allclose(fit.value, truth, rtol=1e-6)
     free = np.array([True, False, True])
-    held = fit.holding(free).value
+    held = fit.restricted(free).value
     np.testing.assert_allclose(held[free], np.linalg.lstsq(x[:, free], x @ truth, rcond=None)[0], rtol=1e-6)
     assert abs(held[1]) < 1e-12
 

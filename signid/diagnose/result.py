@@ -12,7 +12,7 @@ from ..model import Model
 from ..signs import Signs
 from ..simulation.rollout import RollOut
 from ..types import Array, Frozen, Input, Law, Recording, Robot
-from .data.locate import Place
+from .data.locate import Location
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Finding(Frozen):
     role: str  # cause, or secondary
     probability: float
     torque_share: Array  # (n,) rms of its torque over the rms of the measured torque [1]
-    where: Place
+    where: Location
     statistic: float  # log posterior odds against its absence
     threshold: float  # that it needed
     held_out_gain: float  # share of the held-out sum of squares that it takes away, on its joints [1]
@@ -49,7 +49,7 @@ class Unexplained:
     """Torque of a joint that no law explains, beyond noise."""
 
     joint: int
-    place: Place
+    place: Location
     share: float  # rms over the rms of the joint's measured torque [1]
     held_out_gain: float = 0.0  # share of the held-out sum of squares that a function of the variable takes away [1]
     modelled: bool = False  # whether the extended simulation has that function, as `empirical` torque
@@ -63,7 +63,7 @@ class Diagnosis(Frozen):
     verdict: str  # nothing_missing, named or unknown
     findings: tuple[Finding, ...]
     unexplained: tuple[Unexplained, ...]
-    located: tuple[Place, ...]  # per joint, before anything was added
+    located: tuple[Location, ...]  # per joint, before anything was added
     tolerance: float  # share of torque within which nothing is missing [1]
     before: Fit
     after: Fit

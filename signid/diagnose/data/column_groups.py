@@ -13,7 +13,7 @@ from ...model import Model
 from ...regression.motion import Motion
 from ...regression.projection import least_squares
 from ...types import Array, Law
-from .hypotheses import Hypothesis, refits
+from .hypotheses import Hypothesis, is_refitted
 from .motions import Piece
 
 DRIFT, STEADY, OFFSET = 0.1, 0.03, 0.05  # share of friction, and of all else; offset as a share of dry friction
@@ -71,7 +71,7 @@ def nuisances(model: Model, motion: Motion, dry: Array) -> Iterator[Nuisance]:
     """
     stated = stated_friction(model)
     for law in model.laws:
-        if refits(law):
+        if is_refitted(law):
             rows, columns = law_columns(law, motion)
             spread = [np.inf] * columns.shape[2] if model.covariance else drift(law, float(stated[law.joints[0]]))
             yield Nuisance({j: columns[:, k] for k, j in enumerate(rows)}, spread, law)
@@ -152,7 +152,7 @@ def _plain(motion: Motion, joint: int) -> Array:
     return np.column_stack([motion.direction[:, joint], motion.v[:, joint], np.ones(len(motion)), *bodies])
 
 
-def lay_out(model: Model, motion: Motion, hypotheses: Sequence[Hypothesis], dry: Array) -> list[Group]:
+def build_groups(model: Model, motion: Motion, hypotheses: Sequence[Hypothesis], dry: Array) -> list[Group]:
     """Where the columns of everything stand: what is refitted first, then hypotheses in their order.
 
     Args:

@@ -17,7 +17,7 @@ from .hypotheses import Hypothesis
 from .motions import Piece, row_filter, thinned
 from .noise import Noise
 from .normal_equations import Fitted
-from .rows import Table
+from .rows import RowTable
 from .whitened_rows import Whitened
 from .whitening import Whitening
 
@@ -30,7 +30,7 @@ class Dataset(Frozen):
     model: Model
     pieces: tuple[Piece, ...]
     periods: tuple[float | None, ...]  # [s] of the motion in each recording, None where it does not repeat
-    table: Table
+    table: RowTable
     noise: Noise
 
     @cached_property

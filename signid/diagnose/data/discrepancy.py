@@ -23,7 +23,7 @@ from scipy.linalg import block_diag
 
 from ...regression.projection import leave
 from ...types import Array
-from .rows import Table
+from .rows import RowTable
 
 FEATURES = 40  # F random frequencies
 LENGTHS = (1.5, 0.6)  # of the kernel, in standard deviations of each variable: half of the frequencies each
@@ -48,7 +48,7 @@ class Projection(NamedTuple):
         return np.asarray(x - self.basis @ (self.shrinkage[:, None] * (self.basis.T @ x)))
 
 
-def features(table: Table, joint: int) -> Array:
+def features(table: RowTable, joint: int) -> Array:
     """(M, 2 F) [1] random Fourier features of a joint's state, mean square 1 over a row.
 
     Args:
@@ -78,7 +78,7 @@ def project(white: Array, size: float) -> Projection:
     return Projection(basis, 1 - 1 / np.sqrt(1 + singular**2))
 
 
-class Likeliest(NamedTuple):
+class NoiseEstimate(NamedTuple):
     """Noise and discrepancy of one joint, and what is fitted under them."""
 
     size: float  # of the discrepancy [N.m or N]
@@ -88,7 +88,7 @@ class Likeliest(NamedTuple):
     log: float  # log density of the rows
 
 
-def likeliest(white: Array, fitted: Array, precision: Array, residual: Array, scale: float) -> Likeliest:
+def estimate_discrepancy(white: Array, fitted: Array, precision: Array, residual: Array, scale: float) -> NoiseEstimate:
     """The likeliest size of the discrepancy and variance of the noise, everything that is fitted integrated out.
 
     Args:
@@ -106,7 +106,7 @@ def likeliest(white: Array, fitted: Array, precision: Array, residual: Array, sc
     flat = np.where(np.diag(precision) > 0, 0.0, FLAT * np.maximum(np.diag(gram)[:k], 1e-12))
     spread = _spread(precision + np.diag(flat))
 
-    def at(share: float) -> Likeliest:
+    def at(share: float) -> NoiseEstimate:
         used = slice(0, k if share == 0 else len(gram))
         unit = block_diag(spread, share * scale * np.eye(len(gram) - k))[used, used]
         whole = _maximised(unit.T @ gram[used, used] @ unit, unit.T @ right[used], square, rows)
@@ -116,7 +116,7 @@ def likeliest(white: Array, fitted: Array, precision: Array, residual: Array, sc
     return _highest(at)
 
 
-def _highest(at: Callable[[float], Likeliest]) -> Likeliest:
+def _highest(at: Callable[[float], NoiseEstimate]) -> NoiseEstimate:
     """The best of all sizes: of some that lie apart, then along the way up from there."""
     found = {k: at(SIZES[k]) for k in range(0, len(SIZES), APART)}
     while True:
@@ -134,7 +134,7 @@ def _spread(precision: Array) -> Array:
     return np.asarray(np.linalg.inv(lower).T / size[:, None])
 
 
-def _maximised(gram: Array, right: Array, square: float, rows: int) -> Likeliest:
+def _maximised(gram: Array, right: Array, square: float, rows: int) -> NoiseEstimate:
     """The likeliest variance of the noise, with coefficients of unit prior integrated out.
 
     Args:
@@ -151,7 +151,7 @@ def _maximised(gram: Array, right: Array, square: float, rows: int) -> Likeliest
         if not last:
             variance = max((rest + variance * used) / rows, 1e-12)
     log = -(rest / variance + float(value @ value) + float(np.sum(np.log1p(eigen / variance)))) / 2
-    return Likeliest(0.0, variance, vectors @ value, used, log - rows / 2 * float(np.log(variance)))
+    return NoiseEstimate(0.0, variance, vectors @ value, used, log - rows / 2 * float(np.log(variance)))
 
 
 def _scaled(x: Array) -> Array:

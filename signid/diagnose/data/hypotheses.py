@@ -183,7 +183,7 @@ def _secant(law: Law, motion: Motion) -> tuple[tuple[int, ...], Array]:
     return tuple(range(change.shape[1])) if wide else law.joints, change[..., None]
 
 
-def refits(law: Law) -> bool:
+def is_refitted(law: Law) -> bool:
     """Whether the coefficients of a law that the simulation states are fitted beside every hypothesis.
 
     So are torque laws and rotors, within their tolerance. Other laws, and laws of size zero, count as they are stated;
@@ -195,7 +195,7 @@ def refits(law: Law) -> bool:
     )
 
 
-def happens_once(law: Law) -> bool:
+def is_transient(law: Law) -> bool:
     """Whether it has a beginning and an end, so that nothing else foretells it and it foretells nothing."""
     return {"start", "end"} <= set(law.effect.parameters)
 

@@ -12,7 +12,7 @@ from ...regression.projection import leave
 from ...types import Array, Mask
 from .hypotheses import VARIABLES, hats
 from .periodicity import Wave, find_wave
-from .rows import Table
+from .rows import RowTable
 
 KNOTS = 9
 SHARES = (0.1, 0.2, 0.33, 0.5)  # of the rows, that a region may hold
@@ -21,7 +21,7 @@ NEAR = 0.05  # frequencies of one wave differ by no more
 UNITS = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s2", "torque": "N.m", "time": "s"}
 
 
-class Place(NamedTuple):
+class Location(NamedTuple):
     """Where torque is."""
 
     joint: int
@@ -32,8 +32,8 @@ class Place(NamedTuple):
 
 
 def locate(
-    table: Table, joint: int, torque: Array, prismatic: bool = False, variables: Sequence[str] = VARIABLES
-) -> Place:
+    table: RowTable, joint: int, torque: Array, prismatic: bool = False, variables: Sequence[str] = VARIABLES
+) -> Location:
     """The variable of a joint that torque depends on most, and the region in which it stands out.
 
     Args:
@@ -47,16 +47,16 @@ def locate(
     best = max(told, key=lambda name: told[name])
     wave = _wave(table, torque) if "time" in variables else None
     if wave is not None and wave.share > told[best]:
-        return Place(joint, "time", f"at {wave.frequency:.{DIGITS + 1}g} Hz", wave.share, wave.share)
+        return Location(joint, "time", f"at {wave.frequency:.{DIGITS + 1}g} Hz", wave.share, wave.share)
     x = table.variable(joint, best)
     power = torque**2 / max(float(np.sum(torque**2)), 1e-300)
     unit = UNITS[best].replace("N.m", "N").replace("rad", "m") if prismatic else UNITS[best]
     regions = [(float(power[inside].sum()), float(inside.mean()), text) for text, inside in _regions(best, x, unit)]
     share, _, region = max(regions, key=lambda r: r[0] - r[1])
-    return Place(joint, best, region, share, told[best])
+    return Location(joint, best, region, share, told[best])
 
 
-def _wave(table: Table, torque: Array) -> Wave | None:
+def _wave(table: RowTable, torque: Array) -> Wave | None:
     """What a wave in each piece takes of it; None where they are not of one frequency."""
     edges = [0, *(np.flatnonzero(np.diff(table.piece)) + 1).tolist(), len(table)]
     waves = [find_wave(torque[a:b], 1 / float(table.t[a + 1] - table.t[a])) for a, b in pairwise(edges) if b > a + 1]

@@ -51,7 +51,7 @@ def pieces(task: Task, model: Model, recordings: Sequence[Part]) -> Iterator[Pie
         model: the simulation.
         recordings: and their sampling.
     """
-    robot = replace(model.robot, model=bodies_of(model))
+    robot = replace(model.robot, model=bodies_without_rotors(model))
     edge, half = margin(task.band, task.recorded_derivatives), len(task.band.taps) // 2
     parts = task.parts
     for k, (recording, sampling) in enumerate(recordings):
@@ -67,7 +67,7 @@ def pieces(task: Task, model: Model, recordings: Sequence[Part]) -> Iterator[Pie
                 yield _piece(task, model, _thinned_motion(motion, task.band, parts), robot, k)
 
 
-def bodies_of(model: Model) -> pin.Model:
+def bodies_without_rotors(model: Model) -> pin.Model:
     """The bodies of a simulation without rotors, which are no load."""
     bodies = model.bodies()
     bodies.armature = np.zeros(bodies.nv)
@@ -110,7 +110,7 @@ def torque_rows(thin: Decimator, pieces: Sequence[Piece], law: Law) -> dict[int,
     return {j: x[:, 0] for j, x in thinned(thin, made).items()}
 
 
-def unsure_rows(thin: Decimator, pieces: Sequence[Piece], dry: Array) -> Array:
+def reversal_uncertainty(thin: Decimator, pieces: Sequence[Piece], dry: Array) -> Array:
     """(M, n) [N.m or N] how unsure torque is where a joint reverses, since the moment of its reversal is.
 
     Between samples, and while dry friction holds the joint still, nothing tells when friction turns.

@@ -12,7 +12,7 @@ from ...effects.base import ActuatorLaw
 from ...regression.projection import least_squares
 from ...types import Array, Frozen, Indices, Mask
 from .periodicity import find_wave
-from .rows import Table
+from .rows import RowTable
 
 ORDER = 4  # of the autoregressive model
 LONGEST = 0.75  # largest root: what decays more slowly is no noise but drift, friction or discrepancy
@@ -39,15 +39,15 @@ class Noise(Frozen):
     coefficients: Array  # (n, 4) [1] of the last four values
     innovation: Array  # (n,) [N.m or N] standard deviation of what is new in each row
     discrepancy: Array  # (n,) [N.m or N] size of the torque that no law of the library makes
-    least: Array  # (n,) [N.m or N] rms that columns of everything leave: the floor that a simulation is judged by
-    late: Array  # (n,) [1] how far off torque is near reversals, as a multiple of what is presumed
+    saturated_floor: Array  # (n,) [N.m or N] rms of the residual of a fit of all columns: floor of the verdict
+    reversal_scale: Array  # (n,) [1] how far off torque is near reversals, as a multiple of what is presumed
 
     def white(self) -> Noise:
         """The same without correlation in time."""
         return replace(self, coefficients=np.zeros_like(self.coefficients), innovation=self.floor)
 
 
-def measure_noise(table: Table, periods: Sequence[float | None], rate: float) -> Noise:
+def measure_noise(table: RowTable, periods: Sequence[float | None], rate: float) -> Noise:
     """From the residual of everything together; from repetitions of the motion where they tell less.
 
     Args:
@@ -74,10 +74,10 @@ def whiten(x: Array, coefficients: Array, innovation: float, piece: Indices) -> 
     """
     order = len(coefficients)
     out = x[order:] - sum(c * x[order - 1 - k : len(x) - 1 - k] for k, c in enumerate(coefficients))
-    return np.asarray(out[whole(piece, order)] / innovation)
+    return np.asarray(out[has_full_window(piece, order)] / innovation)
 
 
-def whole(piece: Indices, order: int) -> Mask:
+def has_full_window(piece: Indices, order: int) -> Mask:
     """(M - order,) of the rows from the `order`-th on, whether all before that whitening takes are of the same piece.
 
     Args:
@@ -88,7 +88,7 @@ def whole(piece: Indices, order: int) -> Mask:
 
 
 def _of_joint(
-    table: Table, joint: int, usual: Mask, periods: Sequence[float | None], rate: float
+    table: RowTable, joint: int, usual: Mask, periods: Sequence[float | None], rate: float
 ) -> tuple[float, Array, float, float]:
     rest, jumps, factor = _saturated(table, joint, usual)
     choices = [_fit(rest, factor, _sure(rest, jumps, float(table.scale[joint])))]
@@ -98,7 +98,7 @@ def _of_joint(
     return *best, _lateness(factor * np.concatenate(rest), np.concatenate(jumps), best[0])
 
 
-def noise_of_rest(table: Table, joint: int, rest: Array, factor: float) -> tuple[float, Array, float]:
+def noise_of_rest(table: RowTable, joint: int, rest: Array, factor: float) -> tuple[float, Array, float]:
     """Rms, autoregressive coefficients (4,) and innovation of one joint's noise, from what a fit leaves.
 
     Args:
@@ -107,10 +107,10 @@ def noise_of_rest(table: Table, joint: int, rest: Array, factor: float) -> tuple
         rest: (M,) residual of the fit [N.m or N].
         factor: by which the fit made it smaller than the noise is [1].
     """
-    goes = ~table.rests[:, joint]
+    goes = ~table.at_rest[:, joint]
     goes = goes if goes.sum() > LEAST else np.ones_like(goes)
     run = _runs(table, goes)
-    parts, jumps = _split(rest[goes], run), _split(table.jumps[goes, joint], run)
+    parts, jumps = _split(rest[goes], run), _split(table.reversal_std[goes, joint], run)
     return _fit(parts, factor, _sure(parts, jumps, float(table.scale[joint])))
 
 
@@ -132,12 +132,12 @@ def _lateness(rest: Array, jumps: Array, floor: float) -> float:
     return next((late for late, x in zip(LATER, typical, strict=True) if x <= MEDIAN), LATER[-1])
 
 
-def _saturated(table: Table, joint: int, usual: Mask) -> tuple[list[Array], list[Array], float]:
+def _saturated(table: RowTable, joint: int, usual: Mask) -> tuple[list[Array], list[Array], float]:
     """Run by run, what all columns that are not too many leave of the residual, and how unsure torque is there.
 
     Also how much the fit took of the noise.
     """
-    goes = ~table.rests[:, joint]
+    goes = ~table.at_rest[:, joint]
     goes = goes if goes.sum() > LEAST else np.ones_like(goes)
     x, y = table.columns[joint][:, usual[table.place[joint]]][goes], table.residual[goes, joint]
     run = _runs(table, goes)
@@ -148,7 +148,7 @@ def _saturated(table: Table, joint: int, usual: Mask) -> tuple[list[Array], list
     left = left[:, singular > RANK * singular.max(initial=0.0)]
     left = left[:, : max(1, int(len(y) / FREE))]
     rest = [_still(part) for part in _split(y - left @ (left.T @ y), run)]
-    return rest, _split(table.jumps[goes, joint], run), float(np.sqrt(len(y) / max(len(y) - left.shape[1], 1)))
+    return rest, _split(table.reversal_std[goes, joint], run), float(np.sqrt(len(y) / max(len(y) - left.shape[1], 1)))
 
 
 def _still(rest: Array) -> Array:
@@ -157,7 +157,7 @@ def _still(rest: Array) -> Array:
     return rest - wave.signal if wave.share > WAVE else rest
 
 
-def _usual(table: Table) -> Mask:
+def _usual(table: RowTable) -> Mask:
     """(p,) columns that may explain noise: of large grids of shapes a few, none that is made of measured torque."""
     seen, kept = dict[object, int](), np.zeros(table.count, dtype=bool)
     for group in table.groups:
@@ -170,7 +170,7 @@ def _usual(table: Table) -> Mask:
     return kept
 
 
-def _repeated(table: Table, joint: int, periods: Sequence[float | None], rate: float) -> list[Array]:
+def _repeated(table: RowTable, joint: int, periods: Sequence[float | None], rate: float) -> list[Array]:
     """Half the difference between one period and the next, without its loudest stretches."""
     out = list[Array]()
     for k in np.unique(table.piece):
@@ -178,7 +178,7 @@ def _repeated(table: Table, joint: int, periods: Sequence[float | None], rate: f
         period = periods[int(table.recording[rows[0]])]
         lag = 0 if period is None else round(period * rate)
         if lag and len(rows) >= lag + 4 * ORDER:
-            y = np.where(table.rests[rows, joint], 0.0, table.residual[rows, joint])
+            y = np.where(table.at_rest[rows, joint], 0.0, table.residual[rows, joint])
             count = min(STRETCHES, (len(y) - lag) // (4 * ORDER))
             out.extend(np.array_split((y[:-lag] - y[lag:]) / np.sqrt(2), count))
     if not out:
@@ -211,7 +211,7 @@ def _damped(coefficients: Array) -> Array:
     return np.asarray(coefficients * min(1.0, LONGEST / max(slowest, LONGEST)) ** np.arange(1, ORDER + 1))
 
 
-def _runs(table: Table, goes: Mask) -> Indices:
+def _runs(table: RowTable, goes: Mask) -> Indices:
     """(M',) which run of rows in motion, of one piece, a row is of."""
     starts = (np.diff(table.piece, prepend=-1) != 0) | (np.diff(goes.astype(np.intp), prepend=0) != 0)
     return np.cumsum(starts)[goes]

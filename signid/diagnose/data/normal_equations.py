@@ -24,11 +24,11 @@ class Factor(NamedTuple):
     lower: Array  # (f, f) [1] Cholesky factor of Gram and prior, scaled
     size: Array  # (f,) [1 per coefficient] the scale
 
-    def below(self, rows: Array) -> Array:
+    def forward(self, rows: Array) -> Array:
         """(f, m) lower^-1 of some rows (f, m) [1 per coefficient, squared]."""
         return np.asarray(solve_triangular(self.lower, rows / self.size[:, None], lower=True))
 
-    def solved(self, below: Array) -> Array:
+    def backward(self, below: Array) -> Array:
         """(f, m) coefficients of right sides of which lower^-1 is given.
 
         Args:
@@ -42,13 +42,13 @@ class Fitted(NamedTuple):
 
     which: Indices  # (k,) columns
     factors: tuple[Factor, ...]
-    told: Array  # (k,) [1] lower^-1 right side
+    forward_right: Array  # (k,) [1] lower^-1 right side
     log_evidence: float
 
     @property
     def value(self) -> Array:
         """(k,) the likeliest coefficients."""
-        return self.solved(self.told[:, None])[:, 0]
+        return self.backward(self.forward_right[:, None])[:, 0]
 
     def place(self, group: Group) -> slice:
         """Where the coefficients of a group that took part stand among those that are fitted."""
@@ -60,11 +60,11 @@ class Fitted(NamedTuple):
         """(k, k) of the coefficients."""
         out = np.zeros((len(self.which),) * 2)
         for one in self.factors:
-            inverse = one.below(np.eye(len(one.place)))
+            inverse = one.forward(np.eye(len(one.place)))
             out[np.ix_(one.place, one.place)] = inverse.T @ inverse
         return out
 
-    def holding(self, free: Mask) -> Fitted:
+    def restricted(self, free: Mask) -> Fitted:
         """The likeliest coefficients while all but some (k,) stay zero."""
         value, before = np.zeros(len(self.which)), self.value
         for one in self.factors:
@@ -73,27 +73,27 @@ class Fitted(NamedTuple):
             square = factor[inside] @ factor.T
             right = square @ before[one.place]
             value[one.place[inside]] = least_squares(square[:, inside], right)
-        return self.stating(value)
+        return self.with_value(value)
 
-    def stating(self, value: Array) -> Fitted:
+    def with_value(self, value: Array) -> Fitted:
         """The same with other coefficients.
 
         Args:
             value: (k,) [of each coefficient].
         """
-        told = np.zeros(len(self.which))
+        forward_right = np.zeros(len(self.which))
         for one in self.factors:
-            told[one.place] = one.lower.T @ (one.size * value[one.place])
-        return self._replace(told=told)
+            forward_right[one.place] = one.lower.T @ (one.size * value[one.place])
+        return self._replace(forward_right=forward_right)
 
-    def below(self, rows: Array) -> Array:
+    def forward(self, rows: Array) -> Array:
         """(k, m) lower^-1 of some rows (k, m) [1 per coefficient, squared]."""
         out = np.zeros(rows.shape)
         for one in self.factors:
-            out[one.place] = one.below(rows[one.place])
+            out[one.place] = one.forward(rows[one.place])
         return out
 
-    def solved(self, below: Array) -> Array:
+    def backward(self, below: Array) -> Array:
         """(k, m) coefficients of right sides of which lower^-1 is given.
 
         Args:
@@ -101,7 +101,7 @@ class Fitted(NamedTuple):
         """
         out = np.zeros(below.shape)
         for one in self.factors:
-            out[one.place] = one.solved(below[one.place])
+            out[one.place] = one.backward(below[one.place])
         return out
 
 
@@ -117,9 +117,14 @@ def solve(which: Indices, gram: Array, right: Array, precision: Array) -> Fitted
     whole = gram + precision
     size = np.asarray(np.sqrt(np.diag(whole)))
     lower = _cholesky(whole / size / size[:, None])
-    told = np.asarray(solve_triangular(lower, right / size, lower=True))
+    forward_right = np.asarray(solve_triangular(lower, right / size, lower=True))
     half = np.linalg.slogdet(precision)[1] / 2 - float(np.sum(np.log(np.diag(lower)) + np.log(size)))
-    return Fitted(which, (Factor(np.arange(len(which)), lower, size),), told, float(told @ told) / 2 + half)
+    return Fitted(
+        which,
+        (Factor(np.arange(len(which)), lower, size),),
+        forward_right,
+        float(forward_right @ forward_right) / 2 + half,
+    )
 
 
 def join(which: Indices, fits: Sequence[Fitted]) -> Fitted:
@@ -129,12 +134,12 @@ def join(which: Indices, fits: Sequence[Fitted]) -> Fitted:
         which: (k,) columns of all of them.
         fits: of some of the columns each.
     """
-    order, told, factors = np.argsort(which), np.zeros(len(which)), list[Factor]()
+    order, forward_right, factors = np.argsort(which), np.zeros(len(which)), list[Factor]()
     for fit in fits:
         place = order[np.searchsorted(which, fit.which, sorter=order)]
-        told[place] = fit.told
+        forward_right[place] = fit.forward_right
         factors += [one._replace(place=place[one.place]) for one in fit.factors]
-    return Fitted(which, tuple(factors), told, sum(fit.log_evidence for fit in fits))
+    return Fitted(which, tuple(factors), forward_right, sum(fit.log_evidence for fit in fits))
 
 
 def _cholesky(scaled: Array) -> Array:

@@ -16,11 +16,11 @@ from ...regression.rows import Task
 from ...types import Array, Frozen, Indices, Mask
 from .column_groups import Group, nuisances
 from .hypotheses import finite
-from .motions import Piece, row_filter, unsure_rows
+from .motions import Piece, reversal_uncertainty, row_filter
 
 
 @dataclass(frozen=True, eq=False)
-class Table(Frozen):
+class RowTable(Frozen):
     """M rows of n joints, piece after piece."""
 
     groups: tuple[Group, ...]
@@ -34,8 +34,8 @@ class Table(Frozen):
     torque: Array  # (M, n) [N.m or N] measured
     predicted: Array  # (M, n) [N.m or N]
     residual: Array  # (M, n) [N.m or N] measured - predicted
-    rests: Mask  # (M, n) whether a joint stands still so near that the filter feels it: there friction is anything
-    jumps: Array  # (M, n) [N.m or N] how unsure torque is near reversals, standard deviation
+    at_rest: Mask  # (M, n) whether a joint stands still so near that the filter feels it: there friction is anything
+    reversal_std: Array  # (M, n) [N.m or N] how unsure torque is near reversals, standard deviation
     place: tuple[Indices, ...]  # per joint (m_j,) the columns that it has
     columns: tuple[Array, ...]  # per joint (M, m_j) [torque per coefficient]
 
@@ -67,7 +67,7 @@ MANY = 32  # groups of columns that go through the low-pass at once
 FAINT = 0.02  # of the largest rms torque: no joint's counts as smaller
 
 
-def stands_still(motion: Motion, thin: Decimator, seconds: float = WHILE) -> Array:
+def standstill(motion: Motion, thin: Decimator, seconds: float = WHILE) -> Array:
     """(N, n) 1 where a joint stands still for a while, or does so near that the filter feels it, else 0.
 
     Args:
@@ -82,7 +82,7 @@ def stands_still(motion: Motion, thin: Decimator, seconds: float = WHILE) -> Arr
     return -least(-opened, half + thin.half // 2)
 
 
-def tabulate(task: Task, model: Model, groups: Sequence[Group], pieces: Sequence[Piece], dry: Array) -> Table:
+def build_table(task: Task, model: Model, groups: Sequence[Group], pieces: Sequence[Piece], dry: Array) -> RowTable:
     """Columns at full rate, through the same low-pass as the torque, at twice its cut-off.
 
     Args:
@@ -101,7 +101,7 @@ def tabulate(task: Task, model: Model, groups: Sequence[Group], pieces: Sequence
 
     signals = [thin(np.column_stack([np.nan_to_num(p.residual), _measured(p)])) for p in pieces]
     residual, torque = np.split(np.concatenate(signals), 2, axis=1)
-    return Table(
+    return RowTable(
         groups=tuple(groups),
         count=groups[-1].start + groups[-1].size,
         piece=np.repeat(np.arange(len(pieces)), lengths),
@@ -110,8 +110,8 @@ def tabulate(task: Task, model: Model, groups: Sequence[Group], pieces: Sequence
         q=inner([piece.motion.q for piece in pieces]),
         v=inner([piece.motion.v for piece in pieces]),
         a=inner([piece.motion.a for piece in pieces]),
-        jumps=unsure_rows(thin, pieces, dry),
-        rests=inner([stands_still(piece.motion, thin, HELD) for piece in pieces]) > 0,
+        reversal_std=reversal_uncertainty(thin, pieces, dry),
+        at_rest=inner([standstill(piece.motion, thin, HELD) for piece in pieces]) > 0,
         torque=torque,
         predicted=torque - residual,
         residual=residual,
@@ -120,7 +120,7 @@ def tabulate(task: Task, model: Model, groups: Sequence[Group], pieces: Sequence
     )
 
 
-def retabulated(table: Table, task: Task, model: Model, pieces: Sequence[Piece], dry: Array) -> Table:
+def rebuild_columns(table: RowTable, task: Task, model: Model, pieces: Sequence[Piece], dry: Array) -> RowTable:
     """The same rows with columns along other motions.
 
     Args:

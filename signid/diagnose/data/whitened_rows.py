@@ -12,8 +12,8 @@ import numpy as np
 from ...regression.projection import RANK
 from ...types import Array, Frozen, Indices, Mask
 from .column_groups import Group
-from .noise import Noise, whole
-from .rows import Table
+from .noise import Noise, has_full_window
+from .rows import RowTable
 from .whitening import Whitening, moving
 
 
@@ -196,7 +196,7 @@ def mean_products(columns: Mapping[int, Array], scale: Array) -> Array:
     return np.asarray(sum(x.T @ x / len(x) / scale[j] ** 2 for j, x in columns.items()))
 
 
-def whitened(table: Table, noise: Noise) -> Whitened:
+def whitened(table: RowTable, noise: Noise) -> Whitened:
     """Rows in units of noise and discrepancy."""
     n, order = table.joints, noise.coefficients.shape[1]
     moves, whitening = moving(table, order), Whitening(table, noise)
@@ -207,7 +207,7 @@ def whitened(table: Table, noise: Noise) -> Whitened:
         columns=tuple(whitening(dict(enumerate(table.columns))).values()),
         residual=np.array([whitening({j: table.residual[:, j, None]})[j][:, 0] for j in range(n)]),
         moves=moves,
-        recording=table.recording[order:][whole(table.piece, order)],
+        recording=table.recording[order:][has_full_window(table.piece, order)],
         torque=table.columns,
         scale=table.scale,
         floor=noise.floor,

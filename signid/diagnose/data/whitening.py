@@ -10,15 +10,15 @@ import numpy as np
 
 from ...types import Array, Frozen, Mask
 from .discrepancy import Projection, features, project
-from .noise import Noise, whiten, whole
-from .rows import Table
+from .noise import Noise, has_full_window, whiten
+from .rows import RowTable
 
 
 @dataclass(frozen=True, eq=False)
 class Whitening(Frozen):
     """Rows of torque -> rows in units of their noise: coloured noise and model discrepancy, joint by joint."""
 
-    table: Table
+    table: RowTable
     noise: Noise
 
     def local(self, columns: Mapping[int, Array]) -> dict[int, Array]:
@@ -76,15 +76,15 @@ class _Projections(dict[int, "Projection | None"]):
         return self[joint]
 
 
-def moving(table: Table, order: int) -> Mask:
+def moving(table: RowTable, order: int) -> Mask:
     """(M, n) which whitened rows no standstill touches."""
-    still = np.asarray(np.array([table.rests[order - k : len(table) - k] for k in range(order + 1)]).any(axis=0))
-    return np.asarray(~still[whole(table.piece, order)])
+    still = np.asarray(np.array([table.at_rest[order - k : len(table) - k] for k in range(order + 1)]).any(axis=0))
+    return np.asarray(~still[has_full_window(table.piece, order)])
 
 
-def weights(table: Table, noise: Noise) -> Array:
+def weights(table: RowTable, noise: Noise) -> Array:
     """(M, n) [1] of whitened rows: less near reversals, none where a joint stands still."""
     order = noise.coefficients.shape[1]
-    unsure = np.max([table.jumps[order - k : len(table) - k] for k in range(order + 1)], axis=0)
-    weight = 1 / np.sqrt(1 + (np.maximum(noise.late, 1) * unsure / noise.least) ** 2)
-    return np.asarray(weight[whole(table.piece, order)] * moving(table, order))
+    unsure = np.max([table.reversal_std[order - k : len(table) - k] for k in range(order + 1)], axis=0)
+    weight = 1 / np.sqrt(1 + (np.maximum(noise.reversal_scale, 1) * unsure / noise.saturated_floor) ** 2)
+    return np.asarray(weight[has_full_window(table.piece, order)] * moving(table, order))

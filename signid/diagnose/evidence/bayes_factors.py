@@ -13,7 +13,7 @@ from scipy.special import logsumexp
 from ...types import Array
 from ..data.column_groups import Group
 from ..data.normal_equations import Fitted
-from .batches import Batch, View, batches, gather, log_factor, view
+from .batches import Batch, View, batches, log_bayes_factor, stack_priors, view
 from .components import Component
 from .linear_model import Linear
 from .prior import CoefficientPrior
@@ -82,7 +82,7 @@ class Evidence(Linear):
         return float(self.scales[int(np.argmax(told + self.scale_prior))])
 
     def distance(self, selected: Sequence[Group], dispersion: Array) -> float:
-        """Likeliest scale of the deviations that the model carries, larger ones than in a search included [1].
+        """NoiseEstimate scale of the deviations that the model carries, larger ones than in a search included [1].
 
         Args:
             selected: selected hypotheses.
@@ -95,7 +95,7 @@ class Evidence(Linear):
     @property
     def informed(self) -> bool:
         """Whether identification left a covariance."""
-        return self.known is not None
+        return self.stated_prior is not None
 
     @property
     def scales(self) -> Array:
@@ -107,7 +107,9 @@ class Evidence(Linear):
         """(s,) log prior probabilities of the scales."""
         return KNOWN_PRIOR if self.informed else SCALE_PRIOR
 
-    def ask(self, fit: Fitted, dispersion: Array, prior: CoefficientPrior, columns: Mapping[int, Array]) -> float:
+    def candidate_log_factor(
+        self, fit: Fitted, dispersion: Array, prior: CoefficientPrior, columns: Mapping[int, Array]
+    ) -> float:
         """Log Bayes factor of columns that are not among the rows' own.
 
         Args:
@@ -117,16 +119,16 @@ class Evidence(Linear):
             columns: per joint (M, d) whitened [1 per coefficient].
         """
         own, right, across = self.data.products(fit.which, dispersion, columns)
-        below = fit.below(across)
-        left = (own - below.T @ below)[None], (right - below.T @ fit.told)[None]
-        return float(log_factor(gather([prior]), *left)[0])
+        below = fit.forward(across)
+        left = (own - below.T @ below)[None], (right - below.T @ fit.forward_right)[None]
+        return float(log_bayes_factor(stack_priors([prior]), *left)[0])
 
     def _factors(
         self, selected: Sequence[Group], dispersion: Array, prior_scale: float, without: Group | None
     ) -> Array:
         """(groups,) log Bayes factors at one trust."""
         out, asked = np.full(len(self.data.groups), np.nan), np.zeros(len(self.data.groups), dtype=bool)
-        own = [np.zeros(batch.priors_of.spread.shape) for batch in self._batches]
+        own = [np.zeros(batch.priors.covariance_factor.shape) for batch in self._batches]
         right = [np.zeros(batch.columns.shape) for batch in self._batches]
         for component in self.components(selected, prior_scale):
             seen = self._view(component.joints)
@@ -138,7 +140,7 @@ class Evidence(Linear):
         for batch, x, y in zip(self._batches, own, right, strict=True):
             which = np.flatnonzero(~asked[batch.groups])  # act on joints that are fitted apart
             if len(which):
-                out[batch.groups[which]] = log_factor(batch.priors_of.some(which), x[which], y[which])
+                out[batch.groups[which]] = log_bayes_factor(batch.priors.some(which), x[which], y[which])
         return out
 
     def _told(self, component: Component, dispersion: Array, prior_scale: float, without: Group | None) -> Told:
@@ -156,33 +158,33 @@ class Evidence(Linear):
         for portion, square in zip(self._view(component.joints).portions, left.own, strict=True):
             inside, across, beside = portion.inside, portion.across, left.right[portion.columns]
             if len(inside):
-                factors.append(log_factor(portion.priors_of, square[inside], beside[inside]))
+                factors.append(log_bayes_factor(portion.priors, square[inside], beside[inside]))
             own.append(square[across])
             right.append(beside[across])
         return Told(np.concatenate(factors), own, right)
 
     def _left(self, component: Component, dispersion: Array, prior_scale: float) -> Left:
         fit, seen, own = self.part(component, dispersion, prior_scale), self._view(component.joints), list[Array]()
-        below = fit.below(self.across(component, dispersion))
+        below = fit.forward(self.across(component, dispersion))
         right = (self.data.right[list(component.joints)][:, seen.columns] / dispersion[:, None]).sum(0)
         for portion in seen.portions:
             across = below.T[portion.columns]  # (g, d, k)
             own.append(np.tensordot(1 / dispersion, portion.blocks, axes=1) - across @ across.transpose(0, 2, 1))
-        return Left(below, right - below.T @ fit.told, own)
+        return Left(below, right - below.T @ fit.forward_right, own)
 
     def _left_without(self, component: Component, dispersion: Array, prior_scale: float, without: Group) -> Left:
         """What all but one of the hypotheses leaves."""
         key = (component, dispersion.tobytes(), prior_scale)
         left = self._lefts(key, lambda: self._left(component, dispersion, prior_scale))
         fit = self.part(component, dispersion, prior_scale)
-        below = fit.below(np.eye(len(fit.which))[:, fit.place(without)])
+        below = fit.forward(np.eye(len(fit.which))[:, fit.place(without)])
         shares = below.T @ left.below  # (d, p) of what it would make of each column
         back = np.linalg.solve(below.T @ below, shares)
         own = [
             x + np.einsum("dgi,dgj->gij", shares[:, portion.columns], back[:, portion.columns])
             for x, portion in zip(left.own, self._view(component.joints).portions, strict=True)
         ]
-        return Left(left.below, left.right + back.T @ (below.T @ fit.told), own)
+        return Left(left.below, left.right + back.T @ (below.T @ fit.forward_right), own)
 
     @cached_property
     def _lefts(self) -> Recent[Left]:
@@ -190,7 +192,7 @@ class Evidence(Linear):
 
     @cached_property
     def _batches(self) -> list[Batch]:
-        return batches(self.data, self.priors_of)
+        return batches(self.data, self.coefficient_priors)
 
     def _view(self, joints: tuple[int, ...]) -> View:
         if joints not in self._views:

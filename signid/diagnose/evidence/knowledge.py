@@ -10,12 +10,12 @@ from ...model import Model
 from ...regression.regressor import labels
 from ...types import INERTIAL, Law
 from ..data.column_groups import Group
-from .linear_model import Known
+from .linear_model import StatedPrior
 
 WEAK = 1e-9  # of the largest variance, scaled: the least that a covariance is inverted with
 
 
-def known_before(model: Model, groups: Sequence[Group]) -> Known | None:
+def stated_prior(model: Model, groups: Sequence[Group]) -> StatedPrior | None:
     """What identification left open of a simulation, as a prior about what it states; None where it carries nothing.
 
     What the simulation does not have any more (a law that was taken out) is zero, not unknown.
@@ -26,7 +26,7 @@ def known_before(model: Model, groups: Sequence[Group]) -> Known | None:
     """
     if model.covariance is None:
         return None
-    columns = laid_out(model, groups)
+    columns = parameter_columns(model, groups)
     own = model.covariance
     there = np.array([label in columns for label in own.labels])
     rows = np.isfinite(own.std)
@@ -37,10 +37,10 @@ def known_before(model: Model, groups: Sequence[Group]) -> Known | None:
     inverse = np.linalg.inv(covariance / size / size[:, None] + WEAK * np.eye(len(size))) / size / size[:, None]
     order = np.argsort(places)
     information = (combination.T @ inverse @ combination)[np.ix_(order, order)]
-    return Known(places[order], information)
+    return StatedPrior(places[order], information)
 
 
-def laid_out(model: Model, groups: Sequence[Group]) -> dict[str, int]:
+def parameter_columns(model: Model, groups: Sequence[Group]) -> dict[str, int]:
     """Where the coefficient of each standard parameter stands among the columns that are refitted."""
     out, body = dict[str, int](), 0
     for group in groups:
@@ -48,11 +48,11 @@ def laid_out(model: Model, groups: Sequence[Group]) -> dict[str, int]:
             body += 1
             out |= {f"{name}_{body}": group.start + k for k, name in enumerate(INERTIAL)}
         elif group.law is not None:
-            out |= dict(of_laws(model, group, (group.law,)))
+            out |= dict(law_parameter_columns(model, group, (group.law,)))
     return out
 
 
-def of_laws(model: Model, group: Group, own: Sequence[Law]) -> list[tuple[str, int]]:
+def law_parameter_columns(model: Model, group: Group, own: Sequence[Law]) -> list[tuple[str, int]]:
     """Where the coefficient of each number of laws stands among the columns."""
     names = [label.name for label in labels(model.robot, own)[10 * len(model.robot.links) :]]
     return [(name, group.start + k) for k, name in enumerate(names[: group.size])]

@@ -23,7 +23,7 @@ UNTRUSTED = 1e-9  # least scale of the deviations
 FLAT = 1e-6  # of the Gram's diagonal: prior precision of what is not known at all
 
 
-class Known(NamedTuple):
+class StatedPrior(NamedTuple):
     """What other recordings say of the bodies and laws of the simulation: a Gaussian prior about what it states."""
 
     columns: Indices  # (k,) places of the coefficients
@@ -34,7 +34,7 @@ class Memory:
     """What was computed of some columns; it stays when rows get more of them."""
 
     def __init__(self) -> None:
-        self.priors_of = dict[Group, CoefficientPrior | None]()
+        self.coefficient_priors = dict[Group, CoefficientPrior | None]()
         self.precisions = dict[Group, Array]()
         self.imitated = dict[Group, float]()
         self.fits = Recent[Fitted](FITS)
@@ -49,13 +49,13 @@ class Linear(Frozen):
     """The rows' normal equations; products are made once for each hypothesis that is selected."""
 
     data: Whitened
-    known: Known | None = None  # what other recordings say of bodies and laws
+    stated_prior: StatedPrior | None = None  # what other recordings say of bodies and laws
     memory: Memory = field(default_factory=Memory, repr=False)
 
     @cached_property
-    def priors_of(self) -> dict[Group, CoefficientPrior | None]:
+    def coefficient_priors(self) -> dict[Group, CoefficientPrior | None]:
         """Of every hypothesis."""
-        kept = self.memory.priors_of
+        kept = self.memory.coefficient_priors
         for group in self.data.groups:
             if group.hypothesis is not None and group not in kept:
                 torque = {j: self.data.raw(j, group) for j in self.data.rows(group)}
@@ -85,7 +85,7 @@ class Linear(Frozen):
 
     def _split(self, selected: Sequence[Group], prior_scale: float) -> tuple[Component, ...]:
         refitted = self.refitted(prior_scale)
-        known = [] if self.known is None else [g for g in refitted if g.start in self.known.columns]
+        known = [] if self.stated_prior is None else [g for g in refitted if g.start in self.stated_prior.columns]
         return split(self.data, refitted, selected, known)
 
     def part(self, component: Component, dispersion: Array, prior_scale: float) -> Fitted:
@@ -115,10 +115,10 @@ class Linear(Frozen):
             which: (k,) columns.
         """
         out = np.zeros((len(which),) * 2)
-        if self.known is not None:
-            here = np.flatnonzero(np.isin(which, self.known.columns))
-            there = np.searchsorted(self.known.columns, which[here])
-            out[np.ix_(here, here)] = self.known.information[np.ix_(there, there)]
+        if self.stated_prior is not None:
+            here = np.flatnonzero(np.isin(which, self.stated_prior.columns))
+            there = np.searchsorted(self.stated_prior.columns, which[here])
+            out[np.ix_(here, here)] = self.stated_prior.information[np.ix_(there, there)]
         return out
 
     def across(self, component: Component, dispersion: Array) -> Array:
@@ -193,9 +193,9 @@ class Linear(Frozen):
     def own_precision(self, group: Group) -> Array:
         """(d, d) [1 per coefficient, squared] of the prior of a hypothesis that is selected."""
         if group not in self.memory.precisions:
-            prior = self.priors_of[group]
+            prior = self.coefficient_priors[group]
             assert prior is not None, "what does not show is never taken for true"
-            covariance = WIDE**2 * prior.spread @ prior.spread.T
+            covariance = WIDE**2 * prior.covariance_factor @ prior.covariance_factor.T
             scale = np.sqrt(np.maximum(np.diag(covariance), 1e-200))
             inverse = np.linalg.inv(covariance / scale / scale[:, None] + 1e-9 * np.eye(group.size))
             self.memory.precisions[group] = inverse / scale / scale[:, None]

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...types import Array
 from ..data.dataset import Dataset
-from ..data.discrepancy import Likeliest, features, likeliest
+from ..data.discrepancy import NoiseEstimate, estimate_discrepancy, features
 from ..data.noise import Noise, measure_noise, noise_of_rest
 from ..data.whitening import Whitening
 from .linear_model import Linear
@@ -32,7 +32,7 @@ def update_noise(dataset: Dataset, linear: Linear, found: Selection) -> Noise:
         found: the selected laws.
     """
     noise = update_joints(dataset, linear, found, range(dataset.table.joints))
-    if not np.any(noise.floor < QUIETER * noise.least):
+    if not np.any(noise.floor < QUIETER * noise.saturated_floor):
         return noise
     data, fit, table, band = (
         linear.data,
@@ -43,9 +43,9 @@ def update_noise(dataset: Dataset, linear: Linear, found: Selection) -> Noise:
     named = [sum(data.raw(j, g) @ fit.value[fit.place(g)] for g in found.selected) for j in range(data.joints)]
     rest = replace(table, residual=table.residual - np.column_stack([x + np.zeros(len(table)) for x in named]))
     first = measure_noise(rest, dataset.periods, band.rate / band.factor)
-    least = np.minimum(noise.least, first.floor)
+    least = np.minimum(noise.saturated_floor, first.floor)
     raised = np.maximum(1.0, LOWEST * least / noise.floor)
-    return replace(noise, least=least, floor=raised * noise.floor, innovation=raised * noise.innovation)
+    return replace(noise, saturated_floor=least, floor=raised * noise.floor, innovation=raised * noise.innovation)
 
 
 def update_joints(
@@ -79,7 +79,7 @@ def update_joints(
 
 def _of_joint(
     dataset: Dataset, linear: Linear, found: Selection, whitening: Whitening, joint: int
-) -> tuple[Likeliest, Array]:
+) -> tuple[NoiseEstimate, Array]:
     """The likeliest noise, and (M,) [N.m or N] what fit and discrepancy leave."""
     table, data = dataset.table, linear.data
     groups = [g for g in (*linear.refitted(found.prior_scale), *found.selected) if joint in data.rows(g)]
@@ -88,5 +88,5 @@ def _of_joint(
     white = whitening.local({joint: np.column_stack([raw, shape, y])})[joint]
     k = raw.shape[1]
     precision = linear.prior_precision(groups, found.prior_scale)
-    here = likeliest(white[:, k:-1], white[:, :k], precision, white[:, -1], float(table.scale[joint]))
+    here = estimate_discrepancy(white[:, k:-1], white[:, :k], precision, white[:, -1], float(table.scale[joint]))
     return here, y - np.column_stack([raw, shape])[:, : len(here.value)] @ here.value

@@ -36,7 +36,7 @@ class _Grids(NamedTuple):
     priors: Array  # (m,) log prior probabilities
 
 
-class Bodies(NamedTuple):
+class StatedBodies(NamedTuple):
     """Rigid bodies of the simulation, to see whether a change of one is possible."""
 
     base: BaseMap
@@ -51,10 +51,10 @@ class Posterior(Frozen):
     kinds: int  # effects of the library, those left out too
     skipped: int
     carried: tuple[int, ...]  # (n,) which body each joint moves
-    bodies: Bodies | None = None  # of the simulation; None: any change of them counts as possible
+    bodies: StatedBodies | None = None  # of the simulation; None: any change of them counts as possible
 
     @cached_property
-    def bodies_asked(self) -> dict[Group, list[tuple[Array, bool]]]:
+    def feasibility(self) -> dict[Group, list[tuple[Array, bool]]]:
         """Numbers of changes of bodies, and whether real bodies could have them, as far as was asked."""
         return {}
 
@@ -63,21 +63,21 @@ class Posterior(Frozen):
         """Members of each grid of shapes, as places in the list of groups."""
         out = dict[Key, list[int]]()
         for k, group in enumerate(self.evidence.data.groups):
-            if group.hypothesis is not None and self.evidence.priors_of[group] is not None:
+            if group.hypothesis is not None and self.evidence.coefficient_priors[group] is not None:
                 out.setdefault(group.hypothesis.key, []).append(k)
         return out
 
     def parts(self, group: Group) -> tuple[Group, ...]:
         """The hypotheses of its single laws, where it has several."""
         laws = group.claim.laws
-        found = self.alone([(law.effect.name, law.joints) for law in laws])
+        found = self.single_laws([(law.effect.name, law.joints) for law in laws])
         return found if len(laws) > 1 and len(found) == len(laws) else (group,)
 
-    def alone(self, keys: Sequence[Key]) -> tuple[Group, ...]:
+    def single_laws(self, keys: Sequence[Key]) -> tuple[Group, ...]:
         """The hypotheses of single laws without a shape at some places, as far as there are."""
         return tuple(self.evidence.data.groups[self.keys[key][0]] for key in keys if key in self.keys)
 
-    def like(self, group: Group) -> Group:
+    def counterpart(self, group: Group) -> Group:
         """The first of the shapes of a hypothesis among these rows that has as many coefficients.
 
         Args:
@@ -98,7 +98,7 @@ class Posterior(Frozen):
         groups = self.evidence.data.groups
         return {key: self._prior(groups[which[0]].claim) for key, which in self.keys.items()}
 
-    def ask(
+    def candidate_log_odds(
         self, fit: Fitted, dispersion: Array, hypothesis: Hypothesis, torque: Columns, white: Columns
     ) -> float | None:
         """Log posterior odds of a hypothesis that is not among the rows' own; None where the motion does not show it.
@@ -113,7 +113,11 @@ class Posterior(Frozen):
         prior = coefficient_prior(hypothesis, mean_products(torque, self.evidence.data.scale))
         if prior is None:
             return None
-        return self.evidence.ask(fit, dispersion, prior, white) + self._prior(hypothesis) - float(np.log(NOTHING))
+        return (
+            self.evidence.candidate_log_factor(fit, dispersion, prior, white)
+            + self._prior(hypothesis)
+            - float(np.log(NOTHING))
+        )
 
     def _prior(self, hypothesis: Hypothesis) -> float:
         places = max(1, self._places.get(hypothesis.key[0], 0))

@@ -23,7 +23,7 @@ RANK = 1e-6  # of the largest eigenvalue: directions of a group that count
 class CoefficientPrior(Frozen):
     """Coefficients of one group: normal about a mean, with deviation = spread @ unit normal, times the size."""
 
-    spread: Array  # (d, d) [units of the coefficients], columns beyond its rank zero
+    covariance_factor: Array  # (d, d) [units of the coefficients], columns beyond its rank zero
     mean: float  # of each coefficient; where it is not 0, the size does not count
     positive: int  # which coefficient is positive, -1 for none
 

@@ -39,7 +39,7 @@ class Selection(Frozen):
         """Maximum a posteriori of all that is refitted or selected."""
         return self.evidence.fit(self.selected, self.dispersion, self.prior_scale)
 
-    def having(self, selected: Sequence[Group], log_odds: Mapping[Group, float] | None = None) -> Selection:
+    def with_selected(self, selected: Sequence[Group], log_odds: Mapping[Group, float] | None = None) -> Selection:
         """The same with other hypotheses, at the prior scale that is likeliest beside these.
 
         Args:
@@ -56,4 +56,4 @@ class Selection(Frozen):
         Args:
             group: one of the selected.
         """
-        return self.having([other for other in self.selected if other is not group])
+        return self.with_selected([other for other in self.selected if other is not group])
