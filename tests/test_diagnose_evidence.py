@@ -24,9 +24,10 @@ from scipy.stats import multivariate_normal
 
 from signid.diagnose.data.column_groups import Group
 from signid.diagnose.data.whitened_rows import columns_of, total
-from signid.diagnose.evidence.bayes_factors import SCALE_PRIOR, SCALES, Evidence
+from signid.diagnose.evidence.bayes_factors import Evidence
 from signid.diagnose.evidence.linear_model import StatedPrior
-from signid.diagnose.evidence.prior import SIZES, WIDE, CoefficientPrior
+from signid.diagnose.evidence.prior import CoefficientPrior
+from signid.diagnose.evidence.thresholds import EFFECT_SIZES, INERTIAL_SCALES, LOG_INERTIAL_SCALE_PRIOR, SELECTED_SIZE
 from signid.types import Array, Law
 
 
@@ -77,10 +78,13 @@ def integrated(evidence: Evidence, selected: tuple[Group, ...], prior_scale: flo
 def by_hand(evidence: Evidence, selected: tuple[Group, ...], group: Group) -> float:
     """Sizes and trusts averaged."""
     y = evidence.data.residual.ravel()
-    weight = SCALE_PRIOR + [log_normal(y, covariance(evidence, selected, prior_scale)) for prior_scale in SCALES]
+    weight = LOG_INERTIAL_SCALE_PRIOR + [
+        log_normal(y, covariance(evidence, selected, prior_scale)) for prior_scale in INERTIAL_SCALES
+    ]
     factors = [
-        logsumexp([integrated(evidence, selected, prior_scale, group, size) for size in SIZES]) - np.log(len(SIZES))
-        for prior_scale in SCALES
+        logsumexp([integrated(evidence, selected, prior_scale, group, size) for size in EFFECT_SIZES])
+        - np.log(len(EFFECT_SIZES))
+        for prior_scale in INERTIAL_SCALES
     ]
     return float(logsumexp(weight - logsumexp(weight) + factors))
 
@@ -108,7 +112,7 @@ def test_what_the_sign_forbids_is_unlikely_and_what_is_there_likely() -> None:
     assert told[0.0][swap] < -20  # of a law that is there or not, that is not there: 1 / (2 x 0.15^2) against
 
 
-@pytest.mark.parametrize("prior_scale", SCALES)
+@pytest.mark.parametrize("prior_scale", INERTIAL_SCALES)
 @pytest.mark.parametrize("selected", ((), (VISCOUS,), (SPRING, OFFSET), (SWAP,)), ids=len)
 def test_the_evidence_is_the_marginal_likelihood(prior_scale: float, selected: tuple[Group, ...]) -> None:
     evidence = rows(4)
@@ -131,7 +135,7 @@ def test_prior_precisions_are_of_what_is_believed() -> None:
     precision = evidence.precision((VISCOUS,), diagonal, 2.0)
     prior = evidence.coefficient_priors[VISCOUS]
     assert isinstance(prior, CoefficientPrior)
-    expected = [7e-6, 1 / 0.8**2, 1 / 0.4**2, 1 / (WIDE * prior.covariance_factor[0, 0]) ** 2]
+    expected = [7e-6, 1 / 0.8**2, 1 / 0.4**2, 1 / (SELECTED_SIZE * prior.covariance_factor[0, 0]) ** 2]
     np.testing.assert_allclose(np.diag(precision), expected, rtol=1e-6)
     assert BODIES not in evidence.refitted(0.0) and BODIES in evidence.refitted(1.0)
 
@@ -141,9 +145,11 @@ def test_trust_follows_from_the_rows() -> None:
         evidence = rows(5, 0.0, bodies, count=400)
         _, weight = evidence.log_bayes_factors((), DISPERSION)
         y = evidence.data.residual.ravel()
-        whole = [log_normal(y, covariance(evidence, (), prior_scale)) for prior_scale in SCALES] + SCALE_PRIOR
+        whole = [
+            log_normal(y, covariance(evidence, (), prior_scale)) for prior_scale in INERTIAL_SCALES
+        ] + LOG_INERTIAL_SCALE_PRIOR
         np.testing.assert_allclose(weight, np.exp(whole - logsumexp(whole)), atol=1e-3)
-        assert evidence.prior_scale((), DISPERSION) == likely == SCALES[np.argmax(weight)]
+        assert evidence.prior_scale((), DISPERSION) == likely == INERTIAL_SCALES[np.argmax(weight)]
         assert weight.sum() == pytest.approx(1)
 
 
@@ -157,7 +163,7 @@ def test_asking_is_weighing(selected: tuple[Group, ...]) -> None:
         own = {j: evidence.data.part(j, group) for j in evidence.data.rows(group)}
         told = [
             evidence.candidate_log_factor(evidence.fit(selected, DISPERSION, prior_scale), DISPERSION, prior, own)
-            for prior_scale in SCALES
+            for prior_scale in INERTIAL_SCALES
         ]
         assert logsumexp(np.log(weight) + told) == pytest.approx(factors[GROUPS.index(group)], abs=1e-6)
 

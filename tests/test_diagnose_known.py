@@ -12,9 +12,10 @@ from random_rows import BODIES, DISPERSION, rows
 import signid
 from signid.diagnose.data.column_groups import Group, build_groups
 from signid.diagnose.data.whitened_rows import columns_of
-from signid.diagnose.evidence.bayes_factors import FURTHER, KNOWN, Evidence
+from signid.diagnose.evidence.bayes_factors import Evidence
 from signid.diagnose.evidence.knowledge import stated_prior
 from signid.diagnose.evidence.linear_model import StatedPrior
+from signid.diagnose.evidence.thresholds import COVARIANCE_SCALES, INTERVAL_COVARIANCE_SCALES
 from signid.diagnose.extend.extend import read_laws
 from signid.model import Model
 from signid.regression.base_parameters import build_base
@@ -24,7 +25,7 @@ LIGHTER = 0.7  # of the mass of a link, and of all its inertia
 LINK = 1  # the second
 
 
-@pytest.mark.parametrize(("off", "scale"), [(0.0, KNOWN[0]), (2.0, KNOWN[-1])])
+@pytest.mark.parametrize(("off", "scale"), [(0.0, COVARIANCE_SCALES[0]), (2.0, COVARIANCE_SCALES[-1])])
 def test_recordings_tell_how_far_a_model_is_off(off: float, scale: float) -> None:
     evidence, which = rows(7, 0.0, off), columns_of([BODIES])
     known = Evidence(evidence.data, StatedPrior(which, 30.0 * np.eye(2)))  # a standard deviation of .18
@@ -34,9 +35,9 @@ def test_recordings_tell_how_far_a_model_is_off(off: float, scale: float) -> Non
 def test_stated_numbers_go_further_where_they_are_off() -> None:
     evidence, which = rows(7, 0.0, 2.0), columns_of([BODIES])
     known = Evidence(evidence.data, StatedPrior(which, 30.0 * np.eye(2)))
-    steps = [known.fit((), DISPERSION, scale).value[1] for scale in FURTHER]
+    steps = [known.fit((), DISPERSION, scale).value[1] for scale in INTERVAL_COVARIANCE_SCALES]
     assert all(np.diff(steps) > 0) and steps[-1] == pytest.approx(2.0, rel=0.2)
-    assert known.distance((), DISPERSION) > KNOWN[-1]
+    assert known.distance((), DISPERSION) > COVARIANCE_SCALES[-1]
 
 
 def test_a_law_that_was_taken_out_is_zero_not_unknown() -> None:

@@ -15,15 +15,22 @@ from ...regression.projection import least_squares
 from ...types import Array, Law
 from .hypotheses import Hypothesis, is_refitted
 from .motions import Piece
+from .thresholds import (
+    CENTRE_STD,
+    FRICTION_STD,
+    INERTIA_STD,
+    LAW_STD,
+    MASS_STD,
+    MIN_MASS,
+    OFFSET_STD,
+    REVERSAL_LEAD,
+    REVERSAL_STD,
+    REVERSAL_WIDTHS,
+)
 
-DRIFT, STEADY, OFFSET = 0.1, 0.03, 0.05  # share of friction, and of all else; offset as a share of dry friction
-MASS, CENTRE, INERTIA = 0.05, 0.005, 0.1  # tolerance of inertials: share, [m], share
-LEAST_MASS, MASSLESS = 0.05, 1e-6  # [kg] to which a tolerance is a share at least; of a body without a centre of mass
-SOFT = 0.7  # of dry friction: how far its law near reversals may be off
-EARLY = 0.008  # [s] that friction may turn before the motion does
-STRIDE = 8  # samples of which one tells how large friction is, roughly
-FEW = 64  # samples that tell how many columns there are
-WIDTHS = (0.3, 3.0)  # of a reversal, of the width that is presumed
+MASSLESS = 1e-6  # [kg] a body below this mass has no centre of mass
+DRY_STRIDE = 8  # samples of which one tells how large friction is, roughly
+LAYOUT_SAMPLES = 64  # samples that tell how many columns there are
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +83,7 @@ def nuisances(model: Model, motion: Motion, dry: Array) -> Iterator[Nuisance]:
             spread = [np.inf] * columns.shape[2] if model.covariance else drift(law, float(stated[law.joints[0]]))
             yield Nuisance({j: columns[:, k] for k, j in enumerate(rows)}, spread, law)
     for j in np.flatnonzero(dry > 0).tolist():
-        yield Nuisance({j: _turning(motion, j)}, [SOFT * float(dry[j])] * 3)
+        yield Nuisance({j: _turning(motion, j)}, [REVERSAL_STD * float(dry[j])] * 3)
     for body, spread in enumerate(tolerance(model).tolist()):
         moving = np.flatnonzero(motion.moved[:, body]).tolist()
         yield Nuisance({j: motion.bodies[:, j, body] for j in moving}, spread, bodies=True)
@@ -89,8 +96,8 @@ def drift(law: Law, dry: float) -> list[float]:
         law: with all its numbers.
         dry: friction of its joint [N.m or N].
     """
-    share = DRIFT if law.effect.dissipative or law.effect.name == "torque_offset" else STEADY
-    least = OFFSET * dry if law.effect.name == "torque_offset" else 0.0
+    share = FRICTION_STD if law.effect.dissipative or law.effect.name == "torque_offset" else LAW_STD
+    least = OFFSET_STD * dry if law.effect.name == "torque_offset" else 0.0
     return [max(share * abs(x), least, 1e-9) for x in law.effect.coefficients(law.parameters)]
 
 
@@ -98,15 +105,15 @@ def tolerance(model: Model) -> Array:
     """(nb, 10) how far inertial parameters of a drawing are usually off [kg, kg.m, kg.m2]."""
     out = []
     for inertia in list(model.bodies().inertias)[1:]:
-        mass = max(abs(inertia.mass), LEAST_MASS)
+        mass = max(abs(inertia.mass), MIN_MASS)
         about, lever = np.diag(inertia.inertia), np.abs(inertia.lever)
         if abs(inertia.mass) < MASSLESS:  # has no centre
             about, lever = inertia.toDynamicParameters()[[4, 6, 9]], np.abs(inertia.mass * inertia.lever) / mass
-        moment = INERTIA * float(np.max(np.abs(about) + mass * (lever @ lever)))
-        moment = max(moment, mass * CENTRE**2)
+        moment = INERTIA_STD * float(np.max(np.abs(about) + mass * (lever @ lever)))
+        moment = max(moment, mass * CENTRE_STD**2)
         half = moment / 2
-        first = np.hypot(MASS * mass * lever, CENTRE * mass)
-        out.append([MASS * mass, *first, moment, half, moment, half, half, moment])
+        first = np.hypot(MASS_STD * mass * lever, CENTRE_STD * mass)
+        out.append([MASS_STD * mass, *first, moment, half, moment, half, half, moment])
     return np.array(out)
 
 
@@ -114,9 +121,9 @@ def _turning(motion: Motion, joint: int) -> Array:
     """(N, 3) friction that turns more steeply, more softly, and earlier than presumed, less the presumed [1]."""
     assert motion.slow is not None, "a diagnosed motion knows how wide a reversal is"
     v, slow, usual = motion.v[:, joint], motion.slow[joint], motion.direction[:, joint]
-    ahead = max(1, round(EARLY / motion.dt))
+    ahead = max(1, round(REVERSAL_LEAD / motion.dt))
     early = np.append(usual[ahead:], np.full(ahead, usual[-1]))
-    return np.column_stack([*(np.clip(v / (w * slow), -1, 1) - usual for w in WIDTHS), early - usual])
+    return np.column_stack([*(np.clip(v / (w * slow), -1, 1) - usual for w in REVERSAL_WIDTHS), early - usual])
 
 
 def _dry(law: Law) -> float:
@@ -136,9 +143,9 @@ def stated_friction(model: Model) -> Array:
 def dry_friction(model: Model, pieces: Sequence[Piece]) -> Array:
     """(n,) dry friction of each joint [N.m or N]: what the simulation has, and roughly what the residual adds."""
     found = stated_friction(model)
-    few = [piece.motion[::STRIDE] for piece in pieces]
+    few = [piece.motion[::DRY_STRIDE] for piece in pieces]
     for j in range(len(found)):
-        rows = [np.column_stack([_plain(m, j), p.residual[::STRIDE, j]]) for m, p in zip(few, pieces, strict=True)]
+        rows = [np.column_stack([_plain(m, j), p.residual[::DRY_STRIDE, j]]) for m, p in zip(few, pieces, strict=True)]
         x = np.concatenate(rows)
         x = x[np.isfinite(x).all(axis=1)]
         if len(x):
@@ -162,7 +169,7 @@ def build_groups(model: Model, motion: Motion, hypotheses: Sequence[Hypothesis],
         dry: (n,) dry friction of each joint [N.m or N].
     """
     out, at = list[Group](), 0
-    for found in nuisances(model, motion[:FEW], dry):
+    for found in nuisances(model, motion[:LAYOUT_SAMPLES], dry):
         size = len(found.deviation)
         out.append(Group(at, size, None, found.bodies, found.law, tuple(found.deviation)))
         at += size

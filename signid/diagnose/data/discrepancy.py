@@ -24,17 +24,25 @@ from scipy.linalg import block_diag
 from ...regression.projection import leave
 from ...types import Array
 from .rows import RowTable
+from .thresholds import DIRECTION_WIDTH, DISCREPANCY_LENGTHS, DISCREPANCY_SCALE, FLAT_PRECISION
 
-FEATURES = 40  # F random frequencies
-LENGTHS = (1.5, 0.6)  # of the kernel, in standard deviations of each variable: half of the frequencies each
+FREQUENCIES = 40  # F random frequencies
 SEED = 0  # of the frequencies
-TURN = 0.1  # of the rms velocity: width of the change of direction
-SIZES = (0.0, 0.001, 0.002, 0.004, 0.008, 0.015, 0.03, 0.06, 0.12, 0.25)  # of s, as shares of the joint's rms torque
-USUAL = 0.02  # scale of the half-Cauchy prior of the size, as a share of the joint's rms torque
-APART = 3  # sizes that are tried first
-ROUNDS = 8  # of expectation and maximisation, from the variance that was presumed
+SIZE_GRID = (
+    0.0,
+    0.001,
+    0.002,
+    0.004,
+    0.008,
+    0.015,
+    0.03,
+    0.06,
+    0.12,
+    0.25,
+)  # of s, as shares of the joint's rms torque
+GRID_STRIDE = 3  # sizes that are tried first
+EM_STEPS = 8  # of expectation and maximisation, from the variance that was presumed
 RIDGE = 1e-10  # of the scaled precision
-FLAT = 1e-6  # of the Gram's diagonal: prior precision of what is not known at all
 
 
 class Projection(NamedTuple):
@@ -56,11 +64,11 @@ def features(table: RowTable, joint: int) -> Array:
         joint: which.
     """
     v = table.v[:, joint]
-    turn = TURN * max(float(np.sqrt(np.mean(v**2))), 1e-12)
+    turn = DIRECTION_WIDTH * max(float(np.sqrt(np.mean(v**2))), 1e-12)
     state = [table.q[:, joint], v, table.predicted[:, joint]]
     x = np.column_stack([*(_scaled(one) for one in state), np.tanh(v / turn)])
     rng = np.random.default_rng(SEED)
-    frequency = rng.standard_normal((x.shape[1], FEATURES)) / np.resize(LENGTHS, FEATURES)
+    frequency = rng.standard_normal((x.shape[1], FREQUENCIES)) / np.resize(DISCREPANCY_LENGTHS, FREQUENCIES)
     angle = x @ frequency
     linear = np.column_stack([np.ones(len(x)), x])
     beyond = leave(np.column_stack([np.cos(angle), np.sin(angle)]), linear)
@@ -103,14 +111,14 @@ def estimate_discrepancy(white: Array, fitted: Array, precision: Array, residual
     columns = np.column_stack([fitted, white])
     gram, right, square = columns.T @ columns, columns.T @ residual, float(residual @ residual)
     k, rows = fitted.shape[1], max(int(np.count_nonzero(residual)), 1)
-    flat = np.where(np.diag(precision) > 0, 0.0, FLAT * np.maximum(np.diag(gram)[:k], 1e-12))
+    flat = np.where(np.diag(precision) > 0, 0.0, FLAT_PRECISION * np.maximum(np.diag(gram)[:k], 1e-12))
     spread = _spread(precision + np.diag(flat))
 
     def at(share: float) -> NoiseEstimate:
         used = slice(0, k if share == 0 else len(gram))
         unit = block_diag(spread, share * scale * np.eye(len(gram) - k))[used, used]
         whole = _maximised(unit.T @ gram[used, used] @ unit, unit.T @ right[used], square, rows)
-        log = whole.log - float(np.log1p((share / USUAL) ** 2))
+        log = whole.log - float(np.log1p((share / DISCREPANCY_SCALE) ** 2))
         return whole._replace(size=share * scale, value=unit @ whole.value, log=log)
 
     return _highest(at)
@@ -118,13 +126,13 @@ def estimate_discrepancy(white: Array, fitted: Array, precision: Array, residual
 
 def _highest(at: Callable[[float], NoiseEstimate]) -> NoiseEstimate:
     """The best of all sizes: of some that lie apart, then along the way up from there."""
-    found = {k: at(SIZES[k]) for k in range(0, len(SIZES), APART)}
+    found = {k: at(SIZE_GRID[k]) for k in range(0, len(SIZE_GRID), GRID_STRIDE)}
     while True:
         best = max(found, key=lambda k: found[k].log)
-        near = [k for k in (best - 1, best + 1) if 0 <= k < len(SIZES) and k not in found]
+        near = [k for k in (best - 1, best + 1) if 0 <= k < len(SIZE_GRID) and k not in found]
         if not near:
             return found[best]
-        found |= {k: at(SIZES[k]) for k in near}
+        found |= {k: at(SIZE_GRID[k]) for k in near}
 
 
 def _spread(precision: Array) -> Array:
@@ -145,7 +153,7 @@ def _maximised(gram: Array, right: Array, square: float, rows: int) -> NoiseEsti
     """
     eigen, vectors = np.linalg.eigh(gram)
     eigen, turned, variance = np.maximum(eigen, 0.0), vectors.T @ right, 1.0
-    for last in (*[False] * ROUNDS, True):
+    for last in (*[False] * EM_STEPS, True):
         value, kept = turned / (eigen + variance), eigen / (eigen + variance)
         rest, used = max(square - float(value @ (2 * turned - eigen * value)), 0.0), float(kept.sum())
         if not last:

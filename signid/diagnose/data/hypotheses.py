@@ -17,8 +17,8 @@ from ...robot.dynamics import carried
 from ...types import Array, Law
 
 VARIABLES = ("position", "velocity", "acceleration", "torque", "time")
-KNOTS = 8
-HUGE = 1e60  # torque per coefficient of which squares cannot be added any more
+UNKNOWN_KNOTS = 8
+OVERFLOW = 1e60  # torque per coefficient of which squares cannot be added any more
 Key = tuple[str, tuple[int, ...]]  # effect and joints: members of one grid of shapes share it
 
 
@@ -95,7 +95,7 @@ def finite(x: Array) -> Array:
     Args:
         x: (N, k) [torque per coefficient].
     """
-    told = np.abs(x).max(axis=0, initial=0.0) < HUGE  # False for NaN
+    told = np.abs(x).max(axis=0, initial=0.0) < OVERFLOW  # False for NaN
     return x if told.all() else np.where(told, x, 0.0)
 
 
@@ -219,7 +219,7 @@ def _unknown(motion: Motion) -> Iterator[Hypothesis]:
     for joint in range(len(motion.robot.joints)):
         for name in VARIABLES:
             x = variable(motion, joint, name)
-            knots = np.quantile(x, np.linspace(0.002, 0.998, KNOTS))
+            knots = np.quantile(x, np.linspace(0.002, 0.998, UNKNOWN_KNOTS))
             if name == "velocity":
                 knots = np.append(knots, np.std(x) * np.array([-0.2, -0.06, 0, 0.06, 0.2]))
             knots = np.unique(knots)

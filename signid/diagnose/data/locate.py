@@ -14,10 +14,10 @@ from .hypotheses import VARIABLES, hats
 from .periodicity import Wave, find_wave
 from .rows import RowTable
 
-KNOTS = 9
-SHARES = (0.1, 0.2, 0.33, 0.5)  # of the rows, that a region may hold
+EXPLAINED_KNOTS = 9
+REGION_SHARES = (0.1, 0.2, 0.33, 0.5)  # of the rows, that a region may hold
 DIGITS = 2
-NEAR = 0.05  # frequencies of one wave differ by no more
+FREQUENCY_TOLERANCE = 0.05  # frequencies of one wave differ by no more
 UNITS = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s2", "torque": "N.m", "time": "s"}
 
 
@@ -63,13 +63,17 @@ def _wave(table: RowTable, torque: Array) -> Wave | None:
     longest = max(waves, key=lambda wave: len(wave.signal))
     if not longest.share:
         return None
-    own = sum(float(wave.signal @ wave.signal) for wave in waves if abs(wave.frequency / longest.frequency - 1) < NEAR)
+    own = sum(
+        float(wave.signal @ wave.signal)
+        for wave in waves
+        if abs(wave.frequency / longest.frequency - 1) < FREQUENCY_TOLERANCE
+    )
     return longest._replace(share=own / max(float(torque @ torque), 1e-300))
 
 
 def _explained(x: Array, torque: Array) -> float:
     """Share of the sum of squares that a piecewise linear function of x explains, less what chance would [1]."""
-    knots = np.unique(np.quantile(x, np.linspace(0, 1, KNOTS)))
+    knots = np.unique(np.quantile(x, np.linspace(0, 1, EXPLAINED_KNOTS)))
     if len(knots) < 3:
         return 0.0
     columns = np.column_stack([np.ones_like(x), hats(x, knots.tolist())])
@@ -85,7 +89,7 @@ def _regions(name: str, x: Array, unit: str) -> Iterator[tuple[str, Mask]]:
         size = np.abs(x)
         yield f"above 0 {unit}", x > 0
         yield f"below 0 {unit}", x < 0
-        for share in SHARES:
+        for share in REGION_SHARES:
             low, high = np.quantile(size, [share, 1 - share])
             yield (
                 f"slower than {low:.{DIGITS}g} {unit}" if name == "velocity" else f"within {low:.{DIGITS}g} {unit}",
@@ -96,7 +100,7 @@ def _regions(name: str, x: Array, unit: str) -> Iterator[tuple[str, Mask]]:
                 (size >= high),
             )
         return
-    for share in SHARES:
+    for share in REGION_SHARES:
         edges = np.quantile(x, np.arange(0, 1 + 1e-9, share))
         for low, high in zip(edges[:-1], edges[1:], strict=True):
             yield f"{low:.{DIGITS + 1}g} to {high:.{DIGITS + 1}g} {unit}", (x >= low) & (x <= high)

@@ -21,18 +21,24 @@ from ...regression.motion import Motion, build_motion, margin
 from ...regression.rows import Task
 from ...regression.session import Part, Session
 from ...types import Array, Law, Robot
+from .thresholds import REVERSAL_TIME_STD
 
-LATE = 0.006  # [s] by which a reversal is sensed too early or too late
-LONG = 2**14  # samples at a time
+PIECE_SAMPLES = 2**14  # samples at a time
 
 
-MOST, LEAST = 30_000.0, 120.0  # [s] of recordings for one joint (its columns grow as joints squared), and for any robot
+JOINT_SECONDS, MIN_SECONDS = (
+    30_000.0,
+    120.0,
+)  # [s] of recordings for one joint (its columns grow as joints squared), and for any robot
 
 # [1] seconds of recordings for one joint per second that is left: columns take a third of the time limit. Measured:
 # columns of 750 s of recordings for one joint a second (panda, 500 Hz, one core at 3 GHz)
-SHARE = 250.0
+SECONDS_PER_SECOND = 250.0
 
-SPARE, MORE = 2.0, 1.5  # times the rows that gross checks need at least; factor by which the stretches grow to get them
+SPARE_ROWS, GROWTH = (
+    2.0,
+    1.5,
+)  # times the rows that gross checks need at least; factor by which the stretches grow to get them
 
 
 class Piece(NamedTuple):
@@ -57,7 +63,7 @@ def pieces(task: Task, model: Model, recordings: Sequence[Part]) -> Iterator[Pie
     for k, (recording, sampling) in enumerate(recordings):
         for span in sampling.spans:
             total = sampling.length(span) - 2 * edge
-            count = -(-total // (LONG * parts))
+            count = -(-total // (PIECE_SAMPLES * parts))
             cuts = np.linspace(0, total, count + 1).astype(int).tolist() if total > 0 else []
             for start, stop in ((a, b) for a, b in pairwise(cuts) if b - a > 2 * half):
                 window = samples(recording, sampling, span, start, stop + 2 * edge)
@@ -121,7 +127,7 @@ def reversal_uncertainty(thin: Decimator, pieces: Sequence[Piece], dry: Array) -
         dry: (n,) dry friction of each joint [N.m or N].
     """
     turns = (np.gradient(piece.motion.direction, piece.motion.dt, axis=0) for piece in pieces)
-    return np.asarray(np.abs(np.concatenate([thin(LATE * dry * turn) for turn in turns])))
+    return np.asarray(np.abs(np.concatenate([thin(REVERSAL_TIME_STD * dry * turn) for turn in turns])))
 
 
 def _piece(task: Task, model: Model, motion: Motion, robot: Robot, k: int) -> Piece:
@@ -139,10 +145,10 @@ def subsample(session: Session) -> Session:
     Recordings that a time limit leaves no time for are longer than needed.
     """
     joints = len(session.robot.joints)
-    seconds = max(LEAST, MOST / joints**2)
-    soon = SHARE * seconds_left() / joints**2
+    seconds = max(MIN_SECONDS, JOINT_SECONDS / joints**2)
+    soon = SECONDS_PER_SECOND * seconds_left() / joints**2
     while soon < seconds and not _suffices(session, _cut(session.train, soon)):
-        soon = MORE * max(soon, 1.0)
+        soon = GROWTH * max(soon, 1.0)
     seconds = min(seconds, soon)
     train, held_out = (_cut(parts, seconds) for parts in (session.train, session.held_out))
     whole, used = (
@@ -156,7 +162,7 @@ def subsample(session: Session) -> Session:
 
 def _suffices(session: Session, parts: tuple[Part, ...]) -> bool:
     amount = judge_amount(session, parts)
-    return amount.rows >= SPARE * PER_UNKNOWN * amount.unknowns
+    return amount.rows >= SPARE_ROWS * PER_UNKNOWN * amount.unknowns
 
 
 def _cut(parts: tuple[Part, ...], seconds: float) -> tuple[Part, ...]:

@@ -13,22 +13,25 @@ from ...regression.projection import least_squares
 from ...types import Array, Frozen, Indices, Mask
 from .periodicity import find_wave
 from .rows import RowTable
+from .thresholds import (
+    AR_ORDER,
+    MAX_AR_ROOT,
+    MIN_MOVING,
+    MIN_RELIABLE,
+    OUTLIER,
+    QUIET_SHARE,
+    RELIABLE_STD,
+    REPLICATE_FACTOR,
+    REPLICATE_STRETCHES,
+    REVERSAL_SCALES,
+    ROWS_PER_DIRECTION,
+    SHAPES_IN_FIT,
+    WAVE_SHARE,
+)
 
-ORDER = 4  # of the autoregressive model
-LONGEST = 0.75  # largest root: what decays more slowly is no noise but drift, friction or discrepancy
 RANK = 1e-4  # of the largest singular value: directions that count, columns scaled
-FREE = 3.0  # rows for a column, at least
-MARGIN = 1.06  # replicates leave out the loudest stretches
-QUIET = 0.85  # share of the stretches that count
-STRETCHES = 8  # of a piece
-UNSURE = 0.003  # of torque: rows where it is less sure, near reversals, tell little of noise
-OUTLYING = 12.0  # times the median size: what is larger, as at the ends of a window of contact, is no noise
-ENOUGH = 0.3  # of the rows, that must be sure
-LATER = (0.0, 0.3, 0.6, 1.0, 1.3, 1.7, 2.2, 3.0)  # times what is presumed, by which reversals may be off
-MEDIAN = 0.455  # of a squared standard normal number
-LEAST = 50  # rows in motion
-WAVE = 0.5  # of what is left, from which on a wave in time is no noise
-FEW = 6  # shapes of one hypothesis
+MIN_REVERSAL_ROWS = 6  # rows near reversals; with fewer, the scale is not estimated
+CHI2_MEDIAN = 0.455  # of a squared standard normal number
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +96,7 @@ def _of_joint(
     rest, jumps, factor = _saturated(table, joint, usual)
     choices = [_fit(rest, factor, _sure(rest, jumps, float(table.scale[joint])))]
     if again := _repeated(table, joint, periods, rate):
-        choices.append(_fit(again, MARGIN, [np.ones(len(x), dtype=bool) for x in again]))
+        choices.append(_fit(again, REPLICATE_FACTOR, [np.ones(len(x), dtype=bool) for x in again]))
     best = min(choices, key=lambda choice: choice[0])
     return *best, _lateness(factor * np.concatenate(rest), np.concatenate(jumps), best[0])
 
@@ -108,7 +111,7 @@ def noise_of_rest(table: RowTable, joint: int, rest: Array, factor: float) -> tu
         factor: by which the fit made it smaller than the noise is [1].
     """
     goes = ~table.at_rest[:, joint]
-    goes = goes if goes.sum() > LEAST else np.ones_like(goes)
+    goes = goes if goes.sum() > MIN_MOVING else np.ones_like(goes)
     run = _runs(table, goes)
     parts, jumps = _split(rest[goes], run), _split(table.reversal_std[goes, joint], run)
     return _fit(parts, factor, _sure(parts, jumps, float(table.scale[joint])))
@@ -116,9 +119,9 @@ def noise_of_rest(table: RowTable, joint: int, rest: Array, factor: float) -> tu
 
 def _sure(rest: Sequence[Array], jumps: Sequence[Array], scale: float) -> list[Mask]:
     """Run by run, rows that are neither near a reversal nor outliers."""
-    far = OUTLYING * float(np.median(np.abs(np.concatenate(rest)))) or np.inf
-    sure = [(u < UNSURE * scale) & (np.abs(x) < far) for x, u in zip(rest, jumps, strict=True)]
-    if np.concatenate(sure).mean() < ENOUGH:
+    far = OUTLIER * float(np.median(np.abs(np.concatenate(rest)))) or np.inf
+    sure = [(u < RELIABLE_STD * scale) & (np.abs(x) < far) for x, u in zip(rest, jumps, strict=True)]
+    if np.concatenate(sure).mean() < MIN_RELIABLE:
         sure = [np.ones(len(x), dtype=bool) for x in jumps]
     return sure
 
@@ -126,10 +129,12 @@ def _sure(rest: Sequence[Array], jumps: Sequence[Array], scale: float) -> list[M
 def _lateness(rest: Array, jumps: Array, floor: float) -> float:
     """How far off reversals are, as a multiple of what is presumed, from what is left where they make torque unsure."""
     near = jumps > floor
-    if near.sum() < FEW:
-        return LATER[0]
-    typical = [np.median(rest[near] ** 2 / (floor**2 + (late * jumps[near]) ** 2)) for late in LATER]
-    return next((late for late, x in zip(LATER, typical, strict=True) if x <= MEDIAN), LATER[-1])
+    if near.sum() < MIN_REVERSAL_ROWS:
+        return REVERSAL_SCALES[0]
+    typical = [np.median(rest[near] ** 2 / (floor**2 + (late * jumps[near]) ** 2)) for late in REVERSAL_SCALES]
+    return next(
+        (late for late, x in zip(REVERSAL_SCALES, typical, strict=True) if x <= CHI2_MEDIAN), REVERSAL_SCALES[-1]
+    )
 
 
 def _saturated(table: RowTable, joint: int, usual: Mask) -> tuple[list[Array], list[Array], float]:
@@ -138,7 +143,7 @@ def _saturated(table: RowTable, joint: int, usual: Mask) -> tuple[list[Array], l
     Also how much the fit took of the noise.
     """
     goes = ~table.at_rest[:, joint]
-    goes = goes if goes.sum() > LEAST else np.ones_like(goes)
+    goes = goes if goes.sum() > MIN_MOVING else np.ones_like(goes)
     x, y = table.columns[joint][:, usual[table.place[joint]]][goes], table.residual[goes, joint]
     run = _runs(table, goes)
     size = np.nan_to_num(np.sqrt(np.mean(x**2, axis=0)), posinf=0.0)
@@ -146,7 +151,7 @@ def _saturated(table: RowTable, joint: int, usual: Mask) -> tuple[list[Array], l
     x = x[:, shown] / size[shown]
     left, singular, _ = np.linalg.svd(x, full_matrices=False)
     left = left[:, singular > RANK * singular.max(initial=0.0)]
-    left = left[:, : max(1, int(len(y) / FREE))]
+    left = left[:, : max(1, int(len(y) / ROWS_PER_DIRECTION))]
     rest = [_still(part) for part in _split(y - left @ (left.T @ y), run)]
     return rest, _split(table.reversal_std[goes, joint], run), float(np.sqrt(len(y) / max(len(y) - left.shape[1], 1)))
 
@@ -154,7 +159,7 @@ def _saturated(table: RowTable, joint: int, usual: Mask) -> tuple[list[Array], l
 def _still(rest: Array) -> Array:
     """Without a wave that makes most of it."""
     wave = find_wave(rest, 1.0)
-    return rest - wave.signal if wave.share > WAVE else rest
+    return rest - wave.signal if wave.share > WAVE_SHARE else rest
 
 
 def _usual(table: RowTable) -> Mask:
@@ -166,7 +171,7 @@ def _usual(table: RowTable) -> Mask:
         measured = group.hypothesis is not None and any(
             isinstance(x.effect, ActuatorLaw) for x in group.hypothesis.laws
         )
-        kept[group.place] = not measured and (key is None or seen[key] <= FEW)
+        kept[group.place] = not measured and (key is None or seen[key] <= SHAPES_IN_FIT)
     return kept
 
 
@@ -177,25 +182,27 @@ def _repeated(table: RowTable, joint: int, periods: Sequence[float | None], rate
         rows = np.flatnonzero(table.piece == k)
         period = periods[int(table.recording[rows[0]])]
         lag = 0 if period is None else round(period * rate)
-        if lag and len(rows) >= lag + 4 * ORDER:
+        if lag and len(rows) >= lag + 4 * AR_ORDER:
             y = np.where(table.at_rest[rows, joint], 0.0, table.residual[rows, joint])
-            count = min(STRETCHES, (len(y) - lag) // (4 * ORDER))
+            count = min(REPLICATE_STRETCHES, (len(y) - lag) // (4 * AR_ORDER))
             out.extend(np.array_split((y[:-lag] - y[lag:]) / np.sqrt(2), count))
     if not out:
         return []
     loud = np.array([np.mean(x**2) for x in out])
-    return [x for x, size in zip(out, loud, strict=True) if size <= np.quantile(loud, QUIET)]
+    return [x for x, size in zip(out, loud, strict=True) if size <= np.quantile(loud, QUIET_SHARE)]
 
 
 def _fit(pieces: Sequence[Array], factor: float, sure: Sequence[Mask]) -> tuple[float, Array, float]:
     """Of rows that are sure, and so are those before them; white where these are too few, as in jerks of a joint."""
-    some = [(sliding_window_view(x, ORDER + 1), y) for x, y in zip(pieces, sure, strict=True) if len(x) > 2 * ORDER]
-    windows = [x[sliding_window_view(y, ORDER + 1).all(axis=1)] for x, y in some]
-    rows = np.concatenate([np.empty((0, ORDER + 1)), *windows])
-    before, after = rows[:, ORDER - 1 :: -1], rows[:, ORDER]
+    some = [
+        (sliding_window_view(x, AR_ORDER + 1), y) for x, y in zip(pieces, sure, strict=True) if len(x) > 2 * AR_ORDER
+    ]
+    windows = [x[sliding_window_view(y, AR_ORDER + 1).all(axis=1)] for x, y in some]
+    rows = np.concatenate([np.empty((0, AR_ORDER + 1)), *windows])
+    before, after = rows[:, AR_ORDER - 1 :: -1], rows[:, AR_ORDER]
     floor = float(np.sqrt(np.mean(np.concatenate([x[k] for x, k in zip(pieces, sure, strict=True)]) ** 2)))
-    coefficients, new = np.zeros(ORDER), floor
-    if len(rows) >= 4 * ORDER:
+    coefficients, new = np.zeros(AR_ORDER), floor
+    if len(rows) >= 4 * AR_ORDER:
         coefficients = _damped(least_squares(before, after))
         new = float(np.std(after - before @ coefficients))
     least = 1e-9 * max(floor, 1e-300) + 1e-12
@@ -208,7 +215,7 @@ def _damped(coefficients: Array) -> Array:
     Source: bandwidth expansion, e.g. Markel, Gray, Linear Prediction of Speech, 1976.
     """
     slowest = float(np.max(np.abs(np.roots(np.append(1.0, -coefficients))), initial=0.0))
-    return np.asarray(coefficients * min(1.0, LONGEST / max(slowest, LONGEST)) ** np.arange(1, ORDER + 1))
+    return np.asarray(coefficients * min(1.0, MAX_AR_ROOT / max(slowest, MAX_AR_ROOT)) ** np.arange(1, AR_ORDER + 1))
 
 
 def _runs(table: RowTable, goes: Mask) -> Indices:

@@ -8,15 +8,14 @@ import numpy as np
 
 from ...regression.projection import least_squares
 from ...types import Array
+from .thresholds import PERIOD_TOLERANCE
 
-CYCLES = 3.0  # at least: what is slower is drift
-FINE = 16  # frequencies tried for each that the length resolves
-SHORT = 32  # samples: too few
+MIN_CYCLES = 3.0  # at least: what is slower is drift
+OVERSAMPLING = 16  # frequencies tried for each that the length resolves
+MIN_SAMPLES = 32  # samples: too few
 
 
-LEAST = 1.0  # [s]
-
-SAME = 0.01  # of the positions' spread: difference between one period and the next
+MIN_PERIOD = 1.0  # [s]
 
 
 class Wave(NamedTuple):
@@ -37,15 +36,15 @@ def find_wave(x: Array, rate: float) -> Wave:
     Source: Schuster's periodogram, as in Stoica, Moses, Spectral Analysis of Signals, 2005, section 4.3.
     """
     whole = float(x @ x)
-    if len(x) < SHORT or whole == 0:
+    if len(x) < MIN_SAMPLES or whole == 0:
         return Wave(0.0, np.zeros_like(x), 0.0)
-    lowest = int(CYCLES * FINE)
-    power = np.abs(np.fft.rfft(x, FINE * len(x))) ** 2
+    lowest = int(MIN_CYCLES * OVERSAMPLING)
+    power = np.abs(np.fft.rfft(x, OVERSAMPLING * len(x))) ** 2
     k = lowest + int(np.argmax(power[lowest:-1]))
     before, here, after = power[k - 1 : k + 2].tolist()
     bend = before - 2 * here + after
     peak = k + ((before - after) / bend / 2 if bend < 0 else 0.0)  # of the parabola through three
-    frequency = peak * rate / (FINE * len(x))
+    frequency = peak * rate / (OVERSAMPLING * len(x))
     angle = 2 * np.pi * frequency / rate * np.arange(len(x))
     columns = np.column_stack([np.cos(angle), np.sin(angle)])
     signal = np.asarray(columns @ least_squares(columns, x))
@@ -61,7 +60,7 @@ def find_period(q: Array, rate: float) -> float | None:
     """
     count, spread = len(q), q.std(0)
     x = (q - q.mean(0))[:, spread > 1e-9] / spread[spread > 1e-9]
-    least, most = round(LEAST * rate), int(0.55 * count)
+    least, most = round(MIN_PERIOD * rate), int(0.55 * count)
     if x.shape[1] == 0 or most <= least + 2:
         return None
     spectrum = np.fft.rfft(x, 1 << (2 * count).bit_length(), axis=0)
@@ -71,5 +70,5 @@ def find_period(q: Array, rate: float) -> float | None:
     square = (power[count - lags] + power[count] - power[lags] - 2 * product) / np.maximum(count - lags, 1) / x.shape[1]
     apart = np.sqrt(np.maximum(square, 0))[least:most]
     lows = np.flatnonzero((apart[1:-1] <= apart[:-2]) & (apart[1:-1] <= apart[2:])) + 1
-    good = lows[apart[lows] < SAME]
+    good = lows[apart[lows] < PERIOD_TOLERANCE]
     return float((good[0] + least) / rate) if len(good) else None

@@ -17,6 +17,7 @@ from ...types import Array, Frozen, Indices, Mask
 from .column_groups import Group, nuisances
 from .hypotheses import finite
 from .motions import Piece, reversal_uncertainty, row_filter
+from .thresholds import HOLD_TIME, MIN_TORQUE, REST_SPEED, REST_TIME
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +52,7 @@ class RowTable(Frozen):
     def scale(self) -> Array:
         """(n,) [N.m or N] rms torque of each joint, at least a share of the largest."""
         rms = np.sqrt(np.mean(self.torque**2, axis=0))
-        return np.asarray(np.maximum(np.maximum(rms, FAINT * rms.max()), 1e-300))
+        return np.asarray(np.maximum(np.maximum(rms, MIN_TORQUE * rms.max()), 1e-300))
 
     def variable(self, joint: int, name: str) -> Array:
         """(M,) what torque may depend on [rad, rad/s, rad/s2, N.m or s, or with m and N]."""
@@ -61,13 +62,10 @@ class RowTable(Frozen):
         return np.asarray(signals[name][:, joint])
 
 
-STILL, WHILE = 2.0, 0.3  # widths of a reversal that a joint at rest is slower than, and for how long [s]
-HELD = 0.1  # [s] for which friction may hold a joint, so that no row of it tells what friction is
-MANY = 32  # groups of columns that go through the low-pass at once
-FAINT = 0.02  # of the largest rms torque: no joint's counts as smaller
+BLOCK_GROUPS = 32  # groups of columns that go through the low-pass at once
 
 
-def standstill(motion: Motion, thin: Decimator, seconds: float = WHILE) -> Array:
+def standstill(motion: Motion, thin: Decimator, seconds: float = REST_TIME) -> Array:
     """(N, n) 1 where a joint stands still for a while, or does so near that the filter feels it, else 0.
 
     Args:
@@ -76,7 +74,7 @@ def standstill(motion: Motion, thin: Decimator, seconds: float = WHILE) -> Array
         seconds: a while [s].
     """
     assert motion.slow is not None, "a diagnosed motion knows how wide a reversal is"
-    slow = (np.abs(motion.v) < STILL * motion.slow).astype(np.float64)
+    slow = (np.abs(motion.v) < REST_SPEED * motion.slow).astype(np.float64)
     half = max(1, round(seconds / 2 / motion.dt))
     opened = least(slow, half)
     return -least(-opened, half + thin.half // 2)
@@ -111,7 +109,7 @@ def build_table(task: Task, model: Model, groups: Sequence[Group], pieces: Seque
         v=inner([piece.motion.v for piece in pieces]),
         a=inner([piece.motion.a for piece in pieces]),
         reversal_std=reversal_uncertainty(thin, pieces, dry),
-        at_rest=inner([standstill(piece.motion, thin, HELD) for piece in pieces]) > 0,
+        at_rest=inner([standstill(piece.motion, thin, HOLD_TIME) for piece in pieces]) > 0,
         torque=torque,
         predicted=torque - residual,
         residual=residual,
@@ -162,7 +160,7 @@ def _thinned(
         for j, x in made.items():
             place[j].extend(range(group.start, group.start + group.size))
             waiting[j].append(finite(x))
-            if len(waiting[j]) == MANY:
+            if len(waiting[j]) == BLOCK_GROUPS:
                 rows[j].append(thin(np.concatenate(waiting[j], axis=1)))
                 waiting[j].clear()
     for j in joints:

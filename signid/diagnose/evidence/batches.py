@@ -11,7 +11,8 @@ from scipy.special import log_ndtr
 from ...types import Array, Indices, Mask
 from ..data.column_groups import Group
 from ..data.whitened_rows import Whitened
-from .prior import SIZES, CoefficientPrior
+from .prior import CoefficientPrior
+from .thresholds import EFFECT_SIZES
 
 
 class StackedPriors(NamedTuple):
@@ -108,14 +109,14 @@ def log_bayes_factor(priors: StackedPriors, own: Array, right: Array) -> Array:
     values, vectors = np.linalg.eigh(spread.transpose(0, 2, 1) @ own @ spread)
     w = np.maximum(values, 0)  # (g, d)
     z = np.einsum("gij,gi->gj", vectors, np.einsum("gij,gi->gj", spread, right) + mean)
-    f = np.where(np.any(mean, axis=1, keepdims=True), 1.0, SIZES) ** 2  # (g, sizes)
+    f = np.where(np.any(mean, axis=1, keepdims=True), 1.0, EFFECT_SIZES) ** 2  # (g, sizes)
     fw = 1 + f[:, :, None] * w[:, None, :]  # (g, sizes, d)
     told = np.sum(f[:, :, None] * z[:, None, :] ** 2 / fw - np.log(fw), axis=2) / 2
     first = np.einsum("gi,gij->gj", np.nan_to_num(priors.first), vectors)
     mid = np.sum(first[:, None, :] * f[:, :, None] * z[:, None, :] / fw, axis=2)
     wide = np.sqrt(np.maximum(np.sum(first[:, None, :] ** 2 * f[:, :, None] / fw, axis=2), 1e-300))
     told = told + np.where(np.isnan(priors.first[:, :1]), 0.0, np.log(2) + log_ndtr(mid / wide))
-    return np.asarray(np.logaddexp.reduce(told, axis=1) - np.sum(mean**2, axis=1) / 2 - np.log(len(SIZES)))
+    return np.asarray(np.logaddexp.reduce(told, axis=1) - np.sum(mean**2, axis=1) / 2 - np.log(len(EFFECT_SIZES)))
 
 
 def _batch(data: Whitened, priors: Mapping[Group, CoefficientPrior | None], which: Indices) -> Batch:

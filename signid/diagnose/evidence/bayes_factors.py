@@ -18,13 +18,15 @@ from .components import Component
 from .linear_model import Linear
 from .prior import CoefficientPrior
 from .recent import Recent
+from .thresholds import (
+    COVARIANCE_SCALES,
+    INERTIAL_SCALES,
+    INTERVAL_COVARIANCE_SCALES,
+    LOG_COVARIANCE_SCALE_PRIOR,
+    LOG_INERTIAL_SCALE_PRIOR,
+)
 
-SCALES = np.array([0.0, 1.0, 2.0])  # of the tolerance of inertials: how far they are off
-SCALE_PRIOR = np.log([0.5, 0.4, 0.1])
-KNOWN = np.array([1.0, 2.5])  # of the deviations that a model carries: how far the recordings may be off it
-KNOWN_PRIOR = np.log([0.95, 0.05])
-FURTHER = np.array([1.0, 2.5, 6.0, 15.0])  # the same, when intervals are asked for
-TOLD, LEFTS = 256, 16  # answers for some joints that are kept
+CACHED_FACTORS, CACHED_COMPLEMENTS = 256, 16  # answers for some joints that are kept
 
 
 class Left(NamedTuple):
@@ -90,7 +92,9 @@ class Evidence(Linear):
         """
         if not self.informed:
             return self.prior_scale(selected, dispersion)
-        return float(max(FURTHER, key=lambda scale: self.fit(selected, dispersion, scale).log_evidence))
+        return float(
+            max(INTERVAL_COVARIANCE_SCALES, key=lambda scale: self.fit(selected, dispersion, scale).log_evidence)
+        )
 
     @property
     def informed(self) -> bool:
@@ -100,12 +104,12 @@ class Evidence(Linear):
     @property
     def scales(self) -> Array:
         """(s,) how far inertials may be off, over their tolerance or over the deviations that a model carries [1]."""
-        return KNOWN if self.informed else SCALES
+        return COVARIANCE_SCALES if self.informed else INERTIAL_SCALES
 
     @property
     def scale_prior(self) -> Array:
         """(s,) log prior probabilities of the scales."""
-        return KNOWN_PRIOR if self.informed else SCALE_PRIOR
+        return LOG_COVARIANCE_SCALE_PRIOR if self.informed else LOG_INERTIAL_SCALE_PRIOR
 
     def candidate_log_factor(
         self, fit: Fitted, dispersion: Array, prior: CoefficientPrior, columns: Mapping[int, Array]
@@ -151,7 +155,7 @@ class Evidence(Linear):
 
     @cached_property
     def _tolds(self) -> Recent[Told]:
-        return Recent(TOLD)
+        return Recent(CACHED_FACTORS)
 
     def _tell(self, component: Component, left: Left) -> Told:
         factors, own, right = [np.zeros(0)], list[Array](), list[Array]()
@@ -188,7 +192,7 @@ class Evidence(Linear):
 
     @cached_property
     def _lefts(self) -> Recent[Left]:
-        return Recent(LEFTS)
+        return Recent(CACHED_COMPLEMENTS)
 
     @cached_property
     def _batches(self) -> list[Batch]:

@@ -12,7 +12,7 @@ from ...types import INERTIAL, Law
 from ..data.column_groups import Group
 from .linear_model import StatedPrior
 
-WEAK = 1e-9  # of the largest variance, scaled: the least that a covariance is inverted with
+RIDGE = 1e-9  # of the largest variance, scaled: the least that a covariance is inverted with
 
 
 def stated_prior(model: Model, groups: Sequence[Group]) -> StatedPrior | None:
@@ -34,7 +34,7 @@ def stated_prior(model: Model, groups: Sequence[Group]) -> StatedPrior | None:
     places = np.array([columns[label] for label, yes in zip(own.labels, there, strict=True) if yes], dtype=np.intp)
     covariance = own.matrix[np.ix_(rows, rows)]
     size = np.sqrt(np.diag(covariance))
-    inverse = np.linalg.inv(covariance / size / size[:, None] + WEAK * np.eye(len(size))) / size / size[:, None]
+    inverse = np.linalg.inv(covariance / size / size[:, None] + RIDGE * np.eye(len(size))) / size / size[:, None]
     order = np.argsort(places)
     information = (combination.T @ inverse @ combination)[np.ix_(order, order)]
     return StatedPrior(places[order], information)

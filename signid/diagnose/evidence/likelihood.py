@@ -21,7 +21,7 @@ from .bayes_factors import Evidence
 from .noise_model import update_joints
 from .selection import Selection
 
-FAR = 12.0  # log density behind the likeliest, from which on how far inertials are trusted does not count
+NEGLIGIBLE = 12.0  # log density behind the likeliest, from which on how far inertials are trusted does not count
 
 
 class _Terms(NamedTuple):
@@ -64,7 +64,7 @@ class Likelihood(Frozen):
             for prior_scale in self.evidence.scales.tolist()
         ]
         logs = np.tile([self._log(rest, self.dataset.noise, joints) for rest in some], (2, 1))
-        for k in np.flatnonzero(logs[0] > logs[0].max() - FAR):
+        for k in np.flatnonzero(logs[0] > logs[0].max() - NEGLIGIBLE):
             logs[1, k] = self._log(some[k], self._likeliest(some[k], joints), joints)
         present, changed = logsumexp(logs + self.evidence.scale_prior, axis=1).tolist()
         return float(max(0.0, changed - present))

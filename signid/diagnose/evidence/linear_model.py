@@ -13,14 +13,15 @@ from ...regression.projection import leave
 from ...types import Array, Frozen, Indices
 from ..data.column_groups import Group
 from ..data.normal_equations import Fitted, join, solve
+from ..data.thresholds import FLAT_PRECISION
 from ..data.whitened_rows import Block, Gram, Whitened, columns_of, mean_products, total
 from .components import Component, split
-from .prior import WIDE, CoefficientPrior, coefficient_prior
+from .prior import CoefficientPrior, coefficient_prior
 from .recent import Recent
+from .thresholds import SELECTED_SIZE
 
-FITS, PARTS, SQUARES, ACROSS = 64, 256, 32, 4  # that are kept
-UNTRUSTED = 1e-9  # least scale of the deviations
-FLAT = 1e-6  # of the Gram's diagonal: prior precision of what is not known at all
+CACHED_FITS, CACHED_PARTS, CACHED_GRAMS, CACHED_PRODUCTS = 64, 256, 32, 4  # that are kept
+MIN_SCALE = 1e-9  # least scale of the deviations
 
 
 class StatedPrior(NamedTuple):
@@ -37,11 +38,11 @@ class Memory:
         self.coefficient_priors = dict[Group, CoefficientPrior | None]()
         self.precisions = dict[Group, Array]()
         self.imitated = dict[Group, float]()
-        self.fits = Recent[Fitted](FITS)
-        self.parts = Recent[Fitted](PARTS)
-        self.components = Recent[tuple[Component, ...]](FITS)
-        self.squares = Recent[Gram](SQUARES)
-        self.stated = Recent[Array](SQUARES)
+        self.fits = Recent[Fitted](CACHED_FITS)
+        self.parts = Recent[Fitted](CACHED_PARTS)
+        self.components = Recent[tuple[Component, ...]](CACHED_FITS)
+        self.squares = Recent[Gram](CACHED_GRAMS)
+        self.stated = Recent[Array](CACHED_GRAMS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +133,7 @@ class Linear(Frozen):
 
     @cached_property
     def _across(self) -> Recent[Array]:
-        return Recent(ACROSS)
+        return Recent(CACHED_PRODUCTS)
 
     def _products(self, component: Component, dispersion: Array) -> Array:
         which, (columns, place) = columns_of(component.groups), self.data.columns_at(component.joints)
@@ -164,7 +165,7 @@ class Linear(Frozen):
     ) -> Array:
         out = self.prior_precision([*refitted, *selected], prior_scale)
         flat = np.flatnonzero([np.isinf(x) for group in refitted for x in group.deviation])
-        out[flat, flat] += FLAT * np.maximum(diagonal[flat], 1e-12)
+        out[flat, flat] += FLAT_PRECISION * np.maximum(diagonal[flat], 1e-12)
         return out
 
     def prior_precision(self, groups: Sequence[Group], prior_scale: float) -> Array:
@@ -188,14 +189,14 @@ class Linear(Frozen):
         """(k, k) [1 per coefficient, squared] of the prior of what the simulation states."""
         deviation = np.array([x * (prior_scale if group.bodies else 1.0) for group in groups for x in group.deviation])
         own = np.diag(np.where(np.isinf(deviation), 0.0, np.maximum(deviation, 1e-150) ** -2.0))
-        return np.asarray(own + self.information(columns_of(groups)) / max(prior_scale, UNTRUSTED) ** 2)
+        return np.asarray(own + self.information(columns_of(groups)) / max(prior_scale, MIN_SCALE) ** 2)
 
     def own_precision(self, group: Group) -> Array:
         """(d, d) [1 per coefficient, squared] of the prior of a hypothesis that is selected."""
         if group not in self.memory.precisions:
             prior = self.coefficient_priors[group]
             assert prior is not None, "what does not show is never taken for true"
-            covariance = WIDE**2 * prior.covariance_factor @ prior.covariance_factor.T
+            covariance = SELECTED_SIZE**2 * prior.covariance_factor @ prior.covariance_factor.T
             scale = np.sqrt(np.maximum(np.diag(covariance), 1e-200))
             inverse = np.linalg.inv(covariance / scale / scale[:, None] + 1e-9 * np.eye(group.size))
             self.memory.precisions[group] = inverse / scale / scale[:, None]

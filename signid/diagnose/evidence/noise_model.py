@@ -14,10 +14,9 @@ from ..data.noise import Noise, measure_noise, noise_of_rest
 from ..data.whitening import Whitening
 from .linear_model import Linear
 from .selection import Selection
+from .thresholds import MIN_FLOOR, RELEVANT_DROP
 
-QUIETER = 0.8  # share of the first floor: less, and what was selected had been taken for noise
-LOWEST = 0.7  # share of what columns of everything leave, that noise is at least
-LEAST = 0.1  # of the rows that a fit leaves free, at least
+MIN_FREE = 0.1  # of the rows that a fit leaves free, at least
 
 
 def update_noise(dataset: Dataset, linear: Linear, found: Selection) -> Noise:
@@ -32,7 +31,7 @@ def update_noise(dataset: Dataset, linear: Linear, found: Selection) -> Noise:
         found: the selected laws.
     """
     noise = update_joints(dataset, linear, found, range(dataset.table.joints))
-    if not np.any(noise.floor < QUIETER * noise.saturated_floor):
+    if not np.any(noise.floor < RELEVANT_DROP * noise.saturated_floor):
         return noise
     data, fit, table, band = (
         linear.data,
@@ -44,7 +43,7 @@ def update_noise(dataset: Dataset, linear: Linear, found: Selection) -> Noise:
     rest = replace(table, residual=table.residual - np.column_stack([x + np.zeros(len(table)) for x in named]))
     first = measure_noise(rest, dataset.periods, band.rate / band.factor)
     least = np.minimum(noise.saturated_floor, first.floor)
-    raised = np.maximum(1.0, LOWEST * least / noise.floor)
+    raised = np.maximum(1.0, MIN_FLOOR * least / noise.floor)
     return replace(noise, saturated_floor=least, floor=raised * noise.floor, innovation=raised * noise.innovation)
 
 
@@ -71,7 +70,7 @@ def update_joints(
             if last:
                 floor[j], innovation[j] = np.sqrt(here.variance) * np.array([floor[j], innovation[j]])
             else:
-                free = 1 / np.sqrt(max(1 - used, LEAST))
+                free = 1 / np.sqrt(max(1 - used, MIN_FREE))
                 floor[j], coefficients[j], innovation[j] = noise_of_rest(dataset.table, j, rest, float(free))
         noise = replace(noise, floor=floor, coefficients=coefficients, innovation=innovation, discrepancy=size)
     return noise

@@ -15,7 +15,8 @@ from ..data.hypotheses import Hypothesis, Key
 from ..data.normal_equations import Fitted
 from ..data.whitened_rows import mean_products
 from .bayes_factors import Evidence
-from .prior import NOTHING, coefficient_prior, log_prior
+from .prior import coefficient_prior, log_prior
+from .thresholds import PRIOR_NOTHING
 
 Columns = Mapping[int, Array]
 
@@ -116,7 +117,7 @@ class Posterior(Frozen):
         return (
             self.evidence.candidate_log_factor(fit, dispersion, prior, white)
             + self._prior(hypothesis)
-            - float(np.log(NOTHING))
+            - float(np.log(PRIOR_NOTHING))
         )
 
     def _prior(self, hypothesis: Hypothesis) -> float:
@@ -151,7 +152,7 @@ class Posterior(Frozen):
         best = np.flatnonzero(told == np.repeat(highest, grids.counts))
         first = best[np.searchsorted(best, grids.starts)]
         mean = np.where(shown, np.add.reduceat(share, grids.starts) / grids.counts, 1.0)
-        log = highest + np.log(mean) + grids.priors - np.log(NOTHING)
+        log = highest + np.log(mean) + grids.priors - np.log(PRIOR_NOTHING)
         groups, out = self.evidence.data.groups, dict[Key, Odds]()
         for key, yes, value, which in zip(self.keys, shown, log.tolist(), grids.members[first].tolist(), strict=True):
             if yes and key not in taken:

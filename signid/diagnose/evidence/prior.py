@@ -10,12 +10,8 @@ import numpy as np
 from ...effects.base import BodyLaw, TransmissionLaw
 from ...types import Array, Frozen
 from ..data.hypotheses import Hypothesis
+from .thresholds import APPROXIMATE_STD, BODY_LEVER, PRESENCE_STD, PRIOR_NOTHING, PRIOR_UNKNOWN, SINGLE_JOINT
 
-SIZES = np.array([0.006, 0.02, 0.06, 0.2, 0.6, 2.0])  # of an effect, as a share of torque
-WIDE = 1.0  # the same, of an effect that is selected: it is not drawn towards nothing
-NOTHING, UNKNOWN = 0.5, 0.02  # prior probabilities; the rest is for effects
-THERE, LOOSE = 0.15, 0.4  # deviation from 1 of a law that is there or not, of one that is approximate
-LEVER = 0.1  # [m] of a body's parts from its joint
 RANK = 1e-6  # of the largest eigenvalue: directions of a group that count
 
 
@@ -48,7 +44,7 @@ def coefficient_prior(hypothesis: Hypothesis, square: Array) -> CoefficientPrior
         return CoefficientPrior(np.eye(len(square)) * fixed, 1.0, -1)
     units = [kind.unit for law in hypothesis.laws for kind in law.effect.linear().values()]
     if hypothesis.laws and not hypothesis.scaled and isinstance(hypothesis.laws[0].effect, BodyLaw) and "kg" in units:
-        lever = np.array([LEVER ** _power(unit) for unit in units])
+        lever = np.array([BODY_LEVER ** _power(unit) for unit in units])
         return CoefficientPrior(np.diag(lever / np.sqrt(lever**2 @ size**2)), 0.0, _positive(hypothesis))
     size = np.where(size < 1e-9 * size.max(), np.inf, size)
     values, vectors = np.linalg.eigh(square / size / size[:, None])
@@ -68,22 +64,19 @@ def log_prior(hypothesis: Hypothesis, places: int, skipped: int, kinds: int, unk
         unknowns: dependences that no law explains.
     """
     if hypothesis.unknown:
-        return float(np.log(UNKNOWN * (1 - NOTHING) / unknowns))
+        return float(np.log(PRIOR_UNKNOWN * (1 - PRIOR_NOTHING) / unknowns))
     common = min(law.effect.common for law in hypothesis.laws)
     one = hypothesis.laws[0]
     if one.effect.scope == "any" and len(one.joints) == 1:
-        common *= RARELY
-    return float(np.log((1 - UNKNOWN) * (1 - NOTHING) * common / (kinds - skipped) / places))
-
-
-RARELY = 0.3  # that one joint alone has what all may have
+        common *= SINGLE_JOINT
+    return float(np.log((1 - PRIOR_UNKNOWN) * (1 - PRIOR_NOTHING) * common / (kinds - skipped) / places))
 
 
 def _fixed(hypothesis: Hypothesis) -> float | None:
     """Deviation of the coefficients of laws without coefficients of their own."""
     if hypothesis.unknown or any(law.effect.linear() for law in hypothesis.laws):
         return None
-    return LOOSE if isinstance(hypothesis.laws[0].effect, TransmissionLaw) else THERE
+    return APPROXIMATE_STD if isinstance(hypothesis.laws[0].effect, TransmissionLaw) else PRESENCE_STD
 
 
 def _power(unit: str) -> int:

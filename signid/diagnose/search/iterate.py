@@ -11,8 +11,8 @@ import numpy as np
 from ...deadline import time_is_up
 from ...types import Array
 from ..data.dataset import Dataset, append
-from ..data.discrepancy import USUAL
 from ..data.hypotheses import Key, is_transient
+from ..data.thresholds import DISCREPANCY_SCALE
 from ..data.whitened_rows import whitened
 from ..evidence.bayes_factors import Evidence
 from ..evidence.likelihood import Likelihood
@@ -122,7 +122,7 @@ def _score(dataset: Dataset, selection: Selection) -> float:
     """Log posterior density of the selected laws and of the noise estimated beside them, up to a constant [-]."""
     data = selection.data
     rows = Likelihood(dataset, selection.evidence, replace(selection, dispersion=np.ones(data.joints))).density()
-    sizes = float(np.sum(np.log1p((dataset.noise.discrepancy / data.scale / USUAL) ** 2)))
+    sizes = float(np.sum(np.log1p((dataset.noise.discrepancy / data.scale / DISCREPANCY_SCALE) ** 2)))
     return rows - sizes + log_prior_odds(selection)
 
 

@@ -12,8 +12,8 @@ from ...types import Array
 from ..data.column_groups import Group
 from ..data.hypotheses import Key
 from ..evidence.posterior_odds import Odds, Posterior
-from ..evidence.prior import NOTHING
 from ..evidence.selection import Selection
+from ..evidence.thresholds import PRIOR_NOTHING
 from ..extend.extend import has_possible_numbers
 from .contributions import energies, measure_sizes
 from .feasible import is_sound
@@ -80,7 +80,7 @@ def log_prior_odds(selection: Selection) -> float:
         selection: the selected laws.
     """
     priors = (selection.posterior.priors.get(group.claim.key, 0.0) for group in selection.selected)
-    return sum(priors) - len(selection.selected) * float(np.log(NOTHING))
+    return sum(priors) - len(selection.selected) * float(np.log(PRIOR_NOTHING))
 
 
 def begin(posterior: Posterior, dispersion: Array, start: Mapping[Group, float]) -> Selection:
