@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from signid.diagnose.data.column_groups import Group
-from signid.diagnose.data.noise import LONGEST, _damped
+from signid.diagnose.data.noise import _damped
 from signid.diagnose.data.normal_equations import solve
+from signid.diagnose.data.thresholds import MAX_AR_ROOT
 from signid.diagnose.extend.holdout import Rows
 from signid.diagnose.findings.contender import Contender
 from signid.diagnose.findings.findings import _is_vague, _judged
@@ -95,7 +96,7 @@ def test_coefficients_that_are_held_stay_zero() -> None:
 def test_noise_decays() -> None:
     slow = np.array([1.7, -0.9, 0.3, -0.1])
     roots = np.abs(np.roots(np.append(1.0, -_damped(slow))))
-    assert roots.max() == pytest.approx(LONGEST)
+    assert roots.max() == pytest.approx(MAX_AR_ROOT)
     fast = np.array([0.5, -0.1, 0.0, 0.0])
     np.testing.assert_array_equal(_damped(fast), fast)
 

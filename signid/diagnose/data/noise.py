@@ -1,4 +1,4 @@
-"""Residuals -> what is noise in them: its size and its correlation in time, per joint."""
+"""Noise model of each joint, estimated from residuals: autoregressive, with uncertain times of reversals."""
 
 from __future__ import annotations
 
@@ -29,34 +29,34 @@ from .thresholds import (
     WAVE_SHARE,
 )
 
-RANK = 1e-4  # of the largest singular value: directions that count, columns scaled
-MIN_REVERSAL_ROWS = 6  # rows near reversals; with fewer, the scale is not estimated
-CHI2_MEDIAN = 0.455  # of a squared standard normal number
+RANK = 1e-4  # [1] smallest singular value that counts, over the largest, of scaled columns. Heuristic
+MIN_REVERSAL_ROWS = 6  # rows near reversals; with fewer, the scale is not estimated. Heuristic
+CHI2_MEDIAN = 0.455  # [1] median of the chi-squared distribution with one degree of freedom
 
 
 @dataclass(frozen=True, eq=False)
 class Noise(Frozen):
-    """Per joint an autoregressive model of what no hypothesis explains."""
+    """Autoregressive noise model of each joint, and the size of its discrepancy."""
 
-    floor: Array  # (n,) [N.m or N] rms
-    coefficients: Array  # (n, 4) [1] of the last four values
-    innovation: Array  # (n,) [N.m or N] standard deviation of what is new in each row
-    discrepancy: Array  # (n,) [N.m or N] size of the torque that no law of the library makes
+    floor: Array  # (n,) [N.m or N] rms of the noise
+    coefficients: Array  # (n, 4) [1] autoregressive coefficients of the last four rows
+    innovation: Array  # (n,) [N.m or N] standard deviation of the innovation
+    discrepancy: Array  # (n,) [N.m or N] s, size of the model discrepancy
     saturated_floor: Array  # (n,) [N.m or N] rms of the residual of a fit of all columns: floor of the verdict
-    reversal_scale: Array  # (n,) [1] how far off torque is near reversals, as a multiple of what is presumed
+    reversal_scale: Array  # (n,) [1] estimated over presumed standard deviation near reversals
 
     def white(self) -> Noise:
-        """The same without correlation in time."""
+        """The same rms as white noise."""
         return replace(self, coefficients=np.zeros_like(self.coefficients), innovation=self.floor)
 
 
 def measure_noise(table: RowTable, periods: Sequence[float | None], rate: float) -> Noise:
-    """From the residual of everything together; from repetitions of the motion where they tell less.
+    """Estimate the noise from the residual of all columns, or from repetitions of the motion if that gives less noise.
 
     Args:
         table: rows.
-        periods: [s] of the motion in each recording, None where it does not repeat.
-        rate: of the rows [Hz].
+        periods: [s] period of the motion in each recording, None where it does not repeat.
+        rate: rate of the rows [Hz].
 
     Source: autoregressive prewhitening as in Ljung, System Identification, 1999, section 14.4.
     """
@@ -67,13 +67,13 @@ def measure_noise(table: RowTable, periods: Sequence[float | None], rate: float)
 
 
 def whiten(x: Array, coefficients: Array, innovation: float, piece: Indices) -> Array:
-    """(M', c) rows in units of what is new in each; the first four of a piece are lost.
+    """(M', c) [1] rows after the autoregressive filter, in units of the innovation; each piece loses four rows.
 
     Args:
-        x: (M, c) [N.m or N].
-        coefficients: (4,) [1].
-        innovation: [N.m or N].
-        piece: (M,) which piece a row is of.
+        x: (M, c) [N.m or N] rows.
+        coefficients: (4,) [1] autoregressive coefficients.
+        innovation: standard deviation of the innovation [N.m or N].
+        piece: (M,) piece of each row.
     """
     order = len(coefficients)
     out = x[order:] - sum(c * x[order - 1 - k : len(x) - 1 - k] for k, c in enumerate(coefficients))
@@ -81,11 +81,11 @@ def whiten(x: Array, coefficients: Array, innovation: float, piece: Indices) -> 
 
 
 def has_full_window(piece: Indices, order: int) -> Mask:
-    """(M - order,) of the rows from the `order`-th on, whether all before that whitening takes are of the same piece.
+    """(M - order,) whether the `order` rows before a row are of the same piece, from the `order`-th row on.
 
     Args:
-        piece: (M,) which piece a row is of.
-        order: of the autoregressive model.
+        piece: (M,) piece of each row.
+        order: order of the autoregressive model.
     """
     return np.asarray(piece[order:] == piece[:-order])
 
@@ -102,13 +102,13 @@ def _of_joint(
 
 
 def noise_of_rest(table: RowTable, joint: int, rest: Array, factor: float) -> tuple[float, Array, float]:
-    """Rms, autoregressive coefficients (4,) and innovation of one joint's noise, from what a fit leaves.
+    """Rms, autoregressive coefficients (4,) and innovation of one joint's noise, from the residual of a fit.
 
     Args:
         table: rows.
-        joint: which.
+        joint: index of the joint.
         rest: (M,) residual of the fit [N.m or N].
-        factor: by which the fit made it smaller than the noise is [1].
+        factor: rms of the noise over rms of the residual, which the fit reduced [1].
     """
     goes = ~table.at_rest[:, joint]
     goes = goes if goes.sum() > MIN_MOVING else np.ones_like(goes)
@@ -118,7 +118,7 @@ def noise_of_rest(table: RowTable, joint: int, rest: Array, factor: float) -> tu
 
 
 def _sure(rest: Sequence[Array], jumps: Sequence[Array], scale: float) -> list[Mask]:
-    """Run by run, rows that are neither near a reversal nor outliers."""
+    """For each run, rows that are neither near a reversal nor outliers; all rows if these are too few."""
     far = OUTLIER * float(np.median(np.abs(np.concatenate(rest)))) or np.inf
     sure = [(u < RELIABLE_STD * scale) & (np.abs(x) < far) for x, u in zip(rest, jumps, strict=True)]
     if np.concatenate(sure).mean() < MIN_RELIABLE:
@@ -127,7 +127,7 @@ def _sure(rest: Sequence[Array], jumps: Sequence[Array], scale: float) -> list[M
 
 
 def _lateness(rest: Array, jumps: Array, floor: float) -> float:
-    """How far off reversals are, as a multiple of what is presumed, from what is left where they make torque unsure."""
+    """Scale of the reversal uncertainty, from residuals near reversals [1]."""
     near = jumps > floor
     if near.sum() < MIN_REVERSAL_ROWS:
         return REVERSAL_SCALES[0]
@@ -138,9 +138,9 @@ def _lateness(rest: Array, jumps: Array, floor: float) -> float:
 
 
 def _saturated(table: RowTable, joint: int, usual: Mask) -> tuple[list[Array], list[Array], float]:
-    """Run by run, what all columns that are not too many leave of the residual, and how unsure torque is there.
+    """For each run, the residual of a fit of all columns and the reversal std; and the correction of its rms [1].
 
-    Also how much the fit took of the noise.
+    The fit is a truncated singular value decomposition with at most one direction for every three rows.
     """
     goes = ~table.at_rest[:, joint]
     goes = goes if goes.sum() > MIN_MOVING else np.ones_like(goes)
@@ -157,13 +157,13 @@ def _saturated(table: RowTable, joint: int, usual: Mask) -> tuple[list[Array], l
 
 
 def _still(rest: Array) -> Array:
-    """Without a wave that makes most of it."""
+    """The signal without its strongest sine, if that has most of the power."""
     wave = find_wave(rest, 1.0)
     return rest - wave.signal if wave.share > WAVE_SHARE else rest
 
 
 def _usual(table: RowTable) -> Mask:
-    """(p,) columns that may explain noise: of large grids of shapes a few, none that is made of measured torque."""
+    """(p,) columns of the saturated fit: some shapes of each hypothesis, none that is made of recorded torque."""
     seen, kept = dict[object, int](), np.zeros(table.count, dtype=bool)
     for group in table.groups:
         key = None if group.hypothesis is None else group.hypothesis.key
@@ -176,7 +176,7 @@ def _usual(table: RowTable) -> Mask:
 
 
 def _repeated(table: RowTable, joint: int, periods: Sequence[float | None], rate: float) -> list[Array]:
-    """Half the difference between one period and the next, without its loudest stretches."""
+    """Stretches of the difference between consecutive periods over sqrt(2), without the loudest."""
     out = list[Array]()
     for k in np.unique(table.piece):
         rows = np.flatnonzero(table.piece == k)
@@ -193,7 +193,7 @@ def _repeated(table: RowTable, joint: int, periods: Sequence[float | None], rate
 
 
 def _fit(pieces: Sequence[Array], factor: float, sure: Sequence[Mask]) -> tuple[float, Array, float]:
-    """Of rows that are sure, and so are those before them; white where these are too few, as in jerks of a joint."""
+    """Rms, coefficients and innovation from rows whose whole window is reliable; white noise if these are too few."""
     some = [
         (sliding_window_view(x, AR_ORDER + 1), y) for x, y in zip(pieces, sure, strict=True) if len(x) > 2 * AR_ORDER
     ]
@@ -210,7 +210,7 @@ def _fit(pieces: Sequence[Array], factor: float, sure: Sequence[Mask]) -> tuple[
 
 
 def _damped(coefficients: Array) -> Array:
-    """Autoregressive coefficients (4,) [1] with all roots moved inwards until none is too slow.
+    """(4,) [1] autoregressive coefficients with all roots scaled such that none decays too slowly.
 
     Source: bandwidth expansion, e.g. Markel, Gray, Linear Prediction of Speech, 1976.
     """
@@ -219,7 +219,7 @@ def _damped(coefficients: Array) -> Array:
 
 
 def _runs(table: RowTable, goes: Mask) -> Indices:
-    """(M',) which run of rows in motion, of one piece, a row is of."""
+    """(M',) index of the run of each row in motion; a run is within one piece."""
     starts = (np.diff(table.piece, prepend=-1) != 0) | (np.diff(goes.astype(np.intp), prepend=0) != 0)
     return np.cumsum(starts)[goes]
 
