@@ -1,4 +1,4 @@
-"""The covariance that a model carries -> a prior of what is fitted; a fit -> the covariance of the extended model."""
+"""Prior of the nuisance parameters from the covariance that a model carries."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from ...types import INERTIAL, Law
 from ..data.column_groups import Group
 from .linear_model import StatedPrior
 
-RIDGE = 1e-9  # of the largest variance, scaled: the least that a covariance is inverted with
+RIDGE = 1e-9  # [1] added to the diagonal of the scaled covariance, so that it can be inverted
 
 
 def stated_prior(model: Model, groups: Sequence[Group]) -> StatedPrior | None:
-    """What identification left open of a simulation, as a prior about what it states; None where it carries nothing.
+    """Prior of the stated parameters: information K' C^-1 K; None if the model has no covariance C.
 
-    What the simulation does not have any more (a law that was taken out) is zero, not unknown.
+    A parameter that the simulation no longer has, such as that of a removed law, is zero, not unknown.
 
     Args:
         model: the simulation.
-        groups: columns, as laid out.
+        groups: groups of all columns.
     """
     if model.covariance is None:
         return None
@@ -41,7 +41,7 @@ def stated_prior(model: Model, groups: Sequence[Group]) -> StatedPrior | None:
 
 
 def parameter_columns(model: Model, groups: Sequence[Group]) -> dict[str, int]:
-    """Where the coefficient of each standard parameter stands among the columns that are refitted."""
+    """Column index of each standard parameter among the nuisance columns."""
     out, body = dict[str, int](), 0
     for group in groups:
         if group.bodies:
@@ -53,6 +53,6 @@ def parameter_columns(model: Model, groups: Sequence[Group]) -> dict[str, int]:
 
 
 def law_parameter_columns(model: Model, group: Group, own: Sequence[Law]) -> list[tuple[str, int]]:
-    """Where the coefficient of each number of laws stands among the columns."""
+    """Column index of each parameter of laws."""
     names = [label.name for label in labels(model.robot, own)[10 * len(model.robot.links) :]]
     return [(name, group.start + k) for k, name in enumerate(names[: group.size])]
