@@ -80,16 +80,18 @@ def nuisances(model: Model, motion: Motion, dry: Array) -> Iterator[Nuisance]:
     for law in model.laws:
         if is_refitted(law):
             rows, columns = law_columns(law, motion)
-            spread = [np.inf] * columns.shape[2] if model.covariance else drift(law, float(stated[law.joints[0]]))
+            spread = (
+                [np.inf] * columns.shape[2] if model.covariance else law_tolerance(law, float(stated[law.joints[0]]))
+            )
             yield Nuisance({j: columns[:, k] for k, j in enumerate(rows)}, spread, law)
     for j in np.flatnonzero(dry > 0).tolist():
-        yield Nuisance({j: _turning(motion, j)}, [REVERSAL_STD * float(dry[j])] * 3)
+        yield Nuisance({j: _reversal_columns(motion, j)}, [REVERSAL_STD * float(dry[j])] * 3)
     for body, spread in enumerate(tolerance(model).tolist()):
         moving = np.flatnonzero(motion.moved[:, body]).tolist()
         yield Nuisance({j: motion.bodies[:, j, body] for j in moving}, spread, bodies=True)
 
 
-def drift(law: Law, dry: float) -> list[float]:
+def law_tolerance(law: Law, dry: float) -> list[float]:
     """(k,) prior standard deviations of the coefficients of a stated law [unit of each].
 
     Args:
@@ -117,16 +119,16 @@ def tolerance(model: Model) -> Array:
     return np.array(out)
 
 
-def _turning(motion: Motion, joint: int) -> Array:
+def _reversal_columns(motion: Motion, joint: int) -> Array:
     """(N, 3) change of the friction direction if it turns more steeply, more softly or earlier than presumed [1]."""
     assert motion.slow is not None, "a diagnosed motion has the width of a reversal"
-    v, slow, usual = motion.v[:, joint], motion.slow[joint], motion.direction[:, joint]
+    v, slow, presumed = motion.v[:, joint], motion.slow[joint], motion.direction[:, joint]
     ahead = max(1, round(REVERSAL_LEAD / motion.dt))
-    early = np.append(usual[ahead:], np.full(ahead, usual[-1]))
-    return np.column_stack([*(np.clip(v / (w * slow), -1, 1) - usual for w in REVERSAL_WIDTHS), early - usual])
+    early = np.append(presumed[ahead:], np.full(ahead, presumed[-1]))
+    return np.column_stack([*(np.clip(v / (w * slow), -1, 1) - presumed for w in REVERSAL_WIDTHS), early - presumed])
 
 
-def _dry(law: Law) -> float:
+def _largest_dry(law: Law) -> float:
     """Largest dry friction parameter of a law [N.m or N]."""
     keys = [key for key, kind in law.effect.linear().items() if kind.unit == "N.m"]
     return max((abs(law.parameters[key]) for key in keys), default=0.0)
@@ -136,7 +138,7 @@ def stated_friction(model: Model) -> Array:
     """(n,) dry friction of each joint in the simulation [N.m or N]."""
     found = np.zeros(len(model.robot.joints))
     for law in (law for law in model.laws if law.effect.reverses and law.effect.scope == "joint"):
-        found[law.joints[0]] += _dry(law)
+        found[law.joints[0]] += _largest_dry(law)
     return found
 
 
@@ -145,7 +147,10 @@ def dry_friction(model: Model, pieces: Sequence[Piece]) -> Array:
     found = stated_friction(model)
     few = [piece.motion[::DRY_STRIDE] for piece in pieces]
     for j in range(len(found)):
-        rows = [np.column_stack([_plain(m, j), p.residual[::DRY_STRIDE, j]]) for m, p in zip(few, pieces, strict=True)]
+        rows = [
+            np.column_stack([_rough_columns(m, j), p.residual[::DRY_STRIDE, j]])
+            for m, p in zip(few, pieces, strict=True)
+        ]
         x = np.concatenate(rows)
         x = x[np.isfinite(x).all(axis=1)]
         if len(x):
@@ -153,7 +158,7 @@ def dry_friction(model: Model, pieces: Sequence[Piece]) -> Array:
     return found
 
 
-def _plain(motion: Motion, joint: int) -> Array:
+def _rough_columns(motion: Motion, joint: int) -> Array:
     """(N, k) [torque per coefficient] columns of dry and viscous friction, an offset and the bodies."""
     bodies = [motion.bodies[:, joint, body] for body in np.flatnonzero(motion.moved[joint])]
     return np.column_stack([motion.direction[:, joint], motion.v[:, joint], np.ones(len(motion)), *bodies])

@@ -65,7 +65,7 @@ def features(table: RowTable, joint: int) -> Array:
     v = table.v[:, joint]
     turn = DIRECTION_WIDTH * max(float(np.sqrt(np.mean(v**2))), 1e-12)
     state = [table.q[:, joint], v, table.predicted[:, joint]]
-    x = np.column_stack([*(_scaled(one) for one in state), np.tanh(v / turn)])
+    x = np.column_stack([*(_standardised(one) for one in state), np.tanh(v / turn)])
     rng = np.random.default_rng(SEED)
     frequency = rng.standard_normal((x.shape[1], FREQUENCIES)) / np.resize(DISCREPANCY_LENGTHS, FREQUENCIES)
     angle = x @ frequency
@@ -112,19 +112,19 @@ def estimate_discrepancy(white: Array, fitted: Array, precision: Array, residual
     gram, right, square = columns.T @ columns, columns.T @ residual, float(residual @ residual)
     k, rows = fitted.shape[1], max(int(np.count_nonzero(residual)), 1)
     flat = np.where(np.diag(precision) > 0, 0.0, FLAT_PRECISION * np.maximum(np.diag(gram)[:k], 1e-12))
-    spread = _spread(precision + np.diag(flat))
+    prior_root = _prior_root(precision + np.diag(flat))
 
     def at(share: float) -> NoiseEstimate:
         used = slice(0, k if share == 0 else len(gram))
-        unit = block_diag(spread, share * scale * np.eye(len(gram) - k))[used, used]
-        whole = _maximised(unit.T @ gram[used, used] @ unit, unit.T @ right[used], square, rows)
+        root = block_diag(prior_root, share * scale * np.eye(len(gram) - k))[used, used]
+        whole = _maximise_variance(root.T @ gram[used, used] @ root, root.T @ right[used], square, rows)
         log = whole.log - float(np.log1p((share / DISCREPANCY_SCALE) ** 2))
-        return whole._replace(size=share * scale, value=unit @ whole.value, log=log)
+        return whole._replace(size=share * scale, value=root @ whole.value, log=log)
 
-    return _highest(at)
+    return _maximise(at)
 
 
-def _highest(at: Callable[[float], NoiseEstimate]) -> NoiseEstimate:
+def _maximise(at: Callable[[float], NoiseEstimate]) -> NoiseEstimate:
     """Highest point of the size grid: a coarse search, then an ascent over neighbours."""
     found = {k: at(SIZE_GRID[k]) for k in range(0, len(SIZE_GRID), GRID_STRIDE)}
     while True:
@@ -135,14 +135,14 @@ def _highest(at: Callable[[float], NoiseEstimate]) -> NoiseEstimate:
         found |= {k: at(SIZE_GRID[k]) for k in near}
 
 
-def _spread(precision: Array) -> Array:
+def _prior_root(precision: Array) -> Array:
     """(k, k) [unit of each coefficient] root R of a prior covariance: a = R u with u ~ N(0, I)."""
     size = np.sqrt(np.maximum(np.diag(precision), 1e-300))
     lower = np.linalg.cholesky(precision / size / size[:, None] + RIDGE * np.eye(len(precision)))
     return np.asarray(np.linalg.inv(lower).T / size[:, None])
 
 
-def _maximised(gram: Array, right: Array, square: float, rows: int) -> NoiseEstimate:
+def _maximise_variance(gram: Array, right: Array, square: float, rows: int) -> NoiseEstimate:
     """Maximise the marginal likelihood over the variance of the noise, for coefficients of unit prior.
 
     Args:
@@ -162,6 +162,6 @@ def _maximised(gram: Array, right: Array, square: float, rows: int) -> NoiseEsti
     return NoiseEstimate(0.0, variance, vectors @ value, used, log - rows / 2 * float(np.log(variance)))
 
 
-def _scaled(x: Array) -> Array:
+def _standardised(x: Array) -> Array:
     spread = float(np.std(x))
     return np.asarray((x - x.mean()) / (spread if spread > 0 else 1.0))

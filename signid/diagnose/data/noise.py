@@ -60,10 +60,10 @@ def measure_noise(table: RowTable, periods: Sequence[float | None], rate: float)
 
     Source: autoregressive prewhitening as in Ljung, System Identification, 1999, section 14.4.
     """
-    usual = _usual(table)
-    found = [_of_joint(table, j, usual, periods, rate) for j in range(table.joints)]
-    floor, coefficients, innovation, late = (np.array(x) for x in zip(*found, strict=True))
-    return Noise(floor, coefficients, innovation, np.zeros(table.joints), floor, late)
+    used = _columns_in_fit(table)
+    found = [_of_joint(table, j, used, periods, rate) for j in range(table.joints)]
+    floor, coefficients, innovation, scale = (np.array(x) for x in zip(*found, strict=True))
+    return Noise(floor, coefficients, innovation, np.zeros(table.joints), floor, scale)
 
 
 def whiten(x: Array, coefficients: Array, innovation: float, piece: Indices) -> Array:
@@ -91,14 +91,14 @@ def has_full_window(piece: Indices, order: int) -> Mask:
 
 
 def _of_joint(
-    table: RowTable, joint: int, usual: Mask, periods: Sequence[float | None], rate: float
+    table: RowTable, joint: int, used: Mask, periods: Sequence[float | None], rate: float
 ) -> tuple[float, Array, float, float]:
-    rest, jumps, factor = _saturated(table, joint, usual)
-    choices = [_fit(rest, factor, _sure(rest, jumps, float(table.scale[joint])))]
-    if again := _repeated(table, joint, periods, rate):
+    rest, reversal_std, factor = _saturated(table, joint, used)
+    choices = [_fit(rest, factor, _reliable(rest, reversal_std, float(table.scale[joint])))]
+    if again := _replicates(table, joint, periods, rate):
         choices.append(_fit(again, REPLICATE_FACTOR, [np.ones(len(x), dtype=bool) for x in again]))
     best = min(choices, key=lambda choice: choice[0])
-    return *best, _lateness(factor * np.concatenate(rest), np.concatenate(jumps), best[0])
+    return *best, _reversal_scale(factor * np.concatenate(rest), np.concatenate(reversal_std), best[0])
 
 
 def noise_of_rest(table: RowTable, joint: int, rest: Array, factor: float) -> tuple[float, Array, float]:
@@ -110,59 +110,59 @@ def noise_of_rest(table: RowTable, joint: int, rest: Array, factor: float) -> tu
         rest: (M,) residual of the fit [N.m or N].
         factor: rms of the noise over rms of the residual, which the fit reduced [1].
     """
-    goes = ~table.at_rest[:, joint]
-    goes = goes if goes.sum() > MIN_MOVING else np.ones_like(goes)
-    run = _runs(table, goes)
-    parts, jumps = _split(rest[goes], run), _split(table.reversal_std[goes, joint], run)
-    return _fit(parts, factor, _sure(parts, jumps, float(table.scale[joint])))
+    moving = ~table.at_rest[:, joint]
+    moving = moving if moving.sum() > MIN_MOVING else np.ones_like(moving)
+    run = _runs(table, moving)
+    parts, reversal_std = _split(rest[moving], run), _split(table.reversal_std[moving, joint], run)
+    return _fit(parts, factor, _reliable(parts, reversal_std, float(table.scale[joint])))
 
 
-def _sure(rest: Sequence[Array], jumps: Sequence[Array], scale: float) -> list[Mask]:
+def _reliable(rest: Sequence[Array], reversal_std: Sequence[Array], scale: float) -> list[Mask]:
     """For each run, rows that are neither near a reversal nor outliers; all rows if these are too few."""
     far = OUTLIER * float(np.median(np.abs(np.concatenate(rest)))) or np.inf
-    sure = [(u < RELIABLE_STD * scale) & (np.abs(x) < far) for x, u in zip(rest, jumps, strict=True)]
-    if np.concatenate(sure).mean() < MIN_RELIABLE:
-        sure = [np.ones(len(x), dtype=bool) for x in jumps]
-    return sure
+    reliable = [(u < RELIABLE_STD * scale) & (np.abs(x) < far) for x, u in zip(rest, reversal_std, strict=True)]
+    if np.concatenate(reliable).mean() < MIN_RELIABLE:
+        reliable = [np.ones(len(x), dtype=bool) for x in reversal_std]
+    return reliable
 
 
-def _lateness(rest: Array, jumps: Array, floor: float) -> float:
+def _reversal_scale(rest: Array, reversal_std: Array, floor: float) -> float:
     """Scale of the reversal uncertainty, from residuals near reversals [1]."""
-    near = jumps > floor
+    near = reversal_std > floor
     if near.sum() < MIN_REVERSAL_ROWS:
         return REVERSAL_SCALES[0]
-    typical = [np.median(rest[near] ** 2 / (floor**2 + (late * jumps[near]) ** 2)) for late in REVERSAL_SCALES]
+    typical = [np.median(rest[near] ** 2 / (floor**2 + (scale * reversal_std[near]) ** 2)) for scale in REVERSAL_SCALES]
     return next(
-        (late for late, x in zip(REVERSAL_SCALES, typical, strict=True) if x <= CHI2_MEDIAN), REVERSAL_SCALES[-1]
+        (scale for scale, x in zip(REVERSAL_SCALES, typical, strict=True) if x <= CHI2_MEDIAN), REVERSAL_SCALES[-1]
     )
 
 
-def _saturated(table: RowTable, joint: int, usual: Mask) -> tuple[list[Array], list[Array], float]:
+def _saturated(table: RowTable, joint: int, used: Mask) -> tuple[list[Array], list[Array], float]:
     """For each run, the residual of a fit of all columns and the reversal std; and the correction of its rms [1].
 
     The fit is a truncated singular value decomposition with at most one direction for every three rows.
     """
-    goes = ~table.at_rest[:, joint]
-    goes = goes if goes.sum() > MIN_MOVING else np.ones_like(goes)
-    x, y = table.columns[joint][:, usual[table.place[joint]]][goes], table.residual[goes, joint]
-    run = _runs(table, goes)
+    moving = ~table.at_rest[:, joint]
+    moving = moving if moving.sum() > MIN_MOVING else np.ones_like(moving)
+    x, y = table.columns[joint][:, used[table.place[joint]]][moving], table.residual[moving, joint]
+    run = _runs(table, moving)
     size = np.nan_to_num(np.sqrt(np.mean(x**2, axis=0)), posinf=0.0)
     shown = size > 1e-9 * size.max(initial=1e-300)
     x = x[:, shown] / size[shown]
     left, singular, _ = np.linalg.svd(x, full_matrices=False)
     left = left[:, singular > RANK * singular.max(initial=0.0)]
     left = left[:, : max(1, int(len(y) / ROWS_PER_DIRECTION))]
-    rest = [_still(part) for part in _split(y - left @ (left.T @ y), run)]
-    return rest, _split(table.reversal_std[goes, joint], run), float(np.sqrt(len(y) / max(len(y) - left.shape[1], 1)))
+    rest = [_without_sine(part) for part in _split(y - left @ (left.T @ y), run)]
+    return rest, _split(table.reversal_std[moving, joint], run), float(np.sqrt(len(y) / max(len(y) - left.shape[1], 1)))
 
 
-def _still(rest: Array) -> Array:
+def _without_sine(rest: Array) -> Array:
     """The signal without its strongest sine, if that has most of the power."""
     wave = find_wave(rest, 1.0)
     return rest - wave.signal if wave.share > WAVE_SHARE else rest
 
 
-def _usual(table: RowTable) -> Mask:
+def _columns_in_fit(table: RowTable) -> Mask:
     """(p,) columns of the saturated fit: some shapes of each hypothesis, none that is made of recorded torque."""
     seen, kept = dict[object, int](), np.zeros(table.count, dtype=bool)
     for group in table.groups:
@@ -175,7 +175,7 @@ def _usual(table: RowTable) -> Mask:
     return kept
 
 
-def _repeated(table: RowTable, joint: int, periods: Sequence[float | None], rate: float) -> list[Array]:
+def _replicates(table: RowTable, joint: int, periods: Sequence[float | None], rate: float) -> list[Array]:
     """Stretches of the difference between consecutive periods over sqrt(2), without the loudest."""
     out = list[Array]()
     for k in np.unique(table.piece):
@@ -188,19 +188,21 @@ def _repeated(table: RowTable, joint: int, periods: Sequence[float | None], rate
             out.extend(np.array_split((y[:-lag] - y[lag:]) / np.sqrt(2), count))
     if not out:
         return []
-    loud = np.array([np.mean(x**2) for x in out])
-    return [x for x, size in zip(out, loud, strict=True) if size <= np.quantile(loud, QUIET_SHARE)]
+    power = np.array([np.mean(x**2) for x in out])
+    return [x for x, size in zip(out, power, strict=True) if size <= np.quantile(power, QUIET_SHARE)]
 
 
-def _fit(pieces: Sequence[Array], factor: float, sure: Sequence[Mask]) -> tuple[float, Array, float]:
+def _fit(pieces: Sequence[Array], factor: float, reliable: Sequence[Mask]) -> tuple[float, Array, float]:
     """Rms, coefficients and innovation from rows whose whole window is reliable; white noise if these are too few."""
-    some = [
-        (sliding_window_view(x, AR_ORDER + 1), y) for x, y in zip(pieces, sure, strict=True) if len(x) > 2 * AR_ORDER
+    long = [
+        (sliding_window_view(x, AR_ORDER + 1), y)
+        for x, y in zip(pieces, reliable, strict=True)
+        if len(x) > 2 * AR_ORDER
     ]
-    windows = [x[sliding_window_view(y, AR_ORDER + 1).all(axis=1)] for x, y in some]
+    windows = [x[sliding_window_view(y, AR_ORDER + 1).all(axis=1)] for x, y in long]
     rows = np.concatenate([np.empty((0, AR_ORDER + 1)), *windows])
     before, after = rows[:, AR_ORDER - 1 :: -1], rows[:, AR_ORDER]
-    floor = float(np.sqrt(np.mean(np.concatenate([x[k] for x, k in zip(pieces, sure, strict=True)]) ** 2)))
+    floor = float(np.sqrt(np.mean(np.concatenate([x[k] for x, k in zip(pieces, reliable, strict=True)]) ** 2)))
     coefficients, new = np.zeros(AR_ORDER), floor
     if len(rows) >= 4 * AR_ORDER:
         coefficients = _damped(least_squares(before, after))
@@ -218,10 +220,10 @@ def _damped(coefficients: Array) -> Array:
     return np.asarray(coefficients * min(1.0, MAX_AR_ROOT / max(slowest, MAX_AR_ROOT)) ** np.arange(1, AR_ORDER + 1))
 
 
-def _runs(table: RowTable, goes: Mask) -> Indices:
+def _runs(table: RowTable, moving: Mask) -> Indices:
     """(M',) index of the run of each row in motion; a run is within one piece."""
-    starts = (np.diff(table.piece, prepend=-1) != 0) | (np.diff(goes.astype(np.intp), prepend=0) != 0)
-    return np.cumsum(starts)[goes]
+    starts = (np.diff(table.piece, prepend=-1) != 0) | (np.diff(moving.astype(np.intp), prepend=0) != 0)
+    return np.cumsum(starts)[moving]
 
 
 def _split(x: Array, piece: Indices) -> list[Array]:

@@ -97,7 +97,7 @@ def build_table(task: Task, model: Model, groups: Sequence[Group], pieces: Seque
     def inner(signals: Sequence[Array]) -> Array:
         return np.concatenate([thin.at(x) for x in signals])
 
-    signals = [thin(np.column_stack([np.nan_to_num(p.residual), _measured(p)])) for p in pieces]
+    signals = [thin(np.column_stack([np.nan_to_num(p.residual), _recorded_torque(p)])) for p in pieces]
     residual, torque = np.split(np.concatenate(signals), 2, axis=1)
     return RowTable(
         groups=tuple(groups),
@@ -141,7 +141,7 @@ def _joined(
     return tuple(index for index, _ in made[0]), tuple(columns)
 
 
-def _measured(piece: Piece) -> Array:
+def _recorded_torque(piece: Piece) -> Array:
     assert piece.motion.predicted is not None, "a diagnosed motion has predicted torque"
     return np.nan_to_num(piece.residual + piece.motion.predicted)
 

@@ -137,10 +137,10 @@ class Whitened(Frozen):
             joint: index of the joint.
             columns: (M, k) columns of this joint [1 per coefficient].
         """
-        return np.asarray(columns - self._laws[joint] @ (self._laws[joint].T @ columns))
+        return np.asarray(columns - self._nuisance_basis[joint] @ (self._nuisance_basis[joint].T @ columns))
 
     @cached_property
-    def _laws(self) -> list[Array]:
+    def _nuisance_basis(self) -> list[Array]:
         """Per joint, (M, a) [1] orthonormal basis of nuisance columns of this joint alone, without bodies."""
         out = list[Array]()
         for j in range(self.joints):

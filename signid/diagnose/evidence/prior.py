@@ -36,7 +36,7 @@ def coefficient_prior(hypothesis: Hypothesis, square: Array) -> CoefficientPrior
 
     Source: Zellner, in: Bayesian Inference and Decision Techniques, 1986.
     """
-    fixed = _fixed(hypothesis)
+    fixed = _fixed_std(hypothesis)
     size = np.sqrt(np.maximum(np.diag(square), 0))
     if size.max() < 1e-9:
         return None
@@ -72,7 +72,7 @@ def log_prior(hypothesis: Hypothesis, places: int, skipped: int, kinds: int, unk
     return float(np.log((1 - PRIOR_UNKNOWN) * (1 - PRIOR_NOTHING) * common / (kinds - skipped) / places))
 
 
-def _fixed(hypothesis: Hypothesis) -> float | None:
+def _fixed_std(hypothesis: Hypothesis) -> float | None:
     """Standard deviation of the coefficient of laws without coefficients of their own; None for others [1]."""
     if hypothesis.unknown or any(law.effect.linear() for law in hypothesis.laws):
         return None

@@ -11,7 +11,7 @@ import numpy as np
 # Scale k of the error of what the simulation states: [1] standard deviations of its prior.
 INERTIAL_SCALES = np.array([0.0, 1.0, 2.0])  # [1] without a covariance: of the tolerance of inertials. Prototype
 LOG_INERTIAL_SCALE_PRIOR = np.log([0.5, 0.4, 0.1])  # [1] of each scale. Prototype
-COVARIANCE_SCALES = np.array([1.0, 2.5])  # [1] with a covariance. Tuned on real robots, as the ratio of Birge, 1932
+COVARIANCE_SCALES = np.array([1.0, 2.5])  # [1] with a covariance. Heuristic; idea: the ratio of Birge, 1932
 LOG_COVARIANCE_SCALE_PRIOR = np.log([0.95, 0.05])  # [1] of each scale. Heuristic
 INTERVAL_COVARIANCE_SCALES = np.array([1.0, 2.5, 6.0, 15.0])  # [1] with a covariance, for intervals. Heuristic
 
@@ -24,7 +24,7 @@ BODY_LEVER = 0.1  # [m] distance of mass from the joint; relates mass, first mom
 
 # Prior probability of hypotheses.
 PRIOR_NOTHING = 0.5  # [1] no hypothesis is true. Prototype
-PRIOR_UNKNOWN = 0.02  # [1] an unknown dependence, if something is true. Tuned on simulated arms
+PRIOR_UNKNOWN = 0.02  # [1] an unknown dependence, if a hypothesis is true. Heuristic
 SINGLE_JOINT = 0.3  # [1] factor for one joint alone with an effect that all joints may share. Prototype
 
 # Noise floor beside the selected laws.
