@@ -118,7 +118,7 @@ class Posed(NamedTuple):
     def found(self, *selected: Group) -> Selection:
         """With these selected, at the noise's own dispersion."""
         noise = np.full(self.posterior.evidence.data.joints, 1.3)
-        return begin(self.posterior, noise, {}).having(selected, dict.fromkeys(selected, 100.0))
+        return begin(self.posterior, noise, {}).with_selected(selected, dict.fromkeys(selected, 100.0))
 
 
 @cache

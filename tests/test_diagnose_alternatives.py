@@ -11,8 +11,9 @@ import pytest
 from diagnosed import Posed, fault, posed
 
 from signid.diagnose.data.whitened_rows import columns_of
-from signid.diagnose.evidence.bayes_factors import KNOWN, Evidence
-from signid.diagnose.evidence.linear_model import Known
+from signid.diagnose.evidence.bayes_factors import Evidence
+from signid.diagnose.evidence.linear_model import StatedPrior
+from signid.diagnose.evidence.thresholds import COVARIANCE_SCALES
 from signid.diagnose.findings.alternatives import _follows, limit_in_step, rank_contenders
 from signid.diagnose.findings.contender import Contender
 from signid.diagnose.findings.verdict import decide
@@ -20,14 +21,14 @@ from signid.diagnose.search.inertial_check import relieved
 from signid.diagnose.search.stepwise import is_founded, laws_there
 
 SPRING, DRAG = fault("spring", 1, stiffness=4.0, rest=0.3), fault("quadratic_friction", 1, coefficient=0.3)
-OFF = KNOWN[-1]
+OFF = COVARIANCE_SCALES[-1]
 
 
 def informed(question: Posed) -> Posed:
     """The same of a model whose numbers identification left known to a tenth."""
     evidence = question.posterior.evidence
     which = columns_of([group for group in evidence.data.refitted if group.bodies])
-    known = Known(which, 100.0 * np.eye(len(which)))
+    known = StatedPrior(which, 100.0 * np.eye(len(which)))
     return question._replace(posterior=replace(question.posterior, evidence=Evidence(evidence.data, known)))
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from random_rows import DISPERSION, FRICTION, OFFSET, SPRING, SWAP, VISCOUS, rows
 
-from signid.diagnose.evidence.batches import gather, log_factor
+from signid.diagnose.evidence.batches import log_bayes_factor, stack_priors
 from signid.diagnose.evidence.bayes_factors import Evidence
 from signid.diagnose.evidence.prior import CoefficientPrior
 from signid.regression.projection import leave
@@ -43,8 +43,8 @@ def test_a_law_that_is_far_too_large_is_weighed_whatever_the_rounding() -> None:
     own, right, variance = Fraction(473 * 10**15), Fraction(-25 * 10**7), Fraction(4, 25)
     wide = 1 + variance * own
     exact = float(right - own / 2 + variance * (right - own) ** 2 / wide / 2) - np.log(float(wide)) / 2
-    priors_of = gather([CoefficientPrior(np.eye(1) * 0.4, 1.0, -1)])
-    told = log_factor(priors_of, np.array([[[float(own)]]]), np.array([[float(right)]]))
+    priors = stack_priors([CoefficientPrior(np.eye(1) * 0.4, 1.0, -1)])
+    told = log_bayes_factor(priors, np.array([[[float(own)]]]), np.array([[float(right)]]))
     assert told[0] == pytest.approx(exact, abs=1e-6)
 
 

@@ -24,9 +24,10 @@ from scipy.stats import multivariate_normal
 
 from signid.diagnose.data.column_groups import Group
 from signid.diagnose.data.whitened_rows import columns_of, total
-from signid.diagnose.evidence.bayes_factors import SCALE_PRIOR, SCALES, Evidence
-from signid.diagnose.evidence.linear_model import Known
-from signid.diagnose.evidence.prior import SIZES, WIDE, CoefficientPrior
+from signid.diagnose.evidence.bayes_factors import Evidence
+from signid.diagnose.evidence.linear_model import StatedPrior
+from signid.diagnose.evidence.prior import CoefficientPrior
+from signid.diagnose.evidence.thresholds import EFFECT_SIZES, INERTIAL_SCALES, LOG_INERTIAL_SCALE_PRIOR, SELECTED_SIZE
 from signid.types import Array, Law
 
 
@@ -54,12 +55,12 @@ def log_normal(y: Array, spread: Array) -> float:
 
 def integrated(evidence: Evidence, selected: tuple[Group, ...], prior_scale: float, group: Group, size: float) -> float:
     """Log Bayes factor of a hypothesis at one size of its prior: a sum over a fine grid of its coefficients."""
-    prior = evidence.priors_of[group]
+    prior = evidence.coefficient_priors[group]
     assert prior is not None
     y, spread = evidence.data.residual.ravel(), covariance(evidence, selected, prior_scale)
     x, factor = dense(evidence, columns_of([group])), np.linalg.cholesky(spread)
     white, told = np.linalg.solve(factor, x), np.linalg.solve(factor, y)
-    scale = prior.spread * (1.0 if prior.mean else size)
+    scale = prior.covariance_factor * (1.0 if prior.mean else size)
     count = 40001 if group.size == 1 else 401
     u, step = np.linspace(-8, 8, count, retstep=True)  # coefficients = mean + scale @ u, u unit normal
     grid = np.stack(np.meshgrid(*[u] * group.size, indexing="ij"), axis=-1).reshape(-1, group.size)
@@ -77,10 +78,13 @@ def integrated(evidence: Evidence, selected: tuple[Group, ...], prior_scale: flo
 def by_hand(evidence: Evidence, selected: tuple[Group, ...], group: Group) -> float:
     """Sizes and trusts averaged."""
     y = evidence.data.residual.ravel()
-    weight = SCALE_PRIOR + [log_normal(y, covariance(evidence, selected, prior_scale)) for prior_scale in SCALES]
+    weight = LOG_INERTIAL_SCALE_PRIOR + [
+        log_normal(y, covariance(evidence, selected, prior_scale)) for prior_scale in INERTIAL_SCALES
+    ]
     factors = [
-        logsumexp([integrated(evidence, selected, prior_scale, group, size) for size in SIZES]) - np.log(len(SIZES))
-        for prior_scale in SCALES
+        logsumexp([integrated(evidence, selected, prior_scale, group, size) for size in EFFECT_SIZES])
+        - np.log(len(EFFECT_SIZES))
+        for prior_scale in INERTIAL_SCALES
     ]
     return float(logsumexp(weight - logsumexp(weight) + factors))
 
@@ -108,7 +112,7 @@ def test_what_the_sign_forbids_is_unlikely_and_what_is_there_likely() -> None:
     assert told[0.0][swap] < -20  # of a law that is there or not, that is not there: 1 / (2 x 0.15^2) against
 
 
-@pytest.mark.parametrize("prior_scale", SCALES)
+@pytest.mark.parametrize("prior_scale", INERTIAL_SCALES)
 @pytest.mark.parametrize("selected", ((), (VISCOUS,), (SPRING, OFFSET), (SWAP,)), ids=len)
 def test_the_evidence_is_the_marginal_likelihood(prior_scale: float, selected: tuple[Group, ...]) -> None:
     evidence = rows(4)
@@ -129,9 +133,9 @@ def test_prior_precisions_are_of_what_is_believed() -> None:
     evidence = rows(4)
     diagonal = np.full(4, 7.0)
     precision = evidence.precision((VISCOUS,), diagonal, 2.0)
-    prior = evidence.priors_of[VISCOUS]
+    prior = evidence.coefficient_priors[VISCOUS]
     assert isinstance(prior, CoefficientPrior)
-    expected = [7e-6, 1 / 0.8**2, 1 / 0.4**2, 1 / (WIDE * prior.spread[0, 0]) ** 2]
+    expected = [7e-6, 1 / 0.8**2, 1 / 0.4**2, 1 / (SELECTED_SIZE * prior.covariance_factor[0, 0]) ** 2]
     np.testing.assert_allclose(np.diag(precision), expected, rtol=1e-6)
     assert BODIES not in evidence.refitted(0.0) and BODIES in evidence.refitted(1.0)
 
@@ -141,9 +145,11 @@ def test_trust_follows_from_the_rows() -> None:
         evidence = rows(5, 0.0, bodies, count=400)
         _, weight = evidence.log_bayes_factors((), DISPERSION)
         y = evidence.data.residual.ravel()
-        whole = [log_normal(y, covariance(evidence, (), prior_scale)) for prior_scale in SCALES] + SCALE_PRIOR
+        whole = [
+            log_normal(y, covariance(evidence, (), prior_scale)) for prior_scale in INERTIAL_SCALES
+        ] + LOG_INERTIAL_SCALE_PRIOR
         np.testing.assert_allclose(weight, np.exp(whole - logsumexp(whole)), atol=1e-3)
-        assert evidence.prior_scale((), DISPERSION) == likely == SCALES[np.argmax(weight)]
+        assert evidence.prior_scale((), DISPERSION) == likely == INERTIAL_SCALES[np.argmax(weight)]
         assert weight.sum() == pytest.approx(1)
 
 
@@ -152,12 +158,12 @@ def test_asking_is_weighing(selected: tuple[Group, ...]) -> None:
     evidence = rows(6, 0.4)
     factors, weight = evidence.log_bayes_factors(selected, DISPERSION)
     for group in (g for g in TOLD if g not in selected):
-        prior = evidence.priors_of[group]
+        prior = evidence.coefficient_priors[group]
         assert prior is not None
         own = {j: evidence.data.part(j, group) for j in evidence.data.rows(group)}
         told = [
-            evidence.ask(evidence.fit(selected, DISPERSION, prior_scale), DISPERSION, prior, own)
-            for prior_scale in SCALES
+            evidence.candidate_log_factor(evidence.fit(selected, DISPERSION, prior_scale), DISPERSION, prior, own)
+            for prior_scale in INERTIAL_SCALES
         ]
         assert logsumexp(np.log(weight) + told) == pytest.approx(factors[GROUPS.index(group)], abs=1e-6)
 
@@ -166,7 +172,7 @@ def test_what_is_known_before_is_as_good_as_rows() -> None:
     evidence, other = rows(7), rows(8, 0.0, 0.4)
     which = columns_of([BODIES])
     x = dense(other, which)
-    known = Known(which, x.T @ (x / np.repeat(DISPERSION, ROWS)[:, None]))
+    known = StatedPrior(which, x.T @ (x / np.repeat(DISPERSION, ROWS)[:, None]))
     fit = Evidence(evidence.data, known).fit((), DISPERSION, 1.0)
     both = [dense(e, fit.which) for e in (evidence, other)]
     both[1][:, fit.which == FRICTION.start] = 0  # nothing is known of friction

@@ -10,7 +10,7 @@ from diagnosed import DRIVES, fault, look, named, posed, simulation
 from plant import law
 
 from signid.diagnose.data.column_groups import Group, tolerance
-from signid.diagnose.data.hypotheses import propose, refits
+from signid.diagnose.data.hypotheses import is_refitted, propose
 from signid.diagnose.data.normal_equations import Fitted, solve
 from signid.diagnose.extend.extend import extend
 from signid.diagnose.findings.findings import PLAUSIBLE
@@ -37,7 +37,7 @@ def simulated(*laws: Law) -> Model:
 def refitted(model: Model, steps: dict[int, float], bodies: Array | None = None) -> tuple[list[Group], Fitted]:
     """Groups as they are laid out, and a fit that says each law's first coefficient is off by so much."""
     groups, at, value = list[Group](), 0, list[float]()
-    for k, one in enumerate(x for x in model.laws if refits(x)):
+    for k, one in enumerate(x for x in model.laws if is_refitted(x)):
         size = len(one.effect.coefficients(one.parameters))
         groups.append(Group(at, size, law=one, deviation=(np.inf,) * size))
         value += [steps.get(k, 0.0), *[0.0] * (size - 1)]

@@ -10,11 +10,12 @@ from diagnosed import named, posed, read, recorded, simulation
 from random_rows import BODIES, DISPERSION, rows
 
 import signid
-from signid.diagnose.data.column_groups import Group, lay_out
+from signid.diagnose.data.column_groups import Group, build_groups
 from signid.diagnose.data.whitened_rows import columns_of
-from signid.diagnose.evidence.bayes_factors import FURTHER, KNOWN, Evidence
-from signid.diagnose.evidence.knowledge import known_before
-from signid.diagnose.evidence.linear_model import Known
+from signid.diagnose.evidence.bayes_factors import Evidence
+from signid.diagnose.evidence.knowledge import stated_prior
+from signid.diagnose.evidence.linear_model import StatedPrior
+from signid.diagnose.evidence.thresholds import COVARIANCE_SCALES, INTERVAL_COVARIANCE_SCALES
 from signid.diagnose.extend.extend import read_laws
 from signid.model import Model
 from signid.regression.base_parameters import build_base
@@ -24,19 +25,19 @@ LIGHTER = 0.7  # of the mass of a link, and of all its inertia
 LINK = 1  # the second
 
 
-@pytest.mark.parametrize(("off", "scale"), [(0.0, KNOWN[0]), (2.0, KNOWN[-1])])
+@pytest.mark.parametrize(("off", "scale"), [(0.0, COVARIANCE_SCALES[0]), (2.0, COVARIANCE_SCALES[-1])])
 def test_recordings_tell_how_far_a_model_is_off(off: float, scale: float) -> None:
     evidence, which = rows(7, 0.0, off), columns_of([BODIES])
-    known = Evidence(evidence.data, Known(which, 30.0 * np.eye(2)))  # a standard deviation of .18
+    known = Evidence(evidence.data, StatedPrior(which, 30.0 * np.eye(2)))  # a standard deviation of .18
     assert known.prior_scale((), DISPERSION) == scale
 
 
 def test_stated_numbers_go_further_where_they_are_off() -> None:
     evidence, which = rows(7, 0.0, 2.0), columns_of([BODIES])
-    known = Evidence(evidence.data, Known(which, 30.0 * np.eye(2)))
-    steps = [known.fit((), DISPERSION, scale).value[1] for scale in FURTHER]
+    known = Evidence(evidence.data, StatedPrior(which, 30.0 * np.eye(2)))
+    steps = [known.fit((), DISPERSION, scale).value[1] for scale in INTERVAL_COVARIANCE_SCALES]
     assert all(np.diff(steps) > 0) and steps[-1] == pytest.approx(2.0, rel=0.2)
-    assert known.distance((), DISPERSION) > KNOWN[-1]
+    assert known.distance((), DISPERSION) > COVARIANCE_SCALES[-1]
 
 
 def test_a_law_that_was_taken_out_is_zero_not_unknown() -> None:
@@ -56,8 +57,8 @@ def test_a_law_that_was_taken_out_is_zero_not_unknown() -> None:
 def _known(model: Model) -> dict[str, dict[str, float]]:
     """Information on each column, by what it is of."""
     motion = posed("1r").dataset.pieces[0].motion
-    groups = lay_out(model, motion, [], np.zeros(1))
-    found = known_before(model, groups)
+    groups = build_groups(model, motion, [], np.zeros(1))
+    found = stated_prior(model, groups)
     assert found is not None
     names = [f"{_name(group)} {k}" for group in groups for k in range(group.size) if group.start + k in found.columns]
     return {
@@ -85,7 +86,7 @@ def test_a_factor_is_all_numbers_of_a_link() -> None:
     question = posed("3r")
     groups = [question.posterior.evidence.data.groups[k] for k in question.posterior.keys["link_inertia", (LINK,)]]
     free, scaled = sorted(groups, key=lambda group: -group.size)
-    assert (free.size, scaled.size) == (10, 1) and question.posterior.like(scaled) is scaled
+    assert (free.size, scaled.size) == (10, 1) and question.posterior.counterpart(scaled) is scaled
     inertials = simulation("3r").inertials[LINK]
     (law,) = read_laws(scaled, np.array([0.3]))
     np.testing.assert_allclose(list(law.parameters.values()), 0.3 * inertials)

@@ -12,9 +12,10 @@ from scipy.signal import lfilter
 from signid.diagnose.data.column_groups import Group
 from signid.diagnose.data.hypotheses import hats
 from signid.diagnose.data.locate import locate
-from signid.diagnose.data.noise import MARGIN, measure_noise, whiten
+from signid.diagnose.data.noise import measure_noise, whiten
 from signid.diagnose.data.periodicity import find_wave
-from signid.diagnose.data.rows import Table
+from signid.diagnose.data.rows import RowTable
+from signid.diagnose.data.thresholds import REPLICATE_FACTOR
 from signid.diagnose.data.whitening import weights
 from signid.types import Array
 
@@ -23,7 +24,7 @@ AR = np.array([1.1, -0.5, 0.2, -0.1])  # of the last four values, stable
 KEEP = Group(0, 3, deviation=(np.inf,) * 3)
 
 
-def table(residual: Array, columns: Array, pieces: int = 1, rests: Array | None = None, **signals: Array) -> Table:
+def table(residual: Array, columns: Array, pieces: int = 1, rests: Array | None = None, **signals: Array) -> RowTable:
     """Rows of one joint."""
     count = len(residual)
     piece = np.arange(count) * pieces // count
@@ -34,7 +35,7 @@ def table(residual: Array, columns: Array, pieces: int = 1, rests: Array | None 
     groups = (KEEP,) if columns.shape[1] == 3 else (Group(0, columns.shape[1], deviation=(np.inf,)),)
     place = (np.arange(columns.shape[1]),)
     whole = {**usual, **given}
-    return Table(
+    return RowTable(
         groups,
         columns.shape[1],
         piece,
@@ -98,9 +99,9 @@ def test_repetitions_tell_noise_from_physics() -> None:
     physics, noise = np.sign(np.sin(7 * phase + 0.1)) + np.cos(11 * phase), 0.1 * rng.standard_normal(count)
     rows = table(physics + noise, waves(count), pieces=2)
     alone, again = (measure_noise(rows, told, RATE) for told in ([None, None], [period, period]))
-    assert alone.floor[0] > 0.5 and again.floor[0] == pytest.approx(0.1 * MARGIN, rel=0.08)
+    assert alone.floor[0] > 0.5 and again.floor[0] == pytest.approx(0.1 * REPLICATE_FACTOR, rel=0.08)
     one = measure_noise(rows, [period, None], RATE)  # one of two recordings repeats
-    assert one.floor[0] == pytest.approx(0.1 * MARGIN, rel=0.1)
+    assert one.floor[0] == pytest.approx(0.1 * REPLICATE_FACTOR, rel=0.1)
 
 
 def test_a_contact_in_one_period_is_no_noise() -> None:
@@ -108,7 +109,7 @@ def test_a_contact_in_one_period_is_no_noise() -> None:
     rng, t = np.random.default_rng(5), np.arange(count) / RATE
     noise = 0.1 * rng.standard_normal(count) + 3.0 * ((t > 33) & (t < 36))
     found = measure_noise(table(noise, waves(count), pieces=2), [period, period], RATE)
-    assert found.floor[0] == pytest.approx(0.1 * MARGIN, rel=0.1)
+    assert found.floor[0] == pytest.approx(0.1 * REPLICATE_FACTOR, rel=0.1)
 
 
 def test_friction_at_rest_is_no_noise() -> None:
@@ -138,7 +139,7 @@ def test_near_reversals_torque_is_less_sure() -> None:
     count = 4000
     rng, near = np.random.default_rng(9), np.arange(count) % 40 < 6
     residual = 0.1 * rng.standard_normal(count) + 0.5 * near * rng.standard_normal(count)
-    rows = replace(table(residual, waves(count)), jumps=0.5 * near[:, None])
+    rows = replace(table(residual, waves(count)), reversal_std=0.5 * near[:, None])
     noise = measure_noise(rows, [None], RATE)
     assert noise.floor[0] == pytest.approx(0.1, rel=0.1)
     weight = weights(rows, noise)[:, 0]

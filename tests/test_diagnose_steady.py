@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from signid.diagnose.data.column_groups import Group
-from signid.diagnose.data.noise import LONGEST, _damped
+from signid.diagnose.data.noise import _damped
 from signid.diagnose.data.normal_equations import solve
+from signid.diagnose.data.thresholds import MAX_AR_ROOT
 from signid.diagnose.extend.holdout import Rows
 from signid.diagnose.findings.contender import Contender
 from signid.diagnose.findings.findings import _is_vague, _judged
@@ -87,7 +88,7 @@ def test_coefficients_that_are_held_stay_zero() -> None:
     fit = solve(np.arange(3), x.T @ x, x.T @ (x @ truth), 1e-9 * np.eye(3))
     np.testing.assert_allclose(fit.value, truth, rtol=1e-6)
     free = np.array([True, False, True])
-    held = fit.holding(free).value
+    held = fit.restricted(free).value
     np.testing.assert_allclose(held[free], np.linalg.lstsq(x[:, free], x @ truth, rcond=None)[0], rtol=1e-6)
     assert abs(held[1]) < 1e-12
 
@@ -95,7 +96,7 @@ def test_coefficients_that_are_held_stay_zero() -> None:
 def test_noise_decays() -> None:
     slow = np.array([1.7, -0.9, 0.3, -0.1])
     roots = np.abs(np.roots(np.append(1.0, -_damped(slow))))
-    assert roots.max() == pytest.approx(LONGEST)
+    assert roots.max() == pytest.approx(MAX_AR_ROOT)
     fast = np.array([0.5, -0.1, 0.0, 0.0])
     np.testing.assert_array_equal(_damped(fast), fast)
 

@@ -123,7 +123,7 @@ def test_planted_imports_are_caught() -> None:
         "diagnose/data/rows": "",
         "robot/__init__": "",
     }
-    files["diagnose/search/stepwise"] = "from ..data.rows import Table"
+    files["diagnose/search/stepwise"] = "from ..data.rows import RowTable"
     assert not list(wrong_way(arrows(files)))
     planted = {
         "types": "from .robot.load import load_robot",

@@ -12,7 +12,7 @@ from test_output_report import shown
 
 import signid
 from signid.diagnose import Alternative, Diagnosis, Finding, Unexplained
-from signid.diagnose.data.locate import Place
+from signid.diagnose.data.locate import Location
 from signid.effects.naming import parse_law
 from signid.estimation.fit_quality import Course, Fit
 from signid.output.report import diagnosis_document, diagnosis_tables, to_json
@@ -54,7 +54,7 @@ def finding(law: str, std: dict[str, float], **changes: Any) -> Finding:
         role="cause",
         probability=0.9994,
         torque_share=np.array([0.0, 0.26, 0.0]),
-        where=Place(1, "velocity", "slower than 0.05 rad/s", 0.83, 0.9),
+        where=Location(1, "velocity", "slower than 0.05 rad/s", 0.83, 0.9),
         statistic=120.0,
         threshold=4.0,
         held_out_gain=0.98,
@@ -95,8 +95,8 @@ def made(**changes: Any) -> Diagnosis:
         robot=ROBOT,
         verdict="named",
         findings=FINDINGS,
-        unexplained=(Unexplained(2, Place(2, "time", "3 to 4 s", 0.4, 0.1), 0.05),),
-        located=tuple(Place(j, "velocity", "slower than 0.05 rad/s", 0.83, 0.9) for j in range(3)),
+        unexplained=(Unexplained(2, Location(2, "time", "3 to 4 s", 0.4, 0.1), 0.05),),
+        located=tuple(Location(j, "velocity", "slower than 0.05 rad/s", 0.83, 0.9) for j in range(3)),
         tolerance=0.01,
         before=fit(BEFORE),
         after=fit(AFTER),

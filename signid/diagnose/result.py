@@ -1,4 +1,4 @@
-"""What a diagnosis says."""
+"""Types of a diagnosis: findings, unexplained torque, the extended simulation."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from ..model import Model
 from ..signs import Signs
 from ..simulation.rollout import RollOut
 from ..types import Array, Frozen, Input, Law, Recording, Robot
-from .data.locate import Place
+from .data.locate import Location
 
 
 @dataclass(frozen=True)
 class Alternative:
-    """A law that explains a finding as well, or nearly."""
+    """Law that explains a finding nearly as well as, or as well as, the selected one."""
 
-    law: Law  # without numbers but for its shape
+    law: Law  # with its shape, without coefficients
     probability: float
     separating_motion: str
 
@@ -28,66 +28,64 @@ class Alternative:
 class Finding(Frozen):
     """A law that the simulation lacks."""
 
-    law: Law  # with all its numbers
-    std: Mapping[str, float]  # of each number [as its parameter]
-    role: str  # cause, or secondary
+    law: Law  # with all its parameters
+    std: Mapping[str, float]  # standard deviation of each parameter [unit of the parameter]
+    role: str  # "cause" or "secondary"
     probability: float
-    torque_share: Array  # (n,) rms of its torque over the rms of the measured torque [1]
-    where: Place
-    statistic: float  # log posterior odds against its absence
-    threshold: float  # that it needed
-    held_out_gain: float  # share of the held-out sum of squares that it takes away, on its joints [1]
+    torque_share: Array  # (n,) rms of its torque over rms of the recorded torque [1]
+    where: Location
+    statistic: float  # log posterior odds against its absence [-]
+    threshold: float  # log odds that a law needed to be selected [-]
+    held_out_gain: float  # reduction of the held-out sum of squares on its joints, as a share [1]
     alternatives: tuple[Alternative, ...]
-    stated: Mapping[str, float] = field(
-        default_factory=dict
-    )  # of numbers that the simulation states [as its parameter]
-    in_model: bool = True  # whether the extended simulation has it: held-out torque is predicted no worse with it
+    stated: Mapping[str, float] = field(default_factory=dict)  # stated values of parameters [unit of the parameter]
+    in_model: bool = True  # whether the extended simulation has it: held-out torque is predicted better with it
 
 
 @dataclass(frozen=True)
 class Unexplained:
-    """Torque of a joint that no law explains, beyond noise."""
+    """Torque of a joint that exceeds the noise and that no law explains."""
 
     joint: int
-    place: Place
-    share: float  # rms over the rms of the joint's measured torque [1]
-    held_out_gain: float = 0.0  # share of the held-out sum of squares that a function of the variable takes away [1]
+    place: Location
+    share: float  # its rms over the rms of the joint's recorded torque [1]
+    held_out_gain: float = 0.0  # share of the held-out sum of squares that a function of the variable explains [1]
     modelled: bool = False  # whether the extended simulation has that function, as `empirical` torque
 
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis(Frozen):
-    """Where a simulation and recordings differ, and what is behind it."""
+    """Differences between a simulation and recordings, and the laws that explain them."""
 
     robot: Robot
-    verdict: str  # nothing_missing, named or unknown
+    verdict: str  # "nothing_missing", "named" or "unknown"
     findings: tuple[Finding, ...]
     unexplained: tuple[Unexplained, ...]
-    located: tuple[Place, ...]  # per joint, before anything was added
-    tolerance: float  # share of torque within which nothing is missing [1]
+    located: tuple[Location, ...]  # of the residual of the given simulation, per joint
+    tolerance: float  # largest residual that counts as no difference, as a share of torque [1]
     before: Fit
     after: Fit
-    learned: Course  # both simulations on what was learned from
-    judged: Course  # and on what was held out
+    learned: Course  # torque of both simulations on the training data
+    judged: Course  # torque of both simulations on the held-out data
     rollout_before: RollOut | None
     rollout_after: RollOut | None
     model: Model  # the extended simulation
-    prior_scale: float  # of the usual tolerance of inertials, how far they seem to be off [1]
+    prior_scale: float  # k: errors of the given simulation, in standard deviations of their prior [1]
     signs: Signs | None
-    inputs: tuple[Input, ...]  # the recordings
+    inputs: tuple[Input, ...]  # files of the recordings
     flags: tuple[str, ...]
     notes: tuple[str, ...]
     cutoff: float  # [Hz]
     seed: int
-    recordings: tuple[Recording, ...] = ()  # held-out ones too, with the signs that were found
-    informed: bool = False  # whether the simulation carries the covariance that identification left
+    recordings: tuple[Recording, ...] = ()  # training and held-out data, with recovered signs
+    informed: bool = False  # whether the simulation has a covariance from identification
 
     @property
     def causes(self) -> tuple[Finding, ...]:
-        """The findings that are causes."""
+        """Findings that are causes."""
         return tuple(finding for finding in self.findings if finding.role == "cause")
 
     @property
     def gain(self) -> Array:
-        """(n,) held-out rms after over before [1]."""
+        """(n,) held-out rms of the extended over the given simulation [1]."""
         return np.asarray(self.after.held_out_rms / self.before.held_out_rms)

@@ -20,17 +20,17 @@ from ..signs import Recovered, recover
 from ..simulation.rollout import RollOut, roll_out
 from ..simulation.rollout.joints import restrict_joints
 from ..types import Progress, Recording
-from .data.column_groups import dry_friction, lay_out
+from .data.column_groups import build_groups, dry_friction
 from .data.dataset import Dataset
-from .data.hypotheses import happens_once, pooled, propose
+from .data.hypotheses import is_transient, pooled, propose
 from .data.motions import pieces, row_filter, subsample
 from .data.noise import measure_noise
 from .data.periodicity import find_period
-from .data.rows import tabulate
+from .data.rows import build_table
 from .data.whitened_rows import Whitened, whitened
 from .evidence.bayes_factors import Evidence
-from .evidence.knowledge import known_before
-from .evidence.posterior_odds import Bodies, Posterior
+from .evidence.knowledge import stated_prior
+from .evidence.posterior_odds import Posterior, StatedBodies
 from .extend.holdout import prove, show
 from .findings.alternatives import limit_in_step, replace_weak
 from .findings.empirical import model_rest
@@ -86,7 +86,7 @@ def diagnose(
     session, gross = _prepare(model, recovered, options, told)
     session = _judged_by_itself(model, session)
     dataset, data = _build_in_time(model, session, skip, told)
-    evidence = Evidence(data, known_before(model, data.groups))
+    evidence = Evidence(data, stated_prior(model, data.groups))
     dataset, found, tangled = _search(dataset, _posterior(model, evidence, skip), skip, known, told)
     found, contenders = replace_weak(dataset, prune(dataset, session, found))
     contenders = limit_in_step(dataset, contenders)
@@ -220,7 +220,7 @@ def _build(model: Model, session: Session, skip: Sequence[str] | None, told: Pro
     motion = pooled([p.motion for p in made])
     hypotheses = [] if skip is None else propose(model, motion, (*skip, CONTACT))
     dry = dry_friction(model, made)
-    table = tabulate(task, model, lay_out(model, made[0].motion, hypotheses, dry), made, dry)
+    table = build_table(task, model, build_groups(model, made[0].motion, hypotheses, dry), made, dry)
     periods = tuple(_period(part) for part in parts)
     noise = measure_noise(table, periods, task.band.rate / task.band.factor).white()
     return Dataset(task, model, made, periods, table, noise), whitened(table, noise)
@@ -228,12 +228,12 @@ def _build(model: Model, session: Session, skip: Sequence[str] | None, told: Pro
 
 def _lasting(model: Model) -> Model:
     """Without what happened once, in the recordings that it was learned from."""
-    return replace(model, laws=tuple(law for law in model.laws if not happens_once(law)))
+    return replace(model, laws=tuple(law for law in model.laws if not is_transient(law)))
 
 
 def _posterior(model: Model, evidence: Evidence, skip: Sequence[str]) -> Posterior:
     bodies = tuple(carried(model.robot, j) for j in range(len(model.robot.joints)))
-    own = Bodies(build_base(model.robot), model.whole_inertials())
+    own = StatedBodies(build_base(model.robot), model.whole_inertials())
     return Posterior(evidence, len(list(EFFECTS)), len(skip), bodies, own)
 
 

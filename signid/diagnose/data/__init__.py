@@ -1,1 +1,1 @@
-"""Recordings -> rows of all hypotheses: motions, columns, noise, whitening."""
+"""Rows of all hypotheses from recordings: motions, columns, noise, whitening."""

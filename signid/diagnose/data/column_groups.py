@@ -1,4 +1,4 @@
-"""Columns that belong together: what is refitted in any case, and hypotheses."""
+"""Groups of columns: nuisance parameters (X a of the README) and hypotheses (S b)."""
 
 from __future__ import annotations
 
@@ -13,132 +13,144 @@ from ...model import Model
 from ...regression.motion import Motion
 from ...regression.projection import least_squares
 from ...types import Array, Law
-from .hypotheses import Hypothesis, refits
+from .hypotheses import Hypothesis, is_refitted
 from .motions import Piece
+from .thresholds import (
+    CENTRE_STD,
+    FRICTION_STD,
+    INERTIA_STD,
+    LAW_STD,
+    MASS_STD,
+    MIN_MASS,
+    OFFSET_STD,
+    REVERSAL_LEAD,
+    REVERSAL_STD,
+    REVERSAL_WIDTHS,
+)
 
-DRIFT, STEADY, OFFSET = 0.1, 0.03, 0.05  # share of friction, and of all else; offset as a share of dry friction
-MASS, CENTRE, INERTIA = 0.05, 0.005, 0.1  # tolerance of inertials: share, [m], share
-LEAST_MASS, MASSLESS = 0.05, 1e-6  # [kg] to which a tolerance is a share at least; of a body without a centre of mass
-SOFT = 0.7  # of dry friction: how far its law near reversals may be off
-EARLY = 0.008  # [s] that friction may turn before the motion does
-STRIDE = 8  # samples of which one tells how large friction is, roughly
-FEW = 64  # samples that tell how many columns there are
-WIDTHS = (0.3, 3.0)  # of a reversal, of the width that is presumed
+MASSLESS = 1e-6  # [kg] a body below this mass has no centre of mass. Heuristic
+DRY_STRIDE = 8  # every 8th sample is used for the rough estimate of dry friction. Heuristic
+LAYOUT_SAMPLES = 64  # samples of the motion from which columns are counted
 
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """`size` consecutive columns from `start` on, and what they mean."""
+    """`size` consecutive columns from `start` on: a nuisance term or a hypothesis."""
 
     start: int
     size: int
-    hypothesis: Hypothesis | None = None  # None: refitted in any case
-    bodies: bool = False  # whether it counts only where inertials are not trusted
-    law: Law | None = None  # that the simulation has, where it is refitted
-    deviation: tuple[float, ...] = ()  # (size,) prior standard deviations [of each coefficient]; inf: not known at all
+    hypothesis: Hypothesis | None = None  # None: a nuisance term, which is always fitted
+    bodies: bool = False  # inertial parameters of a body: fitted only if the prior scale k is above zero
+    law: Law | None = None  # law of the simulation whose coefficients are refitted
+    deviation: tuple[float, ...] = ()  # (size,) prior standard deviations [unit of each coefficient]; inf: flat prior
 
     @property
     def claim(self) -> Hypothesis:
-        """The hypothesis that its columns are of; nothing that is refitted in any case is asked for it."""
-        assert self.hypothesis is not None, "what is refitted is no hypothesis"
+        """The hypothesis of these columns; nuisance terms have none."""
+        assert self.hypothesis is not None, "a nuisance term is no hypothesis"
         return self.hypothesis
 
     @property
     def place(self) -> slice:
-        """Where its columns stand."""
+        """Slice of its columns."""
         return slice(self.start, self.start + self.size)
 
 
 class Nuisance(NamedTuple):
-    """What is refitted beside every hypothesis."""
+    """One nuisance term, fitted beside every hypothesis."""
 
     columns: dict[int, Array]  # per joint (N, k) [torque per coefficient]
-    deviation: list[float]  # (k,) prior standard deviations [of each coefficient]
-    law: Law | None = None  # that the simulation has
+    deviation: list[float]  # (k,) prior standard deviations [unit of each coefficient]
+    law: Law | None = None  # law of the simulation
     bodies: bool = False
 
 
 def nuisances(model: Model, motion: Motion, dry: Array) -> Iterator[Nuisance]:
-    """What is refitted beside every hypothesis.
+    """Nuisance terms X a in the order of their columns.
 
-    Laws that the simulation states, within their usual drift; how its dry friction turns near a reversal; and all
-    inertials, within their tolerance.
+    Coefficients of the laws that the simulation states, the shape of dry friction near velocity reversals, and all
+    inertial parameters, each with its prior.
 
     Args:
         model: the simulation.
-        motion: along which columns are made.
+        motion: motion along which the columns are computed.
         dry: (n,) dry friction of each joint [N.m or N].
     """
     stated = stated_friction(model)
     for law in model.laws:
-        if refits(law):
+        if is_refitted(law):
             rows, columns = law_columns(law, motion)
-            spread = [np.inf] * columns.shape[2] if model.covariance else drift(law, float(stated[law.joints[0]]))
+            spread = (
+                [np.inf] * columns.shape[2] if model.covariance else law_tolerance(law, float(stated[law.joints[0]]))
+            )
             yield Nuisance({j: columns[:, k] for k, j in enumerate(rows)}, spread, law)
     for j in np.flatnonzero(dry > 0).tolist():
-        yield Nuisance({j: _turning(motion, j)}, [SOFT * float(dry[j])] * 3)
+        yield Nuisance({j: _reversal_columns(motion, j)}, [REVERSAL_STD * float(dry[j])] * 3)
     for body, spread in enumerate(tolerance(model).tolist()):
         moving = np.flatnonzero(motion.moved[:, body]).tolist()
         yield Nuisance({j: motion.bodies[:, j, body] for j in moving}, spread, bodies=True)
 
 
-def drift(law: Law, dry: float) -> list[float]:
-    """(k,) how far the coefficients of a law usually change from day to day [of each].
+def law_tolerance(law: Law, dry: float) -> list[float]:
+    """(k,) prior standard deviations of the coefficients of a stated law [unit of each].
 
     Args:
-        law: with all its numbers.
-        dry: friction of its joint [N.m or N].
+        law: law with all its parameters.
+        dry: dry friction of its joint [N.m or N].
     """
-    share = DRIFT if law.effect.dissipative or law.effect.name == "torque_offset" else STEADY
-    least = OFFSET * dry if law.effect.name == "torque_offset" else 0.0
+    share = FRICTION_STD if law.effect.dissipative or law.effect.name == "torque_offset" else LAW_STD
+    least = OFFSET_STD * dry if law.effect.name == "torque_offset" else 0.0
     return [max(share * abs(x), least, 1e-9) for x in law.effect.coefficients(law.parameters)]
 
 
 def tolerance(model: Model) -> Array:
-    """(nb, 10) how far inertial parameters of a drawing are usually off [kg, kg.m, kg.m2]."""
+    """(nb, 10) prior standard deviations of stated inertial parameters [kg, kg.m, kg.m2]."""
     out = []
     for inertia in list(model.bodies().inertias)[1:]:
-        mass = max(abs(inertia.mass), LEAST_MASS)
+        mass = max(abs(inertia.mass), MIN_MASS)
         about, lever = np.diag(inertia.inertia), np.abs(inertia.lever)
-        if abs(inertia.mass) < MASSLESS:  # has no centre
+        if abs(inertia.mass) < MASSLESS:  # no centre of mass
             about, lever = inertia.toDynamicParameters()[[4, 6, 9]], np.abs(inertia.mass * inertia.lever) / mass
-        moment = INERTIA * float(np.max(np.abs(about) + mass * (lever @ lever)))
-        moment = max(moment, mass * CENTRE**2)
+        moment = INERTIA_STD * float(np.max(np.abs(about) + mass * (lever @ lever)))
+        moment = max(moment, mass * CENTRE_STD**2)
         half = moment / 2
-        first = np.hypot(MASS * mass * lever, CENTRE * mass)
-        out.append([MASS * mass, *first, moment, half, moment, half, half, moment])
+        first = np.hypot(MASS_STD * mass * lever, CENTRE_STD * mass)
+        out.append([MASS_STD * mass, *first, moment, half, moment, half, half, moment])
     return np.array(out)
 
 
-def _turning(motion: Motion, joint: int) -> Array:
-    """(N, 3) friction that turns more steeply, more softly, and earlier than presumed, less the presumed [1]."""
-    assert motion.slow is not None, "a diagnosed motion knows how wide a reversal is"
-    v, slow, usual = motion.v[:, joint], motion.slow[joint], motion.direction[:, joint]
-    ahead = max(1, round(EARLY / motion.dt))
-    early = np.append(usual[ahead:], np.full(ahead, usual[-1]))
-    return np.column_stack([*(np.clip(v / (w * slow), -1, 1) - usual for w in WIDTHS), early - usual])
+def _reversal_columns(motion: Motion, joint: int) -> Array:
+    """(N, 3) change of the friction direction if it turns more steeply, more softly or earlier than presumed [1]."""
+    assert motion.slow is not None, "a diagnosed motion has the width of a reversal"
+    v, slow, presumed = motion.v[:, joint], motion.slow[joint], motion.direction[:, joint]
+    ahead = max(1, round(REVERSAL_LEAD / motion.dt))
+    early = np.append(presumed[ahead:], np.full(ahead, presumed[-1]))
+    return np.column_stack([*(np.clip(v / (w * slow), -1, 1) - presumed for w in REVERSAL_WIDTHS), early - presumed])
 
 
-def _dry(law: Law) -> float:
-    """Largest dry friction of a law [N.m or N]."""
+def _largest_dry(law: Law) -> float:
+    """Largest dry friction parameter of a law [N.m or N]."""
     keys = [key for key, kind in law.effect.linear().items() if kind.unit == "N.m"]
     return max((abs(law.parameters[key]) for key in keys), default=0.0)
 
 
 def stated_friction(model: Model) -> Array:
-    """(n,) dry friction of each joint that the simulation has [N.m or N]."""
+    """(n,) dry friction of each joint in the simulation [N.m or N]."""
     found = np.zeros(len(model.robot.joints))
     for law in (law for law in model.laws if law.effect.reverses and law.effect.scope == "joint"):
-        found[law.joints[0]] += _dry(law)
+        found[law.joints[0]] += _largest_dry(law)
     return found
 
 
 def dry_friction(model: Model, pieces: Sequence[Piece]) -> Array:
-    """(n,) dry friction of each joint [N.m or N]: what the simulation has, and roughly what the residual adds."""
+    """(n,) dry friction of each joint [N.m or N]: stated, plus a rough estimate from the residual."""
     found = stated_friction(model)
-    few = [piece.motion[::STRIDE] for piece in pieces]
+    few = [piece.motion[::DRY_STRIDE] for piece in pieces]
     for j in range(len(found)):
-        rows = [np.column_stack([_plain(m, j), p.residual[::STRIDE, j]]) for m, p in zip(few, pieces, strict=True)]
+        rows = [
+            np.column_stack([_rough_columns(m, j), p.residual[::DRY_STRIDE, j]])
+            for m, p in zip(few, pieces, strict=True)
+        ]
         x = np.concatenate(rows)
         x = x[np.isfinite(x).all(axis=1)]
         if len(x):
@@ -146,23 +158,23 @@ def dry_friction(model: Model, pieces: Sequence[Piece]) -> Array:
     return found
 
 
-def _plain(motion: Motion, joint: int) -> Array:
-    """(N, k) direction, velocity, a constant and the bodies."""
+def _rough_columns(motion: Motion, joint: int) -> Array:
+    """(N, k) [torque per coefficient] columns of dry and viscous friction, an offset and the bodies."""
     bodies = [motion.bodies[:, joint, body] for body in np.flatnonzero(motion.moved[joint])]
     return np.column_stack([motion.direction[:, joint], motion.v[:, joint], np.ones(len(motion)), *bodies])
 
 
-def lay_out(model: Model, motion: Motion, hypotheses: Sequence[Hypothesis], dry: Array) -> list[Group]:
-    """Where the columns of everything stand: what is refitted first, then hypotheses in their order.
+def build_groups(model: Model, motion: Motion, hypotheses: Sequence[Hypothesis], dry: Array) -> list[Group]:
+    """Groups of all columns: nuisance terms first, then the hypotheses in their order.
 
     Args:
         model: the simulation.
-        motion: any that is to be diagnosed.
-        hypotheses: what may be missing.
+        motion: any motion of the recordings.
+        hypotheses: hypotheses of the search.
         dry: (n,) dry friction of each joint [N.m or N].
     """
     out, at = list[Group](), 0
-    for found in nuisances(model, motion[:FEW], dry):
+    for found in nuisances(model, motion[:LAYOUT_SAMPLES], dry):
         size = len(found.deviation)
         out.append(Group(at, size, None, found.bodies, found.law, tuple(found.deviation)))
         at += size

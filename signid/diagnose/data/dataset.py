@@ -1,4 +1,4 @@
-"""What a diagnosis works on, from motions to whitened rows; more columns can be asked of it."""
+"""Recordings, simulation and rows of a diagnosis; columns of further hypotheses on request."""
 
 from __future__ import annotations
 
@@ -17,41 +17,41 @@ from .hypotheses import Hypothesis
 from .motions import Piece, row_filter, thinned
 from .noise import Noise
 from .normal_equations import Fitted
-from .rows import Table
+from .rows import RowTable
 from .whitened_rows import Whitened
 from .whitening import Whitening
 
 
 @dataclass(frozen=True, eq=False)
 class Dataset(Frozen):
-    """Recordings, the simulation, and the rows made of them."""
+    """Recordings, the simulation, and the rows computed from them."""
 
     task: Task
     model: Model
     pieces: tuple[Piece, ...]
-    periods: tuple[float | None, ...]  # [s] of the motion in each recording, None where it does not repeat
-    table: Table
+    periods: tuple[float | None, ...]  # [s] period of the motion in each recording, None where it does not repeat
+    table: RowTable
     noise: Noise
 
     @cached_property
     def thin(self) -> Decimator:
-        """The low-pass of columns and torque."""
+        """Low-pass filter and decimation of columns and torque."""
         return row_filter(self.task)
 
     def thinned(self, columns: Sequence[Mapping[int, Array]]) -> dict[int, Array]:
-        """Per joint, rows (M, k) [torque per coefficient] of columns that were made at the rate of the pieces.
+        """Filter and decimate columns: per joint (M, k) [torque per coefficient].
 
         Args:
-            columns: piece by piece, per joint (N, k) [torque per coefficient].
+            columns: for each piece, per joint (N, k) [torque per coefficient] at the rate of the pieces.
         """
         return thinned(self.thin, columns)
 
     def columns(self, hypothesis: Hypothesis) -> dict[int, Array]:
-        """Per joint, rows (M, k) [torque per coefficient] of a hypothesis."""
+        """Rows of a hypothesis: per joint (M, k) [torque per coefficient]."""
         return self.thinned([hypothesis.columns(piece.motion) for piece in self.pieces])
 
     def whiten(self, columns: Mapping[int, Array]) -> dict[int, Array]:
-        """Per joint, (M', k) in units of noise and discrepancy.
+        """Whiten columns against noise and discrepancy: per joint (M', k) [1 per coefficient].
 
         Args:
             columns: per joint (M, k) [torque per coefficient].
@@ -59,10 +59,10 @@ class Dataset(Frozen):
         return self.whitening(columns)
 
     def remaining(self, data: Whitened, fit: Fitted) -> Array:
-        """(M, n) [N.m or N] residual after all that is fitted.
+        """(M, n) [N.m or N] residual y - X a - S b of a fit.
 
         Args:
-            data: the rows' columns.
+            data: columns of the rows.
             fit: the fit.
         """
         rest = self.table.residual.copy()
@@ -73,19 +73,19 @@ class Dataset(Frozen):
 
     @cached_property
     def whitening(self) -> Whitening:
-        """What turns rows of torque into rows in units of their noise."""
+        """Whitening of rows against their noise and discrepancy."""
         return Whitening(self.table, self.noise)
 
 
 def append(
     dataset: Dataset, data: Whitened, hypothesis: Hypothesis, columns: Mapping[int, Array]
 ) -> tuple[Whitened, Group]:
-    """The rows with one more hypothesis.
+    """Append the columns of one hypothesis to the whitened rows.
 
     Args:
-        dataset: gives the noise.
+        dataset: dataset that has the noise model.
         data: whitened rows.
-        hypothesis: what the columns mean.
+        hypothesis: hypothesis of the columns.
         columns: per joint (M, k) [torque per coefficient].
     """
     size = hypothesis.size

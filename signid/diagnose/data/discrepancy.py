@@ -1,12 +1,12 @@
-"""Model discrepancy: torque of a joint that no law of the library makes, as a random function of the joint's state.
+"""Model discrepancy: torque that no law of the library explains, as a Gaussian process over the state of a joint.
 
-recorded - predicted = laws + d(q, v, load, direction) + noise, per joint, with d a zero-mean Gaussian process of size s
-and stationary kernel. d is written by F random Fourier features, d = Z w with w ~ N(0, s^2 I), of covariance s^2 Z Z'
-has rank 2 F, and rows are whitened by a projection:
+Per joint, y = X a + S b + d(q, v, load, direction) + e, where d is a zero-mean Gaussian process of size s with a
+stationary kernel. With F random frequencies, d = Z w with w ~ N(0, s^2 I): the covariance s^2 Z Z' has rank 2 F, and
+rows are whitened by a projection:
 
     (I + s^2 Z Z')^-1/2 = I - U (I - (I + D^2)^-1/2) U',    s Z = U D V' (singular values D).
 
-s maximises the marginal likelihood of the rows with everything that is fitted integrated out.
+s maximises the marginal likelihood of the rows; all fitted coefficients are integrated out.
 
 Source: Kennedy, O'Hagan, Bayesian calibration of computer models, J. R. Statist. Soc. B 63(3), 2001 (discrepancy);
 Gelman, Bayesian Analysis 1(3), 2006 (half-Cauchy prior of its size);
@@ -23,44 +23,51 @@ from scipy.linalg import block_diag
 
 from ...regression.projection import leave
 from ...types import Array
-from .rows import Table
+from .rows import RowTable
+from .thresholds import DIRECTION_WIDTH, DISCREPANCY_LENGTHS, DISCREPANCY_SCALE, FLAT_PRECISION
 
-FEATURES = 40  # F random frequencies
-LENGTHS = (1.5, 0.6)  # of the kernel, in standard deviations of each variable: half of the frequencies each
-SEED = 0  # of the frequencies
-TURN = 0.1  # of the rms velocity: width of the change of direction
-SIZES = (0.0, 0.001, 0.002, 0.004, 0.008, 0.015, 0.03, 0.06, 0.12, 0.25)  # of s, as shares of the joint's rms torque
-USUAL = 0.02  # scale of the half-Cauchy prior of the size, as a share of the joint's rms torque
-APART = 3  # sizes that are tried first
-ROUNDS = 8  # of expectation and maximisation, from the variance that was presumed
-RIDGE = 1e-10  # of the scaled precision
-FLAT = 1e-6  # of the Gram's diagonal: prior precision of what is not known at all
+FREQUENCIES = 40  # F, number of random frequencies. Heuristic
+SEED = 0  # seed of the random frequencies
+
+# [1] grid of s, as a share of the joint's rms torque. Heuristic
+SIZE_GRID = (0.0, 0.001, 0.002, 0.004, 0.008, 0.015, 0.03, 0.06, 0.12, 0.25)
+GRID_STRIDE = 3  # every 3rd size of the grid is evaluated first
+EM_STEPS = 8  # steps of expectation and maximisation, from a variance of 1. Heuristic
+RIDGE = 1e-10  # [1] added to the diagonal of the scaled precision, so that it can be factored
 
 
 class Projection(NamedTuple):
-    """Whitening of rows against the discrepancy of one joint."""
+    """Whitening of rows against the discrepancy of one joint: (I + s^2 Z Z')^-1/2."""
 
-    basis: Array  # (M, k) [1] orthonormal
-    shrinkage: Array  # (k,) [1] share of each direction that is taken away
+    basis: Array  # (M, k) [1] U, orthonormal columns
+    shrinkage: Array  # (k,) [1] 1 - (1 + D^2)^-1/2 of each direction
 
     def __call__(self, x: Array) -> Array:
-        """Rows (M, c) [1] without what the discrepancy may make of them."""
+        """Rows (M, c) [1] after whitening.
+
+        Args:
+            x: (M, c) [1] rows in units of the noise.
+        """
         return np.asarray(x - self.basis @ (self.shrinkage[:, None] * (self.basis.T @ x)))
 
 
-def features(table: Table, joint: int) -> Array:
-    """(M, 2 F) [1] random Fourier features of a joint's state, mean square 1 over a row.
+def features(table: RowTable, joint: int) -> Array:
+    """(M, 2 F) [1] Z: random Fourier features of a joint's state, orthogonal to linear functions of it.
+
+    Scaled such that the squares of a row sum to 1 on average.
 
     Args:
         table: rows.
-        joint: which.
+        joint: index of the joint.
+
+    Source: Rahimi, Recht, NIPS 2007; Plumlee, J. Am. Stat. Assoc. 112, 2017 (the orthogonal process).
     """
     v = table.v[:, joint]
-    turn = TURN * max(float(np.sqrt(np.mean(v**2))), 1e-12)
+    turn = DIRECTION_WIDTH * max(float(np.sqrt(np.mean(v**2))), 1e-12)
     state = [table.q[:, joint], v, table.predicted[:, joint]]
-    x = np.column_stack([*(_scaled(one) for one in state), np.tanh(v / turn)])
+    x = np.column_stack([*(_standardised(one) for one in state), np.tanh(v / turn)])
     rng = np.random.default_rng(SEED)
-    frequency = rng.standard_normal((x.shape[1], FEATURES)) / np.resize(LENGTHS, FEATURES)
+    frequency = rng.standard_normal((x.shape[1], FREQUENCIES)) / np.resize(DISCREPANCY_LENGTHS, FREQUENCIES)
     angle = x @ frequency
     linear = np.column_stack([np.ones(len(x)), x])
     beyond = leave(np.column_stack([np.cos(angle), np.sin(angle)]), linear)
@@ -68,92 +75,93 @@ def features(table: Table, joint: int) -> Array:
 
 
 def project(white: Array, size: float) -> Projection:
-    """Whitening against a discrepancy.
+    """Compute the whitening against a discrepancy.
 
     Args:
-        white: (M, f) [1 / N.m] the f = 2 F features in units of the noise.
-        size: of the discrepancy [N.m or N].
+        white: (M, f) [1 / N.m] Z in units of the noise, f = 2 F.
+        size: size s of the discrepancy [N.m or N].
     """
     basis, singular, _ = np.linalg.svd(size * white, full_matrices=False)
     return Projection(basis, 1 - 1 / np.sqrt(1 + singular**2))
 
 
-class Likeliest(NamedTuple):
-    """Noise and discrepancy of one joint, and what is fitted under them."""
+class NoiseEstimate(NamedTuple):
+    """Noise variance and discrepancy of one joint, and the fit under them."""
 
-    size: float  # of the discrepancy [N.m or N]
-    variance: float  # of the noise, over what it was presumed to be [1]
-    value: Array  # (k + 2 F,) or (k,) [of each coefficient] posterior mean, without features if there is no discrepancy
-    used: float  # rows that the fit uses up, its effective number of parameters
-    log: float  # log density of the rows
+    size: float  # size s of the discrepancy [N.m or N]
+    variance: float  # c, variance of the noise over the presumed one [1]
+    value: Array  # (k + 2 F,) or (k,) [unit of each coefficient] posterior mean of a, b and w; without w if s = 0
+    used: float  # effective number of parameters of the fit
+    log: float  # log marginal likelihood of the rows, with the prior of s, up to a constant [-]
 
 
-def likeliest(white: Array, fitted: Array, precision: Array, residual: Array, scale: float) -> Likeliest:
-    """The likeliest size of the discrepancy and variance of the noise, everything that is fitted integrated out.
+def estimate_discrepancy(white: Array, fitted: Array, precision: Array, residual: Array, scale: float) -> NoiseEstimate:
+    """Estimate the size of the discrepancy and the variance of the noise by maximum marginal likelihood.
 
     Args:
-        white: (M, f) [1 / N.m] the f = 2 F features in units of the noise.
-        fitted: (M, k) columns that are fitted [1 per coefficient].
-        precision: (k, k) [1 per coefficient, squared] of their prior.
-        residual: (M,) [1].
+        white: (M, f) [1 / N.m] Z in units of the noise, f = 2 F.
+        fitted: (M, k) columns X and S of the fit [1 per coefficient].
+        precision: (k, k) [1 per coefficient, squared] their prior precision L.
+        residual: (M,) [1] y in units of the noise.
         scale: rms torque of the joint [N.m or N].
 
-    Source: Dempster, Laird, Rubin, J. R. Statist. Soc. B 39(1), 1977 (the variance, by expectation and maximisation).
+    Source: Dempster, Laird, Rubin, J. R. Statist. Soc. B 39(1), 1977 (expectation and maximisation for the
+    variance); Gelman, Bayesian Analysis 1(3), 2006 (prior of s).
     """
     columns = np.column_stack([fitted, white])
     gram, right, square = columns.T @ columns, columns.T @ residual, float(residual @ residual)
     k, rows = fitted.shape[1], max(int(np.count_nonzero(residual)), 1)
-    flat = np.where(np.diag(precision) > 0, 0.0, FLAT * np.maximum(np.diag(gram)[:k], 1e-12))
-    spread = _spread(precision + np.diag(flat))
+    flat = np.where(np.diag(precision) > 0, 0.0, FLAT_PRECISION * np.maximum(np.diag(gram)[:k], 1e-12))
+    prior_root = _prior_root(precision + np.diag(flat))
 
-    def at(share: float) -> Likeliest:
+    def at(share: float) -> NoiseEstimate:
         used = slice(0, k if share == 0 else len(gram))
-        unit = block_diag(spread, share * scale * np.eye(len(gram) - k))[used, used]
-        whole = _maximised(unit.T @ gram[used, used] @ unit, unit.T @ right[used], square, rows)
-        log = whole.log - float(np.log1p((share / USUAL) ** 2))
-        return whole._replace(size=share * scale, value=unit @ whole.value, log=log)
+        root = block_diag(prior_root, share * scale * np.eye(len(gram) - k))[used, used]
+        whole = _maximise_variance(root.T @ gram[used, used] @ root, root.T @ right[used], square, rows)
+        log = whole.log - float(np.log1p((share / DISCREPANCY_SCALE) ** 2))
+        return whole._replace(size=share * scale, value=root @ whole.value, log=log)
 
-    return _highest(at)
+    return _maximise(at)
 
 
-def _highest(at: Callable[[float], Likeliest]) -> Likeliest:
-    """The best of all sizes: of some that lie apart, then along the way up from there."""
-    found = {k: at(SIZES[k]) for k in range(0, len(SIZES), APART)}
+def _maximise(at: Callable[[float], NoiseEstimate]) -> NoiseEstimate:
+    """Highest point of the size grid: a coarse search, then an ascent over neighbours."""
+    found = {k: at(SIZE_GRID[k]) for k in range(0, len(SIZE_GRID), GRID_STRIDE)}
     while True:
         best = max(found, key=lambda k: found[k].log)
-        near = [k for k in (best - 1, best + 1) if 0 <= k < len(SIZES) and k not in found]
+        near = [k for k in (best - 1, best + 1) if 0 <= k < len(SIZE_GRID) and k not in found]
         if not near:
             return found[best]
-        found |= {k: at(SIZES[k]) for k in near}
+        found |= {k: at(SIZE_GRID[k]) for k in near}
 
 
-def _spread(precision: Array) -> Array:
-    """(k, k) [of each coefficient] by which coefficients of unit prior become those of a prior precision."""
+def _prior_root(precision: Array) -> Array:
+    """(k, k) [unit of each coefficient] root R of a prior covariance: a = R u with u ~ N(0, I)."""
     size = np.sqrt(np.maximum(np.diag(precision), 1e-300))
     lower = np.linalg.cholesky(precision / size / size[:, None] + RIDGE * np.eye(len(precision)))
     return np.asarray(np.linalg.inv(lower).T / size[:, None])
 
 
-def _maximised(gram: Array, right: Array, square: float, rows: int) -> Likeliest:
-    """The likeliest variance of the noise, with coefficients of unit prior integrated out.
+def _maximise_variance(gram: Array, right: Array, square: float, rows: int) -> NoiseEstimate:
+    """Maximise the marginal likelihood over the variance of the noise, for coefficients of unit prior.
 
     Args:
-        gram: (c, c) [1] of the columns.
-        right: (c,) [1] their products with the residual.
-        square: of the residual [1].
-        rows: that count.
+        gram: (c, c) [1] products of the columns.
+        right: (c,) [1] products of the columns with the residual.
+        square: sum of squares of the residual [1].
+        rows: number of rows that count.
     """
     eigen, vectors = np.linalg.eigh(gram)
     eigen, turned, variance = np.maximum(eigen, 0.0), vectors.T @ right, 1.0
-    for last in (*[False] * ROUNDS, True):
+    for last in (*[False] * EM_STEPS, True):
         value, kept = turned / (eigen + variance), eigen / (eigen + variance)
         rest, used = max(square - float(value @ (2 * turned - eigen * value)), 0.0), float(kept.sum())
         if not last:
             variance = max((rest + variance * used) / rows, 1e-12)
     log = -(rest / variance + float(value @ value) + float(np.sum(np.log1p(eigen / variance)))) / 2
-    return Likeliest(0.0, variance, vectors @ value, used, log - rows / 2 * float(np.log(variance)))
+    return NoiseEstimate(0.0, variance, vectors @ value, used, log - rows / 2 * float(np.log(variance)))
 
 
-def _scaled(x: Array) -> Array:
+def _standardised(x: Array) -> Array:
     spread = float(np.std(x))
     return np.asarray((x - x.mean()) / (spread if spread > 0 else 1.0))

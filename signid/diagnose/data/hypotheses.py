@@ -1,4 +1,4 @@
-"""What may be missing: every law of the library at every place and shape, and torque that depends on one variable."""
+"""Hypotheses of the search: each law of the library at each joint and shape, and unknown dependences."""
 
 from __future__ import annotations
 
@@ -17,34 +17,34 @@ from ...robot.dynamics import carried
 from ...types import Array, Law
 
 VARIABLES = ("position", "velocity", "acceleration", "torque", "time")
-KNOTS = 8
-HUGE = 1e60  # torque per coefficient of which squares cannot be added any more
-Key = tuple[str, tuple[int, ...]]  # effect and joints: members of one grid of shapes share it
+UNKNOWN_KNOTS = 8  # knots of an unknown dependence. Heuristic
+OVERFLOW = 1e60  # [torque per coefficient] larger columns are zeroed: sums of their squares could overflow
+Key = tuple[str, tuple[int, ...]]  # effect and joints, shared by all shapes of a hypothesis
 
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """Laws that are missing together, mostly one, with their shapes; without laws, an unknown dependence.
+    """One or several laws that the simulation may lack, with their shapes; without laws, an unknown dependence.
 
-    An unknown is a piecewise linear function of one variable of one joint.
+    An unknown dependence is a piecewise linear function of one variable of one joint.
     """
 
     laws: tuple[Law, ...] = ()
-    finite: bool = False  # a law of the record at the size that its parameters state, not as small
-    scaled: bool = False  # all numbers of its law times one factor, which alone is unknown: a link heavier as a whole
-    joint: int = 0  # of an unknown
-    variable: str = ""  # of an unknown
-    knots: tuple[float, ...] = ()  # of an unknown [unit of the variable]
-    stated: Law | None = None  # the same law as the simulation states it: its size may be wrong
+    finite: bool = False  # columns are the change by the stated parameters over their size, not the derivative at zero
+    scaled: bool = False  # one unknown factor of all parameters of the law: a link that is heavier as a whole
+    joint: int = 0  # joint of an unknown dependence
+    variable: str = ""  # variable of an unknown dependence
+    knots: tuple[float, ...] = ()  # knots of an unknown dependence [unit of the variable]
+    stated: Law | None = None  # the same law in the simulation, if the hypothesis is that its size is wrong
 
     @property
     def unknown(self) -> bool:
-        """Whether no law is named."""
+        """Whether it is an unknown dependence."""
         return not self.laws
 
     @cached_property
     def key(self) -> Key:
-        """What it says, whatever the shape."""
+        """Effect and joints, for all shapes."""
         if self.unknown:
             return self.variable, (self.joint,)
         joints = tuple(sorted({j for law in self.laws for j in law.joints}))
@@ -58,25 +58,25 @@ class Hypothesis:
 
     @property
     def bodies(self) -> set[int]:
-        """The joints that move the links whose bodies it changes."""
+        """Joints that move the links whose bodies it changes."""
         links = [law for law in self.laws if isinstance(law.effect, BodyLaw) and law.effect.scope in ("link", "tip")]
         return {law.joints[0] for law in links}
 
     @property
     def size(self) -> int:
-        """How many coefficients it has."""
+        """Number of coefficients."""
         return self.numbers.shape[1] if self.laws else len(self.knots) - 1
 
     @cached_property
     def numbers(self) -> Array:
-        """(d, k) [of each of the d linear numbers of its laws, per coefficient]."""
+        """(d, k) [unit of each parameter, per coefficient] the d linear parameters of its laws per coefficient b."""
         count = sum(coefficient_count(law) for law in self.laws)
         if not self.scaled:
             return np.eye(count)
         return np.array([[x] for law in self.laws for x in law.effect.coefficients(law.parameters)])
 
     def columns(self, motion: Motion) -> dict[int, Array]:
-        """Per joint whose torque it changes, (N, k) columns [torque per coefficient]."""
+        """Columns S: for each joint whose torque it changes, (N, k) [torque per coefficient]."""
         if self.unknown:
             return {self.joint: hats(variable(motion, self.joint, self.variable), self.knots)}
         made = [_secant(law, motion) if self.finite else law_columns(law, motion) for law in self.laws]
@@ -90,22 +90,22 @@ class Hypothesis:
 
 
 def finite(x: Array) -> Array:
-    """Columns, zero where a number is beyond all bounds: a law that cannot be computed explains nothing.
+    """Set columns with overflow or NaN to zero: a law without finite columns explains nothing.
 
     Args:
         x: (N, k) [torque per coefficient].
     """
-    told = np.abs(x).max(axis=0, initial=0.0) < HUGE  # False for NaN
-    return x if told.all() else np.where(told, x, 0.0)
+    usable = np.abs(x).max(axis=0, initial=0.0) < OVERFLOW  # False for NaN
+    return x if usable.all() else np.where(usable, x, 0.0)
 
 
 def propose(model: Model, motion: Motion, skip: Sequence[str] = ()) -> list[Hypothesis]:
-    """Everything worth trying.
+    """List all hypotheses of a search.
 
     Args:
-        model: what is known already; its laws are no hypotheses at their places.
-        motion: gives the shapes worth trying.
-        skip: effects that are left out.
+        model: the simulation; where it has a law, the hypothesis is that the law's size is wrong.
+        motion: motion from which the grids of shapes are chosen.
+        skip: names of effects that are left out.
     """
     known = {(law.effect.name, law.joints): law for law in model.laws if any(law.effect.coefficients(law.parameters))}
     n = len(motion.robot.joints)
@@ -120,7 +120,7 @@ def propose(model: Model, motion: Motion, skip: Sequence[str] = ()) -> list[Hypo
 
 
 def _scaled_links(model: Model, skip: Sequence[str]) -> Iterator[Hypothesis]:
-    """Each link but the last, whose load is a payload, heavier or lighter as a whole, as if of another density."""
+    """Hypotheses that a link has another density; the last link is left out, since a payload explains it."""
     if "link_inertia" in skip:
         return
     effect, bodies = EFFECTS["link_inertia"], model.whole_inertials()
@@ -133,20 +133,20 @@ def _scaled_links(model: Model, skip: Sequence[str]) -> Iterator[Hypothesis]:
 
 
 def _as_stated(effect: Effect, known: Mapping[Key, Law]) -> Iterator[Law]:
-    """Laws of the simulation with a shape, at that shape."""
+    """Laws of the simulation that have a shape, at that shape."""
     for law in known.values():
         if law.effect is effect and _shaped(law):
             yield Law(effect, law.joints, effect.shape(law.parameters))
 
 
 def _stated(known: Law | None, law: Law) -> Law | None:
-    """The law of the simulation, where a hypothesis of this shape is that its size is wrong."""
+    """The law of the simulation if it has the same shape, else None."""
     same = known is not None and known.effect.shape(known.parameters) == law.effect.shape(law.parameters)
     return known if same else None
 
 
 def pooled(motions: Sequence[Motion]) -> Motion:
-    """All samples of some motions in a row, for what counts them only."""
+    """Concatenate the samples of motions; the result has no meaningful derivatives across their borders."""
 
     def joined(name: str) -> Array:
         return np.concatenate([getattr(motion, name) for motion in motions])
@@ -157,37 +157,37 @@ def pooled(motions: Sequence[Motion]) -> Motion:
 
 
 def variable(motion: Motion, joint: int, name: str) -> Array:
-    """(N,) what an unknown may depend on."""
+    """(N,) signal that an unknown dependence is a function of [its unit]."""
     if name == "time":
         return motion.t
     signal = {"position": motion.q, "velocity": motion.v, "acceleration": motion.a, "torque": motion.predicted}[name]
-    assert signal is not None, "a diagnosed motion carries predicted torque"
+    assert signal is not None, "a diagnosed motion has predicted torque"
     return np.asarray(signal[:, joint])
 
 
 def hats(x: Array, knots: Sequence[float]) -> Array:
-    """(N, k - 1) piecewise linear functions of x, without the first, which a constant would give.
+    """(N, k - 1) [1] hat functions of x, without the first, which depends linearly on the others and a constant.
 
     Args:
         x: (N,) [any unit].
-        knots: (k,) [the same].
+        knots: (k,) [unit of x].
     """
     return np.column_stack([np.interp(x, knots, row) for row in np.eye(len(knots))[1:]])
 
 
 def _secant(law: Law, motion: Motion) -> tuple[tuple[int, ...], Array]:
-    """What a law of the record with one coefficient changes at its full size, over that size."""
+    """Torque change by a recording law with one coefficient at its full size, over that size."""
     (key,) = law.effect.linear()
     change = law.effect.change(motion.at(law.joints), law.parameters, exactly=True) / law.parameters[key]
     wide = change.shape[1] != len(law.joints) or law.effect.scope == "link"
     return tuple(range(change.shape[1])) if wide else law.joints, change[..., None]
 
 
-def refits(law: Law) -> bool:
-    """Whether the coefficients of a law that the simulation states are fitted beside every hypothesis.
+def is_refitted(law: Law) -> bool:
+    """Whether the coefficients of a law of the simulation are nuisance parameters.
 
-    So are torque laws and rotors, within their tolerance. Other laws, and laws of size zero, count as they are stated;
-    that they are wrong is a hypothesis.
+    True for torque laws and rotor inertias of nonzero size. Other laws are kept as stated; an error of their size is a
+    hypothesis.
     """
     there = any(law.effect.coefficients(law.parameters))
     return there and (
@@ -195,8 +195,8 @@ def refits(law: Law) -> bool:
     )
 
 
-def happens_once(law: Law) -> bool:
-    """Whether it has a beginning and an end, so that nothing else foretells it and it foretells nothing."""
+def is_transient(law: Law) -> bool:
+    """Whether a law has a start and an end: a one-off event that other data neither predict nor are predicted by."""
     return {"start", "end"} <= set(law.effect.parameters)
 
 
@@ -205,7 +205,7 @@ def _shaped(law: Law) -> bool:
 
 
 def _friction(known: set[Key], n: int, skip: Sequence[str]) -> Iterator[Hypothesis]:
-    """Viscous and dry friction together, at joints that have neither, and at all of these at once."""
+    """Viscous and dry friction together, at each joint that has neither and at all of these joints at once."""
     friction = [effect for effect in EFFECTS if effect.usual and effect.dissipative]
     bare = [j for j in range(n) if not any((effect.name, (j,)) in known for effect in friction)]
     if any(effect.name in skip for effect in friction):
@@ -219,7 +219,7 @@ def _unknown(motion: Motion) -> Iterator[Hypothesis]:
     for joint in range(len(motion.robot.joints)):
         for name in VARIABLES:
             x = variable(motion, joint, name)
-            knots = np.quantile(x, np.linspace(0.002, 0.998, KNOTS))
+            knots = np.quantile(x, np.linspace(0.002, 0.998, UNKNOWN_KNOTS))
             if name == "velocity":
                 knots = np.append(knots, np.std(x) * np.array([-0.2, -0.06, 0, 0.06, 0.2]))
             knots = np.unique(knots)

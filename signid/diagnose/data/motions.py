@@ -1,4 +1,4 @@
-"""Recordings -> motions with the torque that the simulation predicts for them."""
+"""Motions of recordings, with the torque that the simulation predicts for them."""
 
 from __future__ import annotations
 
@@ -21,43 +21,45 @@ from ...regression.motion import Motion, build_motion, margin
 from ...regression.rows import Task
 from ...regression.session import Part, Session
 from ...types import Array, Law, Robot
+from .thresholds import REVERSAL_TIME_STD
 
-LATE = 0.006  # [s] by which a reversal is sensed too early or too late
-LONG = 2**14  # samples at a time
+PIECE_SAMPLES = 2**14  # samples of a piece at the rate of the rows, at most: limits memory
 
+# Amount of recordings that is used. The work of columns grows with the square of the number of joints.
+JOINT_SECONDS = 30_000.0  # [s] duration for one joint, at most. Heuristic
+MIN_SECONDS = 120.0  # [s] duration for any robot that the limit above never goes below. Heuristic
 
-MOST, LEAST = 30_000.0, 120.0  # [s] of recordings for one joint (its columns grow as joints squared), and for any robot
+# [1] seconds of recordings for one joint per second that is left, so that columns take a third of the time limit.
+# Measured: columns of 750 s of recordings for one joint a second (panda, 500 Hz, one core at 3 GHz).
+SECONDS_PER_SECOND = 250.0
 
-# [1] seconds of recordings for one joint per second that is left: columns take a third of the time limit. Measured:
-# columns of 750 s of recordings for one joint a second (panda, 500 Hz, one core at 3 GHz)
-SHARE = 250.0
-
-SPARE, MORE = 2.0, 1.5  # times the rows that gross checks need at least; factor by which the stretches grow to get them
+SPARE_ROWS = 2.0  # [1] rows that recording checks get, over the number that they need. Heuristic
+GROWTH = 1.5  # [1] factor by which the stretches grow until there are enough rows
 
 
 class Piece(NamedTuple):
-    """Consecutive samples of a recording, at a rate that is enough for its band."""
+    """Consecutive samples of a recording, decimated to a rate that suits the band."""
 
     recording: int
-    motion: Motion  # as it was, with predicted torque; recorded torque is low-passed, for laws that look at it
-    residual: Array  # (N, n) [N.m or N] measured - predicted, not filtered; NaN where no torque is recorded
+    motion: Motion  # with predicted torque; recorded torque is low-passed for the laws that use it
+    residual: Array  # (N, n) [N.m or N] y: recorded - predicted, not filtered; NaN where no torque is recorded
 
 
 def pieces(task: Task, model: Model, recordings: Sequence[Part]) -> Iterator[Piece]:
-    """All spans of recordings that are long enough for the filter of the rows, long ones cut.
+    """Split recordings into pieces; spans that are too short for the filter of the rows are left out.
 
     Args:
-        task: gives the band and the width of a reversal.
+        task: task with the band and the width of a reversal.
         model: the simulation.
-        recordings: and their sampling.
+        recordings: recordings and their sampling.
     """
-    robot = replace(model.robot, model=bodies_of(model))
+    robot = replace(model.robot, model=bodies_without_rotors(model))
     edge, half = margin(task.band, task.recorded_derivatives), len(task.band.taps) // 2
     parts = task.parts
     for k, (recording, sampling) in enumerate(recordings):
         for span in sampling.spans:
             total = sampling.length(span) - 2 * edge
-            count = -(-total // (LONG * parts))
+            count = -(-total // (PIECE_SAMPLES * parts))
             cuts = np.linspace(0, total, count + 1).astype(int).tolist() if total > 0 else []
             for start, stop in ((a, b) for a, b in pairwise(cuts) if b - a > 2 * half):
                 window = samples(recording, sampling, span, start, stop + 2 * edge)
@@ -67,82 +69,82 @@ def pieces(task: Task, model: Model, recordings: Sequence[Part]) -> Iterator[Pie
                 yield _piece(task, model, _thinned_motion(motion, task.band, parts), robot, k)
 
 
-def bodies_of(model: Model) -> pin.Model:
-    """The bodies of a simulation without rotors, which are no load."""
+def bodies_without_rotors(model: Model) -> pin.Model:
+    """Bodies of a simulation with zero rotor inertia: rotors are no load of the transmission."""
     bodies = model.bodies()
     bodies.armature = np.zeros(bodies.nv)
     return bodies
 
 
 def row_filter(task: Task) -> Decimator:
-    """The low-pass that makes rows of the samples of pieces."""
+    """Low-pass filter and decimation from the samples of pieces to rows."""
     return task.band.decimator(task.parts)
 
 
 def _thinned_motion(motion: Motion, band: Band, parts: int) -> Motion:
-    """Every so manieth sample: positions lie in the band already, torque passes a low-pass first."""
+    """Every `parts`-th sample: positions are in the band already, torque is low-passed first."""
     if parts == 1:
         return motion
-    assert motion.recorded is not None, "windows carry torque"
+    assert motion.recorded is not None, "windows have torque"
     calm = smooth(motion.recorded, lowpass(band.rate, 0.4 * band.rate / parts), whole=True)
     return replace(motion, recorded=calm)[::parts]
 
 
 def thinned(thin: Decimator, columns: Sequence[Mapping[int, Array]]) -> dict[int, Array]:
-    """Per joint, rows (M, k) [torque per coefficient] of columns that were made at full rate.
+    """Filter and decimate columns: per joint (M, k) [torque per coefficient].
 
     Args:
-        thin: the low-pass of columns and torque.
-        columns: piece by piece, per joint (N, k) [torque per coefficient].
+        thin: low-pass filter and decimation of columns and torque.
+        columns: for each piece, per joint (N, k) [torque per coefficient] at the rate of the pieces.
     """
     return {j: np.concatenate([thin(made[j]) for made in columns]) for j in columns[0]}
 
 
 def torque_of(law: Law, motion: Motion) -> dict[int, Array]:
-    """Per joint, (N,) [N.m or N] what a law with all its numbers adds."""
+    """Torque of a law with all its parameters: per joint (N,) [N.m or N]."""
     rows, torque = law_torque(law, motion)
     return {j: torque[:, k] for k, j in enumerate(rows)}
 
 
 def torque_rows(thin: Decimator, pieces: Sequence[Piece], law: Law) -> dict[int, Array]:
-    """Per joint, (M,) [N.m or N] what a law with all its numbers adds to the rows of some pieces."""
+    """Rows of the torque of a law with all its parameters: per joint (M,) [N.m or N]."""
     made = [{j: x[:, None] for j, x in torque_of(law, piece.motion).items()} for piece in pieces]
     return {j: x[:, 0] for j, x in thinned(thin, made).items()}
 
 
-def unsure_rows(thin: Decimator, pieces: Sequence[Piece], dry: Array) -> Array:
-    """(M, n) [N.m or N] how unsure torque is where a joint reverses, since the moment of its reversal is.
+def reversal_uncertainty(thin: Decimator, pieces: Sequence[Piece], dry: Array) -> Array:
+    """(M, n) [N.m or N] standard deviation of torque near velocity reversals, from their unknown time.
 
-    Between samples, and while dry friction holds the joint still, nothing tells when friction turns.
+    The time at which friction changes sign is not observed between samples, nor while dry friction holds the joint.
 
     Args:
-        thin: the low-pass of columns and torque.
-        pieces: with the motion.
+        thin: low-pass filter and decimation of columns and torque.
+        pieces: pieces with their motion.
         dry: (n,) dry friction of each joint [N.m or N].
     """
     turns = (np.gradient(piece.motion.direction, piece.motion.dt, axis=0) for piece in pieces)
-    return np.asarray(np.abs(np.concatenate([thin(LATE * dry * turn) for turn in turns])))
+    return np.asarray(np.abs(np.concatenate([thin(REVERSAL_TIME_STD * dry * turn) for turn in turns])))
 
 
 def _piece(task: Task, model: Model, motion: Motion, robot: Robot, k: int) -> Piece:
     predicted = model.inverse(motion)
     acted, recorded = model.acted(motion), motion.recorded
-    assert recorded is not None, "windows carry torque"
+    assert recorded is not None, "windows have torque"
     calm = smooth(recorded, lowpass(task.band.rate / task.parts, 2 * task.band.cutoff), whole=True)
     shown = replace(acted, robot=robot, recorded=np.nan_to_num(calm), predicted=predicted)
     return Piece(k, shown, recorded - predicted)
 
 
 def subsample(session: Session) -> Session:
-    """The session with recordings cut to evenly spread stretches where they are longer than needed, and a note of it.
+    """Cut recordings that are longer than needed, or than the time limit allows, to evenly spread stretches.
 
-    Recordings that a time limit leaves no time for are longer than needed.
+    The session gets a note where that happens.
     """
     joints = len(session.robot.joints)
-    seconds = max(LEAST, MOST / joints**2)
-    soon = SHARE * seconds_left() / joints**2
+    seconds = max(MIN_SECONDS, JOINT_SECONDS / joints**2)
+    soon = SECONDS_PER_SECOND * seconds_left() / joints**2
     while soon < seconds and not _suffices(session, _cut(session.train, soon)):
-        soon = MORE * max(soon, 1.0)
+        soon = GROWTH * max(soon, 1.0)
     seconds = min(seconds, soon)
     train, held_out = (_cut(parts, seconds) for parts in (session.train, session.held_out))
     whole, used = (
@@ -150,17 +152,17 @@ def subsample(session: Session) -> Session:
     )
     if used >= whole:
         return session
-    note = f"of {whole:.0f} s that were recorded {used:.0f} s were used, in stretches that are evenly spread"
+    note = f"{used:.0f} s of the {whole:.0f} s of recordings were used, in evenly spread stretches"
     return replace(session, train=train, held_out=held_out, notes=(*session.notes, note))
 
 
 def _suffices(session: Session, parts: tuple[Part, ...]) -> bool:
     amount = judge_amount(session, parts)
-    return amount.rows >= SPARE * PER_UNKNOWN * amount.unknowns
+    return amount.rows >= SPARE_ROWS * PER_UNKNOWN * amount.unknowns
 
 
 def _cut(parts: tuple[Part, ...], seconds: float) -> tuple[Part, ...]:
-    """Each recording by as much."""
+    """Cut all recordings by the same factor to a total duration [s]."""
     whole = sum(sampling.duration for _, sampling in parts)
     if whole <= seconds:
         return parts

@@ -1,4 +1,4 @@
-"""Residuals -> what is noise in them: its size and its correlation in time, per joint."""
+"""Noise model of each joint, estimated from residuals: autoregressive, with uncertain times of reversals."""
 
 from __future__ import annotations
 
@@ -12,153 +12,158 @@ from ...effects.base import ActuatorLaw
 from ...regression.projection import least_squares
 from ...types import Array, Frozen, Indices, Mask
 from .periodicity import find_wave
-from .rows import Table
+from .rows import RowTable
+from .thresholds import (
+    AR_ORDER,
+    MAX_AR_ROOT,
+    MIN_MOVING,
+    MIN_RELIABLE,
+    OUTLIER,
+    QUIET_SHARE,
+    RELIABLE_STD,
+    REPLICATE_FACTOR,
+    REPLICATE_STRETCHES,
+    REVERSAL_SCALES,
+    ROWS_PER_DIRECTION,
+    SHAPES_IN_FIT,
+    WAVE_SHARE,
+)
 
-ORDER = 4  # of the autoregressive model
-LONGEST = 0.75  # largest root: what decays more slowly is no noise but drift, friction or discrepancy
-RANK = 1e-4  # of the largest singular value: directions that count, columns scaled
-FREE = 3.0  # rows for a column, at least
-MARGIN = 1.06  # replicates leave out the loudest stretches
-QUIET = 0.85  # share of the stretches that count
-STRETCHES = 8  # of a piece
-UNSURE = 0.003  # of torque: rows where it is less sure, near reversals, tell little of noise
-OUTLYING = 12.0  # times the median size: what is larger, as at the ends of a window of contact, is no noise
-ENOUGH = 0.3  # of the rows, that must be sure
-LATER = (0.0, 0.3, 0.6, 1.0, 1.3, 1.7, 2.2, 3.0)  # times what is presumed, by which reversals may be off
-MEDIAN = 0.455  # of a squared standard normal number
-LEAST = 50  # rows in motion
-WAVE = 0.5  # of what is left, from which on a wave in time is no noise
-FEW = 6  # shapes of one hypothesis
+RANK = 1e-4  # [1] smallest singular value that counts, over the largest, of scaled columns. Heuristic
+MIN_REVERSAL_ROWS = 6  # rows near reversals; with fewer, the scale is not estimated. Heuristic
+CHI2_MEDIAN = 0.455  # [1] median of the chi-squared distribution with one degree of freedom
 
 
 @dataclass(frozen=True, eq=False)
 class Noise(Frozen):
-    """Per joint an autoregressive model of what no hypothesis explains."""
+    """Autoregressive noise model of each joint, and the size of its discrepancy."""
 
-    floor: Array  # (n,) [N.m or N] rms
-    coefficients: Array  # (n, 4) [1] of the last four values
-    innovation: Array  # (n,) [N.m or N] standard deviation of what is new in each row
-    discrepancy: Array  # (n,) [N.m or N] size of the torque that no law of the library makes
-    least: Array  # (n,) [N.m or N] rms that columns of everything leave: the floor that a simulation is judged by
-    late: Array  # (n,) [1] how far off torque is near reversals, as a multiple of what is presumed
+    floor: Array  # (n,) [N.m or N] rms of the noise
+    coefficients: Array  # (n, 4) [1] autoregressive coefficients of the last four rows
+    innovation: Array  # (n,) [N.m or N] standard deviation of the innovation
+    discrepancy: Array  # (n,) [N.m or N] s, size of the model discrepancy
+    saturated_floor: Array  # (n,) [N.m or N] rms of the residual of a fit of all columns: floor of the verdict
+    reversal_scale: Array  # (n,) [1] estimated over presumed standard deviation near reversals
 
     def white(self) -> Noise:
-        """The same without correlation in time."""
+        """The same rms as white noise."""
         return replace(self, coefficients=np.zeros_like(self.coefficients), innovation=self.floor)
 
 
-def measure_noise(table: Table, periods: Sequence[float | None], rate: float) -> Noise:
-    """From the residual of everything together; from repetitions of the motion where they tell less.
+def measure_noise(table: RowTable, periods: Sequence[float | None], rate: float) -> Noise:
+    """Estimate the noise from the residual of all columns, or from repetitions of the motion if that gives less noise.
 
     Args:
         table: rows.
-        periods: [s] of the motion in each recording, None where it does not repeat.
-        rate: of the rows [Hz].
+        periods: [s] period of the motion in each recording, None where it does not repeat.
+        rate: rate of the rows [Hz].
 
     Source: autoregressive prewhitening as in Ljung, System Identification, 1999, section 14.4.
     """
-    usual = _usual(table)
-    found = [_of_joint(table, j, usual, periods, rate) for j in range(table.joints)]
-    floor, coefficients, innovation, late = (np.array(x) for x in zip(*found, strict=True))
-    return Noise(floor, coefficients, innovation, np.zeros(table.joints), floor, late)
+    used = _columns_in_fit(table)
+    found = [_of_joint(table, j, used, periods, rate) for j in range(table.joints)]
+    floor, coefficients, innovation, scale = (np.array(x) for x in zip(*found, strict=True))
+    return Noise(floor, coefficients, innovation, np.zeros(table.joints), floor, scale)
 
 
 def whiten(x: Array, coefficients: Array, innovation: float, piece: Indices) -> Array:
-    """(M', c) rows in units of what is new in each; the first four of a piece are lost.
+    """(M', c) [1] rows after the autoregressive filter, in units of the innovation; each piece loses four rows.
 
     Args:
-        x: (M, c) [N.m or N].
-        coefficients: (4,) [1].
-        innovation: [N.m or N].
-        piece: (M,) which piece a row is of.
+        x: (M, c) [N.m or N] rows.
+        coefficients: (4,) [1] autoregressive coefficients.
+        innovation: standard deviation of the innovation [N.m or N].
+        piece: (M,) piece of each row.
     """
     order = len(coefficients)
     out = x[order:] - sum(c * x[order - 1 - k : len(x) - 1 - k] for k, c in enumerate(coefficients))
-    return np.asarray(out[whole(piece, order)] / innovation)
+    return np.asarray(out[has_full_window(piece, order)] / innovation)
 
 
-def whole(piece: Indices, order: int) -> Mask:
-    """(M - order,) of the rows from the `order`-th on, whether all before that whitening takes are of the same piece.
+def has_full_window(piece: Indices, order: int) -> Mask:
+    """(M - order,) whether the `order` rows before a row are of the same piece, from the `order`-th row on.
 
     Args:
-        piece: (M,) which piece a row is of.
-        order: of the autoregressive model.
+        piece: (M,) piece of each row.
+        order: order of the autoregressive model.
     """
     return np.asarray(piece[order:] == piece[:-order])
 
 
 def _of_joint(
-    table: Table, joint: int, usual: Mask, periods: Sequence[float | None], rate: float
+    table: RowTable, joint: int, used: Mask, periods: Sequence[float | None], rate: float
 ) -> tuple[float, Array, float, float]:
-    rest, jumps, factor = _saturated(table, joint, usual)
-    choices = [_fit(rest, factor, _sure(rest, jumps, float(table.scale[joint])))]
-    if again := _repeated(table, joint, periods, rate):
-        choices.append(_fit(again, MARGIN, [np.ones(len(x), dtype=bool) for x in again]))
+    rest, reversal_std, factor = _saturated(table, joint, used)
+    choices = [_fit(rest, factor, _reliable(rest, reversal_std, float(table.scale[joint])))]
+    if again := _replicates(table, joint, periods, rate):
+        choices.append(_fit(again, REPLICATE_FACTOR, [np.ones(len(x), dtype=bool) for x in again]))
     best = min(choices, key=lambda choice: choice[0])
-    return *best, _lateness(factor * np.concatenate(rest), np.concatenate(jumps), best[0])
+    return *best, _reversal_scale(factor * np.concatenate(rest), np.concatenate(reversal_std), best[0])
 
 
-def noise_of_rest(table: Table, joint: int, rest: Array, factor: float) -> tuple[float, Array, float]:
-    """Rms, autoregressive coefficients (4,) and innovation of one joint's noise, from what a fit leaves.
+def noise_of_rest(table: RowTable, joint: int, rest: Array, factor: float) -> tuple[float, Array, float]:
+    """Rms, autoregressive coefficients (4,) and innovation of one joint's noise, from the residual of a fit.
 
     Args:
         table: rows.
-        joint: which.
+        joint: index of the joint.
         rest: (M,) residual of the fit [N.m or N].
-        factor: by which the fit made it smaller than the noise is [1].
+        factor: rms of the noise over rms of the residual, which the fit reduced [1].
     """
-    goes = ~table.rests[:, joint]
-    goes = goes if goes.sum() > LEAST else np.ones_like(goes)
-    run = _runs(table, goes)
-    parts, jumps = _split(rest[goes], run), _split(table.jumps[goes, joint], run)
-    return _fit(parts, factor, _sure(parts, jumps, float(table.scale[joint])))
+    moving = ~table.at_rest[:, joint]
+    moving = moving if moving.sum() > MIN_MOVING else np.ones_like(moving)
+    run = _runs(table, moving)
+    parts, reversal_std = _split(rest[moving], run), _split(table.reversal_std[moving, joint], run)
+    return _fit(parts, factor, _reliable(parts, reversal_std, float(table.scale[joint])))
 
 
-def _sure(rest: Sequence[Array], jumps: Sequence[Array], scale: float) -> list[Mask]:
-    """Run by run, rows that are neither near a reversal nor outliers."""
-    far = OUTLYING * float(np.median(np.abs(np.concatenate(rest)))) or np.inf
-    sure = [(u < UNSURE * scale) & (np.abs(x) < far) for x, u in zip(rest, jumps, strict=True)]
-    if np.concatenate(sure).mean() < ENOUGH:
-        sure = [np.ones(len(x), dtype=bool) for x in jumps]
-    return sure
+def _reliable(rest: Sequence[Array], reversal_std: Sequence[Array], scale: float) -> list[Mask]:
+    """For each run, rows that are neither near a reversal nor outliers; all rows if these are too few."""
+    far = OUTLIER * float(np.median(np.abs(np.concatenate(rest)))) or np.inf
+    reliable = [(u < RELIABLE_STD * scale) & (np.abs(x) < far) for x, u in zip(rest, reversal_std, strict=True)]
+    if np.concatenate(reliable).mean() < MIN_RELIABLE:
+        reliable = [np.ones(len(x), dtype=bool) for x in reversal_std]
+    return reliable
 
 
-def _lateness(rest: Array, jumps: Array, floor: float) -> float:
-    """How far off reversals are, as a multiple of what is presumed, from what is left where they make torque unsure."""
-    near = jumps > floor
-    if near.sum() < FEW:
-        return LATER[0]
-    typical = [np.median(rest[near] ** 2 / (floor**2 + (late * jumps[near]) ** 2)) for late in LATER]
-    return next((late for late, x in zip(LATER, typical, strict=True) if x <= MEDIAN), LATER[-1])
+def _reversal_scale(rest: Array, reversal_std: Array, floor: float) -> float:
+    """Scale of the reversal uncertainty, from residuals near reversals [1]."""
+    near = reversal_std > floor
+    if near.sum() < MIN_REVERSAL_ROWS:
+        return REVERSAL_SCALES[0]
+    typical = [np.median(rest[near] ** 2 / (floor**2 + (scale * reversal_std[near]) ** 2)) for scale in REVERSAL_SCALES]
+    return next(
+        (scale for scale, x in zip(REVERSAL_SCALES, typical, strict=True) if x <= CHI2_MEDIAN), REVERSAL_SCALES[-1]
+    )
 
 
-def _saturated(table: Table, joint: int, usual: Mask) -> tuple[list[Array], list[Array], float]:
-    """Run by run, what all columns that are not too many leave of the residual, and how unsure torque is there.
+def _saturated(table: RowTable, joint: int, used: Mask) -> tuple[list[Array], list[Array], float]:
+    """For each run, the residual of a fit of all columns and the reversal std; and the correction of its rms [1].
 
-    Also how much the fit took of the noise.
+    The fit is a truncated singular value decomposition with at most one direction for every three rows.
     """
-    goes = ~table.rests[:, joint]
-    goes = goes if goes.sum() > LEAST else np.ones_like(goes)
-    x, y = table.columns[joint][:, usual[table.place[joint]]][goes], table.residual[goes, joint]
-    run = _runs(table, goes)
+    moving = ~table.at_rest[:, joint]
+    moving = moving if moving.sum() > MIN_MOVING else np.ones_like(moving)
+    x, y = table.columns[joint][:, used[table.place[joint]]][moving], table.residual[moving, joint]
+    run = _runs(table, moving)
     size = np.nan_to_num(np.sqrt(np.mean(x**2, axis=0)), posinf=0.0)
     shown = size > 1e-9 * size.max(initial=1e-300)
     x = x[:, shown] / size[shown]
     left, singular, _ = np.linalg.svd(x, full_matrices=False)
     left = left[:, singular > RANK * singular.max(initial=0.0)]
-    left = left[:, : max(1, int(len(y) / FREE))]
-    rest = [_still(part) for part in _split(y - left @ (left.T @ y), run)]
-    return rest, _split(table.jumps[goes, joint], run), float(np.sqrt(len(y) / max(len(y) - left.shape[1], 1)))
+    left = left[:, : max(1, int(len(y) / ROWS_PER_DIRECTION))]
+    rest = [_without_sine(part) for part in _split(y - left @ (left.T @ y), run)]
+    return rest, _split(table.reversal_std[moving, joint], run), float(np.sqrt(len(y) / max(len(y) - left.shape[1], 1)))
 
 
-def _still(rest: Array) -> Array:
-    """Without a wave that makes most of it."""
+def _without_sine(rest: Array) -> Array:
+    """The signal without its strongest sine, if that has most of the power."""
     wave = find_wave(rest, 1.0)
-    return rest - wave.signal if wave.share > WAVE else rest
+    return rest - wave.signal if wave.share > WAVE_SHARE else rest
 
 
-def _usual(table: Table) -> Mask:
-    """(p,) columns that may explain noise: of large grids of shapes a few, none that is made of measured torque."""
+def _columns_in_fit(table: RowTable) -> Mask:
+    """(p,) columns of the saturated fit: some shapes of each hypothesis, none that is made of recorded torque."""
     seen, kept = dict[object, int](), np.zeros(table.count, dtype=bool)
     for group in table.groups:
         key = None if group.hypothesis is None else group.hypothesis.key
@@ -166,36 +171,40 @@ def _usual(table: Table) -> Mask:
         measured = group.hypothesis is not None and any(
             isinstance(x.effect, ActuatorLaw) for x in group.hypothesis.laws
         )
-        kept[group.place] = not measured and (key is None or seen[key] <= FEW)
+        kept[group.place] = not measured and (key is None or seen[key] <= SHAPES_IN_FIT)
     return kept
 
 
-def _repeated(table: Table, joint: int, periods: Sequence[float | None], rate: float) -> list[Array]:
-    """Half the difference between one period and the next, without its loudest stretches."""
+def _replicates(table: RowTable, joint: int, periods: Sequence[float | None], rate: float) -> list[Array]:
+    """Stretches of the difference between consecutive periods over sqrt(2), without the loudest."""
     out = list[Array]()
     for k in np.unique(table.piece):
         rows = np.flatnonzero(table.piece == k)
         period = periods[int(table.recording[rows[0]])]
         lag = 0 if period is None else round(period * rate)
-        if lag and len(rows) >= lag + 4 * ORDER:
-            y = np.where(table.rests[rows, joint], 0.0, table.residual[rows, joint])
-            count = min(STRETCHES, (len(y) - lag) // (4 * ORDER))
+        if lag and len(rows) >= lag + 4 * AR_ORDER:
+            y = np.where(table.at_rest[rows, joint], 0.0, table.residual[rows, joint])
+            count = min(REPLICATE_STRETCHES, (len(y) - lag) // (4 * AR_ORDER))
             out.extend(np.array_split((y[:-lag] - y[lag:]) / np.sqrt(2), count))
     if not out:
         return []
-    loud = np.array([np.mean(x**2) for x in out])
-    return [x for x, size in zip(out, loud, strict=True) if size <= np.quantile(loud, QUIET)]
+    power = np.array([np.mean(x**2) for x in out])
+    return [x for x, size in zip(out, power, strict=True) if size <= np.quantile(power, QUIET_SHARE)]
 
 
-def _fit(pieces: Sequence[Array], factor: float, sure: Sequence[Mask]) -> tuple[float, Array, float]:
-    """Of rows that are sure, and so are those before them; white where these are too few, as in jerks of a joint."""
-    some = [(sliding_window_view(x, ORDER + 1), y) for x, y in zip(pieces, sure, strict=True) if len(x) > 2 * ORDER]
-    windows = [x[sliding_window_view(y, ORDER + 1).all(axis=1)] for x, y in some]
-    rows = np.concatenate([np.empty((0, ORDER + 1)), *windows])
-    before, after = rows[:, ORDER - 1 :: -1], rows[:, ORDER]
-    floor = float(np.sqrt(np.mean(np.concatenate([x[k] for x, k in zip(pieces, sure, strict=True)]) ** 2)))
-    coefficients, new = np.zeros(ORDER), floor
-    if len(rows) >= 4 * ORDER:
+def _fit(pieces: Sequence[Array], factor: float, reliable: Sequence[Mask]) -> tuple[float, Array, float]:
+    """Rms, coefficients and innovation from rows whose whole window is reliable; white noise if these are too few."""
+    long = [
+        (sliding_window_view(x, AR_ORDER + 1), y)
+        for x, y in zip(pieces, reliable, strict=True)
+        if len(x) > 2 * AR_ORDER
+    ]
+    windows = [x[sliding_window_view(y, AR_ORDER + 1).all(axis=1)] for x, y in long]
+    rows = np.concatenate([np.empty((0, AR_ORDER + 1)), *windows])
+    before, after = rows[:, AR_ORDER - 1 :: -1], rows[:, AR_ORDER]
+    floor = float(np.sqrt(np.mean(np.concatenate([x[k] for x, k in zip(pieces, reliable, strict=True)]) ** 2)))
+    coefficients, new = np.zeros(AR_ORDER), floor
+    if len(rows) >= 4 * AR_ORDER:
         coefficients = _damped(least_squares(before, after))
         new = float(np.std(after - before @ coefficients))
     least = 1e-9 * max(floor, 1e-300) + 1e-12
@@ -203,18 +212,18 @@ def _fit(pieces: Sequence[Array], factor: float, sure: Sequence[Mask]) -> tuple[
 
 
 def _damped(coefficients: Array) -> Array:
-    """Autoregressive coefficients (4,) [1] with all roots moved inwards until none is too slow.
+    """(4,) [1] autoregressive coefficients with all roots scaled such that none decays too slowly.
 
     Source: bandwidth expansion, e.g. Markel, Gray, Linear Prediction of Speech, 1976.
     """
     slowest = float(np.max(np.abs(np.roots(np.append(1.0, -coefficients))), initial=0.0))
-    return np.asarray(coefficients * min(1.0, LONGEST / max(slowest, LONGEST)) ** np.arange(1, ORDER + 1))
+    return np.asarray(coefficients * min(1.0, MAX_AR_ROOT / max(slowest, MAX_AR_ROOT)) ** np.arange(1, AR_ORDER + 1))
 
 
-def _runs(table: Table, goes: Mask) -> Indices:
-    """(M',) which run of rows in motion, of one piece, a row is of."""
-    starts = (np.diff(table.piece, prepend=-1) != 0) | (np.diff(goes.astype(np.intp), prepend=0) != 0)
-    return np.cumsum(starts)[goes]
+def _runs(table: RowTable, moving: Mask) -> Indices:
+    """(M',) index of the run of each row in motion; a run is within one piece."""
+    starts = (np.diff(table.piece, prepend=-1) != 0) | (np.diff(moving.astype(np.intp), prepend=0) != 0)
+    return np.cumsum(starts)[moving]
 
 
 def _split(x: Array, piece: Indices) -> list[Array]:

@@ -1,4 +1,4 @@
-"""Normal equations and a prior -> the likeliest coefficients, and how likely the rows are."""
+"""Normal equations with a Gaussian prior: maximum a posteriori coefficients and marginal likelihood."""
 
 from __future__ import annotations
 
@@ -14,58 +14,66 @@ from ...regression.projection import least_squares
 from ...types import Array, Indices, Mask
 from .column_groups import Group
 
-RIDGES = (1e-11, 1e-9, 1e-7, 1e-5)  # the first with which a Gram can be factored
+RIDGES = (1e-11, 1e-9, 1e-7, 1e-5)  # [1] added to a unit diagonal: the first with which the matrix can be factored
 
 
 class Factor(NamedTuple):
-    """Of coefficients that nothing couples with others."""
+    """Cholesky factor of a block of coefficients that is not coupled with the others."""
 
-    place: Indices  # (f,) where they stand among the k that are fitted
-    lower: Array  # (f, f) [1] Cholesky factor of Gram and prior, scaled
-    size: Array  # (f,) [1 per coefficient] the scale
+    place: Indices  # (f,) positions of the block among the k fitted coefficients
+    lower: Array  # (f, f) [1] Cholesky factor of Gram plus prior precision, scaled to a unit diagonal
+    size: Array  # (f,) [1 per coefficient] square root of the diagonal before scaling
 
-    def below(self, rows: Array) -> Array:
-        """(f, m) lower^-1 of some rows (f, m) [1 per coefficient, squared]."""
-        return np.asarray(solve_triangular(self.lower, rows / self.size[:, None], lower=True))
-
-    def solved(self, below: Array) -> Array:
-        """(f, m) coefficients of right sides of which lower^-1 is given.
+    def forward(self, rows: Array) -> Array:
+        """(f, m) [1 per coefficient] forward substitution: lower^-1 rows.
 
         Args:
-            below: (f, m) [1].
+            rows: (f, m) [1 per coefficient, squared].
+        """
+        return np.asarray(solve_triangular(self.lower, rows / self.size[:, None], lower=True))
+
+    def backward(self, below: Array) -> Array:
+        """(f, m) [unit of each coefficient] back substitution: lower^-T below.
+
+        Args:
+            below: (f, m) [1] result of the forward substitution.
         """
         return np.asarray(solve_triangular(self.lower, below, lower=True, trans="T") / self.size[:, None])
 
 
 class Fitted(NamedTuple):
-    """What is refitted and the selected laws, at one trust in the inertials."""
+    """Fit of nuisance parameters and selected laws at one prior scale k."""
 
-    which: Indices  # (k,) columns
+    which: Indices  # (k,) fitted columns
     factors: tuple[Factor, ...]
-    told: Array  # (k,) [1] lower^-1 right side
-    log_evidence: float
+    forward_right: Array  # (k,) [1] lower^-1 right-hand side
+    log_evidence: float  # log marginal likelihood against no fit at all [-]
 
     @property
     def value(self) -> Array:
-        """(k,) the likeliest coefficients."""
-        return self.solved(self.told[:, None])[:, 0]
+        """(k,) [unit of each coefficient] maximum a posteriori."""
+        return self.backward(self.forward_right[:, None])[:, 0]
 
     def place(self, group: Group) -> slice:
-        """Where the coefficients of a group that took part stand among those that are fitted."""
+        """Slice of the coefficients of a fitted group."""
         at = int(np.flatnonzero(self.which == group.start)[0])
         return slice(at, at + group.size)
 
     @property
     def covariance(self) -> Array:
-        """(k, k) of the coefficients."""
+        """(k, k) [units of the coefficients, squared] posterior covariance."""
         out = np.zeros((len(self.which),) * 2)
         for one in self.factors:
-            inverse = one.below(np.eye(len(one.place)))
+            inverse = one.forward(np.eye(len(one.place)))
             out[np.ix_(one.place, one.place)] = inverse.T @ inverse
         return out
 
-    def holding(self, free: Mask) -> Fitted:
-        """The likeliest coefficients while all but some (k,) stay zero."""
+    def restricted(self, free: Mask) -> Fitted:
+        """Fit again with all coefficients zero except some.
+
+        Args:
+            free: (k,) coefficients that are fitted.
+        """
         value, before = np.zeros(len(self.which)), self.value
         for one in self.factors:
             inside = free[one.place]
@@ -73,75 +81,84 @@ class Fitted(NamedTuple):
             square = factor[inside] @ factor.T
             right = square @ before[one.place]
             value[one.place[inside]] = least_squares(square[:, inside], right)
-        return self.stating(value)
+        return self.with_value(value)
 
-    def stating(self, value: Array) -> Fitted:
-        """The same with other coefficients.
+    def with_value(self, value: Array) -> Fitted:
+        """The same fit with other coefficients.
 
         Args:
-            value: (k,) [of each coefficient].
+            value: (k,) [unit of each coefficient].
         """
-        told = np.zeros(len(self.which))
+        forward_right = np.zeros(len(self.which))
         for one in self.factors:
-            told[one.place] = one.lower.T @ (one.size * value[one.place])
-        return self._replace(told=told)
+            forward_right[one.place] = one.lower.T @ (one.size * value[one.place])
+        return self._replace(forward_right=forward_right)
 
-    def below(self, rows: Array) -> Array:
-        """(k, m) lower^-1 of some rows (k, m) [1 per coefficient, squared]."""
+    def forward(self, rows: Array) -> Array:
+        """(k, m) [1 per coefficient] forward substitution: lower^-1 rows.
+
+        Args:
+            rows: (k, m) [1 per coefficient, squared].
+        """
         out = np.zeros(rows.shape)
         for one in self.factors:
-            out[one.place] = one.below(rows[one.place])
+            out[one.place] = one.forward(rows[one.place])
         return out
 
-    def solved(self, below: Array) -> Array:
-        """(k, m) coefficients of right sides of which lower^-1 is given.
+    def backward(self, below: Array) -> Array:
+        """(k, m) [unit of each coefficient] back substitution: lower^-T below.
 
         Args:
-            below: (k, m) [1].
+            below: (k, m) [1] result of the forward substitution.
         """
         out = np.zeros(below.shape)
         for one in self.factors:
-            out[one.place] = one.solved(below[one.place])
+            out[one.place] = one.backward(below[one.place])
         return out
 
 
 def solve(which: Indices, gram: Array, right: Array, precision: Array) -> Fitted:
-    """The likeliest coefficients under a prior, and how likely the rows are.
+    """Maximum a posteriori coefficients and log marginal likelihood of the rows.
 
     Args:
-        which: (k,) columns.
-        gram: (k, k) [1 per coefficient, squared].
-        right: (k,) [1 per coefficient].
-        precision: (k, k) [1 per coefficient, squared] of the prior.
+        which: (k,) fitted columns.
+        gram: (k, k) [1 per coefficient, squared] F'F.
+        right: (k,) [1 per coefficient] F'y.
+        precision: (k, k) [1 per coefficient, squared] prior precision L.
     """
     whole = gram + precision
     size = np.asarray(np.sqrt(np.diag(whole)))
     lower = _cholesky(whole / size / size[:, None])
-    told = np.asarray(solve_triangular(lower, right / size, lower=True))
+    forward_right = np.asarray(solve_triangular(lower, right / size, lower=True))
     half = np.linalg.slogdet(precision)[1] / 2 - float(np.sum(np.log(np.diag(lower)) + np.log(size)))
-    return Fitted(which, (Factor(np.arange(len(which)), lower, size),), told, float(told @ told) / 2 + half)
+    return Fitted(
+        which,
+        (Factor(np.arange(len(which)), lower, size),),
+        forward_right,
+        float(forward_right @ forward_right) / 2 + half,
+    )
 
 
 def join(which: Indices, fits: Sequence[Fitted]) -> Fitted:
-    """Fits of what nothing couples, as one.
+    """Join fits of uncoupled blocks of columns.
 
     Args:
-        which: (k,) columns of all of them.
-        fits: of some of the columns each.
+        which: (k,) columns of all fits.
+        fits: fits of disjoint sets of columns.
     """
-    order, told, factors = np.argsort(which), np.zeros(len(which)), list[Factor]()
+    order, forward_right, factors = np.argsort(which), np.zeros(len(which)), list[Factor]()
     for fit in fits:
         place = order[np.searchsorted(which, fit.which, sorter=order)]
-        told[place] = fit.told
+        forward_right[place] = fit.forward_right
         factors += [one._replace(place=place[one.place]) for one in fit.factors]
-    return Fitted(which, tuple(factors), told, sum(fit.log_evidence for fit in fits))
+    return Fitted(which, tuple(factors), forward_right, sum(fit.log_evidence for fit in fits))
 
 
 def _cholesky(scaled: Array) -> Array:
-    """The factor of a matrix with a unit diagonal, which rounding may have made a little less than positive."""
+    """Cholesky factor of a matrix with a unit diagonal that may be slightly indefinite by rounding."""
     for ridge in RIDGES:
         with suppress(np.linalg.LinAlgError):
             return np.asarray(np.linalg.cholesky(scaled + ridge * np.eye(len(scaled))))
     raise RecordingError(
-        "the laws and bodies that explain the recordings cannot be told apart in numbers; check the units"
+        "the normal equations of the selected laws are singular, so nothing can be estimated; check the units"
     )

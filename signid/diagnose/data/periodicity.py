@@ -1,4 +1,4 @@
-"""A signal -> the wave in time that takes most of it: a disturbance that has a frequency is no noise."""
+"""Strongest sine of a signal, and the period of a motion: a periodic disturbance is no noise."""
 
 from __future__ import annotations
 
@@ -8,44 +8,42 @@ import numpy as np
 
 from ...regression.projection import least_squares
 from ...types import Array
+from .thresholds import PERIOD_TOLERANCE
 
-CYCLES = 3.0  # at least: what is slower is drift
-FINE = 16  # frequencies tried for each that the length resolves
-SHORT = 32  # samples: too few
-
-
-LEAST = 1.0  # [s]
-
-SAME = 0.01  # of the positions' spread: difference between one period and the next
+MIN_CYCLES = 3.0  # [1] cycles in the signal, at least: a slower sine is drift. Heuristic
+OVERSAMPLING = 16  # frequencies of the periodogram for each that the length resolves. Heuristic
+MIN_SAMPLES = 32  # samples; in a shorter signal no sine is sought. Heuristic
+MIN_PERIOD = 1.0  # [s] shortest period of a motion. Heuristic
+MAX_PERIOD = 0.55  # [1] longest period, as a share of the recording: nearly two periods are compared. Heuristic
 
 
 class Wave(NamedTuple):
-    """One sine of a signal."""
+    """A sine that was fitted to a signal."""
 
     frequency: float  # [Hz]
-    signal: Array  # (N,) [as the signal]
-    share: float  # of the signal's sum of squares [1]
+    signal: Array  # (N,) [unit of the signal] the sine
+    share: float  # share of the signal's sum of squares [1]
 
 
 def find_wave(x: Array, rate: float) -> Wave:
-    """The likeliest sine, its frequency from a fine periodogram, its size by least squares.
+    """Fit a sine: its frequency is the peak of an oversampled periodogram, its size follows by least squares.
 
     Args:
         x: (N,) [any unit].
-        rate: [Hz].
+        rate: rate of the samples [Hz].
 
     Source: Schuster's periodogram, as in Stoica, Moses, Spectral Analysis of Signals, 2005, section 4.3.
     """
     whole = float(x @ x)
-    if len(x) < SHORT or whole == 0:
+    if len(x) < MIN_SAMPLES or whole == 0:
         return Wave(0.0, np.zeros_like(x), 0.0)
-    lowest = int(CYCLES * FINE)
-    power = np.abs(np.fft.rfft(x, FINE * len(x))) ** 2
+    lowest = int(MIN_CYCLES * OVERSAMPLING)
+    power = np.abs(np.fft.rfft(x, OVERSAMPLING * len(x))) ** 2
     k = lowest + int(np.argmax(power[lowest:-1]))
     before, here, after = power[k - 1 : k + 2].tolist()
     bend = before - 2 * here + after
-    peak = k + ((before - after) / bend / 2 if bend < 0 else 0.0)  # of the parabola through three
-    frequency = peak * rate / (FINE * len(x))
+    peak = k + ((before - after) / bend / 2 if bend < 0 else 0.0)  # vertex of the parabola through three points
+    frequency = peak * rate / (OVERSAMPLING * len(x))
     angle = 2 * np.pi * frequency / rate * np.arange(len(x))
     columns = np.column_stack([np.cos(angle), np.sin(angle)])
     signal = np.asarray(columns @ least_squares(columns, x))
@@ -53,15 +51,15 @@ def find_wave(x: Array, rate: float) -> Wave:
 
 
 def find_period(q: Array, rate: float) -> float | None:
-    """The shortest time [s] after which all positions are the same again, None where there is none.
+    """Shortest period [s] after which all positions repeat; None if they do not.
 
     Args:
-        q: (N, n) uniform positions [rad or m].
-        rate: of the samples [Hz].
+        q: (N, n) uniformly sampled positions [rad or m].
+        rate: rate of the samples [Hz].
     """
     count, spread = len(q), q.std(0)
     x = (q - q.mean(0))[:, spread > 1e-9] / spread[spread > 1e-9]
-    least, most = round(LEAST * rate), int(0.55 * count)
+    least, most = round(MIN_PERIOD * rate), int(MAX_PERIOD * count)
     if x.shape[1] == 0 or most <= least + 2:
         return None
     spectrum = np.fft.rfft(x, 1 << (2 * count).bit_length(), axis=0)
@@ -71,5 +69,5 @@ def find_period(q: Array, rate: float) -> float | None:
     square = (power[count - lags] + power[count] - power[lags] - 2 * product) / np.maximum(count - lags, 1) / x.shape[1]
     apart = np.sqrt(np.maximum(square, 0))[least:most]
     lows = np.flatnonzero((apart[1:-1] <= apart[:-2]) & (apart[1:-1] <= apart[2:])) + 1
-    good = lows[apart[lows] < SAME]
+    good = lows[apart[lows] < PERIOD_TOLERANCE]
     return float((good[0] + least) / rate) if len(good) else None

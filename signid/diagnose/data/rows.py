@@ -1,4 +1,4 @@
-"""Motions -> filtered, thinned rows: per joint the residual and the columns of all that may explain it."""
+"""Filtered, decimated rows of motions: the residual of each joint and the columns of all hypotheses."""
 
 from __future__ import annotations
 
@@ -16,27 +16,28 @@ from ...regression.rows import Task
 from ...types import Array, Frozen, Indices, Mask
 from .column_groups import Group, nuisances
 from .hypotheses import finite
-from .motions import Piece, row_filter, unsure_rows
+from .motions import Piece, reversal_uncertainty, row_filter
+from .thresholds import HOLD_TIME, MIN_TORQUE, REST_SPEED, REST_TIME
 
 
 @dataclass(frozen=True, eq=False)
-class Table(Frozen):
-    """M rows of n joints, piece after piece."""
+class RowTable(Frozen):
+    """M rows of n joints, one piece after another."""
 
     groups: tuple[Group, ...]
-    count: int  # p, columns altogether
-    piece: Indices  # (M,) which piece a row is of
-    recording: Indices  # (M,) which recording
+    count: int  # p, number of columns
+    piece: Indices  # (M,) piece of each row
+    recording: Indices  # (M,) recording of each row
     t: Array  # (M,) [s]
     q: Array  # (M, n) [rad or m]
     v: Array  # (M, n) [rad/s or m/s]
     a: Array  # (M, n) [rad/s2 or m/s2]
-    torque: Array  # (M, n) [N.m or N] measured
-    predicted: Array  # (M, n) [N.m or N]
-    residual: Array  # (M, n) [N.m or N] measured - predicted
-    rests: Mask  # (M, n) whether a joint stands still so near that the filter feels it: there friction is anything
-    jumps: Array  # (M, n) [N.m or N] how unsure torque is near reversals, standard deviation
-    place: tuple[Indices, ...]  # per joint (m_j,) the columns that it has
+    torque: Array  # (M, n) [N.m or N] recorded torque
+    predicted: Array  # (M, n) [N.m or N] torque that the simulation predicts
+    residual: Array  # (M, n) [N.m or N] y: recorded - predicted
+    at_rest: Mask  # (M, n) whether a joint is at rest within the reach of the filter: static friction is undetermined
+    reversal_std: Array  # (M, n) [N.m or N] standard deviation of torque near velocity reversals
+    place: tuple[Indices, ...]  # per joint (m_j,) indices of its columns
     columns: tuple[Array, ...]  # per joint (M, m_j) [torque per coefficient]
 
     def __len__(self) -> int:
@@ -44,51 +45,48 @@ class Table(Frozen):
 
     @property
     def joints(self) -> int:
-        """How many: n."""
+        """Number of joints n."""
         return int(self.residual.shape[1])
 
     @property
     def scale(self) -> Array:
-        """(n,) [N.m or N] rms torque of each joint, at least a share of the largest."""
+        """(n,) [N.m or N] rms torque of each joint, with a lower bound relative to the largest."""
         rms = np.sqrt(np.mean(self.torque**2, axis=0))
-        return np.asarray(np.maximum(np.maximum(rms, FAINT * rms.max()), 1e-300))
+        return np.asarray(np.maximum(np.maximum(rms, MIN_TORQUE * rms.max()), 1e-300))
 
     def variable(self, joint: int, name: str) -> Array:
-        """(M,) what torque may depend on [rad, rad/s, rad/s2, N.m or s, or with m and N]."""
+        """(M,) [rad, rad/s, rad/s2, N.m or s; m and N for prismatic joints] variable that torque may depend on."""
         if name == "time":
             return self.t
         signals = {"position": self.q, "velocity": self.v, "acceleration": self.a, "torque": self.predicted}
         return np.asarray(signals[name][:, joint])
 
 
-STILL, WHILE = 2.0, 0.3  # widths of a reversal that a joint at rest is slower than, and for how long [s]
-HELD = 0.1  # [s] for which friction may hold a joint, so that no row of it tells what friction is
-MANY = 32  # groups of columns that go through the low-pass at once
-FAINT = 0.02  # of the largest rms torque: no joint's counts as smaller
+BLOCK_GROUPS = 32  # groups of columns that are filtered at once: limits memory
 
 
-def stands_still(motion: Motion, thin: Decimator, seconds: float = WHILE) -> Array:
-    """(N, n) 1 where a joint stands still for a while, or does so near that the filter feels it, else 0.
+def standstill(motion: Motion, thin: Decimator, seconds: float = REST_TIME) -> Array:
+    """(N, n) [1] 1 where a joint is at rest, or is so within the reach of the filter, else 0.
 
     Args:
-        motion: of all joints.
-        thin: the filter.
-        seconds: a while [s].
+        motion: motion of all joints.
+        thin: filter of the rows.
+        seconds: shortest duration of a rest [s].
     """
-    assert motion.slow is not None, "a diagnosed motion knows how wide a reversal is"
-    slow = (np.abs(motion.v) < STILL * motion.slow).astype(np.float64)
+    assert motion.slow is not None, "a diagnosed motion has the width of a reversal"
+    slow = (np.abs(motion.v) < REST_SPEED * motion.slow).astype(np.float64)
     half = max(1, round(seconds / 2 / motion.dt))
     opened = least(slow, half)
     return -least(-opened, half + thin.half // 2)
 
 
-def tabulate(task: Task, model: Model, groups: Sequence[Group], pieces: Sequence[Piece], dry: Array) -> Table:
-    """Columns at full rate, through the same low-pass as the torque, at twice its cut-off.
+def build_table(task: Task, model: Model, groups: Sequence[Group], pieces: Sequence[Piece], dry: Array) -> RowTable:
+    """Compute all rows: columns at the rate of the pieces, then the same low-pass filter as the torque.
 
     Args:
-        task: gives the band.
+        task: task with the band; the filter's cut-off is twice that of the band.
         model: the simulation.
-        groups: what columns are made of, as laid out.
+        groups: groups of all columns.
         pieces: motions with residuals.
         dry: (n,) dry friction of each joint [N.m or N].
     """
@@ -99,9 +97,9 @@ def tabulate(task: Task, model: Model, groups: Sequence[Group], pieces: Sequence
     def inner(signals: Sequence[Array]) -> Array:
         return np.concatenate([thin.at(x) for x in signals])
 
-    signals = [thin(np.column_stack([np.nan_to_num(p.residual), _measured(p)])) for p in pieces]
+    signals = [thin(np.column_stack([np.nan_to_num(p.residual), _recorded_torque(p)])) for p in pieces]
     residual, torque = np.split(np.concatenate(signals), 2, axis=1)
-    return Table(
+    return RowTable(
         groups=tuple(groups),
         count=groups[-1].start + groups[-1].size,
         piece=np.repeat(np.arange(len(pieces)), lengths),
@@ -110,8 +108,8 @@ def tabulate(task: Task, model: Model, groups: Sequence[Group], pieces: Sequence
         q=inner([piece.motion.q for piece in pieces]),
         v=inner([piece.motion.v for piece in pieces]),
         a=inner([piece.motion.a for piece in pieces]),
-        jumps=unsure_rows(thin, pieces, dry),
-        rests=inner([stands_still(piece.motion, thin, HELD) for piece in pieces]) > 0,
+        reversal_std=reversal_uncertainty(thin, pieces, dry),
+        at_rest=inner([standstill(piece.motion, thin, HOLD_TIME) for piece in pieces]) > 0,
         torque=torque,
         predicted=torque - residual,
         residual=residual,
@@ -120,14 +118,14 @@ def tabulate(task: Task, model: Model, groups: Sequence[Group], pieces: Sequence
     )
 
 
-def retabulated(table: Table, task: Task, model: Model, pieces: Sequence[Piece], dry: Array) -> Table:
-    """The same rows with columns along other motions.
+def rebuild_columns(table: RowTable, task: Task, model: Model, pieces: Sequence[Piece], dry: Array) -> RowTable:
+    """Replace the columns by those along other motions.
 
     Args:
-        table: of the rows.
-        task: gives the band.
+        table: rows.
+        task: task with the band.
         model: the simulation.
-        pieces: as many as before, and as long.
+        pieces: the other motions, as many as before and of the same lengths.
         dry: (n,) dry friction of each joint [N.m or N].
     """
     place, columns = _joined(model, table.groups, pieces, row_filter(task), dry)
@@ -137,23 +135,23 @@ def retabulated(table: Table, task: Task, model: Model, pieces: Sequence[Piece],
 def _joined(
     model: Model, groups: Sequence[Group], pieces: Sequence[Piece], thin: Decimator, dry: Array
 ) -> tuple[tuple[Indices, ...], tuple[Array, ...]]:
-    """Per joint, which columns it has and the rows of all pieces."""
+    """Indices of the columns of each joint, and their rows of all pieces."""
     made = [_thinned(model, groups, piece, thin, dry) for piece in pieces]
     columns = [np.concatenate([rows[j][1] for rows in made]) for j in range(len(made[0]))]
     return tuple(index for index, _ in made[0]), tuple(columns)
 
 
-def _measured(piece: Piece) -> Array:
-    assert piece.motion.predicted is not None, "a diagnosed motion carries predicted torque"
+def _recorded_torque(piece: Piece) -> Array:
+    assert piece.motion.predicted is not None, "a diagnosed motion has predicted torque"
     return np.nan_to_num(piece.residual + piece.motion.predicted)
 
 
 def _thinned(
     model: Model, groups: Sequence[Group], piece: Piece, thin: Decimator, dry: Array
 ) -> list[tuple[Indices, Array]]:
-    """Per joint, which columns it has and their rows.
+    """For each joint, the indices of its columns and their rows.
 
-    What the laws ask of the motion takes much memory, so it is kept no longer than this takes.
+    The motion is copied, so that the large arrays that it caches for the laws are freed afterwards.
     """
     piece = piece._replace(motion=replace(piece.motion))
     joints = range(len(model.robot.joints))
@@ -162,7 +160,7 @@ def _thinned(
         for j, x in made.items():
             place[j].extend(range(group.start, group.start + group.size))
             waiting[j].append(finite(x))
-            if len(waiting[j]) == MANY:
+            if len(waiting[j]) == BLOCK_GROUPS:
                 rows[j].append(thin(np.concatenate(waiting[j], axis=1)))
                 waiting[j].clear()
     for j in joints:

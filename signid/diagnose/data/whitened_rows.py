@@ -1,4 +1,4 @@
-"""Rows and noise -> whitened rows, and the products that every later question needs."""
+"""Whitened rows and the products of their columns."""
 
 from __future__ import annotations
 
@@ -12,68 +12,68 @@ import numpy as np
 from ...regression.projection import RANK
 from ...types import Array, Frozen, Indices, Mask
 from .column_groups import Group
-from .noise import Noise, whole
-from .rows import Table
+from .noise import Noise, has_full_window
+from .rows import RowTable
 from .whitening import Whitening, moving
 
 
 class Block(NamedTuple):
-    """Products of columns on one joint; k and p of them are more than the joint has."""
+    """Products of k columns with p columns on one joint, which has only a of the k and b of the p."""
 
-    rows: Indices  # (a,) which of the k it has
-    place: Indices  # (b,) which of the p
+    rows: Indices  # (a,) positions among the k
+    place: Indices  # (b,) positions among the p
     products: Array  # (a, b) [1 per coefficient, squared]
 
 
-Gram = tuple[Block, ...]  # one a joint
+Gram = tuple[Block, ...]  # one block for each joint
 
 
 @dataclass(frozen=True, eq=False)
 class Whitened(Frozen):
-    """M rows of n joints in units of their noise; p columns altogether, of which a joint has some."""
+    """M whitened rows of n joints; each joint has some of the p columns."""
 
     groups: tuple[Group, ...]
-    count: int  # p
-    place: tuple[Indices, ...]  # per joint (m_j,) the columns that it has
+    count: int  # p, number of columns
+    place: tuple[Indices, ...]  # per joint (m_j,) indices of its columns
     columns: tuple[Array, ...]  # per joint (M, m_j) [1 per coefficient]
-    residual: Array  # (n, M) [1]
-    moves: Mask  # (M, n) rows that count: the joint does not stand still
-    recording: Indices  # (M,)
-    torque: tuple[Array, ...]  # per joint (N, m_j) [torque per coefficient] not whitened
+    residual: Array  # (n, M) [1] y
+    moves: Mask  # (M, n) rows that count: the joint is not at rest
+    recording: Indices  # (M,) recording of each row
+    torque: tuple[Array, ...]  # per joint (N, m_j) [torque per coefficient] columns before whitening
     scale: Array  # (n,) [N.m or N] rms torque
-    floor: Array  # (n,) [N.m or N]
+    floor: Array  # (n,) [N.m or N] rms of the noise
 
     def __len__(self) -> int:
         return int(self.residual.shape[1])
 
     @cached_property
     def counts(self) -> Array:
-        """(n,) rows of each joint that count."""
+        """(n,) [1] number of rows of each joint that count."""
         return np.asarray(np.maximum(self.moves.sum(axis=0), 1), dtype=np.float64)
 
     @property
     def joints(self) -> int:
-        """How many: n."""
+        """Number of joints n."""
         return len(self.place)
 
     @cached_property
     def refitted(self) -> tuple[Group, ...]:
-        """What is refitted beside every hypothesis."""
+        """Groups of the nuisance terms."""
         return tuple(group for group in self.groups if group.hypothesis is None)
 
     @cached_property
     def right(self) -> Array:
-        """(n, p) columns times residual, per joint [1 per coefficient]."""
+        """(n, p) [1 per coefficient] products of columns and residual, joint by joint."""
         out = np.zeros((self.joints, self.count))
         for j in range(self.joints):
             out[j, self.place[j]] = self.columns[j].T @ self.residual[j]
         return out
 
     def gram(self, which: Indices) -> Gram:
-        """Products of some columns with all.
+        """Products of some columns with all columns.
 
         Args:
-            which: (k,) columns.
+            which: (k,) indices of columns.
         """
         own = [self.chosen(j, which) for j in range(self.joints)]
         return tuple(
@@ -82,12 +82,12 @@ class Whitened(Frozen):
         )
 
     def products(self, which: Indices, dispersion: Array, columns: Mapping[int, Array]) -> tuple[Array, Array, Array]:
-        """Of columns that are not among its own: with each other (d, d), with the residual (d,), with some own (k, d).
+        """Products of new columns: with each other (d, d), with the residual (d,), with some of these rows (k, d).
 
         Args:
-            which: (k,) own columns.
-            dispersion: (n,) variance of the whitened residual [1].
-            columns: per joint (M, d) whitened [1 per coefficient].
+            which: (k,) indices of columns of these rows.
+            dispersion: (n,) c, variance of the whitened residual [1].
+            columns: new columns, per joint (M, d) whitened [1 per coefficient].
         """
         d = next(iter(columns.values())).shape[1]
         own, right, across = np.zeros((d, d)), np.zeros(d), np.zeros((len(which), d))
@@ -99,49 +99,49 @@ class Whitened(Frozen):
         return own, right, across
 
     def chosen(self, joint: int, which: Indices) -> tuple[Mask, Array]:
-        """Which of some columns a joint has (k,), and these (M, a) [1 per coefficient].
+        """Mask (k,) of the columns that a joint has, and these columns (M, a) [1 per coefficient].
 
         Args:
-            joint: which.
-            which: (k,) columns.
+            joint: index of the joint.
+            which: (k,) indices of columns.
         """
         at = self.at[joint, which]
         return at >= 0, self.columns[joint][:, at[at >= 0]]
 
     @cached_property
     def at(self) -> Indices:
-        """(n, p) where each joint has each column among its own, -1 where it has not."""
+        """(n, p) position of each column among those of each joint; -1 if the joint does not have it."""
         out = np.full((self.joints, self.count), -1)
         for own, place in zip(out, self.place, strict=True):
             own[place] = range(len(place))
         return out
 
     def columns_at(self, joints: Sequence[int]) -> tuple[Indices, list[Indices]]:
-        """The columns (p,) that some joints have, and where each joint has its own (m,) among them."""
+        """Indices (p,) of the columns that some joints have, and the positions (m,) of each joint's own among them."""
         columns = np.flatnonzero((self.at[list(joints)] >= 0).any(axis=0))
         return columns, [np.searchsorted(columns, self.place[j]) for j in joints]
 
     @cached_property
     def refitted_gram(self) -> Gram:
-        """Of the columns that are refitted."""
+        """Products of the nuisance columns with all columns."""
         return self.gram(columns_of(self.refitted))
 
     def part(self, joint: int, group: Group) -> Array:
-        """(M, size) columns of a group on one joint [1 per coefficient]; zero where it has none."""
+        """(M, size) [1 per coefficient] whitened columns of a group on one joint; zero if the joint has none."""
         return self._part(self.columns[joint], joint, group)
 
     def free(self, joint: int, columns: Array) -> Array:
-        """(M, k) what refitted laws of a joint alone cannot make of columns.
+        """(M, k) [1 per coefficient] columns projected onto the complement of the joint's own nuisance columns.
 
         Args:
-            joint: which.
-            columns: (M, k) of this joint [1 per coefficient].
+            joint: index of the joint.
+            columns: (M, k) columns of this joint [1 per coefficient].
         """
-        return np.asarray(columns - self._laws[joint] @ (self._laws[joint].T @ columns))
+        return np.asarray(columns - self._nuisance_basis[joint] @ (self._nuisance_basis[joint].T @ columns))
 
     @cached_property
-    def _laws(self) -> list[Array]:
-        """Per joint (M, a) [1] an orthonormal basis of what is refitted to it alone, but for bodies."""
+    def _nuisance_basis(self) -> list[Array]:
+        """Per joint, (M, a) [1] orthonormal basis of nuisance columns of this joint alone, without bodies."""
         out = list[Array]()
         for j in range(self.joints):
             x = self.chosen(j, columns_of([g for g in self.refitted if not g.bodies and self.rows(g) == [j]]))[1]
@@ -151,12 +151,12 @@ class Whitened(Frozen):
         return out
 
     def rows(self, group: Group) -> list[int]:
-        """The joints on which a group acts."""
+        """Joints on which a group acts."""
         return self._rows[group.start]
 
     @cached_property
     def _rows(self) -> list[list[int]]:
-        """Of each column, the joints that have it."""
+        """For each column, the joints that have it."""
         out: list[list[int]] = [[] for _ in range(self.count)]
         for j, place in enumerate(self.place):
             for column in place.tolist():
@@ -164,7 +164,7 @@ class Whitened(Frozen):
         return out
 
     def raw(self, joint: int, group: Group) -> Array:
-        """(M', size) columns of a group on one joint [torque per coefficient]; zero where it has none."""
+        """(M', size) [torque per coefficient] columns of a group on one joint before whitening; zero if it has none."""
         return self._part(self.torque[joint], joint, group)
 
     def _part(self, columns: Array, joint: int, group: Group) -> Array:
@@ -173,11 +173,11 @@ class Whitened(Frozen):
 
 
 def total(gram: Gram, dispersion: Array, shape: tuple[int, int]) -> Array:
-    """(k, p) products of some columns with others, joints weighted [1 per coefficient, squared].
+    """(k, p) [1 per coefficient, squared] products of columns, summed over joints with weights 1 / c.
 
     Args:
-        gram: per joint.
-        dispersion: (n,) variance of the whitened residual [1].
+        gram: products of each joint.
+        dispersion: (n,) c, variance of the whitened residual [1].
         shape: k and p.
     """
     out = np.zeros(shape)
@@ -187,7 +187,7 @@ def total(gram: Gram, dispersion: Array, shape: tuple[int, int]) -> Array:
 
 
 def mean_products(columns: Mapping[int, Array], scale: Array) -> Array:
-    """(d, d) mean products of columns, summed over joints, in units of their rms torque [1 per coefficient, squared].
+    """(d, d) [1 per coefficient, squared] mean products of columns over squared rms torque, summed over joints.
 
     Args:
         columns: per joint (M, d) [torque per coefficient].
@@ -196,8 +196,8 @@ def mean_products(columns: Mapping[int, Array], scale: Array) -> Array:
     return np.asarray(sum(x.T @ x / len(x) / scale[j] ** 2 for j, x in columns.items()))
 
 
-def whitened(table: Table, noise: Noise) -> Whitened:
-    """Rows in units of noise and discrepancy."""
+def whitened(table: RowTable, noise: Noise) -> Whitened:
+    """Whiten the residual and all columns against noise and discrepancy."""
     n, order = table.joints, noise.coefficients.shape[1]
     moves, whitening = moving(table, order), Whitening(table, noise)
     return Whitened(
@@ -207,7 +207,7 @@ def whitened(table: Table, noise: Noise) -> Whitened:
         columns=tuple(whitening(dict(enumerate(table.columns))).values()),
         residual=np.array([whitening({j: table.residual[:, j, None]})[j][:, 0] for j in range(n)]),
         moves=moves,
-        recording=table.recording[order:][whole(table.piece, order)],
+        recording=table.recording[order:][has_full_window(table.piece, order)],
         torque=table.columns,
         scale=table.scale,
         floor=noise.floor,
@@ -215,6 +215,6 @@ def whitened(table: Table, noise: Noise) -> Whitened:
 
 
 def columns_of(groups: Sequence[Group]) -> Indices:
-    """Their columns, in order."""
+    """Indices of the columns of groups, in order."""
     spans = [np.arange(group.start, group.start + group.size) for group in groups]
     return np.concatenate(spans).astype(np.intp) if spans else np.zeros(0, dtype=np.intp)

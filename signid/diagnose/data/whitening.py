@@ -1,4 +1,4 @@
-"""Rows of torque -> rows in units of their noise: coloured noise, and the discrepancy of each joint."""
+"""Whitening of rows against coloured noise and the discrepancy of each joint."""
 
 from __future__ import annotations
 
@@ -10,19 +10,21 @@ import numpy as np
 
 from ...types import Array, Frozen, Mask
 from .discrepancy import Projection, features, project
-from .noise import Noise, whiten, whole
-from .rows import Table
+from .noise import Noise, has_full_window, whiten
+from .rows import RowTable
 
 
 @dataclass(frozen=True, eq=False)
 class Whitening(Frozen):
-    """Rows of torque -> rows in units of their noise: coloured noise and model discrepancy, joint by joint."""
+    """Whitening of rows against coloured noise and model discrepancy, joint by joint."""
 
-    table: Table
+    table: RowTable
     noise: Noise
 
     def local(self, columns: Mapping[int, Array]) -> dict[int, Array]:
-        """Per joint, (M', k) in units of the coloured noise alone: a row depends on the rows just before it only.
+        """Whiten columns against the coloured noise alone: per joint (M', k) [1 per coefficient].
+
+        A row depends only on the rows just before it.
 
         Args:
             columns: per joint (M, k) [torque per coefficient].
@@ -34,7 +36,7 @@ class Whitening(Frozen):
         }
 
     def __call__(self, columns: Mapping[int, Array]) -> dict[int, Array]:
-        """Per joint, (M', k) in units of noise and discrepancy.
+        """Whiten columns against noise and discrepancy: per joint (M', k) [1 per coefficient].
 
         Args:
             columns: per joint (M, k) [torque per coefficient].
@@ -46,7 +48,7 @@ class Whitening(Frozen):
         return out
 
     def log_scale(self, joint: int) -> float:
-        """Log of the volume by which a joint's rows shrink where they are whitened [-]."""
+        """Log determinant of the whitening of a joint's rows [-]."""
         weight, projection = self._weight[:, joint], self._projections[joint]
         counted = weight[weight > 0]
         own = float(np.sum(np.log(counted))) - len(counted) * float(np.log(self.noise.innovation[joint]))
@@ -54,7 +56,7 @@ class Whitening(Frozen):
 
     @cached_property
     def _weight(self) -> Array:
-        """(M', n) of whitened rows [1]."""
+        """(M', n) [1] weights of whitened rows."""
         return weights(self.table, self.noise)
 
     @cached_property
@@ -63,7 +65,7 @@ class Whitening(Frozen):
 
 
 class _Projections(dict[int, "Projection | None"]):
-    """Of each joint, made when it is first asked for."""
+    """Projection of each joint, computed on first use."""
 
     def __init__(self, whitening: Whitening) -> None:
         super().__init__()
@@ -76,15 +78,15 @@ class _Projections(dict[int, "Projection | None"]):
         return self[joint]
 
 
-def moving(table: Table, order: int) -> Mask:
-    """(M, n) which whitened rows no standstill touches."""
-    still = np.asarray(np.array([table.rests[order - k : len(table) - k] for k in range(order + 1)]).any(axis=0))
-    return np.asarray(~still[whole(table.piece, order)])
+def moving(table: RowTable, order: int) -> Mask:
+    """(M, n) whitened rows whose whole window is in motion."""
+    still = np.asarray(np.array([table.at_rest[order - k : len(table) - k] for k in range(order + 1)]).any(axis=0))
+    return np.asarray(~still[has_full_window(table.piece, order)])
 
 
-def weights(table: Table, noise: Noise) -> Array:
-    """(M, n) [1] of whitened rows: less near reversals, none where a joint stands still."""
+def weights(table: RowTable, noise: Noise) -> Array:
+    """(M, n) [1] weights of whitened rows: reduced near velocity reversals, zero at rest."""
     order = noise.coefficients.shape[1]
-    unsure = np.max([table.jumps[order - k : len(table) - k] for k in range(order + 1)], axis=0)
-    weight = 1 / np.sqrt(1 + (np.maximum(noise.late, 1) * unsure / noise.least) ** 2)
-    return np.asarray(weight[whole(table.piece, order)] * moving(table, order))
+    unsure = np.max([table.reversal_std[order - k : len(table) - k] for k in range(order + 1)], axis=0)
+    weight = 1 / np.sqrt(1 + (np.maximum(noise.reversal_scale, 1) * unsure / noise.saturated_floor) ** 2)
+    return np.asarray(weight[has_full_window(table.piece, order)] * moving(table, order))

@@ -1,1 +1,1 @@
-"""Rows -> evidence: prior, normal equations, likelihood, Bayes factors, posterior odds."""
+"""Evidence of rows: priors, linear model, likelihood, Bayes factors, posterior odds."""

@@ -1,4 +1,4 @@
-"""Hypotheses of one size at once: their products, what is believed of them, and how likely each is."""
+"""Batches of hypotheses of equal size: products of columns, stacked priors, log Bayes factors."""
 
 from __future__ import annotations
 
@@ -11,62 +11,63 @@ from scipy.special import log_ndtr
 from ...types import Array, Indices, Mask
 from ..data.column_groups import Group
 from ..data.whitened_rows import Whitened
-from .prior import SIZES, CoefficientPrior
+from .prior import CoefficientPrior
+from .thresholds import EFFECT_SIZES
 
 
-class Beliefs(NamedTuple):
-    """What is believed of g hypotheses of d coefficients each."""
+class StackedPriors(NamedTuple):
+    """Coefficient priors of g hypotheses with d coefficients each."""
 
-    spread: Array  # (g, d, d) [units of the coefficients]
-    mean: Array  # (g, d) [1] in units of the spread; where it is not 0, the size does not count
-    first: Array  # (g, d) [units of the coefficients] spread of the positive coefficient, NaN where none is
+    covariance_factor: Array  # (g, d, d) [units of the coefficients] T of each
+    mean: Array  # (g, d) [1] mean over standard deviation; if it is not 0, f = 1
+    positive: Array  # (g, d) [unit of the coefficient] row of T of the coefficient that must be positive; NaN if none
 
-    def some(self, which: Indices) -> Beliefs:
-        """Of some of them."""
-        return Beliefs(*(x[which] for x in self))
+    def take(self, which: Indices) -> StackedPriors:
+        """Priors of some of the hypotheses."""
+        return StackedPriors(*(x[which] for x in self))
 
 
 class Batch(NamedTuple):
-    """Groups of one size d."""
+    """All hypotheses of one size d."""
 
-    groups: Indices  # (g,) their places in the list of groups
-    columns: Indices  # (g, d)
-    blocks: Array  # (n, g, d, d) [1 per coefficient, squared] own products per joint
+    groups: Indices  # (g,) positions in the list of groups
+    columns: Indices  # (g, d) column indices
+    blocks: Array  # (n, g, d, d) [1 per coefficient, squared] S'S of each joint
     there: Mask  # (n, g) whether a group acts on a joint
-    priors_of: Beliefs
+    priors: StackedPriors
 
 
 class Portion(NamedTuple):
-    """The groups of a batch that act on some of c joints."""
+    """Hypotheses of a batch that act on at least one of c joints."""
 
-    batch: int  # which
-    columns: Indices  # (g, d) where they stand among the columns that these joints have
-    blocks: Array  # (c, g, d, d) [1 per coefficient, squared] own products per joint
-    inside: Indices  # (h,) which of them act on no other joint
-    across: Indices  # (g - h,) which of them do
-    beyond: Indices  # (g - h,) places of the latter in the batch
-    priors_of: Beliefs  # of those inside
+    batch: int  # index of the batch
+    columns: Indices  # (g, d) positions among the columns of these joints
+    blocks: Array  # (c, g, d, d) [1 per coefficient, squared] S'S of each joint
+    inside: Indices  # (h,) those of the g that act on no other joint
+    across: Indices  # (g - h,) those of the g that do
+    beyond: Indices  # (g - h,) positions of the latter in the batch
+    priors: StackedPriors  # priors of the hypotheses inside
 
 
-class View(NamedTuple):
-    """What some joints have of everything."""
+class JointView(NamedTuple):
+    """Hypotheses and columns of some joints."""
 
-    columns: Indices  # (p,)
+    columns: Indices  # (p,) column indices
     portions: tuple[Portion, ...]
-    inside: Indices  # (h,) places in the list of groups of those that act on no other joint, portion by portion
+    inside: Indices  # (h,) positions in the list of groups of hypotheses inside, portion by portion
 
 
-def batches(data: Whitened, priors_of: Mapping[Group, CoefficientPrior | None]) -> list[Batch]:
-    """All hypotheses that the motion shows."""
+def batches(data: Whitened, priors: Mapping[Group, CoefficientPrior | None]) -> list[Batch]:
+    """Batches of all hypotheses whose columns are not zero."""
     by_size = dict[int, list[int]]()
     for k, group in enumerate(data.groups):
-        if group.hypothesis is not None and priors_of[group] is not None:
+        if group.hypothesis is not None and priors[group] is not None:
             by_size.setdefault(group.size, []).append(k)
-    return [_batch(data, priors_of, np.array(which, dtype=np.intp)) for which in by_size.values()]
+    return [_batch(data, priors, np.array(which, dtype=np.intp)) for which in by_size.values()]
 
 
-def view(data: Whitened, whole: Sequence[Batch], joints: Sequence[int]) -> View:
-    """What some joints have of all batches."""
+def joint_view(data: Whitened, whole: Sequence[Batch], joints: Sequence[int]) -> JointView:
+    """Portions of all batches for some joints."""
     columns, portions, inside = data.columns_at(joints)[0], list[Portion](), [np.zeros(0, dtype=np.intp)]
     for k, batch in enumerate(whole):
         own = batch.there[list(joints)].sum(axis=0)
@@ -82,43 +83,49 @@ def view(data: Whitened, whole: Sequence[Batch], joints: Sequence[int]) -> View:
                 inside=np.flatnonzero(alone),
                 across=np.flatnonzero(~alone),
                 beyond=which[~alone],
-                priors_of=batch.priors_of.some(which[alone]),
+                priors=batch.priors.take(which[alone]),
             )
         )
         inside.append(batch.groups[which[alone]])
-    return View(columns, tuple(portions), np.concatenate(inside))
+    return JointView(columns, tuple(portions), np.concatenate(inside))
 
 
-def gather(priors_of: Sequence[CoefficientPrior]) -> Beliefs:
-    """Of hypotheses of one size."""
-    first = [b.spread[b.positive] if b.positive >= 0 else b.spread[0] * np.nan for b in priors_of]
-    mean = [b.mean / np.diag(b.spread) if b.mean else np.zeros(len(b.spread)) for b in priors_of]
-    return Beliefs(np.array([b.spread for b in priors_of]), np.array(mean), np.array(first))
+def stack_priors(priors: Sequence[CoefficientPrior]) -> StackedPriors:
+    """Stack the priors of hypotheses of equal size."""
+    positive = [b.covariance_factor[b.positive] if b.positive >= 0 else b.covariance_factor[0] * np.nan for b in priors]
+    mean = [b.mean / np.diag(b.covariance_factor) if b.mean else np.zeros(len(b.covariance_factor)) for b in priors]
+    return StackedPriors(np.array([b.covariance_factor for b in priors]), np.array(mean), np.array(positive))
 
 
-def log_factor(priors_of: Beliefs, own: Array, right: Array) -> Array:
-    """(g,) log Bayes factors, sizes averaged.
+def log_bayes_factor(priors: StackedPriors, own: Array, right: Array) -> Array:
+    """(g,) [-] log Bayes factors, averaged over the sizes f.
+
+    With eigenvalues w of T'AT and components z of T'z in the eigenvectors,
+
+        ln BF(f) = 1/2 sum_k [ f^2 z_k^2 / (1 + f^2 w_k) - ln(1 + f^2 w_k) ],
+
+    plus ln 2 Phi(m / s) if a coefficient must be positive; m and s are its posterior mean and standard deviation.
 
     Args:
-        priors_of: of g groups of d columns.
-        own: (g, d, d) Gram, less what is fitted beside [1 per coefficient, squared].
-        right: (g, d) right side, less what is fitted beside [1 per coefficient].
+        priors: priors of g hypotheses of d coefficients.
+        own: (g, d, d) [1 per coefficient, squared] A = S'S - S'F (F'F + L)^-1 F'S.
+        right: (g, d) [1 per coefficient] z = S'y - S'F (F'F + L)^-1 F'y.
     """
-    spread, mean = priors_of.spread, priors_of.mean
-    values, vectors = np.linalg.eigh(spread.transpose(0, 2, 1) @ own @ spread)
+    factor, mean = priors.covariance_factor, priors.mean
+    values, vectors = np.linalg.eigh(factor.transpose(0, 2, 1) @ own @ factor)
     w = np.maximum(values, 0)  # (g, d)
-    z = np.einsum("gij,gi->gj", vectors, np.einsum("gij,gi->gj", spread, right) + mean)
-    f = np.where(np.any(mean, axis=1, keepdims=True), 1.0, SIZES) ** 2  # (g, sizes)
-    fw = 1 + f[:, :, None] * w[:, None, :]  # (g, sizes, d)
-    told = np.sum(f[:, :, None] * z[:, None, :] ** 2 / fw - np.log(fw), axis=2) / 2
-    first = np.einsum("gi,gij->gj", np.nan_to_num(priors_of.first), vectors)
-    mid = np.sum(first[:, None, :] * f[:, :, None] * z[:, None, :] / fw, axis=2)
-    wide = np.sqrt(np.maximum(np.sum(first[:, None, :] ** 2 * f[:, :, None] / fw, axis=2), 1e-300))
-    told = told + np.where(np.isnan(priors_of.first[:, :1]), 0.0, np.log(2) + log_ndtr(mid / wide))
-    return np.asarray(np.logaddexp.reduce(told, axis=1) - np.sum(mean**2, axis=1) / 2 - np.log(len(SIZES)))
+    z = np.einsum("gij,gi->gj", vectors, np.einsum("gij,gi->gj", factor, right) + mean)
+    f2 = np.where(np.any(mean, axis=1, keepdims=True), 1.0, EFFECT_SIZES) ** 2  # (g, sizes)
+    fw = 1 + f2[:, :, None] * w[:, None, :]  # (g, sizes, d)
+    log = np.sum(f2[:, :, None] * z[:, None, :] ** 2 / fw - np.log(fw), axis=2) / 2
+    row = np.einsum("gi,gij->gj", np.nan_to_num(priors.positive), vectors)
+    m = np.sum(row[:, None, :] * f2[:, :, None] * z[:, None, :] / fw, axis=2)
+    s = np.sqrt(np.maximum(np.sum(row[:, None, :] ** 2 * f2[:, :, None] / fw, axis=2), 1e-300))
+    log = log + np.where(np.isnan(priors.positive[:, :1]), 0.0, np.log(2) + log_ndtr(m / s))
+    return np.asarray(np.logaddexp.reduce(log, axis=1) - np.sum(mean**2, axis=1) / 2 - np.log(len(EFFECT_SIZES)))
 
 
-def _batch(data: Whitened, priors_of: Mapping[Group, CoefficientPrior | None], which: Indices) -> Batch:
+def _batch(data: Whitened, priors: Mapping[Group, CoefficientPrior | None], which: Indices) -> Batch:
     groups = [data.groups[k] for k in which]
     columns = np.array([np.arange(g.start, g.start + g.size) for g in groups], dtype=np.intp)
     there = data.at[:, columns[:, 0]] >= 0
@@ -128,4 +135,4 @@ def _batch(data: Whitened, priors_of: Mapping[Group, CoefficientPrior | None], w
         if own:
             x = np.stack(own)
             blocks[j, here] = x.transpose(0, 2, 1) @ x
-    return Batch(which, columns, blocks, there, gather([b for g in groups if (b := priors_of[g]) is not None]))
+    return Batch(which, columns, blocks, there, stack_priors([b for g in groups if (b := priors[g]) is not None]))

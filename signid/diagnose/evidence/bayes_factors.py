@@ -1,4 +1,4 @@
-"""Whitened rows -> how much more likely each hypothesis makes them, in closed form."""
+"""Log Bayes factors of all hypotheses in closed form."""
 
 from __future__ import annotations
 
@@ -13,51 +13,53 @@ from scipy.special import logsumexp
 from ...types import Array
 from ..data.column_groups import Group
 from ..data.normal_equations import Fitted
-from .batches import Batch, View, batches, gather, log_factor, view
+from .batches import Batch, JointView, batches, joint_view, log_bayes_factor, stack_priors
+from .cache import LRUCache
 from .components import Component
-from .linear_model import Linear
+from .linear_model import LinearModel
 from .prior import CoefficientPrior
-from .recent import Recent
+from .thresholds import (
+    COVARIANCE_SCALES,
+    INERTIAL_SCALES,
+    INTERVAL_COVARIANCE_SCALES,
+    LOG_COVARIANCE_SCALE_PRIOR,
+    LOG_INERTIAL_SCALE_PRIOR,
+)
 
-SCALES = np.array([0.0, 1.0, 2.0])  # of the tolerance of inertials: how far they are off
-SCALE_PRIOR = np.log([0.5, 0.4, 0.1])
-KNOWN = np.array([1.0, 2.5])  # of the deviations that a model carries: how far the recordings may be off it
-KNOWN_PRIOR = np.log([0.95, 0.05])
-FURTHER = np.array([1.0, 2.5, 6.0, 15.0])  # the same, when intervals are asked for
-TOLD, LEFTS = 256, 16  # answers for some joints that are kept
-
-
-class Left(NamedTuple):
-    """What all that is fitted to some joints leaves of their columns."""
-
-    below: Array  # (k, p) [1 per coefficient] what it makes of them, by the fit's factor
-    right: Array  # (p,) [1 per coefficient]
-    own: list[Array]  # of each portion (g, d, d) [1 per coefficient, squared]
+CACHED_FACTORS, CACHED_COMPLEMENTS = 256, 16  # entries of the caches of components; complements are large
 
 
-class Told(NamedTuple):
-    """What some joints tell of hypotheses."""
+class Complement(NamedTuple):
+    """Schur complement of the fitted columns F of a component, for all p columns of its joints."""
 
-    factors: Array  # (h,) [1] log Bayes factors of those that act on no other joint
-    own: list[Array]  # of each portion (g - h, d, d) [1 per coefficient, squared] of those that do
-    right: list[Array]  # of each portion (g - h, d) [1 per coefficient]
+    below: Array  # (k, p) [1 per coefficient] lower^-1 F'S, lower the Cholesky factor of F'F + L
+    right: Array  # (p,) [1 per coefficient] z = S'y - S'F (F'F + L)^-1 F'y
+    own: list[Array]  # of each portion (g, d, d) [1 per coefficient, squared] A = S'S - S'F (F'F + L)^-1 F'S
+
+
+class ComponentFactors(NamedTuple):
+    """Contribution of one connected component to the log Bayes factors."""
+
+    inside: Array  # (h,) [-] log Bayes factors of hypotheses that act on no other joint
+    own: list[Array]  # of each portion (g - h, d, d) [1 per coefficient, squared] A of those that do
+    right: list[Array]  # of each portion (g - h, d) [1 per coefficient] z of those that do
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence(Linear):
-    """Rows that can be asked what any hypothesis adds to others that are selected."""
+class Evidence(LinearModel):
+    """Linear model that also computes the Bayes factor of every hypothesis beside those that are selected."""
 
     def log_bayes_factors(
         self, selected: Sequence[Group], dispersion: Array, without: Group | None = None
     ) -> tuple[Array, Array]:
-        """Log Bayes factor of every group (NaN for those that are refitted or true), and the weight of each trust.
+        """Log Bayes factor of every group (NaN for nuisance terms and selected ones), and posterior of each scale k.
 
-        Joints that nothing couples with those where anything changed since they were asked last are not asked again.
+        Results are cached for each connected component of joints.
 
         Args:
             selected: selected hypotheses.
-            dispersion: (n,) variance of the whitened residual [1].
-            without: one of them that is not, after all; to ask so of each in turn costs little more than of one.
+            dispersion: (n,) c, variance of the whitened residual [1].
+            without: a selected hypothesis that is left out; doing so for each in turn reuses one Schur complement.
         """
         kept = {group for group in selected if group is not without}
         fits = [
@@ -72,131 +74,144 @@ class Evidence(Linear):
         return np.asarray(logsumexp(factors, axis=0)), np.exp(weight)
 
     def prior_scale(self, selected: Sequence[Group], dispersion: Array) -> float:
-        """The likeliest distrust of the inertials.
+        """Maximum a posteriori scale k of the error of the simulation [1].
 
         Args:
             selected: selected hypotheses.
-            dispersion: (n,) variance of the whitened residual [1].
+            dispersion: (n,) c, variance of the whitened residual [1].
         """
-        told = [self.fit(selected, dispersion, prior_scale).log_evidence for prior_scale in self.scales]
-        return float(self.scales[int(np.argmax(told + self.scale_prior))])
+        logs = [self.fit(selected, dispersion, prior_scale).log_evidence for prior_scale in self.scales]
+        return float(self.scales[int(np.argmax(logs + self.scale_prior))])
 
     def distance(self, selected: Sequence[Group], dispersion: Array) -> float:
-        """Likeliest scale of the deviations that the model carries, larger ones than in a search included [1].
+        """Most likely scale k for intervals, which may be larger than in a search if there is a covariance [1].
 
         Args:
             selected: selected hypotheses.
-            dispersion: (n,) variance of the whitened residual [1].
+            dispersion: (n,) c, variance of the whitened residual [1].
         """
         if not self.informed:
             return self.prior_scale(selected, dispersion)
-        return float(max(FURTHER, key=lambda scale: self.fit(selected, dispersion, scale).log_evidence))
+        return float(
+            max(INTERVAL_COVARIANCE_SCALES, key=lambda scale: self.fit(selected, dispersion, scale).log_evidence)
+        )
 
     @property
     def informed(self) -> bool:
-        """Whether identification left a covariance."""
-        return self.known is not None
+        """Whether the simulation has a covariance from identification."""
+        return self.stated_prior is not None
 
     @property
     def scales(self) -> Array:
-        """(s,) how far inertials may be off, over their tolerance or over the deviations that a model carries [1]."""
-        return KNOWN if self.informed else SCALES
+        """(s,) [1] values of k: errors of the simulation, in standard deviations of their prior."""
+        return COVARIANCE_SCALES if self.informed else INERTIAL_SCALES
 
     @property
     def scale_prior(self) -> Array:
-        """(s,) log prior probabilities of the scales."""
-        return KNOWN_PRIOR if self.informed else SCALE_PRIOR
+        """(s,) [-] log prior probability of each scale."""
+        return LOG_COVARIANCE_SCALE_PRIOR if self.informed else LOG_INERTIAL_SCALE_PRIOR
 
-    def ask(self, fit: Fitted, dispersion: Array, prior: CoefficientPrior, columns: Mapping[int, Array]) -> float:
-        """Log Bayes factor of columns that are not among the rows' own.
+    def candidate_log_factor(
+        self, fit: Fitted, dispersion: Array, prior: CoefficientPrior, columns: Mapping[int, Array]
+    ) -> float:
+        """Log Bayes factor of a candidate whose columns are not in the dataset [-].
 
         Args:
-            fit: everything that is refitted or taken for true.
-            dispersion: (n,) variance of the whitened residual [1].
-            prior: of the coefficients.
-            columns: per joint (M, d) whitened [1 per coefficient].
+            fit: fit of nuisance parameters and selected laws.
+            dispersion: (n,) c, variance of the whitened residual [1].
+            prior: prior of the candidate's coefficients.
+            columns: whitened columns of the candidate, per joint (M, d) [1 per coefficient].
         """
         own, right, across = self.data.products(fit.which, dispersion, columns)
-        below = fit.below(across)
-        left = (own - below.T @ below)[None], (right - below.T @ fit.told)[None]
-        return float(log_factor(gather([prior]), *left)[0])
+        below = fit.forward(across)
+        left = (own - below.T @ below)[None], (right - below.T @ fit.forward_right)[None]
+        return float(log_bayes_factor(stack_priors([prior]), *left)[0])
 
     def _factors(
         self, selected: Sequence[Group], dispersion: Array, prior_scale: float, without: Group | None
     ) -> Array:
-        """(groups,) log Bayes factors at one trust."""
-        out, asked = np.full(len(self.data.groups), np.nan), np.zeros(len(self.data.groups), dtype=bool)
-        own = [np.zeros(batch.priors_of.spread.shape) for batch in self._batches]
+        """(groups,) [-] log Bayes factors at one prior scale; NaN for groups that are no candidates."""
+        out, done = np.full(len(self.data.groups), np.nan), np.zeros(len(self.data.groups), dtype=bool)
+        own = [np.zeros(batch.priors.covariance_factor.shape) for batch in self._batches]
         right = [np.zeros(batch.columns.shape) for batch in self._batches]
         for component in self.components(selected, prior_scale):
             seen = self._view(component.joints)
-            told = self._told(component, dispersion[list(component.joints)], prior_scale, without)
-            out[seen.inside], asked[seen.inside] = told.factors, True
-            for portion, x, y in zip(seen.portions, told.own, told.right, strict=True):
+            factors = self._component_factors(component, dispersion[list(component.joints)], prior_scale, without)
+            out[seen.inside], done[seen.inside] = factors.inside, True
+            for portion, x, y in zip(seen.portions, factors.own, factors.right, strict=True):
                 own[portion.batch][portion.beyond] += x
                 right[portion.batch][portion.beyond] += y
         for batch, x, y in zip(self._batches, own, right, strict=True):
-            which = np.flatnonzero(~asked[batch.groups])  # act on joints that are fitted apart
+            which = np.flatnonzero(~done[batch.groups])  # hypotheses that act on joints of several components
             if len(which):
-                out[batch.groups[which]] = log_factor(batch.priors_of.some(which), x[which], y[which])
+                out[batch.groups[which]] = log_bayes_factor(batch.priors.take(which), x[which], y[which])
         return out
 
-    def _told(self, component: Component, dispersion: Array, prior_scale: float, without: Group | None) -> Told:
+    def _component_factors(
+        self, component: Component, dispersion: Array, prior_scale: float, without: Group | None
+    ) -> ComponentFactors:
+        """Contribution of a component, cached unless one of its hypotheses is left out."""
         if without is not None and without in component.selected:
-            return self._tell(component, self._left_without(component, dispersion, prior_scale, without))
+            return self._reduce(component, self._complement_without(component, dispersion, prior_scale, without))
         key = (component, dispersion.tobytes(), prior_scale)
-        return self._tolds(key, lambda: self._tell(component, self._left(component, dispersion, prior_scale)))
+        return self._cached_factors(
+            key, lambda: self._reduce(component, self._complement(component, dispersion, prior_scale))
+        )
 
     @cached_property
-    def _tolds(self) -> Recent[Told]:
-        return Recent(TOLD)
+    def _cached_factors(self) -> LRUCache[ComponentFactors]:
+        return LRUCache(CACHED_FACTORS)
 
-    def _tell(self, component: Component, left: Left) -> Told:
+    def _reduce(self, component: Component, complement: Complement) -> ComponentFactors:
+        """Log Bayes factors of hypotheses inside a component, and the terms of those that act on others too."""
         factors, own, right = [np.zeros(0)], list[Array](), list[Array]()
-        for portion, square in zip(self._view(component.joints).portions, left.own, strict=True):
-            inside, across, beside = portion.inside, portion.across, left.right[portion.columns]
+        for portion, square in zip(self._view(component.joints).portions, complement.own, strict=True):
+            inside, across, beside = portion.inside, portion.across, complement.right[portion.columns]
             if len(inside):
-                factors.append(log_factor(portion.priors_of, square[inside], beside[inside]))
+                factors.append(log_bayes_factor(portion.priors, square[inside], beside[inside]))
             own.append(square[across])
             right.append(beside[across])
-        return Told(np.concatenate(factors), own, right)
+        return ComponentFactors(np.concatenate(factors), own, right)
 
-    def _left(self, component: Component, dispersion: Array, prior_scale: float) -> Left:
+    def _complement(self, component: Component, dispersion: Array, prior_scale: float) -> Complement:
+        """Schur complement of all fitted columns of a component."""
         fit, seen, own = self.part(component, dispersion, prior_scale), self._view(component.joints), list[Array]()
-        below = fit.below(self.across(component, dispersion))
+        below = fit.forward(self.across(component, dispersion))
         right = (self.data.right[list(component.joints)][:, seen.columns] / dispersion[:, None]).sum(0)
         for portion in seen.portions:
             across = below.T[portion.columns]  # (g, d, k)
             own.append(np.tensordot(1 / dispersion, portion.blocks, axes=1) - across @ across.transpose(0, 2, 1))
-        return Left(below, right - below.T @ fit.told, own)
+        return Complement(below, right - below.T @ fit.forward_right, own)
 
-    def _left_without(self, component: Component, dispersion: Array, prior_scale: float, without: Group) -> Left:
-        """What all but one of the hypotheses leaves."""
+    def _complement_without(
+        self, component: Component, dispersion: Array, prior_scale: float, without: Group
+    ) -> Complement:
+        """Schur complement of all fitted columns except those of one hypothesis, by a low-rank update."""
         key = (component, dispersion.tobytes(), prior_scale)
-        left = self._lefts(key, lambda: self._left(component, dispersion, prior_scale))
+        full = self._cached_complements(key, lambda: self._complement(component, dispersion, prior_scale))
         fit = self.part(component, dispersion, prior_scale)
-        below = fit.below(np.eye(len(fit.which))[:, fit.place(without)])
-        shares = below.T @ left.below  # (d, p) of what it would make of each column
+        below = fit.forward(np.eye(len(fit.which))[:, fit.place(without)])
+        shares = below.T @ full.below  # (d, p) coefficients of the hypothesis in the fit of each column
         back = np.linalg.solve(below.T @ below, shares)
         own = [
             x + np.einsum("dgi,dgj->gij", shares[:, portion.columns], back[:, portion.columns])
-            for x, portion in zip(left.own, self._view(component.joints).portions, strict=True)
+            for x, portion in zip(full.own, self._view(component.joints).portions, strict=True)
         ]
-        return Left(left.below, left.right + back.T @ (below.T @ fit.told), own)
+        return Complement(full.below, full.right + back.T @ (below.T @ fit.forward_right), own)
 
     @cached_property
-    def _lefts(self) -> Recent[Left]:
-        return Recent(LEFTS)
+    def _cached_complements(self) -> LRUCache[Complement]:
+        return LRUCache(CACHED_COMPLEMENTS)
 
     @cached_property
     def _batches(self) -> list[Batch]:
-        return batches(self.data, self.priors_of)
+        return batches(self.data, self.coefficient_priors)
 
-    def _view(self, joints: tuple[int, ...]) -> View:
+    def _view(self, joints: tuple[int, ...]) -> JointView:
         if joints not in self._views:
-            self._views[joints] = view(self.data, self._batches, joints)
+            self._views[joints] = joint_view(self.data, self._batches, joints)
         return self._views[joints]
 
     @cached_property
-    def _views(self) -> dict[tuple[int, ...], View]:
+    def _views(self) -> dict[tuple[int, ...], JointView]:
         return {}

@@ -1,4 +1,4 @@
-"""The covariance that a model carries -> a prior of what is fitted; a fit -> the covariance of the extended model."""
+"""Prior of the nuisance parameters from the covariance that a model carries."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ from ...model import Model
 from ...regression.regressor import labels
 from ...types import INERTIAL, Law
 from ..data.column_groups import Group
-from .linear_model import Known
+from .linear_model import StatedPrior
 
-WEAK = 1e-9  # of the largest variance, scaled: the least that a covariance is inverted with
+RIDGE = 1e-9  # [1] added to the diagonal of the scaled covariance, so that it can be inverted
 
 
-def known_before(model: Model, groups: Sequence[Group]) -> Known | None:
-    """What identification left open of a simulation, as a prior about what it states; None where it carries nothing.
+def stated_prior(model: Model, groups: Sequence[Group]) -> StatedPrior | None:
+    """Prior of the stated parameters: information K' C^-1 K; None if the model has no covariance C.
 
-    What the simulation does not have any more (a law that was taken out) is zero, not unknown.
+    A parameter that the simulation no longer has, such as that of a removed law, is zero, not unknown.
 
     Args:
         model: the simulation.
-        groups: columns, as laid out.
+        groups: groups of all columns.
     """
     if model.covariance is None:
         return None
-    columns = laid_out(model, groups)
+    columns = parameter_columns(model, groups)
     own = model.covariance
     there = np.array([label in columns for label in own.labels])
     rows = np.isfinite(own.std)
@@ -34,25 +34,25 @@ def known_before(model: Model, groups: Sequence[Group]) -> Known | None:
     places = np.array([columns[label] for label, yes in zip(own.labels, there, strict=True) if yes], dtype=np.intp)
     covariance = own.matrix[np.ix_(rows, rows)]
     size = np.sqrt(np.diag(covariance))
-    inverse = np.linalg.inv(covariance / size / size[:, None] + WEAK * np.eye(len(size))) / size / size[:, None]
+    inverse = np.linalg.inv(covariance / size / size[:, None] + RIDGE * np.eye(len(size))) / size / size[:, None]
     order = np.argsort(places)
     information = (combination.T @ inverse @ combination)[np.ix_(order, order)]
-    return Known(places[order], information)
+    return StatedPrior(places[order], information)
 
 
-def laid_out(model: Model, groups: Sequence[Group]) -> dict[str, int]:
-    """Where the coefficient of each standard parameter stands among the columns that are refitted."""
+def parameter_columns(model: Model, groups: Sequence[Group]) -> dict[str, int]:
+    """Column index of each standard parameter among the nuisance columns."""
     out, body = dict[str, int](), 0
     for group in groups:
         if group.bodies:
             body += 1
             out |= {f"{name}_{body}": group.start + k for k, name in enumerate(INERTIAL)}
         elif group.law is not None:
-            out |= dict(of_laws(model, group, (group.law,)))
+            out |= dict(law_parameter_columns(model, group, (group.law,)))
     return out
 
 
-def of_laws(model: Model, group: Group, own: Sequence[Law]) -> list[tuple[str, int]]:
-    """Where the coefficient of each number of laws stands among the columns."""
+def law_parameter_columns(model: Model, group: Group, own: Sequence[Law]) -> list[tuple[str, int]]:
+    """Column index of each parameter of laws."""
     names = [label.name for label in labels(model.robot, own)[10 * len(model.robot.links) :]]
     return [(name, group.start + k) for k, name in enumerate(names[: group.size])]

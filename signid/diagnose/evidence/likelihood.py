@@ -1,4 +1,4 @@
-"""How likely the rows are under one noise model or another, everything that is fitted integrated out."""
+"""Marginal likelihood of the rows under different noise models."""
 
 from __future__ import annotations
 
@@ -21,33 +21,33 @@ from .bayes_factors import Evidence
 from .noise_model import update_joints
 from .selection import Selection
 
-FAR = 12.0  # log density behind the likeliest, from which on how far inertials are trusted does not count
+NEGLIGIBLE = 12.0  # [-] scales k whose log density is this much below the highest are skipped: factor e^-12
 
 
 class _Terms(NamedTuple):
-    """What one joint adds to the normal equations of all that is fitted, and to the log density."""
+    """Contribution of one joint to the normal equations and to the log density."""
 
-    columns: Indices  # (a,) that it has
+    columns: Indices  # (a,) indices of its columns
     gram: Array  # (a, a) [1 per coefficient, squared]
     right: Array  # (a,) [1 per coefficient]
-    log: float  # log density of rows that nothing is fitted to
+    log: float  # log density of the rows without any fit [-]
 
 
 @dataclass(frozen=True, eq=False)
 class Likelihood(Frozen):
-    """Of rows with some laws selected; what one of them gains when the noise may explain its torque instead."""
+    """Marginal likelihood of the rows beside selected laws, under the present noise model or the most likely one."""
 
     dataset: Dataset
     evidence: Evidence
     found: Selection
 
     def penalty(self, group: Group) -> float:
-        """By how much the noise model that is likeliest without a law makes the rows likelier without it, log [-].
+        """Penalty min(0, G(others, m) - G(others)) of a law m [-].
 
-        The discrepancy may take over what the law explained; never positive.
+        G lets the discrepancy and the noise take over what the law explained.
 
         Args:
-            group: one of the selected laws.
+            group: group of the law m, one of the selected.
         """
         selected = tuple(g for g in self.found.selected if g is not group)
         joints = self.evidence.data.rows(group)
@@ -58,36 +58,36 @@ class Likelihood(Frozen):
         return self._log(self.found, self.dataset.noise, ())
 
     def _gained(self, selected: tuple[Group, ...], joints: Sequence[int]) -> float:
-        """Log of how much likelier the rows are under the noise model that is likeliest beside some laws [-]."""
+        """G: log likelihood ratio of the most likely noise model beside some laws and the present one [-]."""
         some = [
             replace(self.found, selected=selected, prior_scale=prior_scale)
             for prior_scale in self.evidence.scales.tolist()
         ]
         logs = np.tile([self._log(rest, self.dataset.noise, joints) for rest in some], (2, 1))
-        for k in np.flatnonzero(logs[0] > logs[0].max() - FAR):
-            logs[1, k] = self._log(some[k], self._likeliest(some[k], joints), joints)
+        for k in np.flatnonzero(logs[0] > logs[0].max() - NEGLIGIBLE):
+            logs[1, k] = self._log(some[k], self._most_likely(some[k], joints), joints)
         present, changed = logsumexp(logs + self.evidence.scale_prior, axis=1).tolist()
         return float(max(0.0, changed - present))
 
-    def _likeliest(self, found: Selection, joints: Sequence[int]) -> Noise:
-        """The noise model with the likeliest variance and discrepancy of some joints."""
+    def _most_likely(self, found: Selection, joints: Sequence[int]) -> Noise:
+        """Noise model with the most likely variance and discrepancy of some joints."""
         noise, data = self.dataset.noise, self.evidence.data
         arrays = {key: getattr(noise, key).copy() for key in ("floor", "innovation", "discrepancy")}
         for j in joints:
             key = j, found.prior_scale, tuple(g.start for g in found.selected if j in data.rows(g))
-            if key not in self._known:
-                self._known[key] = update_joints(self.dataset, self.evidence, found, [j], colour=False)
+            if key not in self._noise_models:
+                self._noise_models[key] = update_joints(self.dataset, self.evidence, found, [j], colour=False)
             for name, array in arrays.items():
-                array[j] = getattr(self._known[key], name)[j]
+                array[j] = getattr(self._noise_models[key], name)[j]
         return replace(noise, **arrays)
 
     @cached_property
-    def _known(self) -> dict[tuple[int, float, tuple[int, ...]], Noise]:
-        """Noise models that were asked for, by joint, trust and the laws that act on the joint."""
+    def _noise_models(self) -> dict[tuple[int, float, tuple[int, ...]], Noise]:
+        """Cached noise models, by joint, prior scale and the selected laws that act on the joint."""
         return {}
 
     def _log(self, found: Selection, noise: Noise, joints: Sequence[int]) -> float:
-        """Log density of all rows, with a noise model of some joints [-]."""
+        """Log density of all rows, with another noise model of some joints [-]."""
         groups = [*self.evidence.refitted(found.prior_scale), *found.selected]
         which = columns_of(groups)
         gram, right, log = np.zeros((len(which),) * 2), np.zeros(len(which)), 0.0
@@ -103,20 +103,20 @@ class Likelihood(Frozen):
         return log + solve(which, gram, right, precision).log_evidence
 
     def _terms(self, joint: int, whitening: Whitening) -> _Terms:
-        """Of all columns that may be fitted, under one noise model of the joint."""
+        """Contribution of a joint under a noise model, for all columns that may be fitted."""
         noise, data, variance = whitening.noise, self.evidence.data, float(self.found.dispersion[joint])
         key = joint, *(float(x[joint]) for x in (noise.floor, noise.innovation, noise.discrepancy))
-        if key not in self._asked:
+        if key not in self._cached_terms:
             every = np.sort(columns_of([*data.refitted, *self.found.selected]))
             at = data.at[joint, every]
             x, y = data.torque[joint][:, at[at >= 0]], self.dataset.table.residual[:, joint, None]
             white = whitening({joint: np.column_stack([x, y])})[joint] / np.sqrt(variance)
             x, y = white[:, :-1], white[:, -1]
             log = whitening.log_scale(joint) - float(y @ y) / 2
-            self._asked[key] = _Terms(every[at >= 0], x.T @ x, x.T @ y, log)
-        return self._asked[key]
+            self._cached_terms[key] = _Terms(every[at >= 0], x.T @ x, x.T @ y, log)
+        return self._cached_terms[key]
 
     @cached_property
-    def _asked(self) -> dict[tuple[float, ...], _Terms]:
-        """What joints add, by joint and the noise model of it."""
+    def _cached_terms(self) -> dict[tuple[float, ...], _Terms]:
+        """Cached contributions, by joint and its noise model."""
         return {}

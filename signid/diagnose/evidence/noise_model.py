@@ -1,4 +1,4 @@
-"""A fit -> the noise model that its residual shows: coloured noise and model discrepancy of each joint."""
+"""Estimate the noise model beside selected laws: coloured noise and model discrepancy of each joint."""
 
 from __future__ import annotations
 
@@ -9,30 +9,30 @@ import numpy as np
 
 from ...types import Array
 from ..data.dataset import Dataset
-from ..data.discrepancy import Likeliest, features, likeliest
+from ..data.discrepancy import NoiseEstimate, estimate_discrepancy, features
 from ..data.noise import Noise, measure_noise, noise_of_rest
 from ..data.whitening import Whitening
-from .linear_model import Linear
+from .linear_model import LinearModel
 from .selection import Selection
+from .thresholds import MIN_FLOOR, RELEVANT_DROP
 
-QUIETER = 0.8  # share of the first floor: less, and what was selected had been taken for noise
-LOWEST = 0.7  # share of what columns of everything leave, that noise is at least
-LEAST = 0.1  # of the rows that a fit leaves free, at least
+MIN_FREE = 0.1  # [1] lower bound of the free rows of a fit, as a share of all rows. Heuristic
 
 
-def update_noise(dataset: Dataset, linear: Linear, found: Selection) -> Noise:
-    """Noise and discrepancy of each joint with the selected laws fitted.
+def update_noise(dataset: Dataset, linear: LinearModel, found: Selection) -> Noise:
+    """Estimate noise and discrepancy of each joint beside the selected laws.
 
-    In turn: the size of the discrepancy that makes the rows likeliest; an autoregressive model of what the fit and the
-    discrepancy's posterior mean leave.
+    The size of the discrepancy by maximum marginal likelihood and the autoregressive model from the residual of fit and
+    discrepancy are estimated in turn. If a floor falls far below the saturated floor, a law had been counted as noise:
+    the saturated floor is then measured again without the selected laws.
 
     Args:
-        dataset: rows.
-        linear: the rows' columns.
-        found: the selected laws.
+        dataset: rows before whitening.
+        linear: whitened rows and their fits.
+        found: selected laws.
     """
     noise = update_joints(dataset, linear, found, range(dataset.table.joints))
-    if not np.any(noise.floor < QUIETER * noise.least):
+    if not np.any(noise.floor < RELEVANT_DROP * noise.saturated_floor):
         return noise
     data, fit, table, band = (
         linear.data,
@@ -43,21 +43,21 @@ def update_noise(dataset: Dataset, linear: Linear, found: Selection) -> Noise:
     named = [sum(data.raw(j, g) @ fit.value[fit.place(g)] for g in found.selected) for j in range(data.joints)]
     rest = replace(table, residual=table.residual - np.column_stack([x + np.zeros(len(table)) for x in named]))
     first = measure_noise(rest, dataset.periods, band.rate / band.factor)
-    least = np.minimum(noise.least, first.floor)
-    raised = np.maximum(1.0, LOWEST * least / noise.floor)
-    return replace(noise, least=least, floor=raised * noise.floor, innovation=raised * noise.innovation)
+    least = np.minimum(noise.saturated_floor, first.floor)
+    raised = np.maximum(1.0, MIN_FLOOR * least / noise.floor)
+    return replace(noise, saturated_floor=least, floor=raised * noise.floor, innovation=raised * noise.innovation)
 
 
 def update_joints(
-    dataset: Dataset, linear: Linear, found: Selection, joints: Sequence[int], colour: bool = True
+    dataset: Dataset, linear: LinearModel, found: Selection, joints: Sequence[int], colour: bool = True
 ) -> Noise:
-    """The same with new noise of some joints only.
+    """Estimate noise and discrepancy of some joints.
 
     Args:
-        dataset: rows.
-        linear: the rows' columns.
-        found: the selected laws.
-        joints: which.
+        dataset: rows before whitening.
+        linear: whitened rows and their fits.
+        found: selected laws.
+        joints: indices of the joints.
         colour: whether the autoregressive models are estimated as well; else only variances and discrepancies.
     """
     noise = dataset.noise
@@ -71,16 +71,16 @@ def update_joints(
             if last:
                 floor[j], innovation[j] = np.sqrt(here.variance) * np.array([floor[j], innovation[j]])
             else:
-                free = 1 / np.sqrt(max(1 - used, LEAST))
+                free = 1 / np.sqrt(max(1 - used, MIN_FREE))
                 floor[j], coefficients[j], innovation[j] = noise_of_rest(dataset.table, j, rest, float(free))
         noise = replace(noise, floor=floor, coefficients=coefficients, innovation=innovation, discrepancy=size)
     return noise
 
 
 def _of_joint(
-    dataset: Dataset, linear: Linear, found: Selection, whitening: Whitening, joint: int
-) -> tuple[Likeliest, Array]:
-    """The likeliest noise, and (M,) [N.m or N] what fit and discrepancy leave."""
+    dataset: Dataset, linear: LinearModel, found: Selection, whitening: Whitening, joint: int
+) -> tuple[NoiseEstimate, Array]:
+    """Noise estimate of a joint, and the residual (M,) [N.m or N] of fit and discrepancy."""
     table, data = dataset.table, linear.data
     groups = [g for g in (*linear.refitted(found.prior_scale), *found.selected) if joint in data.rows(g)]
     raw = np.concatenate([np.zeros((len(table), 0)), *(data.raw(joint, g) for g in groups)], axis=1)
@@ -88,5 +88,5 @@ def _of_joint(
     white = whitening.local({joint: np.column_stack([raw, shape, y])})[joint]
     k = raw.shape[1]
     precision = linear.prior_precision(groups, found.prior_scale)
-    here = likeliest(white[:, k:-1], white[:, :k], precision, white[:, -1], float(table.scale[joint]))
+    here = estimate_discrepancy(white[:, k:-1], white[:, :k], precision, white[:, -1], float(table.scale[joint]))
     return here, y - np.column_stack([raw, shape])[:, : len(here.value)] @ here.value

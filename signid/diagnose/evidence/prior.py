@@ -1,4 +1,4 @@
-"""What is believed of an effect before the recordings speak: how large it may be, and how likely it is."""
+"""Priors of hypotheses: size of their coefficients and probability."""
 
 from __future__ import annotations
 
@@ -10,37 +10,33 @@ import numpy as np
 from ...effects.base import BodyLaw, TransmissionLaw
 from ...types import Array, Frozen
 from ..data.hypotheses import Hypothesis
+from .thresholds import APPROXIMATE_STD, BODY_LEVER, PRESENCE_STD, PRIOR_NOTHING, PRIOR_UNKNOWN, SINGLE_JOINT
 
-SIZES = np.array([0.006, 0.02, 0.06, 0.2, 0.6, 2.0])  # of an effect, as a share of torque
-WIDE = 1.0  # the same, of an effect that is selected: it is not drawn towards nothing
-NOTHING, UNKNOWN = 0.5, 0.02  # prior probabilities; the rest is for effects
-THERE, LOOSE = 0.15, 0.4  # deviation from 1 of a law that is there or not, of one that is approximate
-LEVER = 0.1  # [m] of a body's parts from its joint
-RANK = 1e-6  # of the largest eigenvalue: directions of a group that count
+RANK = 1e-6  # [1] smallest eigenvalue that counts, over the largest. Prototype
 
 
 @dataclass(frozen=True, eq=False)
 class CoefficientPrior(Frozen):
-    """Coefficients of one group: normal about a mean, with deviation = spread @ unit normal, times the size."""
+    """Gaussian prior b ~ N(mean, f^2 T T') of the coefficients of one group; f is the size of the effect."""
 
-    spread: Array  # (d, d) [units of the coefficients], columns beyond its rank zero
-    mean: float  # of each coefficient; where it is not 0, the size does not count
-    positive: int  # which coefficient is positive, -1 for none
+    covariance_factor: Array  # (d, d) [units of the coefficients] T; columns beyond its rank are zero
+    mean: float  # mean of each coefficient; if it is not 0, f = 1
+    positive: int  # index of the coefficient that must be positive, -1 for none
 
 
 def coefficient_prior(hypothesis: Hypothesis, square: Array) -> CoefficientPrior | None:
-    """Of an effect's size in torque: all its rows together have that share of the joints' rms torque.
+    """g-prior in units of torque: the rms torque of the effect is a share f of the joints' rms torque.
 
-    None where the motion does not show the effect at all.
+    None if the columns of the effect are zero along this motion.
 
     Args:
-        hypothesis: the effect.
-        square: (d, d) [1 per coefficient, squared] mean products of its columns, summed over the joints, in units of
-            their rms torque.
+        hypothesis: the hypothesis.
+        square: (d, d) [1 per coefficient, squared] mean products of its columns over squared rms torque, summed over
+            joints.
 
-    Source: a g-prior, Zellner, in: Bayesian Inference and Decision Techniques, 1986, in units of torque.
+    Source: Zellner, in: Bayesian Inference and Decision Techniques, 1986.
     """
-    fixed = _fixed(hypothesis)
+    fixed = _fixed_std(hypothesis)
     size = np.sqrt(np.maximum(np.diag(square), 0))
     if size.max() < 1e-9:
         return None
@@ -48,7 +44,7 @@ def coefficient_prior(hypothesis: Hypothesis, square: Array) -> CoefficientPrior
         return CoefficientPrior(np.eye(len(square)) * fixed, 1.0, -1)
     units = [kind.unit for law in hypothesis.laws for kind in law.effect.linear().values()]
     if hypothesis.laws and not hypothesis.scaled and isinstance(hypothesis.laws[0].effect, BodyLaw) and "kg" in units:
-        lever = np.array([LEVER ** _power(unit) for unit in units])
+        lever = np.array([BODY_LEVER ** _power(unit) for unit in units])
         return CoefficientPrior(np.diag(lever / np.sqrt(lever**2 @ size**2)), 0.0, _positive(hypothesis))
     size = np.where(size < 1e-9 * size.max(), np.inf, size)
     values, vectors = np.linalg.eigh(square / size / size[:, None])
@@ -58,32 +54,29 @@ def coefficient_prior(hypothesis: Hypothesis, square: Array) -> CoefficientPrior
 
 
 def log_prior(hypothesis: Hypothesis, places: int, skipped: int, kinds: int, unknowns: int) -> float:
-    """Log of the prior probability of a hypothesis.
+    """Log of the prior probability of a hypothesis [-].
 
     Args:
-        hypothesis: which.
-        places: where its effect may stand.
-        skipped: effects that are left out of the library.
-        kinds: effects of the library.
-        unknowns: dependences that no law explains.
+        hypothesis: the hypothesis.
+        places: number of hypotheses of the same effect.
+        skipped: number of effects that are left out of the library.
+        kinds: number of effects of the library.
+        unknowns: number of unknown dependences.
     """
     if hypothesis.unknown:
-        return float(np.log(UNKNOWN * (1 - NOTHING) / unknowns))
+        return float(np.log(PRIOR_UNKNOWN * (1 - PRIOR_NOTHING) / unknowns))
     common = min(law.effect.common for law in hypothesis.laws)
     one = hypothesis.laws[0]
     if one.effect.scope == "any" and len(one.joints) == 1:
-        common *= RARELY
-    return float(np.log((1 - UNKNOWN) * (1 - NOTHING) * common / (kinds - skipped) / places))
+        common *= SINGLE_JOINT
+    return float(np.log((1 - PRIOR_UNKNOWN) * (1 - PRIOR_NOTHING) * common / (kinds - skipped) / places))
 
 
-RARELY = 0.3  # that one joint alone has what all may have
-
-
-def _fixed(hypothesis: Hypothesis) -> float | None:
-    """Deviation of the coefficients of laws without coefficients of their own."""
+def _fixed_std(hypothesis: Hypothesis) -> float | None:
+    """Standard deviation of the coefficient of laws without coefficients of their own; None for others [1]."""
     if hypothesis.unknown or any(law.effect.linear() for law in hypothesis.laws):
         return None
-    return LOOSE if isinstance(hypothesis.laws[0].effect, TransmissionLaw) else THERE
+    return APPROXIMATE_STD if isinstance(hypothesis.laws[0].effect, TransmissionLaw) else PRESENCE_STD
 
 
 def _power(unit: str) -> int:

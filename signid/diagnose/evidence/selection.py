@@ -1,4 +1,4 @@
-"""The selected hypotheses, and the posterior that they were selected by."""
+"""Selected hypotheses, and the posterior by which they were selected."""
 
 from __future__ import annotations
 
@@ -21,39 +21,39 @@ class Selection(Frozen):
     posterior: Posterior
     selected: tuple[Group, ...]
     log_odds: Mapping[Group, float]  # log posterior odds of each when it was selected [-]
-    dispersion: Array  # (n,) variance of the whitened residual that no law explains [1]
+    dispersion: Array  # (n,) c, variance of the whitened residual [1]
     prior_scale: float  # k: errors of the given simulation, in standard deviations of their prior [1]
     first: Mapping[Key, Odds] = field(default_factory=dict)  # odds of each hypothesis beside the given simulation alone
 
     @property
     def evidence(self) -> Evidence:
-        """The rows and what they say of every hypothesis."""
+        """Evidence of the rows."""
         return self.posterior.evidence
 
     @property
     def data(self) -> Whitened:
-        """The whitened rows."""
+        """Whitened rows."""
         return self.posterior.evidence.data
 
     def fit(self) -> Fitted:
-        """Maximum a posteriori of all that is refitted or selected."""
+        """Maximum a posteriori fit of nuisance parameters and selected laws."""
         return self.evidence.fit(self.selected, self.dispersion, self.prior_scale)
 
-    def having(self, selected: Sequence[Group], log_odds: Mapping[Group, float] | None = None) -> Selection:
-        """The same with other hypotheses, at the prior scale that is likeliest beside these.
+    def with_selected(self, selected: Sequence[Group], log_odds: Mapping[Group, float] | None = None) -> Selection:
+        """Replace the selected hypotheses; the prior scale becomes the most likely one beside them.
 
         Args:
-            selected: these hypotheses.
-            log_odds: of each when it was selected [-]; None: as they were.
+            selected: the new hypotheses.
+            log_odds: log posterior odds of each when it was selected [-]; None: as before.
         """
         scale = self.evidence.prior_scale(selected, self.dispersion)
         log = self.log_odds if log_odds is None else log_odds
         return replace(self, selected=tuple(selected), log_odds=log, prior_scale=scale)
 
     def without(self, group: Group) -> Selection:
-        """The same without a hypothesis.
+        """Remove one hypothesis.
 
         Args:
-            group: one of the selected.
+            group: the selected hypothesis to remove.
         """
-        return self.having([other for other in self.selected if other is not group])
+        return self.with_selected([other for other in self.selected if other is not group])

@@ -12,7 +12,7 @@ from ...model import Model
 from ...regression.base_parameters import build_base
 from ...types import Array, BaseMap, Indices, Law
 from ..data.column_groups import Group, tolerance
-from ..data.hypotheses import refits
+from ..data.hypotheses import is_refitted
 from ..data.normal_equations import Fitted
 from ..data.whitened_rows import columns_of
 from .bodies import is_possible, move_bodies
@@ -37,7 +37,7 @@ def extend(
         base: which combinations of inertial parameters torque shows; of the robot's rigid bodies.
     """
     steps = iter([fit.value[fit.place(group)] for group in refitted if group.law is not None])
-    moved = [_moved(law, next(steps)) if refits(law) else law for law in model.laws] if refitted else [*model.laws]
+    moved = [_moved(law, next(steps)) if is_refitted(law) else law for law in model.laws] if refitted else [*model.laws]
     own, inertials = moved, model.inertials
     bodies = inertial_places(refitted, fit)
     if len(bodies):

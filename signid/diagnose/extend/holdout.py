@@ -15,9 +15,9 @@ from ...regression.rows import Task
 from ...regression.session import Part, Session
 from ...types import Array, Robot
 from ..data.column_groups import stated_friction
-from ..data.motions import Piece, pieces, row_filter, unsure_rows
+from ..data.motions import Piece, pieces, reversal_uncertainty, row_filter
 from ..data.noise import Noise
-from ..data.rows import stands_still
+from ..data.rows import standstill
 
 
 class Rows(NamedTuple):
@@ -36,7 +36,7 @@ class Rows(NamedTuple):
             noise: of the rows.
             least: of what is presumed near reversals, where no more is seen [1].
         """
-        return np.asarray(np.hypot(noise.least, np.maximum(noise.late, least) * self.unsure))
+        return np.asarray(np.hypot(noise.saturated_floor, np.maximum(noise.reversal_scale, least) * self.unsure))
 
 
 class Shown(NamedTuple):
@@ -144,7 +144,7 @@ def residuals(task: Task, model: Model, parts: Sequence[Part]) -> Rows:
             f"more with --held-out, or raise the cut-off"
         )
     rest, torque = (np.concatenate(x) for x in zip(*(filtered(piece, thin) for piece in found), strict=True))
-    return Rows(found, thin, rest, torque, unsure_rows(thin, found, stated_friction(model)))
+    return Rows(found, thin, rest, torque, reversal_uncertainty(thin, found, stated_friction(model)))
 
 
 def filtered(piece: Piece, thin: Decimator) -> tuple[Array, Array]:
@@ -154,6 +154,6 @@ def filtered(piece: Piece, thin: Decimator) -> tuple[Array, Array]:
         piece: a motion with its residual.
         thin: the filter of the rows.
     """
-    still = thin.at(stands_still(piece.motion, thin)) > 0
+    still = thin.at(standstill(piece.motion, thin)) > 0
     rest = np.where(still, np.nan, thin(piece.residual))
     return rest, rest + thin(np.asarray(piece.motion.predicted))

@@ -46,7 +46,7 @@ class Trials(Frozen):
         """The likeliest numbers of all that a choice has."""
         selected = tuple(group for group in self.found.selected if group in choice.kept)
         fit = self.found.evidence.fit(selected, self.found.dispersion, self.found.prior_scale)
-        return fit if choice.beside else fit.holding(_among(fit, selected) | self.moved(choice, fit))
+        return fit if choice.beside else fit.restricted(_among(fit, selected) | self.moved(choice, fit))
 
     def moved(self, choice: Choice, fit: Fitted) -> Mask:
         """(k,) which stated numbers a choice refits."""
@@ -76,7 +76,7 @@ class Trials(Frozen):
     def _make(self, choice: Choice) -> tuple[Model, Rows]:
         if choice not in self.made:
             fit = self.fit(choice)
-            steps = fit.stating(np.where(self.moved(choice, fit), fit.value, 0.0))
+            steps = fit.with_value(np.where(self.moved(choice, fit), fit.value, 0.0))
             bodies = any(group.bodies for unit in choice.refitted for group in unit)
             refitted = [g for g in self.found.evidence.data.refitted if bodies or not g.bodies]
             laws = [law for own in self.laws(choice).values() for law in own]

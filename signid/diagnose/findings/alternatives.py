@@ -105,7 +105,7 @@ def replace_weak(dataset: Dataset, found: Selection) -> tuple[Selection, tuple[C
         better = [rival] if rival is not None and possible else []
         if not better and worst.probability + worst.unknown > DOUBT:
             return found, contenders
-        found = found.having((*rest.selected, *better), {**found.log_odds, **dict.fromkeys(better, log)})
+        found = found.with_selected((*rest.selected, *better), {**found.log_odds, **dict.fromkeys(better, log)})
     return found, rank_contenders(dataset, found)
 
 
@@ -172,7 +172,7 @@ def _is_twin(posterior: Posterior, group: Group, rival: Group) -> bool:
     name, joints = rival.claim.key
     if joints != group.claim.key[1] or name not in group.claim.laws[0].effect.twins:
         return False
-    prior = posterior.evidence.priors_of[rival]
+    prior = posterior.evidence.coefficient_priors[rival]
     return prior is not None and not prior.mean
 
 
@@ -196,7 +196,7 @@ def _leftovers(posterior: Posterior, group: Group, odds: Mapping[Key, Odds], siz
 
 def _left(posterior: Posterior, rival: Group, torque: Mapping[int, Array]) -> float:
     """Sum of squares that a rival and the refitted laws leave of some torque, on the rival's joints."""
-    data, prior = posterior.evidence.data, posterior.evidence.priors_of[rival]
+    data, prior = posterior.evidence.data, posterior.evidence.coefficient_priors[rival]
     joints = data.rows(rival)
     own = np.concatenate([data.part(j, rival) for j in joints])
     target = np.concatenate([torque[j] for j in joints])

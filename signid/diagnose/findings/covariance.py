@@ -10,10 +10,10 @@ from ...regression.base_parameters import build_base
 from ...regression.covariance import Covariance, base_covariance
 from ...robot.dynamics import carried
 from ...types import INERTIAL, Array, Law
-from ..data.hypotheses import refits
+from ..data.hypotheses import is_refitted
 from ..data.whitened_rows import columns_of
 from ..evidence.bayes_factors import Evidence
-from ..evidence.knowledge import laid_out, of_laws
+from ..evidence.knowledge import law_parameter_columns, parameter_columns
 from ..evidence.selection import Selection
 from .held_out_selection import Extended
 
@@ -33,10 +33,10 @@ def covariance_after(model: Model, evidence: Evidence, found: Selection, extende
     linear = [law for law in model.laws if _is_base_law(law)]
     base = build_base(model.robot, linear)
     place = {label.name: k for k, label in enumerate(base.labels)}
-    sources = list(laid_out(model, evidence.data.refitted).items())
+    sources = list(parameter_columns(model, evidence.data.refitted).items())
     for group, own in extended.laws.items():
         if not group.claim.bodies:
-            sources += of_laws(model, group, own)
+            sources += law_parameter_columns(model, group, own)
     at = {int(column): k for k, column in enumerate(fit.which)}
     share = np.zeros((len(place), len(fit.which)))
     for name, column in sources:
@@ -60,7 +60,11 @@ def covariance_after(model: Model, evidence: Evidence, found: Selection, extende
 def _is_base_law(law: Law) -> bool:
     effect = law.effect
     plain = effect.scope == "joint" and not effect.shape(law.parameters)
-    return plain and refits(law) and effect.coefficients(effect.example) == [effect.example[k] for k in effect.linear()]
+    return (
+        plain
+        and is_refitted(law)
+        and effect.coefficients(effect.example) == [effect.example[k] for k in effect.linear()]
+    )
 
 
 def _coefficients(law: Law) -> Array:

@@ -15,7 +15,7 @@ from ...types import Array, Law, Shape
 from ..data.column_groups import Group
 from ..data.dataset import Dataset
 from ..data.hypotheses import VARIABLES
-from ..data.locate import Place, locate
+from ..data.locate import Location, locate
 from ..data.motions import torque_rows
 from ..evidence.selection import Selection
 from ..extend.holdout import Shown
@@ -44,7 +44,7 @@ class Result(NamedTuple):
     shown: Shown  # of the extended simulation
     findings: tuple[Finding, ...]
     unexplained: tuple[Unexplained, ...]
-    located: tuple[Place, ...]
+    located: tuple[Location, ...]
     tolerance: float
     flags: tuple[str, ...]
 
@@ -170,7 +170,7 @@ def _alternatives(case: _Case, law: Law, most: int) -> Iterator[Alternative]:
             yield Alternative(rival, probability, motion)
 
 
-def _place(dataset: Dataset, joint: int, torque: Array, variables: Sequence[str] = VARIABLES) -> Place:
+def _place(dataset: Dataset, joint: int, torque: Array, variables: Sequence[str] = VARIABLES) -> Location:
     return locate(dataset.table, joint, torque, bool(dataset.model.robot.prismatic[joint]), variables)
 
 

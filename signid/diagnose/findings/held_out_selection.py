@@ -12,7 +12,7 @@ from ...model import Model
 from ...regression.session import Session
 from ...types import Array, Law
 from ..data.column_groups import Group
-from ..data.hypotheses import happens_once
+from ..data.hypotheses import is_transient
 from ..evidence.selection import Selection
 from ..extend.holdout import Rows, Shown, show
 from ..extend.trials import Choice, Trials, Unit
@@ -83,7 +83,7 @@ def _pruned(trials: Trials, chosen: Choice, judged: dict[Group, Judged]) -> tupl
         now = {group: _judge(trials, chosen, group) for group in chosen.kept}
         judged = {**judged, **now}
         least = CLEARLY if trials.session.judges_itself else 0.0
-        out = [group for group, one in now.items() if one.change >= -least and not happens_once(group.claim.laws[0])]
+        out = [group for group, one in now.items() if one.change >= -least and not is_transient(group.claim.laws[0])]
         if not out:
             return chosen, judged
         if time_is_up(SEARCH):

@@ -14,7 +14,7 @@ from ...types import Array, Coefficient, Indices, Law
 from ..data.column_groups import Group
 from ..data.dataset import Dataset
 from ..data.motions import torque_of
-from ..data.noise import whole
+from ..data.noise import has_full_window
 from ..data.normal_equations import Fitted, solve
 from ..data.whitened_rows import columns_of, total
 from ..evidence.selection import Selection
@@ -84,7 +84,7 @@ def _spreads(dataset: Dataset, found: Selection, asked: Asked) -> Array:
     """(d,) standard deviations [units of the numbers]."""
     data, beside, dispersion = found.data, asked.beside, asked.dispersion
     own, _, across = data.products(beside.which, dispersion, asked.slopes)
-    below = beside.below(across)
+    below = beside.forward(across)
     free = own - below.T @ below
     information = free + asked.precision
     size = np.sqrt(np.maximum(np.diag(own + asked.precision), 1e-300))
@@ -135,7 +135,7 @@ def _parts(dataset: Dataset) -> Indices:
         own = table.recording == k
         place[own] = place[own] if period is None else place[own] % period
     order = dataset.noise.coefficients.shape[1]
-    rows = np.column_stack([table.recording, place // length])[order:][whole(table.piece, order)]
+    rows = np.column_stack([table.recording, place // length])[order:][has_full_window(table.piece, order)]
     block = np.unique(rows, axis=0, return_inverse=True)[1].ravel()
     count = int(block.max()) + 1
     return np.asarray(block * min(PARTS, count) // count)

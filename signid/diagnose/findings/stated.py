@@ -141,9 +141,9 @@ def _rivals(
 def _stated_variance(evidence: Evidence, prior_scale: float) -> dict[Group, float]:
     """Prior variance of each law of one number [its unit, squared]."""
     laws = [g for g in evidence.data.refitted if g.law is not None and g.size == 1]
-    if evidence.known is None:
+    if evidence.stated_prior is None:
         return {g: g.deviation[0] ** 2 for g in laws}
-    columns, information = evidence.known
+    columns, information = evidence.stated_prior
     size = np.sqrt(np.maximum(np.diag(information), 1e-300))
     inverse = np.linalg.pinv(information / size / size[:, None], rcond=LOST, hermitian=True) / size / size[:, None]
     variance = dict(zip(columns.tolist(), (prior_scale**2 * np.diag(inverse)).tolist(), strict=True))

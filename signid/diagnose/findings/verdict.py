@@ -11,7 +11,7 @@ from ...regression.projection import leave
 from ...types import Array, Frozen, Mask
 from ..data.column_groups import Group
 from ..data.dataset import Dataset
-from ..data.noise import whole
+from ..data.noise import has_full_window
 from ..data.whitening import weights
 from ..evidence.posterior_odds import Posterior
 from ..evidence.selection import Selection
@@ -105,7 +105,7 @@ def decide(dataset: Dataset, found: Selection, contenders: Sequence[Contender]) 
     scale = np.maximum(data.scale, FAINT * data.scale.max())
     unknown = (o for o in found.first.values() if o.best.claim.unknown and np.any(before[data.rows(o.best)] > 0))
     clear = max((o.log for o in unknown), default=-np.inf)
-    threshold = NOTICED * np.sqrt(2 * count) + count * (DISCREPANCY * scale / noise.least) ** 2
+    threshold = NOTICED * np.sqrt(2 * count) + count * (DISCREPANCY * scale / noise.saturated_floor) ** 2
     threshold = threshold * (CLEARLY if clear > CLEAR and not found.selected else 1.0)
     energy = {group: _weight(found.posterior, sizes, rest, group) for group in found.selected}
     largest = max(energy.values(), default=0.0)
@@ -128,8 +128,8 @@ def _excess(dataset: Dataset, counts: Array, rest: Array) -> Array:
     """(n,) sum of squares of the residual, discrepancy included, beyond that of the floor [variance of the floor]."""
     noise = dataset.noise
     weight, order = weights(dataset.table, noise), noise.coefficients.shape[1]
-    kept = whole(dataset.table.piece, order)
-    return np.asarray(np.sum((rest[order:][kept] * weight / noise.least) ** 2, axis=0) - counts)
+    kept = has_full_window(dataset.table.piece, order)
+    return np.asarray(np.sum((rest[order:][kept] * weight / noise.saturated_floor) ** 2, axis=0) - counts)
 
 
 def _weight(posterior: Posterior, sizes: Sizes, rest: Array, group: Group) -> float:

@@ -10,7 +10,7 @@ from ...effects import EFFECTS
 from ...types import Array, Indices, Law
 from ..data.dataset import Dataset
 from ..data.hypotheses import Hypothesis
-from ..data.noise import whole
+from ..data.noise import has_full_window
 from ..data.whitened_rows import Whitened
 
 NAME = "external_contact"
@@ -45,7 +45,7 @@ def find_contact(dataset: Dataset, data: Whitened, residual: Array, dispersion: 
     rest = residual / np.sqrt(dispersion)[:, None]
     variance = SIZE**2 / 3 / max(float(np.mean(np.sum(jacobian**2 / data.scale**2, axis=2))), 1e-300)
     order = dataset.noise.coefficients.shape[1]
-    alive = np.flatnonzero(whole(dataset.table.piece, order)) + order
+    alive = np.flatnonzero(has_full_window(dataset.table.piece, order)) + order
     rate, best = dataset.task.band.rate / dataset.task.band.factor, _Window(0.0, 0, 0, 0)
     for k in np.unique(dataset.table.piece[alive]):
         own = np.flatnonzero(dataset.table.piece[alive] == k)

@@ -75,8 +75,8 @@ def energies(sizes: Sizes) -> dict[Group, Array]:
 
 def _step(factor: Factor, own: Indices, value: Array) -> Array:
     """(f,) by how much the coefficients of a factor are less where some of them, with this value, are zero."""
-    below = factor.below(np.eye(len(factor.place))[:, own])
-    return np.asarray(factor.solved(below @ np.linalg.solve(below.T @ below, value)[:, None])[:, 0])
+    below = factor.forward(np.eye(len(factor.place))[:, own])
+    return np.asarray(factor.backward(below @ np.linalg.solve(below.T @ below, value)[:, None])[:, 0])
 
 
 def _grown(sizes: Sizes, which: Indices, steps: Array) -> Array:

@@ -28,7 +28,7 @@ def is_sound(state: Selection, group: Group) -> bool:
     selected = (*state.selected, group)
     prior_scale = state.evidence.prior_scale(selected, state.dispersion)
     fit, data = state.evidence.fit(selected, state.dispersion, prior_scale), state.data
-    prior, value = state.evidence.priors_of[group], fit.value[fit.place(group)]
+    prior, value = state.evidence.coefficient_priors[group], fit.value[fit.place(group)]
     assert prior is not None, "hypotheses have beliefs"
     low, high = CLIPPED if isinstance(group.claim.laws[0].effect, ActuatorLaw) else APPROXIMATE
     rms = [np.sqrt(np.mean((data.raw(j, group) @ value) ** 2)) / data.scale[j] for j in data.rows(group)]
@@ -57,7 +57,7 @@ def _has_bodies(posterior: Posterior, selected: Sequence[Group], base: Array, pr
     if is_possible(own.inertials, own.inertials + step):
         return True
     std = np.sqrt(np.diag(fit.covariance)[place])
-    asked = posterior.bodies_asked.setdefault(group, [])
+    asked = posterior.feasibility.setdefault(group, [])
     for value, answer in asked:
         if np.all(np.abs(value - fit.value[place]) <= NEAR * std):
             return answer

@@ -7,8 +7,8 @@ import numpy as np
 from ...types import INERTIAL
 from ..data.column_groups import Group
 from ..data.whitened_rows import columns_of
-from ..evidence.bayes_factors import SCALES
 from ..evidence.selection import Selection
+from ..evidence.thresholds import INERTIAL_SCALES
 
 BEYOND = 30.0  # squared deviations of the ten numbers of a link, at twice the usual tolerance
 
@@ -21,11 +21,11 @@ def inertial_violations(state: Selection) -> dict[int, float]:
     """
     if state.evidence.informed or state.evidence.prior_scale(state.selected, state.dispersion) == 0:
         return {}
-    fit = state.evidence.fit(state.selected, state.dispersion, SCALES[-1])
+    fit = state.evidence.fit(state.selected, state.dispersion, INERTIAL_SCALES[-1])
     bodies = [group for group in state.data.refitted if group.bodies]
     step = fit.value[np.isin(fit.which, columns_of(bodies))]
     deviation = np.concatenate([group.deviation for group in bodies])
-    far = np.sum((step / SCALES[-1] / deviation).reshape(-1, len(INERTIAL)) ** 2, axis=1)
+    far = np.sum((step / INERTIAL_SCALES[-1] / deviation).reshape(-1, len(INERTIAL)) ** 2, axis=1)
     return {j: float(far[body]) for j, body in enumerate(state.posterior.carried) if far[body] > BEYOND}
 
 

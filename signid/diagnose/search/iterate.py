@@ -11,8 +11,8 @@ import numpy as np
 from ...deadline import time_is_up
 from ...types import Array
 from ..data.dataset import Dataset, append
-from ..data.discrepancy import USUAL
-from ..data.hypotheses import Key, happens_once
+from ..data.hypotheses import Key, is_transient
+from ..data.thresholds import DISCREPANCY_SCALE
 from ..data.whitened_rows import whitened
 from ..evidence.bayes_factors import Evidence
 from ..evidence.likelihood import Likelihood
@@ -88,7 +88,9 @@ def _names(selection: Selection) -> set[Key]:
 
 def _about(posterior: Posterior, dataset: Dataset) -> Posterior:
     """The same prior with the rows of another dataset."""
-    return replace(posterior, evidence=Evidence(whitened(dataset.table, dataset.noise), posterior.evidence.known))
+    return replace(
+        posterior, evidence=Evidence(whitened(dataset.table, dataset.noise), posterior.evidence.stated_prior)
+    )
 
 
 def _select(dataset: Dataset, posterior: Posterior, question: _Question) -> tuple[Dataset, Selection]:
@@ -103,7 +105,7 @@ def _select(dataset: Dataset, posterior: Posterior, question: _Question) -> tupl
             break
         asked = _about(posterior, quieter)
         once = any(
-            happens_once(law) for group in found.selected for law in group.claim.laws
+            is_transient(law) for group in found.selected for law in group.claim.laws
         )  # its window is of these rows
         highest, asked_again = score, not once
         best = (dataset, found) if once else (quieter, replace(found, posterior=asked))
@@ -120,7 +122,7 @@ def _score(dataset: Dataset, selection: Selection) -> float:
     """Log posterior density of the selected laws and of the noise estimated beside them, up to a constant [-]."""
     data = selection.data
     rows = Likelihood(dataset, selection.evidence, replace(selection, dispersion=np.ones(data.joints))).density()
-    sizes = float(np.sum(np.log1p((dataset.noise.discrepancy / data.scale / USUAL) ** 2)))
+    sizes = float(np.sum(np.log1p((dataset.noise.discrepancy / data.scale / DISCREPANCY_SCALE) ** 2)))
     return rows - sizes + log_prior_odds(selection)
 
 
@@ -166,7 +168,7 @@ def _touched(dataset: Dataset, found: Selection) -> Selection:
         return found
     dispersion, columns = inflated_dispersion(found), dataset.columns(window)
     fit = found.evidence.fit(found.selected, dispersion, found.prior_scale)
-    odds = found.posterior.ask(fit, dispersion, window, columns, dataset.whiten(columns))
+    odds = found.posterior.candidate_log_odds(fit, dispersion, window, columns, dataset.whiten(columns))
     if odds is None or odds <= np.log(WINDOWS * len(found.data)):
         return found
     data, _ = append(dataset, found.data, window, columns)

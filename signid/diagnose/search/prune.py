@@ -82,7 +82,7 @@ def _harms(dataset: Dataset, session: Session, found: Selection) -> dict[Group, 
     """
     evidence, tried = found.evidence, list[tuple[float, dict[Group, float]]]()
     whole = evidence.fit(found.selected, found.dispersion, found.prior_scale)
-    alone = whole.holding(np.isin(whole.which, columns_of(found.selected)))
+    alone = whole.restricted(np.isin(whole.which, columns_of(found.selected)))
     fits = ((whole, evidence.data.refitted), (alone, ()))
     for fit, refitted in fits:
         laws = {group: read_laws(group, fit.value[fit.place(group)]) for group in found.selected}

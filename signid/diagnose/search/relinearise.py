@@ -15,8 +15,8 @@ from ...regression.motion import Motion
 from ...types import Array, Law, Robot
 from ..data.column_groups import dry_friction
 from ..data.dataset import Dataset
-from ..data.motions import bodies_of
-from ..data.rows import retabulated
+from ..data.motions import bodies_without_rotors
+from ..data.rows import rebuild_columns
 from ..evidence.selection import Selection
 from ..extend.extend import inertial_places, read_laws
 from .stepwise import SEARCH
@@ -60,7 +60,7 @@ def linearised(dataset: Dataset, about: Dataset, found: Selection) -> Dataset | 
         return None
     dry = dry_friction(dataset.model, dataset.pieces)
     try:
-        return replace(new, table=retabulated(dataset.table, dataset.task, dataset.model, new.pieces, dry))
+        return replace(new, table=rebuild_columns(dataset.table, dataset.task, dataset.model, new.pieces, dry))
     except OutOfTimeError:
         return None
 
@@ -68,7 +68,7 @@ def linearised(dataset: Dataset, about: Dataset, found: Selection) -> Dataset | 
 def _loaded(model: Model, laws: Sequence[Law], inertials: Array) -> Robot:
     """The robot with other bodies, and as some laws change them; what a tilt does to bodies is in its own columns."""
     changes = tuple(law for law in laws if isinstance(law.effect, BodyLaw))
-    whole = bodies_of(Model(model.robot, inertials, (*model.laws, *changes)))
+    whole = bodies_without_rotors(Model(model.robot, inertials, (*model.laws, *changes)))
     whole.gravity = model.bodies().gravity
     return replace(model.robot, model=whole)
 

@@ -115,7 +115,7 @@ def _polish(
         if not any(tried.effect.possible(p.motion.at(tried.joints), **_shape(tried)) for p in dataset.pieces):
             return 0.0
         told = dataset.columns(hypothesis(x))
-        return -(rest.posterior.ask(fit, dispersion, known, told, dataset.whiten(told)) or 0.0)
+        return -(rest.posterior.candidate_log_odds(fit, dispersion, known, told, dataset.whiten(told)) or 0.0)
 
     zero = np.zeros(len(keys))
     if not keys:

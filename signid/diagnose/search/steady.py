@@ -8,7 +8,7 @@ from scipy.special import stdtr
 from ...types import Array
 from ..data.column_groups import Group
 from ..evidence.posterior_odds import Posterior
-from ..evidence.prior import NOTHING
+from ..evidence.thresholds import PRIOR_NOTHING
 from .contributions import Sizes
 
 BLOCKS, LEAST = 8, 3  # of rows, in each of which a law makes as much torque; and how many are needed to judge
@@ -44,5 +44,5 @@ def steadiness(posterior: Posterior, sizes: Sizes, rest: Array, group: Group) ->
         return np.inf
     error = float(np.std(gains, ddof=1)) / np.sqrt(len(gains))
     better = float(stdtr(len(gains) - 1, float(np.mean(gains)) / max(error, 1e-300)))
-    prior = posterior.priors.get(group.claim.key, 0.0) - float(np.log(NOTHING))
+    prior = posterior.priors.get(group.claim.key, 0.0) - float(np.log(PRIOR_NOTHING))
     return float(np.log(max(better, SMALLEST)) - np.log(max(1 - better, SMALLEST))) + prior

@@ -12,8 +12,8 @@ from ...types import Array
 from ..data.column_groups import Group
 from ..data.hypotheses import Key
 from ..evidence.posterior_odds import Odds, Posterior
-from ..evidence.prior import NOTHING
 from ..evidence.selection import Selection
+from ..evidence.thresholds import PRIOR_NOTHING
 from ..extend.extend import has_possible_numbers
 from .contributions import energies, measure_sizes
 from .feasible import is_sound
@@ -80,7 +80,7 @@ def log_prior_odds(selection: Selection) -> float:
         selection: the selected laws.
     """
     priors = (selection.posterior.priors.get(group.claim.key, 0.0) for group in selection.selected)
-    return sum(priors) - len(selection.selected) * float(np.log(NOTHING))
+    return sum(priors) - len(selection.selected) * float(np.log(PRIOR_NOTHING))
 
 
 def begin(posterior: Posterior, dispersion: Array, start: Mapping[Group, float]) -> Selection:
@@ -93,7 +93,7 @@ def begin(posterior: Posterior, dispersion: Array, start: Mapping[Group, float])
         dispersion: (n,) variance of the whitened residual that no law explains [1].
         start: the hypotheses, and the log odds of each.
     """
-    log = {posterior.like(group): x for group, x in start.items() if group.claim.key in posterior.keys}
+    log = {posterior.counterpart(group): x for group, x in start.items() if group.claim.key in posterior.keys}
     scale = posterior.evidence.prior_scale(tuple(log), dispersion)
     return Selection(posterior, tuple(log), log, dispersion, scale)
 
@@ -173,7 +173,7 @@ def is_founded(group: Group, there: Collection[Key]) -> bool:
 def _with(state: Selection, chosen: Odds) -> Selection:
     """The hypothesis as well; laws that are missing together become hypotheses of their own, which may be dropped."""
     parts = tuple(part for part in state.posterior.parts(chosen.best) if part not in state.selected)
-    return state.having((*state.selected, *parts), {**state.log_odds, **dict.fromkeys(parts, chosen.log)})
+    return state.with_selected((*state.selected, *parts), {**state.log_odds, **dict.fromkeys(parts, chosen.log)})
 
 
 def _exchanged(state: Selection, better: float, joints: Collection[int] | None = None) -> Selection:
@@ -209,13 +209,13 @@ def _plainer(state: Selection) -> Selection:
         law = group.claim.laws[0]
         plain = tuple(
             g
-            for g in state.posterior.alone([(name, law.joints) for name in law.effect.contains])
+            for g in state.posterior.single_laws([(name, law.joints) for name in law.effect.contains])
             if g not in state.selected
         )
         if not plain:
             continue
         log = {**state.log_odds, **dict.fromkeys(plain, state.log_odds[group])}
-        other = state.having((*(g for g in state.selected if g is not group), *plain), log)
+        other = state.with_selected((*(g for g in state.selected if g is not group), *plain), log)
         now, then = state.fit(), other.fit()
         possible = all(has_possible_numbers(g, then.value[then.place(g)]) for g in plain)
         if possible and then.log_evidence >= now.log_evidence:

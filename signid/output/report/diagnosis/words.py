@@ -12,7 +12,7 @@ from .numbers import law_words, number_lines, stated_words
 
 if TYPE_CHECKING:
     from ....diagnose import Alternative, Diagnosis, Finding, Unexplained
-    from ....diagnose.data.locate import Place
+    from ....diagnose.data.locate import Location
     from ....types import Robot
 
 NOISE = 1.08  # of the noise floor: so much residual is noise
@@ -152,7 +152,7 @@ def trust_words(result: Diagnosis) -> list[str]:
     ]
 
 
-def _follows(place: Place) -> str:
+def _follows(place: Location) -> str:
     if place.explained < LITTLE:
         return "no single variable explains it"
     return f"{place.variable} explains {share(place.explained)}"
