@@ -115,13 +115,13 @@ def finding_numbers(robot: Robot, finding: Finding) -> Document:
 
     The value of a partner is its name.
     """
-    numbers = told_numbers(robot, finding.law, finding.std)
+    numbers = law_numbers(robot, finding.law, finding.std)
     for key in numbers.keys() & finding.stated.keys():
         numbers[key]["stated"] = finding.stated[key]
     return numbers
 
 
-def told_numbers(robot: Robot, law: Law, std: Mapping[str, float]) -> Document:
+def law_numbers(robot: Robot, law: Law, std: Mapping[str, float]) -> Document:
     """The same of any law, with the standard deviations that are known."""
     _, values = placed(law, robot)
     out: dict[str, Any] = {}
