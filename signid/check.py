@@ -26,7 +26,7 @@ LOW_CUTOFF = 2.0  # [Hz] below which dynamics hardly show
 
 @dataclass(frozen=True, eq=False)
 class Check(Frozen):
-    """Verdicts `told`, `weak` or `not told` per base parameter, with advice in sentences."""
+    """Verdicts `identifiable`, `weak` or `unidentifiable` per base parameter, with advice in sentences."""
 
     robot: Robot
     base: BaseMap
@@ -76,7 +76,7 @@ def check(
     used = np.array([f.counts[0] / f.rows if f.rows else 0.0 for f in factors.joints])
     weak = {name for group in excitation.weak for name in group}
     verdicts = tuple(
-        "not told" if s >= BARELY * p or e in weak else "weak" if s >= WELL * p else "told"
+        "unidentifiable" if s >= BARELY * p or e in weak else "weak" if s >= WELL * p else "identifiable"
         for s, p, e in zip(found.std, excitation.prior, session.task.base.expressions, strict=True)
     )
     return Check(

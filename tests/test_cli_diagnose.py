@@ -145,7 +145,7 @@ def test_a_saved_model_knows_its_torque_constants(place: Path) -> None:
         ("1r fine.csv --skip gravity -o bad", "there is no effect named 'gravity'"),
         ("panda fine.csv -o bad", "panda_joint1"),
         ("none.json fine.csv -o bad", "none.json"),
-        ("drive.json fine.csv --actuators drive.toml -o bad", "drives itself"),
+        ("drive.json fine.csv --actuators drive.toml -o bad", "actuators itself"),
         ("1r fine.csv --cutoff -3 -o bad", "positive frequency"),
     ],
 )

@@ -62,8 +62,8 @@ def test_json_says_the_same(saved: str, tmp_path: Path, capsys: pytest.CaptureFi
     ("given", "sentence"),
     [
         (["3r"], "no file was named; add --urdf, --mjcf, --actuators, --function, --ros or --isaaclab FILE"),
-        (["3r", "--urdf", ""], "--urdf '' is no name of a file"),
-        (["3r", "--mjcf", "."], "--mjcf '.' is no name of a file"),
+        (["3r", "--urdf", ""], "--urdf '' is not a file name"),
+        (["3r", "--mjcf", "."], "--mjcf '.' is not a file name"),
         (["3r", "--urdf", "a", "--mjcf", "./a"], "two of the files have the same name"),
         (["3r", "--function", "a_file/laws.py"], "name a folder with --function"),
         (["a_file", "--urdf", "out"], "a_file"),

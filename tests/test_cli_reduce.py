@@ -32,7 +32,7 @@ def test_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], mo
     assert "there are no samples to draw" not in pages["a"] and "rms as described" in pages["a"]
     capsys.readouterr()
     for words, why in (
-        (["identify", "3r", "day.npz", recording, "-o", "c"], "reduce the recording like those"),
+        (["identify", "3r", "day.npz", recording, "-o", "c"], "reduce the recording in the same way"),
         (["identify", "3r", "day.npz", "--cutoff", "5", "-o", "c"], "give it to signid reduce"),
         (["identify", "3r", "day.npz", "--held-out", recording, "-o", "c"], "give it to signid reduce"),
         (["identify", "3r", "day.npz", "--robust", "-o", "c"], "give the recordings instead"),

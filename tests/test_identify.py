@@ -118,7 +118,7 @@ def test_check_tells_before_anything_is_fitted(arm: Robot) -> None:
     poor = signid.check(arm, [trial(arm, rest=(2,)).recording()])
     assert good.flags == ()
     assert poor.flags
-    assert poor.verdicts.count("not told") > good.verdicts.count("not told")
+    assert poor.verdicts.count("unidentifiable") > good.verdicts.count("unidentifiable")
     assert (good.used > 0.5).all()
 
 

@@ -167,7 +167,7 @@ def test_the_command_line_finds_signs_and_writes_them(
     assert document["signs"]["proof"]["optimal"] is True
     assert set(document["signs"]["segments"][0]) >= {"joint", "start", "end", "sign", "confidence"}
     assert run(["check", "3r", str(file), "--unsigned"]) == 0
-    assert "20 told, 3 weak, 2 not told" in capsys.readouterr().out
+    assert "20 identifiable, 3 weak, 2 unidentifiable" in capsys.readouterr().out
     recorded = signid.read_recording(file, signid.load_robot("3r")).read()
     with (Path("one") / "signed.csv").open() as stream:
         rows = list(table.DictReader(stream))

@@ -118,9 +118,9 @@ def test_the_terminal_tells_counts_and_doubt() -> None:
     [
         (Proof(True, 0.0, 0, True), "eigenvalues alone"),
         (Proof(True, 0.0, 1), "a search of 1 node."),
-        (Proof(False, 0.031, 20000), "by 3 % at most"),
-        (Proof(False, 1.0, 122), "not proved: 122 nodes"),
-        (Proof(False, np.inf, 122), "not proved: 122 nodes"),
+        (Proof(False, 0.031, 20000), "by at most 3 %"),
+        (Proof(False, 1.0, 122), "not proved optimal: the search visited 122 nodes"),
+        (Proof(False, np.inf, 122), "not proved optimal: the search visited 122 nodes"),
     ],
 )
 def test_what_is_proved_is_one_sentence(proof: Proof, words: str) -> None:

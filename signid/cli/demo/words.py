@@ -59,9 +59,7 @@ def story_end(story: Story, name: str, written: Sequence[Path]) -> str:
     others = [path.name for path in (*story.recordings, *written) if path not in pages]
     another = join(["signid", "demo", "--robot", name, "--seed", str(story.seed + 1)])
     said = ["open:", *(f"  {path}" for path in pages), f"other files: {', '.join(others)}"]
-    return "\n".join(
-        ["", *said, f"repeat the diagnosis: {by_hand(story, name)} -o again", f"other laws: {another}", ""]
-    )
+    return "\n".join(["", *said, f"again: {by_hand(story, name)} -o again", f"other laws: {another}", ""])
 
 
 def by_hand(story: Story, name: str) -> str:
@@ -75,14 +73,14 @@ def _steps(story: Story) -> Table:
     name, folder = story.simulation.robot.name, story.recordings[0].parent
     laws, rolled = plural(len(story.concealed), "law"), story.result.rollout_after
     position = "" if rolled is None else f" and position error after {max(rolled.horizons):g} s of simulation"
-    setting = f"{DURATION:g} s at {RATE:g} Hz, {BITS}-bit encoders, {100 * NOISE:g} % of torque noise"
+    setting = f"{DURATION:g} s at {RATE:g} Hz, {BITS}-bit encoders, {100 * NOISE:g} % torque noise"
     table = Table.grid(padding=(0, 2, 0, 0))
     for step, sentence in (
         ("conceal", f"MuJoCo simulates a {name} with {laws} that the description lacks."),
         ("record", f"Two motions of {setting}: {' and '.join(RECORDINGS)}."),
         ("diagnose", f"Only from the description and {RECORDINGS[0]}: {verdict_words(story.result)}."),
         ("extend", f"{folder / 'model.json'} is the extended simulation."),
-        ("validate", f"On {RECORDINGS[1]}, which was held out: rms of the residual torque{position}:"),
+        ("validate", f"On {RECORDINGS[1]}: rms of the residual torque{position}:"),
     ):
         table.add_row(step, sentence)
     return table
