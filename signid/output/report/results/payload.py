@@ -49,7 +49,7 @@ def payload_tables(found: Payload) -> list[RenderableType]:
     for axis, value, std in zip(AXES, *found.centre, strict=True):
         table.add_row(f"centre of mass {axis}", *with_interval(float(value), float(std)), "m")
     for name, value, std in zip(INERTIAL[4:], *found.inertia, strict=True):
-        table.add_row(f"{name} about it", *with_interval(float(value), float(std)), "kg.m2")
+        table.add_row(f"{name} about its centre", *with_interval(float(value), float(std)), "kg.m2")
     sentence = (
         f"The inertia is physically consistent; this changed the difference of base parameters by at most "
         f"{found.moved:.1f} standard deviations. Cut-off {found.cutoff:.3g} Hz."
