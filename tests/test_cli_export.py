@@ -40,7 +40,7 @@ def test_all_files_at_once(saved: str, tmp_path: Path, capsys: pytest.CaptureFix
         "urdf: a URDF cannot hold torque_offset of joint_2; time_delay",
         "mjcf: an MJCF cannot hold torque_offset of joint_2; time_delay",
         "actuators: an actuators file cannot hold payload of joint_3; time_delay",
-        "function: no function of time and motion, and so not here: time_delay",
+        "function: not in this file, since not a function of time and motion: time_delay",
     ):
         assert told in printed
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(KINDS.values())

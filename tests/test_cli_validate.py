@@ -77,7 +77,7 @@ def test_what_the_terminal_shows(capfd: pytest.CaptureFixture[str]) -> None:
     assert lines[:3] == ["2 models: validated on 1 recording", "1  3r", "2  id/model.json"] and not err
     heads = " ".join(next(line for line in lines if line.startswith("joint ")).split())
     assert heads == "joint rms 1 rms 2 noise floor unit R2 1 R2 2"
-    assert "Simulated for 0.5 s" in out and max(map(len, lines)) <= 100 and "written" not in out
+    assert "Roll-outs of 0.5 s" in out and max(map(len, lines)) <= 100 and "written" not in out
     assert run(["validate", "id/model.json", "held_out.parquet", "--no-rollout"]) == 0
     out = capfd.readouterr().out
     assert out.startswith("id/model.json: validated on 1 recording") and "Simulated" not in out
