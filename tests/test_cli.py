@@ -85,7 +85,7 @@ def test_identify_writes_and_ends_with_the_paths(folder: Path, capfd: pytest.Cap
     assert err == "" and "\x1b" not in out
     assert sorted(out.splitlines()[-4:]) == [f"  new/result/{name}" for name in OUTPUTS]
     assert sorted(path.name for path in (folder / "new/result").iterdir()) == OUTPUTS
-    assert "A real robot could have these inertials" in out and "Excitation sufficient" in out
+    assert "The inertials are physically consistent" in out and "Excitation sufficient" in out
     assert max(map(len, out.splitlines())) <= 100
 
 

@@ -82,7 +82,7 @@ def test_the_story_fits_on_a_screen(told: Told) -> None:
         row = next(line for line in lines if line.startswith(spoken(outcome.law, told.story.simulation.robot)))
         assert row.rstrip().endswith("found")
     assert "3 of 3 concealed laws found; " in told.out
-    assert "look at:\n  signid-demo/report.html\n  signid-demo/replay.html\n" in told.out
+    assert "open:\n  signid-demo/report.html\n  signid-demo/replay.html\n" in told.out
     assert sorted(path.name for path in (told.folder / "signid-demo").iterdir()) == FILES
 
 
@@ -107,8 +107,8 @@ def test_by_hand_the_diagnosis_is_the_same(
 ) -> None:
     """So it saw the description and the two files, and nothing else."""
     monkeypatch.chdir(told.folder)
-    line = next(line for line in told.out.splitlines() if line.startswith("by hand: "))
-    assert run([*line.split()[3:], "--json"]) == 0
+    line = next(line for line in told.out.splitlines() if line.startswith("again: "))
+    assert run([*line.split()[2:], "--json"]) == 0
     again, first = json.loads(capfd.readouterr().out), json.loads(Path("signid-demo/diagnosis.json").read_text())
     assert again == first
 
@@ -149,7 +149,7 @@ def test_a_miss_is_told(told: Told, tmp_path: Path, monkeypatch: pytest.MonkeyPa
     wrong = replace(story, result=replace(story.result, findings=(first, beside, replace(third, role="secondary"))))
     found = command(monkeypatch, tmp_path, story=wrong)
     hidden = spoken(second.law, robot)
-    flag = f"{hidden} was concealed and is named only as an alternative to armature of joint_3, with probability 0.250"
+    flag = f"{hidden} was concealed and named only as an alternative to armature of joint_3, with probability 0.250"
     assert found.code == 3 and wrong.flags == (flag,)
     assert flag in found.err and f"{flag}." in " ".join(found.out.split())
     assert "2 of 3 concealed laws found; " in found.out and "only an alternative" in found.out
@@ -158,8 +158,8 @@ def test_a_miss_is_told(told: Told, tmp_path: Path, monkeypatch: pytest.MonkeyPa
     wrong = replace(story, result=replace(story.result, findings=(first, another, third)))
     gone = command(monkeypatch, tmp_path, story=wrong)
     assert wrong.flags == (
-        f"{hidden} was concealed and is missed",
-        "armature of joint_3 is named and was not concealed",
+        f"{hidden} was concealed and missed",
+        "armature of joint_3 was named but not concealed",
     )
     assert gone.code == 3 and all(flag in gone.err and f"{flag}." in gone.out for flag in wrong.flags)
     entry = next(e for e in json.loads(Path("signid-demo/demo.json").read_text())["concealed"] if not e["probability"])

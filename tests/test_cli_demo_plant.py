@@ -66,7 +66,7 @@ def test_what_cannot_be_moved_is_refused(tmp_path: Path, monkeypatch: pytest.Mon
     monkeypatch.chdir(tmp_path)
     stated = known("3r")
     heavy = law("payload", 2, mass=1e4, first_moment_x=1e3, first_moment_y=0.0, first_moment_z=0.0)
-    with pytest.raises(RobotError, match="3r does not follow a motion in MuJoCo"):
+    with pytest.raises(RobotError, match="3r does not follow its motion in MuJoCo"):
         run_plant(replace(stated, laws=(heavy,)), stated, draw_motion(stated.robot, 3.0, 0.004, 1))
     assert list(tmp_path.iterdir()) == [], "MuJoCo leaves no log"
 

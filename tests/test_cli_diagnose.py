@@ -86,7 +86,7 @@ def test_what_the_terminal_shows(arm: tuple[int, Any], capfd: pytest.CaptureFixt
     assert out.startswith("1r: nothing is missing, within") and (code, found["verdict"]) == (0, "nothing_missing")
     assert max(map(len, out.splitlines())) <= 100 and not err
     assert out.endswith("written:\n" + "".join(f"  fine/{name}\n" for name in sorted(FILES, key=FILES_ORDER.index)))
-    assert "Simulated for 0.5 s" in out and "noise floor" in out and "Missing" not in out
+    assert "Roll-outs of 0.5 s" in out and "noise floor" in out and "Missing" not in out
 
 
 FILES_ORDER = ["diagnosis.json", "model.json", "robot.urdf", "report.html"]
@@ -145,7 +145,7 @@ def test_a_saved_model_knows_its_torque_constants(place: Path) -> None:
         ("1r fine.csv --skip gravity -o bad", "there is no effect named 'gravity'"),
         ("panda fine.csv -o bad", "panda_joint1"),
         ("none.json fine.csv -o bad", "none.json"),
-        ("drive.json fine.csv --actuators drive.toml -o bad", "drives itself"),
+        ("drive.json fine.csv --actuators drive.toml -o bad", "actuators itself"),
         ("1r fine.csv --cutoff -3 -o bad", "positive frequency"),
     ],
 )

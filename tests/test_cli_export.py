@@ -40,7 +40,7 @@ def test_all_files_at_once(saved: str, tmp_path: Path, capsys: pytest.CaptureFix
         "urdf: a URDF cannot hold torque_offset of joint_2; time_delay",
         "mjcf: an MJCF cannot hold torque_offset of joint_2; time_delay",
         "actuators: an actuators file cannot hold payload of joint_3; time_delay",
-        "function: no function of time and motion, and so not here: time_delay",
+        "function: not in this file, since not a function of time and motion: time_delay",
     ):
         assert told in printed
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(KINDS.values())
@@ -62,8 +62,8 @@ def test_json_says_the_same(saved: str, tmp_path: Path, capsys: pytest.CaptureFi
     ("given", "sentence"),
     [
         (["3r"], "no file was named; add --urdf, --mjcf, --actuators, --function, --ros or --isaaclab FILE"),
-        (["3r", "--urdf", ""], "--urdf '' is no name of a file"),
-        (["3r", "--mjcf", "."], "--mjcf '.' is no name of a file"),
+        (["3r", "--urdf", ""], "--urdf '' is not a file name"),
+        (["3r", "--mjcf", "."], "--mjcf '.' is not a file name"),
         (["3r", "--urdf", "a", "--mjcf", "./a"], "two of the files have the same name"),
         (["3r", "--function", "a_file/laws.py"], "name a folder with --function"),
         (["a_file", "--urdf", "out"], "a_file"),

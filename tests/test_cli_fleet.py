@@ -124,7 +124,7 @@ def test_what_was_done_is_not_done_again(done: Path, tmp_path: Path, monkeypatch
     (out / "sessions/arm-2_2026-01-01/report.html").rename(tmp_path / "report.html")
     assert asked() == ["diagnose 3r day_2.parquet", "identify 3r short.csv"]
     (tmp_path / "report.html").rename(out / "sessions/arm-2_2026-01-01/report.html")
-    with pytest.raises(InputError, match=r"session arm-3_none\.csv \(line 7\) cannot be done: cannot read"):
+    with pytest.raises(InputError, match=r"session arm-3_none\.csv \(line 7\) failed: cannot read"):
         fleet(path, out, keep_going=False)
 
 
@@ -147,7 +147,7 @@ def test_a_session_whose_process_dies_twice_does_not_stop_the_others(
     assert found[0].code is None and "died 2 times, the last time by signal 9" in found[0].said[0]
     assert found[1].code == 2 and found[2].code == 2 and "no such option: -o" in found[2].said[0]
     elsewhere = dict(spread([Order(("effects",), str(tmp_path / "none")), Order((), "", version="0")], workers=1))
-    assert "none cannot be used where the work is done" in elsewhere[0].said[0]
+    assert "none cannot be used on the worker" in elsewhere[0].said[0]
     assert elsewhere[1].code is None and "install the same" in elsewhere[1].said[0]
 
 
@@ -220,7 +220,7 @@ def test_ctrl_c_in_a_terminal_is_heard_by_who_asks_alone(tmp_path: Path) -> None
             time.sleep(0.02)
         os.killpg(child.pid, signal.SIGINT)
         _, told = child.communicate()
-    assert child.returncode == 130 and "the same command goes on from them" in told
+    assert child.returncode == 130 and "repeat the command to continue" in told
     assert len(list((tmp_path / "out/sessions").glob("[!.]*"))) == 1, "nothing is done again"
 
 

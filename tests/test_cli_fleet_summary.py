@@ -108,7 +108,7 @@ def test_numbers_that_could_be_zero_are_counted() -> None:
     cause = {"cause": "payload", "of": 4, "robots": ["a"], "numbers": [number("mass", 0.3, 0.3)]}
     assert cause_sentence(cause) == "1 of 4 robots lacks payload" and number_ranges(cause) == ["mass 0.300 kg"]
     cause["numbers"] += [number("first_moment_x", -0.001, 0.002), number("first_moment_y", -0.03, 0.0)]
-    assert number_ranges(cause)[1:] == ["first moment y -0.0300 to 0 kg", "1 more number could be zero"]
+    assert number_ranges(cause)[1:] == ["first moment y -0.0300 to 0 kg", "1 more parameter could be zero"]
 
 
 def test_drifts_are_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

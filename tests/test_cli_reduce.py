@@ -28,11 +28,11 @@ def test_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], mo
     assert codes[0] == codes[1] and ours["inputs"].pop()["role"] == "factors" and ours == theirs
     assert Path("b/model.json").read_bytes() == Path("a/model.json").read_bytes()
     pages = {place: Path(place, "report.html").read_text("utf-8") for place in "ab"}
-    assert "there are no samples to draw" in pages["b"] and "rms as described" not in pages["b"]
-    assert "there are no samples to draw" not in pages["a"] and "rms as described" in pages["a"]
+    assert "without samples to plot" in pages["b"] and "rms as described" not in pages["b"]
+    assert "without samples to plot" not in pages["a"] and "rms as described" in pages["a"]
     capsys.readouterr()
     for words, why in (
-        (["identify", "3r", "day.npz", recording, "-o", "c"], "reduce the recording like those"),
+        (["identify", "3r", "day.npz", recording, "-o", "c"], "reduce the recording in the same way"),
         (["identify", "3r", "day.npz", "--cutoff", "5", "-o", "c"], "give it to signid reduce"),
         (["identify", "3r", "day.npz", "--held-out", recording, "-o", "c"], "give it to signid reduce"),
         (["identify", "3r", "day.npz", "--robust", "-o", "c"], "give the recordings instead"),
@@ -42,7 +42,7 @@ def test_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], mo
         (["convert", "day.npz", "-o", "c.csv"], "holds factors"),
         (["simulate", "3r", "--motion", "day.npz", "-o", "x.npz"], "holds factors"),
         (["reduce", "3r", recording], "add -o FILE.npz"),
-        (["reduce", "3r", recording, "-o", "day.csv"], "let its name end in .npz"),
+        (["reduce", "3r", recording, "-o", "day.csv"], "use a name that ends in .npz"),
         (["reduce", "3r", recording, "-o", "x.npz", "--only", "3"], "write K/N"),
         (["reduce", "3r", recording, "-o", "x.npz", "--scheduler", "tcp://x"], "add --parts"),
     ):

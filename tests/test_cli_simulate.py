@@ -165,7 +165,7 @@ def test_an_exciting_motion_is_followed(folder: Path, capfd: pytest.CaptureFixtu
     assert run("simulate 1r --motion m.csv -o x.csv".split()) == 0
     assert run("excite 1r -o n.csv --duration 4 --harmonics 3 --velocity-scale 0.5 --seed 2".split()) == 0
     assert (folder / "m.csv").read_bytes() == (folder / "n.csv").read_bytes()
-    assert "Told worst" in capfd.readouterr().out
+    assert "Least identifiable of" in capfd.readouterr().out
 
 
 def test_laws_are_told_apart_or_not(capfd: pytest.CaptureFixture[str]) -> None:

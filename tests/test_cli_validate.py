@@ -77,7 +77,7 @@ def test_what_the_terminal_shows(capfd: pytest.CaptureFixture[str]) -> None:
     assert lines[:3] == ["2 models: validated on 1 recording", "1  3r", "2  id/model.json"] and not err
     heads = " ".join(next(line for line in lines if line.startswith("joint ")).split())
     assert heads == "joint rms 1 rms 2 noise floor unit R2 1 R2 2"
-    assert "Simulated for 0.5 s" in out and max(map(len, lines)) <= 100 and "written" not in out
+    assert "Roll-outs of 0.5 s" in out and max(map(len, lines)) <= 100 and "written" not in out
     assert run(["validate", "id/model.json", "held_out.parquet", "--no-rollout"]) == 0
     out = capfd.readouterr().out
     assert out.startswith("id/model.json: validated on 1 recording") and "Simulated" not in out
@@ -166,19 +166,19 @@ def test_a_gross_fault_is_a_flag(place: Path, capfd: pytest.CaptureFixture[str])
 @pytest.mark.parametrize(
     ("command", "words"),
     [
-        ("3r", "no recording was given beside 3r"),
-        ("held_out.parquet", "no model was given beside held_out.parquet"),
+        ("3r", "no recording was given with 3r"),
+        ("held_out.parquet", "no model was given with held_out.parquet"),
         ("3r 3r held_out.parquet", "3r was given twice"),
         ("3r nothing.csv", "nothing.csv does not exist"),
         ("nobody held_out.parquet", "nobody is neither a model nor a recording"),
         ("nothing.json held_out.parquet", "cannot read nothing.json"),
         ("id/identification.json held_out.parquet", "holds 'signid.identification/1'; expected 'signid.model/1'"),
-        ("id held_out.parquet", "the folder id holds model.json and robot.urdf; name the file that is meant"),
+        ("id held_out.parquet", "the folder id holds model.json and robot.urdf; name the file instead"),
         ("empty held_out.parquet", "the folder empty holds neither a model nor a recording"),
-        ("3r notes.txt", "the name of notes.txt is neither that of a model nor of a recording"),
+        ("3r notes.txt", "notes.txt has the name of neither a model nor a recording"),
         ("3r signless.parquet", "signless.parquet has no sign of the torque of joint_1, joint_2, joint_3"),
         ("3r panda held_out.parquet", "3r moves joint_1, joint_2, joint_3, the recordings panda_joint1"),
-        ("id/model.json held_out.parquet --lock joint_1=0", "states its joints and drives itself"),
+        ("id/model.json held_out.parquet --lock joint_1=0", "states its joints and actuators itself"),
         ("3r held_out.parquet --cutoff -1", "a positive frequency is needed"),
         ("3r held_out.parquet -o notes.txt", "notes.txt is a file"),
         ("3r held_out.parquet -o ''", "no folder for the results was named"),

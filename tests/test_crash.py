@@ -108,7 +108,7 @@ def test_a_full_disk_is_told(name: str, tmp_path: Path) -> None:
     (tmp_path / "m.csv").write_text(csv(swing(tau_1=None)))
     done = subprocess.run(command, cwd=tmp_path, env=THERE, capture_output=True, text=True, check=False)
     assert done.returncode == 2, done.stderr
-    assert "make room" in done.stderr and len(done.stderr.splitlines()) == 1
+    assert "free disk space" in done.stderr and len(done.stderr.splitlines()) == 1
     assert [path.name for path in tmp_path.iterdir()] == ["m.csv"]
 
 

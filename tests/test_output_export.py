@@ -48,7 +48,7 @@ def changed_lines(before: str, after: str) -> list[str]:
 
 def without(text: str, tags: str) -> str:
     """The text without these elements, the comments that stand for them, and white space."""
-    text = re.sub(r"<!-- its inertial is part of that of .*? -->", "", text)
+    text = re.sub(r"<!-- inertial included in that of .*? -->", "", text)
     text = re.sub(rf"<({tags})\b(?:[^>]*/>|.*?</\1>)", "", text, flags=re.S)
     return re.sub(r"\s+", "", text.replace("</link>", "").replace("/>", ">"))  # <link/> may have become <link></link>
 
@@ -108,7 +108,7 @@ def test_odd_but_valid_xml(newline: str) -> None:
     text = urdf_with(robot, bodies, np.array([0.25]), np.array([np.nan]))
     assert '<dynamics  friction=\'0.5\' other="7" damping="0.25" />' in text
     assert f"<link   name='arm'>{newline}\t  <inertial>{newline}\t    <origin xyz=\"" in text
-    assert "<!-- one --><!-- its inertial is part of that of arm --><visual>" in text
+    assert "<!-- one --><!-- inertial included in that of arm --><visual>" in text
     assert '<gazebo reference="arm"><link name="arm"><inertial>kept</inertial></link></gazebo>' in text
     assert '<joint name="shoulder"><dynamics damping="9"/></joint>' in text
     assert ("\r\n" in text) == (newline == "\r\n") and text.count("\n") == text.count(newline)

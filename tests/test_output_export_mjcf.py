@@ -67,7 +67,7 @@ def test_joints_that_are_held_are_rigid() -> None:
         made = export(model, "mjcf")
         found = mujoco_torque(made.text, motion, names(robot))
         np.testing.assert_allclose(found, model.inverse(motion), **EXACT)
-        assert "held fixed in the model: in the MJCF" in made.notes[0]
+        assert "held fixed in the model: they are rigid in the MJCF" in made.notes[0]
 
 
 def test_several_joints_of_one_body_of_an_mjcf() -> None:
@@ -148,7 +148,7 @@ def test_meshes_are_shown_where_they_are_found(tmp_path: Path) -> None:
     parts = [link(name, MASS + shape) for name, shape in zip("abc", shapes, strict=True)]
     model = model_of(toy(*parts, joint("z", "a", "b"), joint("y", "b", "c")))
     made = export(model, "mjcf")
-    assert made.notes[-1] == "no shapes for b, c: their meshes are not found, or MuJoCo cannot read them"
+    assert made.notes[-1] == "no shapes for b, c: their meshes are missing or not readable by MuJoCo"
     corners = np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 0, 0], [0, 1, 0], [0, 0, 1]]], np.float32)
     faces = b"".join(bytes(12) + face.tobytes() + bytes(2) for face in corners)
     (tmp_path / "arm").mkdir()
@@ -163,17 +163,20 @@ def test_bodies_without_mass() -> None:
     chain = [link("a"), link("b", ""), link("c"), joint("z", "a", "b"), joint("y", "b", "c")]
     model = model_of(toy(*chain))
     made, motion = export(model, "mjcf"), states(model.robot)
-    assert made.notes[-1].startswith("links without mass get 1e-12 kg")
+    assert made.notes[-1].startswith("massless links get 1e-12 kg")
     np.testing.assert_allclose(mujoco_torque(made.text, motion, ["z", "y"]), model.inverse(motion), **EXACT)
 
 
 def test_impossible_bodies_are_exchanged_or_refused() -> None:
     model = model_of("double_pendulum_continuous", f"link_inertia@1:{BODY}", "payload", "viscous_friction@1")
     made, motion = export(model, "mjcf"), states(model.robot)
-    assert "inertials are others that a real robot could have, with the same torque, as none has link1" in made.notes
+    note = "inertials are replaced by consistent ones with the same torque, since link1 had inconsistent ones"
+    assert note in made.notes
     found = mujoco_torque(made.text, motion, names(model.robot))
     np.testing.assert_allclose(found, model.inverse(motion), **EXACT)
-    with pytest.raises(RobotError, match="no real robot has the torque of this one, as its wrist_3_link could not be"):
+    with pytest.raises(
+        RobotError, match="the inertials of wrist_3_link are not physically consistent, as MuJoCo requires"
+    ):
         export(model_of("ur5", "link_inertia@6:mass=0,first_moment_x=1,first_moment_y=0,first_moment_z=0"), "mjcf")
 
 

@@ -146,10 +146,10 @@ def test_what_is_no_function_is_named(tmp_path: Path) -> None:
     told = imported(made.text, tmp_path).__doc__ or ""
     for part in (
         "The inertials of the exported URDF and MJCF hold payload of joint_3.",
-        "Only the MJCF holds torque_saturation of joint_3; base_tilt; elsewhere, take GRAVITY.",
-        "backlash of joint_1, as it moves by itself between motor and link.",
-        "presliding_friction of joint_2, as it has a memory.",
-        "time_delay (torque recorded 4.0 ms late), as it changes what is recorded, not the torque that acts.",
+        "Only the MJCF holds torque_saturation of joint_3; base_tilt; elsewhere, use GRAVITY.",
+        "backlash of joint_1, which has its own dynamics between motor and link.",
+        "presliding_friction of joint_2, which has a memory.",
+        "time_delay (torque recorded 4.0 ms late), which changes the recorded values, not the torque.",
     ):
         assert part in told
     assert len(made.notes) == 5

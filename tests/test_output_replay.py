@@ -100,7 +100,7 @@ def test_what_is_marked(shown: Replay) -> None:
     assert marks["joint"].title == "coulomb friction of joint_2" and marks["joint"].body == 2
     assert marks["joint"].lines == ("level 0.8000 ± 0.0020 N.m", "probability >0.999")
     assert_allclose(marks["body"].point, (0.1, 0, 0))
-    assert "centre of mass at 100, 0, 0 mm in the joint's frame" in marks["body"].lines
+    assert "centre of mass at 100, 0, 0 mm in the joint frame" in marks["body"].lines
     assert_allclose(marks["body"].size, (3 * 0.3 / (4 * np.pi * 3000)) ** (1 / 3))
     assert marks["force"].time == (2.0, 3.0) and marks["force"].along == (-1.0, -2.0, 3.0), "what pushes the robot"
     assert_allclose(marks["force"].point, (0.1, 0, 0), err_msg="the centre of mass of the last link")
@@ -196,18 +196,18 @@ def test_the_command_writes_the_page(shown: Replay, capfd: pytest.CaptureFixture
     ("command", "words"),
     [
         ("3r none.csv --html a.html", "none.csv"),
-        ("3r arm.csv --html a.txt", "let it end in .html"),
+        ("3r arm.csv --html a.txt", "use a name that ends in .html"),
         ("3r arm.csv --html arm.csv/a.html", "arm.csv is a file"),
         ("3r lost.csv --html a.html", "no sign"),
         ("3r arm.csv --diagnosis none.json --html a.html", "none.json"),
         ("3r arm.csv --diagnosis model.json --html a.html", "signid.model/1"),
-        ("3r arm.csv --diagnosis arm.csv --html a.html", "no diagnosis.json"),
-        ("3r arm.csv --diagnosis alone/diagnosis.json --html a.html", "no model.json beside"),
+        ("3r arm.csv --diagnosis arm.csv --html a.html", "not a diagnosis.json"),
+        ("3r arm.csv --diagnosis alone/diagnosis.json --html a.html", "no model.json next to"),
         ("3r arm.csv --diagnosis other/diagnosis.json --html a.html", "the diagnosis is of 1r"),
-        ("3r arm.csv --diagnosis broken/diagnosis.json --html a.html", "is no diagnosis.json"),
+        ("3r arm.csv --diagnosis broken/diagnosis.json --html a.html", "is not a diagnosis.json"),
         ("3r arm.csv --from 9 --html a.html", "start earlier"),
         ("3r arm.csv --duration -1 --html a.html", "cannot be shown"),
-        ("3r arm.csv --rate 0 --html a.html", "frames a second"),
+        ("3r arm.csv --rate 0 --html a.html", "a rate of 0 Hz"),
         ("3r arm.csv --horizon 0 --html a.html", "horizon"),
         ("3r arm.csv --horizon 20 --html a.html", "shorter horizons"),
         ("model.json arm.csv --lock 1=0 --html a.html", "states its joints"),

@@ -34,7 +34,7 @@ def test_capsules_where_meshes_are_lost(tmp_path: Path) -> None:
     text = Path(load_robot("panda").path).read_text().replace("package://", "package://elsewhere/")
     (tmp_path / "lost.urdf").write_text(text)
     lost = look(load_robot(tmp_path / "lost.urdf"))
-    assert lost.notes[0].startswith("meshes that were not found") and lost.notes[1].startswith("drawn as capsules")
+    assert lost.notes[0].startswith("meshes missing or unreadable") and lost.notes[1].startswith("drawn as capsules")
     assert len(lost.bodies) == 10 and all(volume(shape) > 0 for shape in lost.bodies.values())
     reach = np.ptp(np.concatenate([shape.vertices for shape in lost.bodies.values()]), axis=0)
     assert 0.2 < reach.max() < 1.5

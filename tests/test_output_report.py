@@ -82,8 +82,8 @@ def test_a_figure_reads_back(value: float) -> None:
 
 
 def test_what_nobody_knows_is_not_told() -> None:
-    assert with_interval(1.0, np.inf) == ("not told", "-")
-    assert with_interval(np.nan, 1.0) == ("not told", "-")
+    assert with_interval(1.0, np.inf) == ("not identifiable", "-")
+    assert with_interval(np.nan, 1.0) == ("not identifiable", "-")
 
 
 def test_files_appear_whole(tmp_path: Path) -> None:
@@ -206,7 +206,7 @@ def test_what_no_real_robot_could_have_is_said(result: Identification) -> None:
     values = result.parameters.values.copy()
     values[0] = -1.0
     impossible = replace(result, parameters=replace(result.parameters, values=values), method="wls")
-    assert "No real robot could have these inertials" in shown(identification_tables(impossible))
+    assert "The inertials are not physically consistent" in shown(identification_tables(impossible))
 
 
 def test_the_screen_is_plain_where_it_is_no_terminal(

@@ -164,15 +164,15 @@ def test_the_document_is_the_contract() -> None:
         (
             "unknown",
             FINDINGS[:1],
-            "3r: coulomb_friction of joint_2 leaves more than it explains; the simulation lacks something that no law",
+            "3r: coulomb_friction of joint_2 leaves more torque unexplained than it explains; the simulation lacks",
         ),
         (
             "unknown",
             FINDINGS[:2],
-            "payload of joint_3 (link link_3) leave more than they explain; the simulation lacks",
+            "payload of joint_3 (link link_3) leave more torque unexplained than they explain; the simulation lacks",
         ),
-        ("unknown", (), "3r: the simulation lacks something that no law explains\n"),
-        ("nothing_missing", (), "3r: nothing is missing, within 1 % of torque\n"),
+        ("unknown", (), "3r: the simulation lacks physics that no law explains\n"),
+        ("nothing_missing", (), "3r: nothing is missing, within 1 % of the torque\n"),
     ],
 )
 def test_the_verdict_is_a_sentence(verdict: str, findings: tuple[Finding, ...], words: str) -> None:
@@ -183,7 +183,7 @@ def test_the_verdict_is_a_sentence(verdict: str, findings: tuple[Finding, ...], 
 
 def test_numbers_that_were_wrong_are_no_law_and_still_said() -> None:
     text = told(made(verdict="nothing_missing", findings=()))
-    assert "3r: no law is missing, within 1 % of torque, but numbers that it states are wrong (at joint_2)" in text
+    assert "3r: no law is missing, within 1 % of the torque, but stated parameters are wrong (at joint_2)" in text
 
 
 def test_laws_of_all_joints_are_said_in_one_breath() -> None:
@@ -196,23 +196,23 @@ def test_the_terminal_says_what_matters() -> None:
     text = told(made())
     flat = " ".join(text.split())
     assert max(map(len, text.splitlines())) <= 100
-    assert "joint_2 slower than 0.05 rad/s: 83 % of its unexplained torque; velocity explains 90 %" in flat
-    assert "joint_1: nothing but noise" in flat
+    assert "joint_2 slower than 0.05 rad/s: 83 % of its residual torque; velocity explains 90 %" in flat
+    assert "joint_1: noise only" in flat
     for words in ("level 0.800 ± 0.020 N.m", "mass 0.300 ± 0.039 kg", "26 %", "30 % of joint_3", "0.800"):
         assert words in flat, words
     assert (
         "not identifiable" not in flat
         and "inertia_xx" not in flat
-        and "1 more number: could be zero" in flat
+        and "1 more parameter: could be zero" in flat
         and "partner" not in flat
     )
     assert "joint_coupling of joint_2 and joint_3" in flat and "base_tilt" in flat.partition("Small corrections")[2]
     assert f"or viscous_friction of joint_2, probability 0.020: {APART}" in flat
     assert f"or asymmetric_friction of joint_2, probability <0.001: {NEVER}" in flat
     assert "spring" not in flat and "and 1 more in diagnosis.json" in flat
-    assert "joint_3: 5 % of its torque, 40 % of that 3 to 4 s; no single variable explains it" in flat
-    assert "Simulated for 0.5 s" in flat and "note: a <note>" in flat and "inertials" not in flat
-    off = "The inertials of the simulation seem to be off, by about 2.0 times what is usual."
+    assert "joint_3: 5 % of its torque; 3 to 4 s: 40 % of it; no single variable explains it" in flat
+    assert "Roll-outs of 0.5 s" in flat and "note: a <note>" in flat and "inertials" not in flat
+    off = "The inertials of the simulation deviate by about 2.0 times the usual tolerance."
     assert off in told(made(prior_scale=2.0)) and off not in told(made(prior_scale=2.0, informed=True))
 
 

@@ -39,7 +39,9 @@ def test_a_wrong_number_stands_beside_the_one_of_the_simulation() -> None:
     level = document(result)["findings"][0]["parameters"]["level"]
     assert level == {"value": 1.2, "std": 0.005, "unit": "N.m", "stated": 0.3}
     page = words(result)
-    assert SENTENCE in page and "number in the simulation recorded ± 95 % unit level 0.3000 1.2000 0.0098 N.m" in page
+    assert (
+        SENTENCE in page and "parameter in the simulation recorded ± 95 % unit level 0.3000 1.2000 0.0098 N.m" in page
+    )
 
 
 @pytest.mark.parametrize(
@@ -59,9 +61,9 @@ def test_several_numbers_of_a_law_are_compared_in_the_list() -> None:
     law = "asymmetric_friction@2:viscous_positive=0.1,viscous_negative=0.2,coulomb_positive=1,coulomb_negative=2"
     std = dict.fromkeys(("viscous_positive", "viscous_negative", "coulomb_positive", "coulomb_negative"), 0.01)
     result = made(findings=(finding(law, std, stated={"coulomb_positive": 0.5, "coulomb_negative": 0.5}), FRICTION))
-    assert f"3r: {SENTENCE}; numbers of the simulation are wrong: asymmetric" in " ".join(told(result).split())
+    assert f"3r: {SENTENCE}; parameters of the simulation are wrong: asymmetric" in " ".join(told(result).split())
     text = told(replace(result, findings=result.findings[:1]))
-    assert "3r: numbers of the simulation are wrong: asymmetric_friction of joint_2 (probability >0.999)\n" in text
+    assert "3r: parameters of the simulation are wrong: asymmetric_friction of joint_2 (probability >0.999)\n" in text
     assert "\n  coulomb_positive: 0.500 in the simulation, 1.000 ± 0.020 N.m recorded\n" in text
     assert "\n  viscous_negative 0.200 ± 0.020 N.m.s/rad\n" in text and max(map(len, text.splitlines())) <= 100
 
@@ -73,7 +75,9 @@ def test_what_is_missing_comes_before_what_is_wrong() -> None:
     wrong = [replace(FRICTION, law=parse_law(f"{law}@{j}", ROBOT)) for j in (1, 2) for law in LAWS[:2]]
     wrong = [replace(one, stated=dict(one.law.parameters)) for one in wrong]
     text = shown(diagnosis_tables(made(findings=(*wrong, spring))), 200)
-    assert "lacks spring of joint_1; numbers of the simulation are wrong: viscous_friction, coulomb_friction of" in text
+    assert (
+        "lacks spring of joint_1; parameters of the simulation are wrong: viscous_friction, coulomb_friction of" in text
+    )
 
 
 def test_causes_are_at_most_six_and_corrections_three_lines() -> None:
@@ -82,15 +86,15 @@ def test_causes_are_at_most_six_and_corrections_three_lines() -> None:
     few = [replace(one, role="secondary") for one in many]
     result = made(findings=(*many[:10], *few[:5]))
     text = told(result)
-    causes, _, corrections = text.partition("\nMissing\n")[2].partition("\nSmall corrections beside it\n")
+    causes, _, corrections = text.partition("\nMissing\n")[2].partition("\nSmall corrections\n")
     corrections = corrections.partition("\n\n")[0]
-    assert causes.count("slower than") == 6 and "and 4 smaller ones in diagnosis.json\n" in causes
-    assert len(corrections.splitlines()) == 4 and "and 2 smaller ones in diagnosis.json" in corrections
+    assert causes.count("slower than") == 6 and "and 4 smaller findings in diagnosis.json\n" in causes
+    assert len(corrections.splitlines()) == 4 and "and 2 smaller findings in diagnosis.json" in corrections
     assert "viscous_friction of joint_1, probability >0.999, 26 %: coefficient" in corrections
     assert text.count("or spring of joint_3") == 6 and max(map(len, text.splitlines())) <= 100
     assert len(document(result)["findings"]) == 15
     assert all(words(result).count(one) for one in ("torque offset of joint_1", "coulomb friction of joint_2"))
-    assert "and 1 smaller one in diagnosis.json\n" in told(made(findings=tuple(many[:7])))
+    assert "and 1 smaller finding in diagnosis.json\n" in told(made(findings=tuple(many[:7])))
     assert "smaller" not in told(made(findings=tuple(many[:6])))
 
 
@@ -125,9 +129,9 @@ def test_a_finding_outside_the_extended_simulation_says_so() -> None:
 
 
 def test_a_simulation_with_covariance_has_a_note_of_it() -> None:
-    note = "Bodies and laws of the simulation count as known as well as identification left them"
+    note = "The covariance of the simulation is used as prior for its inertials and laws"
     result = made(informed=True, prior_scale=1.0)
-    assert f"note: {note}" in told(result) and note in words(result) and "seem to be off" not in words(result)
+    assert f"note: {note}" in told(result) and note in words(result) and "deviate by about" not in words(result)
     assert note in document(result)["notes"] and document(result)["inertials"] == {"off": None, "covariance": True}
     assert note not in told(made()) and document(made(prior_scale=1.0))["inertials"] == {
         "off": 1.0,
@@ -136,7 +140,7 @@ def test_a_simulation_with_covariance_has_a_note_of_it() -> None:
 
 
 def test_a_simulation_that_is_further_off_than_its_covariance_says_so() -> None:
-    further = "yet they seem to be off by about 2.5 times that"
+    further = "their errors appear about 2.5 times larger"
     result = made(informed=True, prior_scale=2.5)
-    assert further in told(result).replace("\n", " ") and further in words(result)
+    assert further in " ".join(told(result).split()) and further in words(result)
     assert further not in words(made(informed=True, prior_scale=1.0)) and further not in words(made(prior_scale=2.5))

@@ -132,7 +132,7 @@ def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pyt
     command = ["payload", "3r", "--without", "recording.csv", "--with", "loaded.csv"]
     assert run(command) == 0
     out = capfd.readouterr().out
-    assert "3r: what link_3 carries" in out and "centre of mass z" in out
+    assert "3r: payload of link_3" in out and "centre of mass z" in out
     assert run([*command, "--json"]) == 0
     told = json.loads(capfd.readouterr().out)
     assert told["schema"] == "signid.payload/1" and told["link"] == "link_3"

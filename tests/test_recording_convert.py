@@ -84,7 +84,7 @@ def test_tables_pass_through_every_format(
     Path("a.csv").write_text(csv(swing(load=pristine()["t"] ** 2)))
     for before, after in (("a.csv", "b.npz"), ("b.npz", "c.parquet"), ("c.parquet", "d.csv.gz"), ("d.csv.gz", "e.csv")):
         out, _ = command(f"convert {before} -o {after}", capfd)
-        assert "1200 rows" in out and "12.0 s at 100 Hz, no gap" in out and "Other columns, as they were: load" in out
+        assert "1200 rows" in out and "12.0 s at 100 Hz, no gap" in out and "Other columns, unchanged: load" in out
     first, last = pl.read_csv("a.csv"), pl.read_csv("e.csv")
     assert first.columns == last.columns and first.equals(last)
 
@@ -97,7 +97,7 @@ def test_what_was_read_is_told(
     gap = [(topic, message, at) for topic, message, at in states(known) if not START + 10**9 < at < START + 2 * 10**9]
     other = [("/spare", state(known, START, ["x"], [1.0], [], []), START)]
     write1(tmp_path / "a.bag", known, sorted([*gap, *other], key=lambda each: each[2]))
-    words = ("a.bag: 300 rows, 3.99 s at 100 Hz, 1 gap, the longest 1.01 s", "/joint_states  JointState", "shoulder")
+    words = ("a.bag: 300 rows, 3.99 s at 100 Hz, 1 gap of up to 1.01 s", "/joint_states  JointState", "shoulder")
     out, _ = command("convert a.bag --topic joint_states -o a.csv", capfd)
     for word in (*words, "/spare", "(not read)", "Clock: header stamps, counted from 2023-11-14T22:13:20.000Z"):
         assert word in out, word
@@ -120,7 +120,7 @@ def test_names_are_held_against_a_robot(
     t, q, tau = pristine().values()
     Path("a.csv").write_text(csv({"t": t, "q_left/joint_1": q, "tau_left/joint_1": tau}))
     out, err = command("convert a.csv --robot 1r -o b.csv", capfd, code=3)
-    assert 'look it through\njoints = "left/*"\n' in out and Path("b.csv").is_file()
+    assert 'check it before use\njoints = "left/*"\n' in out and Path("b.csv").is_file()
     sentence(err.strip(), "a.csv: q_left/joint_1 names no joint of 1r")
     Path("map.toml").write_text('joints = "left/*"')
     out, err = command("convert a.csv --robot 1r --columns map.toml -o b.csv", capfd)

@@ -58,7 +58,7 @@ def test_the_whole_way_from_the_files_of_the_source(
         out = capsys.readouterr().out
         assert wanted.commit in out and wanted.licence.split()[0] in out and f"export SIGNID_DATA={folder}/data" in out
         assert run(["data", name, "--source", server.address]) == 0 and len(server.asked) == len(wanted.sources)
-    assert "has it already" in capsys.readouterr().out
+    assert "is already complete" in capsys.readouterr().out
     for product in wanted.products:
         assert opened(there / product.name) == opened(data / wanted.folder / product.name), product.name
     names = {*(product.name for product in wanted.products), *(name for name, _ in wanted.carried)}
@@ -195,7 +195,7 @@ def test_a_damaged_recording_is_replaced(folder: Path) -> None:
         (["pandaa"], "no data named 'pandaa'; did you mean panda?"),
         (["kuka"], "choose from 1r, 3r, emps, panda, tx40, ur10e"),
         (["toy", "--yes", "--source", "http://example.com"], "no address to download from"),
-        (["toy", "--yes", "-o", ""], "no folder"),
+        (["toy", "--yes", "-o", ""], "not a folder"),
         (["--yes"], "no data set was named"),
     ],
 )

@@ -156,7 +156,7 @@ def test_a_second_signal_ends_at_once(number: signal.Signals, name: str, short: 
     out = tmp_path / "out"
     ended = stopped("diagnose", short, out, number, again=True)
     assert ended.code == 128 + number
-    assert f"signid: {name} ended the command again, before the result was complete; no file of it was" in ended.said
+    assert f"signid: {name} ended the command again, before the result was complete; no file was" in ended.said
     assert not out.exists() and not list(tmp_path.rglob(".signid-*"))
 
 
@@ -168,7 +168,7 @@ def test_a_signal_before_any_answer_leaves_nothing(
     ended = command(["diagnose", "panda", str(short), "-o", str(out)], [(1.5, number)])
     assert ended.code == 128 + number
     assert ended.said.splitlines() == [
-        f"signid: {name} ended the command before there was a result; no file of it was written"
+        f"signid: {name} ended the command before there was a result; no file was written"
     ]
     assert not out.exists()
 

@@ -60,7 +60,7 @@ def test_the_page_shows_every_joint_and_flag() -> None:
     text = " ".join(read.texts)
     for sentence in (*FLAGS, "a note", proof_sentence(signs), "session_0.csv", "shoulder", JOINTS[2]):
         assert sentence in text, sentence
-    for mark in ("sign +", "sign −", "confidence below 0.999", "absolute torque", "torque with its sign", "model"):
+    for mark in ("sign +", "sign −", "confidence below 0.999", "absolute torque", "signed torque", "model"):
         assert mark in text, mark
     assert JOINTS[1] not in text and "b" not in read.tags and read.tags.count("script") == 2 + len(figures(page))
     assert "N.m or N" in page and "[N.m]" in signs_page(signs, ["N.m", "N.m", "N"])
@@ -96,13 +96,13 @@ def test_lines_are_broken_where_a_span_begins_and_keep_their_peaks() -> None:
         signs = replace(signs, traces=(replace(signs.traces[0], magnitude=size),))
         drawn, _ = figures(signs_page(signs))
         lines = {line.name: values(line.to_plotly_json()["y"]) for line in drawn.data if line.type == "scatter"}
-        assert set(lines) == {"absolute torque", "threshold", "torque with its sign", "model"}
+        assert set(lines) == {"absolute torque", "threshold", "signed torque", "model"}
         assert list(lines.pop("threshold")) == [0.4, 0.4]
         for y in lines.values():
             assert np.isnan(y).sum() == 1 and min(samples, MOST // 2) < len(y) <= MOST + 1
         assert np.nanmax(lines["absolute torque"]) == 17.0
         signed = size[:, 0] * signs.traces[0].signs[:, 0]
-        ends = np.nanmin(lines["torque with its sign"]), np.nanmax(lines["torque with its sign"])
+        ends = np.nanmin(lines["signed torque"]), np.nanmax(lines["signed torque"])
         np.testing.assert_allclose(ends, (signed.min(), signed.max()), rtol=1e-6)
 
 

@@ -118,9 +118,9 @@ def test_the_terminal_tells_counts_and_doubt() -> None:
     [
         (SignProof(True, 0.0, 0, True), "eigenvalues alone"),
         (SignProof(True, 0.0, 1), "a search of 1 node."),
-        (SignProof(False, 0.031, 20000), "by 3 % at most"),
-        (SignProof(False, 1.0, 122), "not proved: 122 nodes"),
-        (SignProof(False, np.inf, 122), "not proved: 122 nodes"),
+        (SignProof(False, 0.031, 20000), "by at most 3 %"),
+        (SignProof(False, 1.0, 122), "not proved optimal: the search visited 122 nodes"),
+        (SignProof(False, np.inf, 122), "not proved optimal: the search visited 122 nodes"),
     ],
 )
 def test_what_is_proved_is_one_sentence(proof: SignProof, words: str) -> None:

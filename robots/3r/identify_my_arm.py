@@ -30,7 +30,7 @@ print(f"{len(recording)} rows to learn from, {len(judge)} to judge by")
 # Step 3. Is the recording any good? Ask before you believe anything fitted to it. A flag says what is wrong and what
 # would help: a joint that did not move, a sign turned round, noise that hides the motion.
 checked = signid.check(robot, [recording])
-print(f"{checked.verdicts.count('told')} of {len(checked.verdicts)} base parameters will be told well")
+print(f"{checked.verdicts.count('identifiable')} of {len(checked.verdicts)} base parameters are well identifiable")
 print(f"flags: {'; '.join(checked.flags) or 'none'}\n")
 
 # Step 4. Identify. At every joint viscous and Coulomb friction, an offset of the torque and the rotor's inertia

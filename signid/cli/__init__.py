@@ -1,6 +1,6 @@
-"""The command line: what is asked for goes to the library, what it finds is printed and written.
+"""The command line: options go to the library, results are printed and written.
 
-Each command is a function of a few lines, whose arguments are the options; `signid COMMAND --help` shows them.
+Each command is a short function whose parameters are its options; `signid COMMAND --help` lists them.
 """
 
 from .run import main, run

@@ -1,4 +1,4 @@
-"""The command line as a whole: its help, and its version."""
+"""The Typer application: general help and version."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from ..version import __version__
 
 app = typer.Typer(
     name="signid",
-    help="From a robot description and recordings to a dynamics model that is right, and says how sure it is.",
-    epilog="Exit codes: 0 done; 2 bad input or usage; 3 done, but the result says what in it is not to be trusted.",
+    help="Identify and diagnose robot dynamics models from a robot description and recordings.",
+    epilog="Exit codes: 0 done; 2 bad input or usage; 3 done, but the result is flagged and says why.",
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
     add_completion=False,

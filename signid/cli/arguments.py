@@ -1,62 +1,27 @@
-"""Arguments of the command line, and what they are to the library."""
+"""Conversion of command-line arguments into arguments of the library."""
 
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
 from ..effects import EFFECT_NAMES
 from ..errors import OptionError
+from .options import RobotOptions, RowOptions, SimulationArguments
 
 if TYPE_CHECKING:
-    from ..estimation.standard import Search
+    from ..model import Model
     from ..regression.session import Options
-    from ..types import Input, Recording, Robot
-
-RobotName = Annotated[str, typer.Argument(metavar="ROBOT", help="A URDF, xacro or MJCF file, or a name such as panda.")]
-SimulationName = Annotated[
-    str, typer.Argument(metavar="SIMULATION", help="A model.json, a URDF, xacro or MJCF file, or a name such as panda.")
-]
-Files = Annotated[list[str], typer.Argument(metavar="RECORDING", help="CSV, Parquet, NPZ, ROS bag or LeRobot dataset.")]
-Joints = Annotated[str | None, typer.Option(metavar="A,B", help="Joints that move, others are held. Default: all.")]
-Lock = Annotated[list[str] | None, typer.Option(metavar="J=VALUE", help="Hold joint J there [rad or m]. Repeatable.")]
-Actuators = Annotated[str | None, typer.Option(metavar="FILE", help="TOML of the drives. Default: actuators.toml.")]
-PackageDir = Annotated[list[str] | None, typer.Option(metavar="DIR", help="Packages of meshes and xacro. Repeatable.")]
-Columns = Annotated[str | None, typer.Option(metavar="FILE", help='TOML of other names: q_elbow = "elbow_pos".')]
-Effects = Annotated[
-    str | None, typer.Option(metavar="A,B", help=f"Laws at every joint, or none. Default: {', '.join(EFFECT_NAMES)}.")
-]
-Cutoff = Annotated[float | None, typer.Option(metavar="HZ", help="Of the filter [Hz], or inf. Default: by the data.")]
-Derivatives = Annotated[
-    str, typer.Option(metavar="WHICH", help="Velocity and acceleration: computed (from q_J), recorded, or auto.")
-]
-EstimatorName = Annotated[
-    str | None,
-    typer.Option(
-        "--estimator", metavar="HOW", help="wls, iv, tls or oe. Default: wls, with q_des_J as instruments if recorded."
-    ),
-]
-Unsigned = Annotated[bool, typer.Option("--unsigned", help="Forget the signs of torque.")]
-SignSearch = Annotated[
-    str, typer.Option("--signs", metavar="HOW", help="Lost signs: exact, or tree (the classical tree of choices).")
-]
-Bounds = Annotated[str | None, typer.Option(metavar="FILE", help="TOML: box of pbrp. Default: around ROBOT's values.")]
-GlobalAlgorithm = Annotated[str, typer.Option(metavar="NAME", help="NLopt's, of pbrp.")]
-LocalAlgorithm = Annotated[str, typer.Option(metavar="NAME", help="NLopt's, of pbrp.")]
-TotalMass = Annotated[str | None, typer.Option(metavar="LO,HI", help="Of all links [kg], for pbrp. Default: any.")]
-NoInstruments = Annotated[bool, typer.Option("--no-instruments", help="Do without q_des_J columns as instruments.")]
-White = Annotated[bool, typer.Option("--white", help="Take torque noise to be white, not coloured.")]
-TimeLimit = Annotated[float, typer.Option(metavar="S", help="Of searches; one that it cuts short is flagged [s].")]
-Seed = Annotated[int, typer.Option(metavar="N", min=0, help="Seed of everything random.")]
-Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON and nothing else.")]
+    from ..simulation.plant import Torques
+    from ..types import Input, Recording, Robot, Trajectory
 
 
-def again(context: typer.Context) -> str:
-    """The command that was given, as one line for a shell; its folder of results is named DIR."""
+def given_command(context: typer.Context) -> str:
+    """Return the command as one shell line, with DIR as the name of its output folder."""
     words = list(context.obj or ())
     for k, word in enumerate(words):
         if word in ("-o", "--output"):
@@ -68,21 +33,25 @@ def again(context: typer.Context) -> str:
     return shlex.join(["signid", *words]) if words else ""
 
 
-def given_robot(
-    name: str, joints: str | None, lock: list[str] | None, actuators: str | None, packages: list[str] | None
-) -> Robot:
-    """The robot with the joints held that are to be held.
+def given_robot(name: str, options: RobotOptions) -> Robot:
+    """Load a robot with the requested joints held.
+
+    Args:
+        name: file or name of the robot description.
+        options: how it is read.
 
     Raises:
-        OptionError: a folder of packages does not exist, or a list of joints or a position makes no sense.
+        OptionError: a package folder does not exist, or a list of joints or a position is invalid.
     """
     from ..robot import load_robot
 
-    for folder in packages or ():
+    packages = options.package_dir or ()
+    for folder in packages:
         if not Path(folder).is_dir():
-            raise OptionError(f"--package-dir {folder} is no folder; name the folder that holds the packages")
-    moving = None if joints is None else _names("--joints", joints)
-    return load_robot(name, lock=_locks(lock or ()), joints=moving, actuators=actuators, package_dirs=packages or ())
+            raise OptionError(f"--package-dir {folder} is not a folder; name the folder that holds the packages")
+    moving = None if options.joints is None else _names("--joints", options.joints)
+    held = _locks(options.lock or ())
+    return load_robot(name, lock=held, joints=moving, actuators=options.actuators, package_dirs=packages)
 
 
 def _locks(texts: Sequence[str]) -> dict[str, float]:
@@ -98,50 +67,81 @@ def _locks(texts: Sequence[str]) -> dict[str, float]:
     return held
 
 
-def given_recording(path: str, robot: Robot, columns: str | None, unsigned: bool = False) -> Recording:
-    """The recording in a file."""
-    from ..recording import read_recording
+def given_model(
+    source: SimulationArguments, motion: str | None = None, torque: str | None = None
+) -> tuple[Model, Trajectory | Torques | None]:
+    """Load a model and the motion or torque that drives it; hold joints without a column in these files.
 
-    return read_recording(path, robot, columns=columns, unsigned=unsigned)
-
-
-def given_options(
-    effects: str | None,
-    cutoff: float | None,
-    derivatives: str,
-    plain: bool,
-    white: bool,
-    seed: int,
-    robust: bool = False,
-) -> Options:
-    """How recordings are turned into rows."""
-    from ..regression.session import Options
-
-    return Options(given_effects(effects), cutoff, derivatives, not plain, not white, robust, seed)
-
-
-def given_search(bounds: str | None, global_algorithm: str, local_algorithm: str, total_mass: str | None) -> Search:
-    """How penalty-based parameter retrieval searches.
+    Args:
+        source: the simulation.
+        motion: file of the desired motion.
+        torque: recording whose torque is played back.
 
     Raises:
-        OptionError: the range of the total mass is none.
+        OptionError: the arguments contradict each other.
     """
-    from ..estimation.standard import Search
+    from ..model import Model, load_model, stated_inertials, stated_laws
+    from ..robot import hold, resting
+    from ..simulation.plant import read_motion, recorded_torques
 
-    total = None
-    if total_mass is not None:
-        try:
-            low, high = (float(part) for part in total_mass.split(","))
-        except ValueError:
-            low, high = 1.0, 0.0
-        if not 0 <= low <= high:
-            raise OptionError(f"--total-mass {total_mass!r} is no range; write LO,HI in kg, with LO no greater than HI")
-        total = (low, high)
-    return Search(bounds, global_algorithm, local_algorithm, total)
+    name = source.simulation
+    if motion is not None and torque is not None:
+        raise OptionError("--motion and --torque both drive the robot; give one of them")
+    if source.saved and any((source.joints, source.lock, source.actuators, source.package_dir)):
+        raise OptionError(f"{name} states its joints and actuators itself; leave --joints, --lock, --actuators out")
+    model = load_model(name) if source.saved else None
+    robot = model.robot if model else given_robot(name, source)
+    asked: Trajectory | Torques | None = None
+    moving = robot.joints
+    if motion is not None:
+        asked = read_motion(motion, robot)
+        moving = asked.joints
+    if torque is not None:
+        [recording] = given_recordings([torque], robot, None)
+        asked, moving = recorded_torques(recording), recording.joints
+    if model is None:
+        robot = hold(robot, resting(robot, but=moving))
+        model = Model(robot, stated_inertials(robot), stated_laws(robot))
+    if moving != robot.joints:
+        lacking = ", ".join(joint for joint in robot.joints if joint not in moving)
+        raise OptionError(f"{motion or torque} has no position of {lacking}; {name} moves all of its joints")
+    return model, asked
+
+
+def given_recordings(
+    paths: Iterable[str] | None, robot: Robot, columns: str | None, unsigned: bool = False
+) -> list[Recording]:
+    """Read recordings.
+
+    Args:
+        paths: files; None: none.
+        robot: robot whose joints they record.
+        columns: column map file.
+        unsigned: discard the signs of torques.
+    """
+    from ..recording import read_recording
+
+    return [read_recording(path, robot, columns=columns, unsigned=unsigned) for path in paths or ()]
+
+
+def given_options(rows: RowOptions, seed: int, robust: bool = False) -> Options:
+    """Return the options of the regression.
+
+    Args:
+        rows: how recordings become rows.
+        seed: seed of the random generator.
+        robust: down-weight outliers.
+    """
+    from ..regression.session import Options
+
+    effects = given_effects(rows.effects)
+    return Options(
+        effects, rows.cutoff, rows.derivatives, not rows.no_instruments, not rows.white, robust=robust, seed=seed
+    )
 
 
 def given_effects(text: str | None) -> tuple[str, ...]:
-    """Names of effects."""
+    """Return the names of effects in a comma-separated list."""
     if text is None:
         return EFFECT_NAMES
     return () if text == "none" else _names("--effects", text)
@@ -155,7 +155,14 @@ def _names(option: str, text: str) -> tuple[str, ...]:
 
 
 def given_inputs(name: str, robot: Robot, actuators: str | None, **files: str | None) -> list[Input]:
-    """The description as it was given, and what was read beside it by what it holds."""
+    """List the description and the files read beside it, with their digests.
+
+    Args:
+        name: description as given.
+        robot: robot read from it.
+        actuators: actuators file as given.
+        **files: other files by role.
+    """
     from ..recording.source import digest_of
     from ..types import Input
 
@@ -166,3 +173,20 @@ def given_inputs(name: str, robot: Robot, actuators: str | None, **files: str | 
         named.append((str(given / beside.name), beside, "actuators"))
     read = (Input(shown, digest_of(path), role) for shown, path, role in named)
     return [Input(name, robot.sha256, "description"), *read]
+
+
+def simulation_inputs(source: SimulationArguments, robot: Robot, **files: str | None) -> list[Input]:
+    """List the simulation and the files read beside it, with their digests.
+
+    Args:
+        source: the simulation.
+        robot: its robot.
+        **files: other files by role.
+    """
+    from ..recording.source import digest_of
+    from ..types import Input
+
+    if not source.saved:
+        return given_inputs(source.simulation, robot, source.actuators, **files)
+    read = {"model": source.simulation, **{role: file for role, file in files.items() if file is not None}}
+    return [Input(path, digest_of(Path(path)), role) for role, path in read.items()]

@@ -1,8 +1,11 @@
-"""What moves a simulated robot: from arguments to the library."""
+"""Drive of a simulated robot, from command-line arguments."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated
+
+import typer
 
 from ..errors import OptionError
 
@@ -12,32 +15,46 @@ if TYPE_CHECKING:
     from ..simulation.plant.control import Tracking
     from ..types import Array, Robot, Trajectory
 
-DURATION = 20.0  # [s] of motions at random
+DURATION = 20.0  # default length of random motions [s]
 
 
-class Loop(NamedTuple):
-    """The controller, as it was asked for."""
+@dataclass(frozen=True, kw_only=True)
+class LoopOptions:
+    """The position controller."""
 
-    bandwidth: float | None
-    kp: str | None
-    kd: str | None
-    feed_forward: float | None
+    bandwidth: Annotated[
+        float | None, typer.Option(metavar="HZ", help="Bandwidth of the position loop [Hz]. Default: 6.")
+    ] = None
+    kp: Annotated[str | None, typer.Option(metavar="A,B", help="Stiffness of the loop [N.m/rad]; needs --kd.")] = None
+    kd: Annotated[str | None, typer.Option(metavar="A,B", help="Damping of the loop [N.m.s/rad]; needs --kp.")] = None
+    feed_forward: Annotated[
+        float | None,
+        typer.Option(metavar="SHARE", help="Share of the rigid-body torque that is fed forward. Default: 1."),
+    ] = None
 
 
 def given_drive(
-    known: Model, asked: Trajectory | Torques | None, loop: Loop, duration: float | None, step: float, seed: int
+    known: Model, asked: Trajectory | Torques | None, loop: LoopOptions, duration: float | None, step: float, seed: int
 ) -> tuple[Tracking | Torques, float]:
-    """What moves the robot, and for how long [s].
+    """Return the drive of the robot and the duration [s].
+
+    Args:
+        known: model that the controller uses.
+        asked: motion or torques from a file; None: a random motion.
+        loop: controller.
+        duration: requested length [s].
+        step: time step [s].
+        seed: seed of the random generator.
 
     Raises:
-        OptionError: what was given contradicts itself.
+        OptionError: the options contradict each other.
     """
     from ..simulation.excite.motions.random_motion import draw_motion
     from ..simulation.plant import Torques, track
     from ..simulation.plant.run import instants
 
     if isinstance(asked, Torques):
-        if any(option is not None for option in loop):
+        if loop != LoopOptions():
             raise OptionError("--torque is played back open loop; leave --bandwidth, --kp, --kd, --feed-forward out")
         return asked, float(asked.t[-1]) if duration is None else duration
     if asked is None:
@@ -46,20 +63,20 @@ def given_drive(
     gains = None
     if loop.kp is not None or loop.kd is not None:
         if loop.kp is None or loop.kd is None or loop.bandwidth is not None:
-            raise OptionError("--kp and --kd go together and leave no room for --bandwidth; give both or neither")
+            raise OptionError("--kp and --kd belong together and exclude --bandwidth; give both or neither")
         gains = (_numbers("--kp", loop.kp, known.robot), _numbers("--kd", loop.kd, known.robot))
     options = {"bandwidth": loop.bandwidth, "feed_forward": loop.feed_forward}
     given = {key: value for key, value in options.items() if value is not None}
     if not all(abs(value) < float("inf") for value in given.values()):
-        raise OptionError("--bandwidth and --feed-forward are finite numbers; give the bandwidth in Hz and a share")
+        raise OptionError("--bandwidth and --feed-forward must be finite; give the bandwidth in Hz and a share")
     return track(known, asked, gains=gains, **given), float(asked.t[-1]) if duration is None else duration
 
 
 def _numbers(option: str, text: str, robot: Robot) -> Array:
-    """A number for all joints, or one for each: (n,) or ().
+    """Parse one number for all joints, () [units of the option], or one per joint, (n,).
 
     Raises:
-        OptionError: it is neither.
+        OptionError: the text is neither.
     """
     import numpy as np
 
@@ -69,5 +86,7 @@ def _numbers(option: str, text: str, robot: Robot) -> Array:
     except ValueError:
         values = np.empty(0)
     if len(values) not in (1, n) or not np.isfinite(values).all():
-        raise OptionError(f"{option} {text!r} is neither a number nor one for each of the {n} joints, with commas")
+        raise OptionError(
+            f"{option} {text!r} is neither one number nor one for each of the {n} joints; separate them by commas"
+        )
     return values[0] if len(values) == 1 else values

@@ -1,4 +1,4 @@
-"""What an identification, a diagnosis or a validation leaves: files in a folder, and what the terminal shows."""
+"""Output of an identification, a diagnosis or a validation: files in a folder and text on the terminal."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import RobotError
-from .terminal import tell_flags
+from .output import list_written
+from .terminal import write_flags
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -26,37 +27,38 @@ FRICTION = ("viscous_friction", "coulomb_friction")
 
 
 def deliver(result: Identification, inputs: Sequence[Input], output: str | None, json: bool, command: str) -> int:
-    """Writes what an identification leaves, prints its tables or its document, and tells the exit code.
+    """Write and print an identification; return the exit code.
 
     Args:
-        result: the identification.
-        inputs: what was read besides the recordings.
-        output: folder of the files, if any.
-        json: whether the document is printed instead of the tables.
-        command: that does it again.
+        result: identification.
+        inputs: files read besides the recordings.
+        output: output folder, if any.
+        json: print the document instead of the tables.
+        command: shell line that reproduces the result.
     """
     from ..output.report import identification_document, identification_page, identification_tables, to_json
 
     files: dict[str, Content] = {}
     if output is not None:
-        described, notes = _urdf(result.robot, _told_bodies(result), result.model.laws)
+        described, notes = _urdf(result.robot, _identifiable_bodies(result), result.model.laws)
         result = replace(result, notes=(*result.notes, *notes))
         signed = _signed(result.signs, result.recordings, result.robot)
         files = {**described, "report.html": identification_page(result, inputs, command), **signed}
     document = to_json(identification_document(result, inputs))
     files = {"identification.json": document, "model.json": to_json(result.model.document()), **files}
-    return _hand_over(document, files, identification_tables(result), result.flags, output, json)
+    shown = document if json else identification_tables(result)
+    return _hand_over(shown, files, result.flags, output)
 
 
 def deliver_diagnosis(result: Diagnosis, inputs: Sequence[Input], output: str | None, json: bool, command: str) -> int:
-    """Writes what a diagnosis leaves, prints its tables or its document, and tells the exit code.
+    """Write and print a diagnosis; return the exit code.
 
     Args:
-        result: the diagnosis.
-        inputs: what was read besides the recordings.
-        output: folder of the files, if any.
-        json: whether the document is printed instead of the tables.
-        command: that does it again.
+        result: diagnosis.
+        inputs: files read besides the recordings.
+        output: output folder, if any.
+        json: print the document instead of the tables.
+        command: shell line that reproduces the result.
     """
     from ..output.report import diagnosis_document, diagnosis_tables, to_json
 
@@ -65,16 +67,16 @@ def deliver_diagnosis(result: Diagnosis, inputs: Sequence[Input], output: str | 
         result, files = diagnosis_files(result, inputs, command)
     document = to_json(diagnosis_document(result, inputs))
     files = {"diagnosis.json": document, **files}
-    return _hand_over(document, files, diagnosis_tables(result), result.flags, output, json)
+    return _hand_over(document if json else diagnosis_tables(result), files, result.flags, output)
 
 
 def diagnosis_files(result: Diagnosis, inputs: Sequence[Input], command: str) -> tuple[Diagnosis, dict[str, Content]]:
-    """What a diagnosis leaves besides its document, and the diagnosis with notes on what files cannot hold.
+    """Return the diagnosis with notes on the limits of file formats, and its files besides diagnosis.json.
 
     Args:
-        result: the diagnosis.
-        inputs: what was read besides the recordings.
-        command: that does it again.
+        result: diagnosis.
+        inputs: files read besides the recordings.
+        command: shell line that reproduces the result.
     """
     from ..output.report import diagnosis_page, to_json
 
@@ -87,47 +89,41 @@ def diagnosis_files(result: Diagnosis, inputs: Sequence[Input], command: str) ->
 
 
 def deliver_validation(found: Validation, inputs: Sequence[Input], output: str | None, json: bool, command: str) -> int:
-    """Writes the files of a validation, prints its tables or its document, and returns the exit code.
+    """Write and print a validation; return the exit code.
 
     Args:
-        found: the validation.
-        inputs: what was read besides the recordings.
-        output: folder of the files, if any.
-        json: whether the document is printed instead of the tables.
-        command: that does it again.
+        found: validation.
+        inputs: files read besides the recordings.
+        output: output folder, if any.
+        json: print the document instead of the tables.
+        command: shell line that reproduces the result.
     """
     from ..output.report import to_json, validation_document, validation_page, validation_tables
 
     document = to_json(validation_document(found, inputs))
     page = {} if output is None else {"report.html": validation_page(found, inputs, command)}
     files = {"validation.json": document, **page}
-    return _hand_over(document, files, validation_tables(found), found.flags, output, json)
+    return _hand_over(document if json else validation_tables(found), files, found.flags, output)
 
 
 def _hand_over(
-    document: str,
-    files: Mapping[str, Content],
-    tables: Sequence[RenderableType],
-    flags: Sequence[str],
-    output: str | None,
-    json: bool,
+    shown: str | Sequence[RenderableType], files: Mapping[str, Content], flags: Sequence[str], output: str | None
 ) -> int:
+    """Write files, print the JSON document or the tables, and report flags."""
     from ..output.report import Screen, write_files
 
     written = [] if output is None else write_files(output, files)
-    screen = Screen()
-    if json:
-        screen.write(document)
-    else:
-        screen.print(*tables, sep="\n")
-    code = tell_flags(flags)
-    if written and not json:
-        screen.write("\n".join(["", "written:", *(f"  {path}" for path in written), ""]))
+    if isinstance(shown, str):
+        Screen().write(shown)
+        return write_flags(flags)
+    Screen().print(*shown, sep="\n")
+    code = write_flags(flags)
+    list_written(written)
     return code
 
 
 def _signed(signs: Signs | None, recordings: Sequence[Recording], robot: Robot) -> dict[str, Content]:
-    """A table for each recording of which signs were found (signed.csv, signed_2.csv, ...), and a page of them."""
+    """A table per recording whose signs were recovered (signed.csv, signed_2.csv, ...), and a page about the signs."""
     from ..output.report import signed_csv, signs_page
 
     if signs is None:
@@ -141,7 +137,7 @@ def _signed(signs: Signs | None, recordings: Sequence[Recording], robot: Robot) 
 
 
 def _urdf(robot: Robot, bodies: Array, laws: Sequence[Law]) -> tuple[dict[str, Content], tuple[str, ...]]:
-    """The robot's URDF with what was found, as a file; where there is none, a note that says why."""
+    """The robot's URDF with the identified parameters; if it cannot be written, a note with the reason."""
     from ..output.export import urdf_with
 
     if robot.kind != "urdf":
@@ -155,7 +151,7 @@ def _urdf(robot: Robot, bodies: Array, laws: Sequence[Law]) -> tuple[dict[str, C
 
 
 def _extended_urdf(result: Diagnosis) -> tuple[dict[str, Content], tuple[str, ...]]:
-    """The URDF of the extended simulation; where there is none, or it cannot hold all, notes that say so."""
+    """The URDF of the extended simulation, and notes on content that it cannot hold."""
     from ..output.export import export
 
     try:
@@ -165,8 +161,8 @@ def _extended_urdf(result: Diagnosis) -> tuple[dict[str, Content], tuple[str, ..
     return {"robot.urdf": made.text}, tuple(f"robot.urdf: {note}" for note in made.notes)
 
 
-def _told_bodies(result: Identification) -> Array:
-    """(nb, 10) inertial parameters [kg, kg.m, kg.m2]; NaN for bodies that torque does not show."""
+def _identifiable_bodies(result: Identification) -> Array:
+    """(nb, 10) inertial parameters [kg, kg.m, kg.m2]; NaN for bodies without effect on torque."""
     bodies = result.parameters.bodies().copy()
     shown = np.any(result.base.combination != 0, axis=0)
     for body in range(len(bodies)):
@@ -176,7 +172,7 @@ def _told_bodies(result: Identification) -> Array:
 
 
 def _friction(robot: Robot, laws: Sequence[Law], effect: str) -> Array:
-    """(n,) the coefficient of a law [N.m.s/rad or N.m], NaN at joints without it; none less than nothing."""
+    """Coefficient of a law per joint, (n,) [N.m.s/rad or N.m]; NaN at joints without it, zero if negative."""
     values = np.full(len(robot.joints), np.nan)
     for law in laws:
         if law.effect.name == effect:

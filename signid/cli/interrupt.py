@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM: the first ends searches with the best answer so far, the second ends the process."""
+"""Ctrl-C and SIGTERM: the first signal ends searches with the best answer so far, the second ends the process."""
 
 from __future__ import annotations
 
@@ -14,22 +14,26 @@ NAMES = {signal.SIGINT: "Ctrl-C", signal.SIGTERM: "SIGTERM"}
 
 
 class Interruption(KeyboardInterrupt):
-    """The end of a command.
+    """Interruption of a command.
 
-    A KeyboardInterrupt itself that passes through `exec` of a text, as where dataclasses are made, lets CPython end the
-    process by the signal, whatever exit code was asked for.
+    CPython ends a process by the signal, ignoring the exit code, if a plain KeyboardInterrupt passes through `exec`
+    of a string (as in the creation of dataclasses). A subclass avoids this.
     """
 
 
 @dataclass
 class Heard:
-    """Signals of a command: the last of them, and how many there were."""
+    """Last signal received during a command, and the number of signals."""
 
     last: signal.Signals | None = None
     count: int = 0
 
     def hear(self, number: int, frame: FrameType | None) -> None:
-        """End the searches under way, or the command where none has an answer or this is not the first signal.
+        """End running searches; end the command if no search has an answer or a second signal arrives.
+
+        Args:
+            number: signal number.
+            frame: interrupted stack frame.
 
         Raises:
             Interruption: the command ends.
@@ -39,14 +43,14 @@ class Heard:
             raise Interruption
 
     def sentence(self, number: signal.Signals) -> str:
-        """The reason why a command that a signal ended has no result."""
+        """Explain why an interrupted command has no result."""
         when = "again, before the result was complete" if self.count > 1 else "before there was a result"
-        return f"{NAMES[number]} ended the command {when}; no file of it was written"
+        return f"{NAMES[number]} ended the command {when}; no file was written"
 
 
 @contextmanager
 def signals_heard() -> Iterator[Heard]:
-    """Both signals are handled by the yielded object; the former handlers return afterwards."""
+    """Handle both signals by the yielded object; restore the former handlers afterwards."""
     heard = Heard()
     former = {number: signal.signal(number, heard.hear) for number in NAMES}
     try:

@@ -1,4 +1,4 @@
-"""Where results go: whether a folder or a file can be written, before anything is done, and the file of columns."""
+"""Destinations of results: early checks, column files, the list of written files."""
 
 from __future__ import annotations
 
@@ -13,11 +13,15 @@ if TYPE_CHECKING:
 
 
 def check_folder(output: str | None, json: bool) -> None:
-    """Find out at once whether results can be written.
+    """Check that results can be written to a folder.
+
+    Args:
+        output: folder, if named.
+        json: results are printed, so that no folder is needed.
 
     Raises:
         OptionError: no folder was named.
-        OutputError: it cannot be written to.
+        OutputError: the folder is not writable.
     """
     from ..output.report import probe_folder
 
@@ -28,18 +32,22 @@ def check_folder(output: str | None, json: bool) -> None:
 
 
 def check_file(output: str | None, json: bool) -> None:
-    """Find out at once whether the recording can be written.
+    """Check that a recording can be written to a file.
+
+    Args:
+        output: file, if named.
+        json: a summary is printed, so that no file is needed.
 
     Raises:
-        OptionError: no file was named, or files of its kind are only read.
-        RecordingError: its name is of no known format.
-        OutputError: its folder cannot be written to.
+        OptionError: no file was named, or its format is read-only.
+        RecordingError: the format is unknown.
+        OutputError: the folder is not writable.
     """
     from ..output.report import probe_folder
     from ..recording.formats.find import find_format
 
     if output == "" or (output is None and not json):
-        raise OptionError("no file for the result was named; add -o FILE, or --json to print what is told of it")
+        raise OptionError("no file for the result was named; add -o FILE, or --json to print a summary instead")
     if output is not None:
         form = find_format(Path(output))
         if not form.writes:
@@ -48,10 +56,10 @@ def check_file(output: str | None, json: bool) -> None:
 
 
 def write_columns(output: str | None, columns: Mapping[str, Array]) -> Sequence[Path]:
-    """The file, if one was named; it appears when it is complete.
+    """Write columns to a file, if one was named.
 
     Args:
-        output: its name.
+        output: file name; it appears when complete.
         columns: (N,) each, by name [units of the columns of these names].
     """
     from ..output.report import write_files
@@ -61,3 +69,11 @@ def write_columns(output: str | None, columns: Mapping[str, Array]) -> Sequence[
         return []
     path = Path(output)
     return write_files(path.parent, {path.name: find_format(path).encode(columns, path.name)})
+
+
+def list_written(written: Sequence[Path]) -> None:
+    """Print the paths of written files below a result."""
+    from ..output.report import Screen
+
+    if written:
+        Screen().write("\n".join(["", "written:", *(f"  {path}" for path in written), ""]))

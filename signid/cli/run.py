@@ -1,4 +1,4 @@
-"""A command from start to end: its exit code, and one sentence where it cannot be carried out."""
+"""Run a command: return its exit code, or one sentence on standard error if it fails."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from .commands import factors as factors  # isort: skip
 from .fleet import command as fleet  # noqa: F401  # isort: skip
 from .commands import data as data  # isort: skip
 from .interrupt import signals_heard
-from .terminal import BAD, BROKEN, DONE, INTERRUPTED, complain
+from .terminal import BAD, BROKEN, DONE, INTERRUPTED, write_error
 
 USAGE: Any = next(
     kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException"
@@ -42,50 +42,53 @@ USAGE: Any = next(
 
 
 def main() -> NoReturn:
-    """Run the command that the arguments of the process ask for, hearing signals meanwhile, and exit with its code."""
+    """Run the command of the process arguments, handle signals, and exit with the command's code."""
     with signals_heard() as heard:
         code = run(sys.argv[1:])
         if code == INTERRUPTED and heard.last is not None:
-            complain(heard.sentence(heard.last))
+            write_error(heard.sentence(heard.last))
             code = 128 + heard.last
     sys.exit(code)
 
 
 def run(arguments: Sequence[str]) -> int:
-    """Run a command; the exit code: 0 done, 1 a fault of signid, 2 bad input, 3 done but flagged, 130 interrupted."""
+    """Run a command and return its exit code.
+
+    0: done; 1: internal error of signid; 2: bad input; 3: done but flagged; 130: interrupted.
+    """
     debug = bool(os.environ.get("SIGNID_DEBUG"))
     try:
         with one_thread(), warnings.catch_warnings():
-            warnings.simplefilter("default" if debug else "ignore")  # what libraries say is not for the user
+            warnings.simplefilter("default" if debug else "ignore")  # warnings of libraries are not for users
             command = get_command(app)
             given = list(arguments) or ["--help"]
             return int(command.main(args=given, prog_name="signid", standalone_mode=False, obj=given) or DONE)
     except (KeyboardInterrupt, typer.Abort):
         return INTERRUPTED
     except Exception as error:
-        code, sentence = _judge(error)
+        code, sentence = _explain(error)
         if debug:
             traceback.print_exc()
-        complain(sentence)
+        write_error(sentence)
         return code
 
 
-def _judge(error: Exception) -> tuple[int, str]:
+def _explain(error: Exception) -> tuple[int, str]:
     """Exit code and sentence of an error."""
     if isinstance(error, SignidError):
         return BAD, str(error)
     if isinstance(error, USAGE):
         context = getattr(error, "ctx", None)
-        told = str(error.format_message()).rstrip(".")
-        return BAD, f"{told[:1].lower()}{told[1:]}; see {context.command_path if context else 'signid'} --help"
+        message = str(error.format_message()).rstrip(".")
+        return BAD, f"{message[:1].lower()}{message[1:]}; see {context.command_path if context else 'signid'} --help"
     if isinstance(error, MemoryError):
         return (
             BAD,
             "there is not enough memory for this; ask for fewer samples or steps, or give recordings as Parquet files, "
-            "which are read piece by piece",
+            "which are read in pieces",
         )
     if isinstance(error, OSError):
         why = error.strerror or str(error) or type(error).__name__
         return BAD, f"cannot use {error.filename or 'a file'}: {why}; check its path and permissions"
-    told = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-    return BROKEN, f"this is a fault of signid ({told}); please report it with what SIGNID_DEBUG=1 prints"
+    cause = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+    return BROKEN, f"this is an internal error of signid ({cause}); please report it with the output of SIGNID_DEBUG=1"

@@ -1,4 +1,4 @@
-"""What a person sees besides the result: progress, warnings, the sentence of an error."""
+"""Terminal output besides the result: progress bars, flags and errors."""
 
 from __future__ import annotations
 
@@ -14,13 +14,14 @@ if TYPE_CHECKING:
     from ..types import Progress
 
 DONE, BROKEN, BAD, FLAGGED, INTERRUPTED = 0, 1, 2, 3, 130  # exit codes
-LONGEST = 390  # characters
-BRIEF, LITTLE = 1.0, 0.03  # [s] and share done, less says nothing about the time that is left
-NEAR = 5.0  # times the time that is left: a time limit beyond is not shown
+LONGEST = 390  # length of a line on standard error [characters]
+BRIEF = 1.0  # elapsed time below which no remaining time is estimated [s]
+LITTLE = 0.03  # completed share below which no remaining time is estimated
+NEAR = 5.0  # a time limit beyond this multiple of the estimated remaining time is not shown
 
 
-def complain(sentence: str) -> None:
-    """One line on standard error, its middle left out where names make it endless."""
+def write_error(sentence: str) -> None:
+    """Write one line to standard error; shorten the middle of a very long line."""
     line = " ".join(sentence.split())
     if len(line) > LONGEST:
         line = f"{line[: LONGEST - 150]} ... {line[-145:]}"
@@ -29,7 +30,12 @@ def complain(sentence: str) -> None:
 
 @contextmanager
 def bars(quiet: bool, one: bool = False) -> Iterator[Progress | None]:
-    """Bars on standard error, if a person looks at it: one for each thing that is done, or a single one for all."""
+    """Show progress bars on standard error if it is a terminal.
+
+    Args:
+        quiet: show none.
+        one: a single bar for all stages, instead of one per stage.
+    """
     if quiet or not sys.stderr.isatty():
         yield None
         return
@@ -42,41 +48,41 @@ def bars(quiet: bool, one: bool = False) -> Iterator[Progress | None]:
         tasks: dict[str, Any] = {}
         begun: dict[str, tuple[float, float]] = {}
 
-        def show(what: str, share: float) -> None:
-            which, now = "" if one else what, time.monotonic()
+        def show(stage: str, share: float) -> None:
+            which, now = "" if one else stage, time.monotonic()
             if which not in tasks:
-                tasks[which], begun[which] = bars.add_task(what, total=1.0, left=""), (now, share)
+                tasks[which], begun[which] = bars.add_task(stage, total=1.0, left=""), (now, share)
             left = remaining(now - begun[which][0], share - begun[which][1], 1 - share, end - now)
-            bars.update(tasks[which], completed=share, description=what, left=left)
+            bars.update(tasks[which], completed=share, description=stage, left=left)
 
         yield show
 
 
 def remaining(elapsed: float, done: float, rest: float, limit: float) -> str:
-    """The time that is left: as the share done so far suggests, and at most until the time limit.
+    """Remaining time, extrapolated from the completed share and bounded by the time limit.
 
     Args:
-        elapsed: since the first report [s].
-        done: share that was done since then [1].
-        rest: share that is to be done [1].
-        limit: until the time limit; infinite where there is none [s].
+        elapsed: time since the first report [s].
+        done: share completed since then [1].
+        rest: remaining share [1].
+        limit: time until the time limit, or infinity [s].
     """
     if rest <= 0:
         return ""
     guess = elapsed * rest / done if elapsed >= BRIEF and done >= LITTLE else float("inf")
-    known = [f"about {_spell(guess)}"] if guess < limit else []
+    known = [f"about {_duration(guess)}"] if guess < limit else []
     if limit < float("inf") and (not known or limit < NEAR * guess):
-        known.append(f"at most {_spell(limit)}")
+        known.append(f"at most {_duration(limit)}")
     return f"{', '.join(known)} left" if known else ""
 
 
-def _spell(seconds: float) -> str:
+def _duration(seconds: float) -> str:
     """Seconds below two minutes, else minutes."""
     return f"{max(seconds, 0.0):.0f} s" if seconds < 120 else f"{seconds / 60:.0f} min"
 
 
-def tell_flags(flags: Sequence[str]) -> int:
-    """Flags on standard error, and the exit code that goes with them."""
+def write_flags(flags: Sequence[str]) -> int:
+    """Write flags to standard error; return the exit code."""
     for flag in flags:
-        complain(flag)
+        write_error(flag)
     return FLAGGED if flags else DONE

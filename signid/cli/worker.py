@@ -1,7 +1,7 @@
-"""Commands one after another in one process: `python -m signid.cli.worker`, as a fleet begins it.
+"""Worker process of a fleet: `python -m signid.cli.worker` runs commands one after another.
 
-Each line of standard input is an order. Each answer is the length of a header in sixteen digits, the header, and the
-bytes of the files that it lists.
+Each line of standard input is an order. Each answer consists of the length of a header in sixteen digits, the header,
+and the bytes of the files that the header lists.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ from .run import run
 from .terminal import INTERRUPTED
 
 
-def attend(orders: Iterable[bytes], answers: IO[bytes]) -> None:
-    """Carry out every order, until there are no more or it is interrupted.
+def serve(orders: Iterable[bytes], answers: IO[bytes]) -> None:
+    """Run every order until the input ends or the process is interrupted.
 
     Args:
-        orders: JSON, a line each.
-        answers: where each goes as soon as it is complete.
+        orders: one JSON object per line.
+        answers: stream that receives each answer when it is complete.
     """
     for line in orders:
         with TemporaryDirectory(prefix="signid-") as place:
-            code, said = _carry_out(json.loads(line), place)
+            code, said = _run(json.loads(line), place)
             files = {path.name: path.read_bytes() for path in sorted(Path(place).iterdir())}
         if code == INTERRUPTED:
             return
@@ -40,25 +40,25 @@ def attend(orders: Iterable[bytes], answers: IO[bytes]) -> None:
         answers.flush()
 
 
-def _carry_out(order: dict[str, Any], place: str) -> tuple[int | None, list[str]]:
-    """The exit code, and what was said on standard error."""
+def _run(order: dict[str, Any], place: str) -> tuple[int | None, list[str]]:
+    """Run an order; return its exit code and the lines of standard error."""
     try:
         os.chdir(order["folder"])
     except OSError as error:
-        return None, [f"the folder {order['folder']} cannot be used where the work is done: {error.strerror}"]
-    told = StringIO()
-    with redirect_stdout(StringIO()), redirect_stderr(told):
+        return None, [f"the folder {order['folder']} cannot be used on the worker: {error.strerror}"]
+    errors = StringIO()
+    with redirect_stdout(StringIO()), redirect_stderr(errors):
         code = run([*order["arguments"], "-o", str(Path(place) / order["output"])])
-    return code, [line.removeprefix("signid: ") for line in told.getvalue().splitlines()]
+    return code, [line.removeprefix("signid: ") for line in errors.getvalue().splitlines()]
 
 
 def main() -> None:
-    """Standard output is kept for answers; what libraries print there is not shown."""
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(INTERRUPTED))  # leaving no temporary folder behind
+    """Serve orders from standard input; output that libraries print is discarded."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(INTERRUPTED))  # removes temporary folders
     with os.fdopen(os.dup(1), "wb") as answers:
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         try:
-            attend(sys.stdin.buffer, answers)
+            serve(sys.stdin.buffer, answers)
         except (BrokenPipeError, KeyboardInterrupt):
             pass
 

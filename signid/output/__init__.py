@@ -1,1 +1,1 @@
-"""Results -> files and pages: reports, the replay in a browser, exports to other programs."""
+"""Output of results: reports, replay in a browser, export to other programs."""

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from ..app import app
-from ..arguments import Json
+from ..options import Json
 from ..terminal import DONE
 
 
@@ -16,9 +16,9 @@ def effects(
     name: Annotated[str | None, typer.Argument(metavar="NAME", help="A law; without it, all are listed.")] = None,
     json: Json = False,
 ) -> int:
-    """The laws that signid knows, and how each is injected.
+    """List the laws that signid knows, and how to inject them.
 
-    Each with its equation, numbers, units, usual values and source.
+    Each law comes with its equation, parameters, units, usual values and source.
     """
     from ...effects import EFFECTS
     from ...output.report import Screen, effects_document, effects_tables, to_json

@@ -12,8 +12,8 @@ import typer
 
 from ...errors import OptionError
 from ..app import app
-from ..arguments import Json
-from ..terminal import BAD, DONE, bars, complain
+from ..options import Json
+from ..terminal import BAD, DONE, bars, write_error
 
 if TYPE_CHECKING:
     from ...recording.gallery import DataSet
@@ -21,21 +21,22 @@ if TYPE_CHECKING:
 
 @app.command(epilog="Example: signid data panda")
 def data(
-    name: Annotated[str | None, typer.Argument(metavar="NAME", help="Without it, all are listed.")] = None,
+    name: Annotated[str | None, typer.Argument(metavar="NAME", help="A data set; without it, all are listed.")] = None,
     output: Annotated[
-        str | None, typer.Option("--output", "-o", metavar="DIR", help="Default: SIGNID_DATA, or the folder data.")
+        str | None,
+        typer.Option("--output", "-o", metavar="DIR", help="Target folder. Default: SIGNID_DATA, or the folder data."),
     ] = None,
-    yes: Annotated[bool, typer.Option("--yes", "-y", help="Download without asking.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", "-y", help="Download without confirmation.")] = False,
     source: Annotated[
         str | None,
-        typer.Option(metavar="URL", help="A copy: https, or this machine. Default: the source itself."),
+        typer.Option(metavar="URL", help="Mirror: https, or a local folder. Default: the original source."),
     ] = None,
     json: Json = False,
 ) -> int:
-    """Public recordings of real robots, listed or downloaded.
+    """List or download public recordings of real robots.
 
-    The examples in robots/ need them. Source, commit and licence are shown, and you are asked, before anything is
-    downloaded. What signid makes of the files is checked by its sha256, and DIR gets all of it or nothing.
+    The examples in robots/ need them. Source, commit and licence are shown, and the download must be confirmed. The
+    converted files are verified by their sha256 and written completely or not at all.
     """
     from ...recording.gallery import data_folder
 
@@ -50,7 +51,7 @@ def _list(folder: Path, json: bool, alone: bool) -> int:
     from ...recording.gallery import DATA
 
     if not alone:
-        raise OptionError("no data set was named; write signid data NAME, or signid data alone for a list of them")
+        raise OptionError("no data set was named; write signid data NAME, or signid data to list them")
     if json:
         Screen().write(to_json(data_document(DATA, folder)))
     else:
@@ -70,7 +71,7 @@ def _get(name: str, folder: Path, yes: bool, source: str | None, json: bool) -> 
     if not is_complete(wanted, place):
         probe_folder(place)
         if not _agreed(wanted, yes, json):
-            complain(f"{name} was not downloaded")
+            write_error(f"{name} was not downloaded")
             return BAD
         with bars(json) as progress:
             files = fetch(wanted, source, progress=progress)
@@ -78,34 +79,29 @@ def _get(name: str, folder: Path, yes: bool, source: str | None, json: bool) -> 
     if json:
         screen.write(to_json(data_document([wanted], folder, written)))
     else:
-        screen.write("\n".join(["", *_told(written, place), "", *_next(wanted, folder), ""]))
+        listed = ["written:", *(f"  {path}" for path in written)] if written else [f"{place} is already complete"]
+        screen.write("\n".join(["", *listed, "", *_next(wanted, folder), ""]))
     return DONE
 
 
 def _folder(output: str) -> Path:
     if not output:
-        raise OptionError("-o '' is no folder; name the folder that the recordings go to")
+        raise OptionError("-o '' is not a folder; name the folder for the recordings")
     return Path(output).expanduser()
 
 
 def _agreed(wanted: DataSet, yes: bool, json: bool) -> bool:
-    """Whether the user wants it, having seen where it comes from."""
+    """Whether the user confirms the download."""
     if yes:
         return True
     if json or not (sys.stdin.isatty() and sys.stdout.isatty()):
-        told = f"comes from github.com/{wanted.repository}, licence {wanted.licence}"
-        raise OptionError(f"{wanted.name} {told}, and nobody is here to agree; add --yes to download it")
+        source = f"github.com/{wanted.repository}, licence {wanted.licence}"
+        raise OptionError(f"{wanted.name} comes from {source}, and needs confirmation; add --yes to download it")
     return typer.confirm("Download it?")
 
 
-def _told(written: list[Path], place: Path) -> list[str]:
-    if not written:
-        return [f"{place} has it already, to the last digit"]
-    return ["written:", *(f"  {path}" for path in written)]
-
-
 def _next(wanted: DataSet, folder: Path) -> list[str]:
-    """What to do with it."""
+    """Commands that use the data set."""
     from ...recording.gallery import data_folder
     from ...robot.locate import robots_folder
 

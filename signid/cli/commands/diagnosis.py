@@ -2,96 +2,75 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from dataclasses import dataclass
+from typing import Annotated
 
 import typer
 
-from ...deadline import USUAL, time_limit as limited
+from ...deadline import USUAL, time_limit
 from ..app import app
-from ..arguments import (
-    Actuators,
-    Columns,
-    Cutoff,
-    Files,
-    Joints,
-    Json,
-    Lock,
-    PackageDir,
-    Seed,
-    SimulationName,
-    TimeLimit,
-    Unsigned,
-    again,
-)
+from ..arguments import given_command, given_model, given_recordings, simulation_inputs
+from ..options import Columns, Cutoff, Recordings, RunOptions, SimulationArguments, Texts, TimeLimit, Unsigned, expanded
 from ..output import check_folder
-from ..source import Source, given_model
 from ..terminal import bars
 
-if TYPE_CHECKING:
-    from ...types import Recording, Robot
 
-Paths = list[str] | None
+@dataclass(frozen=True, kw_only=True)
+class DiagnoseOptions:
+    """Recordings, search and output of a diagnosis."""
+
+    output: Annotated[
+        str | None, typer.Option("--output", "-o", metavar="DIR", help="Output folder. Needed, unless --json.")
+    ] = None
+    held_out: Annotated[
+        Texts, typer.Option(metavar="RECORDING", help="Held-out recording. Repeatable. Default: see above.")
+    ] = None
+    reference: Annotated[
+        Texts, typer.Option(metavar="RECORDING", help="Recording of the robot in a healthy state. Repeatable.")
+    ] = None
+    skip: Annotated[Texts, typer.Option(metavar="EFFECT", help="Effect to exclude from the search. Repeatable.")] = None
+    columns: Columns = None
+    cutoff: Cutoff = None
+    unsigned: Unsigned = False
+    time_limit: TimeLimit = USUAL
 
 
 @app.command(epilog="Example: signid diagnose 3r recording.csv -o diagnosis")
+@expanded
 def diagnose(
     context: typer.Context,
-    simulation: SimulationName,
-    recordings: Files,
-    output: Annotated[
-        str | None, typer.Option("--output", "-o", metavar="DIR", help="Folder of the results. Needed, unless --json.")
-    ] = None,
-    held_out: Annotated[
-        Paths, typer.Option(metavar="RECORDING", help="To judge by. Repeatable. Default: see above.")
-    ] = None,
-    reference: Annotated[
-        Paths, typer.Option(metavar="RECORDING", help="Of the robot when all was well. Repeatable.")
-    ] = None,
-    skip: Annotated[Paths, typer.Option(metavar="EFFECT", help="A law that cannot be. Repeatable.")] = None,
-    joints: Joints = None,
-    lock: Lock = None,
-    actuators: Actuators = None,
-    package_dir: PackageDir = None,
-    columns: Columns = None,
-    cutoff: Cutoff = None,
-    unsigned: Unsigned = False,
-    time_limit: TimeLimit = USUAL,
-    seed: Seed = 0,
-    json: Json = False,
+    diagnosis: DiagnoseOptions,
+    simulation: SimulationArguments,
+    recordings: Recordings,
+    run: RunOptions,
 ) -> int:
-    """Why a simulation is wrong: which physics it lacks, and where.
+    """Find the physics that a simulation lacks, and where it acts.
 
-    Laws are named with numbers, probability and what would explain the recordings as well. DIR gets diagnosis.json,
-    report.html, and the simulation with what it lacked as model.json and robot.urdf. Without --held-out the last of
-    several recordings, or the last 30 % of the only one, is held out. What the simulation lacks in --reference
-    recordings, too, is no finding. Torques without a sign get it back first, as in identify.
+    Each law is listed with its parameters, its probability and the alternatives that fit equally well. DIR gets
+    diagnosis.json, report.html, and the extended simulation as model.json and robot.urdf. Without --held-out the last
+    of several recordings, or the last 30 % of a single one, is held out. Differences that --reference recordings show
+    as well are not reported. Lost torque signs are recovered first, as in identify.
     """
     from ...diagnose import diagnose as search
     from ...regression.session import Options
     from ..files import deliver_diagnosis
 
-    check_folder(output, json)
-    source = Source(simulation, joints, lock, actuators, package_dir)
-    model, _ = given_model(source)
-    given, judges, healthy = (
-        _read(paths, model.robot, columns, unsigned) for paths in (recordings, held_out, reference)
+    check_folder(diagnosis.output, run.json)
+    model, _ = given_model(simulation)
+    given, held_out, healthy = (
+        given_recordings(paths, model.robot, diagnosis.columns, diagnosis.unsigned)
+        for paths in (recordings, diagnosis.held_out, diagnosis.reference)
     )
-    options = Options(cutoff=cutoff, seed=seed)
-    with limited(time_limit):
-        with bars(json, one=True) as progress:
+    with time_limit(diagnosis.time_limit):
+        with bars(run.json, one=True) as progress:
             result = search(
                 model,
                 given,
-                held_out=judges,
+                held_out=held_out,
                 reference=healthy,
-                skip=[name.strip() for text in skip or () for name in text.split(",")],
-                options=options,
+                skip=[name.strip() for text in diagnosis.skip or () for name in text.split(",")],
+                options=Options(cutoff=diagnosis.cutoff, seed=run.seed),
                 progress=progress,
             )
-        return deliver_diagnosis(result, source.inputs(model.robot, columns=columns), output, json, again(context))
-
-
-def _read(paths: Paths, robot: Robot, columns: str | None, unsigned: bool) -> list[Recording]:
-    from ..arguments import given_recording
-
-    return [given_recording(path, robot, columns, unsigned) for path in paths or ()]
+        inputs = simulation_inputs(simulation, model.robot, columns=diagnosis.columns)
+        return deliver_diagnosis(result, inputs, diagnosis.output, run.json, given_command(context))

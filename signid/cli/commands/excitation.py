@@ -2,99 +2,113 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ...deadline import USUAL, time_limit as limited
+from ...deadline import USUAL, time_limit
 from ...errors import OptionError
 from ..app import app
-from ..arguments import Actuators, Effects, Joints, Json, Lock, PackageDir, RobotName, Seed, TimeLimit, given_effects
-from ..output import check_file, write_columns
-from ..source import Source, given_model
-from ..terminal import bars, tell_flags
+from ..arguments import given_effects, given_model, simulation_inputs
+from ..options import Effects, RobotArguments, RunOptions, Texts, TimeLimit, expanded
+from ..output import check_file, list_written, write_columns
+from ..terminal import bars, write_flags
 
 if TYPE_CHECKING:
+    from ...model import Model
     from ...simulation.excite import Excitation, Limits, Separation
     from ...types import Array, Law, Robot, Trajectory
 
-Output = Annotated[
-    str | None,
-    typer.Option(
-        "--output", "-o", metavar="FILE", help="The motion: .csv, .csv.gz, .parquet or .npz. Needed, unless --json."
-    ),
-]
-Scale = Annotated[float, typer.Option(metavar="SHARE", help="Of the limits that ROBOT states.")]
-Apart = Annotated[
-    list[str] | None,
-    typer.Option("--separate", metavar="A,B", help="Two laws EFFECT[@JOINT][:key=value,...] to tell apart instead."),
-]
+
+@dataclass(frozen=True, kw_only=True)
+class ExciteOptions:
+    """Objective, parameters and limits of a motion."""
+
+    output: Annotated[
+        str | None,
+        typer.Option(
+            "--output", "-o", metavar="FILE", help="The motion: .csv, .csv.gz, .parquet or .npz. Needed, unless --json."
+        ),
+    ] = None
+    separate: Annotated[
+        Texts,
+        typer.Option(
+            "--separate", metavar="A,B", help="Two laws EFFECT[@JOINT][:key=value,...] to discriminate instead."
+        ),
+    ] = None
+    kind: Annotated[str, typer.Option(metavar="KIND", help="Motion: fourier, spline, or random (not optimised).")] = (
+        "fourier"
+    )
+    criterion: Annotated[str, typer.Option(metavar="WHICH", help="Optimality criterion: determinant or condition.")] = (
+        "determinant"
+    )
+    duration: Annotated[float, typer.Option(metavar="S", help="Length of the motion [s].")] = 20.0
+    harmonics: Annotated[
+        int | None, typer.Option(metavar="N", help="Number of harmonics. Default: 10; 5 with --separate.")
+    ] = None
+    base_frequency: Annotated[
+        float | None, typer.Option(metavar="HZ", help="Frequency of the first harmonic [Hz]. Default: 1 / duration.")
+    ] = None
+    velocity_scale: Annotated[
+        float, typer.Option(metavar="SHARE", help="Share of the robot's velocity limits to use.")
+    ] = 1.0
+    acceleration_scale: Annotated[
+        float, typer.Option(metavar="SHARE", help="Share of the robot's acceleration limits to use.")
+    ] = 1.0
+    torque_scale: Annotated[float, typer.Option(metavar="SHARE", help="Share of the robot's torque limits to use.")] = (
+        1.0
+    )
+    clearance: Annotated[float, typer.Option(metavar="M", help="Minimum distance between links [m].")] = 0.01
+    rate: Annotated[float, typer.Option(metavar="HZ", help="Sampling rate of the file [Hz].")] = 100.0
+    effects: Effects = None
+    time_limit: TimeLimit = USUAL
 
 
 @app.command(epilog="Example: signid excite 3r --duration 10 -o motion.csv")
-def excite(
-    robot: RobotName,
-    output: Output = None,
-    separate: Apart = None,
-    kind: Annotated[str, typer.Option(metavar="KIND", help="fourier, spline, or random (not sought).")] = "fourier",
-    criterion: Annotated[
-        str, typer.Option(metavar="WHICH", help="What is best: determinant or condition.")
-    ] = "determinant",
-    duration: Annotated[float, typer.Option(metavar="S", help="Of the motion [s].")] = 20.0,
-    harmonics: Annotated[
-        int | None, typer.Option(metavar="N", help="Of the motion. Default: 10; 5 to separate.")
-    ] = None,
-    base_frequency: Annotated[
-        float | None, typer.Option(metavar="HZ", help="Of the first [Hz]. Default: 1 / duration.")
-    ] = None,
-    velocity_scale: Scale = 1.0,
-    acceleration_scale: Scale = 1.0,
-    torque_scale: Scale = 1.0,
-    clearance: Annotated[float, typer.Option(metavar="M", help="Between links, at least [m].")] = 0.01,
-    rate: Annotated[float, typer.Option(metavar="HZ", help="Of the rows [Hz].")] = 100.0,
-    effects: Effects = None,
-    joints: Joints = None,
-    lock: Lock = None,
-    actuators: Actuators = None,
-    package_dir: PackageDir = None,
-    time_limit: TimeLimit = USUAL,
-    seed: Seed = 0,
-    json: Json = False,
-) -> int:
-    """A motion that tells most, or that tells two laws apart.
+@expanded
+def excite(excitation: ExciteOptions, robot: RobotArguments, run: RunOptions) -> int:
+    """Compute an exciting motion, or one that discriminates two laws.
 
-    It keeps within the limits and clear of the robot's own links, and begins and ends at rest: t, q_J, dq_J, ddq_J,
-    ready for signid simulate --motion. With --separate it is the one that tells two laws apart, or the finding (exit
-    code 3) that none does. The numbers of a law that are not stated are usual ones.
+    The motion respects the limits, avoids self-collision, and begins and ends at rest. Its columns t, q_J, dq_J, ddq_J
+    fit signid simulate --motion. With --separate the motion discriminates two laws; if no motion can, the exit code is
+    3. Parameters of a law that are not given take their usual values.
     """
     from ...output.report import Screen, excitation_document, excitation_tables, to_json
-    from ...simulation.excite import excite as search, separate as part
 
-    check_file(output, json)
-    source = Source(robot, joints, lock, actuators, package_dir)
+    check_file(excitation.output, run.json)
+    source = robot.simulation
     model, _ = given_model(source)
-    options: dict[str, Any] = {"duration": duration, "clearance": clearance, "rate": rate, "seed": seed}
-    options["limits"] = _limits(model.robot, velocity_scale, acceleration_scale, torque_scale)
-    options |= {} if harmonics is None else {"harmonics": harmonics}
-    rivals = _rivals(separate, model.robot)
-    found: Excitation | Separation
-    with limited(time_limit), bars(json) as progress:
-        options["progress"] = progress
-        if rivals is None:
-            options |= {"kind": kind, "criterion": criterion, "base_frequency": base_frequency}
-            found = search(model, effects=given_effects(effects), **options)
-        else:
-            found = part(model, *rivals, **options)
-    document = to_json(excitation_document(model.robot, found, source.inputs(model.robot), seed))
-    written, screen = write_columns(output, motion_columns(found.trajectory)), Screen()
-    if json:
-        screen.write(document)
-    else:
-        screen.print(*excitation_tables(model.robot, found), sep="\n")
-    code = tell_flags(found.flags)
-    if written and not json:
-        screen.write("\n".join(["", "written:", *(f"  {path}" for path in written), ""]))
+    found = _search(model, excitation, run)
+    document = to_json(excitation_document(model.robot, found, simulation_inputs(source, model.robot), run.seed))
+    written = write_columns(excitation.output, motion_columns(found.trajectory))
+    if run.json:
+        Screen().write(document)
+        return write_flags(found.flags)
+    Screen().print(*excitation_tables(model.robot, found), sep="\n")
+    code = write_flags(found.flags)
+    list_written(written)
     return code
+
+
+def _search(model: Model, asked: ExciteOptions, run: RunOptions) -> Excitation | Separation:
+    """Optimise a motion for identification, or for discrimination if two laws are given."""
+    from ...simulation.excite import excite, separate
+
+    rivals = _rivals(asked.separate, model.robot)
+    options: dict[str, Any] = {
+        "duration": asked.duration,
+        "clearance": asked.clearance,
+        "rate": asked.rate,
+        "seed": run.seed,
+        "limits": _limits(model.robot, asked),
+    }
+    options |= {} if asked.harmonics is None else {"harmonics": asked.harmonics}
+    with time_limit(asked.time_limit), bars(run.json) as progress:
+        if rivals is not None:
+            return separate(model, *rivals, **options, progress=progress)
+        options |= {"kind": asked.kind, "criterion": asked.criterion, "base_frequency": asked.base_frequency}
+        return excite(model, effects=given_effects(asked.effects), **options, progress=progress)
 
 
 def motion_columns(trajectory: Trajectory) -> dict[str, Array]:
@@ -106,7 +120,7 @@ def motion_columns(trajectory: Trajectory) -> dict[str, Array]:
 
 
 def split_laws(texts: list[str]) -> list[str]:
-    """Laws that commas part, each with the commas of its own numbers."""
+    """Split comma-separated laws; commas between the parameters of a law are kept."""
     laws: list[str] = []
     for piece in (piece for text in texts for piece in text.split(",")):
         if laws and "=" in piece and ":" not in piece:
@@ -128,12 +142,14 @@ def _rivals(texts: list[str] | None, robot: Robot) -> tuple[Law, Law] | None:
     return first, second
 
 
-def _limits(robot: Robot, velocity: float, acceleration: float, torque: float) -> Limits:
-    from dataclasses import replace
-
+def _limits(robot: Robot, asked: ExciteOptions) -> Limits:
     from ...simulation.excite import build_limits
 
-    given = {"velocity": velocity, "acceleration": acceleration, "torque": torque}
+    given = {
+        "velocity": asked.velocity_scale,
+        "acceleration": asked.acceleration_scale,
+        "torque": asked.torque_scale,
+    }
     for name, value in given.items():
         if not 0 < value < float("inf"):
             raise OptionError(f"--{name}-scale is {value:g}; give a share of the limits above 0")

@@ -1,8 +1,9 @@
-"""The command `reduce`, and files of factors where recordings may stand."""
+"""The command `reduce`, and files of factors in place of recordings."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,42 +12,29 @@ import typer
 
 from ...errors import OptionError
 from ..app import app
-from ..arguments import (
-    Actuators,
-    Columns,
-    Cutoff,
-    Derivatives,
-    Effects,
-    Files,
-    Joints,
-    Json,
-    Lock,
-    NoInstruments,
-    PackageDir,
-    RobotName,
-    Seed,
-    White,
-    given_options,
-    given_recording,
-    given_robot,
-)
+from ..arguments import given_options, given_recordings, given_robot
+from ..options import Recordings, RobotArguments, RowOptions, RunOptions, Texts, expanded
+from ..output import list_written
 from ..terminal import DONE, bars
 
 if TYPE_CHECKING:
     from ...regression.reduced import Reduced
-    from ...types import Input, Progress, Robot
+    from ...types import Input, Progress, Recording, Robot
 
-SHAPES = ("held_out", "columns", "effects", "cutoff", "derivatives", "no_instruments")
+SHAPES = ("held_out", "columns", "effects", "cutoff", "derivatives", "no_instruments")  # options of `reduce` itself
 SAMPLES = ("unsigned", "robust")  # options that need samples
-PARTS = "Cut the rows into N parts, reduced side by side, to the same bytes. Default: 1."
-ONLY = "One part of N, for a scheduler of your own; identify takes all N files. Default: all."
 
 
 def given_factors(paths: Sequence[str], robot: Robot, context: typer.Context) -> Reduced | None:
-    """The sum of files of factors; None where the files are recordings.
+    """Return the sum of files of factors; None if the files are recordings.
+
+    Args:
+        paths: files.
+        robot: robot that the factors belong to.
+        context: command with its options.
 
     Raises:
-        OptionError: recordings stand beside them, an option says how recordings become rows, or they do not add.
+        OptionError: the files are of both kinds, or an option applies to recordings only, or the factors do not match.
     """
     from ...regression.reduced import add_up, is_factor_file, load_factors
 
@@ -54,18 +42,22 @@ def given_factors(paths: Sequence[str], robot: Robot, context: typer.Context) ->
     if not any(reduced):
         return None
     if not all(reduced):
-        told = f"{paths[reduced.index(False)]} is a recording and {paths[reduced.index(True)]} a file of factors"
-        raise OptionError(f"{told}; reduce the recording like those (signid reduce --like), and give its factors")
+        raise OptionError(
+            f"{paths[reduced.index(False)]} is a recording and {paths[reduced.index(True)]} a file of factors; "
+            f"reduce the recording in the same way (signid reduce --like), and give its factors"
+        )
     defaults = {parameter.name: parameter.default for parameter in context.command.params}
     for name in (*SHAPES, *SAMPLES):
         if context.params[name] and context.params[name] != defaults[name]:
-            told = f"--{name.replace('_', '-')} tells how recordings are read, and {paths[0]} has been reduced already"
-            raise OptionError(f"{told}; give {'the recordings instead' if name in SAMPLES else 'it to signid reduce'}")
+            advice = "the recordings instead" if name in SAMPLES else "it to signid reduce"
+            raise OptionError(
+                f"--{name.replace('_', '-')} applies to recordings, but {paths[0]} is already reduced; give {advice}"
+            )
     return add_up([load_factors(path, robot) for path in paths])
 
 
 def factor_inputs(paths: Sequence[str]) -> list[Input]:
-    """Those of some files that are of factors, by what they hold."""
+    """List the files of factors among some files, with their digests."""
     from ...regression.reduced import is_factor_file
     from ...types import Input
 
@@ -73,112 +65,130 @@ def factor_inputs(paths: Sequence[str]) -> list[Input]:
     return [Input(path, digest, "factors") for path, digest in digests]
 
 
-@app.command(epilog="Example: signid reduce 3r recording.csv -o factors.npz")
-def reduce(
-    context: typer.Context,
-    robot: RobotName,
-    recordings: Files,
+@dataclass(frozen=True, kw_only=True)
+class ReduceOptions:
+    """Parts, data and output of a reduction."""
+
     output: Annotated[
         str | None, typer.Option("--output", "-o", metavar="FILE", help="A .npz file. Needed, unless --json.")
-    ] = None,
+    ] = None
     held_out: Annotated[
-        list[str] | None, typer.Option(metavar="RECORDING", help="To judge by. Repeatable. Default: see identify.")
-    ] = None,
+        Texts, typer.Option(metavar="RECORDING", help="Held-out recording. Repeatable. Default: see identify.")
+    ] = None
     like: Annotated[
         str | None,
-        typer.Option(metavar="FACTORS", help="Laws, band and filter of that file, so that both add. Default: its own."),
-    ] = None,
-    parts: Annotated[int | None, typer.Option(metavar="N", min=1, help=PARTS)] = None,
+        typer.Option(
+            metavar="FACTORS", help="Use laws, band and filter of this file, so that both add up. Default: its own."
+        ),
+    ] = None
+    parts: Annotated[
+        int | None,
+        typer.Option(metavar="N", min=1, help="Reduce N parts in parallel; the result is identical. Default: 1."),
+    ] = None
     scheduler: Annotated[
         str | None,
-        typer.Option(metavar="ADDRESS", help="Of Dask, for --parts: tcp://HOST:8786. Default: this machine."),
-    ] = None,
-    only: Annotated[str | None, typer.Option(metavar="K/N", help=ONLY)] = None,
-    joints: Joints = None,
-    lock: Lock = None,
-    actuators: Actuators = None,
-    package_dir: PackageDir = None,
-    columns: Columns = None,
-    effects: Effects = None,
-    cutoff: Cutoff = None,
-    derivatives: Derivatives = "auto",
-    no_instruments: NoInstruments = False,
-    white: White = False,
-    seed: Seed = 0,
-    json: Json = False,
-) -> int:
-    """Recordings made small: all that identify needs.
+        typer.Option(metavar="ADDRESS", help="Dask scheduler for --parts: tcp://HOST:8786. Default: this machine."),
+    ] = None
+    only: Annotated[
+        str | None,
+        typer.Option(metavar="K/N", help="Reduce part K of N only; identify takes all N files. Default: all."),
+    ] = None
 
-    FILE holds factors instead of samples, 0.1 to 1 MB however long the recordings are. signid identify ROBOT FILE
-    answers from it as from the recordings, at once. Files add up, in any number, where they are reduced --like one of
-    them; without it laws, band and filter follow from the recordings themselves.
+
+@app.command(epilog="Example: signid reduce 3r recording.csv -o factors.npz")
+@expanded
+def reduce(
+    context: typer.Context,
+    reduction: ReduceOptions,
+    robot: RobotArguments,
+    recordings: Recordings,
+    rows: RowOptions,
+    run: RunOptions,
+) -> int:
+    """Reduce recordings to the factors that identify needs.
+
+    FILE holds factors instead of samples, 0.1 to 1 MB for recordings of any length. signid identify ROBOT FILE gives
+    the same result as the recordings, at once. Files can be added if they are reduced --like one of them; otherwise
+    laws, band and filter follow from the recordings themselves.
     """
     from ...output.report import Screen, factors_document, factors_tables, to_json, write_files
-    from ...regression.reduced import add_up, encode_factors, load_factors, reduce as learn
+    from ...regression.reduced import add_up, encode_factors
 
-    _check(output, only, parts, scheduler, json)
-    described = given_robot(robot, joints, lock, actuators, package_dir)
-    if parts is not None:
-        with bars(json) as progress:
-            found = add_up(list(_side_by_side(context, parts, scheduler, described, progress)))
+    _check(reduction, run.json)
+    described = given_robot(robot.robot, robot)
+    if reduction.parts is not None:
+        with bars(run.json) as progress:
+            found = add_up(list(_side_by_side(context, reduction.parts, reduction.scheduler, described, progress)))
     else:
-        given, judges = (
-            [given_recording(p, described, columns) for p in some] for some in (recordings, held_out or ())
-        )
-        with bars(json) as progress:
-            found = learn(
-                described,
-                given,
-                held_out=judges,
-                options=given_options(effects, cutoff, derivatives, no_instruments, white, seed),
-                like=None if like is None else load_factors(like, described),
-                share=_share(only),
-                progress=progress,
-            )
+        given, held_out = (given_recordings(some, described, rows.columns) for some in (recordings, reduction.held_out))
+        found = _reduce(described, given, held_out, reduction, rows, run)
     content = encode_factors(found)
-    place = Path(output or "")
-    written = [] if output is None else write_files(place.parent, {place.name: content})
+    place = Path(reduction.output or "")
+    written = [] if reduction.output is None else write_files(place.parent, {place.name: content})
     document = factors_document(found, len(content))
-    if json:
+    if run.json:
         Screen().write(to_json(document))
     else:
         Screen().print(*factors_tables(document), sep="\n")
-        Screen().write("\n".join(["", "written:", *(f"  {path}" for path in written), ""]))
+        list_written(written)
     return DONE
 
 
-def _check(output: str | None, only: str | None, parts: int | None, scheduler: str | None, json: bool) -> None:
+def _reduce(
+    robot: Robot,
+    given: Sequence[Recording],
+    held_out: Sequence[Recording],
+    reduction: ReduceOptions,
+    rows: RowOptions,
+    run: RunOptions,
+) -> Reduced:
+    from ...regression.reduced import load_factors, reduce as learn
+
+    with bars(run.json) as progress:
+        return learn(
+            robot,
+            given,
+            held_out=held_out,
+            options=given_options(rows, run.seed),
+            like=None if reduction.like is None else load_factors(reduction.like, robot),
+            share=_share(reduction.only),
+            progress=progress,
+        )
+
+
+def _check(reduction: ReduceOptions, json: bool) -> None:
     from ...output.report import probe_folder
 
+    output = reduction.output
     if output == "" or (output is None and not json):
-        raise OptionError("no file for the factors was named; add -o FILE.npz, or --json to print what is told of them")
+        raise OptionError("no file for the factors was named; add -o FILE.npz, or --json to print a summary instead")
     if output is not None:
         if not output.lower().endswith(".npz"):
-            raise OptionError(f"factors are written as .npz, and {output!r} is none; let its name end in .npz")
+            raise OptionError(f"{output!r} is not a .npz file, the format of factors; use a name that ends in .npz")
         probe_folder(Path(output).parent)
-    if parts is not None and only is not None:
-        raise OptionError("--parts makes all parts and --only one; give one of them")
-    if scheduler is not None and parts is None:
-        raise OptionError("--scheduler is where parts are reduced side by side; add --parts N")
+    if reduction.parts is not None and reduction.only is not None:
+        raise OptionError("--parts reduces all parts and --only one of them; give one of these options")
+    if reduction.scheduler is not None and reduction.parts is None:
+        raise OptionError("--scheduler distributes parts; add --parts N")
 
 
 def _share(only: str | None) -> tuple[int, int]:
-    """Which part of how many.
+    """Parse the number of a part and the number of parts.
 
     Raises:
-        OptionError: it is none.
+        OptionError: the text is neither.
     """
     try:
         which, of = (int(part) for part in (only or "1/1").split("/"))
     except ValueError:
-        raise OptionError(f"--only {only!r} is no part; write K/N, such as 3/8") from None
+        raise OptionError(f"--only {only!r} is not a part; write K/N, such as 3/8") from None
     return which, of
 
 
 def _side_by_side(
     context: typer.Context, parts: int, scheduler: str | None, robot: Robot, progress: Progress | None
 ) -> Iterator[Reduced]:
-    """Every part, as processes of their own reduce them."""
+    """Yield every part, reduced by worker processes."""
     from contextlib import closing
     from tempfile import TemporaryDirectory
 
@@ -200,7 +210,7 @@ def _side_by_side(
 
 
 def _spelled(context: typer.Context, but: Sequence[str]) -> tuple[str, ...]:
-    """The command with all that was given to it, but for some options, as words."""
+    """The command and its given options as words, some options excepted."""
     words = [str(context.command.name)]
     for parameter in context.command.params:
         value = context.params[str(parameter.name)]

@@ -1,181 +1,167 @@
-"""The commands."""
+"""The commands `inspect`, `check` and `identify`."""
 
 from __future__ import annotations
 
-from typing import Annotated
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ...deadline import USUAL, time_limit as limited
+from ...deadline import USUAL, time_limit
+from ...errors import OptionError
 from ..app import app
-from ..arguments import (
-    Actuators,
-    Bounds,
-    Columns,
-    Cutoff,
-    Derivatives,
-    Effects,
-    EstimatorName,
-    Files,
-    GlobalAlgorithm,
-    Joints,
-    Json,
-    LocalAlgorithm,
-    Lock,
-    NoInstruments,
-    PackageDir,
-    RobotName,
-    Seed,
-    SignSearch,
-    TimeLimit,
-    TotalMass,
-    Unsigned,
-    White,
-    again,
-    given_effects,
-    given_inputs,
-    given_options,
-    given_recording,
-    given_robot,
-    given_search,
-)
+from ..arguments import given_command, given_effects, given_inputs, given_options, given_recordings, given_robot
+from ..options import Effects, Recordings, RobotArguments, RowOptions, RunOptions, Texts, TimeLimit, Unsigned, expanded
 from ..output import check_folder
-from ..terminal import DONE, bars, tell_flags
+from ..terminal import DONE, bars, write_flags
+
+if TYPE_CHECKING:
+    from ...estimation.standard import Search
 
 
 @app.command(epilog="Example: signid inspect panda --joints panda_joint6,panda_joint7")
-def inspect(
-    robot: RobotName,
-    joints: Joints = None,
-    lock: Lock = None,
-    actuators: Actuators = None,
-    package_dir: PackageDir = None,
-    effects: Effects = None,
-    seed: Seed = 0,
-    json: Json = False,
-) -> int:
-    """Joints, links, base parameters, and what no motion can tell."""
+@expanded
+def inspect(robot: RobotArguments, run: RunOptions, effects: Effects = None) -> int:
+    """List joints, links, base and unidentifiable parameters."""
     from ...inspect import inspect as look
     from ...output.report import Screen, inspection_document, inspection_tables, to_json
 
-    described = given_robot(robot, joints, lock, actuators, package_dir)
-    found = look(described, given_effects(effects), seed)
-    if json:
-        Screen().write(to_json(inspection_document(found, given_inputs(robot, described, actuators), seed)))
+    described = given_robot(robot.robot, robot)
+    found = look(described, given_effects(effects), run.seed)
+    if run.json:
+        inputs = given_inputs(robot.robot, described, robot.actuators)
+        Screen().write(to_json(inspection_document(found, inputs, run.seed)))
     else:
         Screen().print(*inspection_tables(found), sep="\n")
     return DONE
 
 
 @app.command(epilog="Example: signid check 3r recording.csv")
+@expanded
 def check(
-    robot: RobotName,
-    recordings: Files,
-    joints: Joints = None,
-    lock: Lock = None,
-    actuators: Actuators = None,
-    package_dir: PackageDir = None,
-    columns: Columns = None,
-    effects: Effects = None,
-    cutoff: Cutoff = None,
-    derivatives: Derivatives = "auto",
-    no_instruments: NoInstruments = False,
-    white: White = False,
-    unsigned: Unsigned = False,
-    seed: Seed = 0,
-    json: Json = False,
+    robot: RobotArguments, recordings: Recordings, rows: RowOptions, run: RunOptions, unsigned: Unsigned = False
 ) -> int:
-    """What recordings can tell, before a model is fitted.
+    """Check what recordings can identify, before a model is fitted.
 
-    Sampling, gaps, noise, cut-offs, gross faults and excitation, and what would help. Torques without a sign
-    (abs_tau_J, abs_current_J or --unsigned) get it back first, as in identify.
+    Covers sampling, gaps, noise, cut-offs, recording faults and excitation, and advises what to improve. Lost torque
+    signs (abs_tau_J, abs_current_J or --unsigned) are recovered first, as in identify.
     """
     from ...check import check as judge
     from ...output.report import Screen, check_document, check_tables, to_json
 
-    described = given_robot(robot, joints, lock, actuators, package_dir)
-    given = [given_recording(path, described, columns, unsigned) for path in recordings]
-    options = given_options(effects, cutoff, derivatives, no_instruments, white, seed)
-    with bars(json) as progress:
-        found = judge(described, given, options=options, progress=progress)
-    if json:
-        Screen().write(to_json(check_document(found, given_inputs(robot, described, actuators, columns=columns), seed)))
+    described = given_robot(robot.robot, robot)
+    given = given_recordings(recordings, described, rows.columns, unsigned)
+    with bars(run.json) as progress:
+        found = judge(described, given, options=given_options(rows, run.seed), progress=progress)
+    if run.json:
+        inputs = given_inputs(robot.robot, described, robot.actuators, columns=rows.columns)
+        Screen().write(to_json(check_document(found, inputs, run.seed)))
     else:
         Screen().print(*check_tables(found), sep="\n")
-    return tell_flags(found.flags)
+    return write_flags(found.flags)
 
 
-@app.command(epilog="Example: signid identify 3r recording.csv -o result")
-def identify(
-    context: typer.Context,
-    robot: RobotName,
-    recordings: Files,
+@dataclass(frozen=True, kw_only=True)
+class IdentifyOptions:
+    """Method, data and output of an identification."""
+
     output: Annotated[
-        str | None, typer.Option("--output", "-o", metavar="DIR", help="Folder of the results. Needed, unless --json.")
-    ] = None,
+        str | None, typer.Option("--output", "-o", metavar="DIR", help="Output folder. Needed, unless --json.")
+    ] = None
     held_out: Annotated[
-        list[str] | None, typer.Option(metavar="RECORDING", help="To judge by. Repeatable. Default: see above.")
-    ] = None,
-    joints: Joints = None,
-    lock: Lock = None,
-    actuators: Actuators = None,
-    package_dir: PackageDir = None,
-    columns: Columns = None,
-    effects: Effects = None,
+        Texts, typer.Option(metavar="RECORDING", help="Held-out recording. Repeatable. Default: see above.")
+    ] = None
     method: Annotated[
         str | None,
         typer.Option(
-            metavar="HOW", help="convex (possible inertials; default), wls, or pbrp (default with --signs tree)."
+            metavar="HOW",
+            help="convex (physically consistent; default), wls, or pbrp (default with --signs tree).",
         ),
-    ] = None,
-    estimator: EstimatorName = None,
-    cutoff: Cutoff = None,
-    derivatives: Derivatives = "auto",
-    robust: Annotated[bool, typer.Option("--robust", help="Let outliers count less.")] = False,
-    no_instruments: NoInstruments = False,
-    white: White = False,
-    unsigned: Unsigned = False,
-    signs: SignSearch = "exact",
-    bounds: Bounds = None,
-    global_algorithm: GlobalAlgorithm = "GN_CRS2_LM",
-    local_algorithm: LocalAlgorithm = "LD_LBFGS",
-    total_mass: TotalMass = None,
-    time_limit: TimeLimit = USUAL,
-    seed: Seed = 0,
-    json: Json = False,
+    ] = None
+    estimator: Annotated[
+        str | None,
+        typer.Option(metavar="HOW", help="wls, iv, tls or oe. Default: wls, with q_des_J as instruments if recorded."),
+    ] = None
+    robust: Annotated[bool, typer.Option("--robust", help="Down-weight outliers.")] = False
+    unsigned: Unsigned = False
+    signs: Annotated[
+        str, typer.Option(metavar="HOW", help="Recovery of lost signs: exact, or tree (sequential heuristic).")
+    ] = "exact"
+    bounds: Annotated[
+        str | None,
+        typer.Option(metavar="FILE", help="TOML of parameter bounds for pbrp. Default: around ROBOT's values."),
+    ] = None
+    global_algorithm: Annotated[str, typer.Option(metavar="NAME", help="Global NLopt algorithm for pbrp.")] = (
+        "GN_CRS2_LM"
+    )
+    local_algorithm: Annotated[str, typer.Option(metavar="NAME", help="Local NLopt algorithm for pbrp.")] = "LD_LBFGS"
+    total_mass: Annotated[
+        str | None, typer.Option(metavar="LO,HI", help="Range of the total mass [kg], for pbrp. Default: any.")
+    ] = None
+    time_limit: TimeLimit = USUAL
+
+
+@app.command(epilog="Example: signid identify 3r recording.csv -o result")
+@expanded
+def identify(
+    context: typer.Context,
+    fit: IdentifyOptions,
+    robot: RobotArguments,
+    recordings: Recordings,
+    rows: RowOptions,
+    run: RunOptions,
 ) -> int:
-    """A dynamics model, with intervals, from recordings.
+    """Identify a dynamics model with intervals from recordings.
 
     DIR gets identification.json, model.json, robot.urdf and report.html. Without --held-out the last of several
-    recordings, or the last 30 % of the only one, is held out. Torques without a sign (abs_tau_J, abs_current_J or
-    --unsigned) get it back first: signed.csv and signs.html show it. Files that signid reduce wrote may stand for the
-    recordings; those of several recordings are added.
+    recordings, or the last 30 % of a single one, is held out. Lost torque signs (abs_tau_J, abs_current_J or
+    --unsigned) are recovered first and written to signed.csv and signs.html. Files from signid reduce can replace
+    recordings; several such files are added.
     """
     from ...identify import identify as learn
     from ..files import deliver
     from .factors import factor_inputs, given_factors
 
-    check_folder(output, json)
-    described = given_robot(robot, joints, lock, actuators, package_dir)
-    given = given_factors(recordings, described, context) or [
-        given_recording(path, described, columns, unsigned) for path in recordings
-    ]
-    judges = [given_recording(path, described, columns, unsigned) for path in held_out or ()]
-    options = given_options(effects, cutoff, derivatives, no_instruments, white, seed, robust)
-    search = given_search(bounds, global_algorithm, local_algorithm, total_mass)
-    with limited(time_limit):
-        with bars(json) as progress:
+    check_folder(fit.output, run.json)
+    described = given_robot(robot.robot, robot)
+    given = given_factors(recordings, described, context) or given_recordings(
+        recordings, described, rows.columns, fit.unsigned
+    )
+    held_out = given_recordings(fit.held_out, described, rows.columns, fit.unsigned)
+    options, search = given_options(rows, run.seed, fit.robust), _search(fit)
+    with time_limit(fit.time_limit):
+        with bars(run.json) as progress:
             result = learn(
                 described,
                 given,
-                held_out=judges,
-                method=method,
-                signs=signs,
-                estimator=estimator,
+                held_out=held_out,
+                method=fit.method,
+                signs=fit.signs,
+                estimator=fit.estimator,
                 search=search,
                 options=options,
                 progress=progress,
             )
-        read = given_inputs(robot, described, actuators, columns=columns, bounds=bounds)
+        read = given_inputs(robot.robot, described, robot.actuators, columns=rows.columns, bounds=fit.bounds)
         read += factor_inputs(recordings)
-        return deliver(result, read, output, json, again(context))
+        return deliver(result, read, fit.output, run.json, given_command(context))
+
+
+def _search(fit: IdentifyOptions) -> Search:
+    """Options of penalty-based parameter retrieval.
+
+    Raises:
+        OptionError: the range of the total mass is invalid.
+    """
+    from ...estimation.standard import Search
+
+    total = None
+    if fit.total_mass is not None:
+        try:
+            low, high = (float(part) for part in fit.total_mass.split(","))
+        except ValueError:
+            low, high = 1.0, 0.0
+        if not 0 <= low <= high:
+            raise OptionError(f"--total-mass {fit.total_mass!r} is not a range; write LO,HI in kg with LO <= HI")
+        total = (low, high)
+    return Search(fit.bounds, fit.global_algorithm, fit.local_algorithm, total)

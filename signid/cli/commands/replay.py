@@ -2,87 +2,96 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ...errors import OptionError
 from ..app import app
-from ..arguments import Actuators, Columns, Joints, Json, Lock, PackageDir, SimulationName, given_recording
-from ..source import Source, given_model
+from ..arguments import given_model, given_recordings, simulation_inputs
+from ..options import Columns, Json, SimulationArguments, expanded
 from ..terminal import DONE
 
 if TYPE_CHECKING:
     from ...output.replay import Replay
 
-Seconds = float | None
+
+@dataclass(frozen=True, kw_only=True)
+class ReplayOptions:
+    """Content of the animation, and where it is shown."""
+
+    diagnosis: Annotated[
+        str | None, typer.Option(metavar="FILE", help="diagnosis.json, with its model.json in the same folder.")
+    ] = None
+    html: Annotated[
+        str | None, typer.Option(metavar="FILE", help="Write one self-contained file instead of opening a viewer.")
+    ] = None
+    start: Annotated[float, typer.Option("--from", metavar="S", help="Start time in the recording [s].")] = 0.0
+    duration: Annotated[
+        float | None, typer.Option(metavar="S", help="Length to show [s]. Default: all, at most 60.")
+    ] = None
+    horizon: Annotated[float, typer.Option(metavar="S", help="Time between restarts from the measured state [s].")] = (
+        0.5
+    )
+    rate: Annotated[float, typer.Option(metavar="HZ", help="Frame rate [Hz].")] = 30.0
+    browser: Annotated[bool, typer.Option("--open/--no-open", help="Open the browser.")] = True
+    columns: Columns = None
 
 
 @app.command(epilog="Example: signid replay 3r recording.csv --html replay.html")
+@expanded
 def replay(
-    simulation: SimulationName,
+    shown: ReplayOptions,
+    simulation: SimulationArguments,
     recording: Annotated[str, typer.Argument(metavar="RECORDING", help="A CSV, CSV.gz, Parquet or NPZ file.")],
-    diagnosis: Annotated[
-        str | None, typer.Option(metavar="FILE", help="diagnosis.json, its model.json beside it.")
-    ] = None,
-    html: Annotated[
-        str | None, typer.Option(metavar="FILE", help="Write one file that needs no network, show nothing.")
-    ] = None,
-    start: Annotated[float, typer.Option("--from", metavar="S", help="Where it begins [s].")] = 0.0,
-    duration: Annotated[Seconds, typer.Option(metavar="S", help="How long it is [s]. Default: all, to 60.")] = None,
-    horizon: Annotated[float, typer.Option(metavar="S", help="Until the simulation starts anew [s].")] = 0.5,
-    rate: Annotated[float, typer.Option(metavar="HZ", help="Frames a second [Hz].")] = 30.0,
-    browser: Annotated[bool, typer.Option("--open/--no-open", help="Open the browser.")] = True,
-    joints: Joints = None,
-    lock: Lock = None,
-    actuators: Actuators = None,
-    package_dir: PackageDir = None,
-    columns: Columns = None,
     json: Json = False,
 ) -> int:
-    """The recorded robot and its simulation, in the browser.
+    """Animate the recorded robot and its simulation in the browser.
 
-    Live, as a Meshcat viewer, or as one HTML file. The simulation is a ghost that starts anew from the measured state
-    again and again, under the recorded torque. Links have the colour of the torque that it leaves unexplained at their
-    joint. With --diagnosis what was found is marked, and a switch shows the simulation with what it lacked.
+    Opens a Meshcat viewer or writes one HTML file. The simulation appears as a ghost that restarts from the measured
+    state at regular intervals and is driven by the recorded torque. The colour of a link shows the residual torque of
+    its joint. With --diagnosis the findings are marked, and a switch shows the extended simulation.
     """
     from ...output.replay import replay as build
     from ...output.report import Screen, to_json, write_files
     from ...output.report.results.documents import provenance
 
+    html, diagnosis = shown.html, shown.diagnosis
     _check(html)
     if diagnosis is not None and Path(diagnosis).is_dir():
         diagnosis = str(Path(diagnosis) / "diagnosis.json")
-    source = Source(simulation, joints, lock, actuators, package_dir)
-    model, _ = given_model(source)
-    shown = build(
+    model, _ = given_model(simulation)
+    [read] = given_recordings([recording], model.robot, shown.columns)
+    built = build(
         model,
-        given_recording(recording, model.robot, columns),
+        read,
         diagnosis,
-        start=start,
-        duration=duration,
-        horizon=horizon,
-        rate=rate,
-        package_dirs=package_dir or (),
+        start=shown.start,
+        duration=shown.duration,
+        horizon=shown.horizon,
+        rate=shown.rate,
+        package_dirs=simulation.package_dir or (),
     )
-    written = [] if html is None else write_files(Path(html).parent, {Path(html).name: shown.page()})
+    written = [] if html is None else write_files(Path(html).parent, {Path(html).name: built.page()})
     if json:
-        inputs = source.inputs(model.robot, recording=recording, diagnosis=diagnosis, columns=columns)
-        Screen().write(to_json({**shown.document(), **provenance((), inputs, 0)}))
+        files = {"recording": recording, "diagnosis": diagnosis, "columns": shown.columns}
+        inputs = simulation_inputs(simulation, model.robot, **files)
+        Screen().write(to_json({**built.document(), **provenance((), inputs, 0)}))
     elif html is None:
-        _serve(shown, browser)
+        _serve(built, shown.browser)
     else:
-        Screen().write("\n".join([_told(shown), "", "written:", *(f"  {path}" for path in written), ""]))
+        Screen().write("\n".join([_summary(built), "", "written:", *(f"  {path}" for path in written), ""]))
     return DONE
 
 
 def _check(html: str | None) -> None:
-    from ...errors import OptionError
     from ...output.report import probe_folder
 
     if html is not None:
         if not html or Path(html).suffix.lower() not in (".html", ".htm"):
-            raise OptionError(f"--html {html!r} is no name of a page; let it end in .html")
+            raise OptionError(f"--html {html!r} is not the name of a page; use a name that ends in .html")
         probe_folder(Path(html).parent)
 
 
@@ -92,7 +101,7 @@ def _serve(shown: Replay, browser: bool) -> None:
     from ...output.report import Screen
 
     live = shown.show()
-    Screen().write(f"{_told(shown)}\n\n{live.url} (Meshcat: {live.zmq_url}); Ctrl-C ends it\n")
+    Screen().write(f"{_summary(shown)}\n\n{live.url} (Meshcat: {live.zmq_url}); press Ctrl-C to stop\n")
     try:
         if browser:
             webbrowser.open(live.url)
@@ -103,9 +112,9 @@ def _serve(shown: Replay, browser: bool) -> None:
         live.close()
 
 
-def _told(shown: Replay) -> str:
-    """What is shown, in a few lines."""
+def _summary(shown: Replay) -> str:
+    """Content of the animation, in a few lines."""
     t = shown.track.t
-    frames = f"{len(t)} frames, {t[0]:.4g} to {t[-1]:.4g} s; simulated anew every {shown.horizon:g} s"
+    frames = f"{len(t)} frames, {t[0]:.4g} to {t[-1]:.4g} s; simulation restarted every {shown.horizon:g} s"
     marked = [f"marked: {mark.title}" for mark in shown.marks if mark.cause]
     return "\n".join([f"{shown.title}: {frames}", *marked, *(f"note: {note}" for note in shown.notes)])

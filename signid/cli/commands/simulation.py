@@ -2,125 +2,149 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from ..app import app
-from ..arguments import Actuators, Joints, Json, Lock, PackageDir, Seed, SimulationName
-from ..drive import Loop, given_drive
-from ..output import check_file, write_columns
-from ..source import Source, given_model
+from ..arguments import given_model, simulation_inputs
+from ..drive import LoopOptions, given_drive
+from ..options import RunOptions, SimulationArguments, Texts, expanded
+from ..output import check_file, list_written, write_columns
 from ..terminal import DONE, bars
 
 if TYPE_CHECKING:
     from ...model import Model
     from ...output.report import Run
-    from ...simulation.plant import Sensors
-    from ...simulation.plant.control import Drive
+    from ...simulation.plant import Sensors, Torques
+    from ...types import Trajectory
 
-Output = Annotated[
-    str | None,
-    typer.Option(
-        "--output", "-o", metavar="FILE", help="The recording: .csv, .csv.gz, .parquet or .npz. Needed, unless --json."
-    ),
-]
-Injected = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--inject",
-        metavar="LAW",
-        help="EFFECT[@JOINT][:key=value,...], added to the laws of SIMULATION; the controller does not know it. "
-        "Without numbers usual ones are meant. Repeatable; signid effects lists them.",
-    ),
-]
-Number = float | None
+
+@dataclass(frozen=True, kw_only=True)
+class SimulateOptions:
+    """Motion, injected laws, integration and output of a simulation."""
+
+    output: Annotated[
+        str | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="FILE",
+            help="The recording: .csv, .csv.gz, .parquet or .npz. Needed, unless --json.",
+        ),
+    ] = None
+    motion: Annotated[
+        str | None, typer.Option(metavar="FILE", help="Desired motion: t, q_J (dq_J, ddq_J). Default: random.")
+    ] = None
+    torque: Annotated[str | None, typer.Option(metavar="RECORDING", help="Play back its torque in open loop.")] = None
+    inject: Annotated[
+        Texts,
+        typer.Option(
+            "--inject",
+            metavar="LAW",
+            help="EFFECT[@JOINT][:key=value,...], added to the laws of SIMULATION and unknown to the controller. "
+            "Omitted parameters take their usual values. Repeatable; signid effects lists them.",
+        ),
+    ] = None
+    duration: Annotated[
+        float | None, typer.Option(metavar="S", help="Duration [s]. Default: that of the motion or torque, or 20.")
+    ] = None
+    step: Annotated[float, typer.Option(metavar="S", help="Time step of controller and dynamics [s].")] = 1e-3
+    integrator: Annotated[str, typer.Option(metavar="HOW", help="semi-implicit or rk4.")] = "semi-implicit"
+    substeps: Annotated[
+        int, typer.Option(metavar="N", min=0, help="Substeps per step; 0: as many as the stiffest law needs.")
+    ] = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorOptions:
+    """Sensors of the simulated robot."""
+
+    rate: Annotated[float, typer.Option(metavar="HZ", help="Sampling rate of the recording [Hz].")] = 250.0
+    encoder_bits: Annotated[
+        float | None, typer.Option(metavar="N", help="2**N counts per turn or metre. Default: exact.")
+    ] = None
+    noise: Annotated[float, typer.Option(metavar="SHARE", help="White torque noise, relative to the rms torque.")] = 0.0
+    coloured_noise: Annotated[
+        float, typer.Option(metavar="SHARE", help="Torque noise below 3 Hz, relative to the rms torque.")
+    ] = 0.0
+    jitter: Annotated[float, typer.Option(metavar="SHARE", help="Jitter, relative to the sampling period.")] = 0.0
+    drop_outs: Annotated[float, typer.Option(metavar="SHARE", help="Share of rows lost, in bursts.")] = 0.0
+    unsigned: Annotated[bool, typer.Option("--unsigned", help="Record torque without its sign.")] = False
+
+    def build(self) -> Sensors:
+        """Return the sensors."""
+        from ...simulation.plant import Sensors
+
+        noise = self.noise, self.coloured_noise
+        return Sensors(self.rate, self.encoder_bits, *noise, self.jitter, self.drop_outs, self.unsigned)
 
 
 @app.command(epilog="Example: signid simulate 3r --inject coulomb_friction@2 -o recording.csv")
+@expanded
 def simulate(
-    simulation: SimulationName,
-    output: Output = None,
-    motion: Annotated[
-        str | None, typer.Option(metavar="FILE", help="t, q_J (dq_J, ddq_J). Default: at random.")
-    ] = None,
-    torque: Annotated[str | None, typer.Option(metavar="RECORDING", help="Play its torque back, open loop.")] = None,
-    inject: Injected = None,
-    duration: Annotated[Number, typer.Option(metavar="S", help="[s] Default: that of what drives it, or 20.")] = None,
-    step: Annotated[float, typer.Option(metavar="S", help="Of controller and dynamics [s].")] = 1e-3,
-    rate: Annotated[float, typer.Option(metavar="HZ", help="Of the recording [Hz].")] = 250.0,
-    integrator: Annotated[str, typer.Option(metavar="HOW", help="semi-implicit or rk4.")] = "semi-implicit",
-    substeps: Annotated[int, typer.Option(metavar="N", min=0, help="In each step; 0: as the stiffest law asks.")] = 0,
-    bandwidth: Annotated[Number, typer.Option(metavar="HZ", help="Of the position loop [Hz]. Default: 6.")] = None,
-    kp: Annotated[str | None, typer.Option(metavar="A,B", help="Stiffness of the loop [N.m/rad]; with --kd.")] = None,
-    kd: Annotated[str | None, typer.Option(metavar="A,B", help="Damping of the loop [N.m.s/rad]; with --kp.")] = None,
-    feed_forward: Annotated[Number, typer.Option(metavar="SHARE", help="Of the bodies' torque. Default: 1.")] = None,
-    encoder_bits: Annotated[
-        Number, typer.Option(metavar="N", help="2**N counts a turn, or metre. Default: exact.")
-    ] = None,
-    noise: Annotated[float, typer.Option(metavar="SHARE", help="White noise of torque, over its rms.")] = 0.0,
-    coloured_noise: Annotated[float, typer.Option(metavar="SHARE", help="The same, below 3 Hz.")] = 0.0,
-    jitter: Annotated[float, typer.Option(metavar="SHARE", help="Of the sampling period.")] = 0.0,
-    drop_outs: Annotated[float, typer.Option(metavar="SHARE", help="Of the rows, in bursts.")] = 0.0,
-    unsigned: Annotated[bool, typer.Option("--unsigned", help="Record torque without its sign.")] = False,
-    joints: Joints = None,
-    lock: Lock = None,
-    actuators: Actuators = None,
-    package_dir: PackageDir = None,
-    seed: Seed = 0,
-    json: Json = False,
+    plant: SimulateOptions,
+    loop: LoopOptions,
+    sensors: SensorOptions,
+    simulation: SimulationArguments,
+    run: RunOptions,
 ) -> int:
-    """A recording of a simulated robot, with laws injected.
+    """Simulate a robot with injected laws, and record it.
 
-    The robot is controlled along --motion by position and velocity, with the torque of the bodies that SIMULATION
-    states ahead. Without --motion it moves at random within its limits, from rest to rest. Joints that the motion has
-    no column of are held.
+    A position and velocity controller follows --motion, with the rigid-body torque of SIMULATION as feed-forward.
+    Without --motion the robot moves at random within its limits, from rest to rest. Joints without a column in the
+    motion are held.
     """
     from ...output.report import Screen, simulation_document, simulation_tables, to_json
-    from ...simulation.plant import Sensors
 
-    check_file(output, json)
-    source = Source(simulation, joints, lock, actuators, package_dir)
-    sensors = Sensors(rate, encoder_bits, noise, coloured_noise, jitter, drop_outs, unsigned)
-    sensors.every(step)
-    known, asked = given_model(source, motion, torque)
-    drive, seconds = given_drive(known, asked, Loop(bandwidth, kp, kd, feed_forward), duration, step, seed)
-    options = {"step": step, "integrator": integrator, "substeps": substeps}
-    with bars(json) as progress:
-        run = _run(known, inject or (), drive, seconds, sensors, seed, {**options, "progress": progress})
-    document = to_json(simulation_document(run, source.inputs(known.robot, motion=motion, torque=torque), seed))
-    written, screen = write_columns(output, run.columns), Screen()
-    if json:
-        screen.write(document)
+    check_file(plant.output, run.json)
+    recorded = sensors.build()
+    recorded.every(plant.step)
+    known, asked = given_model(simulation, plant.motion, plant.torque)
+    done = _run(known, asked, plant, loop, recorded, run)
+    files = {"motion": plant.motion, "torque": plant.torque}
+    document = to_json(simulation_document(done, simulation_inputs(simulation, known.robot, **files), run.seed))
+    written = write_columns(plant.output, done.columns)
+    if run.json:
+        Screen().write(document)
     else:
-        screen.print(*simulation_tables(run), sep="\n")
-        screen.write("\n".join(["", "written:", *(f"  {path}" for path in written), ""]))
+        Screen().print(*simulation_tables(done), sep="\n")
+        list_written(written)
     return DONE
 
 
 def _run(
     known: Model,
-    inject: Sequence[str],
-    drive: Drive,
-    seconds: float,
+    asked: Trajectory | Torques | None,
+    plant: SimulateOptions,
+    loop: LoopOptions,
     sensors: Sensors,
-    seed: int,
-    options: dict[str, Any],
+    run: RunOptions,
 ) -> Run:
-    """The known model with what is injected, moved and recorded."""
+    """Simulate and record the known model with the injected laws."""
     from ...effects.naming import parse_law
     from ...errors import OptionError
     from ...model import Model
     from ...output.report import Run
     from ...simulation.plant import Torques, record, simulate
 
-    if sensors.rate and options["step"] <= seconds <= 1 / sensors.rate:
+    drive, seconds = given_drive(known, asked, loop, plant.duration, plant.step, run.seed)
+    if sensors.rate and plant.step <= seconds <= 1 / sensors.rate:
         raise OptionError(
-            f"{seconds:g} s at {sensors.rate:g} Hz are a single row; give a longer duration or more --rate"
+            f"{seconds:g} s at {sensors.rate:g} Hz are a single row; give a longer duration or a higher --rate"
         )
-    injected = tuple(parse_law(text, known.robot) for text in inject)
+    injected = tuple(parse_law(text, known.robot) for text in plant.inject or ())
     model = Model(known.robot, known.inertials, (*known.laws, *injected))
-    moved = simulate(model, drive, seconds, **options)
-    columns = record(known.robot, moved, sensors, desired=not isinstance(drive, Torques), seed=seed)
-    return Run(model, injected, moved, columns, sensors, drive, options["integrator"])
+    with bars(run.json) as progress:
+        moved = simulate(
+            model,
+            drive,
+            seconds,
+            step=plant.step,
+            integrator=plant.integrator,
+            substeps=plant.substeps,
+            progress=progress,
+        )
+    columns = record(known.robot, moved, sensors, desired=not isinstance(drive, Torques), seed=run.seed)
+    return Run(model, injected, moved, columns, sensors, drive, plant.integrator)

@@ -1,4 +1,4 @@
-"""The whole story at once: a robot with physics that its simulation lacks is recorded, diagnosed and proved."""
+"""Demonstration: record a robot whose simulation lacks physics, diagnose it and verify the result."""
 
 import sys
 from typing import TYPE_CHECKING

@@ -11,50 +11,49 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..app import app
-from ..arguments import Json, Seed, given_inputs, given_robot
+from ..arguments import given_inputs, given_robot
+from ..options import RobotOptions, RunOptions, expanded
 from ..output import check_folder
-from ..terminal import bars, tell_flags
+from ..terminal import bars, write_flags
 
 if TYPE_CHECKING:
     from ...output.report import Content
     from . import Story
 
-SCREENS = ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER")  # one of these says that Linux has somewhere to open a page
+SCREENS = ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER")  # environment variables that indicate a browser on Linux
 
 
 @app.command(epilog="Example: signid demo --robot panda")
+@expanded
 def demo(
+    run: RunOptions,
     robot: Annotated[
         str, typer.Option(metavar="ROBOT", help="A URDF, xacro or MJCF file, or a name such as panda.")
     ] = "3r",
-    output: Annotated[
-        str, typer.Option("--output", "-o", metavar="DIR", help="Where recordings and results are written.")
-    ] = "signid-demo",
+    output: Annotated[str, typer.Option("--output", "-o", metavar="DIR", help="Output folder.")] = "signid-demo",
     browser: Annotated[bool, typer.Option("--open/--no-open", help="Open the pages in the browser.")] = True,
-    seed: Seed = 0,
-    json: Json = False,
 ) -> int:
-    """The whole story: a robot with concealed physics, found out.
+    """Demonstrate a diagnosis: conceal physics, and find it again.
 
-    The robot moves in MuJoCo with laws that its description lacks; --seed draws others. The diagnosis sees the
-    description and the recordings alone. DIR gets recordings, diagnosis.json, the simulation with what it lacked as
-    model.json and robot.urdf, report.html, replay.html, and demo.json: what was concealed beside what was found.
+    The robot moves in MuJoCo with laws that its description lacks; --seed selects others. The diagnosis sees only the
+    description and the recordings. DIR gets the recordings, diagnosis.json, the extended simulation as model.json and
+    robot.urdf, report.html, replay.html, and demo.json, which compares the concealed laws with the findings.
     """
     from ...output.report import Screen, to_json, write_files
     from . import demo as play, story_document, story_end, story_tables
 
     check_folder(output, False)
-    described = given_robot(robot, None, None, None, None)
-    with bars(json, one=True) as progress:
-        story = play(described, output, seed=seed, progress=progress)
+    described = given_robot(robot, RobotOptions())
+    with bars(run.json, one=True) as progress:
+        story = play(described, output, seed=run.seed, progress=progress)
         files = _files(story, robot)
         document = to_json(story_document(story, robot))
         written = write_files(output, {**files, "demo.json": document})
-    if json:
+    if run.json:
         Screen().write(document)
-        return tell_flags(story.flags)
+        return write_flags(story.flags)
     Screen().print(*story_tables(story), sep="\n")
-    code = tell_flags(story.flags)
+    code = write_flags(story.flags)
     Screen().write(story_end(story, robot, written))
     if browser:
         _open([path for path in written if path.suffix == ".html"])
@@ -62,7 +61,7 @@ def demo(
 
 
 def _files(story: Story, name: str) -> dict[str, Content]:
-    """What is written besides the recordings and the story itself."""
+    """Files besides the recordings and demo.json."""
     from ...output.report import diagnosis_document, to_json
     from ..files import diagnosis_files
     from . import by_hand
@@ -74,7 +73,7 @@ def _files(story: Story, name: str) -> dict[str, Content]:
 
 
 def _open(pages: Sequence[Path]) -> None:
-    """Pages in the browser, if a person sits before one."""
+    """Open pages in the browser if the session is interactive."""
     import webbrowser
 
     screen = sys.platform != "linux" or any(os.environ.get(name) for name in SCREENS)

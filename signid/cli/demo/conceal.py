@@ -1,4 +1,4 @@
-"""What a demonstration conceals: physics of which the simulation is told nothing."""
+"""Random laws that a demonstration conceals from the simulation."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ...regression.motion import Motion
 from ...robot.dynamics import carrier, own_row
 from ...types import Array, Indices, Law, Robot
 
-TOGETHER = (  # one after the other, seed by seed
+TOGETHER = (  # combinations of effects, chosen by the seed
     ("spring", "viscous_friction", "coulomb_friction"),
     ("base_tilt", "spring", "coulomb_friction"),
     ("payload", "coulomb_friction"),
@@ -25,17 +25,20 @@ TOGETHER = (  # one after the other, seed by seed
     ("spring", "armature"),
     ("base_tilt", "coulomb_friction"),
 )
-SIZE, PAYLOAD = (0.15, 0.3), (0.4, 0.8)  # of how much the torque varies of the joint that feels a law most
-WEAK = 0.02  # of the largest joint torque: joints with less are left alone
-SPATIAL = 3  # joints from which on the laws of bodies differ from each other and from those of joints
-TILT, MOST_TILT = 0.05, 0.1  # [rad] in which a tilt is linear, and the largest
-ASIDE = 0.03  # [m] that a payload is off the tip
-ASTRAY = 0.3  # [rad or m] between where a spring rests and the middle of the motion
-DIGITS = 2  # of what is concealed
+SIZE, PAYLOAD = (
+    (0.15, 0.3),
+    (0.4, 0.8),
+)  # range of a law's torque over the std of the joint torque
+WEAK = 0.02  # joints with less than this share of the largest joint torque get no law
+SPATIAL = 3  # minimum number of joints for laws of bodies to be distinguishable
+TILT, MOST_TILT = 0.05, 0.1  # tilt at which the size is evaluated, and largest tilt [rad]
+ASIDE = 0.03  # largest offset of a payload from the tip, per axis [m]
+REST_OFFSET = 0.3  # largest offset of a spring's rest position from the mean position [rad or m]
+DIGITS = 2  # significant digits of the concealed parameters
 
 
 class _Scene(NamedTuple):
-    """The simulation along a motion, its torque (N, n), how much that varies (n,) [N.m or N], and where it is much."""
+    """The simulation along a motion: torque (N, n), its standard deviation (n,) [N.m or N], and the strong joints."""
 
     known: Model
     motion: Motion
@@ -45,18 +48,18 @@ class _Scene(NamedTuple):
 
 
 def conceal(known: Model, motion: Motion, seed: int) -> tuple[Law, ...]:
-    """Laws at random joints with random numbers, each large enough to matter along a motion.
+    """Draw laws at random joints with random parameters, each with a relevant torque along a motion.
 
-    No law is concealed that the simulation has at the same joint with another number.
+    Laws that the simulation already states at the same joint are not drawn.
 
     Args:
-        known: the simulation.
-        motion: gives sizes.
-        seed: of all that is random.
+        known: simulation.
+        motion: motion that determines the size of the laws.
+        seed: seed of the random generator.
     """
     torque, rng = known.inverse(motion), np.random.default_rng(seed)
     scale = np.std(torque, axis=0)
-    scene = _Scene(known, motion, torque, scale, np.flatnonzero(scale >= least(known.robot, scale)))
+    scene = _Scene(known, motion, torque, scale, np.flatnonzero(scale >= weak_torque(known.robot, scale)))
     possible = [names for names in TOGETHER if all(_places(scene, name) for name in names)]
     laws: list[Law] = []
     for name in possible[seed % len(possible)]:
@@ -66,29 +69,29 @@ def conceal(known: Model, motion: Motion, seed: int) -> tuple[Law, ...]:
     return tuple(laws)
 
 
-def least(robot: Robot, size: Array) -> Array:
-    """What is little beside the largest of all joints of the same kind, (n,).
+def weak_torque(robot: Robot, size: Array) -> Array:
+    """Torque below which a joint is weak, from the strongest joint of the same kind, (n,) [N.m or N].
 
     Args:
-        robot: gives n joints.
-        size: (n,) of their torques [N.m or N].
+        robot: robot with n joints.
+        size: (n,) torque of each joint [N.m or N].
     """
     most = [float(np.max(size[robot.prismatic == kind], initial=0.0)) for kind in (False, True)]
     return WEAK * np.where(robot.prismatic, most[1], most[0])
 
 
 def _places(scene: _Scene, name: str) -> list[tuple[int, ...]]:
-    """The joints of a law, wherever the robot can have it and the simulation has not."""
+    """Joints where a law is possible and not yet stated by the simulation."""
     effect, n = EFFECTS[name], len(scene.scale)
     if effect.scope in ("robot", "tip"):
         return [tuple(range(n)) if effect.scope == "robot" else (n - 1,)] if n >= SPATIAL else []
     known = [law.joints for law in scene.known.laws if law.effect.name == name and any(law.parameters.values())]
-    first = int(name == "armature")  # at the first joint it is the same as inertia of the link
+    first = int(name == "armature")  # at the first joint it is equivalent to link inertia
     return [(j,) for j in scene.strong.tolist() if (j,) not in known and j >= first]
 
 
 def _sized(scene: _Scene, name: str, joints: tuple[int, ...], rng: np.random.Generator) -> Law:
-    """A law whose torque has a random share of that of the joint that feels it most."""
+    """A law whose torque is a random share of the torque of the joint most affected."""
     known, effect, shape = scene.known, EFFECTS[name], _shape(scene, name, joints, rng)
     unit = Law(effect, joints, shape)
     added = Model(known.robot, known.inertials, (*known.laws, unit)).inverse(scene.motion) - scene.torque
@@ -100,7 +103,7 @@ def _sized(scene: _Scene, name: str, joints: tuple[int, ...], rng: np.random.Gen
 
 
 def _shape(scene: _Scene, name: str, joints: tuple[int, ...], rng: np.random.Generator) -> Mapping[str, float]:
-    """The numbers of a law of any size."""
+    """Parameters of a law, before scaling."""
     if name == "payload":
         centre = _tip(scene.known.robot, joints[0]) + rng.uniform(-ASIDE, ASIDE, 3)
         return {"mass": 1.0, **{f"first_moment_{axis}": float(x) for axis, x in zip("xyz", centre, strict=True)}}
@@ -109,12 +112,12 @@ def _shape(scene: _Scene, name: str, joints: tuple[int, ...], rng: np.random.Gen
         return {"x": TILT * np.cos(way), "y": TILT * np.sin(way)}
     if name == "spring":
         middle = float(np.mean(scene.motion.q[:, joints[0]]))
-        return {"stiffness": 1.0, "rest": middle + rng.uniform(-ASTRAY, ASTRAY)}
+        return {"stiffness": 1.0, "rest": middle + rng.uniform(-REST_OFFSET, REST_OFFSET)}
     return dict.fromkeys(EFFECTS[name].parameters, 1.0)
 
 
 def _tip(robot: Robot, joint: int) -> Any:
-    """The frame farthest out on the body that a joint moves, (3,) [m] in that of the joint."""
+    """Position of the outermost frame on the body that a joint moves, (3,) [m] in the joint frame."""
     body = carrier(robot.model, own_row(robot, joint))
     ends = [frame.placement.translation for frame in robot.model.frames if frame.parentJoint == body]
     return max(ends, key=np.linalg.norm)

@@ -1,11 +1,11 @@
-"""The story as JSON."""
+"""JSON document of a demonstration."""
 
 from __future__ import annotations
 
 from typing import Any
 
 from ...effects.naming import placed, spoken
-from ...output.report.diagnosis.document import told_numbers
+from ...output.report.diagnosis.document import law_numbers
 from ...output.report.results.documents import fit_with_errors, provenance
 from ...types import Input
 from .outcome import Outcome
@@ -13,11 +13,11 @@ from .run import BITS, DURATION, NOISE, RATE, Story
 
 
 def story_document(story: Story, name: str) -> dict[str, Any]:
-    """demo.json: what was concealed beside what was found, and the proof.
+    """Build demo.json: concealed laws, findings and validation.
 
     Args:
-        story: what happened.
-        name: of the robot, as it was asked for.
+        story: demonstration.
+        name: robot as given on the command line.
     """
     result, robot = story.result, story.simulation.robot
     before, after = result.rollout_before, result.rollout_after
@@ -37,9 +37,9 @@ def story_document(story: Story, name: str) -> dict[str, Any]:
 
 
 def _concealed(story: Story, outcome: Outcome) -> dict[str, Any]:
-    """A law, and the numbers that were found for it, if it was."""
+    """A concealed law and its estimated parameters, if it was found."""
     robot, (law, kind, finding, probability), named = story.simulation.robot, outcome, outcome.found
-    found = told_numbers(robot, named.law, named.std) if named else {}
+    found = law_numbers(robot, named.law, named.std) if named else {}
     beside = spoken(finding.law, robot) if finding and not named else None
     return {
         "effect": law.effect.name,
@@ -54,6 +54,6 @@ def _concealed(story: Story, outcome: Outcome) -> dict[str, Any]:
                 "found": found[key]["value"] if key in found else None,
                 "std": found[key]["std"] if key in found else None,
             }
-            for key, number in told_numbers(robot, law, {}).items()
+            for key, number in law_numbers(robot, law, {}).items()
         },
     }

@@ -1,4 +1,4 @@
-"""What was concealed, held against what was found."""
+"""Comparison of concealed laws with findings."""
 
 from __future__ import annotations
 
@@ -13,36 +13,36 @@ FOUND, MINOR, RIVAL, MISSED = "found", "minor", "alternative", "missed"
 
 
 class Outcome(NamedTuple):
-    """What became of a concealed law."""
+    """Result for a concealed law."""
 
     law: Law
-    kind: str  # found as a cause, minor (a correction), alternative (beside another law), or missed
-    finding: Finding | None  # that is it, or beside which it stands
-    probability: float  # that was given to it
+    kind: str  # found (as a cause), minor (a correction), alternative (to another law), or missed
+    finding: Finding | None  # the matching finding, or the one with the matching alternative
+    probability: float  # probability of the law
 
     @property
     def found(self) -> Finding | None:
-        """The finding with its numbers, if it was named itself."""
+        """The finding of the law itself, if there is one."""
         return self.finding if self.kind in (FOUND, MINOR) else None
 
 
 def judge(concealed: Sequence[Law], result: Diagnosis) -> tuple[Outcome, ...]:
-    """What became of each concealed law."""
+    """Compare each concealed law with the findings."""
     return tuple(_outcome(law, result) for law in concealed)
 
 
 def misses(outcomes: Sequence[Outcome], result: Diagnosis) -> Iterator[str]:
-    """A sentence on each law that was concealed and not named, or named and not concealed."""
+    """Yield a sentence for each law that was missed or named without being concealed."""
     for law, kind, finding, probability in outcomes:
         concealed = f"{spoken(law, result.robot)} was concealed"
         if kind == MISSED:
-            yield f"{concealed} and is missed"
+            yield f"{concealed} and missed"
         if kind == RIVAL and finding is not None:
             beside = spoken(finding.law, result.robot)
-            yield f"{concealed} and is named only as an alternative to {beside}, with probability {probability:.3f}"
+            yield f"{concealed} and named only as an alternative to {beside}, with probability {probability:.3f}"
     for cause in result.causes:
         if not any(cause is outcome.finding for outcome in outcomes):
-            yield f"{spoken(cause.law, result.robot)} is named and was not concealed"
+            yield f"{spoken(cause.law, result.robot)} was named but not concealed"
 
 
 def _outcome(law: Law, result: Diagnosis) -> Outcome:

@@ -1,4 +1,4 @@
-"""A robot in MuJoCo that a controller moves: its dynamics are MuJoCo's own."""
+"""Controlled robot simulated by MuJoCo, independent of signid's own dynamics."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ from ...simulation.plant import Simulation, track
 from ...simulation.plant.control import Tracking, sampled
 from ...types import Trajectory
 
-STEP = 5e-4  # [s] of MuJoCo and of the drives, which hold their torque so long
-DRY = [2 * STEP, 1], [0.9999, 0.9999, 0.001, 0.5, 2]  # how stiffly MuJoCo holds a joint that dry friction stops
-STEPS, TOLERANCE = 50, 1e-12  # of its solver
-LOST = 1.0  # [rad or m] off its motion, a robot follows no more
+STEP = 5e-4  # time step of MuJoCo and sampling period of the controller [s]
+DRY = [2 * STEP, 1], [0.9999, 0.9999, 0.001, 0.5, 2]  # solref and solimp of the dry-friction constraint
+STEPS, TOLERANCE = 50, 1e-12  # iterations and tolerance of the constraint solver
+LOST = 1.0  # tracking error at which a simulation is rejected [rad or m]
 
 
 def run_plant(true: Model, known: Model, motion: Trajectory) -> Simulation:
-    """The true robot along a motion, as a perfect logger would write it at every step.
+    """Simulate the true robot along a motion and return ideal samples of every step.
 
-    The motors give what the known model asks for ahead, and a position loop beside it. Torque and acceleration belong
-    to the same moment; velocity is the mean of those half a step before and after it.
+    The motors apply the feed-forward torque of the known model and a position controller. Torque and acceleration
+    belong to the same time; velocity is the mean of the values half a step before and after.
 
     Args:
-        true: rigid bodies and laws, all of which an MJCF can say.
-        known: what the controller knows.
-        motion: of all joints.
+        true: rigid bodies and laws, limited to those that MJCF can express.
+        known: model used by the controller.
+        motion: desired motion of all joints.
 
     Raises:
-        RobotError: MuJoCo cannot simulate such a robot.
+        RobotError: MuJoCo cannot simulate the robot.
     """
     from mujoco import MjData, rollout
 
@@ -50,10 +50,10 @@ def run_plant(true: Model, known: Model, motion: Trajectory) -> Simulation:
     command = ahead + loop.stiffness * q + loop.damping * v
     with _listening() as warnings:
         states, torque = rollout.rollout(model, [data], first[None], command[None])
-    states = np.vstack([first, states[0]])[:-1]  # each with the torque of the step that begins there
+    states = np.vstack([first, states[0]])[:-1]  # each state with the torque of the step that starts there
     moved, speed = states[:, 1 : 1 + model.nq][:, places], states[:, 1 + model.nq :][:, rates]
     if warnings or not np.all(np.abs(moved - q) < LOST):
-        raise RobotError(f"{true.robot.name} does not follow a motion in MuJoCo; take a robot with usual inertials")
+        raise RobotError(f"{true.robot.name} does not follow its motion in MuJoCo; use another robot")
     middle, rate = (speed[1:-1] + speed[2:]) / 2, np.diff(speed, axis=0)[1:] / STEP
     now, tau = moved[1:-1], torque[0, 1:-1]
     return Simulation(true.robot.joints, t[:-2], now, tau, q[1:-1], now, middle, rate, now, tau)
@@ -61,7 +61,7 @@ def run_plant(true: Model, known: Model, motion: Trajectory) -> Simulation:
 
 @contextmanager
 def _listening() -> Iterator[list[str]]:
-    """What MuJoCo warns of, which would go to a file of its own."""
+    """Collect MuJoCo's warnings instead of writing them to a file."""
     import mujoco
 
     heard, before = list[str](), mujoco.get_mju_user_warning()
@@ -73,7 +73,7 @@ def _listening() -> Iterator[list[str]]:
 
 
 def _compile(true: Model, loop: Tracking) -> Any:
-    """MuJoCo's model: each motor with its position loop, nothing to be seen, and no end of any joint or motor."""
+    """Compile the MuJoCo model: motors with position controllers, no geometry, no joint or motor limits."""
     import mujoco
 
     spec = mujoco.MjSpec.from_string(export(true, "mjcf").text)
@@ -92,6 +92,6 @@ def _compile(true: Model, loop: Tracking) -> Any:
     try:
         model = spec.compile()
     except ValueError as error:
-        raise RobotError(f"MuJoCo refuses {true.robot.name}: {error}; take another robot") from None
+        raise RobotError(f"MuJoCo rejects {true.robot.name}: {error}; use another robot") from None
     model.dof_solref[:], model.dof_solimp[:] = DRY
     return model

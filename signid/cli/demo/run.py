@@ -1,4 +1,4 @@
-"""A robot -> the story of what its simulation lacks, recorded, diagnosed and proved."""
+"""Run a demonstration: conceal laws, record, diagnose, extend and validate."""
 
 from __future__ import annotations
 
@@ -22,78 +22,78 @@ from ...robot.dynamics import carrier, own_row
 from ...simulation.excite import build_limits, excite
 from ...simulation.plant import Sensors, record
 from ...types import Array, Frozen, Law, Progress, Robot, Trajectory
-from .conceal import conceal, least
+from .conceal import conceal, weak_torque
 from .outcome import Outcome, judge, misses
 from .plant import run_plant
 
-RECORDINGS = ("recording.csv", "held_out.csv")  # to learn from, and to judge by
-PERIOD, PERIODS, HARMONICS = 8.0, 2, 8  # of a motion: [s], how often it is made, and how fast
-DURATION = PERIODS * PERIOD  # [s] of a recording
-RATE, BITS, NOISE = 250.0, 17, 0.01  # [Hz], of the encoders, of each joint's rms torque
+RECORDINGS = ("recording.csv", "held_out.csv")  # training data, held-out data
+PERIOD, PERIODS, HARMONICS = 8.0, 2, 8  # period of a motion [s], number of periods, harmonics
+DURATION = PERIODS * PERIOD  # length of a recording [s]
+RATE, BITS, NOISE = 250.0, 17, 0.01  # sampling rate [Hz], encoder bits, torque noise over rms torque
 MARGIN = 0.7  # share of every limit that the motions use
-COARSE = 10  # rows of a motion, of which one counts for the size of what is concealed
+COARSE = 10  # decimation of the motion that determines the size of the laws
 
 
 @dataclass(frozen=True, eq=False)
 class Story(Frozen):
-    """What was concealed, and what became of it."""
+    """A demonstration: concealed laws and the diagnosis of the recordings."""
 
-    simulation: Model  # the description, as it was diagnosed
+    simulation: Model  # the diagnosed description
     concealed: tuple[Law, ...]
-    recordings: tuple[Path, ...]  # the one to learn from, the one held out
+    recordings: tuple[Path, ...]  # training, held out
     result: Diagnosis
     replay: Replay
     seed: int
 
     @property
     def outcomes(self) -> tuple[Outcome, ...]:
-        """What became of each concealed law."""
+        """Result for each concealed law."""
         return judge(self.concealed, self.result)
 
     @property
     def flags(self) -> tuple[str, ...]:
-        """What not to trust, and what came out wrong."""
+        """Flags of the diagnosis, and wrong findings."""
         return (*self.result.flags, *misses(self.outcomes, self.result))
 
 
 def demo(robot: Robot, folder: str | Path, *, seed: int = 0, progress: Progress | None = None) -> Story:
-    """Records a robot with physics that its simulation is not told, and finds out what the simulation lacks.
+    """Record a robot with concealed laws in MuJoCo, and diagnose its simulation.
 
-    The robot moves in MuJoCo. The diagnosis is given the description and the recordings in the folder, no more.
+    The diagnosis uses only the description and the recordings in the folder.
 
     Args:
-        robot: its longest limb moves, the rest is held.
-        folder: gets recording.csv and held_out.csv.
-        seed: of motions, noise and what is concealed.
-        progress: told what is being done and how far it is.
+        robot: robot; its longest limb moves, the other joints are held.
+        folder: output folder of recording.csv and held_out.csv.
+        seed: seed of motions, noise and concealed laws.
+        progress: callback with the stage and the completed share.
 
     Raises:
         OptionError: no motion fits within the limits of the robot.
         RobotError: MuJoCo cannot simulate the robot.
-        OutputError: the folder cannot be written to.
+        OutputError: the folder is not writable.
     """
-    told = progress or _silent
-    told("planning motions", 0.0)
+    report = progress or (lambda stage, share: None)
+    report("planning motions", 0.0)
     arm = take_arm(robot)
     known = _known(arm)
     motions = [_motion(known, 2 * seed + k) for k in range(len(RECORDINGS))]
-    told("recording in MuJoCo", 0.2)
+    report("recording in MuJoCo", 0.2)
     concealed = conceal(known, _seen(arm, motions[0]), seed)
     paths = _record(known, concealed, motions, folder, seed)
-    result = _diagnose(known, paths, seed, lambda what, share: told(what, 0.3 + 0.6 * share))
-    told("drawing", 0.9)
+    result = _diagnose(known, paths, seed, lambda stage, share: report(stage, 0.3 + 0.6 * share))
+    report("drawing", 0.9)
     shown = replay(known, read_recording(paths[-1], arm), result)
     return Story(known, concealed, tuple(paths), result, shown, seed)
 
 
 def _known(robot: Robot) -> Model:
-    """The description, with what an MJCF can say of its drives."""
+    """The description with the actuator laws that MJCF can express."""
     stated = Model(robot, stated_inertials(robot), stated_laws(robot))
     return replace(stated, laws=tuple(mjcf_laws(stated)))
 
 
 def _motion(known: Model, seed: int) -> Trajectory:
-    """A motion at random, again and again: what repeats tells noise from physics."""
+    """A repeated random motion; repetition separates noise from physics."""
     robot, limits = known.robot, build_limits(known.robot, margin=MARGIN, torque=np.inf)
     drawn = excite(
         known, kind="random", duration=PERIOD, harmonics=HARMONICS, limits=limits, rate=RATE, seed=seed
@@ -109,7 +109,7 @@ def _seen(robot: Robot, motion: Trajectory) -> Motion:
 def _record(
     known: Model, concealed: Sequence[Law], motions: Sequence[Trajectory], folder: str | Path, seed: int
 ) -> list[Path]:
-    """The files of the true robot's recordings."""
+    """Record the true robot; return the files."""
     robot, files = known.robot, {}
     true = Model(robot, known.inertials, (*known.laws, *concealed))
     for k, (name, motion) in enumerate(zip(RECORDINGS, motions, strict=True)):
@@ -120,30 +120,31 @@ def _record(
 
 
 def _noisy(robot: Robot, columns: Mapping[str, Array], seed: int) -> dict[str, Array]:
-    """The torques with white noise; a joint that gives next to none has as much as one that gives a little."""
+    """The torques with white noise, of at least the size for a weak joint."""
     names = [f"tau_{joint}" for joint in robot.joints]
     torque = np.column_stack([columns[name] for name in names])
     size = np.sqrt(np.mean(torque**2, axis=0))
     noise = (
-        NOISE * np.maximum(size, least(robot, size)) * np.random.default_rng([seed, 3]).standard_normal(torque.shape)
+        NOISE
+        * np.maximum(size, weak_torque(robot, size))
+        * np.random.default_rng([seed, 3]).standard_normal(torque.shape)
     )
     return dict(zip(names, (torque + noise).T, strict=True))
 
 
 def _diagnose(known: Model, paths: Sequence[Path], seed: int, progress: Progress) -> Diagnosis:
-    """What the simulation lacks, from files."""
-    learned, judged = (read_recording(path, known.robot) for path in paths)
-    return diagnose(known, [learned], held_out=[judged], options=Options(seed=seed), progress=progress)
-
-
-def _silent(what: str, share: float) -> None:
-    """Nobody is told."""
+    """Diagnose the simulation from files."""
+    train, held_out = (read_recording(path, known.robot) for path in paths)
+    return diagnose(known, [train], held_out=[held_out], options=Options(seed=seed), progress=progress)
 
 
 def take_arm(robot: Robot) -> Robot:
-    """The robot with all joints held but those of its longest limb, whose fingers are held as well.
+    """Return the robot with all joints held except those of its longest limb without fingers.
 
-    Fingers are what comes after the last branching of the limb, where that is the shorter part of it.
+    Fingers are the part of the limb after its last branching, if that is the shorter part.
+
+    Args:
+        robot: robot.
     """
     at = {carrier(robot.model, own_row(robot, j)): joint for j, joint in enumerate(robot.joints)}
     limb = max((_way(robot, i, at) for i in at), key=len)
@@ -154,7 +155,7 @@ def take_arm(robot: Robot) -> Robot:
 
 
 def _way(robot: Robot, last: int, at: dict[int, str]) -> list[int]:
-    """The joints of the model from the base to the last one, those that move by themselves."""
+    """Indices of the actuated joints from the base to the last one."""
     way = [last]
     while way[0]:
         way.insert(0, int(robot.model.parents[way[0]]))

@@ -1,4 +1,4 @@
-"""The story for the eye, on one screen."""
+"""Terminal text of a demonstration."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ...diagnose import Diagnosis
 from ...diagnose.findings.findings import UNSURE
 from ...effects.naming import spoken
 from ...output.report import figure, with_interval
-from ...output.report.diagnosis.document import told_numbers
+from ...output.report.diagnosis.document import law_numbers
 from ...output.report.diagnosis.tables import change
 from ...output.report.diagnosis.words import alternative_words, unexplained_words, verdict_words
 from ...output.report.layout import heading, new_table, note_lines, paragraph, plural
@@ -24,7 +24,7 @@ from ...types import TWO_SIDED
 from .outcome import FOUND, MINOR, MISSED, RIVAL, Outcome, misses
 from .run import BITS, DURATION, NOISE, RATE, RECORDINGS, Story
 
-TOLD = {
+OUTCOMES = {
     FOUND: ("found", "green"),
     MINOR: ("found, as a correction", "green"),
     RIVAL: ("only an alternative", "yellow"),
@@ -33,61 +33,61 @@ TOLD = {
 
 
 def story_tables(story: Story) -> list[RenderableType]:
-    """What was concealed, recorded, diagnosed, extended and proved, and what the envelope says."""
+    """Tables of a demonstration: steps, validation, and the comparison of concealed and found laws."""
     name = story.simulation.robot.name
     return [
-        heading(f"{name} with physics that its simulation is not told, seed {story.seed}", below=False),
+        heading(f"{name} with physics that its simulation lacks, seed {story.seed}", below=False),
         _steps(story),
-        Padding(_proof(story.result), (1, 0, 0, 0)),
-        heading("The envelope is opened: what was concealed, and what was found, ± 95 %"),
-        _envelope(story),
+        Padding(_validation(story.result), (1, 0, 0, 0)),
+        heading("Comparison of concealed and found laws, ± 95 %"),
+        _comparison(story),
         *map(paragraph, [*_alternatives(story), *_sum(story)]),
-        *(paragraph(f"left unexplained: {words}") for words in unexplained_words(story.result)),
+        *(paragraph(f"unexplained: {words}") for words in unexplained_words(story.result)),
         *note_lines(story.result.notes),
     ]
 
 
 def story_end(story: Story, name: str, written: Sequence[Path]) -> str:
-    """Where everything is, and how to go on.
+    """List the files and further commands.
 
     Args:
-        story: what happened.
-        name: of the robot, as it was asked for.
+        story: demonstration.
+        name: robot as given on the command line.
         written: files besides the recordings.
     """
     pages = [path for path in written if path.suffix == ".html"]
     others = [path.name for path in (*story.recordings, *written) if path not in pages]
     another = join(["signid", "demo", "--robot", name, "--seed", str(story.seed + 1)])
-    said = ["look at:", *(f"  {path}" for path in pages), f"beside them: {', '.join(others)}"]
-    return "\n".join(["", *said, f"by hand: {by_hand(story, name)} -o again", f"another: {another}", ""])
+    said = ["open:", *(f"  {path}" for path in pages), f"other files: {', '.join(others)}"]
+    return "\n".join(["", *said, f"again: {by_hand(story, name)} -o again", f"other laws: {another}", ""])
 
 
 def by_hand(story: Story, name: str) -> str:
-    """The command that diagnoses the recordings once more; name: of the robot, as it was asked for."""
-    learned, judged = map(str, story.recordings)
+    """Return the command that repeats the diagnosis; name: robot as given on the command line."""
+    train, held_out = map(str, story.recordings)
     seed = ["--seed", str(story.seed)] if story.seed else []
-    return join(["signid", "diagnose", name, learned, "--held-out", judged, *seed])
+    return join(["signid", "diagnose", name, train, "--held-out", held_out, *seed])
 
 
 def _steps(story: Story) -> Table:
     name, folder = story.simulation.robot.name, story.recordings[0].parent
     laws, rolled = plural(len(story.concealed), "law"), story.result.rollout_after
-    position = "" if rolled is None else f", and error of position after {max(rolled.horizons):g} s of simulation"
-    setting = f"{DURATION:g} s at {RATE:g} Hz, {BITS}-bit encoders, {100 * NOISE:g} % of torque noise"
+    position = "" if rolled is None else f" and position error after {max(rolled.horizons):g} s of simulation"
+    setting = f"{DURATION:g} s at {RATE:g} Hz, {BITS}-bit encoders, {100 * NOISE:g} % torque noise"
     table = Table.grid(padding=(0, 2, 0, 0))
-    for step, told in (
-        ("conceal", f"MuJoCo moves a {name} that obeys {laws} more than its description, the simulation."),
+    for step, sentence in (
+        ("conceal", f"MuJoCo simulates a {name} with {laws} that the description lacks."),
         ("record", f"Two motions of {setting}: {' and '.join(RECORDINGS)}."),
-        ("diagnose", f"From the description and {RECORDINGS[0]} alone: {verdict_words(story.result)}."),
-        ("extend", f"{folder / 'model.json'} is the simulation with what it lacked."),
-        ("prove", f"On {RECORDINGS[1]}, not learned from: rms of the torque left unexplained{position}:"),
+        ("diagnose", f"Only from the description and {RECORDINGS[0]}: {verdict_words(story.result)}."),
+        ("extend", f"{folder / 'model.json'} is the extended simulation."),
+        ("validate", f"On {RECORDINGS[1]}: rms of the residual torque{position}:"),
     ):
-        table.add_row(step, told)
+        table.add_row(step, sentence)
     return table
 
 
-def _proof(result: Diagnosis) -> Table:
-    """Torque and position, before and after."""
+def _validation(result: Diagnosis) -> Table:
+    """Residual torque and position error, before and after the extension."""
     before, after, first, last = result.before, result.after, result.rollout_before, result.rollout_after
     rolled = [] if first is None else ["position: before>", "after>", "unit"]
     table = new_table("joint", "torque: before>", "after>", "noise floor>", "unit", *rolled)
@@ -101,21 +101,21 @@ def _proof(result: Diagnosis) -> Table:
     return table
 
 
-def _envelope(story: Story) -> Table:
+def _comparison(story: Story) -> Table:
     table = new_table("concealed", "true>", "found>", "±>", "unit", "probability>", "")
     for outcome in story.outcomes:
         law, kind, _, probability = outcome
-        told = confidence(probability) if probability else "-"
-        table.add_row(spoken(law, story.simulation.robot), "", "", "", "", told, Text(*TOLD[kind]))
+        shown = confidence(probability) if probability else "-"
+        table.add_row(spoken(law, story.simulation.robot), "", "", "", "", shown, Text(*OUTCOMES[kind]))
         for key, value, found, half, unit in _numbers(story, outcome):
             table.add_row(f"  {key}", value, found, half, unit, "", "")
     return table
 
 
 def _numbers(story: Story, outcome: Outcome) -> Iterator[tuple[str, str, str, str, str]]:
-    """Key, true value, value found, half its interval and unit of each number of a law."""
+    """Yield key, true value, estimate, half-width of its interval and unit of each parameter."""
     named = outcome.found
-    for key, true in told_numbers(story.simulation.robot, outcome.law, {}).items():
+    for key, true in law_numbers(story.simulation.robot, outcome.law, {}).items():
         value, std = (named.law.parameters[key], named.std.get(key)) if named else (None, None)
         bare = ("-" if value is None else figure(value), "-")
         found = bare if value is None or std is None else with_interval(value, std)
@@ -123,7 +123,7 @@ def _numbers(story: Story, outcome: Outcome) -> Iterator[tuple[str, str, str, st
 
 
 def _alternatives(story: Story) -> Iterator[str]:
-    """What else could be behind a law that is not sure."""
+    """Yield the alternatives of uncertain laws."""
     robot = story.simulation.robot
     for finding in story.result.causes:
         if finding.probability < UNSURE:
@@ -131,16 +131,16 @@ def _alternatives(story: Story) -> Iterator[str]:
 
 
 def _sum(story: Story) -> Iterator[str]:
-    """How many of the laws and numbers were found, and what was missed or named in vain."""
+    """Yield the number of laws and parameters found, and the wrong findings."""
     found = sum(outcome.found is not None for outcome in story.outcomes)
     inside = [near for outcome in story.outcomes for near in _near(outcome)]
     laws = f"{found} of {plural(len(story.outcomes), 'concealed law')} found"
-    yield f"{laws}; {sum(inside)} of their {plural(len(inside), 'number')} within the intervals."
+    yield f"{laws}; {sum(inside)} of their {plural(len(inside), 'parameter')} within the intervals."
     yield from (f"{flag}." for flag in misses(story.outcomes, story.result))
 
 
 def _near(outcome: Outcome) -> Iterator[bool]:
-    """Of each number, whether what is true lies within the interval of what was found."""
+    """Yield for each parameter whether the interval contains the true value."""
     law, named = outcome.law, outcome.found
     for key, std in named.std.items() if named else ():
         if key in law.parameters and named:

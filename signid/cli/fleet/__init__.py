@@ -1,4 +1,4 @@
-"""Many robots and recordings: sessions side by side on this machine or on many, and what they tell together."""
+"""Fleets of robots: sessions run in parallel on one or several machines, and their joint evaluation."""
 
 import sys
 from typing import TYPE_CHECKING

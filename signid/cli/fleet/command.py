@@ -3,77 +3,87 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from ...errors import ManifestError, OptionError, shorten
 from ..app import app
-from ..arguments import Json, Seed, again
-from ..terminal import BAD, DONE, FLAGGED, bars, complain
+from ..arguments import given_command
+from ..options import RunOptions, expanded
+from ..output import list_written
+from ..terminal import BAD, DONE, FLAGGED, bars, write_error
 
 if TYPE_CHECKING:
     from . import Outcome
 
-MOST = 20  # sentences on standard error
+MOST = 20  # maximum number of failed sessions listed on standard error
+
+
+@dataclass(frozen=True, kw_only=True)
+class FleetOptions:
+    """Workers and output of a fleet."""
+
+    output: Annotated[str | None, typer.Option("--output", "-o", metavar="DIR", help="Output folder. Needed.")] = None
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="Dask scheduler: tcp://HOST:8786. Default: this machine.")
+    ] = None
+    workers: Annotated[
+        int | None, typer.Option(metavar="N", min=1, help="Processes on this machine. Default: one per core.")
+    ] = None
+    keep_going: Annotated[bool, typer.Option("--keep-going/--stop", help="Continue if a session fails, or stop.")] = (
+        True
+    )
 
 
 @app.command(epilog="Example: signid fleet manifest.csv -o fleet")
+@expanded
 def fleet(
     context: typer.Context,
-    manifest: Annotated[str, typer.Argument(metavar="MANIFEST", help="CSV: a row a session.")],
-    output: Annotated[
-        str | None, typer.Option("--output", "-o", metavar="DIR", help="Folder of the results. Needed.")
-    ] = None,
-    scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Of Dask: tcp://HOST:8786. Default: this machine.")
-    ] = None,
-    workers: Annotated[
-        int | None, typer.Option(metavar="N", min=1, help="Processes of this machine. Default: one a core.")
-    ] = None,
-    keep_going: Annotated[bool, typer.Option("--keep-going/--stop", help="When a session cannot be done.")] = True,
-    seed: Seed = 0,
-    json: Json = False,
+    manifest: Annotated[str, typer.Argument(metavar="MANIFEST", help="CSV with one row per session.")],
+    options: FleetOptions,
+    run: RunOptions,
 ) -> int:
-    """Many robots: each diagnosed or identified, all told.
+    """Diagnose or identify many robots, and compare the results.
 
-    MANIFEST has the columns robot and recording (several files: a;b), and if wanted held_out, reference, columns,
-    actuators, task (diagnose, identify, reduce), like, name (of the single robot), time (2026-03-31), session (its
-    folder); paths are relative to it. DIR gets index.html and fleet.json: robots by mismatch, equal causes, parameters
-    that drift from session to session; and sessions/NAME with what the single command writes. The same command goes on
-    where it was interrupted: sessions made from the same files are not done again.
+    MANIFEST has the columns robot and recording (several files: a;b), and optionally held_out, reference, columns,
+    actuators, task (diagnose, identify, reduce), like, name (of the individual robot), time (2026-03-31), session (its
+    folder); paths are relative to the manifest. DIR gets index.html and fleet.json with robots ranked by mismatch,
+    common causes and drifting parameters, and sessions/NAME with the files of the single command. An interrupted run
+    can be repeated: sessions whose files are unchanged are not run again.
     """
     from ...output.report import Screen, fleet_page, fleet_tables, to_json, write_files
     from . import fleet as work
 
-    place = _folder(output)
+    place = _folder(options.output)
     try:
-        with bars(json, one=True) as progress:
+        with bars(run.json, one=True) as progress:
             found = work(
                 manifest,
                 place,
-                scheduler=scheduler,
-                workers=workers,
-                seed=seed,
-                keep_going=keep_going,
+                scheduler=options.scheduler,
+                workers=options.workers,
+                seed=run.seed,
+                keep_going=options.keep_going,
                 progress=progress,
             )
     except ManifestError as error:
         for sentence in error.sentences:
-            complain(sentence)
+            write_error(sentence)
         return BAD
     except KeyboardInterrupt:
-        complain(f"interrupted; the sessions that are done are kept in {place}, and the same command goes on from them")
+        write_error(f"interrupted; completed sessions are kept in {place}; repeat the command to continue")
         raise
     document = found.document()
     text = to_json(document)
-    written = write_files(place, {"fleet.json": text, "index.html": fleet_page(document, again(context))})
-    if json:
+    written = write_files(place, {"fleet.json": text, "index.html": fleet_page(document, given_command(context))})
+    if run.json:
         Screen().write(text)
     else:
         Screen().print(*fleet_tables(document), sep="\n")
-        Screen().write("\n".join(["", "written:", *(f"  {path}" for path in written), ""]))
-    _tell(found.outcomes)
+        list_written(written)
+    _report(found.outcomes)
     return FLAGGED if found.flagged else DONE
 
 
@@ -86,14 +96,14 @@ def _folder(output: str | None) -> str:
     return output
 
 
-def _tell(sessions: Sequence[Outcome]) -> None:
-    """Sessions that could not be done, and why; how many are flagged."""
+def _report(sessions: Sequence[Outcome]) -> None:
+    """Report failed sessions with their reasons, and flagged sessions."""
     undone = [one for one in sessions if not one.done]
     for one in undone[:MOST]:
-        complain(f"session {one.entry.session} was not done: {'; '.join(one.said)}")
+        write_error(f"session {one.entry.session} failed: {'; '.join(one.said)}")
     if len(undone) > MOST:
-        complain(f"and {len(undone) - MOST} more sessions were not done; index.html lists them")
+        write_error(f"and {len(undone) - MOST} more sessions failed; index.html lists them")
     if flagged := [one.entry.session for one in sessions if one.done and one.code == FLAGGED]:
-        complain(
-            f"what {shorten(flagged, 3)} found is not all to be trusted; index.html marks it, their reports say why"
+        write_error(
+            f"the results of {shorten(flagged, 3)} are flagged; index.html marks them, their reports give the reasons"
         )

@@ -1,4 +1,4 @@
-"""Orders over processes of this machine, or over all that a Dask scheduler has."""
+"""Distribution of orders over processes of this machine or workers of a Dask scheduler."""
 
 from __future__ import annotations
 
@@ -14,23 +14,25 @@ from ...errors import OptionError
 from .process import Answer, Order, Processes, carry_out
 
 Answers = Generator[tuple[int, Answer], None, None]
-HEARS = 0.2  # [s] after which whoever waits hears an interruption, whichever thread it reached
-PATIENCE = 30.0  # [s] for a scheduler to answer and to have a worker
+HEARS = 0.2  # poll interval for interruptions while waiting [s]
+PATIENCE = 30.0  # time limit for a scheduler to answer and to have a worker [s]
 
 
 def spread(orders: Sequence[Order], workers: int | None = None, scheduler: str | None = None) -> Answers:
-    """Each order's number and answer, as soon as it is there; work whose worker is lost is done again elsewhere.
+    """Yield the index and answer of each order when it completes; orders of lost workers are repeated.
 
     Args:
-        orders: what is to be done.
-        workers: processes of this machine; as many as it has cores by default.
-        scheduler: address of a Dask scheduler whose workers do it instead.
+        orders: commands to run.
+        workers: processes on this machine; default: one per core.
+        scheduler: address of a Dask scheduler to use instead.
 
     Raises:
-        OptionError: Dask is not installed, or no scheduler with a worker answers at the address, or it is lost.
+        OptionError: Dask is not installed, or no scheduler with a worker answers, or the scheduler is lost.
     """
     if scheduler is not None and workers is not None:
-        raise OptionError("--workers counts processes of this machine, a scheduler has workers of its own; give one")
+        raise OptionError(
+            "--workers is for this machine, but a scheduler has its own workers; give one of these options"
+        )
     if scheduler is None or not orders:
         return _here(orders, workers or cores())
     return _elsewhere(orders, scheduler)
@@ -49,7 +51,7 @@ def _here(orders: Sequence[Order], workers: int) -> Answers:
             while futures:
                 for future in wait(futures, HEARS, FIRST_COMPLETED).done:
                     yield futures.pop(future), future.result()
-        finally:  # also when nobody wants the rest
+        finally:  # also if the consumer stops early
             pool.shutdown(wait=False, cancel_futures=True)
             processes.stop()
 
@@ -69,7 +71,7 @@ def _elsewhere(orders: Sequence[Order], address: str) -> Answers:
 
 @contextmanager
 def _hushed() -> Iterator[None]:
-    """Dask's own words about a lost connection are left out: a sentence of ours says it."""
+    """Suppress Dask's messages about a lost connection, which `OptionError` reports."""
     log = getLogger("distributed.client")
     level = log.level
     log.setLevel(CRITICAL)
@@ -83,8 +85,10 @@ def _client(make: Any, address: str) -> Any:
     try:
         client = make(address, timeout=PATIENCE, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
-        told = f"no Dask scheduler answers at {address} ({type(error).__name__})"
-        raise OptionError(f"{told}; start one with `dask scheduler`, and give its address: tcp://HOST:8786") from None
+        raise OptionError(
+            f"no Dask scheduler answers at {address} ({type(error).__name__}); start one with `dask scheduler`, "
+            f"and give its address: tcp://HOST:8786"
+        ) from None
     try:
         client.wait_for_workers(1, timeout=PATIENCE)
     except TimeoutError:
@@ -96,17 +100,17 @@ def _client(make: Any, address: str) -> Any:
 
 
 def _answer(future: Any, address: str) -> Answer:
-    """What a worker answered, or why none did."""
+    """The answer of a worker, or the reason why there is none."""
     if future.status == "finished":
         found: Answer = future.result()
         return found
     if future.status in ("cancelled", "lost"):
         raise OptionError(
-            f"the scheduler at {address} is lost; what is done is kept, and the same command goes on from it"
+            f"the scheduler at {address} is lost; completed sessions are kept; repeat the command to continue"
         )
     error = future.exception()
     if type(error).__name__ == "KilledWorker":
-        return Answer(None, ("worker after worker died on it; it may need more memory than they have",), {})
+        return Answer(None, ("every worker that ran it died; it may need more memory than they have",), {})
     return Answer(
-        None, (f"the worker could not do it ({type(error).__name__}: {error}); is signid installed there?",), {}
+        None, (f"the worker failed ({type(error).__name__}: {error}); check that signid is installed there",), {}
     )

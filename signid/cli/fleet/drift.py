@@ -1,4 +1,4 @@
-"""A parameter over the sessions of one robot: does it drift, or is it noise?"""
+"""Drift of parameters over the sessions of one robot."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from scipy.special import ndtr, ndtri, stdtr, stdtrit
 from ...types import Array, Frozen
 from .summary import Number
 
-FEWEST = 3  # sessions at different times
-LEVEL = 0.05  # chance of a false drift among all numbers of a fleet
+FEWEST = 3  # minimum number of sessions at different times
+LEVEL = 0.05  # family-wise error rate over all parameters of a fleet
 
 
 @dataclass(frozen=True, eq=False)
 class Drift(Frozen):
-    """A number at k instants, and the straight line through it."""
+    """A parameter at k times, and its regression line."""
 
     robot: str
     what: str
@@ -26,29 +26,29 @@ class Drift(Frozen):
     value: Array  # (k,) [unit]
     std: Array  # (k,) [unit]
     slope: float  # [unit/d]
-    half: float  # [unit/d] half width of its 95 % interval
-    middle: float  # [unit] the line at the mean day, days weighted as values are
+    half: float  # [unit/d] half-width of its 95 % interval
+    middle: float  # [unit] value of the line at the weighted mean day
     mean_day: float  # [d]
-    chance: float  # of a slope as steep without any drift
-    beyond: bool = False  # whether it is beyond noise, among all numbers that were looked at
+    chance: float  # p-value of the slope under no drift
+    beyond: bool = False  # significant after the Holm correction over all parameters
 
     @property
     def change(self) -> float:
-        """From the first session to the last, along the line [unit]."""
+        """Change along the line from the first session to the last [unit]."""
         return self.slope * float(np.ptp(self.day))
 
 
 def find_drifts(robots: Iterable[tuple[str, Sequence[tuple[float, Sequence[Number]]]]]) -> tuple[Drift, ...]:
-    """The line through every number that three sessions or more of a robot tell; those beyond noise first.
+    """Fit a line to every parameter that at least three sessions of a robot report; significant drifts first.
 
-    Weights are inverse variances. Where the values scatter more about the line than their standard deviations say, the
-    interval is widened by that much, with Student's t for the few sessions. A drift counts where the chance of it times
-    how many numbers were looked at is below 5 % (Holm).
+    Weights are inverse variances. If the values scatter about the line more than their standard deviations predict, the
+    interval is widened by the Birge ratio and Student's t distribution is used. Significance is tested at 5 % with the
+    Holm correction for multiple comparisons.
 
     Args:
-        robots: name of each, and its sessions: day [d] and numbers.
+        robots: name and sessions of each robot; a session is its day [d] and its parameters.
 
-    Source: Birge, Physical Review 40, 1932 (scatter); Holm, Scandinavian J. Statistics 6, 1979 (many at once).
+    Source: Birge, Physical Review 40, 1932 (scatter); Holm, Scandinavian J. Statistics 6, 1979 (multiple tests).
     """
     lines = [line for name, sessions in robots for line in _lines(name, sessions)]
     lines.sort(key=lambda line: (line.chance, line.robot, line.what))
@@ -65,9 +65,9 @@ def _lines(robot: str, sessions: Sequence[tuple[float, Sequence[Number]]]) -> li
         for number in numbers:
             points.setdefault((number.what, number.unit), []).append((day, number))
     lines = []
-    for (what, unit), told in points.items():
-        if len({day for day, _ in told}) >= FEWEST:
-            table = np.array([[day, number.value, number.std] for day, number in told])
+    for (what, unit), series in points.items():
+        if len({day for day, _ in series}) >= FEWEST:
+            table = np.array([[day, number.value, number.std] for day, number in series])
             lines.append(_line(robot, what, unit, *table.T))
     return lines
 

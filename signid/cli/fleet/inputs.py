@@ -1,4 +1,4 @@
-"""What a session is made from, and the key that says whether it was made from the same before."""
+"""Input files of a session, and the key that identifies its result."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from .manifest import TASKS, Entry
 
 
 def check_robot(entry: Entry, folder: Path) -> tuple[Input, ...]:
-    """The description of a session's robot, and the actuators file beside it.
+    """List the robot description of a session and the actuators file beside it.
 
     Args:
-        entry: the session.
-        folder: of the manifest.
+        entry: session.
+        folder: folder of the manifest.
 
     Raises:
-        RobotError: it cannot be used.
+        RobotError: the description cannot be used.
     """
     beside = folder / entry.robot
     actuators = str(folder / entry.actuators) if entry.actuators else None
@@ -33,24 +33,24 @@ def check_robot(entry: Entry, folder: Path) -> tuple[Input, ...]:
 
 
 def read_inputs(entry: Entry, folder: Path) -> tuple[Input, ...]:
-    """All files that a session reads besides its description, by what they hold.
+    """List the files that a session reads besides the description, with their digests.
 
     Args:
-        entry: the session.
-        folder: of the manifest.
+        entry: session.
+        folder: folder of the manifest.
 
     Raises:
-        RecordingError: one cannot be read.
+        RecordingError: a file cannot be read.
     """
     return tuple(Input(name, _digest(folder / name, name)) for name in entry.files)
 
 
 def key(arguments: Sequence[str], inputs: Sequence[Input]) -> str:
-    """The same for the same command on the same files by the same version, and for nothing else.
+    """Hash of the command, the content of its files and the version of signid.
 
     Args:
-        arguments: of the command.
-        inputs: all files that it reads.
+        arguments: arguments of the command.
+        inputs: files that it reads.
     """
     read = sorted({(file.path, file.sha256) for file in inputs})
     return sha256(json.dumps([__version__, [*arguments], read]).encode()).hexdigest()
@@ -61,7 +61,7 @@ def _described(source: str, name: str, actuators: str | None, simulation: bool) 
     saved = source.endswith(".json") and simulation
     robot = load_model(source).robot if saved else load_robot(source, actuators=actuators)
     if saved and actuators is not None:
-        raise RobotError(f"{name} states its drives itself; leave actuators empty")
+        raise RobotError(f"{name} states its actuators itself; leave actuators empty")
     path = Path(source) if saved else Path(robot.path)
     digest = _digest(path, name) if saved else robot.sha256
     found = [Input(name, digest, "description")]

@@ -1,4 +1,4 @@
-"""The list of sessions: a CSV file, a row each, checked as a whole before anything is done."""
+"""The manifest: a CSV file with one session per row, checked as a whole before any session runs."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from pathlib import Path
 from ...errors import ManifestError, shorten
 from ...types import Input
 
-TASKS = ("diagnose", "identify", "reduce")  # the first by default
+TASKS = ("diagnose", "identify", "reduce")  # default: the first
 NEEDED = ("robot", "recording")
 FILES = (*NEEDED, "held_out", "reference", "columns", "actuators", "like")
 COLUMNS = (*FILES, "task", "name", "time", "session")
-BELONGS = {"reference": "diagnose", "like": "reduce"}  # column -> the only task that knows it
+BELONGS = {"reference": "diagnose", "like": "reduce"}  # column -> the only task that uses it
 DAY = 86_400.0  # s
-LONGEST = 100  # characters of a session's name
-MOST = 50  # sentences
+LONGEST = 100  # maximum length of a session name [characters]
+MOST = 50  # maximum number of errors listed
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One session: a robot, its recordings and what is asked of them. Paths are as the manifest has them."""
+    """One session: a robot, its recordings and a task. Paths are as in the manifest."""
 
     line: int
-    session: str  # its folder
-    name: str  # of the single robot: a serial number
-    robot: str  # a description, a model.json or a name
+    session: str  # name of its folder
+    name: str  # name of the individual robot, such as a serial number
+    robot: str  # description, model.json or name
     task: str
     recordings: tuple[str, ...]
     held_out: tuple[str, ...]
@@ -43,7 +43,7 @@ class Entry:
     day: float | None  # days since 1970, UTC
 
     def arguments(self, seed: int = 0) -> tuple[str, ...]:
-        """The command of this session, without -o."""
+        """Arguments of this session's command, without -o."""
         given = [("--held-out", x) for x in self.held_out] + [("--reference", x) for x in self.reference]
         given += [(f"--{key}", value) for key in ("columns", "actuators", "like") if (value := getattr(self, key))]
         given += [("--seed", str(seed))] if seed else []
@@ -51,14 +51,14 @@ class Entry:
 
     @property
     def files(self) -> tuple[str, ...]:
-        """Everything that it reads besides the description."""
+        """Files that it reads besides the description."""
         beside = self.columns, self.actuators, self.like
         return tuple(x for x in (*self.recordings, *self.held_out, *self.reference, *beside) if x)
 
 
 @dataclass(frozen=True)
 class Manifest:
-    """All sessions, and the folder that their paths are relative to."""
+    """All sessions, and the folder to which their paths are relative."""
 
     entries: tuple[Entry, ...]
     folder: Path
@@ -66,18 +66,18 @@ class Manifest:
 
 
 def read_manifest(path: str | Path) -> Manifest:
-    """The sessions that a CSV file lists.
+    """Read the sessions listed in a CSV file.
 
-    Columns: `robot` and `recording`, the latter one file or several with `;` between them; if wanted `held_out`,
-    `reference`, `columns`, `actuators`, `task` (diagnose, identify or reduce), `like` (factors that those of a
-    reduction are to add to), `name` of the single robot, `time` (ISO 8601; without a zone UTC) and `session`, the
-    folder that it gets.
+    Required columns: `robot` and `recording` (one file, or several separated by `;`). Optional columns: `held_out`,
+    `reference`, `columns`, `actuators`, `task` (diagnose, identify or reduce), `like` (factors to which those of a
+    reduction are added), `name` of the individual robot, `time` (ISO 8601; UTC if without zone) and `session` (name of
+    the output folder).
 
     Args:
-        path: the file; paths in it are relative to its folder.
+        path: CSV file; paths in it are relative to its folder.
 
     Raises:
-        ManifestError: a row is wrong, or several; a sentence each.
+        ManifestError: rows are invalid; one sentence per error.
     """
     source = Path(path)
     try:
@@ -86,30 +86,30 @@ def read_manifest(path: str | Path) -> Manifest:
     except OSError as error:
         raise ManifestError([f"cannot read the manifest {path}: {error.strerror}"]) from None
     except (UnicodeDecodeError, csv.Error) as error:
-        raise ManifestError([f"{source.name} is no CSV file of sessions ({error}); save it as CSV, in UTF-8"]) from None
+        raise ManifestError([f"{source.name} is not a CSV file of sessions ({error}); save as CSV in UTF-8"]) from None
     entries, faults = list[Entry](), list[str]()
     for line, row in rows:
         try:
             entries.append(_entry(line, row))
         except ValueError as error:
             faults.append(f"{source.name}, line {line}: {error}")
-    faults += [f"{source.name}, {told}" for told in _repeated(entries)]
+    faults += [f"{source.name}, {sentence}" for sentence in _repeated(entries)]
     if not rows:
-        faults.append(f"{source.name} lists no session; give each a row below the names of the columns")
+        faults.append(f"{source.name} lists no session; add one row per session below the column names")
     if faults:
         raise ManifestError(faults[:MOST] + [f"and {len(faults) - MOST} more such rows"] * (len(faults) > MOST))
     return Manifest(tuple(entries), source.absolute().parent, Input(str(path), sha256(content).hexdigest(), "manifest"))
 
 
 def _rows(text: str, name: str) -> Iterator[tuple[int, Mapping[str, str]]]:
-    """Every row that is not empty, with the number of its last line."""
+    """Yield the non-empty rows, with the number of their last line."""
     reader = csv.reader(text.splitlines(keepends=True), strict=True)
     heads = [head.strip() for head in next(reader, [])]
     for head in heads:
         if head not in COLUMNS:
             near = get_close_matches(head, COLUMNS, 1)
             advice = f"did you mean {near[0]}?" if near else f"columns are {', '.join(COLUMNS)}"
-            raise ManifestError([f"{name} has a column {head!r}, which is none of a manifest; {advice}"])
+            raise ManifestError([f"{name} has an unknown column {head!r}; {advice}"])
     lacking = [head for head in NEEDED if head not in heads]
     if lacking or len(set(heads)) < len(heads):
         what = f"no column {' and none '.join(lacking)}" if lacking else "a column twice"
@@ -121,24 +121,24 @@ def _rows(text: str, name: str) -> Iterator[tuple[int, Mapping[str, str]]]:
 
 
 def _entry(line: int, row: Mapping[str, str]) -> Entry:
-    """The session of a row; ValueError says what is wrong with it."""
+    """The session of a row; ValueError if the row is invalid."""
     if "" in row:
-        raise ValueError("it has more cells than the first line names columns; quote cells that hold commas")
+        raise ValueError("it has more cells than there are columns; quote cells that contain commas")
     for head in NEEDED:
         if not row.get(head):
-            raise ValueError(f"its {head} is empty; every session needs one")
+            raise ValueError(f"the cell {head} is empty; every session needs it")
     for head in FILES:
         if any(part.startswith("-") or "\0" in part for part in _split(row.get(head, ""))):
-            raise ValueError(f"{head} {row[head]!r} would be taken for an option; write ./{row[head]}")
+            raise ValueError(f"{head} {row[head]!r} would be read as an option; write ./{row[head]}")
     task = row.get("task") or TASKS[0]
     if task not in TASKS:
-        raise ValueError(f"the task {task!r} is none of {', '.join(TASKS)}")
+        raise ValueError(f"the task {task!r} is unknown; use one of {', '.join(TASKS)}")
     for head, only in BELONGS.items():
         if row.get(head) and task != only:
-            raise ValueError(f"{head} is of no use to {task}; leave it empty, or make the task {only}")
+            raise ValueError(f"{head} is not used by {task}; leave it empty, or set the task to {only}")
     recordings, name = _split(row["recording"]), row.get("name") or row["robot"]
     if not recordings:
-        raise ValueError(f"its recording {row['recording']!r} names no file")
+        raise ValueError(f"the recording {row['recording']!r} names no file; name at least one")
     return Entry(
         line,
         _folder(row, name, recordings, task),
@@ -167,18 +167,18 @@ def _day(text: str) -> float | None:
         moment = datetime.fromisoformat(text)
         epoch = datetime.fromisoformat("1970-01-01" + ("T00:00Z" if moment.tzinfo else ""))
     except ValueError:
-        raise ValueError(f"the time {text!r} is no date; write 2026-03-31 or 2026-03-31T14:00") from None
+        raise ValueError(f"the time {text!r} is not a date; write 2026-03-31 or 2026-03-31T14:00") from None
     return (moment - epoch).total_seconds() / DAY
 
 
 def _folder(row: Mapping[str, str], name: str, recordings: Sequence[str], task: str) -> str:
-    """The name of a session: as it is given, or that of the robot with the time, or else with the recording."""
+    """The name of a session: as given, or the robot with the time or the recording."""
     given = row.get("session")
     parts = (given,) if given else (name, row.get("time") or recordings[0], "" if task == TASKS[0] else task)
     found = "_".join(re.sub(r"[^\w.]+", "-", part).strip("-._") for part in parts if part)
     if not found or len(found) > LONGEST or (given and found != given):
         raise ValueError(
-            f"{given or found!r} is no name for a folder; give the session a name of letters, digits, - and _"
+            f"{given or found!r} is not a valid folder name; name the session with letters, digits, - and _"
         )
     return found
 
@@ -189,5 +189,5 @@ def _repeated(entries: Sequence[Entry]) -> Iterator[str]:
         lines.setdefault(entry.session.casefold(), []).append(str(entry.line))
     for name, found in lines.items():
         if len(found) > 1:
-            told = f"lines {shorten(found)}: all are the session {name}"
-            yield f"{told}; tell them apart by name or time, or name them in a column session"
+            advice = "give them different names or times, or name them in a column session"
+            yield f"lines {shorten(found)}: all have the session name {name}; {advice}"

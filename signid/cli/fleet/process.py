@@ -1,4 +1,4 @@
-"""Processes that carry out commands one after another, and are begun anew where one dies."""
+"""Worker processes that run commands one after another, and are restarted if they die."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from typing import IO, NamedTuple
 from ...errors import SignidError
 from ...version import __version__
 
-TRIES = 2  # of a command whose process dies
-IDLE = 60.0  # [s] after which a process that nobody asks ends
-GRACE = 3.0  # [s] for a process to leave nothing behind
-LASTS = 50  # commands that a process carries out, so that what it holds of memory does not pile up
+TRIES = 2  # attempts at a command whose process dies
+IDLE = 60.0  # time after which an idle process ends [s]
+GRACE = 3.0  # time for a process to clean up before it is killed [s]
+LASTS = 50  # commands per process; limits the growth of its memory
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "POLARS_MAX_THREADS")
 
 
@@ -25,18 +25,18 @@ DONE, FLAGGED = 0, 3  # exit codes of commands that leave results
 
 
 class Order(NamedTuple):
-    """One command of signid, to be run in a folder; its results go into a folder of its own, and come back."""
+    """One command to run in a folder; its result files are returned."""
 
     arguments: tuple[str, ...]  # without -o
-    folder: str  # that paths are relative to
-    output: str = ""  # name of the only result, where the command writes a file rather than a folder
+    folder: str  # folder to which paths are relative
+    output: str = ""  # name of the result if the command writes a single file
     version: str = __version__
 
 
 class Answer(NamedTuple):
     """How a command ended."""
 
-    code: int | None  # None: its process died, or never began
+    code: int | None  # exit code; None: the process died or did not start
     said: tuple[str, ...]  # sentences, as on standard error
     files: Mapping[str, bytes]
 
@@ -47,15 +47,15 @@ class Answer(NamedTuple):
 
 
 class Stopped(SignidError):
-    """Whoever asked has asked to stop."""
+    """The caller requested a stop."""
 
 
 class _Died(Exception):
-    """A process ended while it was at work."""
+    """A process ended during a command."""
 
 
 class _Process:
-    """A process that is up and waits, or works; it ends when nobody holds its standard input any more."""
+    """A running worker process; it ends when its standard input is closed."""
 
     def __init__(self) -> None:
         heard = None if os.environ.get("SIGNID_DEBUG") else subprocess.DEVNULL
@@ -65,7 +65,7 @@ class _Process:
             stdout=subprocess.PIPE,
             stderr=heard,
             env={**os.environ, **dict.fromkeys(THREADS, "1")},
-            start_new_session=True,  # Ctrl-C in a terminal is for who asks, not for who works
+            start_new_session=True,  # Ctrl-C in a terminal reaches the caller only
         )
         self.carried_out, self.retires = 0, Timer(IDLE, self.end)
 
@@ -75,8 +75,8 @@ class _Process:
         try:
             orders.write(json.dumps(order._asdict()).encode() + b"\n")
             orders.flush()
-            header = json.loads(_exactly(answers, int(_exactly(answers, 16))))
-            files = {name: _exactly(answers, size) for name, size in header["files"]}
+            header = json.loads(_read_exactly(answers, int(_read_exactly(answers, 16))))
+            files = {name: _read_exactly(answers, size) for name, size in header["files"]}
         except (OSError, EOFError):
             self.child.kill()
             raise _Died(_ending(self.child.wait())) from None
@@ -92,11 +92,11 @@ class _Process:
             self.child.wait()
         for pipe in (self.child.stdin, self.child.stdout):
             if pipe is not None:
-                with suppress(BrokenPipeError):  # what the child did not read any more
+                with suppress(BrokenPipeError):  # input that the child did not read
                     pipe.close()
 
 
-def _exactly(stream: IO[bytes], count: int) -> bytes:
+def _read_exactly(stream: IO[bytes], count: int) -> bytes:
     found = stream.read(count)
     if len(found) < count:
         raise EOFError
@@ -108,23 +108,23 @@ def _ending(code: int) -> str:
 
 
 class Processes:
-    """As many processes as are asked at the same time."""
+    """A pool with as many processes as there are concurrent calls."""
 
     def __init__(self) -> None:
         self._idle, self._all, self._lock, self._stopped = list[_Process](), set[_Process](), Lock(), False
 
     def carry_out(self, order: Order) -> Answer:
-        """What comes of a command that a process of its own carries out.
+        """Run a command in a worker process and return its answer.
 
         Args:
-            order: the command.
+            order: command.
 
         Raises:
             Stopped: `stop` was called.
         """
         if order.version != __version__:
-            told = f"signid {__version__} is installed where the work is done, {order.version} where it was asked for"
-            return Answer(None, (f"{told}; install the same",), {})
+            versions = f"signid {__version__} on the worker, {order.version} on the calling machine"
+            return Answer(None, (f"the versions differ: {versions}; install the same version",), {})
         ending = ""
         for _ in range(TRIES):
             process = self._take()
@@ -140,10 +140,10 @@ class Processes:
             if self._stopped:
                 raise Stopped("stopped")
         why = f"its process died {TRIES} times, the last time {ending}"
-        return Answer(None, (f"{why}; perhaps of too little memory: give it fewer or shorter recordings",), {})
+        return Answer(None, (f"{why}; if memory is short, give it fewer or shorter recordings",), {})
 
     def stop(self) -> None:
-        """End all processes, idle or not, for good."""
+        """End all processes permanently."""
         with self._lock:
             self._stopped = True
             for process in self._all:
@@ -184,13 +184,13 @@ class Processes:
         process.end()
 
 
-_OURS = Processes()
+_POOL = Processes()
 
 
 def carry_out(order: Order) -> Answer:
-    """What comes of a command that a process beside this one carries out; for a worker of Dask.
+    """Run a command in a child of a Dask worker.
 
     Args:
-        order: the command.
+        order: command.
     """
-    return _OURS.carry_out(order)
+    return _POOL.carry_out(order)

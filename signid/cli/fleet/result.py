@@ -1,4 +1,4 @@
-"""What a fleet's sessions tell together."""
+"""Joint evaluation of a fleet's sessions."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ...version import __version__
 from .drift import Drift, find_drifts
 from .manifest import Entry
 from .process import FLAGGED
-from .summary import Cause, Number, Told
+from .summary import Cause, Number, Summary
 
 SCHEMA = "signid.fleet/1"
 UNDONE = "not done"
@@ -20,13 +20,13 @@ UNDONE = "not done"
 
 @dataclass(frozen=True)
 class Outcome:
-    """One session, done or not."""
+    """One session, completed or failed."""
 
     entry: Entry
-    code: int | None  # of its command; None where no process survived it
-    said: tuple[str, ...]  # flags, or why it could not be done
-    files: tuple[str, ...]  # that it left, in its folder
-    told: Told
+    code: int | None  # exit code of its command; None: its processes died
+    said: tuple[str, ...]  # flags, or the reason of the failure
+    files: tuple[str, ...]  # files in its folder
+    summary: Summary
 
     @property
     def done(self) -> bool:
@@ -35,13 +35,13 @@ class Outcome:
 
     @property
     def folder(self) -> str:
-        """Of its files, seen from that of the fleet."""
+        """Its folder, relative to that of the fleet."""
         return f"sessions/{self.entry.session}"
 
 
 @dataclass(frozen=True, eq=False)
 class Fleet(Frozen):
-    """All sessions in the order of the manifest, and what they tell together."""
+    """All sessions in the order of the manifest, and their joint evaluation."""
 
     outcomes: tuple[Outcome, ...]
     drifts: tuple[Drift, ...]
@@ -50,31 +50,31 @@ class Fleet(Frozen):
 
     @property
     def robots(self) -> list[tuple[str, list[Outcome]]]:
-        """Every single robot with its sessions, the latest last; by the mismatch of that one, the largest first."""
+        """Robots with their sessions in order of time; the largest latest mismatch first."""
         found: dict[str, list[Outcome]] = {}
         for outcome in self.outcomes:
             found.setdefault(outcome.entry.name, []).append(outcome)
         ordered = {name: sorted(some, key=_moment) for name, some in found.items()}
-        return sorted(ordered.items(), key=lambda robot: (-(_latest(robot[1]).told.mismatch or -1.0), robot[0]))
+        return sorted(ordered.items(), key=lambda robot: (-(_latest(robot[1]).summary.mismatch or -1.0), robot[0]))
 
     @property
     def causes(self) -> list[dict[str, Any]]:
-        """Equal causes in the latest diagnoses of robots of one kind, those of most robots first."""
-        kinds: dict[str, list[tuple[str, Told]]] = {}
+        """Causes shared by the latest diagnoses of robots of one kind; the most frequent first."""
+        kinds: dict[str, list[tuple[str, Summary]]] = {}
         for name, sessions in self.robots:
-            diagnosed = [one for one in sessions if one.told.verdict]
+            diagnosed = [one for one in sessions if one.summary.verdict]
             if diagnosed:
-                kinds.setdefault(diagnosed[-1].told.kind, []).append((name, diagnosed[-1].told))
+                kinds.setdefault(diagnosed[-1].summary.kind, []).append((name, diagnosed[-1].summary))
         found = [cause for kind, robots in kinds.items() for cause in _grouped(kind, robots)]
         return sorted(found, key=lambda cause: (-len(cause["robots"]), cause["kind"], cause["cause"]))
 
     @property
     def flagged(self) -> bool:
-        """Whether a session was not done, or says what in it is not to be trusted."""
+        """Whether a session failed or is flagged."""
         return any(not outcome.done or outcome.code == FLAGGED for outcome in self.outcomes)
 
     def document(self) -> dict[str, Any]:
-        """fleet.json."""
+        """The content of fleet.json."""
         return {
             "schema": SCHEMA,
             "robots": [_robot(name, sessions) for name, sessions in self.robots],
@@ -88,17 +88,17 @@ class Fleet(Frozen):
 
 
 def gather(outcomes: Sequence[Outcome], manifest: Input, seed: int) -> Fleet:
-    """What sessions tell together.
+    """Evaluate sessions jointly.
 
     Args:
-        outcomes: in the order of the manifest.
-        manifest: the file.
-        seed: of all sessions.
+        outcomes: sessions in the order of the manifest.
+        manifest: manifest file.
+        seed: seed of all sessions.
     """
     series: dict[tuple[str, str], list[tuple[float, Any]]] = {}
     for one in outcomes:
-        if one.entry.day is not None and one.told.numbers:
-            series.setdefault((one.entry.name, one.entry.task), []).append((one.entry.day, one.told.numbers))
+        if one.entry.day is not None and one.summary.numbers:
+            series.setdefault((one.entry.name, one.entry.task), []).append((one.entry.day, one.summary.numbers))
     return Fleet(tuple(outcomes), find_drifts((name, found) for (name, _), found in series.items()), manifest, seed)
 
 
@@ -108,18 +108,18 @@ def _moment(outcome: Outcome) -> tuple[float, int]:
 
 
 def _latest(sessions: Sequence[Outcome]) -> Outcome:
-    """The last session that says how large the mismatch is; the last of all where none does."""
-    return ([one for one in sessions if one.told.mismatch is not None] or sessions)[-1]
+    """The last session with a known mismatch, or else the last session."""
+    return ([one for one in sessions if one.summary.mismatch is not None] or sessions)[-1]
 
 
-def _grouped(kind: str, robots: Sequence[tuple[str, Told]]) -> Iterator[dict[str, Any]]:
+def _grouped(kind: str, robots: Sequence[tuple[str, Summary]]) -> Iterator[dict[str, Any]]:
     groups: dict[str, list[tuple[str, Cause]]] = {}
-    for name, told in robots:
-        for cause in told.causes:
+    for name, summary in robots:
+        for cause in summary.causes:
             groups.setdefault(cause.name, []).append((name, cause))
     for law, found in groups.items():
         joint = found[0][1].joint
-        could = sum(joint is None or joint in told.joints for _, told in robots)
+        could = sum(joint is None or joint in summary.joints for _, summary in robots)
         yield {
             "cause": law,
             "kind": kind,
@@ -132,10 +132,10 @@ def _grouped(kind: str, robots: Sequence[tuple[str, Told]]) -> Iterator[dict[str
 
 def _spread(causes: Sequence[Cause]) -> Iterator[dict[str, Any]]:
     """Range, median and largest standard deviation of each number over the robots."""
-    told: dict[tuple[str, str], list[Number]] = {}
+    series: dict[tuple[str, str], list[Number]] = {}
     for number in (number for cause in causes for number in cause.numbers):
-        told.setdefault((number.what.rpartition(": ")[2], number.unit), []).append(number)
-    for (key, unit), found in told.items():
+        series.setdefault((number.what.rpartition(": ")[2], number.unit), []).append(number)
+    for (key, unit), found in series.items():
         values = [number.value for number in found]
         ends = {"least": min(values), "median": median(values), "most": max(values)}
         yield {"key": key, "unit": unit, **ends, "std": max(number.std for number in found)}
@@ -145,23 +145,23 @@ def _robot(name: str, sessions: Sequence[Outcome]) -> dict[str, Any]:
     latest = _latest(sessions)
     return {
         "name": name,
-        "kind": latest.told.kind,
+        "kind": latest.summary.kind,
         "sessions": [one.entry.session for one in sessions],
         "latest": latest.entry.session,
         "time": latest.entry.time,
         "task": latest.entry.task,
-        "mismatch": latest.told.mismatch,
-        "joint": latest.told.joint,
-        "left": latest.told.left,
-        "explained": latest.told.explained,
-        "verdict": latest.told.verdict,
-        "causes": [cause.name for cause in latest.told.causes],
+        "mismatch": latest.summary.mismatch,
+        "joint": latest.summary.joint,
+        "left": latest.summary.left,
+        "explained": latest.summary.explained,
+        "verdict": latest.summary.verdict,
+        "causes": [cause.name for cause in latest.summary.causes],
         "undone": sum(not one.done for one in sessions),
     }
 
 
 def _session(outcome: Outcome) -> dict[str, Any]:
-    entry, told = outcome.entry, outcome.told
+    entry, summary = outcome.entry, outcome.summary
     state = UNDONE if not outcome.done else "flagged" if outcome.code == FLAGGED else "done"
     return {
         "session": entry.session,
@@ -174,11 +174,11 @@ def _session(outcome: Outcome) -> dict[str, Any]:
         "said": list(outcome.said),
         "folder": outcome.folder if outcome.done else None,
         "files": list(outcome.files),
-        "mismatch": told.mismatch,
-        "joint": told.joint,
-        "left": told.left,
-        "verdict": told.verdict,
-        "causes": [cause.name for cause in told.causes],
+        "mismatch": summary.mismatch,
+        "joint": summary.joint,
+        "left": summary.left,
+        "verdict": summary.verdict,
+        "causes": [cause.name for cause in summary.causes],
     }
 
 

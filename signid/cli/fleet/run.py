@@ -1,4 +1,4 @@
-"""A manifest -> every session done, kept in its folder, and told together."""
+"""Run the sessions of a manifest, store each in its folder, and evaluate them jointly."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from .manifest import Entry, Manifest, read_manifest
 from .process import Answer, Order
 from .result import Fleet, Outcome, gather
 from .store import Store
-from .summary import FILES, Told, tell
+from .summary import FILES, Summary, summarise
 
 FACTORS = "factors.npz"
 
 
 @dataclass(frozen=True)
 class _Task:
-    """A session with all that it is made from, and its key."""
+    """A session with its input files and its key."""
 
     entry: Entry
     inputs: tuple[Input, ...]
-    key: str  # "" where a file that it needs cannot be read
-    fault: str = ""  # why
+    key: str  # "" if an input file cannot be read
+    fault: str = ""  # reason
 
 
 def fleet(
@@ -41,35 +41,35 @@ def fleet(
     keep_going: bool = True,
     progress: Progress | None = None,
 ) -> Fleet:
-    """Diagnose or identify many robots and recordings, each session by a process of its own.
+    """Diagnose or identify many robots and recordings, each session in a separate process.
 
-    A session's folder appears when it is complete, with the files that its command writes and session.json. Sessions
-    that are there, made from the same files by the same command and version, are not done again.
+    The folder of a session appears when it is complete; it holds the files of its command and session.json. Existing
+    sessions with the same files, command and version are not run again.
 
     Args:
         manifest: CSV file of sessions, see `read_manifest`.
-        folder: of the results; the folder sessions in it gets one for each.
-        scheduler: address of a Dask scheduler, whose workers do the work; they read the same paths as this machine.
-        workers: processes of this machine, as many as it has cores by default.
-        seed: of every session.
-        keep_going: False: the first session that cannot be done ends the run.
-        progress: told how many sessions are done.
+        folder: output folder; its folder `sessions` gets one folder per session.
+        scheduler: address of a Dask scheduler to use; its workers read the same paths as this machine.
+        workers: processes on this machine; default: one per core.
+        seed: seed of every session.
+        keep_going: continue if a session fails.
+        progress: callback with the number of completed sessions.
 
     Raises:
-        ManifestError: rows of the manifest are wrong.
-        InputError: no such scheduler; or a session cannot be done, and `keep_going` is False.
+        ManifestError: rows of the manifest are invalid.
+        InputError: the scheduler is not available; or a session failed and `keep_going` is False.
         OutputError: results cannot be written.
     """
     listed = read_manifest(manifest)
-    told = progress or (lambda what, share: None)
-    tasks = _prepare(listed, seed, workers or cores(), told)
+    report = progress or (lambda stage, share: None)
+    tasks = _prepare(listed, seed, workers or cores(), report)
     store = Store(folder)
     answers = {k: Answer(None, (task.fault,), {}) for k, task in enumerate(tasks) if task.fault}
     if answers and not keep_going:
         raise InputError(_sentence(tasks[min(answers)].entry, answers[min(answers)]))
     todo = [k for k, task in enumerate(tasks) if store.record(task.entry.session).get("key") != task.key != ""]
     done = len(tasks) - len(todo)
-    told(f"{done} of {len(tasks)} sessions", done / len(tasks))
+    report(f"{done} of {len(tasks)} sessions", done / len(tasks))
     orders = [_order(tasks[k].entry, listed, seed) for k in todo]
     with closing(spread(orders, workers, scheduler)) as found:
         for number, answer in found:
@@ -80,12 +80,12 @@ def fleet(
                 answers[todo[number]] = answer
             else:
                 raise InputError(_sentence(task.entry, answer))
-            told(f"{done} of {len(tasks)} sessions", done / len(tasks))
+            report(f"{done} of {len(tasks)} sessions", done / len(tasks))
     return gather([_outcome(store, task, answers.get(k)) for k, task in enumerate(tasks)], listed.input, seed)
 
 
-def _prepare(listed: Manifest, seed: int, workers: int, told: Progress) -> list[_Task]:
-    """Every session with the digests of its files; robots are checked first, all of them."""
+def _prepare(listed: Manifest, seed: int, workers: int, report: Progress) -> list[_Task]:
+    """Check all robots, then list each session with the digests of its files."""
     described, faults = list[tuple[Input, ...]](), list[str]()
     for entry in listed.entries:
         try:
@@ -103,9 +103,9 @@ def _prepare(listed: Manifest, seed: int, workers: int, told: Progress) -> list[
         return _Task(entry, inputs, key(entry.arguments(seed), inputs))
 
     tasks = list[_Task]()
-    with ThreadPoolExecutor(workers) as pool:  # digests are made side by side
+    with ThreadPoolExecutor(workers) as pool:  # digests are computed in parallel
         for task in pool.map(made, listed.entries, described):
-            told("reading recordings", len(tasks) / len(listed.entries))
+            report("reading recordings", len(tasks) / len(listed.entries))
             tasks.append(task)
     return tasks
 
@@ -129,17 +129,15 @@ def _keep(store: Store, task: _Task, order: Order, answer: Answer) -> None:
 
 
 def _outcome(store: Store, task: _Task, answer: Answer | None) -> Outcome:
-    """A session as it stands in its folder, or as it was not done."""
+    """The outcome of a session, from its folder or from the answer of a failed command."""
     if answer is not None:
-        return Outcome(task.entry, answer.code, answer.said, (), Told())
+        return Outcome(task.entry, answer.code, answer.said, (), Summary())
     record = store.record(task.entry.session)
-    told = Told()
+    summary = Summary()
     if task.entry.task in FILES:
-        told = tell(task.entry.task, store.document(task.entry.session, FILES[task.entry.task]))
-    return Outcome(task.entry, record["code"], tuple(record["said"]), tuple(record["files"]), told)
+        summary = summarise(task.entry.task, store.document(task.entry.session, FILES[task.entry.task]))
+    return Outcome(task.entry, record["code"], tuple(record["said"]), tuple(record["files"]), summary)
 
 
 def _sentence(entry: Entry, answer: Answer) -> str:
-    return (
-        f"session {entry.session} (line {entry.line}) cannot be done: {answer.said[0] if answer.said else 'no reason'}"
-    )
+    return f"session {entry.session} (line {entry.line}) failed: {answer.said[0] if answer.said else 'no reason given'}"

@@ -1,4 +1,4 @@
-"""A folder of sessions: each appears with all its files at once, beside what they were made from."""
+"""Storage of sessions: each folder appears at once, with all files and a record of its inputs."""
 
 from __future__ import annotations
 
@@ -24,10 +24,13 @@ class Store:
     """The sessions in a folder of results."""
 
     def __init__(self, folder: str | Path) -> None:
-        """Makes the folder where it is missing, and clears away what a run that was killed left a day ago.
+        """Create the folder if missing, and remove temporary folders that killed runs left over a day ago.
+
+        Args:
+            folder: output folder.
 
         Raises:
-            OutputError: it cannot be written to.
+            OutputError: the folder is not writable.
         """
         self.place = Path(folder) / SESSIONS
         try:
@@ -39,13 +42,13 @@ class Store:
             raise self._refusal(error) from None
 
     def record(self, name: str) -> Mapping[str, Any]:
-        """What is written down of a session; empty where there is none, or one of its files is gone."""
+        """The stored record of a session; empty if there is none or a file is missing."""
         found = self.document(name, RECORD)
         whole = found.get("schema") == SCHEMA and all((self.place / name / file).is_file() for file in found["files"])
         return found if whole else {}
 
     def document(self, name: str, file: str) -> Mapping[str, Any]:
-        """A result of a session; empty where there is none."""
+        """A result file of a session; empty if there is none."""
         try:
             found = read_json(self.place / name / file)
         except (OSError, ValueError):
@@ -53,15 +56,15 @@ class Store:
         return found if isinstance(found, dict) else {}
 
     def keep(self, name: str, record: Mapping[str, Any], files: Mapping[str, bytes]) -> None:
-        """A session with its files, in the place of what stood there; whole, or not at all.
+        """Store a session with its files, replacing an existing one completely or not at all.
 
         Args:
-            name: of the session.
-            record: what is written down of it.
-            files: name of each and what it holds.
+            name: name of the session.
+            record: content of its record.
+            files: content of each file by name.
 
         Raises:
-            OutputError: it cannot be written; what stood there is still there.
+            OutputError: the session cannot be written; an existing one is kept.
         """
         text = json.dumps({"schema": SCHEMA, **record}, indent=2, ensure_ascii=False) + "\n"
         new = None
@@ -78,7 +81,7 @@ class Store:
                 shutil.rmtree(new, ignore_errors=True)
 
     def _exchange(self, new: Path, place: Path) -> None:
-        """The new folder where the old one was; another run may do the same at the same time."""
+        """Replace the old folder by the new one; safe against concurrent runs."""
         with tempfile.TemporaryDirectory(prefix=MARK, dir=self.place, ignore_cleanup_errors=True) as aside:
             for again in (True, True, False):
                 with suppress(FileNotFoundError):
@@ -92,5 +95,5 @@ class Store:
     def _refusal(self, error: OSError) -> OutputError:
         why = error.strerror or type(error).__name__
         return OutputError(
-            f"cannot write results to {self.place}: {why}; name another folder with -o, or make room in it"
+            f"cannot write results to {self.place}: {why}; name another folder with -o, or free disk space"
         )

@@ -1,4 +1,4 @@
-"""identification.json and diagnosis.json -> what a fleet compares."""
+"""Summary of identification.json and diagnosis.json, as a fleet compares them."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from typing import Any, NamedTuple
 from ...effects import EFFECTS
 
 FILES = {"diagnose": "diagnosis.json", "identify": "identification.json"}
-CEILING = 1e6  # times the noise floor: where there is hardly a floor
+CEILING = 1e6  # maximum ratio of residual to noise floor
 
 
 class Number(NamedTuple):
-    """A parameter as one session tells it."""
+    """A parameter estimated in one session."""
 
     what: str  # "coulomb_friction of joint_2: level"
     unit: str
@@ -33,55 +33,55 @@ class Cause(NamedTuple):
 
     @property
     def name(self) -> str:
-        """The law and where it acts."""
+        """Name of the law and its joints."""
         beside = f" and {self.partner}" if self.partner else ""
         return self.effect + (f" of {self.joint}{beside}" if self.joint else "")
 
 
 @dataclass(frozen=True)
-class Told:
-    """What a session says of its robot; the residual is that of held-out torque, over the noise floor."""
+class Summary:
+    """Result of a session. Residuals are those of the held-out torque, relative to the noise floor."""
 
-    kind: str = ""  # of robot: the name in its description
+    kind: str = ""  # kind of robot: the name in its description
     joints: tuple[str, ...] = ()
-    mismatch: float | None = None  # of the simulation, or of the identified model, at the joint where it is largest
+    mismatch: float | None = None  # residual of the simulation or the identified model at the joint where it is largest
     joint: str = ""  # that joint
-    left: float | None = None  # there, with what the simulation lacked
-    verdict: str = ""  # of a diagnosis
+    left: float | None = None  # residual of the extended simulation at that joint
+    verdict: str = ""  # verdict of a diagnosis
     causes: tuple[Cause, ...] = ()
-    numbers: tuple[Number, ...] = ()  # that could drift
+    numbers: tuple[Number, ...] = ()  # parameters checked for drift
 
     @property
     def explained(self) -> float | None:
-        """Share of the residual's square at that joint that a diagnosis explains."""
+        """Share of the squared residual at that joint that a diagnosis explains."""
         if self.left is None or not self.mismatch:
             return None
         return max(0.0, 1 - (self.left / self.mismatch) ** 2)
 
 
-def tell(task: str, document: Mapping[str, Any]) -> Told:
-    """What a session says, by the document that it left.
+def summarise(task: str, document: Mapping[str, Any]) -> Summary:
+    """Summarise the document of a session.
 
     Args:
-        task: diagnose or identify; anything else says nothing.
+        task: diagnose or identify; the summary of other tasks is empty.
         document: diagnosis.json or identification.json.
     """
     if not document:
-        return Told()
+        return Summary()
     kind, joints = str(document["robot"]), tuple(document["joints"])
     if task == "identify":
         mismatch, joint, _ = _mismatch(document["fit"])
-        return Told(kind, joints, mismatch, joint, numbers=tuple(_identified(document)))
+        return Summary(kind, joints, mismatch, joint, numbers=tuple(_identified(document)))
     mismatch, joint, j = _mismatch(document["fit"]["before"])
     left = None if j is None else _over(document["fit"]["after"], j)
     causes = tuple(_cause(one) for one in document["findings"] if one["role"] == "cause")
     every = (number for one in document["findings"] for number in _cause(one).numbers)
     verdict = str(document["verdict"])
-    return Told(kind, joints, mismatch, joint, left, verdict, causes, tuple(every))
+    return Summary(kind, joints, mismatch, joint, left, verdict, causes, tuple(every))
 
 
 def _mismatch(fit: Mapping[str, Sequence[Any]]) -> tuple[float | None, str, int | None]:
-    """The largest residual over its noise floor, where it is, and the number of that joint."""
+    """The largest ratio of residual to noise floor, with its joint's name and index."""
     found = [(size, j) for j in range(len(fit["joints"])) if (size := _over(fit, j)) is not None]
     if not found:
         return None, "", None
@@ -102,7 +102,7 @@ def _cause(finding: Mapping[str, Any]) -> Cause:
 
 
 def _identified(document: Mapping[str, Any]) -> Iterator[Number]:
-    """Laws, and base parameters that hold more than a law's own coefficient."""
+    """Parameters of laws, and base parameters other than the coefficient of a single law."""
     for law in document["effects"]:
         where = f" of {law['joint']}" if law["joint"] else ""
         yield from _numbers(law["effect"] + where, law["parameters"])
@@ -114,6 +114,6 @@ def _identified(document: Mapping[str, Any]) -> Iterator[Number]:
 
 
 def _numbers(name: str, parameters: Mapping[str, Mapping[str, Any]]) -> Iterator[Number]:
-    for key, told in parameters.items():
-        if key != "partner" and told["value"] is not None and told["std"]:
-            yield Number(f"{name}: {key}", told["unit"], float(told["value"]), float(told["std"]))
+    for key, entry in parameters.items():
+        if key != "partner" and entry["value"] is not None and entry["std"]:
+            yield Number(f"{name}: {key}", entry["unit"], float(entry["value"]), float(entry["std"]))

@@ -1,7 +1,7 @@
-"""A model in files that other programs read: URDF, MJCF, actuators.toml, a Python function, ROS 2, Isaac Lab.
+"""Export of models to URDF, MJCF, actuators.toml, a Python function, ROS 2 and Isaac Lab.
 
-What a format cannot hold stands in `Exported.notes` and, as a comment, in the file. The function holds the laws that
-neither URDF nor MJCF knows, and needs numpy alone.
+`Exported.notes` and a comment in the file list the content that a format cannot hold. The Python function holds the
+laws that neither URDF nor MJCF can express, and needs only NumPy.
 """
 
 from .edit import urdf_with

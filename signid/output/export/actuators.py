@@ -1,4 +1,4 @@
-"""A model's drives as the actuators file beside a description."""
+"""Export of a model's actuators as actuators.toml."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ _BARE = re.compile(r"[A-Za-z0-9_-]+")
 
 
 def write_actuators(model: Model) -> Exported:
-    """The actuators file (TOML): armature, friction, offset and torque constant of each joint.
+    """Write an actuators file (TOML): armature, friction, offset and torque constant of each joint.
 
-    What the description states and the model lacks is zero, as the file wins over the description.
+    Values that the description states and the model lacks are zero, since the file overrides the description.
     """
     drives, beyond = driven(model)
     notes = tuple(f"an actuators file cannot hold {laws}" for laws in beyond)
-    head = f"Drives of {model.robot.name}; prismatic joints: N for N.m, m for rad, kg for kg.m2"
+    head = f"Actuators of {model.robot.name}; prismatic joints: N for N.m, m for rad, kg for kg.m2"
     lines = remarks([head, *notes]).splitlines()
     for joint, stated in drives.items():
         if stated:
@@ -40,11 +40,11 @@ def write_actuators(model: Model) -> Exported:
 
 
 def driven(model: Model, but: Collection[str] = ()) -> tuple[dict[str, dict[str, float]], list[str]]:
-    """By joint and key what is known of the drives, and the laws of the model that this leaves out, in words.
+    """Return actuator parameters by joint and key, and the laws of the model that they omit, in words.
 
     Args:
         model: rigid bodies and laws.
-        but: effects that are not missed.
+        but: effects whose omission is not reported.
     """
     robot = model.robot
     values = {item.name: _values(model, item.name) for item in fields(Actuators)}
@@ -58,7 +58,7 @@ def driven(model: Model, but: Collection[str] = ()) -> tuple[dict[str, dict[str,
 
 
 def _values(model: Model, key: str) -> Array:
-    """(n,) [the unit of the key]; NaN where the file says nothing."""
+    """Values of a key, (n,) [the unit of the key]; NaN if not written."""
     stated = getattr(model.robot.actuators, key)
     if key == "torque_constant":
         return np.asarray(stated)

@@ -1,4 +1,4 @@
-"""What a format can say of a model's laws, and in which words it is told what it cannot say."""
+"""Laws that a format can hold, and notes about those that it cannot."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from ...errors import shorten
 from ...model import Model
 from ...types import Array, Law, Robot
 
-MOST = 16  # joints that are named
-BODIES = ("payload", "link_inertia")  # laws that inertials hold
+MOST = 16  # maximum number of joints listed
+BODIES = ("payload", "link_inertia")  # laws included in inertials
 
 
 @dataclass(frozen=True)
 class Exported:
-    """The text of a file, and a sentence on each thing that it lacks."""
+    """The text of a file, and notes on the content that it lacks."""
 
     text: str
     notes: tuple[str, ...] = ()
 
 
 def summed(model: Model, effect: str) -> Array:
-    """What the laws of an effect with one number come to at each joint, (n,) [the unit of the number]; NaN: no law."""
+    """Sum of an effect's single parameter over its laws, (n,) [the unit of the parameter]; NaN: no law."""
     total = np.full(len(model.robot.joints), np.nan)
     for law in model.laws:
         if law.effect.name == effect:
@@ -34,13 +34,13 @@ def summed(model: Model, effect: str) -> Array:
 
 
 def held(model: Model, effects: Iterable[str]) -> list[Law]:
-    """The laws of such effects, at the joints where what they come to is not below zero: no drive's file holds that."""
+    """Laws of some effects at joints where their sum is not negative; formats cannot hold negative values."""
     sums = {effect: summed(model, effect) for effect in effects}
     return [law for law in model.laws if law.effect.name in sums and sums[law.effect.name][law.joints[0]] >= 0]
 
 
 def lacking(robot: Robot, laws: Iterable[Law], carried: Collection[Law]) -> str:
-    """The laws that are not among those carried, as words: `torque_offset of joint_1, joint_2; backlash of joint_3`."""
+    """Laws that are not among those carried, in words: `torque_offset of joint_1, joint_2; backlash of joint_3`."""
     where: dict[str, list[str]] = {}
     for law in laws:
         if not any(law is other for other in carried):
@@ -51,22 +51,26 @@ def lacking(robot: Robot, laws: Iterable[Law], carried: Collection[Law]) -> str:
     return "; ".join(f"{name} of {shorten(joints, MOST)}" if joints else name for name, joints in where.items())
 
 
-def fixed_note(robot: Robot, what: str) -> list[str]:
-    """A sentence on the joints that are held fixed although they could move."""
+def fixed_note(robot: Robot, consequence: str) -> list[str]:
+    """Note on movable joints that the model holds fixed."""
     driven = np.asarray(robot.drive.any(axis=1))
     names = [
         str(name)
         for name, joint in list(zip(robot.model.names, robot.model.joints, strict=True))[1:]
         if not driven[joint.idx_v : joint.idx_v + joint.nv].any()
     ]
-    return [f"{shorten(names)} {'is' if len(names) == 1 else 'are'} held fixed in the model: {what}"] if names else []
+    return (
+        [f"{shorten(names)} {'is' if len(names) == 1 else 'are'} held fixed in the model: {consequence}"]
+        if names
+        else []
+    )
 
 
 def remarks(lines: Iterable[str]) -> str:
-    """Lines as comments of TOML, YAML or Python."""
+    """Format lines as comments of TOML, YAML or Python."""
     return "".join(f"# {' '.join(line.split())}\n" for line in lines)
 
 
 def commented(lines: Iterable[str]) -> str:
-    """Lines as the text of an XML comment, in which no two hyphens may stand."""
+    """Format lines as the text of an XML comment, without double hyphens."""
     return "\n".join(lines).replace("--", "- -").replace("--", "- -")

@@ -1,4 +1,4 @@
-"""A robot's own URDF with other inertials and friction, every other byte of it as it was."""
+"""Replacement of inertials and friction in a URDF, with every other byte unchanged."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ _MOMENTS = (("ixx", 0, 0), ("ixy", 0, 1), ("ixz", 0, 2), ("iyy", 1, 1), ("iyz", 
 
 
 class _Element(NamedTuple):
-    """An element right below a link or joint of the robot, or such a link or joint: characters start..stop."""
+    """A link or joint of the robot, or a direct child of one, at characters start..stop."""
 
     tag: str
     name: str
     start: int
-    inside: int  # where the opening tag ends
+    inside: int  # end of the opening tag
     stop: int
     attributes: Mapping[str, str]
     children: list[_Element]
@@ -39,19 +39,19 @@ class _Edit(NamedTuple):
 def urdf_with(
     robot: Robot, bodies: Array, viscous_friction: Array | None = None, coulomb_friction: Array | None = None
 ) -> str:
-    """The robot's URDF with these inertials and friction; comments, order, meshes and unknown tags stay as they were.
+    """Return the robot's URDF with new inertials and friction; comments, order, meshes and unknown tags are kept.
 
-    The inertial of a moving link is that of all links attached to it by fixed joints: theirs give way to a comment.
+    The inertial of a moving link includes the links attached by fixed joints, whose inertials become a comment.
 
     Args:
-        robot: loaded from a URDF or xacro file.
+        robot: robot loaded from a URDF or xacro file.
         bodies: (nb, 10) [kg, kg.m, kg.m2] inertial parameters about the joint frame of each link of `robot.links`, in
-            Pinocchio's order; a row with NaN leaves the links of that body as they are.
-        viscous_friction: (n,) [N.m.s/rad or N.s/m] damping of the joints; NaN leaves a joint as it is.
-        coulomb_friction: (n,) [N.m or N] friction of the joints; NaN leaves a joint as it is.
+            Pinocchio's order; a row with NaN leaves the links of that body unchanged.
+        viscous_friction: (n,) [N.m.s/rad or N.s/m] damping of the joints; NaN leaves a joint unchanged.
+        coulomb_friction: (n,) [N.m or N] friction of the joints; NaN leaves a joint unchanged.
 
     Raises:
-        RobotError: when the robot does not come from a URDF, an array has another shape, or a body cannot be written.
+        RobotError: the robot was not loaded from a URDF, an array has a wrong shape, or a body cannot be written.
     """
     if robot.kind != "urdf":
         raise RobotError(f"export to URDF needs a URDF; {robot.name} was loaded from {robot.kind.upper()}")
@@ -73,7 +73,7 @@ def urdf_with(
 
 
 def _friction(robot: Robot, viscous: Array, coulomb: Array) -> dict[str, tuple[float, float]]:
-    """Damping and friction per joint of the model; a mimic joint has none left, as that of its leader includes it."""
+    """Damping and friction per joint of the model; zero for mimic joints, whose leader includes theirs."""
     found = {}
     for name, joint in list(zip(robot.model.names, robot.model.joints, strict=True))[1:]:
         leads = np.flatnonzero(robot.drive[joint.idx_v])
@@ -85,9 +85,9 @@ def _friction(robot: Robot, viscous: Array, coulomb: Array) -> dict[str, tuple[f
 
 
 def _elements(text: str) -> list[_Element]:
-    """Links and joints of the robot with what stands right below them, by the characters that they take."""
+    """Links and joints of the robot with their children and character positions."""
     data = without_declaration(text).encode()
-    character = np.cumsum(np.frombuffer(data, np.uint8) & 0xC0 != 0x80) - 1  # of each byte
+    character = np.cumsum(np.frombuffer(data, np.uint8) & 0xC0 != 0x80) - 1  # index of the character of each byte
     stack: list[_Element] = []
     found: list[_Element] = []
     parser = expat.ParserCreate("utf-8")
@@ -125,7 +125,7 @@ def _inertial_edits(
         if name == link.name:
             yield _put(text, link, stated[0] if stated else None, _inertial(name, inertials[name]), newline)
         else:
-            remark = f"<!-- its inertial is part of that of {re.sub('-(?=-)', '- ', name)} -->"
+            remark = f"<!-- inertial included in that of {re.sub('-(?=-)', '- ', name)} -->"
             yield from (_Edit(child.start, child.stop, remark) for child in stated[:1])
 
 
@@ -146,7 +146,7 @@ def _friction_edits(
 
 
 def _with(tag: str, values: Mapping[str, float]) -> str:
-    """An opening tag with attributes set, the others and its spacing as they were."""
+    """Set attributes of an opening tag; keep the others and the spacing."""
     for key, value in values.items():
         stated = re.search(rf"""\s{key}\s*=\s*("[^"]*"|'[^']*')""", tag)
         end = re.search(r"\s*/?>$", tag)
@@ -159,7 +159,7 @@ def _with(tag: str, values: Mapping[str, float]) -> str:
 
 
 def _put(text: str, parent: _Element, stated: _Element | None, lines: list[str], newline: str) -> _Edit:
-    """Lines in the place of an element, or else as the first below its parent, indented as their surroundings."""
+    """Replace an element by lines, or insert them as first child of its parent, indented accordingly."""
     margin = _margin(text, parent.start)
     inner = _margin(text, stated.start) if stated else _inner_margin(text, parent, margin)
     block = (newline + inner).join(lines)
@@ -172,7 +172,7 @@ def _put(text: str, parent: _Element, stated: _Element | None, lines: list[str],
 
 
 def _margin(text: str, at: int) -> str:
-    """White space before an element, if nothing else stands before it in its line."""
+    """Indentation of an element that starts its line; else empty."""
     before = text[text.rfind("\n", 0, at) + 1 : at]
     return before if not before.strip() else ""
 
@@ -182,7 +182,7 @@ def _inner_margin(text: str, parent: _Element, margin: str) -> str:
 
 
 def _inertial(name: str, parameters: Array) -> list[str]:
-    """The lines of an <inertial> about the centre of mass, in the axes of the joint."""
+    """Lines of an <inertial> about the centre of mass, along the axes of the joint frame."""
     mass, first = float(parameters[0]), parameters[1:4]
     if not np.isfinite(parameters).all() or (mass == 0 and np.any(first)):
         raise RobotError(f"the inertial of link {name} cannot be written: it needs finite numbers and a mass")
@@ -201,7 +201,7 @@ def _quoted(value: float) -> str:
 
 
 def _carriers(elements: list[_Element]) -> dict[str, str]:
-    """For each link the moving link that it is rigidly attached to, or itself."""
+    """The moving link to which each link is rigidly attached, or the link itself."""
     above: dict[str, str] = {}
     for joint in elements:
         ends = {child.tag: child.attributes.get("link", "") for child in joint.children}

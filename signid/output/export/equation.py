@@ -1,4 +1,4 @@
-"""A law's equation as plain numpy code: the text of the effect itself, with its functions taken from numpy."""
+"""Translation of a law's equation to NumPy code."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ SIGNALS = ("t", "q", "v", "a", "load", "jacobian")
 _NUMPY = (
     "abs sign exp log sqrt sin cos tan arctan arctan2 sinh cosh tanh clip where sum array cross minimum maximum interp"
 ).split()
-_VARIABLES = ("q", "v", "a", "load")  # of empirical torque, by its number
-_UNSAID = {
-    RecordingLaw: "changes what is recorded, not the torque that acts",
-    ActuatorLaw: "limits what the drive gives, whatever the motion",
-    TransmissionLaw: "moves by itself between motor and link",
+_VARIABLES = ("q", "v", "a", "load")  # variable of an empirical torque, by its number
+_REASONS = {
+    RecordingLaw: "changes the recorded values, not the torque",
+    ActuatorLaw: "limits the torque of the actuator, independent of the motion",
+    TransmissionLaw: "has its own dynamics between motor and link",
 }
 
 
 class Code(NamedTuple):
-    """A law as a numpy function: what it is called, what it is given, and what it returns."""
+    """A law as a NumPy function: name, arguments, parameters and returned expression."""
 
     name: str
-    signals: tuple[str, ...]  # of SIGNALS
+    signals: tuple[str, ...]  # subset of SIGNALS
     numbers: dict[str, Any]
     expression: str
 
 
 def code_of(law: Law) -> Code | None:
-    """The function of a law's equation; None where it is no function of time, motion, load and Jacobian."""
+    """Translate a law; None if it is not a function of time, motion, load and Jacobian."""
     effect = law.effect
     if not isinstance(effect, TorqueLaw | BodyLaw) or getattr(effect, "memory", False):
         return None
@@ -51,22 +51,22 @@ def code_of(law: Law) -> Code | None:
 
 
 def why_not(law: Law) -> str:
-    """Why a law is no function of time and motion."""
-    kind = next((text for kind, text in _UNSAID.items() if isinstance(law.effect, kind)), None)
+    """Reason why a law is not a function of time and motion."""
+    kind = next((text for kind, text in _REASONS.items() if isinstance(law.effect, kind)), None)
     if kind:
         return kind
     return "has a memory" if getattr(law.effect, "memory", False) else "needs the rigid bodies"
 
 
 def _empirical(numbers: dict[str, float]) -> tuple[str, dict[str, Any], dict[str, str]]:
-    """Empirical torque of one variable, which has a function of its own, and its knots and values as lists."""
+    """Name, parameters with knots and values as lists, and renamed variable of an empirical torque."""
     signal = _VARIABLES[int(numbers["variable"])]
     lists = {key + "s": [x for k, x in numbers.items() if k.startswith(f"{key}_")] for key in ("knot", "value")}
     return f"empirical_{signal}", lists, {"variable": signal}
 
 
 class _Plain(ast.NodeTransformer):
-    """Functions become numpy's; notes which signals are used and whether every name is known."""
+    """Replace functions by NumPy's; record the signals used and whether all names are known."""
 
     def __init__(self, numbers: set[str], renamed: dict[str, str]) -> None:
         self.numbers, self.renamed = numbers, renamed

@@ -1,4 +1,4 @@
-"""The laws of a model as a Python file that needs numpy alone."""
+"""Export of a model's laws as a Python file that needs only NumPy."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from .beyond import BODIES, Exported, lacking
 from .equation import Code, code_of, why_not
 from .mjcf import mjcf_laws
 
-_HEAD = '''"""Torque that the motors of {name} give beside that of the rigid bodies: the laws of a signid model.
+_HEAD = '''"""Torque of the laws of a signid model of {name}, in addition to the rigid bodies.
 
     total torque = inverse dynamics of the exported URDF, without friction and armature + torque(q, v, a{arguments})
     total torque = inverse dynamics of the exported MJCF in MuJoCo + torque(q, v, a{arguments}, mjcf=True){lacks}
@@ -27,7 +27,7 @@ def torque(q, v, a{parameters}, mjcf=False):
     """Torque (n,) of the joints in the order of JOINTS, in UNITS.
 
     q: (n,) positions [rad or m]; v: (n,) velocities; a: (n,) accelerations{explained}
-    mjcf: leave out what the exported MJCF has itself: armature, friction and springs.
+    mjcf: leave out laws that the exported MJCF holds: armature, friction and springs.
     """
     signals = {{{signals}}}
     total = np.zeros(len(JOINTS))
@@ -40,14 +40,14 @@ def torque(q, v, a{parameters}, mjcf=False):
 _EXPLAINED = {
     "t": "t: time since the start of the recording [s].",
     "load": "load: (n,) rigid-body torque of the exported URDF, without armature [N.m or N].",
-    "jacobian": "jacobian: (3, n) of the last link's centre of mass, in the world's axes.",
+    "jacobian": "jacobian: (3, n) of the last link's centre of mass, in world axes.",
 }
 
 
 def write_function(model: Model) -> Exported:
-    """A Python file with `torque(q, v, a)`: what the laws add to the rigid bodies, from the laws' own equations.
+    """Write a Python file with `torque(q, v, a)`, the torque of the laws from their own equations.
 
-    Bodies and gravity are those of the URDF and the MJCF; what else is no function of time and motion is told.
+    Bodies and gravity belong to the URDF and the MJCF; other laws that are not functions of time and motion are noted.
     """
     robot, inside = model.robot, mjcf_laws(model)
     written = [(law, code) for law in model.laws if (code := code_of(law)) is not None]
@@ -70,22 +70,20 @@ def write_function(model: Model) -> Exported:
         but=' if key != "t"' if "t" in more else "",
         also=', **({"t": t} if "t" in needs else {})' if "t" in more else "",
     )
-    gravity = f"GRAVITY = {tuple(map(float, model.bodies().gravity.linear))}  # m/s2, of the tilted base\n"
+    gravity = f"GRAVITY = {tuple(map(float, model.bodies().gravity.linear))}  # m/s2, in the tilted base frame\n"
     tilted = any(law.effect.name == "base_tilt" for law in model.laws)
     laws = [_entry(law, code, any(law is other for other in inside)) for law, code in written]
-    table = (
-        "\n\nLAWS = [  # function, what it is given, joints, numbers, whether the MJCF has it\n" + "".join(laws) + "]\n"
-    )
+    table = "\n\nLAWS = [  # function, signals, joints, parameters, whether the MJCF holds it\n" + "".join(laws) + "]\n"
     return Exported(head + (gravity if tilted else "") + _functions(written) + table + body, tuple(notes))
 
 
 def _functions(written: Iterable[tuple[Law, Code]]) -> str:
-    """One function for each effect."""
+    """One function per effect."""
     found = {}
     for law, code in written:
         arguments = ", ".join((*code.signals, *code.numbers))
-        told = _quoted(f"{law.effect.equation}, [{', '.join(_units(law))}]; {law.effect.source}")
-        found[code.name] = f'\n\ndef {code.name}({arguments}):\n    """{told}"""\n    return {code.expression}\n'
+        text = _quoted(f"{law.effect.equation}, [{', '.join(_units(law))}]; {law.effect.source}")
+        found[code.name] = f'\n\ndef {code.name}({arguments}):\n    """{text}"""\n    return {code.expression}\n'
     return "".join(found.values())
 
 
@@ -99,7 +97,7 @@ def _entry(law: Law, code: Code, inside: bool) -> str:
 
 
 def _notes(model: Model, written: list[Law]) -> list[str]:
-    """Where the laws are that are not in the file, and which are nowhere."""
+    """Notes on laws that are in other files, and on laws that are in none."""
     robot, notes = model.robot, []
     left = [law for law in model.laws if not any(law is other for other in written)]
     bodies = [law for law in left if law.effect.name in BODIES]
@@ -108,15 +106,18 @@ def _notes(model: Model, written: list[Law]) -> list[str]:
     inside = [law for law in left if any(law is other for other in mjcf_laws(model)) and law.effect.name not in BODIES]
     if inside:
         tilted = any(law.effect.name == "base_tilt" for law in inside)
-        notes.append(f"only the MJCF holds {lacking(robot, inside, ())}{'; elsewhere, take GRAVITY' if tilted else ''}")
+        notes.append(f"only the MJCF holds {lacking(robot, inside, ())}{'; elsewhere, use GRAVITY' if tilted else ''}")
     reasons: dict[str, list[Law]] = {}
     for law in left:
         if not any(law is other for other in (*bodies, *inside)):
             reasons.setdefault(why_not(law), []).append(law)
     each = ((lacking(robot, laws, ()), why) for why, laws in reasons.items())
-    return [*notes, *(f"no function of time and motion, and so not here: {names}, as it {why}" for names, why in each)]
+    return [
+        *notes,
+        *(f"not in this file, since not a function of time and motion: {names}, which {why}" for names, why in each),
+    ]
 
 
 def _quoted(text: str) -> str:
-    """Text that can stand between three quotation marks."""
+    """Escape text for a docstring."""
     return text.replace("\\", "\\\\").replace('"', '\\"')

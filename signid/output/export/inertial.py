@@ -1,4 +1,4 @@
-"""Ten inertial parameters as MJCF states a body: mass, centre, principal axes and moments."""
+"""Conversion of ten inertial parameters to mass, centre, principal axes and moments, as in MJCF."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 from ...types import Array
 from .shapes import quaternion
 
-LEAST = 1e-12  # [kg, kg.m2] of a body that moves: MuJoCo takes none without mass
-_ROUNDING = 1e-9  # of the largest principal moment
+LEAST = 1e-12  # minimum mass [kg] and moment [kg.m2] of a moving body; MuJoCo rejects zero
+_ROUNDING = 1e-9  # tolerance, relative to the largest principal moment
 
 
 class Principal(NamedTuple):
@@ -23,7 +23,9 @@ class Principal(NamedTuple):
 
 
 def principal(parameters: Array) -> Principal | None:
-    """A body in its principal axes, None if it could not be; one of nothing gets the least mass that MuJoCo takes.
+    """Return a body in its principal axes; None if it is not physically consistent.
+
+    A massless body gets the minimum mass.
 
     Args:
         parameters: (10,) in Pinocchio's order [kg, kg.m, kg.m2].
@@ -40,6 +42,6 @@ def principal(parameters: Array) -> Principal | None:
     if moments[0] < -small or moments[0] + moments[1] < moments[2] - small:
         return None
     moments = np.maximum(moments, LEAST)
-    moments[:2] += max(0.0, moments[2] * (1 + 1e-15) - moments[0] - moments[1])  # rounding only
+    moments[:2] += max(0.0, moments[2] * (1 + 1e-15) - moments[0] - moments[1])  # corrects rounding errors
     axes[:, 2] *= np.sign(np.linalg.det(axes))
     return Principal(max(mass, LEAST), centre, moments, quaternion(axes))

@@ -1,4 +1,4 @@
-"""A model as MJCF, the format of MuJoCo."""
+"""Export of a model as MJCF, the format of MuJoCo."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from .possible import Bodies, possible_bodies
 from .shapes import Shapes, quaternion, read_shapes, words
 
 _NUMBERS = {"damping": "viscous_friction", "frictionloss": "coulomb_friction", "armature": "armature"}
-_DENSITY = 2700.0  # [kg/m3] at which a payload is drawn
+_DENSITY = 2700.0  # density at which a payload is drawn [kg/m3]
 
 
 def write_mjcf(model: Model, package_dirs: Sequence[str | Path] = ()) -> Exported:
-    """MJCF with the model's bodies, joints, gravity, ranges, armature, friction and springs, and a motor at each joint.
+    """Write MJCF with bodies, joints, gravity, ranges, armature, friction and springs, and a motor per joint.
 
-    Mimic joints are equality constraints. Shapes are only seen: mass comes from inertials, and nothing collides.
+    Mimic joints become equality constraints. Shapes are visual only: mass comes from inertials, and nothing collides.
 
     Args:
         model: rigid bodies and laws.
-        package_dirs: folders in which meshes are looked for.
+        package_dirs: folders to search for meshes.
 
     Raises:
-        RobotError: no real robot has the torque of the model: MuJoCo takes only bodies that could be.
+        RobotError: no physically consistent bodies, as MuJoCo requires, give the torque of the model.
     """
     from lxml import etree
 
@@ -56,13 +56,13 @@ def write_mjcf(model: Model, package_dirs: Sequence[str | Path] = ()) -> Exporte
 
 
 def mjcf_laws(model: Model) -> list[Law]:
-    """The laws of a model that its MJCF holds."""
+    """Laws of a model that its MJCF holds."""
     whole = [law for law in model.laws if law.effect.name in (*BODIES, "base_tilt", "torque_saturation")]
     return [*held(model, _NUMBERS.values()), *(law for law in _springs(model) if _stiffness(model, law)[0] > 0), *whole]
 
 
 def _each(parent: Any, tag: str, entries: Sequence[dict[str, str]]) -> None:
-    """Elements below a parent, which goes where there are none."""
+    """Add elements to a parent, or remove the parent if there are none."""
     from lxml import etree
 
     for entry in entries:
@@ -134,14 +134,14 @@ def _springs(model: Model) -> list[Law]:
 
 
 def _stiffness(model: Model, law: Law) -> tuple[float, float]:
-    """What all springs at the joint of one come to: stiffness [N.m/rad or N/m] and where they rest [rad or m]."""
+    """Total stiffness [N.m/rad or N/m] and rest position [rad or m] of all springs at the joint of a law."""
     each = [(x.parameters["stiffness"], x.parameters["rest"]) for x in _springs(model) if x.joints == law.joints]
     total = float(sum(k for k, _ in each))
     return total, float(sum(k * rest for k, rest in each)) / total if total else 0.0
 
 
 def _motors(model: Model) -> list[dict[str, str]]:
-    """A motor for each joint, within the effort that the description allows and what saturates it."""
+    """A motor per joint, limited by the effort limit and by torque saturation."""
     robot, limit = model.robot, model.robot.effort_limit.copy()
     for law in model.laws:
         if law.effect.name == "torque_saturation":
@@ -154,19 +154,19 @@ def _motors(model: Model) -> list[dict[str, str]]:
 
 def _notes(model: Model, follow: Sequence[Follower], bodies: Bodies) -> list[str]:
     robot = model.robot
-    notes = fixed_note(robot, "in the MJCF they are rigid")
+    notes = fixed_note(robot, "they are rigid in the MJCF")
     if beyond := lacking(robot, model.laws, mjcf_laws(model)):
         notes.append(f"an MJCF cannot hold {beyond}")
     if np.isfinite(robot.velocity_limit).any():
-        notes.append("an MJCF cannot hold limits of velocity")
+        notes.append("an MJCF cannot hold velocity limits")
     if half := [
         x for x, *ends in zip(robot.joints, robot.lower, robot.upper, strict=True) if np.isfinite(ends).sum() == 1
     ]:
         notes.append(f"an MJCF cannot hold a range with one end: {', '.join(half)}")
     if follow:
         each = ", ".join(f"{f.name} of {f.leader}" for f in follow)
-        notes.append(f"mimic joints follow by equality constraints, which MuJoCo lets give way a little: {each}")
+        notes.append(f"mimic joints are equality constraints, which are slightly compliant in MuJoCo: {each}")
     notes += bodies.notes
     if empty := [link for link, body in zip(robot.links, bodies.links, strict=True) if body.mass <= LEAST]:
-        notes.append(f"links without mass get {LEAST:g} kg, as MuJoCo takes none without: {', '.join(empty)}")
+        notes.append(f"massless links get {LEAST:g} kg, since MuJoCo rejects zero mass: {', '.join(empty)}")
     return notes

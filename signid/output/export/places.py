@@ -1,4 +1,4 @@
-"""Where the joints of a model are, as MJCF states it: bodies in bodies, each with its axes."""
+"""Kinematic tree of a model as in MJCF: nested bodies, each with its axes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ...types import Array, Robot
 
 
 class Axis(NamedTuple):
-    """An axis that moves: its row of the model, and where it lies in its body."""
+    """A joint axis: its row in the model, and its pose in the body."""
 
     row: int
     name: str
@@ -24,7 +24,7 @@ class Axis(NamedTuple):
 
 
 class Place(NamedTuple):
-    """A body: the joint of the model that carries its parent, its pose there at zero, and its axes."""
+    """A body: parent joint of the model, pose in the parent at zero, and axes."""
 
     parent: int
     pose: Any  # pin.SE3
@@ -32,7 +32,7 @@ class Place(NamedTuple):
 
 
 class Follower(NamedTuple):
-    """A joint that follows another: position = offset + scale * position of the leader."""
+    """A mimic joint: position = offset + scale * position of the leader."""
 
     name: str
     leader: str
@@ -41,7 +41,7 @@ class Follower(NamedTuple):
 
 
 def places(robot: Robot) -> list[Place]:
-    """The bodies of the model from its first joint on; joints that are held are part of the pose of their body."""
+    """List the bodies of the model; held joints are part of the pose of their body."""
     at_zero = configuration(robot, np.zeros(len(robot.joints)))
     leaders = {own_row(robot, j): name for j, name in enumerate(robot.joints)}
     found = []
@@ -62,7 +62,7 @@ def places(robot: Robot) -> list[Place]:
 
 
 def followers(robot: Robot) -> list[Follower]:
-    """The joints that mimic another."""
+    """List the mimic joints."""
     own = {own_row(robot, j) for j in range(len(robot.joints))}
     return [
         Follower(axis.name, robot.joints[j], float(robot.rest[axis.row]), float(robot.drive[axis.row, j]))
@@ -74,7 +74,7 @@ def followers(robot: Robot) -> list[Follower]:
 
 
 def _parts(joint: Any) -> list[tuple[Any, Any]]:
-    """The joints that Pinocchio puts together, with their placements one in another; else the joint itself."""
+    """Parts of a composite joint with their relative placements, or the joint itself."""
     if joint.shortname() != "JointModelComposite" or not is_plain(joint):
         return [(joint, pin.SE3.Identity())]
     whole = joint.extract()

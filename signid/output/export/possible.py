@@ -1,4 +1,4 @@
-"""The bodies of a model as MuJoCo takes them: only such as could be."""
+"""Physically consistent bodies of a model, as MuJoCo requires."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from ...regression.projection import least_squares
 from ...types import Array, Estimate, Law, Parameters
 from .inertial import LEAST, Principal, principal
 
-_SURE = 1e8  # 1 over the standard deviation of every base parameter, in its own size
+_SURE = 1e8  # size of a base parameter over its standard deviation
 
 
 class Bodies(NamedTuple):
-    """What the joints carry, payloads that are bodies by themselves, and a sentence on what had to be changed."""
+    """Bodies of the links, separate payload bodies, and notes on changes."""
 
     links: list[Principal]  # nb
     loads: list[tuple[Law, Principal]]
@@ -27,10 +27,13 @@ class Bodies(NamedTuple):
 
 
 def possible_bodies(model: Model) -> Bodies:
-    """The bodies of a model; where some could not be, all are exchanged for others with the same torque.
+    """Return the bodies of a model; if some are inconsistent, replace all by consistent ones with the same torque.
+
+    Args:
+        model: rigid bodies and laws.
 
     Raises:
-        RobotError: no real robot has that torque.
+        RobotError: no physically consistent bodies give this torque.
     """
     loads = _loads(model)
     apart = {id(law) for law, _ in loads}
@@ -43,15 +46,15 @@ def possible_bodies(model: Model) -> Bodies:
     bodies = [] if changed is None else [body for body in map(principal, changed) if body]
     if len(bodies) < len(links):
         raise RobotError(
-            f"no real robot has the torque of this one, as its {shorten(odd)} could not be, and MuJoCo takes only "
-            "bodies that could; identify with --method convex, or export to a URDF"
+            f"the inertials of {shorten(odd)} are not physically consistent, as MuJoCo requires, and no "
+            "consistent ones give the same torque; identify with --method convex, or export to a URDF"
         )
-    told = f"inertials are others that a real robot could have, with the same torque, as none has {shorten(odd)}"
-    return Bodies(bodies, [], [told])
+    note = f"inertials are replaced by consistent ones with the same torque, since {shorten(odd)} had inconsistent ones"
+    return Bodies(bodies, [], [note])
 
 
 def _loads(model: Model) -> list[tuple[Law, Principal]]:
-    """Payloads that are possible bodies by themselves, to be seen; others become part of their link's inertial."""
+    """Payloads that are consistent bodies by themselves; others are added to the inertial of their link."""
     found = []
     for law in model.laws:
         if law.effect.name == "payload" and law.parameters["mass"] > LEAST:
@@ -61,9 +64,9 @@ def _loads(model: Model) -> list[tuple[Law, Principal]]:
 
 
 def _exchanged(model: Model) -> Array | None:
-    """Inertials (nb, 10) [kg, kg.m, kg.m2] of real bodies with the torque of the model's; None if there are none.
+    """Consistent inertials with the torque of the model, (nb, 10) [kg, kg.m, kg.m2]; None if there are none.
 
-    They have the same base parameters and are otherwise near those of the description.
+    They have the same base parameters and are otherwise close to the description.
     """
     robot = replace(model.robot, model=model.bodies())
     base = build_base(robot)

@@ -1,4 +1,4 @@
-"""A model's drives and inertials as parameters of a ROS 2 node, of a controller for ros2_control for one."""
+"""Export of actuators and inertials as parameters of a ROS 2 node, and as an actuator group of Isaac Lab."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ ISAAC_HEAD = '''\
 """Actuators of {name} for Isaac Lab 2.2 or newer on Isaac Sim 5: ArticulationCfg(actuators=ACTUATORS, ...).
 
 kg.m2, N.m.s/rad and N.m; prismatic joints: kg, N.s/m and N. Friction is an effort (PhysX 5.6, PxJointFrictionParams),
-static and dynamic alike. Stiffness and damping are gains of your controller: put them in.
+static and dynamic alike. Set stiffness and damping to the gains of your controller.
 """
 
 from isaaclab.actuators import ImplicitActuatorCfg
@@ -35,7 +35,7 @@ from isaaclab.actuators import ImplicitActuatorCfg
 
 
 def write_ros(model: Model) -> Exported:
-    """A parameter file (YAML): what an actuators file holds of each joint, and the inertials of each link."""
+    """Write a parameter file (YAML) with actuator parameters per joint and inertials per link."""
     from yaml import safe_dump
 
     drives, notes = driven(model, BODIES)
@@ -45,10 +45,10 @@ def write_ros(model: Model) -> Exported:
         "joint": {joint: stated for joint, stated in drives.items() if stated},
         "link": {link: _inertial(body) for link, body in links.items()},
     }
-    told = [*(f"a ROS parameter file cannot hold {beyond}" for beyond in notes)]
-    told += fixed_note(model.robot, "their links are listed all the same")
+    lacks = [*(f"a ROS parameter file cannot hold {beyond}" for beyond in notes)]
+    lacks += fixed_note(model.robot, "their links are listed nevertheless")
     text = safe_dump({"/**": {"ros__parameters": {"dynamics": parameters}}}, sort_keys=False, allow_unicode=True)
-    return Exported(HEAD.format(name=" ".join(model.robot.name.split())) + remarks(told) + text, tuple(told))
+    return Exported(HEAD.format(name=" ".join(model.robot.name.split())) + remarks(lacks) + text, tuple(lacks))
 
 
 def _inertial(body: pin.Inertia) -> dict[str, Any]:
@@ -62,7 +62,7 @@ def _inertial(body: pin.Inertia) -> dict[str, Any]:
 
 
 def write_isaaclab(model: Model) -> Exported:
-    """A Python file with armature, viscous and dry friction of each joint."""
+    """Write a Python file with armature, viscous and dry friction of each joint."""
     robot = model.robot
     names = [re.escape(joint) for joint in robot.joints]
     carried = [*held(model, FIELDS), *(law for law in model.laws if law.effect.name in BODIES)]

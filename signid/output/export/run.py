@@ -1,4 +1,4 @@
-"""A model in one of the formats that it can be exported to."""
+"""Export of a model to one of the supported formats."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ KINDS = ("urdf", "mjcf", "actuators", "function", "ros", "isaaclab")
 
 
 def export(model: Model, kind: str, package_dirs: Sequence[str | Path] = ()) -> Exported:
-    """The text of a file that holds what its format can say of a model, and what it cannot say.
+    """Export a model; return the text of the file and notes on the content that the format cannot hold.
 
     Args:
         model: rigid bodies and laws.
-        kind: "urdf" (the robot's own, with inertials, damping and friction), "mjcf" (for MuJoCo), "actuators" (the
-            TOML file beside a description), "function" (the laws as Python that needs numpy alone), "ros" (parameters
-            of a ROS 2 node) or "isaaclab" (an actuator group).
-        package_dirs: folders in which an MJCF's meshes are looked for, beside those of example-robot-data.
+        kind: "urdf" (the robot's URDF with inertials, damping and friction), "mjcf" (for MuJoCo), "actuators" (TOML
+            file for use with a URDF), "function" (laws as Python code that needs only NumPy), "ros" (parameters of a
+            ROS 2 node) or "isaaclab" (actuator group).
+        package_dirs: folders to search for meshes of an MJCF, besides those of example-robot-data.
 
     Raises:
-        OptionError: there is no such kind.
-        RobotError: the model has bodies that the format cannot hold, or no URDF to start from.
+        OptionError: the kind is unknown.
+        RobotError: the format cannot hold the bodies of the model, or the robot has no URDF.
     """
     if kind == "mjcf":
         return write_mjcf(model, package_dirs)

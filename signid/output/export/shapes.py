@@ -1,4 +1,4 @@
-"""What a robot looks like, as MJCF states it: shapes of its URDF, meshes where they are found and MuJoCo reads them."""
+"""Shapes of a robot for MJCF, from its URDF; meshes if they are found and readable by MuJoCo."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from ...robot.description.document import children, parse
 from ...robot.meshes import find_mesh
 from ...types import Array, Robot
 
-_FACES, _HEADER, _FACE = 200_000, 84, 50  # of an STL file that MuJoCo reads: at most, and bytes
+_FACES, _HEADER, _FACE = 200_000, 84, 50  # STL limits of MuJoCo: faces; size of header and of a face [bytes]
 
 
 @dataclass(frozen=True)
 class Shapes:
-    """Meshes, and by the model's joints (0: the world) what stands in their bodies: geoms, and sites of fixed links."""
+    """Meshes, and geoms and sites of fixed links by the model's joints (0: world)."""
 
     meshes: list[dict[str, str]] = field(default_factory=list)
     at: dict[int, list[tuple[str, dict[str, str]]]] = field(default_factory=dict)
@@ -29,14 +29,14 @@ class Shapes:
 
 
 def read_shapes(robot: Robot, package_dirs: Sequence[str | Path]) -> Shapes:
-    """The shapes that the URDF shows, or where MuJoCo cannot read these, those that it collides with.
+    """Read the visual shapes of the URDF, or the collision shapes if MuJoCo cannot read the former.
 
     Args:
-        robot: its URDF is read anew.
-        package_dirs: folders in which meshes are looked for, besides those above the URDF and of example-robot-data.
+        robot: robot whose URDF is read.
+        package_dirs: folders to search for meshes, besides those above the URDF and of example-robot-data.
     """
     if robot.kind != "urdf":
-        return Shapes(notes=["shapes, actuators and sensors of the MJCF that the model comes from are left out"])
+        return Shapes(notes=["shapes, actuators and sensors of the original MJCF are left out"])
     found, root = Shapes(), parse(robot.document)
     reader = _Reader(robot.path, package_dirs, root, found.meshes)
     links = {link.get("name"): link for link in children(root, "link")}
@@ -47,13 +47,13 @@ def read_shapes(robot: Robot, package_dirs: Sequence[str | Path]) -> Shapes:
         here += [("geom", geom) for geom in reader.geoms(links[frame.name], frame.placement)]
     if reader.missing:
         found.notes.append(
-            f"no shapes for {shorten(reader.missing)}: their meshes are not found, or MuJoCo cannot read them"
+            f"no shapes for {shorten(reader.missing)}: their meshes are missing or not readable by MuJoCo"
         )
     return found
 
 
 class _Reader:
-    """Geometry of links, one after the other; meshes are collected."""
+    """Reader of link geometry that collects meshes."""
 
     def __init__(self, path: str, package_dirs: Sequence[str | Path], root: Any, meshes: list[dict[str, str]]) -> None:
         self.path, self.package_dirs, self.meshes = path, package_dirs, meshes
@@ -61,7 +61,7 @@ class _Reader:
         self.missing: list[str] = []
 
     def geoms(self, link: Any, placement: Any) -> list[dict[str, str]]:
-        """Of a link, in the frame of the joint that carries it."""
+        """Geoms of a link in the frame of its joint."""
         stated = [[self._geom(x, placement) for x in children(link, tag)] for tag in ("visual", "collision")]
         shown = next((kind for kind in stated if kind and all(kind)), next((kind for kind in stated if any(kind)), []))
         if any(stated) and not any(shown):
@@ -69,7 +69,7 @@ class _Reader:
         return [geom for geom in shown if geom]
 
     def _geom(self, element: Any, placement: Any) -> dict[str, str]:
-        """Empty where MuJoCo has none for it."""
+        """Geom of an element; empty if MuJoCo has none for it."""
         origin = next(iter(children(element, "origin")), None)
         xyz, rpy = (_vector(origin.get(key) if origin is not None else None, 3, 0.0) for key in ("xyz", "rpy"))
         pose = _pose(placement * pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz))
@@ -107,7 +107,7 @@ class _Reader:
 
 
 def words(numbers: ArrayLike) -> str:
-    """Numbers as an attribute holds them, all their digits.
+    """Format numbers as an attribute, with all digits.
 
     Args:
         numbers: (n,) [any unit].
@@ -116,7 +116,7 @@ def words(numbers: ArrayLike) -> str:
 
 
 def quaternion(rotation: Array) -> Array:
-    """The (4,) quaternion w x y z [1] of a rotation.
+    """Convert a rotation to a quaternion w x y z, (4,) [1].
 
     Args:
         rotation: (3, 3) [1].
@@ -134,7 +134,7 @@ def _solid(kind: str, size: Array) -> dict[str, str]:
 
 
 def _vector(text: str | None, count: int, default: float) -> Array:
-    """(count,) numbers of an attribute; the default where it is missing or is something else."""
+    """Parse the numbers of an attribute, (count,); the default if it is missing or invalid."""
     try:
         values = np.array([float(word) for word in (text or "").split()])
     except ValueError:
@@ -143,7 +143,7 @@ def _vector(text: str | None, count: int, default: float) -> Array:
 
 
 def _readable(path: Path) -> bool:
-    """Whether MuJoCo reads a mesh: OBJ, or STL in binary with no more faces than it takes."""
+    """Whether MuJoCo can read a mesh: OBJ, or binary STL up to its limit of faces."""
     if path.suffix.lower() != ".stl":
         return path.suffix.lower() == ".obj"
     with path.open("rb") as file:

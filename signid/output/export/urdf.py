@@ -1,4 +1,4 @@
-"""A model as the robot's own URDF."""
+"""Export of a model as the robot's URDF."""
 
 from __future__ import annotations
 
@@ -15,12 +15,15 @@ _DECLARATION = re.compile(r"\s*<\?xml\s[^>]*\?>")
 
 
 def write_urdf(model: Model) -> Exported:
-    """The robot's URDF with the model's inertials, damping and friction; what it cannot hold stands in a comment.
+    """Write the robot's URDF with the model's inertials, damping and friction; a comment lists what it cannot hold.
 
-    Links that are as the URDF states them stay byte for byte. Where the model has no friction, none is left.
+    Unchanged links are kept byte for byte. Friction that the model lacks is removed.
+
+    Args:
+        model: rigid bodies and laws.
 
     Raises:
-        RobotError: the robot does not come from a URDF, or a body cannot be written.
+        RobotError: the robot was not loaded from a URDF, or a body cannot be written.
     """
     robot = model.robot
     bodies = model.whole_inertials()
@@ -28,16 +31,18 @@ def write_urdf(model: Model) -> Exported:
     friction = (np.maximum(0.0, np.nan_to_num(summed(model, name))) for name in FRICTION)
     text = urdf_with(robot, np.where(same, np.nan, bodies), *friction)
     carried = [*held(model, FRICTION), *(law for law in model.laws if law.effect.name in BODIES)]
-    notes = fixed_note(robot, "in the URDF they move")
+    notes = fixed_note(robot, "they move in the URDF")
     if beyond := lacking(robot, model.laws, carried):
         notes.append(f"a URDF cannot hold {beyond}")
     if any(law.effect.name == "base_tilt" for law in model.laws):
-        notes.append(f"gravity of the model is {' '.join(repr(float(x)) for x in model.bodies().gravity.linear)} m/s2")
+        notes.append(
+            f"the gravity of the model is {' '.join(repr(float(x)) for x in model.bodies().gravity.linear)} m/s2"
+        )
     return Exported(_with_comment(text, notes), tuple(notes))
 
 
 def _with_comment(text: str, notes: list[str]) -> str:
-    """The text with the notes as a comment before its root."""
+    """Insert the notes as a comment before the root element."""
     if not notes:
         return text
     newline = "\r\n" if "\r\n" in text else "\n"

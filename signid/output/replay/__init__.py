@@ -1,7 +1,7 @@
-"""Replay: the recorded robot and the simulated one as its ghost, in Meshcat.
+"""Animation of a recorded robot and its simulation, in Meshcat.
 
-The simulation starts anew from the measured state again and again, under the recorded torque; links have the colour of
-the torque that is left unexplained at their joint, and what a diagnosis found is marked at its place.
+The simulation restarts from the measured state at regular intervals and is driven by the recorded torque. The colour of
+a link shows the residual torque of its joint. Findings of a diagnosis are marked.
 """
 
 from .live import Live

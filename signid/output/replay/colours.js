@@ -1,9 +1,9 @@
-// Colours of torque residuals: blue below, grey around nothing, orange above; told apart by every kind of colour vision.
+// Colours of torque residuals: blue below, grey around zero, orange above; safe for colour-blind viewers.
 const STOPS = [[-1, 0x0b, 0x3c, 0x78], [-0.5, 0x2b, 0x7b, 0xba], [0, 0xc9, 0xce, 0xd3], [0.5, 0xe0, 0x8a, 0x2c],
   [1, 0x9c, 0x3d, 0x00]];
 const UNKNOWN = [0x8d, 0x95, 0x9d];
 
-function residualColour(share) { // of the scale, clipped
+function residualColour(share) { // share of the scale, clipped
   if (!Number.isFinite(share)) return UNKNOWN;
   const x = Math.max(-1, Math.min(1, share));
   const k = Math.max(1, STOPS.findIndex((stop) => x <= stop[0]));
@@ -11,7 +11,7 @@ function residualColour(share) { // of the scale, clipped
   return [1, 2, 3].map((i) => Math.round(a[i] + u * (b[i] - a[i])));
 }
 
-function colourEnd(content, joint, byShare) { // where the scale ends for a joint, in its unit
+function colourEnd(content, joint, byShare) { // end of the scale for a joint, in its unit
   const { unit, torque } = content.joints[joint];
   return byShare ? content.scale.share * torque : content.scale[unit];
 }
@@ -20,7 +20,7 @@ function residualAt(content, state, joint, frame) {
   return content.residual[state.model][frame * content.joints.length + joint];
 }
 
-function drawStrip(canvas, content, state) { // one row a joint, one column a frame
+function drawStrip(canvas, content, state) { // one row per joint, one column per frame
   const n = content.joints.length, most = 4096, step = Math.ceil(content.frames / most);
   canvas.width = Math.ceil(content.frames / step);
   canvas.height = n;

@@ -1,4 +1,4 @@
-"""What a diagnosis found, from the object or from its file."""
+"""Findings of a diagnosis, from the object or its file."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SCHEMA, MODEL = "signid.diagnosis/1", "model.json"
 
 
 class Finding(NamedTuple):
-    """A law that the simulation lacks, with what is needed to show it."""
+    """A finding, as far as it is displayed."""
 
     law: Law
     std: Mapping[str, float | None]
@@ -27,7 +27,7 @@ class Finding(NamedTuple):
 
 
 class Found(NamedTuple):
-    """A diagnosis, as far as it can be seen."""
+    """A diagnosis, as far as it is displayed."""
 
     verdict: str
     after: Model  # the extended simulation
@@ -35,18 +35,21 @@ class Found(NamedTuple):
 
 
 def read_found(diagnosis: Diagnosis | str | Path) -> Found:
-    """From a Diagnosis, or from diagnosis.json and the model.json beside it.
+    """Read the findings of a Diagnosis, or of diagnosis.json with model.json in the same folder.
+
+    Args:
+        diagnosis: diagnosis or its file.
 
     Raises:
-        OptionError: the file is none that `signid diagnose` writes, or model.json is not beside it.
+        OptionError: the file is not a diagnosis, or model.json is missing.
     """
     if isinstance(diagnosis, Diagnosis):
-        told = (Finding(x.law, x.std, x.probability, x.role == "cause") for x in diagnosis.findings)
-        return Found(diagnosis.verdict, diagnosis.model, tuple(told))
+        findings = (Finding(x.law, x.std, x.probability, x.role == "cause") for x in diagnosis.findings)
+        return Found(diagnosis.verdict, diagnosis.model, tuple(findings))
     path = Path(diagnosis)
     path = path / "diagnosis.json" if path.is_dir() else path
     if path.is_file() and not path.with_name(MODEL).is_file():
-        raise OptionError(f"there is no {MODEL} beside {path}; give diagnosis.json in the folder it was written to")
+        raise OptionError(f"there is no {MODEL} next to {path}; give diagnosis.json in its original folder")
     try:
         content = read_json(path)
         if content["schema"] != SCHEMA:
@@ -58,7 +61,7 @@ def read_found(diagnosis: Diagnosis | str | Path) -> Found:
     except SignidError:
         raise
     except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise OptionError(f"{path} is no diagnosis.json as `signid diagnose` writes it ({error!r})") from None
+        raise OptionError(f"{path} is not a diagnosis.json of `signid diagnose` ({error!r})") from None
 
 
 def _finding(entry: Mapping[str, Any], after: Model) -> Finding:

@@ -1,4 +1,4 @@
-"""A replay served on this machine: a Meshcat viewer that other programs can draw into."""
+"""Local server of a replay: a Meshcat viewer that other programs can draw into."""
 
 from __future__ import annotations
 
@@ -11,17 +11,20 @@ from typing import Any
 
 from ...errors import OutputError
 
-WAIT = 20.0  # [s] for the server to start
+WAIT = 20.0  # time limit for the start of the server [s]
 
 
 class Live:
-    """A Meshcat server in a thread of its own.
+    """A Meshcat server in a separate thread.
 
-    `url` is what a browser opens, `zmq_url` what `meshcat.Visualizer` takes.
+    `url` is the address for a browser, `zmq_url` the address for `meshcat.Visualizer`.
     """
 
     def __init__(self, page: str) -> None:
         """Start to serve a page.
+
+        Args:
+            page: HTML text.
 
         Raises:
             OutputError: no port is free.
@@ -36,12 +39,12 @@ class Live:
             raise OutputError(f"the replay cannot be served: {self._failure or 'no answer'}; write it with --html FILE")
 
     def wait(self) -> None:
-        """Until it is closed."""
+        """Wait until the server is closed."""
         while self._thread.is_alive():
             self._thread.join(0.5)
 
     def close(self) -> None:
-        """Serve no longer."""
+        """Stop the server."""
         if self._loop is not None:
             self._loop.call_soon_threadsafe(self._loop.stop)
             self._thread.join(WAIT)
@@ -53,7 +56,7 @@ class Live:
             with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
                 bridge = _bridge(self._page)
             self.url, self.zmq_url = f"http://{bridge.host}:{bridge.fileserver_port}/replay", bridge.zmq_url
-        except Exception as error:  # whatever sockets and their libraries raise
+        except Exception as error:  # sockets and their libraries raise many types
             self._failure = " ".join(str(error).split()) or type(error).__name__
             return
         finally:
@@ -62,7 +65,7 @@ class Live:
 
 
 def _bridge(page: str) -> Any:
-    """Meshcat's server, with the page beside its own."""
+    """Meshcat's server with an additional page."""
     import tornado.web
     from meshcat.servers.zmqserver import VIEWER_ROOT, StaticFileHandlerNoCache, WebSocketHandler, ZMQWebSocketBridge
 
@@ -71,7 +74,7 @@ def _bridge(page: str) -> Any:
             self.write(page)
 
     class Socket(WebSocketHandler):  # type: ignore[misc]
-        def open(self) -> None:  # without a word, as Meshcat's own prints
+        def open(self) -> None:  # silent, unlike Meshcat's own
             self.bridge.websocket_pool.add(self)
             self.bridge.send_scene(self)
 

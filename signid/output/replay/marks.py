@@ -1,4 +1,4 @@
-"""What is drawn of a diagnosis: a ring at a joint, a body, an arrow, and words beside it."""
+"""Marks of findings: a ring at a joint, a body or an arrow, with a label."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from ...types import TWO_SIDED, Coefficient, Law, Robot
 from .found import Finding
 from .poses import axis
 
-DENSITY = 3000.0  # [kg/m3] of which a payload is drawn
-FAR = 1.5  # times the reach: a centre of mass further away is not drawn there
-MOST = 5  # numbers in a label
+DENSITY = 3000.0  # density at which a payload is drawn [kg/m3]
+FAR = 1.5  # distance over reach up to which a centre of mass is drawn at its place
+MOST = 5  # maximum number of parameters in a label
 
 
 @dataclass(frozen=True)
 class Mark:
-    """A finding at its place, in the frame of a body of the model (0: the world)."""
+    """A finding, located in the frame of a body of the model (0: world)."""
 
     kind: str  # joint, body, force, tilt or robot
     body: int
@@ -31,22 +31,22 @@ class Mark:
     lines: tuple[str, ...]
     cause: bool
     point: tuple[float, ...]  # (3,) [m]
-    along: tuple[float, ...]  # (3,) axis [1], force [N] in the world, or gravity's turn [rad]
+    along: tuple[float, ...]  # (3,) axis [1], force [N] in the world, or rotation of gravity [rad]
     size: float = 0.0  # radius of a body [m]
-    time: tuple[float, float] | None = None  # [s] from, to
+    time: tuple[float, float] | None = None  # start and end [s]
 
     def document(self) -> dict[str, Any]:
-        """As the page reads it."""
+        """The mark as JSON for the page."""
         return asdict(self)
 
 
 def marks(robot: Robot, findings: Sequence[Finding], reach: float) -> list[Mark]:
-    """Where each finding is seen, causes first.
+    """Place a mark for each finding, causes first.
 
     Args:
-        robot: of the extended simulation.
-        findings: of a diagnosis.
-        reach: of the robot [m].
+        robot: robot of the extended simulation.
+        findings: findings of a diagnosis.
+        reach: reach of the robot [m].
     """
     found = [_mark(robot, finding, reach) for finding in findings]
     return sorted(found, key=lambda mark: not mark.cause)
@@ -77,14 +77,14 @@ def _mark(robot: Robot, finding: Finding, reach: float) -> Mark:
 
 
 def _body(robot: Robot, law: Law, words: tuple[str, tuple[str, ...], bool], reach: float) -> Mark:
-    """A ball of the mass at its centre; where that says nothing, at the centre of the link."""
+    """A ball of the mass at its centre; if that is too far away, at the centre of the link."""
     body, along, _ = axis(robot, law.joints[0])
     title, lines, cause = words
     mass, moment = law.parameters["mass"], _vector(law.parameters, "first_moment")
     centre = moment / mass if mass else np.full(3, np.inf)
     if np.linalg.norm(centre) < FAR * reach:
         where = ", ".join(f"{1000 * x:z.0f}" for x in centre)
-        lines = (lines[0], f"centre of mass at {where} mm in the joint's frame", lines[-1])
+        lines = (lines[0], f"centre of mass at {where} mm in the joint frame", lines[-1])
     else:
         centre = robot.model.inertias[body].lever
     radius = float(np.cbrt(3 * abs(mass) / (4 * np.pi * DENSITY)))
@@ -92,23 +92,23 @@ def _body(robot: Robot, law: Law, words: tuple[str, tuple[str, ...], bool], reac
 
 
 def _numbers(robot: Robot, finding: Finding) -> tuple[str, ...]:
-    """The first numbers with their 95 % intervals, and the probability."""
-    law, told = finding.law, list[str]()
+    """The first parameters with their 95 % intervals, and the probability."""
+    law, shown = finding.law, list[str]()
     single = len(law.joints) == 1
     for key in [key for key in law.parameters if key not in law.effect.optional][:MOST]:
         kind, value, std = law.effect.parameters[key], law.parameters[key], finding.std.get(key)
         prismatic = single and bool(robot.prismatic[law.joints[0]])
         unit = kind.unit_at(prismatic) if isinstance(kind, Coefficient) or single else kind.unit
         half = TWO_SIDED * std if std is not None and isfinite(std) else 0.0
-        if told and abs(value) < half:
-            continue  # it could be zero
-        told.append(f"{key.replace('_', ' ')} {_figure(value, half)}{'' if unit == '1' else f' {unit}'}")
+        if shown and abs(value) < half:
+            continue  # consistent with zero
+        shown.append(f"{key.replace('_', ' ')} {_figure(value, half)}{'' if unit == '1' else f' {unit}'}")
     sure = ">0.999" if finding.probability > 0.999 else f"{finding.probability:.3f}"
-    return (*told, f"probability {sure}")
+    return (*shown, f"probability {sure}")
 
 
 def _figure(value: float, half: float) -> str:
-    """A value with half the width of its interval, both to the second digit of the latter; to three where it is 0."""
+    """Format a value and the half-width of its interval to two digits of the latter, or three digits if it is 0."""
     if half <= 0:
         return f"{value:.3g}"
     places = max(0, 1 - floor(log10(half)))

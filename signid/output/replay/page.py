@@ -1,4 +1,4 @@
-"""A replay as one HTML file: Meshcat's viewer, the shapes, the motion and a player, all of it inside."""
+"""Self-contained HTML file of a replay: Meshcat's viewer, shapes, motion and player."""
 
 from __future__ import annotations
 
@@ -23,34 +23,34 @@ if TYPE_CHECKING:
 
 HERE = Path(__file__).parent
 PARTS = ("scene.js", "colours.js", "player.js")
-INSTANTS, DIRECTIONS = 80, 400  # of the motion, and around it, in which its outermost points are sought
-SURE = 0.98  # share of the torque residuals that the scale of colours covers
+INSTANTS, DIRECTIONS = 80, 400  # number of poses and of directions for the search of outermost points
+SURE = 0.98  # quantile of the torque residuals covered by the colour scale
 
 
 @dataclass(frozen=True, eq=False)
 class Replay(Frozen):
-    """A recorded robot beside its simulation: M simulations, F frames, b bodies."""
+    """A recorded robot and its simulations: M simulations, F frames, b bodies."""
 
     robot: Robot
     title: str
     look: Look
-    bodies: tuple[int, ...]  # joints of the model that carry what is drawn, 0 for the base
-    movers: tuple[int, ...]  # per body the joint that moves it, -1 for the base
+    bodies: tuple[int, ...]  # joints of the model that carry the drawn bodies, 0: base
+    movers: tuple[int, ...]  # joint that moves each body, -1: base
     track: Track
     recorded: Array  # (F, b, 7) position [m] and quaternion x, y, z, w [1]
-    simulated: Array  # (M, F, b, 7) [m, 1]; NaN where nothing is simulated
+    simulated: Array  # (M, F, b, 7) [m, 1]; NaN outside of roll-outs
     marks: tuple[Mark, ...]
-    verdict: str  # of the diagnosis, empty without one
-    horizon: float  # [s] of a roll-out
+    verdict: str  # verdict of the diagnosis; "" without one
+    horizon: float  # length of a roll-out [s]
     reach: float  # [m]
     notes: tuple[str, ...]
 
     def page(self) -> str:
-        """One HTML file that needs nothing else; the same replay gives the same bytes."""
+        """Render a self-contained HTML file, reproducible to the byte."""
         return replay_page(self)
 
     def document(self) -> dict[str, Any]:
-        """What it shows, in numbers: residual torque, and how far simulations stray, first as given, then extended."""
+        """Residual torque and position error of the original and the extended simulation, as JSON."""
         track = self.track
         strayed = track.simulated - track.recorded
         return {
@@ -71,17 +71,20 @@ class Replay(Frozen):
         }
 
     def show(self) -> Live:
-        """Serve it on this machine, as a Meshcat viewer that other programs can draw into, until it is closed."""
+        """Start a local Meshcat viewer that other programs can draw into."""
         from .live import Live
 
         return Live(self.page())
 
 
 def replay_page(replay: Replay) -> str:
-    """A page that needs no network; the same replay gives the same bytes.
+    """Render a self-contained page, reproducible to the byte.
+
+    Args:
+        replay: replay.
 
     Raises:
-        OptionError: the meshcat package, whose viewer the page holds, is not installed.
+        OptionError: the package meshcat is not installed.
     """
     blob = _Blob()
     content = _content(replay, blob)
@@ -99,14 +102,14 @@ def replay_page(replay: Replay) -> str:
 
 
 class _Blob:
-    """Arrays one after another, each at a multiple of four bytes."""
+    """Concatenated arrays, each aligned to four bytes."""
 
     def __init__(self) -> None:
         self.parts: list[bytes] = []
         self.size = 0
 
     def put(self, values: Any, kind: str) -> dict[str, Any]:
-        """Where the array is kept, as f4, u4 or i2, little-endian."""
+        """Append an array as f4, u4 or i2, little-endian; return its place."""
         data = np.ascontiguousarray(values, dtype=f"<{kind}").tobytes()
         place = {"at": self.size, "count": int(np.size(values)), "kind": kind}
         data += b"\0" * (-len(data) % 4)
@@ -150,14 +153,14 @@ def _content(replay: Replay, blob: _Blob) -> dict[str, Any]:
 def _body(replay: Replay, k: int, blob: _Blob) -> dict[str, Any]:
     body = replay.bodies[k]
     shape = replay.look.bodies.get(body)
-    told: dict[str, Any] = {"body": body, "joint": replay.movers[k], "name": str(replay.robot.model.names[body])}
+    entry: dict[str, Any] = {"body": body, "joint": replay.movers[k], "name": str(replay.robot.model.names[body])}
     if shape is None:
-        return told
-    return {**told, "vertices": blob.put(shape.vertices, "f4"), "faces": blob.put(shape.faces, "u4")}
+        return entry
+    return {**entry, "vertices": blob.put(shape.vertices, "f4"), "faces": blob.put(shape.faces, "u4")}
 
 
 def _outline(replay: Replay) -> Any:
-    """Outermost points (k, 3) [m] of all that the recorded robot fills, so that a view can hold them."""
+    """Outermost points of the recorded robot, (k, 3) [m], for the choice of the view."""
     corners = []
     for k, body in enumerate(replay.bodies):
         shape = replay.look.bodies.get(body)
@@ -168,7 +171,7 @@ def _outline(replay: Replay) -> Any:
         place = replay.recorded[:: max(1, len(replay.recorded) // INSTANTS), k]
         corners.append((_rotated(place[:, None, 3:], box) + place[:, None, :3]).reshape(-1, 3))
     points = np.concatenate(corners)
-    height = np.linspace(-1, 1, DIRECTIONS)  # of directions on a spiral around a ball
+    height = np.linspace(-1, 1, DIRECTIONS)  # directions on a spiral around a sphere
     turn = np.pi * (1 + 5**0.5) * np.arange(DIRECTIONS)
     wide = np.sqrt(1 - height**2)
     ways = np.column_stack([wide * np.cos(turn), wide * np.sin(turn), height])
@@ -182,7 +185,7 @@ def _rotated(quaternion: Any, points: Any) -> Any:
 
 
 def _scale(replay: Replay) -> dict[str, float]:
-    """Where the colours end: per unit of torque, and for shares of each joint's torque; round numbers."""
+    """Rounded ends of the colour scale, per torque unit and for the share of each joint's torque."""
     size = np.abs(replay.track.residual[0])
     units = np.array(["N" if slides else "N.m" for slides in replay.robot.prismatic])
     found = {unit: _round(size[:, units == unit]) for unit in dict.fromkeys(units.tolist())}
@@ -190,7 +193,7 @@ def _scale(replay: Replay) -> dict[str, float]:
 
 
 def _round(size: Any) -> float:
-    """The next of 1, 2, 5, 10, ... beyond most of the values."""
+    """Round up a high quantile of the values to 1, 2, 5, 10, ..."""
     known = size[np.isfinite(size)]
     top = float(np.quantile(known, SURE)) if len(known) else 1.0
     power = 10.0 ** np.floor(np.log10(top)) if top > 0 else 1.0
@@ -202,12 +205,12 @@ def _viewer() -> str:
     spec = find_spec("meshcat")
     path = Path(str(spec.origin)).parent / "viewer" / "dist" / "main.min.js" if spec and spec.origin else None
     if path is None or not path.is_file():
-        raise OptionError("the meshcat package is not installed, and the page holds its viewer; pip install meshcat")
+        raise OptionError("the package meshcat, whose viewer the page contains, is not installed; pip install meshcat")
     return path.read_text(encoding="utf-8").replace("</script", "<\\/script")
 
 
 def _rms(values: Array) -> Array:
-    """Root mean square of values (F, n) [any] over the frames that have them, (n,); NaN where none has."""
+    """Root mean square of values (F, n) [any] over finite frames, (n,); NaN if there are none."""
     known = np.isfinite(values)
     total = np.sum(np.where(known, values, 0.0) ** 2, axis=0)
     return np.asarray(np.sqrt(np.where(known.any(axis=0), total / np.maximum(1, known.sum(axis=0)), np.nan)))

@@ -1,4 +1,4 @@
-// Time, switches and words.
+// Time, switches and texts.
 const $ = (id) => document.getElementById(id);
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4];
 const seconds = (t) => t.toFixed(2);
@@ -7,7 +7,7 @@ class Player {
   constructor(content) {
     this.content = content;
     this.length = (content.frames - 1) * content.period;
-    const first = Math.max(0, content.window.findIndex((window) => window >= 0)); // filters take a little at either end
+    const first = Math.max(0, content.window.findIndex((window) => window >= 0)); // filters shorten both ends
     this.state = { t: first * content.period, playing: false, speed: 1, model: 0, beside: false, byShare: false };
     this.stage = new Stage(content);
     this.write();
@@ -19,20 +19,20 @@ class Player {
     requestAnimationFrame(this.tick);
   }
 
-  write() { // what does not change
+  write() { // static texts
     const { content } = this, causes = content.marks.filter((mark) => mark.cause).map((mark) => mark.title);
     document.querySelector("h1").textContent = content.title;
     const verdicts = { named: `The simulation lacks ${causes.join(", ")}.`, nothing_missing: "Nothing is missing in the simulation.",
-      unknown: `The simulation lacks something that no law explains${causes.length ? `; nearest: ${causes.join(", ")}` : ""}.` };
+      unknown: `The simulation lacks physics that no law explains${causes.length ? `; nearest: ${causes.join(", ")}` : ""}.` };
     $("verdict").textContent = verdicts[content.verdict] || "";
     $("marked").hidden = !causes.length;
-    document.querySelector("#legend li:nth-child(2) span").textContent = `simulated, anew every ${+content.horizon.toPrecision(3)} s`;
+    document.querySelector("#legend li:nth-child(2) span").textContent = `simulated, restarted every ${+content.horizon.toPrecision(3)} s`;
     const small = content.marks.filter((mark) => !mark.cause).map((mark) => `small correction: ${mark.title}`);
     $("notes").append(...[...small, ...content.notes, `grid: ${this.stage.grid} m`].map((note) => Object.assign(document.createElement("li"), { textContent: note })));
     const n = content.joints.length, height = Math.min(176, Math.max(26, 13 * n)), every = Math.ceil(11 * n / height);
     $("names").append(...content.joints.map(({ name }, j) => {
       const cause = causes.some((title) => title.endsWith(` ${name}`));
-      const shown = cause || j % every === 0; // of many joints only some have room
+      const shown = cause || j % every === 0; // of many joints only some are labelled
       return Object.assign(document.createElement("span"), { textContent: shown ? name : "", className: cause ? "cause" : "" });
     }));
     for (const id of ["names", "map"]) $(id).style.height = `${height}px`;
@@ -68,7 +68,7 @@ class Player {
 
   wire() {
     const { content, state } = this;
-    const models = ["simulation as given", "with what it lacked"].slice(0, content.simulations);
+    const models = ["original", "extended"].slice(0, content.simulations);
     this.choice("model", models, (k) => { state.model = k; this.repaint(); });
     this.choice("layout", ["overlaid", "side by side"], (k) => { state.beside = k === 1; this.stage.place(k === 1); this.stage.look(); this.repaint(); });
     this.choice("colour", ["torque", "share of torque"], (k) => { state.byShare = k === 1; this.repaint(); });
@@ -102,7 +102,7 @@ class Player {
     if (step) { event.preventDefault(); this.play(false); this.seek(this.state.t + step * this.content.period); }
   }
 
-  follow() { // a link to a moment: #t=3.2&simulation=1&side=1&share=1&play=1
+  follow() { // a link to a time: #t=3.2&simulation=1&side=1&share=1&play=1
     const asked = new URLSearchParams(location.hash.slice(1)), flag = (key) => Number(asked.get(key) === "1");
     for (const [id, key] of [["model", "simulation"], ["layout", "side"], ["colour", "share"]]) {
       const input = $(id).querySelectorAll("input")[flag(key)];
@@ -163,10 +163,10 @@ class Player {
     $("time").value = state.t;
     $("cursor").style.left = `${100 * state.t / this.length}%`;
     $("clock").textContent = `${seconds(state.t)} s\nof ${seconds(this.length)} s`;
-    this.tell(frame);
+    this.report(frame);
   }
 
-  tell(frame) { // the largest residual, and how far the robots are apart
+  report(frame) { // largest residual, and distance of the robots
     const { content, state, stage } = this;
     let [most, which] = [-1, -1];
     content.joints.forEach((_, j) => {
@@ -175,17 +175,17 @@ class Player {
     });
     const apart = Math.max(...stage.recorded.map((group, k) => group.position.distanceTo(stage.simulated[k].position)));
     const far = stage.simulated[0].visible ? `robots up to ${apart < 0.1 ? `${(1000 * apart).toFixed(0)} mm` : `${apart.toFixed(2)} m`} apart`
-      : "no simulation here";
+      : "no simulation at this time";
     const lines = content.apart[state.model][frame] ? ["the simulation flies apart: some joints are not followed"] : [far];
     if (which >= 0) {
       const { name, unit, torque } = content.joints[which], value = residualAt(content, state, which, frame);
-      const told = state.byShare ? `${(100 * value / torque).toFixed(0)} %` : `${value.toPrecision(3)} ${unit}`;
-      lines.push(`largest: ${name}, ${value > 0 ? "+" : ""}${told}`.replace("-", "\u2212"));
+      const shown = state.byShare ? `${(100 * value / torque).toFixed(0)} %` : `${value.toPrecision(3)} ${unit}`;
+      lines.push(`largest: ${name}, ${value > 0 ? "+" : ""}${shown}`.replace("-", "\u2212"));
     }
     $("readout").replaceChildren(...lines.flatMap((line, k) => k ? [document.createElement("br"), line] : [line]));
   }
 
-  label() { // in a column at the right, in the order of what they belong to
+  label() { // in a column on the right, in the order of the marks
     const shown = $("show-recorded").checked;
     let floor = document.querySelector("footer").offsetTop - 8;
     const spots = this.labels.map((one) => ({ ...one, at: this.stage.screen(one.mark), h: one.label.offsetHeight })).sort((a, b) => a.at.y - b.at.y);

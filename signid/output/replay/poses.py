@@ -1,4 +1,4 @@
-"""Where the bodies of a robot are, for positions of its joints."""
+"""Forward kinematics of a robot's bodies."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from ...types import Array, Robot
 
 
 def poses(robot: Robot, q: Array, bodies: Sequence[int]) -> Array:
-    """Position [m] and quaternion x, y, z, w [1] of bodies in the world, (F, len(bodies), 7); NaN where q is.
+    """Compute position [m] and quaternion x, y, z, w [1] of bodies in the world, (F, len(bodies), 7).
 
     Args:
-        robot: the robot.
-        q: (F, n) [rad or m].
-        bodies: joints of the model that carry them.
+        robot: robot.
+        q: (F, n) [rad or m]; NaN gives NaN.
+        bodies: joints of the model that carry the bodies.
     """
     model, data = robot.model, robot.model.createData()
     out = np.full((len(q), len(bodies), 7), np.nan)
@@ -31,7 +31,7 @@ def poses(robot: Robot, q: Array, bodies: Sequence[int]) -> Array:
 
 
 def movers(robot: Robot, bodies: Sequence[int]) -> list[int]:
-    """For each body the joint, from 0, that moves it itself; that of the body it stands on if it is held; -1: base."""
+    """Index of the joint that moves each body, or its parent if the body's joint is held; -1: base."""
     model, found = robot.model, [-1] * robot.model.njoints
     for joint in range(1, model.njoints):
         item = model.joints[joint]
@@ -41,14 +41,14 @@ def movers(robot: Robot, bodies: Sequence[int]) -> list[int]:
 
 
 def axis(robot: Robot, joint: int) -> tuple[int, Array, bool]:
-    """The body that a joint moves, the axis (3,) [1] in that body's frame, and whether it slides along it."""
+    """The body that a joint moves, its axis in the body frame, (3,) [1], and whether it is prismatic."""
     row = own_row(robot, joint)
     body = carrier(robot.model, row)
     return body, *_along(robot.model, body, row)
 
 
 def own_axis(robot: Robot, body: int) -> tuple[Array, bool]:
-    """The axis (3,) [1] about which a joint of the model turns, in its frame; or along which it slides."""
+    """The axis of a joint of the model in its frame, (3,) [1], and whether it is prismatic."""
     return _along(robot.model, body, robot.model.joints[body].idx_v)
 
 

@@ -1,4 +1,4 @@
-"""Model and recording -> Replay."""
+"""Construction of a replay from a model and a recording."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from .track import follow
 if TYPE_CHECKING:
     from ...diagnose import Diagnosis
 
-LONGEST = 60.0  # [s] shown unless more is asked for
-MOST = 150_000  # bodies times frames times robots: about 6 MB
+LONGEST = 60.0  # default maximum duration [s]
+MOST = 150_000  # maximum number of poses (bodies x frames x robots), about 6 MB
 
 
 def replay(
@@ -38,20 +38,20 @@ def replay(
     rate: float = 30.0,
     package_dirs: Sequence[str | Path] = (),
 ) -> Replay:
-    """The recorded robot and the simulated one, which starts anew from the measured state after each horizon.
+    """Animate the recorded robot and its simulation, which restarts from the measured state after each horizon.
 
     Args:
-        model: the simulation as it was given.
-        recording: with signed torque.
-        diagnosis: what the simulation lacks, or diagnosis.json with model.json beside it.
-        start: of what is shown [s], from the first row.
-        duration: of what is shown [s]; None: all, but no more than a minute.
-        horizon: of a roll-out [s].
-        rate: of frames [Hz].
+        model: original simulation.
+        recording: recording with signed torque.
+        diagnosis: diagnosis, or its diagnosis.json with model.json in the same folder.
+        start: start time after the first row [s].
+        duration: duration to show [s]; None: all, at most a minute.
+        horizon: length of a roll-out [s].
+        rate: frame rate [Hz].
         package_dirs: folders that hold packages with meshes.
 
     Raises:
-        OptionError: an option cannot be used, torque has no sign, or the diagnosis is of another robot.
+        OptionError: an option is invalid, torque has no sign, or the diagnosis belongs to another robot.
         RecordingError: the recording cannot be used, or is shorter than a horizon.
     """
     _check(recording, horizon, rate)
@@ -69,7 +69,7 @@ def replay(
     span = shown.read(len(shown) - 1).t[0] - shown.read(0, 1).t[0]
     slow = MOST / (len(bodies) * (1 + len(models)) * max(float(span), 1e-9))
     if slow < rate:
-        notes.append(f"{slow:.3g} frames a second instead of {rate:g}, so that the page stays small")
+        notes.append(f"{slow:.3g} frames per second instead of {rate:g}, to limit the size of the page")
     track = follow(models, shown, horizon, min(rate, slow))
     return Replay(
         robot=robot,
@@ -90,13 +90,13 @@ def replay(
 
 def _check(recording: Recording, horizon: float, rate: float) -> None:
     if not 0 < rate <= 240:
-        raise OptionError(f"{rate:g} frames a second cannot be shown; give a rate above 0 and up to 240 Hz")
+        raise OptionError(f"a rate of {rate:g} Hz cannot be shown; give a rate above 0 and up to 240 Hz")
     if not 0 < horizon < float("inf"):
-        raise OptionError(f"a horizon of {horizon:g} s is none; give one above 0 s, such as 0.5")
+        raise OptionError(f"a horizon of {horizon:g} s is invalid; give one above 0 s, such as 0.5")
     unsigned = [joint for joint, signed in zip(recording.joints, recording.signed, strict=True) if not signed]
     if unsigned:
         raise OptionError(
-            f"the torque of {', '.join(unsigned)} has no sign, so nothing can be simulated; "
+            f"the torque of {', '.join(unsigned)} has no sign and cannot drive a simulation; "
             f"give the signed.csv that `signid identify` or `signid diagnose` writes"
         )
 

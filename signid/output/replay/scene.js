@@ -1,10 +1,10 @@
-// What is drawn: the bodies of the robots, and what the diagnosis found. The world's z points up, as in the description.
+// Scene: the bodies of the robots and the findings of the diagnosis. The world's z axis points up, as in the description.
 const THREE = MeshCat.THREE;
 const CREASE = Math.cos(35 * Math.PI / 180); // edges sharper than this stay sharp
 const VIEW = { azimuth: -0.85, rise: 0.42, angle: 34 };
 const style = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
-function readContent() { // the page's numbers, arrays of the blob in the place of their descriptions
+function readContent() { // content of the page, with arrays of the blob in place of their descriptions
   const content = JSON.parse(document.getElementById("content").textContent);
   const text = atob(document.getElementById("blob").textContent), bytes = new Uint8Array(text.length);
   for (let i = 0; i < text.length; i++) bytes[i] = text.charCodeAt(i);
@@ -22,12 +22,12 @@ function readContent() { // the page's numbers, arrays of the blob in the place 
   return content;
 }
 
-function solid(vertices, faces) { // corners of their own for each triangle, smooth across blunt edges only
+function solid(vertices, faces) { // separate vertices per triangle, smooth across blunt edges only
   const count = faces.length / 3, normal = new Float32Array(3 * count), around = new Map();
   const [a, b, c] = [new THREE.Vector3(), new THREE.Vector3(), new THREE.Vector3()];
   for (let f = 0; f < count; f++) {
     [a, b, c].forEach((p, i) => p.fromArray(vertices, 3 * faces[3 * f + i]));
-    b.sub(a).cross(c.sub(a)).toArray(normal, 3 * f); // as long as twice the area
+    b.sub(a).cross(c.sub(a)).toArray(normal, 3 * f); // length: twice the area
     for (let i = 0; i < 3; i++) {
       const corner = faces[3 * f + i];
       if (around.has(corner)) around.get(corner).push(f); else around.set(corner, [f]);
@@ -72,7 +72,7 @@ class Stage {
     return this.viewer.scene_tree.find(path).object;
   }
 
-  robot(name, ghost) { // a group for each body; meshcat's tree names them, so that other programs can move or hide them
+  robot(name, ghost) { // a group per body, named in meshcat's tree, so that other programs can move or hide it
     return this.content.bodies.map((body, k) => {
       const group = this.group(["signid", name, body.name]);
       if (this.geometries[k]) {
@@ -105,7 +105,7 @@ class Stage {
     } else if (mark.kind === "body") {
       put(new THREE.Mesh(new THREE.SphereGeometry(Math.max(mark.size, 0.02 * reach), 32, 20), material)).position.copy(point);
     } else if (mark.kind === "force" || mark.kind === "tilt") {
-      const up = new THREE.Vector3(-along.y, along.x, 0); // where a tilt leans to
+      const up = new THREE.Vector3(-along.y, along.x, 0); // direction of the tilt
       const way = mark.kind === "force" ? along.clone().normalize() : up.multiplyScalar(4).add(Z).normalize();
       const length = (mark.kind === "force" ? 0.28 : 0.4) * reach, thick = 0.014 * reach;
       const shaft = put(new THREE.Mesh(new THREE.CylinderGeometry(thick, thick, 0.75 * length, 20), material));
@@ -123,7 +123,7 @@ class Stage {
     return { mark, group, anchor, part: this.content.bodies.findIndex((body) => body.body === mark.body), point };
   }
 
-  girth(mark, along) { // radius of a ring around what turns near the joint
+  girth(mark, along) { // radius of a ring around the link at the joint
     const body = this.content.bodies.find((one) => one.body === mark.body), near = [], reach = this.content.reach;
     for (let i = 0; body.vertices && i < body.vertices.length; i += 3) {
       const p = new THREE.Vector3().fromArray(body.vertices, i), height = p.dot(along);
@@ -184,7 +184,7 @@ class Stage {
     this.viewer.set_dirty();
   }
 
-  look() { // from where everything is seen, clear of what stands above and below
+  look() { // view of everything, clear of the panels above and below
     const [low, high] = this.content.bounds, { viewer, shift } = this, { camera } = viewer;
     const target = new THREE.Vector3(...low).add(new THREE.Vector3(...high)).add(shift).multiplyScalar(0.5);
     const way = new THREE.Vector3(Math.cos(VIEW.azimuth), Math.sin(VIEW.azimuth), VIEW.rise).normalize();
@@ -208,7 +208,7 @@ class Stage {
     viewer.set_dirty();
   }
 
-  pose(groups, poses, frame, share) { // between two frames; hidden where there is no pose
+  pose(groups, poses, frame, share) { // interpolates between two frames; hidden without a pose
     const b = groups.length, from = 7 * b * frame, to = share > 0 ? from + 7 * b : from, turn = new THREE.Quaternion();
     groups.forEach((group, k) => {
       const at = from + 7 * k, next = to + 7 * k;
@@ -232,7 +232,7 @@ class Stage {
     }
   }
 
-  screen(mark) { // where a mark is seen [pixels]
+  screen(mark) { // position of a mark [pixels]
     const seen = this.viewer.camera, at = mark.group.localToWorld(mark.anchor.clone()).project(seen);
     return { x: (at.x + 1) / 2 * innerWidth, y: (1 - at.y) / 2 * innerHeight, visible: Math.abs(at.z) < 1 };
   }

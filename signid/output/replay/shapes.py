@@ -1,4 +1,4 @@
-"""What the bodies of a robot look like: the shapes of its description, or plain ones that follow from its joints."""
+"""Shapes of a robot's bodies, from its description or generated from its joints."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from .poses import own_axis
 from .simplify import share, simplify
 from .solids import Triangles, between, box, capsule, cylinder, joined
 
-MOST = 300_000  # triangles of a robot
-THICK, TAPER = 0.055, 0.93  # radius of the first generated link over the reach of the arm, of each over the one before
-DRUM = 1.16  # radius and half the length of what turns at a joint, over the radius of its link
-SHORT = 1e-6  # [m]
+MOST = 300_000  # maximum number of triangles per robot
+THICK, TAPER = 0.055, 0.93  # radius of the first generated link over the reach; radius of each link over the previous
+DRUM = 1.16  # radius and half-length of a joint's cylinder over the radius of its link
+SHORT = 1e-6  # length below which a vector counts as zero [m]
 
 
 class Look(NamedTuple):
-    """What there is to see of a robot."""
+    """Shapes of a robot."""
 
-    bodies: dict[int, Triangles]  # by joint of the model, 0 for what stands still; in that joint's frame
+    bodies: dict[int, Triangles]  # by joint of the model, 0: base; in the joint frame
     notes: tuple[str, ...]
 
 
 def look(robot: Robot, package_dirs: Sequence[str | Path] = ()) -> Look:
-    """Visual shapes, collision shapes where there are none, generated capsules where neither can be read.
+    """Collect visual shapes, or collision shapes, or generated capsules if neither can be read.
 
     Args:
-        robot: its description is read anew.
+        robot: robot whose description is read.
         package_dirs: folders that hold packages with meshes.
     """
     parts: dict[int, list[Triangles]] = {}
@@ -44,18 +44,20 @@ def look(robot: Robot, package_dirs: Sequence[str | Path] = ()) -> Look:
             missing.setdefault(body, []).extend(lost)
     known = {body: joined(some) for body, some in parts.items() if some}
     bare = {body: shape for body, shape in _generated(robot).items() if body not in known}
-    plain = {body: shape for body, shape in bare.items() if not known or missing.get(body)}  # else it is meant so
+    plain = {
+        body: shape for body, shape in bare.items() if not known or missing.get(body)
+    }  # others have none on purpose
     lost = list(dict.fromkeys(name for names in missing.values() for name in names))
-    notes = [f"meshes that were not found or not read: {shorten(lost, 4)}"] if lost else []
+    notes = [f"meshes missing or unreadable: {shorten(lost, 4)}"] if lost else []
     drawn = [str(robot.model.names[body]) for body in plain if body]
-    notes += [f"drawn as capsules, as no shape is known: links moved by {shorten(drawn, 4)}"] if drawn else []
+    notes += [f"drawn as capsules, since no shape is known: links moved by {shorten(drawn, 4)}"] if drawn else []
     bodies = dict(sorted({**known, **plain}.items()))
     keep = share([len(shape.faces) for shape in bodies.values()], MOST)
     return Look({body: simplify(bodies[body], most) for body, most in zip(bodies, keep, strict=True)}, tuple(notes))
 
 
 def reach(robot: Robot) -> float:
-    """About how far the robot reaches [m]: the longest way along its joints."""
+    """Approximate reach of the robot [m]: the longest path along its joints."""
     model, far = robot.model, np.zeros(robot.model.njoints)
     for joint in range(1, model.njoints):
         step = float(np.linalg.norm(model.jointPlacements[joint].translation))
@@ -72,7 +74,7 @@ def _leaf(model: Any, joint: int) -> bool:
 
 
 def _stated(robot: Robot, package_dirs: Sequence[str | Path]) -> Iterator[tuple[int, list[Triangles], list[str]]]:
-    """Per link: the joint that carries it, its shapes there, and the meshes that are lost."""
+    """Yield the carrying joint, the shapes and the missing meshes of each link."""
     import pinocchio as pin
 
     for link in children(parse(robot.document), "link"):
@@ -121,7 +123,7 @@ def _shape(element: Any, robot: Robot, package_dirs: Sequence[str | Path], lost:
 
 
 def _vector(text: str | None, default: Array) -> Array:
-    """Numbers of an attribute, (k,) [as they are meant]; the default where they are missing or odd."""
+    """Parse the numbers of an attribute, (k,) [unit of the attribute]; the default if missing or invalid."""
     try:
         found = np.array([float(word) for word in (text or "").split()])
     except ValueError:
@@ -130,7 +132,7 @@ def _vector(text: str | None, default: Array) -> Array:
 
 
 def _generated(robot: Robot) -> dict[int, Triangles]:
-    """Capsules from each joint to those that follow it, thinner towards the tip, and a drum about each axis."""
+    """Capsules from each joint to its children, thinner towards the tip, and a cylinder around each axis."""
     model, parts = robot.model, dict[int, list[Triangles]]()
     radius = np.full(model.njoints, THICK * reach(robot))
     for joint in range(1, model.njoints):
@@ -150,11 +152,11 @@ def _generated(robot: Robot) -> dict[int, Triangles]:
 
 
 def read_mesh(path: Path, scale: Array) -> Triangles | None:
-    """The triangles of an STL, OBJ, Collada or other mesh file, corners that coincide joined; None where it is unread.
+    """Read the triangles of an STL, OBJ, Collada or other mesh file with merged vertices; None if unreadable.
 
     Args:
-        path: of the file.
-        scale: (3,) [1], negative where it mirrors.
+        path: mesh file.
+        scale: (3,) [1], negative for mirrored axes.
     """
     import coal
 
@@ -162,7 +164,7 @@ def read_mesh(path: Path, scale: Array) -> Triangles | None:
         found = coal.MeshLoader(coal.BV_AABB).load(str(path), np.abs(scale))
         triangles = map(found.tri_indices, range(found.num_tris))
         vertices, faces = np.array(found.vertices()), np.array([(f[0], f[1], f[2]) for f in triangles])
-    except Exception:  # coal's are of no family
+    except Exception:  # coal raises unrelated types
         return None
     if not len(faces) or not np.isfinite(vertices).all():
         return None

@@ -1,4 +1,4 @@
-"""Fewer triangles: vertices of a mesh that lie in one cell of a grid become one."""
+"""Mesh simplification by vertex clustering on a grid."""
 
 from __future__ import annotations
 
@@ -7,12 +7,16 @@ import numpy as np
 from ...types import Array
 from .solids import Triangles
 
-HALVINGS = 12  # of the range that cell sizes are sought in
-FINEST = 1e-3  # of a mesh's size
+HALVINGS = 12  # number of bisections of the cell size
+FINEST = 1e-3  # smallest cell size, relative to the mesh
 
 
 def simplify(mesh: Triangles, most: int) -> Triangles:
-    """The mesh itself, or with cells so large that at most so many triangles are left.
+    """Simplify a mesh to a maximum number of triangles.
+
+    Args:
+        mesh: mesh.
+        most: maximum number of triangles.
 
     Source: Rossignac, Borrel, Multi-resolution 3D approximations for rendering complex scenes, 1993.
     """
@@ -32,7 +36,7 @@ def simplify(mesh: Triangles, most: int) -> Triangles:
 
 
 def share(counts: list[int], most: int) -> list[int]:
-    """How many triangles each mesh may keep, so that all together have at most so many: the largest lose first."""
+    """Distribute a maximum number of triangles over meshes; the largest are reduced first."""
     left, keep = most, [0] * len(counts)
     for rank, k in enumerate(sorted(range(len(counts)), key=lambda k: counts[k])):
         keep[k] = min(counts[k], left // (len(counts) - rank))
@@ -48,5 +52,5 @@ def _clustered(mesh: Triangles, cell: float) -> Triangles:
     faces = group[mesh.faces]
     whole = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
     faces = faces[whole]
-    turn = (np.argmin(faces, axis=1)[:, None] + np.arange(3)) % 3  # the least corner first, so that twins are equal
+    turn = (np.argmin(faces, axis=1)[:, None] + np.arange(3)) % 3  # canonical order, to find duplicates
     return Triangles(centres, np.unique(np.take_along_axis(faces, turn, axis=1), axis=0))

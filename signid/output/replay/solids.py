@@ -1,4 +1,4 @@
-"""Triangles of plain solids: boxes, cylinders, spheres and capsules, each about its centre and along z."""
+"""Triangle meshes of boxes, cylinders, spheres and capsules, centred and along z."""
 
 from __future__ import annotations
 
@@ -8,34 +8,34 @@ import numpy as np
 
 from ...types import Array, Indices
 
-ROUND = 24  # sides of what is round
+ROUND = 24  # number of sides of round solids
 
 
 class Triangles(NamedTuple):
-    """k corners and m triangles of them, counter-clockwise from outside."""
+    """k vertices and m triangles, counter-clockwise from outside."""
 
     vertices: Array  # (k, 3) [m]
     faces: Indices  # (m, 3)
 
     def moved(self, rotation: Array, translation: Array) -> Triangles:
-        """Turned by rotation (3, 3) [1], then shifted by translation (3,) [m]."""
+        """Apply rotation (3, 3) [1], then translation (3,) [m]."""
         return Triangles(self.vertices @ rotation.T + translation, self.faces)
 
 
 def box(size: Array) -> Triangles:
-    """A box of size (3,) [m]."""
+    """Box of size (3,) [m]."""
     corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
     sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     return Triangles(corners * size, np.array([f for a, b, c, d in sides for f in ((a, b, c), (a, c, d))]))
 
 
 def cylinder(radius: float, length: float) -> Triangles:
-    """A cylinder with flat ends [m]."""
+    """Cylinder with flat ends [m]."""
     return _turned(np.array([0.0, radius, radius, 0.0]), np.array([-0.5, -0.5, 0.5, 0.5]) * length)
 
 
 def capsule(radius: float, length: float) -> Triangles:
-    """A cylinder of that length with half a sphere at either end; a sphere where the length is zero [m]."""
+    """Cylinder with hemispherical ends; a sphere if the length is zero [m]."""
     bend = np.linspace(0, np.pi / 2, ROUND // 4 + 1)
     r, z = radius * np.sin(bend), length / 2 + radius * np.cos(bend)
     cut = 1 if length == 0 else 0
@@ -43,13 +43,13 @@ def capsule(radius: float, length: float) -> Triangles:
 
 
 def between(start: Array, end: Array, radius: float, round_ends: bool = True) -> Triangles:
-    """A capsule, or a cylinder, of that radius [m] from one point to another.
+    """Capsule or cylinder from one point to another.
 
     Args:
         start: (3,) [m].
         end: (3,) [m].
-        radius: [m].
-        round_ends: False for a cylinder.
+        radius: radius [m].
+        round_ends: capsule instead of cylinder.
     """
     start, end = np.asarray(start, float), np.asarray(end, float)
     length = float(np.linalg.norm(end - start))
@@ -61,14 +61,14 @@ def between(start: Array, end: Array, radius: float, round_ends: bool = True) ->
 
 
 def joined(parts: list[Triangles]) -> Triangles:
-    """Several as one."""
+    """Concatenate meshes."""
     starts = np.cumsum([0, *(len(part.vertices) for part in parts[:-1])])
     faces = [part.faces + start for part, start in zip(parts, starts, strict=True)]
     return Triangles(np.concatenate([part.vertices for part in parts]), np.concatenate(faces))
 
 
 def _turned(r: Array, z: Array) -> Triangles:
-    """The surface that a profile from pole to pole makes, turned about z; r (k,) and z (k,) [m]."""
+    """Surface of revolution of a profile r (k,), z (k,) [m] about z, from pole to pole."""
     angle = 2 * np.pi * np.arange(ROUND) / ROUND
     rings = [
         np.column_stack([a * np.cos(angle), a * np.sin(angle), np.full(ROUND, h)]) for a, h in zip(r, z, strict=True)

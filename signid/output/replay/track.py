@@ -1,4 +1,4 @@
-"""What moves: the recorded robot, the simulated ones, and the torque that each simulation leaves unexplained."""
+"""Motion of the recorded and the simulated robots, and residual torque of each simulation."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from ...regression.session import longest_piece
 from ...simulation.rollout import roll_out
 from ...types import Array, Frozen, Indices, Mask, Recording
 
-STEP = 2e-3  # [s] of the simulation, at most
-SHOWN = 0.4  # times the rate of the frames: what is faster is not shown
-STANDSTILL = 3.0  # times the noise of a velocity, within which the direction of motion is not certain
+STEP = 2e-3  # maximum time step of the simulation [s]
+SHOWN = 0.4  # cut-off of the displayed residual, relative to the frame rate
+STANDSTILL = 3.0  # velocity over its noise below which the direction of motion is uncertain
 
 
 @dataclass(frozen=True, eq=False)
 class Track(Frozen):
-    """F frames of n joints, recorded and by one or two simulations (M of them: as given, and with what it lacked)."""
+    """F frames of n joints, recorded and simulated by M models: original, extended."""
 
-    t: Array  # (F,) [s] as in the recording
+    t: Array  # (F,) time of the recording [s]
     recorded: Array  # (F, n) [rad or m]
-    simulated: Array  # (M, F, n) [rad or m]; NaN where nothing is simulated
-    apart: Mask  # (M, F) whether joints fly off so fast that they are no longer followed
-    window: Indices  # (F,) of the roll-out that a frame lies in, -1 for none
-    residual: Array  # (M, F, n) measured minus predicted torque [N.m or N]; NaN where no torque is recorded
+    simulated: Array  # (M, F, n) [rad or m]; NaN outside of roll-outs
+    apart: Mask  # (M, F) whether joints diverged
+    window: Indices  # (F,) index of the roll-out of each frame, -1: none
+    residual: Array  # (M, F, n) measured - predicted torque [N.m or N]; NaN without recorded torque
     torque: Array  # (n,) root mean square of the measured torque [N.m or N]
 
 
@@ -42,7 +42,7 @@ class _Read(NamedTuple):
 
 
 class _Strayed(NamedTuple):
-    """A model over windows: simulated minus recorded position (F, n) [rad or m], and where it flies off (F,)."""
+    """Roll-outs of a model: simulated - recorded position (F, n) [rad or m], and divergence (F,)."""
 
     error: Array
     apart: Mask
@@ -50,15 +50,15 @@ class _Strayed(NamedTuple):
 
 
 def follow(models: Sequence[Model], recording: Recording, window: float, rate: float) -> Track:
-    """The motion of a recording and of roll-outs of one or two models over it, at so many frames a second.
+    """Compute the motion of a recording and of roll-outs of one or two models.
 
-    Windows follow one another all along the recording; in each the simulated robots start from the measured state.
+    Consecutive windows cover the recording; in each the simulated robots start from the measured state.
 
     Args:
-        models: over the joints of the recording.
-        recording: with signed torque.
+        models: models with the joints of the recording.
+        recording: recording with signed torque.
         window: length of a roll-out [s].
-        rate: [Hz].
+        rate: frame rate [Hz].
 
     Raises:
         RecordingError: the recording cannot be used, or is shorter than a window.
@@ -71,7 +71,7 @@ def follow(models: Sequence[Model], recording: Recording, window: float, rate: f
     recorded = _at(t, times, q)
     strayed = [_strayed(read, models[k], models[k - 1], window, t) for k in range(len(models))]
     torque = np.concatenate([x.tau for x in known])
-    told = np.array([bool(column) for column in recording.columns["tau"]])
+    measured = np.array([bool(column) for column in recording.columns["tau"]])
     return Track(
         t=t,
         recorded=recorded,
@@ -79,34 +79,34 @@ def follow(models: Sequence[Model], recording: Recording, window: float, rate: f
         apart=np.stack([x.apart for x in strayed]),
         window=strayed[0].window,
         residual=np.stack([_residual(read, model, t, rate) for model in models]),
-        torque=np.where(told, np.sqrt(np.mean(np.where(told, torque, 0.0) ** 2, axis=0)), np.nan),
+        torque=np.where(measured, np.sqrt(np.mean(np.where(measured, torque, 0.0) ** 2, axis=0)), np.nan),
     )
 
 
 def _strayed(read: _Read, model: Model, other: Model, window: float, t: Array) -> _Strayed:
-    """Roll-outs one after another; a joint that flies off stays where it was last, as long as another does not."""
-    count = int(np.ceil(read.sampling.duration / window))  # so many that none begins after another has ended
+    """Consecutive roll-outs; a diverged joint keeps its last position unless all joints diverged."""
+    count = int(np.ceil(read.sampling.duration / window))  # enough that roll-outs do not leave gaps
     found = roll_out(model, read.recording, (window,), windows=count, band=read.band, step=STEP, beside=other)
     which = np.searchsorted(found.start, t, side="right") - 1
     age = t - found.start[which]
     which = np.where((which >= 0) & (age <= found.t[-1] + read.sampling.period), which, -1)
-    told = np.array([bool(column) for column in read.recording.columns["tau"]])
-    error, apart = np.full((len(t), len(told)), np.nan), np.zeros(len(t), dtype=bool)
+    measured = np.array([bool(column) for column in read.recording.columns["tau"]])
+    error, apart = np.full((len(t), len(measured)), np.nan), np.zeros(len(t), dtype=bool)
     ages = np.concatenate([[0.0], found.t])
     for w in np.unique(which[which >= 0]):
         frames = which == w
-        path = np.concatenate([np.zeros((1, len(told))), np.where(told, found.error[w], 0.0)])
+        path = np.concatenate([np.zeros((1, len(measured))), np.where(measured, found.error[w], 0.0)])
         lost = ~np.isfinite(path)
         last = np.maximum.accumulate(np.where(lost, 0, np.arange(len(path))[:, None]), axis=0)
         held = np.take_along_axis(path, last, axis=0)
-        held[lost[:, told].all(axis=1)] = np.nan
+        held[lost[:, measured].all(axis=1)] = np.nan
         error[frames] = _at(age[frames], ages, held)
         apart[frames] = np.interp(age[frames], ages, lost.any(axis=1)) > 0
     return _Strayed(error, apart, which)
 
 
 def _residual(read: _Read, model: Model, t: Array, rate: float) -> Array:
-    """Measured minus predicted torque (F, n) [N.m or N], of what is slow enough to be seen."""
+    """Measured - predicted torque, low-passed for display, (F, n) [N.m or N]."""
     recording, sampling, band = read
     taps = lowpass(1 / sampling.period, min(band.cutoff, SHOWN * rate))
     slow = np.maximum(STANDSTILL * band.velocity_noise, 1e-12)
@@ -124,12 +124,12 @@ def _residual(read: _Read, model: Model, t: Array, rate: float) -> Array:
 
 
 def _smooth(signal: Array, taps: Array) -> Array:
-    """Filtered (N, n) [as given], mirrored at the ends."""
+    """Filter a signal (N, n) [any unit], mirrored at the ends."""
     from scipy.ndimage import convolve1d
 
     return np.asarray(convolve1d(signal, taps, axis=0, mode="mirror")) if len(taps) > 1 else signal
 
 
 def _at(t: Array, known: Array, values: Array) -> Array:
-    """Values (N, n) [any] known at times (N,) [s], straight in between, at others (F,) [s]."""
+    """Interpolate values (N, n) [any unit] at times (N,) [s] linearly to times (F,) [s]."""
     return np.column_stack([np.interp(t, known, x) for x in values.T])

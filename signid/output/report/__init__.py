@@ -1,4 +1,4 @@
-"""What is found, in words and numbers: tables for the eye, JSON for programs, files that are never half-written."""
+"""Results as terminal tables, JSON documents and HTML pages; files are written atomically."""
 
 import sys
 from typing import TYPE_CHECKING
@@ -10,11 +10,11 @@ if TYPE_CHECKING:
     from .diagnosis.tables import diagnosis_tables as diagnosis_tables
     from .layout import Screen as Screen
     from .numbers import figure as figure, with_interval as with_interval
-    from .page import report as report
     from .pages import (
         diagnosis_page as diagnosis_page,
         fleet_page as fleet_page,
         identification_page as identification_page,
+        report as report,
         signs_page as signs_page,
         validation_page as validation_page,
     )

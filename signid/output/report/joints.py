@@ -1,4 +1,4 @@
-"""What a joint is, what it moves, and how far."""
+"""Description of joints: type, link and limits."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ...types import Robot
 
 
 class JointEntry(NamedTuple):
-    """A line of the table of joints; limits in `unit`, `unit`/s and N.m or N, infinite where none is stated."""
+    """Row of the table of joints; limits in `unit`, `unit`/s and N.m or N, infinite if not stated."""
 
     name: str
     number: int
@@ -24,7 +24,7 @@ class JointEntry(NamedTuple):
 
 
 def describe_joints(robot: Robot) -> list[JointEntry]:
-    """Every joint that moves by itself."""
+    """Describe the actuated joints."""
     return [
         JointEntry(
             name,
@@ -48,7 +48,7 @@ def _kind(robot: Robot, j: int) -> str:
 
 
 def _link(robot: Robot, j: int) -> str:
-    """The link that the joint carries; links that follow by mimic joints come after it."""
+    """Name of the link that the joint moves; a joint's own link precedes links of mimic joints."""
     rows = np.flatnonzero(robot.drive[:, j])
     bodies = zip(list(robot.model.names)[1:], list(robot.model.joints)[1:], robot.links, strict=True)
     moved = [

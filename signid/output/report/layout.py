@@ -1,4 +1,4 @@
-"""Tables, headings and sentences that all commands print alike."""
+"""Layout shared by all commands: tables, headings and sentences."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from rich.console import Console, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-PIPED = 100  # columns where there is no terminal to ask
+PIPED = 100  # width of the output if it is not a terminal [characters]
 
 
 class Screen(Console):
-    """Standard output as it is when called: no colour codes where it is no terminal, brackets stay brackets."""
+    """Current standard output, without markup, and without colours if it is not a terminal."""
 
     def __init__(self) -> None:
         if hasattr(sys.stdout, "reconfigure"):
-            sys.stdout.reconfigure(errors="replace")  # where "±" cannot be written
+            sys.stdout.reconfigure(errors="replace")  # the encoding may lack "±"
         known = sys.stdout.isatty() or "COLUMNS" in os.environ
         super().__init__(markup=False, highlight=False, emoji=False, width=None if known else PIPED)
 
     def write(self, text: str) -> None:
-        """Text as it stands: neither wrapped nor coloured."""
+        """Write text unchanged, neither wrapped nor coloured."""
         try:
             sys.stdout.write(text)
             sys.stdout.flush()
@@ -31,13 +31,13 @@ class Screen(Console):
             self.on_broken_pipe()
 
     def on_broken_pipe(self) -> None:
-        """Go on in silence: a reader that has seen enough is no error."""
+        """Stop writing without an error when the reader closes the pipe."""
         self.quiet = True
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def new_table(*heads: str) -> Table:
-    """Columns by their heads, to the right where a head ends in >; formulas may wrap, numbers may not."""
+    """Create a table from its heads; columns whose head ends in > are right-aligned and do not wrap."""
     table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, header_style="dim")
     for head in heads:
         right = head.endswith(">")
@@ -46,20 +46,20 @@ def new_table(*heads: str) -> Table:
 
 
 def heading(text: str, below: bool = True) -> RenderableType:
-    """Bold, a blank line above."""
+    """Bold line, with a blank line above if `below` other text."""
     return Text.assemble("\n" if below else "", (text, "bold"))
 
 
 def paragraph(text: str) -> RenderableType:
-    """Text as it stands."""
+    """Plain text."""
     return Text(text)
 
 
 def note_lines(notes: Iterable[str]) -> list[RenderableType]:
-    """Each note once."""
+    """One line per note, without repetitions."""
     return [paragraph(f"note: {note}") for note in dict.fromkeys(notes)]
 
 
-def plural(number: int, what: str) -> str:
-    """A number and what it counts."""
-    return f"{number} {what}{'' if number == 1 else 's'}"
+def plural(number: int, noun: str) -> str:
+    """Format a count with its noun."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"

@@ -1,4 +1,4 @@
-"""Numbers with the digits that they deserve."""
+"""Formatting of numbers with their significant digits."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ from math import copysign, floor, isfinite, log10
 
 from ...types import TWO_SIDED
 
-MOST = 9  # significant digits that are ever shown
-LARGEST = 1.79e308
+MOST = 9  # maximum number of significant digits
+UNKNOWN = "not identifiable"  # text in place of a value without finite interval
+LARGEST = 1.79e308  # values beyond would round up to infinity
 
 
 def figure(value: float, digits: int = 3) -> str:
-    """A number to so many significant digits, zeros kept; "-" where there is none.
+    """Format a number with significant digits, trailing zeros kept; "-" if not finite.
 
     >>> figure(0.04), figure(24.96), figure(1234.5), figure(2.5e-7), figure(float("nan"))
     ('0.0400', '25.0', '1234', '2.50e-07', '-')
@@ -20,7 +21,7 @@ def figure(value: float, digits: int = 3) -> str:
         return "-"
     if value == 0:
         return "0"
-    if abs(value) > LARGEST:  # rounded up, it would read back as infinite
+    if abs(value) > LARGEST:
         return figure(copysign(LARGEST, value), digits)
     mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
     power = int(exponent)
@@ -30,15 +31,15 @@ def figure(value: float, digits: int = 3) -> str:
 
 
 def with_interval(value: float, std: float) -> tuple[str, str]:
-    """A value and the half width of its 95 % interval, both to the second significant digit of the half width.
+    """Format a value and the half-width of its 95 % interval, to two significant digits of the half-width.
 
     >>> with_interval(3.86269, 0.0123), with_interval(1234.5, 66.0), with_interval(2.3456e-6, 1e-8)
     (('3.863', '0.024'), ('1230', '130'), ('2.346e-06', '0.020e-06'))
     >>> with_interval(0.7, float("inf")), with_interval(0.7, 0.0)
-    (('not told', '-'), ('0.700000', '0'))
+    (('not identifiable', '-'), ('0.700000', '0'))
     """
     if not (isfinite(value) and isfinite(std)):
-        return "not told", "-"
+        return UNKNOWN, "-"
     half = TWO_SIDED * std
     largest = _power(max(abs(value), half))
     if half <= 0:
@@ -56,7 +57,7 @@ def with_interval(value: float, std: float) -> tuple[str, str]:
 
 
 def share(value: float) -> str:
-    """A share in per cent, never rounded up to all or down to nothing.
+    """Format a share in per cent, never rounded up to 100 % or down to 0 %.
 
     >>> share(1.0), share(0.9996), share(0.5), share(0.0001), share(0.0)
     ('100 %', '>99 %', '50 %', '<1 %', '0 %')
@@ -71,7 +72,7 @@ def share(value: float) -> str:
 
 
 def determination(r2: float) -> str:
-    """R2 with two significant digits of what it lacks to 1.
+    """Format R2 with two significant digits of 1 - R2.
 
     >>> determination(0.99871), determination(0.957), determination(0.9999999), determination(float("nan"))
     ('0.9987', '0.957', '1.000000', '-')

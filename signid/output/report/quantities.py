@@ -1,4 +1,4 @@
-"""Which number stands where in an identification: base parameters, and the coefficients of the laws."""
+"""Parameters of an identification: base parameters, and the parameters of laws."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from ...types import BaseMap, Coefficient, Law
 
 
 class LawNumber(NamedTuple):
-    """One parameter of one law; no standard deviation where it shows only together with other parameters."""
+    """One parameter of a law; std is None if it is identifiable only in combination."""
 
     effect: str
-    joint: str | None  # None: of the whole robot
+    joint: str | None  # None: the whole robot
     key: str
     value: float
     std: float | None
@@ -23,20 +23,20 @@ class LawNumber(NamedTuple):
 
 
 def alone(base: BaseMap) -> dict[int, int]:
-    """The standard parameters that torque shows by themselves: index of each, and of its base parameter."""
+    """Individually identifiable standard parameters: index of each -> index of its base parameter."""
     terms = np.count_nonzero(base.combination, axis=1)
     return {int(lead): row for row, lead in enumerate(base.independent) if terms[row] == 1}
 
 
 def rigid_rows(base: BaseMap) -> list[int]:
-    """The base parameters that say more than one coefficient of a law."""
+    """Base parameters other than a single coefficient of a law."""
     singles = alone(base)
     laws = {singles[k] for k, label in enumerate(base.labels) if label.law is not None and k in singles}
     return [row for row in range(base.rank) if row not in laws]
 
 
 def law_numbers(result: Identification) -> list[list[LawNumber]]:
-    """The parameters of each law of the model, with the standard deviations that the recordings give them."""
+    """Parameters of each law of the model, with their standard deviations."""
     singles, std = alone(result.base), result.estimate.std
     places: dict[int, list[int]] = {}
     for k, label in enumerate(result.base.labels):
@@ -51,7 +51,7 @@ def law_numbers(result: Identification) -> list[list[LawNumber]]:
 
 def _numbers(result: Identification, law: Law, known: list[float | None]) -> list[LawNumber]:
     robot, linear = result.robot, list(law.effect.linear())
-    plain = type(law.effect).physical is Effect.physical  # its parameters are its coefficients
+    plain = type(law.effect).physical is Effect.physical  # the parameters are the coefficients
     single = len(law.joints) == 1
     numbers = []
     for key, value in law.parameters.items():

@@ -1,4 +1,4 @@
-"""Results appear only when complete: written beside their place under another name, then renamed."""
+"""Atomic output: files are written under a temporary name and then renamed."""
 
 from __future__ import annotations
 
@@ -13,22 +13,20 @@ from stat import S_ISREG
 from ...errors import OutputError
 
 Content = str | bytes | Iterable[str]
-MARK = ".signid-"  # how the names of files and folders begin that are not complete
-_NAME = re.compile(rf"{re.escape(MARK)}\w{{8}}")  # of files that are not complete, as mkstemp calls them
-
-
-_STALE = 86_400.0  # [s]
+MARK = ".signid-"  # prefix of temporary files and folders
+_NAME = re.compile(rf"{re.escape(MARK)}\w{{8}}")  # temporary files, as named by mkstemp
+_STALE = 86_400.0  # age from which a temporary file is considered abandoned [s]
 
 
 def probe_folder(folder: str | Path, option: str = "-o") -> None:
-    """Find out whether results can be written into a folder, without leaving anything there.
+    """Check that results can be written into a folder, without leaving anything there.
 
     Args:
-        folder: where the results will go.
-        option: that names it on the command line.
+        folder: output folder.
+        option: command-line option that names it.
 
     Raises:
-        OutputError: when it is a file, lies below one, or must not be written to.
+        OutputError: the path is a file, lies below a file, or is not writable.
     """
     place = Path(folder)
     try:
@@ -45,19 +43,19 @@ def probe_folder(folder: str | Path, option: str = "-o") -> None:
 
 
 def write_files(folder: str | Path, contents: Mapping[str, Content], option: str = "-o") -> list[Path]:
-    """Write files into a folder, which is made where it is missing; either all of them or none.
+    """Write all files into a folder, or none; create the folder if missing.
 
-    Should the process be killed, every file is as it was or whole. The first one appears last, after all others.
-    What it had not finished then stays behind, and is cleared away by whoever writes there a day later or more: that
-    it is no longer at work cannot be told, for the folder may be shared between machines.
+    If the process is killed, each file is either unchanged or complete. The first file appears last. Temporary files
+    that remain are removed by a later call, once they are a day old: the folder may be shared between machines, so a
+    live writer cannot be detected.
 
     Args:
-        folder: where the results go.
-        contents: name of each file and what it holds, whole or in pieces; text is written as UTF-8.
-        option: that names the folder on the command line.
+        folder: output folder.
+        contents: content of each file by name, whole or in pieces; text is written as UTF-8.
+        option: command-line option that names the folder.
 
     Raises:
-        OutputError: when one of them cannot be written; nothing half-written stays behind.
+        OutputError: a file cannot be written; no incomplete file remains.
     """
     place = Path(folder)
     new = _missing(place)
@@ -85,12 +83,12 @@ def write_files(folder: str | Path, contents: Mapping[str, Content], option: str
 
 
 def _missing(place: Path) -> list[Path]:
-    """The folders that will have to be made, the innermost first."""
+    """Missing folders of a path, the innermost first."""
     return [folder for folder in (place, *place.parents) if not folder.exists()]
 
 
 def _clear(place: Path, ours: Sequence[Path]) -> None:
-    """Remove what runs that were killed left, by the clock of the machine that holds the folder."""
+    """Remove abandoned temporary files, by the clock of the machine that holds the folder."""
     now = max((path.stat().st_mtime for path in ours), default=0.0)
     for left in place.glob(f"{MARK}*"):
         with suppress(OSError):
@@ -99,7 +97,7 @@ def _clear(place: Path, ours: Sequence[Path]) -> None:
 
 
 def _aside(place: Path, content: Content) -> Path:
-    """A temporary file of that content, with the rights of an ordinary new file."""
+    """Write a temporary file with the permissions of an ordinary new file."""
     handle, name = tempfile.mkstemp(dir=place, prefix=MARK)
     try:
         with os.fdopen(handle, "wb") as file:
@@ -118,31 +116,31 @@ def _refusal(folder: str | Path, place: Path, error: OSError, option: str) -> Ou
         return OutputError(f"cannot write results to {folder}: {where} is a file; name a folder with {option}")
     why = error.strerror or type(error).__name__
     return OutputError(
-        f"cannot write results to {folder}: {why}; name another folder with {option}, or make room in it"
+        f"cannot write results to {folder}: {why}; name another folder with {option}, or free disk space"
     )
 
 
 def is_abandoned(path: Path, now: float) -> bool:
-    """Whether a run that was killed left this; that it is no longer at work cannot be told, so a day must have gone by.
+    """Whether a temporary file is at least a day old, since a live writer cannot be detected.
 
     Args:
-        path: of a file or folder that is not complete.
-        now: by the clock of the machine that holds it [s].
+        path: temporary file or folder.
+        now: time by the clock of the machine that holds it [s].
 
     Raises:
-        OSError: it is there no more, or cannot be looked at.
+        OSError: the file is missing or cannot be read.
     """
     return now - path.lstat().st_mtime > _STALE
 
 
 def give_usual_rights(path: Path) -> None:
-    """The rights of an ordinary new file or folder, for one that only its owner may read.
+    """Set the permissions of an ordinary new file or folder on a private one.
 
     Args:
-        path: of a file or folder.
+        path: file or folder.
 
     Raises:
-        OSError: they cannot be changed.
+        OSError: the permissions cannot be changed.
     """
     mask = os.umask(0)
     os.umask(mask)

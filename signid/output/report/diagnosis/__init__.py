@@ -1,1 +1,1 @@
-"""A diagnosis as document, tables, numbers and sentences."""
+"""Diagnosis: JSON document, terminal tables, parameters and sentences."""

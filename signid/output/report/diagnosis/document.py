@@ -1,4 +1,4 @@
-"""A diagnosis as JSON."""
+"""JSON document of a diagnosis."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from ..results.signs import signs_document
 if TYPE_CHECKING:
     from ....diagnose import Alternative, Diagnosis, Finding
 
-INFORMED = "Bodies and laws of the simulation count as known as well as identification left them"
-FURTHER = "yet they seem to be off by about {:g} times that, so which of several laws is behind a torque is less sure"
+INFORMED = "The covariance of the simulation is used as prior for its inertials and laws"
+FURTHER = "their errors appear about {:g} times larger, which makes alternatives harder to distinguish"
 
 
 def diagnosis_document(result: Diagnosis, inputs: Sequence[Input] = ()) -> Document:
-    """The content of diagnosis.json.
+    """Build the content of diagnosis.json.
 
     Args:
-        result: the diagnosis.
-        inputs: path and sha256 of what was read besides the recordings; the robot's description if none is given.
+        result: diagnosis.
+        inputs: path and sha256 of the files read besides the recordings; default: the robot description.
     """
     robot, before, after = result.robot, result.rollout_before, result.rollout_after
     return {
@@ -67,14 +67,14 @@ def diagnosis_document(result: Diagnosis, inputs: Sequence[Input] = ()) -> Docum
 
 
 def diagnosis_notes(result: Diagnosis) -> list[str]:
-    """The notes of a diagnosis, and what the simulation's own covariance means for it."""
+    """Notes of a diagnosis, including one on the use of the simulation's covariance."""
     if not result.informed:
         return list(result.notes)
     return [*result.notes, f"{INFORMED}, {FURTHER.format(result.prior_scale)}" if result.prior_scale > 1 else INFORMED]
 
 
-def mended_link(robot: Robot, law: Law) -> str | None:
-    """The link whose body a law changes; None for a law that changes more or something else."""
+def changed_link(robot: Robot, law: Law) -> str | None:
+    """The link whose inertia a law changes; None for other laws."""
     if not isinstance(law.effect, BodyLaw) or law.effect.scope not in ("link", "tip"):
         return None
     return robot.links[carried(robot, law.joints[0])]
@@ -86,7 +86,7 @@ def _finding(robot: Robot, finding: Finding) -> Document:
     return {
         "effect": finding.law.effect.name,
         "joint": joint,
-        "link": mended_link(robot, finding.law),
+        "link": changed_link(robot, finding.law),
         "role": finding.role,
         "in_model": finding.in_model,
         "probability": finding.probability,
@@ -111,18 +111,18 @@ def _finding(robot: Robot, finding: Finding) -> Document:
 
 
 def finding_numbers(robot: Robot, finding: Finding) -> Document:
-    """By key: value, standard deviation (None where it is not known), unit, and what the simulation states, if it does.
+    """Parameters of a finding by key: value, std (None if unknown), unit, and the value stated by the simulation.
 
     The value of a partner is its name.
     """
-    numbers = told_numbers(robot, finding.law, finding.std)
+    numbers = law_numbers(robot, finding.law, finding.std)
     for key in numbers.keys() & finding.stated.keys():
         numbers[key]["stated"] = finding.stated[key]
     return numbers
 
 
-def told_numbers(robot: Robot, law: Law, std: Mapping[str, float]) -> Document:
-    """The same of any law, with the standard deviations that are known."""
+def law_numbers(robot: Robot, law: Law, std: Mapping[str, float]) -> Document:
+    """Parameters of a law by key: value, std (None if unknown) and unit."""
     _, values = placed(law, robot)
     out: dict[str, Any] = {}
     for key, value in values.items():

@@ -1,4 +1,4 @@
-"""Laws and their numbers in words: what the simulation states, and what the recordings show."""
+"""Laws and their parameters in words, as stated by the simulation and as estimated from the recordings."""
 
 from __future__ import annotations
 
@@ -8,47 +8,45 @@ from typing import TYPE_CHECKING, NamedTuple
 from ....effects.naming import spoken
 from ....types import TWO_SIDED
 from ..layout import plural
-from ..numbers import figure, with_interval
-from .document import finding_numbers, mended_link
+from ..numbers import UNKNOWN, figure, with_interval
+from .document import changed_link, finding_numbers
 
 if TYPE_CHECKING:
     from ....diagnose import Finding
     from ....types import Law, Robot
 
-UNKNOWN = "not identifiable"
-
 
 class NumberCells(NamedTuple):
-    """One number of a finding, for a table or a sentence; empty where there is nothing to say."""
+    """One parameter of a finding, formatted for a table or a sentence."""
 
     key: str
-    stated: str  # in the simulation
-    value: str  # by the recordings, the total
-    half: str  # width of its 95 % interval
+    stated: str  # value in the simulation; "" if not stated
+    value: str  # value estimated from the recordings
+    half: str  # half-width of its 95 % interval
     unit: str
 
 
 def law_words(robot: Robot, law: Law) -> str:
-    """A law by its effect and joint; one that changes the body of a link also by that link."""
-    link, words = mended_link(robot, law), spoken(law, robot)
+    """Name of a law with its joint, and with the link whose inertia it changes."""
+    link, words = changed_link(robot, law), spoken(law, robot)
     if link is None:
         return words
     return f"{words if ' of ' in words else f'{words} of {robot.joints[law.joints[0]]}'} (link {link})"
 
 
 def number_cells(robot: Robot, finding: Finding) -> list[NumberCells]:
-    """The numbers of a finding; optional ones that could be zero are only counted."""
+    """Parameters of a finding; optional ones consistent with zero are only counted."""
     numbers = finding_numbers(robot, finding)
     optional = [key for key in numbers if key in finding.law.effect.optional and key not in finding.stated]
     hidden = [key for key in optional if _could_be_zero(**numbers[key])]
     cells = [_cells(key, **number) for key, number in numbers.items() if key not in (*hidden, "partner")]
     if hidden:
-        cells.append(NumberCells(f"{plural(len(hidden), 'more number')}: could be zero", "", "", "", ""))
+        cells.append(NumberCells(f"{plural(len(hidden), 'more parameter')}: could be zero", "", "", "", ""))
     return cells
 
 
 def number_lines(robot: Robot, finding: Finding) -> tuple[str, ...]:
-    """The same, a line each, then what the numbers mean, and whether the extended simulation goes without them."""
+    """Parameters of a finding in one line each, with their meaning and their absence from the extended simulation."""
     lines = [
         f"{cells.key}: {_compared(cells)}"
         if cells.stated
@@ -60,9 +58,9 @@ def number_lines(robot: Robot, finding: Finding) -> tuple[str, ...]:
 
 
 def stated_words(robot: Robot, finding: Finding) -> str:
-    """The only number of a law in the simulation and in the recordings; empty where there are more, or none is stated.
+    """Comparison of the single parameter of a law with its stated value; "" if there are several or none is stated.
 
-    "coulomb_friction of joint_2: 0.300 in the simulation, 1.200 ± 0.010 N.m recorded"
+    Example: "coulomb_friction of joint_2: 0.300 in the simulation, 1.200 ± 0.010 N.m recorded".
     """
     cells = number_cells(robot, finding)
     if len(cells) != 1 or not cells[0].stated:
@@ -71,7 +69,7 @@ def stated_words(robot: Robot, finding: Finding) -> str:
 
 
 def _compared(cells: NumberCells) -> str:
-    """A number that the simulation states beside the recorded one."""
+    """A stated parameter and its estimate."""
     if cells.value == UNKNOWN:
         return f"{cells.stated} {cells.unit}".rstrip() + f" in the simulation, {UNKNOWN} from the recordings"
     recorded = " ".join(filter(None, [cells.value, cells.half and f"± {cells.half}", cells.unit]))
@@ -92,6 +90,6 @@ def _cells(key: str, value: float, std: float | None, unit: str, stated: float |
 
 
 def _as_fine(stated: float, std: float | None) -> str:
-    """A stated number with the digits of the recorded one, where those show it."""
+    """A stated parameter with the digits of its estimate, if these suffice."""
     fine = std is not None and isfinite(std) and 0 < TWO_SIDED * std < abs(stated)
     return with_interval(stated, std)[0] if fine and std is not None else figure(stated)

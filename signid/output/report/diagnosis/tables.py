@@ -1,4 +1,4 @@
-"""A diagnosis for the eye: what is missing, where, how sure, and how much better the simulation is with it."""
+"""Terminal tables of a diagnosis: verdict, findings, alternatives and validation."""
 
 from __future__ import annotations
 
@@ -29,22 +29,22 @@ from .words import (
 )
 
 COLOURS = {"nothing_missing": "bold green", "named": "bold", "unknown": "bold yellow"}
-CAUSES, CORRECTIONS = 6, 3  # that the terminal shows
+CAUSES, CORRECTIONS = 6, 3  # maximum number shown
 
 
 def diagnosis_tables(result: Diagnosis) -> list[RenderableType]:
-    """Verdict, where the residual is, findings, their alternatives, what is left, and the proof on held-out data."""
+    """Verdict, location of the residual, findings, alternatives, unexplained residual and held-out validation."""
     left = unexplained_words(result)
     return [
         Text(f"{result.robot.name}: {verdict_words(result)}", COLOURS[result.verdict]),
-        heading("Where simulation and recordings differ"),
+        heading("Residual of the simulation"),
         *map(paragraph, place_words(result)),
         *_findings(result),
         *map(paragraph, trust_words(result)),
         *_alternatives(result),
-        *([heading("Left unexplained"), *map(paragraph, left)] if left else []),
+        *([heading("Unexplained residual"), *map(paragraph, left)] if left else []),
         *([] if result.signs is None else signs_tables(result.signs)),
-        heading("Held out: rms of the torque left unexplained"),
+        heading("Held-out data: rms of the residual torque"),
         _fit(result),
         *_rolled(result),
         *note_lines(diagnosis_notes(result)),
@@ -52,23 +52,23 @@ def diagnosis_tables(result: Diagnosis) -> list[RenderableType]:
 
 
 def _findings(result: Diagnosis) -> Iterator[RenderableType]:
-    """The largest causes with their numbers, the largest corrections in a line each, the others counted."""
+    """The largest causes with their parameters, the largest corrections, and the number of others."""
     robot, titles = result.robot, role_words(result)
     small = [finding for finding in result.findings if finding.role == "secondary"]
     if result.causes:
         yield heading(titles["cause"])
         yield from _causes([finding_words(robot, finding) for finding in result.causes[:CAUSES]])
-        yield from _more(len(result.causes) - CAUSES, "smaller one")
+        yield from _more(len(result.causes) - CAUSES, "smaller finding")
     if small:
         yield heading(titles["secondary"])
         lines = (secondary_words(robot, finding) for finding in small[:CORRECTIONS])
         yield from (Text(line, no_wrap=True, overflow="ellipsis") for line in lines)
-        yield from _more(len(small) - CORRECTIONS, "smaller one")
+        yield from _more(len(small) - CORRECTIONS, "smaller finding")
 
 
 def _causes(causes: Sequence[FindingWords]) -> Iterator[RenderableType]:
-    """A row for each, and below it its numbers, which are too long for a cell."""
-    heads = ("law and its numbers, ± 95 %", "probability>", "of torque", "mostly")
+    """A row per cause, with its parameters below."""
+    heads = ("law and its parameters, ± 95 %", "probability>", "of torque", "mostly")
     rows = [(words.law, words.probability, words.torque, words.where) for words in causes]
     width = [max(map(len, [head.removesuffix(">"), *cells])) for head, *cells in zip(heads, *rows, strict=True)]
     for k, words in enumerate(causes):
@@ -85,14 +85,14 @@ def _indented(line: str) -> RenderableType:
     return Padding(paragraph(line), (0, 0, 0, 2), expand=False)
 
 
-def _more(number: int, what: str) -> list[RenderableType]:
-    return [paragraph(f"and {plural(number, what)} in diagnosis.json")] if number > 0 else []
+def _more(number: int, noun: str) -> list[RenderableType]:
+    return [paragraph(f"and {plural(number, noun)} in diagnosis.json")] if number > 0 else []
 
 
 def _alternatives(result: Diagnosis) -> Iterator[RenderableType]:
     rivals = [(finding, alternative_words(result.robot, finding)) for finding in result.causes[:CAUSES]]
     if any(words for _, words in rivals):
-        yield heading("What explains the recordings as well, or nearly")
+        yield heading("Alternatives that explain the recordings equally well, or nearly")
     for finding, words in rivals:
         if words:
             yield paragraph(law_words(result.robot, finding.law))
@@ -117,10 +117,10 @@ def _rolled(result: Diagnosis) -> Iterator[RenderableType]:
     table = new_table("joint", "before>", "after>", "unit")
     for joint, unit, *rms in zip(before.joints, before.unit, before.rms(horizon), after.rms(horizon), strict=True):
         table.add_row(joint, *change(*map(float, rms)), unit)
-    yield heading(f"Simulated for {horizon:g} s from measured states: rms error of position at the end")
+    yield heading(f"Roll-outs of {horizon:g} s from measured states: rms position error at the end")
     yield table
 
 
 def change(before: float, after: float) -> tuple[Text, Text]:
-    """An error before and after; after in red where it is clearly larger."""
+    """An error before and after the extension; after in red if clearly larger."""
     return Text(figure(before)), Text(figure(after), "red" if after > WORSE * before else "")

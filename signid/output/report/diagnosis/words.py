@@ -1,4 +1,4 @@
-"""A diagnosis in words: what the terminal and the page both say."""
+"""Sentences about a diagnosis, shared by the terminal and the page."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ if TYPE_CHECKING:
     from ....diagnose.data.locate import Location
     from ....types import Robot
 
-NOISE = 1.08  # of the noise floor: so much residual is noise
-NEGLIGIBLE = 0.001  # probability
-BETTER = 0.8  # held-out residual over what it was: less is no chance
-LITTLE = 0.3  # share that a variable explains: less is as good as nothing
-WORSE = 1.02  # times the error before: less is no worse
-GONE = 0.005  # of torque: less is not shown as a share
-RIVALS = 3  # alternatives of a finding that the terminal shows
-COMPARED = 3  # wrong numbers that the verdict shows; of more it shows the names of the laws
+NOISE = 1.08  # ratio of residual to noise floor up to which a residual is noise
+NEGLIGIBLE = 0.001  # probability below which an alternative is not shown
+BETTER = 0.8  # ratio of held-out residuals, after to before, below which a refit is significant
+LITTLE = 0.3  # explained share below which no variable is named
+WORSE = 1.02  # ratio of errors, after to before, above which a result is worse
+GONE = 0.005  # share of torque below which a joint is not counted
+RIVALS = 3  # maximum number of alternatives shown on the terminal
+COMPARED = 3  # maximum number of wrong parameters in the verdict; if more, it names the laws only
 
 
 class FindingWords(NamedTuple):
-    """A line of the table of findings."""
+    """Row of the table of findings."""
 
     law: str
     numbers: tuple[str, ...]
@@ -36,24 +36,27 @@ class FindingWords(NamedTuple):
 
 
 def verdict_words(result: Diagnosis) -> str:
-    """The verdict in a sentence."""
+    """The verdict of a diagnosis in a sentence."""
     if result.verdict == "nothing_missing":
         better = [joint for joint, gain in zip(result.robot.joints, result.gain, strict=True) if gain < BETTER]
-        refit = f", but numbers that it states are wrong (at {shorten(better)})" if better else ""
-        return f"{'no law' if better else 'nothing'} is missing, within {share(result.tolerance)} of torque{refit}"
+        refit = f", but stated parameters are wrong (at {shorten(better)})" if better else ""
+        return f"{'no law' if better else 'nothing'} is missing, within {share(result.tolerance)} of the torque{refit}"
     if result.verdict == "named":
         alone = len(result.causes) == 1
         sure = f" (probability {confidence(result.causes[0].probability)})" if alone else ""
         return "; ".join(_cause_words(result)) + sure
-    unexplained = "the simulation lacks something that no law explains"
+    unexplained = "the simulation lacks physics that no law explains"
     if not result.causes:
         return unexplained
-    leave = "leaves more than it explains" if len(result.causes) == 1 else "leave more than they explain"
+    many = len(result.causes) > 1
+    leave = (
+        "leave more torque unexplained than they explain" if many else "leaves more torque unexplained than it explains"
+    )
     return f"{_together(result.robot, result.causes)} {leave}; {unexplained}"
 
 
 def _cause_words(result: Diagnosis) -> Iterator[str]:
-    """Laws that are missing, then those whose numbers are wrong: the numbers of few, the names of many."""
+    """Yield missing laws, then wrong parameters: compared if few, named by their laws if many."""
     missing, wrong = ([f for f in result.causes if bool(f.stated) == stated] for stated in (False, True))
     if missing:
         yield f"the simulation lacks {_together(result.robot, missing)}"
@@ -61,32 +64,32 @@ def _cause_words(result: Diagnosis) -> Iterator[str]:
     compared = compared if len(compared) <= COMPARED else {}
     yield from compared.values()
     if others := [finding for k, finding in enumerate(wrong) if k not in compared]:
-        yield f"numbers of the simulation are wrong: {_together(result.robot, others)}"
+        yield f"parameters of the simulation are wrong: {_together(result.robot, others)}"
 
 
 def role_words(result: Diagnosis) -> dict[str, str]:
-    """What stands above the findings of each role."""
+    """Headings of the findings of each role."""
     stated = [bool(finding.stated) for finding in result.causes]
     causes = "Wrong in the simulation" if all(stated) else "Missing or wrong" if any(stated) else "Missing"
     if result.verdict == "unknown":
-        causes = "Causes that leave more than they explain"
-    return {"cause": causes, "secondary": "Small corrections beside it"}
+        causes = "Causes that explain less than they leave unexplained"
+    return {"cause": causes, "secondary": "Small corrections"}
 
 
 def place_words(result: Diagnosis) -> list[str]:
-    """Where the residual of each joint is, before anything was added; joints that show only noise share a sentence."""
+    """Location of each joint's residual before the extension; joints with noise only share a sentence."""
     fit, said, quiet = result.before, list[str](), list[str]()
     for place in result.located:
         joint = result.robot.joints[place.joint]
         if fit.train_rms[place.joint] <= NOISE * fit.irreducible_rms[place.joint]:
             quiet.append(joint)
             continue
-        said.append(f"{joint} {place.region}: {share(place.share)} of its unexplained torque; {_follows(place)}")
-    return [*said, *([f"{shorten(quiet)}: nothing but noise"] if quiet else [])]
+        said.append(f"{joint} {place.region}: {share(place.share)} of its residual torque; {_follows(place)}")
+    return [*said, *([f"{shorten(quiet)}: noise only"] if quiet else [])]
 
 
 def finding_words(robot: Robot, finding: Finding) -> FindingWords:
-    """What was found, in the cells of a table."""
+    """A finding, in the cells of a table."""
     torque = dict(zip(robot.joints, finding.torque_share.tolist(), strict=True))
     first = max(torque, key=lambda joint: torque[joint])
     where = robot.joints[finding.where.joint]
@@ -101,19 +104,19 @@ def finding_words(robot: Robot, finding: Finding) -> FindingWords:
 
 
 def secondary_words(robot: Robot, finding: Finding) -> str:
-    """A small correction in a line."""
+    """A small correction in one line."""
     words = finding_words(robot, finding)
     lead = f"{words.law}, probability {words.probability}, {words.torque}"
     return f"{lead}: {'; '.join(words.numbers)}" if words.numbers else lead
 
 
 def alternative_words(robot: Robot, finding: Finding, most: int | None = RIVALS) -> list[str]:
-    """Laws that explain a finding as well, or nearly, and what would separate them; the others counted.
+    """Alternatives of a finding with their probability and a separating motion; the others are counted.
 
     Args:
-        robot: gives the names.
-        finding: with its alternatives.
-        most: of them; None for all, however improbable.
+        robot: robot that gives the names.
+        finding: finding with its alternatives.
+        most: maximum number of alternatives; None: all, even improbable ones.
     """
     rivals = [rival for rival in finding.alternatives if most is None or _is_near(rival)][:most]
     said = list[str]()
@@ -126,29 +129,28 @@ def alternative_words(robot: Robot, finding: Finding, most: int | None = RIVALS)
 
 
 def unexplained_words(result: Diagnosis) -> list[str]:
-    """What is left of each joint that no law explains."""
+    """Residual of each joint that no law explains."""
     return [
-        f"{result.robot.joints[left.joint]}: {share(left.share)} of its torque, {share(left.place.share)} of that "
-        f"{left.place.region}; {_follows(left.place)}{_modelled(left)}"
+        f"{result.robot.joints[left.joint]}: {share(left.share)} of its torque; {left.place.region}: "
+        f"{share(left.place.share)} of it; {_follows(left.place)}{_modelled(left)}"
         for left in result.unexplained
     ]
 
 
 def _modelled(left: Unexplained) -> str:
-    """Whether the extended simulation has it all the same."""
+    """Note that the extended simulation models a residual empirically."""
     if not left.modelled:
         return ""
-    return (
-        f"; the extended simulation has it as empirical torque, which takes away {share(left.held_out_gain)} held out"
-    )
+    removed = f"{share(left.held_out_gain)} of the held-out residual"
+    return f"; the extended simulation models it as empirical torque, which removes {removed}"
 
 
 def trust_words(result: Diagnosis) -> list[str]:
-    """How far the bodies of a simulation without covariance seem to be off, if at all."""
+    """Estimated error of the inertials of a simulation without covariance."""
     if result.prior_scale <= 0 or result.informed:
         return []
     return [
-        f"The inertials of the simulation seem to be off, by about {figure(result.prior_scale, 2)} times what is usual."
+        f"The inertials of the simulation deviate by about {figure(result.prior_scale, 2)} times the usual tolerance."
     ]
 
 
@@ -159,12 +161,12 @@ def _follows(place: Location) -> str:
 
 
 def _is_near(rival: Alternative) -> bool:
-    """Whether a rival is probable enough to be shown, or is the same to any motion."""
+    """Whether an alternative is probable or indistinguishable by any motion."""
     return rival.probability >= NEGLIGIBLE or rival.separating_motion.startswith("no motion")
 
 
 def _together(robot: Robot, findings: Sequence[Finding]) -> str:
-    """Laws by effect, each effect once with its joints, effects of the same joints together."""
+    """Laws grouped by effect and joints."""
     joints, effects = dict[str, list[str]](), dict[str, list[str]]()
     for finding in findings:
         effect, _, where = law_words(robot, finding.law).partition(" of ")

@@ -1,9 +1,38 @@
-"""Pages for the browser: what was found, one HTML file each that needs nothing else."""
+"""Self-contained HTML pages of results."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from ....types import Input
 from .diagnosis import diagnosis_page
 from .fleet import fleet_page
 from .identification import identification_page
 from .signs import signs_page
 from .validation import validation_page
 
-__all__ = ["diagnosis_page", "fleet_page", "identification_page", "signs_page", "validation_page"]
+if TYPE_CHECKING:
+    from ....diagnose import Diagnosis
+    from ....identify import Identification
+    from ....validate import Validation
+
+__all__ = ["diagnosis_page", "fleet_page", "identification_page", "report", "signs_page", "validation_page"]
+
+
+def report(result: Diagnosis | Identification | Validation, inputs: Sequence[Input] = (), command: str = "") -> str:
+    """Render report.html of a result: a self-contained page, reproducible to the byte.
+
+    Args:
+        result: result of `signid.diagnose`, `signid.identify` or `signid.validate`.
+        inputs: files read besides the recordings; default: the robot description.
+        command: shell line that reproduces the page, if any.
+    """
+    from ....diagnose import Diagnosis  # here, because an identification does not need it
+    from ....validate import Validation
+
+    if isinstance(result, Diagnosis):
+        return diagnosis_page(result, inputs, command)
+    if isinstance(result, Validation):
+        return validation_page(result, inputs, command)
+    return identification_page(result, inputs, command)

@@ -1,4 +1,4 @@
-"""How the errors of parameters hang together."""
+"""Correlation of parameter errors."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ import numpy as np
 from ....types import Array
 from .frame import Plot, axis, packed
 
-MOST = 160  # parameters that are drawn
+MOST = 160  # maximum number of parameters drawn
 SCALE = [[0, "rgba(209,112,14,1)"], [0.5, "rgba(128,128,128,0)"], [1, "rgba(47,127,193,1)"]]
 
 
 def correlation_plot(covariance: Array) -> Plot:
-    """Correlations of base parameters, numbered from 1 in the order of their table.
+    """Plot the correlations of base parameters, numbered from 1 in the order of their table.
 
     Args:
         covariance: (b, b) [units of base].
@@ -37,11 +37,11 @@ def correlation_plot(covariance: Array) -> Plot:
         "xaxis": axis("number of the base parameter [1]", **size),
         "yaxis": axis("number of the base parameter [1]", autorange="reversed", **size),
     }
-    return Plot("Correlation of their errors", [data], layout, 420)
+    return Plot("Correlation of the parameter errors", [data], layout, 420)
 
 
 def correlations(covariance: Array) -> Array:
-    """(b, b) [1]; NaN where a variance is not known.
+    """Correlation matrix, (b, b) [1]; NaN if a variance is unknown.
 
     Args:
         covariance: (b, b) [units of base].
@@ -52,11 +52,11 @@ def correlations(covariance: Array) -> Array:
 
 
 def tied(covariance: Array, least: float = 0.95) -> list[tuple[int, int, float]]:
-    """Pairs of parameters whose errors hang together most, the strongest first.
+    """List pairs of parameters with strongly correlated errors, the strongest first.
 
     Args:
         covariance: (b, b) [units of base].
-        least: size of a correlation from which on it counts.
+        least: minimum absolute correlation.
     """
     found = np.triu(np.nan_to_num(correlations(covariance)), 1)
     rows, columns = np.nonzero(np.abs(found) >= least)

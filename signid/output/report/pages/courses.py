@@ -1,4 +1,4 @@
-"""Held-out torque before and after: over time, and what is left of it against what it may depend on."""
+"""Plots of held-out torque over time, and of its residual against velocity, position and load."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from ....types import Array, Indices
 from ..numbers import determination, figure
 from .frame import AFTER, BEFORE, FAINT, INK, Plot, axis, packed, thinned
 
-POINTS, DOTS = 16_000, 9_000  # of all joints together
-FEWEST = 150
-BINS = 24
-OPEN = 3  # joints that are shown at once
-TOP, GAP = 0.42, 0.06  # share of a plot that the residual has, and between the two
+POINTS, DOTS = 16_000, 9_000  # total number of points of lines and of scatter plots
+FEWEST = 150  # minimum number of points per line
+BINS = 24  # number of means per scatter plot
+OPEN = 3  # maximum number of unfolded joints
+TOP, GAP = 0.42, 0.06  # share of a plot taken by the residual, and half of the gap above it
 
 
 class JointPlots(NamedTuple):
-    """What is drawn of a joint."""
+    """Plots of a joint."""
 
     name: str
-    told: str
+    summary: str
     open: bool
     plots: tuple[Plot, ...]
 
@@ -39,20 +39,20 @@ class Line(NamedTuple):
 
 
 def joint_plots(course: Course, before: Fit, after: Fit, chosen: Sequence[int]) -> list[JointPlots]:
-    """Torque over time and its residual against velocity, position and load, joint by joint.
+    """Plot torque over time, and the residual against velocity, position and load, per joint.
 
     Args:
-        course: what was held out.
-        before: fit of the model before.
-        after: fit of the model after.
-        chosen: joints that are shown at once, if they are not too many.
+        course: residuals on held-out data.
+        before: fit of the first model.
+        after: fit of the second model.
+        chosen: joints to unfold, up to a maximum.
     """
     shown, found = [*dict.fromkeys(chosen)][:OPEN], []
     for j, joint in enumerate(course.joints):
         rms = (float(fit.held_out_rms[j]) for fit in (before, after))
-        told = " → ".join(map(figure, rms)) + f" {course.unit[j]}, R2 {determination(float(after.held_out_r2[j]))}"
+        summary = " → ".join(map(figure, rms)) + f" {course.unit[j]}, R2 {determination(float(after.held_out_r2[j]))}"
         plots = tuple(_plots(course, j)) if np.isfinite(course.torque[:, j]).any() else ()
-        found.append(JointPlots(joint, told, j in shown, plots))
+        found.append(JointPlots(joint, summary, j in shown, plots))
     return found
 
 
@@ -82,15 +82,15 @@ def _over_time(course: Course, j: int, unit: str) -> Plot:
 
 
 def torque_plot(joint: str, t: Array, stretch: Indices, unit: str, lines: Sequence[Line], most: int) -> Plot:
-    """Torque over time above, residuals below.
+    """Plot torque over time, with residuals below.
 
     Args:
-        joint: its name.
+        joint: name of the joint.
         t: (M,) [s].
         stretch: (M,) number of the stretch without gaps.
-        unit: of torque.
-        lines: to be drawn, each over the same time.
-        most: points a line.
+        unit: unit of torque.
+        lines: lines over this time.
+        most: maximum number of points per line.
     """
     first = np.flatnonzero(np.diff(stretch, prepend=stretch[:1] - 1))
     t, values = thinned(t, np.column_stack([line.values for line in lines]), first, most)
@@ -116,14 +116,14 @@ def torque_plot(joint: str, t: Array, stretch: Indices, unit: str, lines: Sequen
 
 
 def _against(course: Course, j: int, title: str, x: Array, unit: str) -> Plot:
-    """Residual before and after, each row a dot, and the mean over stretches of x."""
+    """Plot the residuals against x, with their means over intervals of x."""
     step = -(-len(course) * len(course.joints) * 6 // DOTS)
     data = []
     for name, left, colour in (("before", course.before[:, j], BEFORE), ("after", course.after[:, j], AFTER)):
-        told = np.isfinite(left) & np.isfinite(x)
+        known = np.isfinite(left) & np.isfinite(x)
         dots = {"type": "scatter", "mode": "markers", "hoverinfo": "skip", "marker": {"color": colour, "size": 3}}
-        data.append({**dots, "opacity": 0.35, "x": packed(x[told][::step]), "y": packed(left[told][::step])})
-        middle, mean = _means(x[told], left[told])
+        data.append({**dots, "opacity": 0.35, "x": packed(x[known][::step]), "y": packed(left[known][::step])})
+        middle, mean = _means(x[known], left[known])
         hover = f"mean {name}: %{{y:.3g}} {unit} at %{{x:.3g}}<extra></extra>"
         line = {"color": colour, "width": 2.4, **({"dash": "dot"} if name == "before" else {})}
         means = {"type": "scatter", "mode": "lines", "line": line, "hovertemplate": hover, "name": name}
@@ -133,7 +133,7 @@ def _against(course: Course, j: int, title: str, x: Array, unit: str) -> Plot:
 
 
 def _means(x: Array, y: Array) -> tuple[Array, Array]:
-    """Mean of x and of y over stretches of x that hold equally many rows."""
+    """Means of x and y over intervals of x with equal numbers of rows."""
     if not len(x):
         return x, y
     order = np.argsort(x, kind="stable")
@@ -142,7 +142,7 @@ def _means(x: Array, y: Array) -> tuple[Array, Array]:
 
 
 def clock(t: Array, recording: Indices) -> Array:
-    """(M,) time of rows [s]; recordings one after the other where there are several.
+    """Time of rows with several recordings in sequence, (M,) [s].
 
     Args:
         t: (M,) [s].
@@ -156,6 +156,6 @@ def clock(t: Array, recording: Indices) -> Array:
 
 
 def worst(before: Fit, size: Callable[[Array], Array] = np.asarray) -> list[int]:
-    """Joints by how far their held-out residual was above the noise floor, the farthest first."""
+    """Joints in descending order of held-out residual over noise floor."""
     over = np.nan_to_num(before.held_out_rms / np.maximum(before.irreducible_rms, 1e-300), posinf=0.0)
     return [int(j) for j in np.argsort(-size(over), kind="stable")]

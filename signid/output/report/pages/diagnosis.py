@@ -1,4 +1,4 @@
-"""A diagnosis as a page for the browser: verdict, place, laws, what cannot be told, and the proof on held-out data."""
+"""Page of a diagnosis: verdict, location, findings, alternatives and held-out validation."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ if TYPE_CHECKING:
     from ....diagnose import Diagnosis, Finding
     from ....types import Input
 
-SURE = 0.95  # probability from which on a law is not one of several
-LOUD = 1.5  # times the noise floor, from which on a joint is shown at once
-LISTED = 5  # rivals that are drawn
+SURE = 0.95  # probability from which a finding is considered certain
+LOUD = 1.5  # ratio of residual to noise floor from which a joint is unfolded
+LISTED = 5  # maximum number of alternatives drawn
 
 
 class Card(NamedTuple):
-    """A figure to be seen first."""
+    """A key figure."""
 
     title: str
     figure: str
@@ -48,12 +48,12 @@ class Card(NamedTuple):
 
 
 def diagnosis_page(result: Diagnosis, inputs: Sequence[Input] = (), command: str = "") -> str:
-    """A page that needs nothing else; the same diagnosis gives the same bytes.
+    """Render report.html of a diagnosis: a self-contained page, reproducible to the byte.
 
     Args:
-        result: the diagnosis.
-        inputs: what was read besides the recordings; the robot's description if none is given.
-        command: that makes the page again, if there is one.
+        result: diagnosis.
+        inputs: files read besides the recordings; default: the robot description.
+        command: shell line that reproduces the page, if any.
     """
     learned, floor, order = result.learned, result.before.irreducible_rms, worst(result.before)
     chosen = [j for j in order if result.before.held_out_rms[j] > LOUD * floor[j]]
@@ -89,24 +89,24 @@ def diagnosis_page(result: Diagnosis, inputs: Sequence[Input] = (), command: str
 
 
 def _cards(result: Diagnosis, j: int) -> Iterator[Card]:
-    """The joint that was worst, the roll-out of the joint that gained most, and what is left."""
+    """Key figures: residual and R2 of the worst joint, and the most improved roll-out."""
     before, after, joint = result.before, result.after, result.before.joints[j]
     rms = " → ".join(figure(float(fit.held_out_rms[j])) for fit in (before, after))
     floor = f"noise floor {figure(float(before.irreducible_rms[j]), 2)} {before.unit[j]}"
-    yield Card(f"torque left unexplained at {joint}, held out", f"{rms} {before.unit[j]}", floor)
+    yield Card(f"residual torque of {joint}, held out", f"{rms} {before.unit[j]}", floor)
     r2 = " → ".join(determination(float(fit.held_out_r2[j])) for fit in (before, after))
-    yield Card("R2 of its torque, held out", r2, "1 is perfect")
+    yield Card("R2 of this torque, held out", r2, "1 is perfect")
     first, last = result.rollout_before, result.rollout_after
     if first is not None and last is not None:
         horizon = max(first.horizons)
         errors = first.rms(horizon), last.rms(horizon)
         k = int(np.argmax(np.nan_to_num(errors[0] / np.maximum(errors[1], 1e-300))))
-        told = " → ".join(figure(float(rms[k])) for rms in errors)
-        yield Card(f"simulated for {horizon:g} s: error of {first.joints[k]}", f"{told} {first.unit[k]}", "rms")
+        change = " → ".join(figure(float(rms[k])) for rms in errors)
+        yield Card(f"{horizon:g} s roll-outs: position error of {first.joints[k]}", f"{change} {first.unit[k]}", "rms")
 
 
 def _laws(result: Diagnosis, role: str) -> Iterator[dict[str, Any]]:
-    """What is told of each finding of a role."""
+    """Yield the content of each finding of a role."""
     robot = result.robot
     for finding in result.findings:
         if finding.role != role:
@@ -125,20 +125,20 @@ def _laws(result: Diagnosis, role: str) -> Iterator[dict[str, Any]]:
             "torque": words.torque,
             "where": words.where,
             "gain": share(finding.held_out_gain),
-            "odds": f"{finding.statistic:.0f} (needed: {finding.threshold:.0f})",
+            "odds": f"{finding.statistic:.0f} (threshold: {finding.threshold:.0f})",
             "rivals": _rivals(result, finding),
             "row": (_title(result, finding), "; ".join(words.numbers), *words[2:]),
         }
 
 
 def _title(result: Diagnosis, finding: Finding) -> str:
-    """The law with its effect in plain letters."""
+    """Name of a law without underscores in its effect."""
     effect, of, where = law_words(result.robot, finding.law).partition(" of ")
     return f"{effect.replace('_', ' ')}{of}{where}"
 
 
 def _alternatives(result: Diagnosis) -> Iterator[tuple[str, list[str], list[str]]]:
-    """Of each finding its likeliest alternatives in words, and the others, which the page folds."""
+    """Yield each finding with its most probable alternatives, and the others, which are folded."""
     for finding in result.findings:
         if shown := alternative_words(result.robot, finding):
             whole = alternative_words(result.robot, finding, None)
@@ -147,14 +147,14 @@ def _alternatives(result: Diagnosis) -> Iterator[tuple[str, list[str], list[str]
 
 
 def _rivals(result: Diagnosis, finding: Finding) -> list[tuple[str, float, str]]:
-    """The law and its likeliest alternatives: name, probability [%], probability in words."""
+    """A finding and its most probable alternatives: name, probability [%], formatted probability."""
     rivals = [(rival.law, rival.probability) for rival in finding.alternatives if rival.probability >= NEGLIGIBLE]
     first = [(finding.law, finding.probability), *sorted(rivals, key=lambda pair: -pair[1])[:LISTED]]
     return [(law_words(result.robot, law), 100 * p, confidence(p)) for law, p in first]
 
 
 def _fit_rows(result: Diagnosis) -> list[dict[str, Any]]:
-    """Per joint, held-out rms and R2 before and after, and the error of roll-outs."""
+    """Held-out rms and R2 before and after, and roll-out errors, per joint."""
     before, after = result.before, result.after
     first, last = result.rollout_before, result.rollout_after
     rolled: list[tuple[float, float]] = [(float("nan"), float("nan"))] * len(before.joints)

@@ -1,4 +1,4 @@
-"""A fleet as a page: robots by mismatch, equal causes, drifts, and the way to each session's report."""
+"""Page of a fleet: robots by mismatch, common causes, drifts, and links to the session reports."""
 
 from __future__ import annotations
 
@@ -24,21 +24,21 @@ from ..results.fleet import (
 from .diagnosis import Card
 from .frame import AFTER, BEFORE, Plot, axis, render
 
-DRAWN, LISTED = 24, 60  # drifts
+DRAWN, LISTED = 24, 60  # maximum number of drifts drawn and listed
 REPORT = "report.html"
 SHADE = "rgba(209,112,14,.16)"
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 
 class Row(NamedTuple):
-    """A robot as a line of the ranking."""
+    """Row of the ranking of robots."""
 
     name: str
     kind: str
     sessions: int
     time: str
     size: str
-    percent: float  # of the bar
+    percent: float  # length of the bar
     joint: str
     left: str
     explained: str
@@ -47,11 +47,11 @@ class Row(NamedTuple):
 
 
 def fleet_page(document: Mapping[str, Any], command: str = "") -> str:
-    """A page that needs nothing else, but for the sessions' own reports beside it; the same fleet gives the same bytes.
+    """Render index.html of a fleet, with links to the reports of its sessions; reproducible to the byte.
 
     Args:
-        document: fleet.json.
-        command: that makes the page again, if there is one.
+        document: content of fleet.json.
+        command: shell line that reproduces the page, if any.
     """
     drifts = document["drifts"]
     beyond = [drift for drift in drifts if drift["beyond_noise"]]
@@ -89,9 +89,9 @@ def _cards(document: Mapping[str, Any]) -> Iterator[Card]:
         yield Card("most common cause", f"{len(cause['robots'])} of {plural(cause['of'], 'robot')}", cause["cause"])
     if document["drifts"]:
         count = sum(drift["beyond_noise"] for drift in document["drifts"])
-        yield Card("drift beyond noise", plural(count, "number"), f"of {len(document['drifts'])} looked at")
+        yield Card("significant drift", plural(count, "parameter"), f"of {len(document['drifts'])} tested")
     done = sum(session["state"] != UNDONE for session in document["sessions"])
-    yield Card("sessions done", f"{done} of {len(document['sessions'])}", "each with a report of its own")
+    yield Card("sessions completed", f"{done} of {len(document['sessions'])}", "each with its own report")
 
 
 def _rows(robots: Sequence[Mapping[str, Any]], sessions: Mapping[str, Any]) -> Iterator[Row]:
@@ -126,7 +126,7 @@ def _causes(causes: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
 
 
 def _drift_plot(drift: Mapping[str, Any]) -> Plot:
-    """Values with 95 % intervals over time, the line through them, and how steep it may be."""
+    """Plot values with 95 % intervals over time, the regression line and the interval of its slope."""
     days, unit = drift["day"], drift["unit"] or "1"
     points = {
         "type": "scatter",
@@ -148,15 +148,15 @@ def _drift_plot(drift: Mapping[str, Any]) -> Plot:
 
 
 def _straight(drift: Mapping[str, Any], days: Sequence[float], steeper: float) -> dict[str, list[Any]]:
-    """The line through the values at some days, or a steeper one through its middle."""
+    """Points of the regression line, or of a steeper line through its centre."""
     slope, middle = drift["slope"]["value"] + steeper, drift["line"]
     return {"x": [_date(day) for day in days], "y": [middle["value"] + slope * (day - middle["day"]) for day in days]}
 
 
 def _drift_row(drift: Mapping[str, Any]) -> tuple[str, ...]:
-    told, change = drift_sentence(drift).partition(", ")[0], drift_change(drift)
+    slope, change = drift_sentence(drift).partition(", ")[0], drift_change(drift)
     count, beyond = str(len(drift["day"])), "yes" if drift["beyond_noise"] else "no"
-    return drift["name"], drift["number"], count, told, change, figure(drift["chance"], 2), beyond
+    return drift["name"], drift["number"], count, slope, change, figure(drift["chance"], 2), beyond
 
 
 def _date(day: float) -> str:
@@ -164,5 +164,5 @@ def _date(day: float) -> str:
 
 
 def _link(session: Mapping[str, Any]) -> str:
-    """Of a session's report, seen from the page."""
+    """Relative link to the report of a session."""
     return f"{quote(session['folder'])}/{REPORT}" if REPORT in session["files"] else ""

@@ -1,4 +1,4 @@
-"""A page from a template: its letters and colours, its plots, and the script that draws them, all in one file."""
+"""Rendering of self-contained pages: templates, style, plots and script."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ FONT = {"family": "system-ui, Segoe UI, Helvetica, Arial, sans-serif", "size": 1
 
 
 class Plot(NamedTuple):
-    """One drawing: Plotly's traces and layout."""
+    """A plot: traces and layout for Plotly."""
 
-    name: str  # in words, for those who cannot see it
+    name: str  # caption and text alternative
     data: list[dict[str, Any]]
     layout: dict[str, Any]
     height: int = 240  # [pixels]
-    wide: bool = False  # over the whole width
+    wide: bool = False  # full width of the page
 
     @property
     def text(self) -> str:
-        """As JSON that can stand within a page."""
+        """JSON text, safe inside a page."""
         layout = {"font": FONT, "showlegend": False, "hovermode": "closest", **PLAIN, **self.layout}
         whole = {"data": self.data, "layout": {**layout, "height": self.height}}
         return json.dumps(whole, separators=(",", ":"), ensure_ascii=True).replace("<", "\\u003c")
@@ -44,17 +44,17 @@ PLAIN = {
 
 
 def axis(title: str, **more: Any) -> dict[str, Any]:
-    """An axis of a plot; its title ends with the unit.
+    """Describe an axis of a plot.
 
     Args:
-        title: in words.
-        more: what else Plotly is told of it.
+        title: title with unit.
+        more: further properties of Plotly.
     """
     return {**AXIS, "title": {"text": title, "standoff": 8}, **more}
 
 
 def packed(values: Array) -> dict[str, Any]:
-    """Numbers as Plotly reads them, in four bytes each.
+    """Encode numbers for Plotly, four bytes each.
 
     Args:
         values: (k,) or (k, m) [any unit].
@@ -65,11 +65,11 @@ def packed(values: Array) -> dict[str, Any]:
 
 
 def render(template: str, **content: Any) -> str:
-    """A page that needs nothing else; the same content gives the same bytes.
+    """Render a self-contained page, reproducible to the byte.
 
     Args:
-        template: its name.
-        content: what the template asks for; text is escaped.
+        template: name of the template.
+        content: variables of the template; text is escaped.
     """
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
     from plotly.offline import get_plotlyjs
@@ -89,15 +89,15 @@ def render(template: str, **content: Any) -> str:
 
 
 def thinned(t: Array, lines: Array, first: Indices, most: int) -> tuple[Array, Array]:
-    """At most so many points of several lines over the same time, the extremes of each stretch of every line kept.
+    """Decimate lines over a common time; keep the extremes of each stretch.
 
-    Lines are broken (NaN) where a span begins.
+    Lines are interrupted (NaN) at the start of each span.
 
     Args:
         t: (N,) [s].
         lines: (N, k) [any unit].
-        first: where a span begins.
-        most: points a line.
+        first: index of the first sample of each span.
+        most: maximum number of points per line.
     """
     breaks = first[1:] if 6 * len(first) <= most else first[:0]
     if len(t) + len(breaks) > most:

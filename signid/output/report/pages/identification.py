@@ -1,4 +1,4 @@
-"""An identification as a page for the browser: fit, base parameters, laws, bodies, excitation, signs."""
+"""Page of an identification: fit, base parameters, laws, bodies, excitation, signs."""
 
 from __future__ import annotations
 
@@ -29,28 +29,29 @@ from .diagnosis import Card
 from .frame import AFTER, FLOOR, Plot, axis, packed, render
 from .signs import sign_plots
 
-LISTED = 12  # pairs of parameters that are named
-MOST, FEW = 400_000, 20_000  # samples that are drawn, and that are not worth a part of a recording
+LISTED = 12  # maximum number of correlated pairs listed
+MOST = 400_000  # maximum number of samples drawn
+FEW = 20_000  # number of samples below which no further part of a recording is drawn
 
 
 class Bound(NamedTuple):
-    """A base parameter as a line of a table."""
+    """Row of the table of base parameters."""
 
     number: int
     name: str
     value: str
     half: str
     unit: str
-    percent: float | None  # half width over value [%]
+    percent: float | None  # half-width over value [%]
 
 
 def identification_page(result: Identification, inputs: Sequence[Input] = (), command: str = "") -> str:
-    """A page that needs nothing else; the same identification gives the same bytes.
+    """Render report.html of an identification: a self-contained page, reproducible to the byte.
 
     Args:
-        result: the identification.
-        inputs: what was read besides the recordings; the robot's description if none is given.
-        command: that makes the page again, if there is one.
+        result: identification.
+        inputs: files read besides the recordings; default: the robot description.
+        command: shell line that reproduces the page, if any.
     """
     session, base = result.session, result.base
     course, whole = _course(session, result.model) if session.held_out else (None, True)
@@ -86,15 +87,15 @@ def identification_page(result: Identification, inputs: Sequence[Input] = (), co
 
 
 def _course(session: Session, after: Model) -> tuple[Course, bool]:
-    """The description and the model on what was held out, or on its beginning, and whether that is all of it."""
+    """Residuals of the description and the model on held-out data or its beginning; whether that is all of it."""
     parts = list(_beginning(session.held_out))
     stated = Model(session.robot, stated_inertials(session.robot), stated_laws(session.robot))
-    before, learned = (residuals(session.task, model, parts) for model in (stated, after))
-    return course_of(before, learned, session.robot), _samples(parts) == _samples(session.held_out)
+    before, identified = (residuals(session.task, model, parts) for model in (stated, after))
+    return course_of(before, identified, session.robot), _samples(parts) == _samples(session.held_out)
 
 
 def _beginning(parts: Sequence[Part]) -> Iterator[Part]:
-    """Recordings one after the other, the last of them in part, until there are enough samples."""
+    """Yield recordings until there are enough samples, the last one in part."""
     left = MOST
     for part in parts:
         count, (recording, sampling) = _samples([part]), part
@@ -113,59 +114,59 @@ def _samples(parts: Sequence[Part]) -> int:
 
 def _sentence(result: Identification) -> str:
     r2 = result.fit.held_out_r2[np.isfinite(result.fit.held_out_r2)]
-    told = f"; held out, R2 {determination(float(r2.min()))} at least" if len(r2) else ""
+    quality = f"; held-out R2 at least {determination(float(r2.min()))}" if len(r2) else ""
     count = plural(len(result.robot.joints), "joint")
-    return f"{plural(result.base.rank, 'base parameter')} of {count}{told}"
+    return f"{plural(result.base.rank, 'base parameter')} of {count}{quality}"
 
 
 def _cards(result: Identification, j: int) -> Iterator[Card]:
     fit = result.fit
     rms, floor = (float(x[j]) for x in (fit.held_out_rms, fit.noise_floor))
-    beside = f"the worst joint; noise floor {figure(floor, 2)} {fit.unit[j]}"
-    yield Card(f"torque left unexplained at {fit.joints[j]}, held out", f"{figure(rms)} {fit.unit[j]}", beside)
+    beside = f"worst joint; noise floor {figure(floor, 2)} {fit.unit[j]}"
+    yield Card(f"residual torque of {fit.joints[j]}, held out", f"{figure(rms)} {fit.unit[j]}", beside)
     shares = result.excitation.shares
     least = share(max(float(shares[0]), 0.0)) if len(shares) else "-"
-    yield Card("excitation, weakest direction", least, f"{share(ENOUGH)} of random motion's information is needed")
-    yes = "possible" if result.physically_consistent else "impossible"
-    yield Card("a real robot with these inertials is", yes, f"moved by {result.moved:.1f} standard deviations at most")
+    yield Card("excitation, weakest direction", least, f"{share(ENOUGH)} of the information of random motion needed")
+    verdict = "consistent" if result.physically_consistent else "inconsistent"
+    yield Card("physical consistency", verdict, f"changed by at most {result.moved:.1f} standard deviations")
 
 
 def _rms(rest: Array) -> Array:
-    told = np.isfinite(rest)
-    mean = np.sum(np.where(told, rest, 0.0) ** 2, axis=0) / np.maximum(told.sum(axis=0), 1)
-    return np.where(told.any(axis=0), np.sqrt(mean), np.nan)
+    known = np.isfinite(rest)
+    mean = np.sum(np.where(known, rest, 0.0) ** 2, axis=0) / np.maximum(known.sum(axis=0), 1)
+    return np.where(known.any(axis=0), np.sqrt(mean), np.nan)
 
 
 def _fit_rows(result: Identification, before: Fit | None) -> Iterator[tuple[str, ...]]:
-    """Joint, rms as described where samples tell it, in training and held out, noise floor, unit, R2."""
+    """Joint, rms of the description (if there are samples), training and held-out rms, noise floor, unit, R2."""
     fit = result.fit
     rms = (*([] if before is None else [before.held_out_rms]), fit.train_rms, fit.held_out_rms)
     for j, joint in enumerate(fit.joints):
-        told = (figure(float(x[j])) for x in rms)
+        sizes = (figure(float(x[j])) for x in rms)
         floor, r2 = figure(float(fit.noise_floor[j]), 2), determination(float(fit.held_out_r2[j]))
-        yield joint, *told, floor, fit.unit[j], r2
+        yield joint, *sizes, floor, fit.unit[j], r2
 
 
 def _bounds(result: Identification) -> list[Bound]:
-    """Every base parameter with its interval."""
+    """All base parameters with their intervals."""
     bounds = []
     for k, (name, unit) in enumerate(zip(result.base.expressions, result.base.units, strict=True)):
         value, std = float(result.base_value[k]), float(result.estimate.std[k])
-        told, half = with_interval(value, std)
+        shown, half = with_interval(value, std)
         percent = 100 * TWO_SIDED * std / abs(value) if value and np.isfinite(std) else None
-        bounds.append(Bound(k + 1, name, told, half, unit, percent))
+        bounds.append(Bound(k + 1, name, shown, half, unit, percent))
     return bounds
 
 
 def _laws(result: Identification) -> Iterator[tuple[str, str, str, str, str, str]]:
     for numbers in law_numbers(result):
         for n in numbers:
-            told = (figure(n.value), "in combination") if n.std is None else with_interval(n.value, n.std)
-            yield n.joint or "(robot)", n.effect.replace("_", " "), n.key.replace("_", " "), *told, n.unit
+            cells = (figure(n.value), "in combination") if n.std is None else with_interval(n.value, n.std)
+            yield n.joint or "(robot)", n.effect.replace("_", " "), n.key.replace("_", " "), *cells, n.unit
 
 
 def _links(result: Identification) -> Iterator[tuple[str, ...]]:
-    """Mass, centre of mass and smallest eigenvalue of the pseudo-inertia of each link, as described and identified."""
+    """Described and identified mass and centre of mass, and smallest eigenvalue of the pseudo-inertia, per link."""
     for link, stated, found in zip(
         result.robot.links, stated_inertials(result.robot), result.parameters.bodies(), strict=True
     ):
@@ -175,13 +176,13 @@ def _links(result: Identification) -> Iterator[tuple[str, ...]]:
 
 
 def _centre(inertial: Array) -> str:
-    """Of a centre of mass [mm]; what is less than a nanometre is rounding."""
+    """Format a centre of mass [mm]; less than a nanometre is rounding error."""
     mass = float(inertial[0])
     return ", ".join(figure(round(1e3 * float(x) / mass, 6)) for x in inertial[1:4]) if mass else "-"
 
 
 def _excitation_plot(result: Identification) -> Plot:
-    """Share of each direction, ascending, and how much is needed."""
+    """Plot the share of information per direction, ascending, and the required share."""
     shares = np.maximum(result.excitation.shares, 1e-6)
     number = np.arange(1.0, len(shares) + 1)
     bars = {
@@ -194,13 +195,13 @@ def _excitation_plot(result: Identification) -> Plot:
     ends = [0.5, len(shares) + 0.5]
     line = {"type": "scatter", "mode": "lines", "x": ends, "y": [100 * ENOUGH] * 2, "hoverinfo": "skip"}
     layout = {
-        "xaxis": axis("direction, the weakest first [1]"),
+        "xaxis": axis("direction, weakest first [1]"),
         "yaxis": axis("share of information [%]", type="log", tickformat="~g"),
     }
     dashed = {"color": FLOOR, "dash": "dash", "width": 2}
     data: list[dict[str, Any]] = [bars, {**line, "line": dashed}]
     return Plot(
-        "Directions in the space of base parameters: information over that of random motion; dashed: needed",
+        "Directions in parameter space: information relative to random motion; dashed: required",
         data,
         layout,
         260,

@@ -1,4 +1,4 @@
-"""Roll-outs before and after: how far the simulation strays from measured positions as time passes."""
+"""Plots of roll-outs: position error of the simulation over time."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from .frame import AFTER, BEFORE, Plot, axis, packed
 if TYPE_CHECKING:
     from ....simulation.rollout import RollOut
 
-MOST = 60  # instants
+MOST = 60  # maximum number of points per line
 
 
 def rollout_plots(before: RollOut, after: RollOut) -> list[Plot]:
-    """Rms error over windows against the time since their start, joint by joint.
+    """Plot the rms error over windows against the time since their start, per joint.
 
     Args:
-        before: of the simulation as it was.
-        after: of the simulation with what it lacked.
+        before: roll-out of the original simulation.
+        after: roll-out of the extended simulation.
     """
     return error_plots([("before", before, BEFORE, "dot"), ("after", after, AFTER, "solid")])
 
 
 def error_plots(rolled: Sequence[tuple[str, RollOut, str, str]]) -> list[Plot]:
-    """Rms error over windows of several models against the time since their start, a plot for each joint.
+    """Plot the rms error over windows of several models against the time since their start, per joint.
 
     Args:
-        rolled: name, roll-out, colour and dash of each model; a joint's plot has the models that move it.
+        rolled: name, roll-out, colour and dash of each model; a plot shows the models that have its joint.
     """
     found: dict[tuple[str, str], list[dict[str, Any]]] = {}
     for name, one, colour, dash in rolled:

@@ -1,4 +1,4 @@
-"""Signs that were recovered, as a page for the browser: torque without and with its sign, and the segments."""
+"""Page of recovered signs: absolute and signed torque, and segments."""
 
 from __future__ import annotations
 
@@ -12,31 +12,29 @@ from ....types import Array
 from ..results.signs import CERTAIN, confidence, part_name, proof_sentence
 from .frame import BEFORE, FAINT, INK, Plot, axis, packed, render, thinned
 
-MOST = 4000  # points a line
-PANEL, MARGINS = 200, 50  # [pixels] height of a joint's panel, and of what stands around it
-MODEL, DOUBT, PLUS = "#c2689a", "#e3c21c", "#2f7fc1"
-SHADES = (("+", "sign +", PLUS), ("−", "sign −", BEFORE), ("?", f"confidence below {CERTAIN}", DOUBT))
+MOST = 4000  # maximum number of points per line
+PANEL, MARGINS = 200, 50  # height of a plot without and of its margins [pixels]
+MODEL, UNCERTAIN, PLUS = "#c2689a", "#e3c21c", "#2f7fc1"
+SHADES = (("+", "sign +", PLUS), ("−", "sign −", BEFORE), ("?", f"confidence below {CERTAIN}", UNCERTAIN))
 
 
 class Part(NamedTuple):
-    """What is drawn of a recording."""
+    """Plots of a recording."""
 
     name: str
     plots: list[Plot]
 
 
 def signs_page(signs: Signs, units: Sequence[str] = ()) -> str:
-    """A page that needs nothing else: for each joint without a sign its absolute torque, segments, and signed torque.
-
-    The same signs give the same bytes.
+    """Render signs.html: a self-contained page of absolute torque, segments and signed torque.
 
     Args:
-        signs: as recovered.
-        units: of the torque of each of the n joints; N.m or N where they are not told.
+        signs: recovered signs.
+        units: torque unit of each of the n joints; default: "N.m or N".
     """
     return render(
         "signs.html",
-        title="Signs of torque",
+        title="Torque signs",
         joints=[signs.joints[j] for j in signs.hidden],
         method=signs.method,
         proof=proof_sentence(signs),
@@ -48,15 +46,15 @@ def signs_page(signs: Signs, units: Sequence[str] = ()) -> str:
 
 
 def sign_plots(signs: Signs, units: Sequence[str] = ()) -> list[Part]:
-    """Recording by recording, a plot for each joint whose torque had no sign.
+    """Plot each joint without recorded signs, per recording.
 
     Args:
-        signs: as recovered.
-        units: of the torque of each of the n joints; N.m or N where they are not told.
+        signs: recovered signs.
+        units: torque unit of each of the n joints; default: "N.m or N".
     """
-    told = units or ["N.m or N"] * len(signs.joints)
+    named = units or ["N.m or N"] * len(signs.joints)
     return [
-        Part(part_name(signs, part), [_plot(signs, part, j, told[j]) for j in signs.hidden])
+        Part(part_name(signs, part), [_plot(signs, part, j, named[j]) for j in signs.hidden])
         for part in range(len(signs.traces) if signs.hidden else 0)
     ]
 
@@ -86,25 +84,26 @@ def _top(trace: Trace, joint: int) -> float:
 
 
 def _shades(signs: Signs, part: int, joint: int, top: float) -> list[dict[str, Any]]:
-    """Segments of each sign, and those in doubt, as bars from edge to edge."""
-    own = [told for told in signs.of(joint) if told.part == part]
+    """Segments of each sign, and uncertain ones, as bars of full height."""
+    own = [segment for segment in signs.of(joint) if segment.part == part]
     t = signs.traces[part].t
-    wide = float(np.median(np.diff(t))) if len(t) > 1 else 1.0  # a segment of a single sample is to be seen too
+    wide = float(np.median(np.diff(t))) if len(t) > 1 else 1.0  # minimum width, for segments of a single sample
     return [
-        _bars([told for told in own if _kind(told) == kind], name, colour, top, wide) for kind, name, colour in SHADES
+        _bars([segment for segment in own if _kind(segment) == kind], name, colour, top, wide)
+        for kind, name, colour in SHADES
     ]
 
 
 def _bars(some: Sequence[SignSegment], name: str, colour: str, top: float, wide: float) -> dict[str, Any]:
-    times = [[_mark(told), f"{told.start:.6g}", f"{told.end:.6g}", confidence(told.confidence)] for told in some]
+    times = [[_mark(s), f"{s.start:.6g}", f"{s.end:.6g}", confidence(s.confidence)] for s in some]
     return {
         "type": "bar",
-        "x": [(told.start + told.end) / 2 for told in some],
-        "width": [told.end - told.start + wide for told in some],
+        "x": [(segment.start + segment.end) / 2 for segment in some],
+        "width": [segment.end - segment.start + wide for segment in some],
         "y": [2 * top] * len(some),
         "base": -top,
-        "marker": {"color": colour, "opacity": 0.3 if colour == DOUBT else 0.2, "line": {"width": 0}},
-        "text": [f"{_mark(told)}<br>{confidence(told.confidence)}" for told in some],
+        "marker": {"color": colour, "opacity": 0.3 if colour == UNCERTAIN else 0.2, "line": {"width": 0}},
+        "text": [f"{_mark(segment)}<br>{confidence(segment.confidence)}" for segment in some],
         "textposition": "inside",
         "insidetextanchor": "end",
         "textangle": 0,
@@ -116,21 +115,21 @@ def _bars(some: Sequence[SignSegment], name: str, colour: str, top: float, wide:
     }
 
 
-def _kind(told: SignSegment) -> str:
-    return _mark(told) if told.confidence >= CERTAIN else "?"
+def _kind(segment: SignSegment) -> str:
+    return _mark(segment) if segment.confidence >= CERTAIN else "?"
 
 
-def _mark(told: SignSegment) -> str:
-    return "+" if told.sign > 0 else "−"
+def _mark(segment: SignSegment) -> str:
+    return "+" if segment.sign > 0 else "−"
 
 
 def _lines(signs: Signs, trace: Trace, joint: int, unit: str) -> list[dict[str, Any]]:
-    """Absolute torque, threshold, torque with its sign, and what the model says."""
+    """Absolute torque, threshold, signed torque, and torque of the model."""
     size, level = trace.magnitude[:, joint], float(signs.threshold[joint])
     styles = (
         ("model", trace.predicted[:, joint], {"color": MODEL, "width": 3}),
         ("absolute torque", size, {"color": FAINT, "width": 1}),
-        ("torque with its sign", size * trace.signs[:, joint], {"color": INK, "width": 1.2}),
+        ("signed torque", size * trace.signs[:, joint], {"color": INK, "width": 1.2}),
     )
     lines = []
     for name, values, style in styles:

@@ -1,4 +1,4 @@
-"""A validation as a page for the browser: figures of all models, torque over time, roll-outs."""
+"""Page of a validation: key figures of all models, torque over time, roll-outs."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ DASHES = ("solid", "dot", "dash")
 
 
 def validation_page(result: Validation, inputs: Sequence[Input] = (), command: str = "") -> str:
-    """A page that needs nothing else; the same validation gives the same bytes.
+    """Render report.html of a validation: a self-contained page, reproducible to the byte.
 
     Args:
-        result: the validation.
-        inputs: what was read besides the recordings; the models' descriptions if none is given.
-        command: that makes the page again, if there is one.
+        result: validation.
+        inputs: files read besides the recordings; default: the models' descriptions.
+        command: shell line that reproduces the page, if any.
     """
     models = result.models
     rolled = [
@@ -60,7 +60,7 @@ def validation_page(result: Validation, inputs: Sequence[Input] = (), command: s
 
 
 def _cards(models: Sequence[ValidatedModel]) -> Iterator[Card]:
-    """The worst joint of each model."""
+    """Key figures of each model's worst joint."""
     for one in models:
         j, fit = worst(one.fit)[0], one.fit
         beside = f"noise floor {figure(float(fit.noise_floor[j]), 2)} {fit.unit[j]}"
@@ -70,7 +70,7 @@ def _cards(models: Sequence[ValidatedModel]) -> Iterator[Card]:
 
 
 def _joints(result: Validation) -> Iterator[JointPlots]:
-    """Joint by joint, those farthest above the noise floor open."""
+    """Plots per joint; those with the largest residual over noise floor are unfolded."""
     fit = result.models[0].fit
     shown = [fit.joints[j] for j in worst(fit)][:OPEN]
     for joint in joints_of(result.models):
@@ -83,7 +83,7 @@ def _joints(result: Validation) -> Iterator[JointPlots]:
 
 
 def _plots(result: Validation, joint: str, unit: str, moving: Sequence[tuple[int, ValidatedModel, int]]) -> Any:
-    """Torque over time of models that have the same rows; the first model's rows where they differ."""
+    """Torque over time of models with the same rows as the first model."""
     _, first, place = moving[0]
     alike = [(k, one, j) for k, one, j in moving if np.array_equal(one.t, first.t)]
     measured = next((one.torque[:, j] for _, one, j in alike if np.isfinite(one.residual[:, j]).any()), None)
@@ -105,5 +105,5 @@ def _style(k: int) -> tuple[str, str]:
 
 
 def _label(result: Validation, k: int) -> str:
-    """What names a model in a plot: its number where there are several."""
+    """Label of a model in a plot: its number if there are several."""
     return f" {k + 1}" if len(result.models) > 1 else ""

@@ -1,4 +1,4 @@
-"""A conversion, told as JSON and for the eye."""
+"""Conversion: JSON document and terminal tables."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from ..layout import heading, new_table, note_lines, paragraph, plural
 from ..numbers import figure
 from .documents import Document, provenance
 
-SHOWN = 4  # joints of a topic
+SHOWN = 4  # number of joints listed per topic
 
 
 def conversion_document(found: Conversion, inputs: Sequence[Input] = ()) -> Document:
-    """What `signid convert --json` prints.
+    """Build the output of `signid convert --json`.
 
     Args:
-        found: the conversion.
-        inputs: path and sha256 of what was read beside the source.
+        found: conversion.
+        inputs: path and sha256 of the files read besides the source.
     """
     pace = found.pace
     return {
@@ -61,18 +61,18 @@ def conversion_document(found: Conversion, inputs: Sequence[Input] = ()) -> Docu
 
 
 def conversion_tables(found: Conversion) -> list[RenderableType]:
-    """Topics, joints and time, as they were read."""
+    """Topics, joints and timing of a conversion."""
     joints = new_table("joint", "columns", *(["converted from"] if found.units else []))
     for joint, kinds in found.joints.items():
         units = dict.fromkeys(unit for kind in kinds if (unit := found.units.get(f"{kind}_{joint}")))
         joints.add_row(joint, " ".join(kinds), *([", ".join(units)] if found.units else []))
     others = [name for name in found.columns if name != "t" and not split(name)]
-    suggested = [heading("A column map that may make the names fit; look it through"), *map(_line, found.suggested)]
+    suggested = [heading("Suggested column map; check it before use"), *map(_line, found.suggested)]
     return [
         heading(f"{found.source.path}: {plural(_rows(found), 'row')}{_pace(found.pace)}", below=False),
         *_topics(found),
         *([joints] if found.joints else []),
-        *([paragraph(f"Other columns, as they were: {shorten(others)}")] if others else []),
+        *([paragraph(f"Other columns, unchanged: {shorten(others)}")] if others else []),
         *([paragraph(f"Clock: {found.about.clock}.")] if found.about.clock else []),
         *(suggested if found.suggested else []),
         *note_lines(found.notes),
@@ -80,7 +80,7 @@ def conversion_tables(found: Conversion) -> list[RenderableType]:
 
 
 def _line(text: str) -> RenderableType:
-    """A line to be copied: never wrapped."""
+    """A line to copy, never wrapped."""
     return Text(text, no_wrap=True, overflow="ignore")
 
 
@@ -91,7 +91,7 @@ def _rows(found: Conversion) -> int:
 def _pace(pace: Pace | None) -> str:
     if pace is None:
         return ""
-    gaps = f"{plural(pace.gaps, 'gap')}, the longest {figure(pace.longest)} s" if pace.gaps else "no gap"
+    gaps = f"{plural(pace.gaps, 'gap')} of up to {figure(pace.longest)} s" if pace.gaps else "no gap"
     return f", {figure(pace.duration)} s at {figure(pace.rate)} Hz, {gaps}"
 
 

@@ -1,4 +1,4 @@
-"""Public recordings: which there are, under which licence, and what came of a download."""
+"""Public data sets: list, licence and download."""
 
 from __future__ import annotations
 
@@ -16,27 +16,32 @@ from .documents import Document
 
 
 def data_document(sets: Iterable[DataSet], folder: Path, written: Sequence[Path] = ()) -> Document:
-    """What `signid data --json` prints: the sets, and the files that were written."""
+    """Build the output of `signid data --json`: data sets and written files."""
     known = {"schema": "signid.data/1", "folder": str(folder), "sets": [_entry(one, folder) for one in sets]}
     return {**known, "written": [str(path) for path in written], "version": __version__}
 
 
 def data_tables(sets: Iterable[DataSet], folder: Path) -> list[RenderableType]:
-    """What there is to download, and what is there already."""
-    table = new_table("name", "what", "duration [s]>", "download [MB]>", "here")
+    """List the data sets and whether they are present."""
+    table = new_table("name", "content", "duration [s]>", "download [MB]>", "present")
     lines: list[RenderableType] = []
     for one in sets:
         here = "yes" if is_complete(one, folder / one.folder) else "no"
         table.add_row(one.name, one.title, f"{one.seconds:.0f}", f"{one.megabytes:g}", here)
         lines.append(paragraph(f"{one.name}: github.com/{one.repository}, licence {one.licence}"))
-    return [table, paragraph(""), *lines, paragraph(f"\nsignid data NAME downloads one into {folder}; it asks before.")]
+    return [
+        table,
+        paragraph(""),
+        *lines,
+        paragraph(f"\nsignid data NAME downloads one into {folder} after confirmation."),
+    ]
 
 
 def data_card(wanted: DataSet, folder: Path, base: str) -> list[RenderableType]:
-    """What a user should know before it is downloaded."""
+    """Source, licence and size of a data set."""
     table = new_table("", "")
     table.show_header = False
-    for name, told in (
+    for name, value in (
         ("source", f"https://github.com/{wanted.repository}"),
         ("commit", wanted.commit),
         ("from", urlsplit(base).netloc if base == wanted.base else base),
@@ -45,7 +50,7 @@ def data_card(wanted: DataSet, folder: Path, base: str) -> list[RenderableType]:
         ("download", f"{plural(len(wanted.sources), 'file')}, about {wanted.megabytes:g} MB"),
         ("into", str(folder / wanted.folder)),
     ):
-        table.add_row(name, told)
+        table.add_row(name, value)
     return [paragraph(f"{wanted.name}: {wanted.title}, {wanted.seconds:.0f} s"), table]
 
 

@@ -1,4 +1,4 @@
-"""What is found as JSON: the objects that files hold and `--json` prints."""
+"""JSON documents of results, as written to files and printed by `--json`."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ if TYPE_CHECKING:
     from ....recording_faults import Gross
 
 Document = dict[str, Any]
-_NUMBERS = re.compile(r"\[\n *(?:(?:[-+.\deE]+|null),?\n *)+\]")  # one a line; no string has line ends
+_NUMBERS = re.compile(r"\[\n *(?:(?:[-+.\deE]+|null),?\n *)+\]")  # one per line; strings have no line ends
 
 
 def identification_document(result: Identification, inputs: Sequence[Input] = ()) -> Document:
-    """The content of identification.json.
+    """Build the content of identification.json.
 
     Args:
-        result: the identification.
-        inputs: path and sha256 of what was read besides the recordings; the robot's description if none is given.
+        result: identification.
+        inputs: path and sha256 of the files read besides the recordings; default: the robot description.
     """
     robot, values = result.robot, zip(result.base_value, result.estimate.std, result.estimate.value, strict=True)
     return {
@@ -63,12 +63,12 @@ def identification_document(result: Identification, inputs: Sequence[Input] = ()
 
 
 def check_document(found: Check, inputs: Sequence[Input] = (), seed: int = 0) -> Document:
-    """What `signid check --json` prints.
+    """Build the output of `signid check --json`.
 
     Args:
-        found: the check.
-        inputs: path and sha256 of what was read besides the recordings; the robot's description if none is given.
-        seed: of the random motion that the recordings are judged against.
+        found: check.
+        inputs: path and sha256 of the files read besides the recordings; default: the robot description.
+        seed: seed of the random motion that the excitation is compared with.
     """
     robot, band = found.robot, found.band
     read = [Input(recording.path, recording.sha256, "recording") for recording in found.recordings]
@@ -97,12 +97,12 @@ def check_document(found: Check, inputs: Sequence[Input] = (), seed: int = 0) ->
 
 
 def inspection_document(found: Inspection, inputs: Sequence[Input] = (), seed: int = 0) -> Document:
-    """What `signid inspect --json` prints.
+    """Build the output of `signid inspect --json`.
 
     Args:
-        found: the inspection.
-        inputs: path and sha256 of what was read; the robot's description if none is given.
-        seed: of the random states that the base parameters were found on.
+        found: inspection.
+        inputs: path and sha256 of the files read; default: the robot description.
+        seed: seed of the random states that determine the base parameters.
     """
     robot = found.robot
     return {
@@ -119,7 +119,7 @@ def inspection_document(found: Inspection, inputs: Sequence[Input] = (), seed: i
 
 
 def to_json(document: Document) -> str:
-    """Strict JSON text, a list of numbers on one line: what is infinite or not a number becomes null."""
+    """Encode as strict JSON, a list of numbers on one line; infinity and NaN become null."""
     text = json.dumps(_strict(document), indent=2, allow_nan=False, ensure_ascii=False)
     return _NUMBERS.sub(lambda found: " ".join(found[0].split()).replace("[ ", "[").replace(" ]", "]"), text) + "\n"
 
@@ -151,7 +151,7 @@ def _effects(result: Identification) -> list[Document]:
 
 
 def fit_document(fit: Fit) -> Document:
-    """How well torque is predicted, per joint."""
+    """Quality of the torque prediction, per joint."""
     return {
         "joints": list(fit.joints),
         "unit": list(fit.unit),
@@ -219,17 +219,17 @@ def _gross(found: Gross) -> Document:
 
 
 def description(robot: Robot) -> Input:
-    """What states a robot."""
+    """The description file of a robot."""
     return Input(robot.path, robot.sha256, "description")
 
 
 def once(files: Iterable[Input]) -> list[Input]:
-    """Every file that was read, once."""
+    """Remove repeated files."""
     return list({(file.path, file.sha256): file for file in files}.values())
 
 
 def provenance(recordings: Iterable[Input], others: Iterable[Input], seed: int) -> Document:
-    """What a result was made from, each file once, and by which version."""
+    """Input files without repetitions, seed and version of a result."""
     return {
         "inputs": [file._asdict() for file in once([*recordings, *others])],
         "seed": seed,

@@ -1,4 +1,4 @@
-"""The cards of effects: what each law is, where it comes from, and how it is injected."""
+"""Descriptions of effects: law, source and injection."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ KINDS: dict[type[Effect], str] = {
 
 
 def effects_document(effects: Sequence[Effect]) -> Document:
-    """What `signid effects --json` prints."""
+    """Build the output of `signid effects --json`."""
     return {"schema": "signid.effects/1", "effects": [_card(effect) for effect in effects], "version": __version__}
 
 
 def effects_tables(effects: Sequence[Effect]) -> list[RenderableType]:
-    """One effect as its card, several as a list of how to write them."""
+    """Describe one effect in full, or list the notation of several."""
     if len(effects) == 1:
         return _card_lines(effects[0])
     lines: list[RenderableType] = []
     for kind, name in KINDS.items():
         mine = [paragraph(f"  {written(effect)}") for effect in effects if isinstance(effect, kind)]
         lines += [heading(f"Laws of the {name}", below=bool(lines)), *mine] if mine else []
-    return [*lines, paragraph("\nNumbers are usual ones. signid effects NAME shows the law, its units and its source.")]
+    return [*lines, paragraph("\nValues are usual ones. signid effects NAME shows the law, its units and its source.")]
 
 
 def _kind(effect: Effect) -> type[Effect]:
@@ -63,18 +63,18 @@ def _card(effect: Effect) -> dict[str, Any]:
 
 
 def _card_lines(effect: Effect) -> list[RenderableType]:
-    table = new_table("number", "usual>", "unit", "torque is")
+    table = new_table("parameter", "usual>", "unit", "torque is")
     for key, kind in effect.parameters.items():
         linear = "linear in it" if isinstance(kind, Coefficient) else "not linear in it"
         table.add_row(key, f"{effect.example[key]:g}", kind.unit, linear)
-    alike = [paragraph(f"Hard to tell from {', '.join(effect.twins)}.")] if effect.twins else []
+    alike = [paragraph(f"Hard to distinguish from {', '.join(effect.twins)}.")] if effect.twins else []
     return [
         heading(effect.name, below=False),
         paragraph(str(getdoc(type(effect)))),
-        heading("Law (what the motor gives more, a deflection's torque, or what is written down)"),
+        heading("Law (additional motor torque, torque of a deflection, or recorded value)"),
         paragraph(effect.equation),
-        *([heading("Numbers"), table] if effect.parameters else []),
-        heading("Usual"),
+        *([heading("Parameters"), table] if effect.parameters else []),
+        heading("Usual size"),
         paragraph(f"{effect.typical}."),
         *alike,
         heading("Source"),

@@ -1,4 +1,4 @@
-"""Exciting and separating motions, told as JSON and for the eye."""
+"""Exciting and discriminating motions: JSON document and terminal tables."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from .documents import Document, description, provenance
 from .simulation import law_document
 
 LIMITS = ("position", "velocity", "acceleration", "torque")
-SHOWN = 8  # base parameters, those that are told worst
-UNTOLD = 1.0  # relative standard deviation from which a parameter is hardly told
+SHOWN = 8  # number of least identifiable base parameters listed
+UNIDENTIFIABLE = 1.0  # relative standard deviation from which a parameter is not distinguishable from zero
 
 
 def excitation_document(
     robot: Robot, found: Excitation | Separation, inputs: Sequence[Input] = (), seed: int = 0
 ) -> Document:
-    """What `signid excite --json` prints.
+    """Build the output of `signid excite --json`.
 
     Args:
-        robot: that is to move.
-        found: the motion.
-        inputs: path and sha256 of what was read; the robot's description if none is given.
-        seed: of the search.
+        robot: robot that moves.
+        found: motion.
+        inputs: path and sha256 of the files read; default: the robot description.
+        seed: seed of the search.
     """
     apart = isinstance(found, Separation)
     return {
@@ -51,14 +51,18 @@ def excitation_document(
 
 
 def excitation_tables(robot: Robot, found: Excitation | Separation) -> list[RenderableType]:
-    """How far limits are used, and what the motion tells."""
-    limits = new_table("share of the limit", *(f"{name}>" for name in LIMITS))
+    """Use of the limits, and identifiability or distance of laws along the motion."""
+    limits = new_table("share of limit", *(f"{name}>" for name in LIMITS))
     for row in zip(robot.joints, *(getattr(found.use, name) for name in LIMITS), strict=True):
         limits.add_row(row[0], *(share(float(x)) for x in row[1:]))
-    near = [] if found.distance is None else [paragraph(f"Links keep {figure(1e3 * found.distance)} mm apart.")]
-    told = _told_apart(robot, found) if isinstance(found, Separation) else _told(found)
+    near = (
+        []
+        if found.distance is None
+        else [paragraph(f"Smallest distance between links: {figure(1e3 * found.distance)} mm.")]
+    )
+    gained = _discrimination(robot, found) if isinstance(found, Separation) else _identifiability(found)
     size = f"{plural(len(found.trajectory.t), 'row')}, {figure(float(found.trajectory.t[-1]))} s"
-    return [heading(f"{robot.name}: {size}", below=False), limits, *near, *told, *note_lines(found.notes)]
+    return [heading(f"{robot.name}: {size}", below=False), limits, *near, *gained, *note_lines(found.notes)]
 
 
 def _excitation(found: Excitation) -> dict[str, Any]:
@@ -85,32 +89,32 @@ def _separation(robot: Robot, found: Separation) -> dict[str, Any]:
     }
 
 
-def _told(found: Excitation) -> list[RenderableType]:
+def _identifiability(found: Excitation) -> list[RenderableType]:
     table = new_table("base parameter", "std over value>")
     order = [k for k in np.argsort(-np.nan_to_num(found.relative_std, nan=0.0)) if np.isfinite(found.relative_std[k])]
     for k in order[:SHOWN]:
         table.add_row(found.expressions[k], share(float(found.relative_std[k])))
-    weak = int(np.sum(found.relative_std[order] >= UNTOLD))
-    said = (
+    weak = int(np.sum(found.relative_std[order] >= UNIDENTIFIABLE))
+    quality = (
         f"Condition number of the regressor {figure(found.condition)}, log det of the information {found.log_det:.1f}"
     )
     return [
-        paragraph(f"{said}; {plural(found.evaluations, 'motion')} tried."),
-        heading(f"Told worst, of {plural(len(found.std), 'base parameter')}"),
+        paragraph(f"{quality}; {plural(found.evaluations, 'motion')} tried."),
+        heading(f"Least identifiable of {plural(len(found.std), 'base parameter')}"),
         table,
-        *([paragraph(f"{weak} of them will hardly be told from zero.")] if weak else []),
+        *([paragraph(f"{weak} of them will hardly be distinguishable from zero.")] if weak else []),
     ]
 
 
-def _told_apart(robot: Robot, found: Separation) -> list[RenderableType]:
-    table = new_table("if this is true", "joint", "the other differs by>", "share left of its torque>")
+def _discrimination(robot: Robot, found: Separation) -> list[RenderableType]:
+    table = new_table("true law", "joint", "distance of the other>", "share of its torque unexplained>")
     for law, distance, part in zip(found.laws, found.distances, found.shares, strict=True):
-        told = law_document(robot, law)
-        table.add_row(told["effect"], told["joint"] or "(robot)", figure(distance), share(part))
+        entry = law_document(robot, law)
+        table.add_row(entry["effect"], entry["joint"] or "(robot)", figure(distance), share(part))
     if found.structural:
-        verdict = "No motion can tell them apart."
+        verdict = "No motion can discriminate these laws."
     elif found.enough:
-        verdict = f"They can be told apart; a random motion differs by {figure(found.median)} (the median)."
+        verdict = f"The motion discriminates the laws; a random motion reaches {figure(found.median)} (median)."
     else:
-        verdict = "They may stay in doubt."
-    return [heading("Sum of squares over noise by which one law differs from the other"), table, paragraph(verdict)]
+        verdict = "The laws may remain indistinguishable."
+    return [heading("Distance of the laws: squared difference of torque over noise"), table, paragraph(verdict)]

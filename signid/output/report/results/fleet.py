@@ -1,4 +1,4 @@
-"""A fleet in words: who differs from its simulation, what many lack, what drifts."""
+"""Fleet: sentences and terminal tables of mismatch, common causes and drift."""
 
 from __future__ import annotations
 
@@ -12,68 +12,70 @@ from ..layout import heading, new_table, paragraph, plural
 from ..numbers import figure, share, with_interval
 
 UNDONE, FLAGGED = "not done", "flagged"  # states of a session in fleet.json
-SHOWN, FEW = 20, 4  # rows of a table, and numbers of a cause, on the terminal
+SHOWN, FEW = 20, 4  # maximum number of rows per table and of parameters per cause
 
 
 def fleet_sentence(document: Mapping[str, Any]) -> str:
-    """The whole in one sentence.
+    """Summarise a fleet in one sentence.
 
     Args:
-        document: fleet.json.
+        document: content of fleet.json.
     """
     robots, sessions = document["robots"], document["sessions"]
     differ = sum(robot["verdict"] not in ("", "nothing_missing") for robot in robots)
     drifting = len({drift["name"] for drift in document["drifts"] if drift["beyond_noise"]})
     undone = sum(session["state"] == UNDONE for session in sessions)
-    told = []
+    parts = []
     if any(robot["verdict"] for robot in robots):
-        told.append(f"{plural(differ, 'robot')} {_do(differ, 'differs', 'differ')} from the simulation")
+        parts.append(f"{plural(differ, 'robot')} {_do(differ, 'differs', 'differ')} from the simulation")
     if document["drifts"]:
-        told.append(f"{plural(drifting, 'robot')} {_do(drifting, 'drifts', 'drift')}")
-    told += [f"{plural(undone, 'session')} could not be done"] if undone else []
+        parts.append(f"{plural(drifting, 'robot')} {_do(drifting, 'drifts', 'drift')}")
+    parts += [f"{plural(undone, 'session')} failed"] if undone else []
     return (
-        f"{plural(len(robots), 'robot')}, {plural(len(sessions), 'session')}" + (": " if told else "") + ", ".join(told)
+        f"{plural(len(robots), 'robot')}, {plural(len(sessions), 'session')}"
+        + (": " if parts else "")
+        + ", ".join(parts)
     )
 
 
 def cause_sentence(cause: Mapping[str, Any]) -> str:
-    """How many robots lack the same law at the same place.
+    """Number of robots that lack the same law, in a sentence.
 
     Args:
-        cause: of fleet.json.
+        cause: entry of fleet.json.
     """
     count = len(cause["robots"])
     return f"{count} of {plural(cause['of'], 'robot')} {_do(count, 'lacks', 'lack')} {cause['cause']}"
 
 
 def drift_sentence(drift: Mapping[str, Any]) -> str:
-    """By how much a number changes.
+    """Slope and change of a parameter, in words.
 
     Args:
-        drift: of fleet.json.
+        drift: entry of fleet.json.
     """
     slope = drift["slope"]
     value, half = with_interval(slope["value"], slope["half"] / TWO_SIDED)
-    return f"{value} ± {half} {slope['unit']}, {drift_change(drift)} from first to last"
+    return f"{value} ± {half} {slope['unit']}, {drift_change(drift)} in total"
 
 
 def drift_change(drift: Mapping[str, Any]) -> str:
-    """What a drift adds up to from the first session to the last.
+    """Total change of a drift.
 
     Args:
-        drift: of fleet.json.
+        drift: entry of fleet.json.
     """
     return f"{drift['change']:+.2g} {drift['unit']}".rstrip()
 
 
 def fleet_tables(document: Mapping[str, Any]) -> list[RenderableType]:
-    """A fleet for the terminal.
+    """Terminal tables of a fleet.
 
     Args:
-        document: fleet.json.
+        document: content of fleet.json.
     """
     robots = document["robots"]
-    table = new_table("robot", "mismatch>", "at", "left>", "explained>", "lacks")
+    table = new_table("robot", "mismatch>", "joint", "after>", "explained>", "lacks")
     for robot in robots[:SHOWN]:
         numbers = (figure(_number(robot[key])) for key in ("mismatch", "left"))
         mismatch, left = numbers
@@ -81,38 +83,38 @@ def fleet_tables(document: Mapping[str, Any]) -> list[RenderableType]:
         table.add_row(robot["name"], mismatch, robot["joint"] or "-", left, explained, lacking(robot))
     shown: list[RenderableType] = [paragraph(fleet_sentence(document)), table, *_more(len(robots))]
     shown.append(
-        paragraph("Mismatch and left: held-out rms before and after, over the noise floor, in the last session.")
+        paragraph("Mismatch, after: held-out rms over the noise floor, before and after the extension (last session).")
     )
     if document["causes"]:
-        shown += [heading("Equal causes"), *(paragraph(text) for text in _causes(document["causes"]))]
+        shown += [heading("Common causes"), *(paragraph(text) for text in _causes(document["causes"]))]
     drifting = [drift for drift in document["drifts"] if drift["beyond_noise"]]
     if drifting:
-        told = (f"{drift['name']}: {drift['number']}: {drift_sentence(drift)}" for drift in drifting[:SHOWN])
-        shown += [heading("Drift beyond noise"), *map(paragraph, told), *_more(len(drifting))]
+        sentences = (f"{drift['name']}: {drift['number']}: {drift_sentence(drift)}" for drift in drifting[:SHOWN])
+        shown += [heading("Significant drift"), *map(paragraph, sentences), *_more(len(drifting))]
     return shown
 
 
 def lacking(robot: Mapping[str, Any]) -> str:
-    """What a robot's simulation lacks, in words.
+    """Laws that a robot's simulation lacks, in words.
 
     Args:
-        robot: of fleet.json.
+        robot: entry of fleet.json.
     """
     none = UNDONE if robot["undone"] == len(robot["sessions"]) else "-"
-    words = {"nothing_missing": "nothing", "unknown": "something that no law explains", "": none}
+    words = {"nothing_missing": "nothing", "unknown": "physics that no law explains", "": none}
     return ", ".join(robot["causes"]) or words.get(robot["verdict"], robot["verdict"])
 
 
 def number_ranges(cause: Mapping[str, Any]) -> list[str]:
-    """The numbers of a cause over the robots that have it; those that could be zero at all of them are only counted.
+    """Ranges of a cause's parameters over the robots; parameters consistent with zero are only counted.
 
     Args:
-        cause: of fleet.json.
+        cause: entry of fleet.json.
     """
-    told = [number for number in cause["numbers"] if _largest(number) >= TWO_SIDED * number["std"]]
-    ranges = [_range(number, many=len(cause["robots"]) > 2) for number in told]
-    hidden = len(cause["numbers"]) - len(told)
-    return [*ranges, f"{plural(hidden, 'more number')} could be zero"] if told and hidden else ranges
+    shown = [number for number in cause["numbers"] if _largest(number) >= TWO_SIDED * number["std"]]
+    ranges = [_range(number, many=len(cause["robots"]) > 2) for number in shown]
+    hidden = len(cause["numbers"]) - len(shown)
+    return [*ranges, f"{plural(hidden, 'more parameter')} could be zero"] if shown and hidden else ranges
 
 
 def _range(number: Mapping[str, Any], many: bool) -> str:
@@ -134,7 +136,7 @@ def _causes(causes: list[Mapping[str, Any]]) -> Iterator[str]:
 
 
 def _more(count: int) -> list[RenderableType]:
-    return [paragraph(f"and {count - SHOWN} more, see index.html")] if count > SHOWN else []
+    return [paragraph(f"and {count - SHOWN} more in index.html")] if count > SHOWN else []
 
 
 def _number(value: float | None) -> float:

@@ -1,4 +1,4 @@
-"""A load that was found, as a table and as JSON."""
+"""Payload: JSON document and terminal table."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ AXES = ("x", "y", "z")
 
 
 def payload_document(found: Payload, inputs: Sequence[Input] = ()) -> Document:
-    """What `signid payload --json` prints.
+    """Build the output of `signid payload --json`.
 
     Args:
-        found: the load.
-        inputs: path and sha256 of what was read besides the recordings; the robot's description if none is given.
+        found: payload.
+        inputs: path and sha256 of the files read besides the recordings; default: the robot description.
     """
     mass, mass_std = found.mass
     centre, inertia = found.centre, found.inertia
@@ -44,19 +44,19 @@ def payload_document(found: Payload, inputs: Sequence[Input] = ()) -> Document:
 
 def payload_tables(found: Payload) -> list[RenderableType]:
     """Mass, centre of mass and inertia with their intervals."""
-    table = new_table("load", "value>", "± (95 %)>", "unit")
+    table = new_table("payload", "value>", "± (95 %)>", "unit")
     table.add_row("mass", *with_interval(*found.mass), "kg")
     for axis, value, std in zip(AXES, *found.centre, strict=True):
         table.add_row(f"centre of mass {axis}", *with_interval(float(value), float(std)), "m")
     for name, value, std in zip(INERTIAL[4:], *found.inertia, strict=True):
-        table.add_row(f"{name} about it", *with_interval(float(value), float(std)), "kg.m2")
-    told = (
-        f"A body could have these numbers; this moved the difference of base parameters by at most {found.moved:.1f} "
-        f"standard deviations. Cut-off {found.cutoff:.3g} Hz."
+        table.add_row(f"{name} about its centre", *with_interval(float(value), float(std)), "kg.m2")
+    sentence = (
+        f"The inertia is physically consistent; this changed the difference of base parameters by at most "
+        f"{found.moved:.1f} standard deviations. Cut-off {found.cutoff:.3g} Hz."
     )
     return [
-        heading(f"{found.robot.name}: what {found.link} carries, in the frame of its joint", below=False),
+        heading(f"{found.robot.name}: payload of {found.link}, in its joint frame", below=False),
         table,
-        paragraph(told),
+        paragraph(sentence),
         *note_lines(found.notes),
     ]

@@ -1,4 +1,4 @@
-"""Signs that were recovered: their part of identification.json, the terminal, and torque with its signs as a table."""
+"""Recovered signs: block of identification.json, terminal tables, and signed.csv."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from ....types import Array, Recording
 from ..layout import heading, new_table, paragraph, plural
 from ..numbers import figure, share, with_interval
 
-CHUNK = 65_536  # rows
-CERTAIN = 0.999  # from this confidence on a sign is not in doubt
+CHUNK = 65_536  # rows written at once
+CERTAIN = 0.999  # confidence from which a sign is considered certain
 
 
 def signs_document(signs: Signs | None) -> dict[str, Any] | None:
-    """The signs block of identification.json; None where every torque was recorded with its sign."""
+    """Build the signs block of identification.json; None if all torques were recorded with signs."""
     if signs is None:
         return None
     hidden = list(signs.hidden)
@@ -32,7 +32,7 @@ def signs_document(signs: Signs | None) -> dict[str, Any] | None:
             "certified": bool(signs.proof.certified),
         },
         "flags": list(signs.flags),
-        "segments": [_segment(signs, told) for told in signs.segments],
+        "segments": [_segment(signs, segment) for segment in signs.segments],
         "method": signs.method,
         "joints": [signs.joints[j] for j in hidden],
         "threshold": signs.threshold[hidden].tolist(),
@@ -48,29 +48,29 @@ def signs_document(signs: Signs | None) -> dict[str, Any] | None:
 
 
 def signs_tables(signs: Signs) -> list[RenderableType]:
-    """Per joint how many segments there are and how sure their signs, and what is proved of them."""
-    table = new_table("joint", "segments>", "+>", "->", "in doubt>", "lowest confidence>", "samples>", "in segments>")
+    """Number of segments and confidence of their signs per joint, and the optimality proof."""
+    table = new_table("joint", "segments>", "+>", "->", "uncertain>", "lowest confidence>", "samples>", "in segments>")
     for j in signs.hidden:
-        told = signs.of(j)
-        counts = [sum(t.sign == sign for t in told) for sign in (1, -1)]
-        doubt = sum(not t.confidence >= CERTAIN for t in told)
-        lowest = confidence(min((t.confidence for t in told), default=float("nan")))
-        total, inside = _samples(signs, told)
-        cells = (len(told), *counts, doubt, lowest, total, share(inside / total) if total else "-")
+        segments = signs.of(j)
+        counts = [sum(t.sign == sign for t in segments) for sign in (1, -1)]
+        uncertain = sum(not t.confidence >= CERTAIN for t in segments)
+        lowest = confidence(min((t.confidence for t in segments), default=float("nan")))
+        total, inside = _samples(signs, segments)
+        cells = (len(segments), *counts, uncertain, lowest, total, share(inside / total) if total else "-")
         table.add_row(signs.joints[j], *map(str, cells))
-    return [heading("Signs of torque"), table, paragraph(proof_sentence(signs)), *_gains(signs)]
+    return [heading("Torque signs"), table, paragraph(proof_sentence(signs)), *_gains(signs)]
 
 
 def signed_csv(recording: Recording, signs: Signs, part: int) -> Iterator[str]:
-    """The text of signed.csv, piece by piece: the recording's own rows, t [s], and tau [N.m or N], sure [1] of joints.
+    """Yield signed.csv in pieces: the recording's rows with t [s], and tau_J [N.m or N] and sure_J [1] of each joint.
 
-    `sure_J` is the confidence of the segment that a row lies in, 0 outside of segments, where the sign follows the
-    model or is a guess, and 1 where torque had its sign. Numbers read back as they are; a missing one is an empty cell.
+    `sure_J` is the confidence of the segment of a row. It is 0 outside of segments, where the sign follows the model,
+    and 1 for torques recorded with signs. Numbers are written exactly; missing numbers are empty cells.
 
     Args:
-        recording: with the signs that were found.
-        signs: what is known about them.
-        part: which of its traces is the recording's.
+        recording: recording with the recovered signs.
+        signs: signs with their confidence.
+        part: index of the recording's trace.
     """
     columns = recording.columns["tau"]
     joints = [j for j, column in enumerate(columns) if column]
@@ -87,19 +87,19 @@ def signed_csv(recording: Recording, signs: Signs, part: int) -> Iterator[str]:
 
 
 def proof_sentence(signs: Signs) -> str:
-    """What is known about choices of signs that were not taken."""
+    """Optimality of the signs in a sentence."""
     proof, nodes = signs.proof, plural(signs.proof.nodes, "node")
-    best = "No other signs of these segments explain the torque better"
+    best = "The signs of these segments are optimal"
     if proof.optimal:
-        return f"{best}: proved by {'eigenvalues alone' if proof.certified else f'a search of {nodes}'}."
+        return f"{best}, proved by {'eigenvalues alone' if proof.certified else f'a search of {nodes}'}."
     if proof.has_bound:
-        told = f"Other signs of these segments could lower what is left unexplained by {share(proof.gap)} at most"
-        return f"{told}; the search looked at {nodes}."
-    return f"Whether other signs of these segments explain the torque better is not proved: {nodes} were looked at."
+        bound = f"Other signs of these segments could reduce the residual by at most {share(proof.gap)}"
+        return f"{bound}; the search visited {nodes}."
+    return f"The signs of these segments are not proved optimal: the search visited {nodes}."
 
 
 def confidence(value: float) -> str:
-    """A probability, never rounded up.
+    """Format a probability, never rounded up.
 
     >>> confidence(0.99949), confidence(0.99899), confidence(1.0), confidence(float("nan"))
     ('>0.999', '0.998', '>0.999', '-')
@@ -110,35 +110,35 @@ def confidence(value: float) -> str:
 
 
 def part_name(signs: Signs, part: int) -> str:
-    """The path of a recording, or its number where it has none."""
+    """The path of a recording, or its number if it has none."""
     return signs.traces[part].path or f"recording {part + 1}"
 
 
 def _sure(signs: Signs, part: int, joint: int, t: Array, torque: Array) -> Array:
-    """(N,) confidence of the segment that each row lies in, if it has its sign [1]."""
+    """Confidence of the segment of each row with its sign, (N,) [1]."""
     if joint not in signs.hidden:
         return np.ones(len(t))
-    own = sorted((told.start, told.end, told.sign, told.confidence) for told in signs.of(joint) if told.part == part)
+    own = sorted((s.start, s.end, s.sign, s.confidence) for s in signs.of(joint) if s.part == part)
     start, end, sign, sure = np.array([(-np.inf, -np.inf, 0.0, 0.0), *own]).T
     at = np.searchsorted(start, t, side="right") - 1
     return np.where((t <= end[at]) & (torque * sign[at] >= 0), sure[at], 0.0)
 
 
-def _segment(signs: Signs, told: SignSegment) -> dict[str, Any]:
-    segment = {
-        "joint": signs.joints[told.joint],
-        "start": float(told.start),
-        "end": float(told.end),
-        "sign": int(told.sign),
-        "confidence": float(told.confidence),
+def _segment(signs: Signs, segment: SignSegment) -> dict[str, Any]:
+    entry = {
+        "joint": signs.joints[segment.joint],
+        "start": float(segment.start),
+        "end": float(segment.end),
+        "sign": int(segment.sign),
+        "confidence": float(segment.confidence),
     }
-    return segment | ({"recording": part_name(signs, told.part)} if len(signs.traces) > 1 else {})
+    return entry | ({"recording": part_name(signs, segment.part)} if len(signs.traces) > 1 else {})
 
 
-def _samples(signs: Signs, told: tuple[SignSegment, ...]) -> tuple[int, int]:
-    """Samples of the recordings that were searched, and how many of them lie in some segments."""
+def _samples(signs: Signs, segments: tuple[SignSegment, ...]) -> tuple[int, int]:
+    """Number of samples of the recordings with segments, and number of samples inside some segments."""
     searched = {t.part for t in signs.segments}
-    ends = ((signs.traces[t.part].t, t) for t in told)
+    ends = ((signs.traces[t.part].t, t) for t in segments)
     inside = sum(int(np.sum((time >= t.start) & (time <= t.end))) for time, t in ends)
     return sum(len(signs.traces[part].t) for part in searched), inside
 
@@ -148,6 +148,6 @@ def _gains(signs: Signs) -> list[RenderableType]:
         return []
     table = new_table("joint", "torque constant>", "± (95 %)>", "unit")
     for joint, value, std, unit in signs.gains:
-        told = with_interval(value, std)
-        table.add_row(joint, *told if isfinite(std) else (figure(value), "-"), unit)
-    return [heading("Torque constants that were not known"), table]
+        interval = with_interval(value, std)
+        table.add_row(joint, *interval if isfinite(std) else (figure(value), "-"), unit)
+    return [heading("Unknown torque constants"), table]

@@ -1,4 +1,4 @@
-"""A simulation, told as JSON and for the eye."""
+"""Simulation: JSON document and terminal tables."""
 
 from __future__ import annotations
 
@@ -19,35 +19,35 @@ from ..layout import heading, new_table, note_lines, paragraph, plural
 from ..numbers import figure
 from .documents import Document, description, provenance
 
-FAR = 0.005, 0.05  # [m], [rad] rms error of a joint that does not follow its motion
+FAR = 0.005, 0.05  # rms tracking error from which a joint is noted, prismatic [m] and revolute [rad]
 
 
 @dataclass(frozen=True)
 class Run:
-    """What was simulated, how, and what came of it."""
+    """A simulation with its model, drive and recording."""
 
-    model: Model  # with all that was injected
+    model: Model  # including the injected laws
     injected: tuple[Law, ...]
     simulation: Simulation
     columns: Mapping[str, Array]  # (N,) each, as recorded [units of their names]
     sensors: Sensors
-    drive: Drive  # what moved the robot
+    drive: Drive  # drive of the robot
     integrator: str
 
     @property
     def acting(self) -> list[Law]:
-        """The laws that are there: those that a description states as zero are not."""
+        """Laws with nonzero coefficients."""
         return [law for law in self.model.laws if any(law.effect.coefficients(law.parameters))]
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What the description lacks, and what no such robot would do."""
+        """Defaults used for missing data of the description, and violated limits."""
         robot, s = self.model.robot, self.simulation
         error = np.zeros(len(robot.joints)) if self.tracking_rms is None else self.tracking_rms
         said: dict[str, Any] = {
-            "went beyond its limits of position": ((s.true_q < robot.lower) | (s.true_q > robot.upper)).any(axis=0),
-            "was given more torque than its limit": (np.abs(s.applied) > robot.effort_limit).any(axis=0),
-            "followed badly; a larger --bandwidth may help": error > np.where(robot.prismatic, *FAR),
+            "exceeded its position limits": ((s.true_q < robot.lower) | (s.true_q > robot.upper)).any(axis=0),
+            "exceeded its torque limit": (np.abs(s.applied) > robot.effort_limit).any(axis=0),
+            "tracked poorly; a larger --bandwidth may help": error > np.where(robot.prismatic, *FAR),
         }
         named = {
             text: [j for j, is_so in zip(robot.joints, which, strict=True) if is_so] for text, which in said.items()
@@ -56,24 +56,24 @@ class Run:
 
     @property
     def torque_rms(self) -> Array:
-        """(n,) of the recorded torque [N.m or N]."""
+        """Rms of the recorded torque, (n,) [N.m or N]."""
         return np.sqrt([np.mean(x**2) for name, x in self.columns.items() if name.startswith(("tau_", "abs_tau_"))])
 
     @property
     def tracking_rms(self) -> Array | None:
-        """(n,) of desired less true position [rad or m]; None where nothing was desired."""
+        """Rms of desired - true position, (n,) [rad or m]; None without desired positions."""
         if not any(name.startswith("q_des_") for name in self.columns):
             return None
         return np.asarray(np.sqrt(np.mean((self.simulation.desired - self.simulation.true_q) ** 2, axis=0)))
 
 
 def simulation_document(run: Run, inputs: Sequence[Input] = (), seed: int = 0) -> Document:
-    """What `signid simulate --json` prints.
+    """Build the output of `signid simulate --json`.
 
     Args:
-        run: the simulation.
-        inputs: path and sha256 of what was read; the robot's description if none is given.
-        seed: of the motion and of the sensors.
+        run: simulation.
+        inputs: path and sha256 of the files read; default: the robot description.
+        seed: seed of the motion and the sensors.
     """
     robot, s = run.model.robot, run.simulation
     return {
@@ -101,16 +101,16 @@ def simulation_document(run: Run, inputs: Sequence[Input] = (), seed: int = 0) -
 
 
 def simulation_tables(run: Run) -> list[RenderableType]:
-    """The laws that acted, and what was recorded of each joint."""
-    robot, laws = run.model.robot, new_table("law", "joint", "number", "value>", "unit", "")
+    """Acting laws, and recorded torque and tracking error of each joint."""
+    robot, laws = run.model.robot, new_table("law", "joint", "parameter", "value>", "unit", "")
     for law in run.acting:
-        told = law_document(robot, law)
+        entry = law_document(robot, law)
         injected = "injected" if any(law is other for other in run.injected) else ""
-        first = (told["effect"], told["joint"] or "(robot)")
-        for key, p in told["parameters"].items() or [("", {"value": "", "unit": ""})]:
+        first = (entry["effect"], entry["joint"] or "(robot)")
+        for key, p in entry["parameters"].items() or [("", {"value": "", "unit": ""})]:
             laws.add_row(*first, key, _shown(p["value"]), p["unit"], injected)
             first, injected = ("", ""), ""
-    joints = new_table("joint", "rms torque>", "unit", "rms error of tracking>", "unit")
+    joints = new_table("joint", "rms torque>", "unit", "rms tracking error>", "unit")
     errors = [np.nan] * len(robot.joints) if run.tracking_rms is None else run.tracking_rms
     for joint, torque, error, p in zip(robot.joints, run.torque_rms, errors, robot.prismatic, strict=True):
         joints.add_row(joint, figure(float(torque)), "N" if p else "N.m", figure(float(error)), "m" if p else "rad")
@@ -118,13 +118,13 @@ def simulation_tables(run: Run) -> list[RenderableType]:
     return [
         heading(f"{robot.name}: {rows}, {figure(float(run.simulation.t[-1]))} s", below=False),
         joints,
-        *([heading("Laws"), laws] if run.acting else [paragraph("No law acts beside the rigid bodies.")]),
+        *([heading("Laws"), laws] if run.acting else [paragraph("No law acts in addition to the rigid bodies.")]),
         *note_lines(run.notes),
     ]
 
 
 def law_document(robot: Robot, law: Law) -> Document:
-    """A law by the name of its effect and joint, its numbers with their units."""
+    """Effect, joint and parameters of a law with their units."""
     joint, values = placed(law, robot)
     prismatic = bool(len(law.joints) == 1 and robot.prismatic[law.joints[0]])
     units = {key: kind.unit_at(prismatic) for key, kind in law.effect.parameters.items()}

@@ -1,4 +1,4 @@
-"""What is found, for the eye: tables and sentences that rich prints."""
+"""Terminal tables of inspection, check and identification."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ if TYPE_CHECKING:
     from ....inspect import Inspection
     from ....recording_faults import Gross
 
-WIDE = 4  # kinds of numbers side by side, at most
+WIDE = 4  # maximum number of columns of law parameters
 VERDICTS = {"right": "green", "cannot tell": "yellow", "wrong": "red"}
 STYLES = {"identifiable": "green", "weak": "yellow", "unidentifiable": "red"}
 
 
 def inspection_tables(found: Inspection) -> list[RenderableType]:
-    """Joints, links, base parameters as formulas, and what no motion can tell."""
+    """Joints, links, base parameters as formulas, and unidentifiable parameters."""
     robot, base = found.robot, found.base
     joints = new_table("joint", "#>", "type", "carries link", "lower>", "upper>", "velocity>", "effort>", "unit")
     for j in describe_joints(robot):
@@ -43,24 +43,24 @@ def inspection_tables(found: Inspection) -> list[RenderableType]:
         formulas.add_row(expression, unit)
     hidden = new_table("link", "standard parameters")
     for body, names in _by_body(base.invisible):
-        hidden.add_row("(drives)" if body is None else f"{body + 1}  {robot.links[body]}", ", ".join(names))
-    counted = f"{base.rank} base parameters: what torque can tell of {len(base.labels)} standard parameters"
+        hidden.add_row("(actuators)" if body is None else f"{body + 1}  {robot.links[body]}", ", ".join(names))
+    counted = f"{base.rank} base parameters, combinations of {len(base.labels)} standard parameters"
     return [
         heading(
             f"{robot.name}: {plural(len(robot.joints), 'joint')}, {plural(len(robot.links), 'moving link')}",
             below=False,
         ),
         joints,
-        heading(f"{counted} (numbers count moving links)"),
+        heading(f"{counted} (indices: moving links)"),
         formulas,
-        *([heading("No motion can tell"), hidden] if base.invisible else []),
-        paragraph(f"{plural(len(found.combined), 'standard parameter')} can be told only in combination with others."),
+        *([heading("Unidentifiable from any motion"), hidden] if base.invisible else []),
+        paragraph(f"{plural(len(found.combined), 'standard parameter')}: identifiable only in combination."),
         *note_lines(robot.notes),
     ]
 
 
 def check_tables(found: Check) -> list[RenderableType]:
-    """Sampling, cut-offs, and which base parameters the recordings can tell."""
+    """Sampling, cut-offs, and identifiability of the base parameters."""
     sampling = new_table("recording", "rate [Hz]>", "duration [s]>", "samples>", "gaps>", "step [ms]>")
     for name, s in zip(_short([r.path for r in found.recordings]), found.samplings, strict=True):
         sampling.add_row(name, *_sampling(s))
@@ -68,23 +68,23 @@ def check_tables(found: Check) -> list[RenderableType]:
     columns = (found.robot.joints, found.band.per_joint, found.used, found.band.torque_floor, found.robot.prismatic)
     for joint, cutoff, used, floor, prismatic in zip(*columns, strict=True):
         joints.add_row(joint, figure(cutoff), share(used), figure(floor, 2), "N" if prismatic else "N.m")
-    told = new_table("base parameter", "± to expect (95 %)>", "unit", "verdict")
+    expected = new_table("base parameter", "± (95 %)>", "unit", "verdict")
     for expression, std, unit, verdict in zip(
         found.base.expressions, found.std, found.base.units, found.verdicts, strict=True
     ):
-        told.add_row(expression, figure(TWO_SIDED * std, 2), unit, Text(verdict, STYLES.get(verdict, "")))
+        expected.add_row(expression, figure(TWO_SIDED * std, 2), unit, Text(verdict, STYLES.get(verdict, "")))
     given = f"{plural(len(found.recordings), 'recording')} of {plural(len(found.robot.joints), 'joint')}"
     counts = ", ".join(f"{found.verdicts.count(verdict)} {verdict}" for verdict in STYLES)
     return [
         heading(f"{found.robot.name}: {given}", below=False),
         sampling,
-        heading("What encoder noise allows"),
+        heading("Bandwidth allowed by encoder noise"),
         joints,
         paragraph(f"{_cutoffs(found.band.cutoff, found.band.position_cutoff)}."),
-        heading("What the description says of the torque"),
+        heading("Comparison of the torque with the description"),
         _gross(found.gross),
         heading(f"{found.base.rank} base parameters: {counts}"),
-        told,
+        expected,
         paragraph(excited_words(found.excitation)),
         *(paragraph(f"advice: {sentence}") for sentence in found.advice),
         *note_lines(found.notes),
@@ -92,7 +92,7 @@ def check_tables(found: Check) -> list[RenderableType]:
 
 
 def _gross(found: Gross) -> Table:
-    """How much of each joint's torque the stated bodies with any friction explain, and whether all is in its place."""
+    """Share of the torque that the description explains, and verdicts on sign and order, per joint."""
     table = new_table("joint", "explained>", "factor>", "sign", "order")
     columns = (found.joints, found.explained, found.factor, found.signs, found.order)
     for joint, explained, factor, *verdicts in zip(*columns, strict=True):
@@ -102,7 +102,7 @@ def _gross(found: Gross) -> Table:
 
 
 def identification_tables(result: Identification) -> list[RenderableType]:
-    """Base parameters and laws with their intervals, the fit, and how far it can be trusted."""
+    """Base parameters and laws with their intervals, fit, excitation and physical consistency."""
     base = new_table("base parameter", "value>", "± (95 %)>", "unit")
     for row in rigid_rows(result.base):
         interval = with_interval(float(result.base_value[row]), float(result.estimate.std[row]))
@@ -114,7 +114,7 @@ def identification_tables(result: Identification) -> list[RenderableType]:
         base,
         *_laws(laws),
         *([] if result.signs is None else signs_tables(result.signs)),
-        heading("Fit: rms of the torque that the model leaves unexplained"),
+        heading("Fit: rms of the residual torque"),
         _fit(result.fit),
         paragraph(excited_words(result.excitation)),
         paragraph(consistent_words(result)),
@@ -124,7 +124,7 @@ def identification_tables(result: Identification) -> list[RenderableType]:
 
 
 def _short(paths: Sequence[str]) -> Sequence[str]:
-    """Names of files, or their paths where two files have one name."""
+    """File names, or paths if two files have the same name."""
     names = [Path(path).name or "(arrays)" for path in paths]
     return names if len(set(names)) == len(names) else paths
 
@@ -138,18 +138,18 @@ def _sampling(found: Sampling) -> tuple[str, ...]:
 
 
 def _laws(numbers: Sequence[LawNumber]) -> list[RenderableType]:
-    """A line for each joint, a column for each kind of number; a line for each number where those would not fit."""
+    """A table with one row per joint, or one row per parameter if there are too many columns."""
     kinds = list(dict.fromkeys((n.effect, n.key) for n in numbers))
     if not kinds:
         return []
     table = _law_grid(numbers, kinds) if len(kinds) <= WIDE else _law_list(numbers)
     combined = any(n.std is None for n in numbers)
-    told = [paragraph("In brackets: told only in combination with other parameters.")] if combined else []
-    return [heading("Laws at the joints, ± 95 %"), table, *told]
+    note = [paragraph("In parentheses: identifiable only in combination with other parameters.")] if combined else []
+    return [heading("Laws at the joints, ± 95 %"), table, *note]
 
 
 def _law_list(numbers: Sequence[LawNumber]) -> Table:
-    table = new_table("joint", "law", "number", "value>", "unit")
+    table = new_table("joint", "law", "parameter", "value>", "unit")
     for n in numbers:
         table.add_row(n.joint or "(robot)", n.effect.replace("_", " "), n.key.replace("_", " "), _law_cell(n), n.unit)
     return table
@@ -187,26 +187,26 @@ def _fit(fit: Fit) -> Table:
 
 
 def excited_words(found: ExcitationVerdict) -> str:
-    """The verdict on the excitation, in a sentence or two."""
+    """The verdict on the excitation in one or two sentences."""
     least = share(max(float(found.shares[0]), 0.0)) if len(found.shares) else "0 %"
-    told = f"the weakest direction got {least} of the information that random motion of the same size would give"
+    reached = f"the weakest direction has {least} of the information of a random motion of the same size"
     verdict = "sufficient" if found.sufficient else "insufficient"
-    said = f"Excitation {verdict}: {told} ({share(ENOUGH)} is needed)."
+    sentence = f"Excitation {verdict}: {reached} ({share(ENOUGH)} needed)."
     if found.small:
         be = "is" if len(found.small) == 1 else "are"
-        said += f" {plural(len(found.small), 'base parameter')} {be} too small to matter for the torque here."
-    return said
+        sentence += f" {plural(len(found.small), 'base parameter')} {be} too small to affect this torque."
+    return sentence
 
 
 def consistent_words(result: Identification) -> str:
-    """Whether a real robot could have the inertials, in a sentence."""
+    """Physical consistency of the inertials in a sentence."""
     if not result.physically_consistent:
-        advice = " (method wls does not ask for it)" if result.method == "wls" else ""
-        return f"No real robot could have these inertials{advice}."
+        advice = " (method wls does not enforce it)" if result.method == "wls" else ""
+        return f"The inertials are not physically consistent{advice}."
     if result.method == "wls":
-        return "A real robot could have these inertials."
-    moved = f"this moved base parameters by at most {result.moved:.1f} standard deviations"
-    return f"A real robot could have these inertials; {moved}."
+        return "The inertials are physically consistent."
+    change = f"this changed base parameters by at most {result.moved:.1f} standard deviations"
+    return f"The inertials are physically consistent; {change}."
 
 
 def _cutoffs(torque: float, position: float) -> str:

@@ -1,4 +1,4 @@
-"""A validation as tables and as JSON."""
+"""Validation: JSON document and terminal tables."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 
 
 def validation_document(result: Validation, inputs: Sequence[Input] = ()) -> Document:
-    """The content of validation.json.
+    """Build the content of validation.json.
 
     Args:
-        result: the validation.
-        inputs: path and sha256 of what was read besides the recordings; the models' descriptions if none is given.
+        result: validation.
+        inputs: path and sha256 of the files read besides the recordings; default: the models' descriptions.
     """
     return {
         "schema": "signid.validation/1",
@@ -45,7 +45,7 @@ def validation_document(result: Validation, inputs: Sequence[Input] = ()) -> Doc
 
 
 def validation_tables(result: Validation) -> list[RenderableType]:
-    """Per joint: rms, noise floor and R2 of every model, and the errors of their roll-outs."""
+    """Rms, noise floor, R2 and roll-out errors of every model, per joint."""
     several = len(result.models) > 1
     listed = [f"{number}  {one.name}" for number, one in enumerate(result.models, 1)] if several else []
     return [
@@ -56,20 +56,20 @@ def validation_tables(result: Validation) -> list[RenderableType]:
         *_rolled(result),
         paragraph(
             f"Cut-off {figure(result.cutoff)} Hz for torque and {figure(result.position_cutoff)} Hz for positions (set "
-            f"with --cutoff); rows where a joint stands still do not count. Nothing was fitted."
+            f"with --cutoff); rows where a joint is at rest are excluded. Nothing was fitted."
         ),
         *note_lines(result.notes),
     ]
 
 
 def validation_title(result: Validation) -> str:
-    """What was validated on what."""
+    """Title: models and number of recordings."""
     models = result.models[0].name if len(result.models) == 1 else plural(len(result.models), "model")
     return f"{models}: validated on {plural(len(result.inputs), 'recording')}"
 
 
 def torque_rows(result: Validation) -> tuple[list[str], list[list[str]]]:
-    """Heads and, joint by joint, rms, noise floor and R2 of every model; numbers follow the order of the models."""
+    """Table heads, and rows with rms, noise floor and R2 of every model, in the order of the models."""
     models = result.models
     marks = _marks(models)
     heads = ["joint", *(f"rms{m}>" for m in marks), "noise floor>", "unit", *(f"R2{m}>" for m in marks)]
@@ -84,7 +84,7 @@ def torque_rows(result: Validation) -> tuple[list[str], list[list[str]]]:
 
 
 def rollout_rows(result: Validation) -> tuple[list[str], list[list[str]]]:
-    """Heads and, joint by joint, the rms error of position at the horizon of every model."""
+    """Table heads, and rows with the rms position error of every model at the horizon."""
     heads, rows = ["joint", *(f"error{m}>" for m in _marks(result.models)), "unit"], []
     for joint in joints_of(result.models):
         places = [_place(() if r is None else r.joints, joint) for r in (one.rollout for one in result.models)]
@@ -96,13 +96,13 @@ def rollout_rows(result: Validation) -> tuple[list[str], list[list[str]]]:
 
 
 def joints_of(models: Sequence[ValidatedModel]) -> list[str]:
-    """The joints of all models, each once."""
+    """Joints of all models, without repetitions."""
     return list(dict.fromkeys(joint for one in models for joint in one.fit.joints))
 
 
 def _rolled(result: Validation) -> Iterator[RenderableType]:
     if any(one.rollout is not None for one in result.models):
-        yield heading(f"Simulated for {result.horizon:g} s from measured states: rms error of position at the end")
+        yield heading(f"Roll-outs of {result.horizon:g} s from measured states: rms position error at the end")
         yield _table(*rollout_rows(result))
 
 
@@ -121,7 +121,7 @@ def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
 
 
 def _marks(models: Sequence[ValidatedModel]) -> list[str]:
-    """What stands behind a head where there are several models: their numbers."""
+    """Suffixes of table heads: the numbers of the models if there are several."""
     return [f" {number}" for number in range(1, len(models) + 1)] if len(models) > 1 else [""]
 
 

@@ -1,6 +1,6 @@
 "use strict";
 const config = { responsive: true, displayModeBar: false };
-const touched = matchMedia("(pointer: coarse)").matches; // there a drag scrolls the page
+const touched = matchMedia("(pointer: coarse)").matches; // a drag scrolls the page
 const hidden = box => box.closest("details:not([open])");
 const boxes = root => [...root.querySelectorAll(".plot")].filter(box => !hidden(box));
 
