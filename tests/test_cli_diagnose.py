@@ -86,7 +86,7 @@ def test_what_the_terminal_shows(arm: tuple[int, Any], capfd: pytest.CaptureFixt
     assert out.startswith("1r: nothing is missing, within") and (code, found["verdict"]) == (0, "nothing_missing")
     assert max(map(len, out.splitlines())) <= 100 and not err
     assert out.endswith("written:\n" + "".join(f"  fine/{name}\n" for name in sorted(FILES, key=FILES_ORDER.index)))
-    assert "Roll-outs of 0.5 s" in out and "noise floor" in out and "Missing" not in out
+    assert "Roll-outs of 0.5 s" in out and "irreducible" in out and "Missing" not in out
 
 
 FILES_ORDER = ["diagnosis.json", "model.json", "robot.urdf", "report.html"]

@@ -222,6 +222,6 @@ def test_a_number_without_an_interval_says_so() -> None:
 
 
 def test_a_joint_that_got_worse_is_red() -> None:
-    (table,) = [part for part in diagnosis_tables(made()) if "noise floor" in shown([part])]
+    (table,) = [part for part in diagnosis_tables(made()) if "irreducible" in shown([part])]
     after = [str(cell.style) for cell in table.columns[2].cells]  # type: ignore[union-attr]
     assert after == ["", "", "red"]

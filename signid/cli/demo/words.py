@@ -90,7 +90,7 @@ def _validation(result: Diagnosis) -> Table:
     """Residual torque and position error, before and after the extension."""
     before, after, first, last = result.before, result.after, result.rollout_before, result.rollout_after
     rolled = [] if first is None else ["position: before>", "after>", "unit"]
-    table = new_table("joint", "torque: before>", "after>", "noise floor>", "unit", *rolled)
+    table = new_table("joint", "torque: before>", "after>", "irreducible>", "unit", *rolled)
     for j, joint in enumerate(before.joints):
         rms = change(float(before.held_out_rms[j]), float(after.held_out_rms[j]))
         cells: list[RenderableType] = [joint, *rms, figure(float(before.irreducible_rms[j]), 2), before.unit[j]]

@@ -100,7 +100,7 @@ def _alternatives(result: Diagnosis) -> Iterator[RenderableType]:
 
 
 def _fit(result: Diagnosis) -> Table:
-    table = new_table("joint", "before>", "after>", "noise floor>", "unit", "R2 before>", "R2 after>")
+    table = new_table("joint", "before>", "after>", "irreducible>", "unit", "R2 before>", "R2 after>")
     before, after = result.before, result.after
     for j, joint in enumerate(before.joints):
         rms = change(float(before.held_out_rms[j]), float(after.held_out_rms[j]))

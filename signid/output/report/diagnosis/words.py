@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from ....diagnose.data.locate import Location
     from ....types import Robot
 
-NOISE = 1.08  # ratio of residual to noise floor up to which a residual is noise
+NOISE = 1.08  # ratio of residual to irreducible rms up to which a residual is noise
 NEGLIGIBLE = 0.001  # probability below which an alternative is not shown
 BETTER = 0.8  # ratio of held-out residuals, after to before, below which a refit is significant
 LITTLE = 0.3  # explained share below which no variable is named

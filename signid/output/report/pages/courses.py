@@ -156,6 +156,6 @@ def clock(t: Array, recording: Indices) -> Array:
 
 
 def worst(before: Fit, size: Callable[[Array], Array] = np.asarray) -> list[int]:
-    """Joints in descending order of held-out residual over noise floor."""
+    """Joints in descending order of held-out residual over what no model could predict."""
     over = np.nan_to_num(before.held_out_rms / np.maximum(before.irreducible_rms, 1e-300), posinf=0.0)
     return [int(j) for j in np.argsort(-size(over), kind="stable")]

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from ....types import Input
 
 SURE = 0.95  # probability from which a finding is considered certain
-LOUD = 1.5  # ratio of residual to noise floor from which a joint is unfolded
+LOUD = 1.5  # ratio of residual to irreducible rms from which a joint is unfolded
 LISTED = 5  # maximum number of alternatives drawn
 
 
@@ -92,7 +92,7 @@ def _cards(result: Diagnosis, j: int) -> Iterator[Card]:
     """Key figures: residual and R2 of the worst joint, and the most improved roll-out."""
     before, after, joint = result.before, result.after, result.before.joints[j]
     rms = " → ".join(figure(float(fit.held_out_rms[j])) for fit in (before, after))
-    floor = f"noise floor {figure(float(before.irreducible_rms[j]), 2)} {before.unit[j]}"
+    floor = f"irreducible {figure(float(before.irreducible_rms[j]), 2)} {before.unit[j]}"
     yield Card(f"residual torque of {joint}, held out", f"{rms} {before.unit[j]}", floor)
     r2 = " → ".join(determination(float(fit.held_out_r2[j])) for fit in (before, after))
     yield Card("R2 of this torque, held out", r2, "1 is perfect")

@@ -30,24 +30,24 @@ class Variable(NamedTuple):
 
 
 def heat_maps(course: Course, left: Array, floor: Array, top: float) -> list[Plot]:
-    """Plot the rms residual over the noise floor, joint by region of velocity, position, predicted torque and time.
+    """Plot the rms residual over what no model could predict, joint by region of its state and time.
 
     Args:
         course: rows.
         left: (M, n) residual [N.m or N].
-        floor: (n,) noise floor [N.m or N].
+        floor: (n,) rms of what no model could predict [N.m or N].
         top: ratio at which the colour saturates [1].
     """
     return [_map(course.joints, variable, left / floor, top) for variable in _variables(course)]
 
 
 def hottest(course: Course, left: Array, floor: Array) -> float:
-    """Return the largest ratio of residual to noise floor of such a map, at least 3 [1].
+    """Return the largest ratio of residual to that floor of such a map, at least 3 [1].
 
     Args:
         course: rows.
         left: (M, n) residual [N.m or N].
-        floor: (n,) noise floor [N.m or N].
+        floor: (n,) rms of what no model could predict [N.m or N].
     """
     sizes = [_rms(left / floor, variable) for variable in _variables(course)]
     return max(3.0, *(float(np.nanmax(size, initial=0.0)) for size in sizes))
@@ -107,7 +107,7 @@ def _map(joints: Sequence[str], variable: Variable, over: Array, top: float) -> 
         "xgap": 1,
         "ygap": 1,
         "hoverongaps": False,
-        "hovertemplate": "%{customdata[0]}: %{customdata[1]} times the noise floor<extra></extra>",
+        "hovertemplate": "%{customdata[0]}: %{customdata[1]} times what no model could predict<extra></extra>",
     }
     rows = axis("", autorange="reversed", showgrid=False, type="category")
     layout = {"xaxis": axis(variable.title, showgrid=False), "yaxis": rows}
