@@ -241,7 +241,7 @@ def test_check_tells_and_exits_3(tmp_path: Path, capfd: pytest.CaptureFixture[st
     assert run(["check", "3r", str(tmp_path / "wrong.csv")]) == 3
     out, err = capfd.readouterr()
     assert "the torque of joint_2 has the wrong sign" in err
-    assert "What the description says of the torque" in out and "wrong" in out
+    assert "Comparison of the torque with the description" in out and "wrong" in out
     assert max(map(len, out.splitlines())) <= 100
     document = check_document(check(whole.robot, [signid.read_recording(columns, whole.robot)]))
     assert [joint["sign"] for joint in document["gross"]["joints"]] == ["right", "wrong", "right"]

@@ -17,6 +17,7 @@ import typer
 from ..effects import EFFECT_NAMES
 
 Texts = list[str] | None
+LAST = ("seed", "json")  # options listed last in --help
 
 SimulationName = Annotated[
     str, typer.Argument(metavar="SIMULATION", help="A model.json, a URDF, xacro or MJCF file, or a name such as panda.")
@@ -126,6 +127,8 @@ def expanded(function: Callable[..., int]) -> Callable[..., int]:
             flat += own
         else:
             flat.append(parameter.replace(kind=Parameter.KEYWORD_ONLY))
+
+    flat.sort(key=lambda parameter: parameter.name in LAST)
 
     @wraps(function)
     def command(**given: Any) -> int:

@@ -22,7 +22,9 @@ class ConvertOptions:
 
     output: Annotated[
         str | None,
-        typer.Option("--output", "-o", metavar="FILE", help=".csv, .csv.gz, .parquet or .npz. Default: none."),
+        typer.Option(
+            "--output", "-o", metavar="FILE", help="The recording: .csv, .csv.gz, .parquet or .npz. Default: none."
+        ),
     ] = None
     topic: Annotated[
         Texts, typer.Option(metavar="NAME", help="Topic of a bag; several are joined in time. Repeatable.")
