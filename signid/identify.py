@@ -18,10 +18,10 @@ from .model import Model, fitted_model, stated_parameters
 from .recording_faults import Judged, identification_flags
 from .regression.covariance import base_covariance
 from .regression.factors import LAGS, Factors, Weigh
-from .regression.prepare import ITSELF, only_once, prepare, rearrange, recordings_used
+from .regression.prepare import ITSELF, prepare, rearrange
 from .regression.reduced import Reduced
 from .regression.rows import Rows
-from .regression.session import Options, Session
+from .regression.session import Options, Session, only_once, recordings_used
 from .signs import Recovered, Signs, recover
 from .types import Array, BaseMap, Estimate, Frozen, Input, Parameters, Progress, Recording, Robot
 

@@ -13,8 +13,8 @@ from ..errors import InputError, OptionError, RecordingError
 from ..model import Model
 from ..recording_faults import Finding, Gross, examine
 from ..regression.base_parameters import build_base
-from ..regression.prepare import prepare, rearrange, recordings_used
-from ..regression.session import Options, Part, Session, longest_piece
+from ..regression.prepare import prepare, rearrange
+from ..regression.session import Options, Part, Session, longest_piece, recordings_used
 from ..robot.dynamics import carried
 from ..signs import Recovered, recover
 from ..simulation.rollout import RollOut, roll_out

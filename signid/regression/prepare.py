@@ -12,17 +12,14 @@ from ..errors import OptionError
 from ..recording import need_constants, same_joints
 from ..recording.sampling import Sampling, samples, split, survey
 from ..robot import hold, resting
-from ..types import Array, Input, Law, Recording, Robot
+from ..types import Array, Law, Recording, Robot
 from .bandwidth import Band, choose_band
 from .base_parameters import build_base
 from .filters import Decimator
 from .motion import build_motion, margin
 from .rows import Task, choose_reach, consumed
-from .session import PIECE, Options, Part, Session, common_rate, longest_piece
+from .session import PIECE, TRAINING_SHARE, Options, Part, Session, common_rate, longest_piece
 
-TRAINING_SHARE = 0.7  # of a single recording
-LEARNED, HELD_OUT, REFERENCE = "learned from", "held out", "of the healthy robot"
-SHARED = f"learned from, except the last {1 - TRAINING_SHARE:.0%}, which is held out"
 REVERSAL, REVERSAL_SHARE = 0.01, 0.02  # [rad/s], share of the rms velocity: width of the reversal of a geared joint
 AGREE = 2e-3  # [1] relative difference from derivatives of the positions, below which recorded ones are used
 ENOUGH = 16  # filtered rows that a recording needs if nothing can be held out of it
@@ -107,39 +104,6 @@ def _arranged(robot: Robot, given: tuple[Parts, Parts], options: Options, notes:
     if desired and not complete:
         said.append("desired positions have gaps where the measured ones have none: they do not serve as instruments")
     return Session(task, train, test, (*notes, *dict.fromkeys(said)), given, options)
-
-
-def recordings_used(
-    recordings: Sequence[Recording], held_out: Sequence[Recording], reference: Sequence[Recording] = ()
-) -> tuple[Input, ...]:
-    """Recordings with their roles, as `prepare` splits them.
-
-    Args:
-        recordings: recordings to learn from.
-        held_out: held-out recordings.
-        reference: recordings of the healthy robot.
-    """
-    given = [*recordings]
-    parts = [(LEARNED, given[:-1]), (HELD_OUT, given[-1:])] if len(given) > 1 else [(SHARED, given)]
-    parts = [(LEARNED, given), (HELD_OUT, [*held_out])] if held_out else parts
-    roles = {(r.path, r.sha256): role for role, some in [*parts, (REFERENCE, [*reference])] for r in some}
-    return tuple(Input(path, digest, f"recording, {role}") for (path, digest), role in roles.items())
-
-
-def only_once(recordings: Sequence[Recording]) -> None:
-    """Check that each recording was given once.
-
-    Raises:
-        OptionError: one was given twice, perhaps under two names.
-    """
-    seen: dict[str, str] = {}
-    for recording in recordings:
-        if recording.sha256 in seen:
-            again = (
-                f"{recording.path or 'one recording'} holds the same samples as {seen[recording.sha256] or 'another'}"
-            )
-            raise OptionError(f"{again}; give each recording once, to learn from or as held out")
-        seen[recording.sha256] = recording.path
 
 
 def _split(train: Parts, test: Parts, band: Band) -> tuple[Parts, Parts]:

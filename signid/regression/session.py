@@ -9,14 +9,17 @@ from itertools import chain
 import numpy as np
 
 from ..effects import EFFECT_NAMES
-from ..errors import RecordingError
+from ..errors import OptionError, RecordingError
 from ..recording.sampling import Sampling, samples
-from ..types import Frozen, Progress, Recording, Robot, Samples
+from ..types import Frozen, Input, Progress, Recording, Robot, Samples
 from .factors import LAGS, Factors, Weigh, reduce_rows
 from .rows import Rows, Task, read_rows
 
 Part = tuple[Recording, Sampling]
 
+TRAINING_SHARE = 0.7  # of a single recording
+LEARNED, HELD_OUT, REFERENCE = "learned from", "held out", "of the healthy robot"
+SHARED = f"learned from, except the last {1 - TRAINING_SHARE:.0%}, which is held out"
 PIECE = 2**17  # samples of a recording from which the cut-off is chosen
 SAME_RATE = 0.01  # relative difference that sampling rates of recordings may have
 
@@ -131,6 +134,39 @@ def common_rate(parts: Sequence[Part], advice: str) -> float:
         listed = ", ".join(f"{rate:.6g} Hz" for rate in rates)
         raise RecordingError(f"the recordings are sampled at different rates ({listed}); {advice}")
     return float(rates[0])
+
+
+def recordings_used(
+    recordings: Sequence[Recording], held_out: Sequence[Recording], reference: Sequence[Recording] = ()
+) -> tuple[Input, ...]:
+    """Recordings with their roles, as a session splits them.
+
+    Args:
+        recordings: recordings to learn from.
+        held_out: held-out recordings.
+        reference: recordings of the healthy robot.
+    """
+    given = [*recordings]
+    parts = [(LEARNED, given[:-1]), (HELD_OUT, given[-1:])] if len(given) > 1 else [(SHARED, given)]
+    parts = [(LEARNED, given), (HELD_OUT, [*held_out])] if held_out else parts
+    roles = {(r.path, r.sha256): role for role, some in [*parts, (REFERENCE, [*reference])] for r in some}
+    return tuple(Input(path, digest, f"recording, {role}") for (path, digest), role in roles.items())
+
+
+def only_once(recordings: Sequence[Recording]) -> None:
+    """Check that each recording was given once.
+
+    Raises:
+        OptionError: one was given twice, perhaps under two names.
+    """
+    seen: dict[str, str] = {}
+    for recording in recordings:
+        if recording.sha256 in seen:
+            again = (
+                f"{recording.path or 'one recording'} holds the same samples as {seen[recording.sha256] or 'another'}"
+            )
+            raise OptionError(f"{again}; give each recording once, to learn from or as held out")
+        seen[recording.sha256] = recording.path
 
 
 def _rows(task: Task, part: Part, progress: Progress | None, purpose: str) -> Iterator[Rows]:

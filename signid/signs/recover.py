@@ -23,7 +23,7 @@ from .samples.expected_signs import expect_signs
 from .samples.jumps import Signed, place_jumps
 from .samples.markov_chain import refine_signs
 from .samples.rows_of_file import signs_of_rows
-from .torque_constants.find import Gains, find_gains
+from .torque_constants.find import TorqueConstants, find_gains
 from .torque_constants.from_shared_parameters import widen_estimate
 from .tree.method import by_tree
 
@@ -37,7 +37,7 @@ class Recovered:
     session: Session
     learning: Session  # its training torque with expected signs: a fit to it has no bias
     signs: Signs | None = None  # None where every torque had its sign
-    gains: Gains | None = None  # torque constants that were not known
+    gains: TorqueConstants | None = None  # torque constants that were not known
 
     def widen(self, found: Estimate, factors: Factors, base: BaseMap, whiten: bool) -> Estimate:
         """The estimate with the uncertainty of the torque constants that were found.

@@ -14,8 +14,8 @@ from ..estimation.fit_quality import fit_rows
 from ..model import Model
 from ..recording import same_joints
 from ..recording_faults import Gross, examine
-from ..regression.prepare import only_once, prepare
-from ..regression.session import Options, Session
+from ..regression.prepare import prepare
+from ..regression.session import Options, Session, only_once
 from ..simulation.rollout import RollOut, roll_out
 from ..types import Input, Progress, Recording
 from .flags import constant_flags, fault_flags, joint_flags, rollout_notes, row_flags, row_notes

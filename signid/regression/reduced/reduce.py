@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from ...errors import OptionError, RecordingError
 from ...types import Frozen, Input, Progress, Recording, Robot
 from ..factors import LAGS, Factors, Node, cascade, window_factors
-from ..prepare import only_once, prepare, recordings_used
+from ..prepare import prepare
 from ..rows import Task, count_windows, cut_rows, read_rows
-from ..session import SAME_RATE, Options, Part, Session
+from ..session import SAME_RATE, Options, Part, Session, only_once, recordings_used
 
 Share = tuple[int, int]  # which of how many equal parts, counted from 1
 WHOLE: Share = (1, 1)

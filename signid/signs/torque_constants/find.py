@@ -29,7 +29,7 @@ ROUGH = 0.1  # the same, above which a constant is flagged as rough
 
 
 @dataclass(frozen=True, eq=False)
-class Gains(Frozen):
+class TorqueConstants(Frozen):
     """Torque constants that n joints lacked."""
 
     joints: tuple[str, ...]  # n
@@ -59,7 +59,7 @@ class Gains(Frozen):
         return replace(signs, gains=self.found, notes=notes, flags=flags)
 
 
-def find_gains(session: Session, progress: Progress | None = None) -> Gains | None:
+def find_gains(session: Session, progress: Progress | None = None) -> TorqueConstants | None:
     """The torque constants that recordings lack; None where they lack none.
 
     Each joint's signs are searched by itself, where its constant does not matter; the signed currents determine the
@@ -94,13 +94,13 @@ def find_gains(session: Session, progress: Progress | None = None) -> Gains | No
     covariance = np.where(np.outer(unknown, unknown), constants.covariance, 0.0)
     notes = tuple(_notes(session.robot, value, std, unknown, anchors, constants.described))
     units = tuple(_unit(session.robot, j) for j in range(len(unknown)))
-    return Gains(
+    return TorqueConstants(
         observed.joints, units, unknown, value, covariance, notes, tuple(_flags(session.robot, std, constants))
     )
 
 
 @dataclass(frozen=True, eq=False)
-class _Found(Constants):
+class _ConstantsFound(Constants):
     described: bool = False  # whether the description was needed
     settled: bool = True  # whether signs and constants no longer changed in the last round
 
@@ -118,9 +118,9 @@ def _unknown(recordings: Sequence[Recording]) -> Mask:
     return np.asarray(lacking[0])
 
 
-def _settle(session: Session, observed: Observed, unknown: Mask) -> _Found:
+def _settle(session: Session, observed: Observed, unknown: Mask) -> _ConstantsFound:
     """Signs and constants in turn."""
-    found = _Found(np.zeros(len(unknown)), np.diag(np.where(unknown, np.inf, 0.0)))
+    found = _ConstantsFound(np.zeros(len(unknown)), np.diag(np.where(unknown, np.inf, 0.0)))
     signs = np.zeros_like(observed.torque)
     for _ in range(ROUNDS):
         last, signs = signs, _signs(session.task, observed, found, session.options.seed)
@@ -158,20 +158,20 @@ def _factors(session: Session, observed: Observed, signs: Array) -> Factors:
     return session.reduce(parts)
 
 
-def _constants(task: Task, factors: Factors, unknown: Mask) -> _Found:
+def _constants(task: Task, factors: Factors, unknown: Mask) -> _ConstantsFound:
     """Constants from parameters shared with joints of known constant; from the description where that is too little."""
     recorded = np.array([joint.counts[0] > 0 for joint in factors.joints])
     anchors = recorded & ~unknown
     shared = share_constants(factors, task.base, unknown) if anchors.any() else None
     if shared is not None and np.all(shared.std[unknown] <= LOOSE):
-        return _Found(shared.log, shared.covariance)
+        return _ConstantsFound(shared.log, shared.covariance)
     described = describe_constants(task, factors)
     reference = int(np.argmin(np.where(unknown, described.std, np.inf)))
     if shared is not None and not np.isfinite(described.std[reference]):
-        return _Found(shared.log, shared.covariance)
+        return _ConstantsFound(shared.log, shared.covariance)
     relative = share_constants(factors, task.base, recorded & (np.arange(len(unknown)) != reference))
     both = combine(relative, described, anchors)
-    return _Found(both.log, both.covariance, described=True)
+    return _ConstantsFound(both.log, both.covariance, described=True)
 
 
 def _check(robot: Robot, found: Constants, unknown: Mask) -> None:
@@ -214,7 +214,7 @@ def _notes(robot: Robot, value: Array, std: Array, unknown: Mask, anchors: Mask,
     yield "standard deviations of parameters include the common uncertainty of these torque constants"
 
 
-def _flags(robot: Robot, std: Array, found: _Found) -> Iterator[str]:
+def _flags(robot: Robot, std: Array, found: _ConstantsFound) -> Iterator[str]:
     if not found.settled:
         yield (
             f"signs and torque constants still changed in the last of {ROUNDS} rounds: either may be wrong; state "
