@@ -150,8 +150,8 @@ def test_a_link_may_have_the_name_of_a_joint() -> None:
 
 
 def test_of_a_long_recording_stretches_are_taken_and_it_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(motions, "MOST", 9 * 12.0)
-    monkeypatch.setattr(motions, "LEAST", 1.0)
+    monkeypatch.setattr(motions, "JOINT_SECONDS", 9 * 12.0)
+    monkeypatch.setattr(motions, "MIN_SECONDS", 1.0)
     robot = signid.load_robot("3r")
     whole = prepare(robot, [signid.read_recording(_waves(80.0), robot)], [], Options(effects=()))
     cut = motions.subsample(whole)
@@ -166,5 +166,5 @@ def test_of_a_long_recording_stretches_are_taken_and_it_is_told(monkeypatch: pyt
         assert found.q[:, 0] == pytest.approx(_waves(80.0)["q_1"][first : first + 5])
     assert "evenly spread" in cut.notes[-1]
     assert spread(whole.train[0][1], 1e6) is whole.train[0][1]
-    monkeypatch.setattr(motions, "MOST", 1e9)
+    monkeypatch.setattr(motions, "JOINT_SECONDS", 1e9)
     assert motions.subsample(whole) is whole

@@ -84,7 +84,7 @@ class Evidence(LinearModel):
         return float(self.scales[int(np.argmax(logs + self.scale_prior))])
 
     def distance(self, selected: Sequence[Group], dispersion: Array) -> float:
-        """Most likely scale k for intervals, which may be larger than in a search if there is a covariance [1].
+        """Most likely scale k for intervals [1]; with a covariance it may be larger than in a search.
 
         Args:
             selected: selected hypotheses.

@@ -39,7 +39,7 @@ class Likelihood(Frozen):
 
     dataset: Dataset
     evidence: Evidence
-    found: Selection
+    selection: Selection
 
     def penalty(self, group: Group) -> float:
         """Penalty min(0, G(others, m) - G(others)) of a law m [-].
@@ -49,18 +49,18 @@ class Likelihood(Frozen):
         Args:
             group: group of the law m, one of the selected.
         """
-        selected = tuple(g for g in self.found.selected if g is not group)
+        selected = tuple(g for g in self.selection.selected if g is not group)
         joints = self.evidence.data.rows(group)
-        return float(min(0.0, self._gained(self.found.selected, joints) - self._gained(selected, joints)))
+        return float(min(0.0, self._gained(self.selection.selected, joints) - self._gained(selected, joints)))
 
     def density(self) -> float:
         """Log density of all rows with the selected laws [-]."""
-        return self._log(self.found, self.dataset.noise, ())
+        return self._log(self.selection, self.dataset.noise, ())
 
     def _gained(self, selected: tuple[Group, ...], joints: Sequence[int]) -> float:
         """G: log likelihood ratio of the most likely noise model beside some laws and the present one [-]."""
         some = [
-            replace(self.found, selected=selected, prior_scale=prior_scale)
+            replace(self.selection, selected=selected, prior_scale=prior_scale)
             for prior_scale in self.evidence.scales.tolist()
         ]
         logs = np.tile([self._log(rest, self.dataset.noise, joints) for rest in some], (2, 1))
@@ -69,14 +69,14 @@ class Likelihood(Frozen):
         present, changed = logsumexp(logs + self.evidence.scale_prior, axis=1).tolist()
         return float(max(0.0, changed - present))
 
-    def _most_likely(self, found: Selection, joints: Sequence[int]) -> Noise:
+    def _most_likely(self, selection: Selection, joints: Sequence[int]) -> Noise:
         """Noise model with the most likely variance and discrepancy of some joints."""
         noise, data = self.dataset.noise, self.evidence.data
         arrays = {key: getattr(noise, key).copy() for key in ("floor", "innovation", "discrepancy")}
         for j in joints:
-            key = j, found.prior_scale, tuple(g.start for g in found.selected if j in data.rows(g))
+            key = j, selection.prior_scale, tuple(g.start for g in selection.selected if j in data.rows(g))
             if key not in self._noise_models:
-                self._noise_models[key] = update_joints(self.dataset, self.evidence, found, [j], colour=False)
+                self._noise_models[key] = update_joints(self.dataset, self.evidence, selection, [j], colour=False)
             for name, array in arrays.items():
                 array[j] = getattr(self._noise_models[key], name)[j]
         return replace(noise, **arrays)
@@ -86,9 +86,9 @@ class Likelihood(Frozen):
         """Cached noise models, by joint, prior scale and the selected laws that act on the joint."""
         return {}
 
-    def _log(self, found: Selection, noise: Noise, joints: Sequence[int]) -> float:
+    def _log(self, selection: Selection, noise: Noise, joints: Sequence[int]) -> float:
         """Log density of all rows, with another noise model of some joints [-]."""
-        groups = [*self.evidence.refitted(found.prior_scale), *found.selected]
+        groups = [*self.evidence.refitted(selection.prior_scale), *selection.selected]
         which = columns_of(groups)
         gram, right, log = np.zeros((len(which),) * 2), np.zeros(len(which)), 0.0
         whitening = Whitening(self.dataset.table, noise)
@@ -99,15 +99,15 @@ class Likelihood(Frozen):
             gram[np.ix_(place, place)] += own.gram[np.ix_(here, here)]
             right[place] += own.right[here]
             log += own.log
-        precision = self.evidence.precision(found.selected, np.diag(gram), found.prior_scale)
+        precision = self.evidence.precision(selection.selected, np.diag(gram), selection.prior_scale)
         return log + solve(which, gram, right, precision).log_evidence
 
     def _terms(self, joint: int, whitening: Whitening) -> _Terms:
         """Contribution of a joint under a noise model, for all columns that may be fitted."""
-        noise, data, variance = whitening.noise, self.evidence.data, float(self.found.dispersion[joint])
+        noise, data, variance = whitening.noise, self.evidence.data, float(self.selection.dispersion[joint])
         key = joint, *(float(x[joint]) for x in (noise.floor, noise.innovation, noise.discrepancy))
         if key not in self._cached_terms:
-            every = np.sort(columns_of([*data.refitted, *self.found.selected]))
+            every = np.sort(columns_of([*data.refitted, *self.selection.selected]))
             at = data.at[joint, every]
             x, y = data.torque[joint][:, at[at >= 0]], self.dataset.table.residual[:, joint, None]
             white = whitening({joint: np.column_stack([x, y])})[joint] / np.sqrt(variance)

@@ -16,7 +16,7 @@ from .posterior_odds import Odds, Posterior
 
 @dataclass(frozen=True, eq=False)
 class Selection(Frozen):
-    """Selected hypotheses, with the noise beside them."""
+    """Selected hypotheses, with the dispersion and the prior scale that were estimated together with them."""
 
     posterior: Posterior
     selected: tuple[Group, ...]
