@@ -1,4 +1,4 @@
-"""A robot with the numbers that make it a simulation: inertials of its bodies and laws at its joints."""
+"""Model of a robot: inertial parameters of its bodies and laws at its joints."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ SCHEMA = "signid.model/1"
 
 @dataclass(frozen=True, eq=False)
 class Model(Frozen):
-    """Rigid bodies and laws: recorded torque = rigid-body torque + the sum of the laws."""
+    """Rigid bodies and laws: recorded torque = rigid-body torque + sum of the laws."""
 
     robot: Robot
     inertials: Array  # (nb, 10) in Pinocchio's order [kg, kg.m, kg.m2]
     laws: tuple[Law, ...] = ()
-    covariance: Covariance | None = None  # of the base parameters, from identification
+    covariance: Covariance | None = None  # of the identified base parameters
 
     def bodies(self) -> pin.Model:
-        """A pin.Model of its own with these inertials, reshaped by the laws of bodies; rotors are its armature."""
+        """New pin.Model with these inertials and the changes by body laws; rotor inertia is its armature."""
         whole = self.robot.model.copy()
         for body, inertial in enumerate(self.inertials):
             whole.inertias[body + 1] = body_inertia(inertial)
@@ -47,17 +47,17 @@ class Model(Frozen):
         return whole
 
     def whole_inertials(self) -> Array:
-        """(nb, 10) inertials with what laws of bodies add to them [kg, kg.m, kg.m2]."""
+        """Inertial parameters (nb, 10) including the body laws [kg, kg.m, kg.m2]."""
         return np.array([body.toDynamicParameters() for body in list(self.bodies().inertias)[1:]]).reshape(-1, 10)
 
     def of(self, kind: type) -> list[Law]:
-        """The laws of one kind, in their order."""
+        """Laws of one kind, in their order."""
         return [law for law in self.laws if isinstance(law.effect, kind)]
 
     def inverse(self, motion: Motion) -> Array:
-        """Torque (N, n) [N.m or N] that is recorded along a recorded motion.
+        """Predict the recorded torque (N, n) [N.m or N] along a recorded motion.
 
-        Laws of the actuator count where the motion carries torque.
+        Actuator laws are included only if the motion has recorded torque.
         """
         whole = self.bodies()
         rotors, whole.armature = whole.armature.copy(), np.zeros(whole.nv)
@@ -74,7 +74,7 @@ class Model(Frozen):
         return np.asarray(torque)
 
     def acted(self, motion: Motion) -> Motion:
-        """What truly happened where a motion is recorded: positions and torque before the recording laws."""
+        """Invert the recording laws: true positions and torque of a recorded motion."""
         q = motion.q.copy()
         torque = np.full_like(q, np.nan) if motion.recorded is None else motion.recorded.copy()
         for law in reversed(self.of(RecordingLaw)):
@@ -88,7 +88,7 @@ class Model(Frozen):
         return replace(motion, q=q, recorded=None if motion.recorded is None else torque)
 
     def document(self) -> dict[str, Any]:
-        """The model as JSON: it carries the robot's description and loads back by itself."""
+        """Model as JSON, including the robot description."""
         robot = self.robot
         return {
             "schema": SCHEMA,
@@ -111,10 +111,10 @@ class Model(Frozen):
 
 
 def load_model(source: str | Path, actuators: str | Path | None = None) -> Model:
-    """A simulation: a saved model.json, or a robot as its description and its actuators file state it.
+    """Load a saved model.json, or the model that a robot description and its actuators file state.
 
     Raises:
-        RobotError: when it is neither.
+        RobotError: the source is neither.
     """
     if str(source).endswith(".json"):
         return _read(Path(source))
@@ -123,12 +123,12 @@ def load_model(source: str | Path, actuators: str | Path | None = None) -> Model
 
 
 def stated_inertials(robot: Robot) -> Array:
-    """(nb, 10) inertial parameters that the description states [kg, kg.m, kg.m2]."""
+    """Inertial parameters (nb, 10) of the description [kg, kg.m, kg.m2]."""
     return np.array([body.toDynamicParameters() for body in list(robot.model.inertias)[1:]]).reshape(-1, 10)
 
 
 def stated_parameters(task: Task) -> Parameters:
-    """What the description and the actuators file state, as standard parameters."""
+    """Standard parameters of the description and the actuators file."""
     stated = stated_inertials(task.robot).ravel()
     drives, effects = task.robot.actuators, []
     for label in task.base.labels[len(stated) :]:
@@ -139,17 +139,17 @@ def stated_parameters(task: Task) -> Parameters:
 
 
 def stated_laws(robot: Robot) -> tuple[Law, ...]:
-    """The laws that the description and its actuators file state."""
+    """Laws of the description and its actuators file."""
     return tuple(
         Law(EFFECTS[name], (j,), EFFECTS[name].physical([value], {}))
-        for name in EFFECT_NAMES  # an actuators file calls what it states by the names of the laws
+        for name in EFFECT_NAMES  # keys of an actuators file are names of effects
         for j, value in enumerate(getattr(robot.actuators, name))
         if np.isfinite(value)
     )
 
 
 def fitted_model(task: Task, parameters: Parameters) -> Model:
-    """The robot of a task with standard parameters that were found."""
+    """Model of a task's robot with estimated standard parameters."""
     values: dict[int, list[float]] = {}
     for label, value in zip(parameters.labels, parameters.values, strict=True):
         if label.law is not None:
@@ -162,10 +162,10 @@ def fitted_model(task: Task, parameters: Parameters) -> Model:
 
 
 def standard_parameters(robot: Robot, inertials: Array) -> dict[str, dict[str, Any]]:
-    """Per link: mass, first moment and inertia about the link's joint frame.
+    """Mass, first moment and inertia of each link about the frame of its joint.
 
     Args:
-        robot: gives the links.
+        robot: the robot.
         inertials: (nb, 10) in Pinocchio's order [kg, kg.m, kg.m2].
     """
     return {
@@ -178,7 +178,9 @@ def _read(path: Path) -> Model:
     try:
         content = read_json(path)
         if content["schema"] != SCHEMA:
-            raise RobotError(f"{path} holds {content['schema']!r}; expected {SCHEMA!r} as `signid identify` writes it")
+            raise RobotError(
+                f"{path} has the schema {content['schema']!r}; give a model.json of `signid identify` ({SCHEMA!r})"
+            )
         described: Mapping[str, str] = content["robot"]
         robot = robot_from_text(described["description"], described["kind"], described["name"], lock=content["held"])
         known: Mapping[str, float] = content.get("torque_constants", {})
@@ -194,7 +196,9 @@ def _read(path: Path) -> Model:
     except SignidError:
         raise
     except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise RobotError(f"{path} is no model.json as `signid identify` writes it ({error!r})") from None
+        raise RobotError(
+            f"{path} is not a valid model.json ({error!r}); give one that `signid identify` wrote"
+        ) from None
     return Model(robot, np.array(inertials), laws, covariance)
 
 
@@ -205,7 +209,7 @@ def _covariance(path: Path, content: Any, bodies: int) -> Covariance | None:
         return read_covariance(content, bodies)
     except ValueError as error:
         raise RobotError(
-            f"the covariance in {path} cannot be read: {error}; identify once more, or take the key out"
+            f"the covariance in {path} cannot be read: {error}; identify again, or remove the key `covariance`"
         ) from None
 
 
