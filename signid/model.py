@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from .effects import EFFECT_NAMES, EFFECTS
-from .effects.base import ActuatorLaw, BodyLaw, RecordingLaw
+from .effects.base import ActuatorLaw, BodyLaw, RecordingLaw, of_kind
 from .effects.bodies import body_inertia
 from .effects.law import law_torque
 from .effects.naming import law_at, placed
@@ -43,7 +43,7 @@ class Model(Frozen):
             whole.inertias[body + 1] = body_inertia(inertial)
         for law in self.of(BodyLaw):
             row = own_row(self.robot, law.joints[0])
-            law.effect.reshape(whole, row, carrier(whole, row), **law.parameters)
+            of_kind(law.effect, BodyLaw).reshape(whole, row, carrier(whole, row), **law.parameters)
         return whole
 
     def whole_inertials(self) -> Array:
@@ -70,7 +70,7 @@ class Model(Frozen):
                 torque[:, list(rows)] += added
         for law in self.of(RecordingLaw):
             x = replace(acting, predicted=torque).at(law.joints)
-            torque[:, list(law.joints)] = law.effect.recorded_torque(x, **law.parameters)
+            torque[:, list(law.joints)] = of_kind(law.effect, RecordingLaw).recorded_torque(x, **law.parameters)
         return np.asarray(torque)
 
     def acted(self, motion: Motion) -> Motion:
@@ -83,8 +83,9 @@ class Model(Frozen):
             if law.effect.scope == "pair":
                 lost = np.repeat(lost.any(axis=1, keepdims=True), 2, axis=1)
             x = replace(motion, q=q, predicted=np.nan_to_num(torque)).at(law.joints)
-            q[:, j], back = law.effect.acted_q(x, **law.parameters), law.effect.acted_torque(x, **law.parameters)
-            torque[:, j] = np.where(lost, np.nan, back)
+            effect = of_kind(law.effect, RecordingLaw)
+            q[:, j], true = effect.acted_q(x, **law.parameters), effect.acted_torque(x, **law.parameters)
+            torque[:, j] = np.where(lost, np.nan, true)
         return replace(motion, q=q, recorded=None if motion.recorded is None else torque)
 
     def document(self) -> dict[str, Any]:

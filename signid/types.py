@@ -1,4 +1,4 @@
-"""Frozen data types of robots, recordings and laws; parameters are defined in `parameters`.
+"""Frozen data types of robots and recordings; `laws` defines those of laws, `parameters` those of parameters.
 
 Shapes: N samples, n independent joints, nb bodies.
 """
@@ -6,12 +6,20 @@ Shapes: N samples, n independent joints, nb bodies.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
 from .arrays import Array as Array, Frozen as Frozen, Indices as Indices, Mask as Mask
+from .laws import (
+    Coefficient as Coefficient,
+    EffectProtocol as EffectProtocol,
+    Law as Law,
+    Shape as Shape,
+    View as View,
+    prismatic_unit as prismatic_unit,
+)
 from .parameters import (
     INERTIAL as INERTIAL,
     INERTIAL_UNITS as INERTIAL_UNITS,
@@ -155,77 +163,3 @@ class Trajectory(Frozen):
     q: Array  # (N, n) [rad or m]
     v: Array  # (N, n) [rad/s or m/s]
     a: Array  # (N, n) [rad/s2 or m/s2]
-
-
-def prismatic_unit(unit: str) -> str:
-    """Unit at a prismatic joint that corresponds to `unit` at a revolute one."""
-    return unit.replace("kg.m2", "kg").replace("N.m", "N").replace("rad", "m")
-
-
-@dataclass(frozen=True)
-class Coefficient:
-    """A parameter that enters the torque linearly: a column of the regressor."""
-
-    unit: str
-    positive: bool = False
-    same: bool = False  # same unit at prismatic joints: an angle, or a body's inertia
-
-    def unit_at(self, prismatic: bool) -> str:
-        """Unit at a joint: N for N.m, m for rad, kg for kg.m2 at prismatic joints."""
-        return prismatic_unit(self.unit) if prismatic and not self.same else self.unit
-
-
-@dataclass(frozen=True)
-class Shape:
-    """A parameter that enters the torque nonlinearly: searched on a grid, then refined.
-
-    `grid` is relative to `of`: the rms `speed`, `travel`, rms `torque` or `duration` of the joint; None: absolute.
-    """
-
-    unit: str
-    grid: tuple[float, ...]
-    of: str | None = None
-
-    def unit_at(self, prismatic: bool) -> str:
-        """Unit at a joint, converted as for a coefficient."""
-        return prismatic_unit(self.unit) if prismatic else self.unit
-
-
-class View(Protocol):
-    """State of the m joints of a law, at one instant or along a motion: arrays (..., m).
-
-    Leading axes are samples (identification) or trial values (simulation).
-    """
-
-    joints: tuple[int, ...]
-    dt: float  # [s]
-    whole: Any  # the underlying Motion or simulation state: jacobian, regressor
-
-    @property
-    def t(self) -> Array: ...  # (..., 1) [s]
-    @property
-    def q(self) -> Array: ...  # (..., m) [rad or m]
-    @property
-    def v(self) -> Array: ...  # (..., m) [rad/s or m/s]
-    @property
-    def a(self) -> Array: ...  # (..., m) [rad/s2 or m/s2]
-    @property
-    def load(self) -> Array: ...  # (..., m) rigid-body torque [N.m or N]
-    @property
-    def direction(self) -> Array: ...  # (..., m) of motion, in [-1, 1], between at rest [1]
-    @property
-    def inertia(self) -> Array: ...  # (..., m) diagonal of the mass matrix [kg.m2 or kg]
-    @property
-    def torque(self) -> Array: ...  # (..., m) motor torque that the model predicts [N.m or N]
-    @property
-    def recorded(self) -> Array: ...  # (..., m) motor torque as measured [N.m or N]
-    def __getitem__(self, i: Any) -> View: ...  # indexes the leading axis
-
-
-@dataclass(frozen=True)
-class Law:
-    """An effect at its joints with parameters: all of them in a model, the shape only in a hypothesis."""
-
-    effect: Any  # effects.base.Effect
-    joints: tuple[int, ...]
-    parameters: Mapping[str, float] = field(default_factory=dict)

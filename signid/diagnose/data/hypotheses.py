@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from ...effects import EFFECTS
-from ...effects.base import BodyLaw, Effect, TorqueLaw
+from ...effects.base import BodyLaw, Effect, RecordingLaw, TorqueLaw, of_kind
 from ...effects.law import coefficient_count, hypotheses, law_columns
 from ...model import Model
 from ...regression.motion import Motion
@@ -178,7 +178,10 @@ def hats(x: Array, knots: Sequence[float]) -> Array:
 def _secant(law: Law, motion: Motion) -> tuple[tuple[int, ...], Array]:
     """What a law of the record with one coefficient changes at its full size, over that size."""
     (key,) = law.effect.linear()
-    change = law.effect.change(motion.at(law.joints), law.parameters, exactly=True) / law.parameters[key]
+    change = (
+        of_kind(law.effect, RecordingLaw).change(motion.at(law.joints), law.parameters, exactly=True)
+        / law.parameters[key]
+    )
     wide = change.shape[1] != len(law.joints) or law.effect.scope == "link"
     return tuple(range(change.shape[1])) if wide else law.joints, change[..., None]
 
