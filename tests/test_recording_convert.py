@@ -176,7 +176,7 @@ def test_what_is_odd_is_told() -> None:
     assert "milliseconds" in convert(whole(t=T * 1e3)).flags[0]
     assert "goes back after 1 of" in convert(whole(t=np.concatenate([T[15:], T[:15]]))).flags[0]
     found = convert({"a": T, "mode": ["run"] * len(T)}, units={"q": "deg"})
-    sentence("; ".join(found.notes), "no numbers: mode", "given for q", "column of time t", "torque tau_J")
+    sentence("; ".join(found.notes), "no numbers: mode", "unit of q is unused", "column of time t", "torque tau_J")
     assert found.pace is None and list(found.columns) == ["a"]
     slow = convert(whole(), units={"t": "ms"})
     assert slow.pace is not None and slow.pace.rate == pytest.approx(1e4) and slow.units["t"] == "ms"

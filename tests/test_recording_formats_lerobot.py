@@ -99,7 +99,7 @@ def test_units_are_not_guessed(missing: str, tmp_path: Path) -> None:
     said = {"units": {kind: unit for kind, unit in DEGREES["units"].items() if kind != missing}}
     with pytest.raises(RecordingError) as error:
         read_recording(path, arm(), columns=said)
-    sentence(str(error.value), "does not say in which unit", f"{missing}_shoulder", f"--unit {missing}=")
+    sentence(str(error.value), "does not state the unit", f"{missing}_shoulder", f"--unit {missing}=")
 
 
 def test_shares_of_the_range_by_scale_and_offset(tmp_path: Path) -> None:
