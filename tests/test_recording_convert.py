@@ -195,7 +195,7 @@ CASES = {
     "the same file": ("convert a.csv -o ./a.csv", "another name"),
     "through a link": ("convert a.csv -o link.csv", "another name"),
     "an unknown format": ("convert a.csv -o a.txt", "format"),
-    "a bag as the result": ("convert a.csv -o a.mcap", "read, not written"),
+    "a bag as the result": ("convert a.csv -o a.mcap", "cannot be written"),
     "a folder as the result": ("convert a.csv -o folder", "folder"),
     "no such source": ("convert gone.bag -o b.csv", "does not exist"),
     "a folder as the source": ("convert folder -o b.csv", "metadata.yaml"),
