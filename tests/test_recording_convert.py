@@ -166,7 +166,7 @@ def test_short_holes_need_not_lose_a_recording() -> None:
     """A torque missing every 0.4 s leaves no stretch of half a second; without these rows one is left."""
     robot, tau = signid.load_robot("1r"), pristine()["tau_1"].copy()
     tau[::40] = np.nan
-    with pytest.raises(RecordingError, match="--drop-missing bridges short holes"):
+    with pytest.raises(RecordingError, match="--drop-missing bridges short gaps"):
         survey(read_recording(swing(tau_1=tau), robot), robot)
     whole = read_recording(convert(swing(tau_1=tau), drop_missing=True).columns, robot)
     assert len(survey(whole, robot).spans) == 1 and len(whole) == 1170

@@ -1,4 +1,4 @@
-"""The simulated pendulum 1r: three recordings without noise."""
+"""Simulated pendulum 1r: three recordings without noise."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def _product(name: str, sha256: str) -> Product:
 
 PLUGIN = DataSet(
     name="1r",
-    title="the simulated pendulum 1r, without noise, 50 Hz",
+    title="simulated pendulum 1r, without noise, 50 Hz",
     folder=FOLDER,
     seconds=50,
     repository=REPOSITORY,

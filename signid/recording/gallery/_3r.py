@@ -1,4 +1,4 @@
-"""The simulated arm 3r: two recordings without noise, and three trajectories of single joints."""
+"""Simulated arm 3r: two recordings without noise, and three trajectories of single joints."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def _trajectory(number: int, sha256: str) -> Product:
 
 PLUGIN = DataSet(
     name="3r",
-    title="the simulated arm 3r, without noise, 50 Hz",
+    title="simulated arm 3r, without noise, 50 Hz",
     folder=FOLDER,
     seconds=50,
     repository=REPOSITORY,
