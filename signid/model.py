@@ -14,7 +14,7 @@ from .effects import EFFECT_NAMES, EFFECTS
 from .effects.base import ActuatorLaw, BodyLaw, RecordingLaw, of_kind
 from .effects.bodies import body_inertia
 from .effects.law import law_torque
-from .effects.naming import law_at, placed
+from .effects.naming import law_at, law_place
 from .errors import RobotError, SignidError
 from .regression.covariance import Covariance, read_covariance
 from .regression.motion import Motion
@@ -105,7 +105,7 @@ class Model(Frozen):
             "effects": [
                 {"effect": law.effect.name, "joint": joint, "parameters": parameters}
                 for law in self.laws
-                for joint, parameters in [placed(law, robot)]
+                for joint, parameters in [law_place(law, robot)]
             ],
             **({} if self.covariance is None else {"covariance": self.covariance.document()}),
         }

@@ -23,9 +23,9 @@ def place(effect: Effect, robot: Robot, joint: str | None, partner: str | None =
     n, scope = len(robot.joints), effect.scope
     if (partner is None) == (scope == "pair"):
         fault = "needs partner=JOINT" if scope == "pair" else "has no partner"
-        raise OptionError(f"effect {effect.name!r} {fault}; write {written(effect)}")
+        raise OptionError(f"effect {effect.name!r} {fault}; write {law_syntax(effect)}")
     if joint is None and scope in ("joint", "pair", "link") and n != 1 + (scope == "pair"):
-        raise OptionError(f"effect {effect.name!r} acts at a joint and none is named; write {written(effect)}")
+        raise OptionError(f"effect {effect.name!r} acts at a joint and none is named; write {law_syntax(effect)}")
     if joint is not None and scope == "robot":
         raise OptionError(f"effect {effect.name!r} acts on the whole robot; write it without @{joint}")
     named = [name for name in (joint, partner) if name is not None]
@@ -39,7 +39,7 @@ def place(effect: Effect, robot: Robot, joint: str | None, partner: str | None =
     return found
 
 
-def placed(law: Law, robot: Robot) -> tuple[str | None, dict[str, str | float]]:
+def law_place(law: Law, robot: Robot) -> tuple[str | None, dict[str, str | float]]:
     """Joint name of a law (None for the whole robot) and its parameters including the partner; inverse of `place`."""
     values: dict[str, str | float] = {key: float(value) for key, value in law.parameters.items()}
     if law.effect.scope in ("robot", "any") and law.joints == tuple(range(len(robot.joints))):
@@ -49,9 +49,9 @@ def placed(law: Law, robot: Robot) -> tuple[str | None, dict[str, str | float]]:
     return robot.joints[law.joints[0]], values
 
 
-def spoken(law: Law, robot: Robot) -> str:
+def law_name(law: Law, robot: Robot) -> str:
     """Effect and joints of a law as text: "spring of joint_2", "base_tilt"."""
-    joint, values = placed(law, robot)
+    joint, values = law_place(law, robot)
     if joint is None or law.effect.scope == "tip":
         return law.effect.name
     return f"{law.effect.name} of {joint}" + (f" and {values['partner']}" if "partner" in values else "")
@@ -69,17 +69,17 @@ def law_at(effect: Effect, robot: Robot, joint: str | None, parameters: Mapping[
     values = {key: value for key, value in parameters.items() if key != "partner"}
     wanted = [key for key in effect.parameters if key not in effect.optional or key in values]
     if unknown := [key for key in values if key not in effect.parameters]:
-        raise OptionError(f"effect {effect.name!r} has no parameter {unknown[0]!r}; write {written(effect)}")
+        raise OptionError(f"effect {effect.name!r} has no parameter {unknown[0]!r}; write {law_syntax(effect)}")
     if missing := [key for key in wanted if key not in values]:
-        raise OptionError(f"effect {effect.name!r} needs {', '.join(missing)}; write {written(effect)}")
+        raise OptionError(f"effect {effect.name!r} needs {', '.join(missing)}; write {law_syntax(effect)}")
     try:
         numbers = {key: float(values[key]) for key in wanted}
     except ValueError:
         raise OptionError(
-            f"effect {effect.name!r} has a parameter that is not a number; write {written(effect)}"
+            f"effect {effect.name!r} has a parameter that is not a number; write {law_syntax(effect)}"
         ) from None
     if absurd := [key for key, value in numbers.items() if not isfinite(value)]:
-        raise OptionError(f"effect {effect.name!r}: {absurd[0]} is {numbers[absurd[0]]}; write {written(effect)}")
+        raise OptionError(f"effect {effect.name!r}: {absurd[0]} is {numbers[absurd[0]]}; write {law_syntax(effect)}")
     return Law(effect, joints, numbers)
 
 
@@ -102,7 +102,7 @@ def parse_law(text: str, robot: Robot, partial: bool = False) -> Law:
     pairs = [[part.strip() for part in pair.partition("=")] for pair in tail.split(",")] if colon else []
     given = {key: value for key, _, value in pairs}
     if not all(key and value for key, _, value in pairs) or len(given) < len(pairs) or bool(at) > bool(joint):
-        raise OptionError(f"{text!r} cannot be read; write {written(effect)}")
+        raise OptionError(f"{text!r} cannot be read; write {law_syntax(effect)}")
     if partial and set(given) <= {"partner", *effect.parameters}:
         law = _possible(law_at(effect, robot, joint or None, {**effect.example, **given}))
         return Law(effect, law.joints, {key: value for key, value in law.parameters.items() if key in given})
@@ -111,7 +111,7 @@ def parse_law(text: str, robot: Robot, partial: bool = False) -> Law:
     return _possible(law_at(effect, robot, joint or None, {**left_out, **given}))
 
 
-def written(effect: Effect) -> str:
+def law_syntax(effect: Effect) -> str:
     """Syntax of an effect on the command line, with typical values."""
     keys = {"partner": "JOINT"} if effect.scope == "pair" else {}
     values = {**keys, **{key: value for key, value in effect.example.items() if key not in effect.optional}}

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...effects.base import BodyLaw
-from ...effects.naming import placed
+from ...effects.naming import law_place
 from ...robot.dynamics import carrier, own_row
 from ...types import TWO_SIDED, Coefficient, Law, Robot
 from .found import Finding
@@ -54,7 +54,7 @@ def marks(robot: Robot, findings: Sequence[Finding], reach: float) -> list[Mark]
 
 def _mark(robot: Robot, finding: Finding, reach: float) -> Mark:
     law = finding.law
-    joint, values = placed(law, robot)
+    joint, values = law_place(law, robot)
     where = f" of {joint}" + (f" and {values['partner']}" if "partner" in values else "")
     tip = law.effect.scope == "tip"
     title = f"{law.effect.name.replace('_', ' ')}{'' if joint is None or tip else where}"

@@ -20,7 +20,7 @@ def _product(name: str, sha256: str) -> Product:
 
 PLUGIN = DataSet(
     name="1r",
-    title="simulated pendulum 1r, without noise, 50 Hz",
+    title="the simulated pendulum 1r, without noise, 50 Hz",
     folder=FOLDER,
     seconds=50,
     repository=REPOSITORY,

@@ -18,7 +18,7 @@ def _trajectory(number: int, sha256: str) -> Product:
 
 PLUGIN = DataSet(
     name="3r",
-    title="simulated arm 3r, without noise, 50 Hz",
+    title="the simulated arm 3r, without noise, 50 Hz",
     folder=FOLDER,
     seconds=50,
     repository=REPOSITORY,

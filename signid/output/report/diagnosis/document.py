@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from ....effects.base import BodyLaw
-from ....effects.naming import placed
+from ....effects.naming import law_place
 from ....robot.dynamics import carried
 from ....types import Coefficient, Input, Law, Robot
 from ..results.documents import Document, description, fit_document, provenance
@@ -81,7 +81,7 @@ def mended_link(robot: Robot, law: Law) -> str | None:
 
 
 def _finding(robot: Robot, finding: Finding) -> Document:
-    joint, _ = placed(finding.law, robot)
+    joint, _ = law_place(finding.law, robot)
     where = finding.where
     return {
         "effect": finding.law.effect.name,
@@ -123,7 +123,7 @@ def finding_numbers(robot: Robot, finding: Finding) -> Document:
 
 def told_numbers(robot: Robot, law: Law, std: Mapping[str, float]) -> Document:
     """The same of any law, with the standard deviations that are known."""
-    _, values = placed(law, robot)
+    _, values = law_place(law, robot)
     out: dict[str, Any] = {}
     for key, value in values.items():
         unit = "" if key == "partner" else _unit(robot, law, key)
@@ -138,7 +138,7 @@ def _unit(robot: Robot, law: Law, key: str) -> str:
 
 
 def _alternative(robot: Robot, rival: Alternative) -> Document:
-    joint, _ = placed(rival.law, robot)
+    joint, _ = law_place(rival.law, robot)
     return {
         "effect": rival.law.effect.name,
         "joint": joint,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import isfinite
 from typing import TYPE_CHECKING, NamedTuple
 
-from ....effects.naming import spoken
+from ....effects.naming import law_name
 from ....types import TWO_SIDED
 from ..layout import plural
 from ..numbers import figure, with_interval
@@ -30,7 +30,7 @@ class NumberCells(NamedTuple):
 
 def law_words(robot: Robot, law: Law) -> str:
     """A law by its effect and joint; one that changes the body of a link also by that link."""
-    link, words = mended_link(robot, law), spoken(law, robot)
+    link, words = mended_link(robot, law), law_name(law, robot)
     if link is None:
         return words
     return f"{words if ' of ' in words else f'{words} of {robot.joints[law.joints[0]]}'} (link {link})"
