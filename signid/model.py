@@ -20,7 +20,7 @@ from .regression.covariance import Covariance, read_covariance
 from .regression.motion import Motion
 from .regression.rows import Task
 from .robot import held_positions, load_robot, robot_from_text
-from .robot.dynamics import carrier, own_row
+from .robot.dynamics import joint_of_row, own_row
 from .toml_json import read_json
 from .types import Array, Frozen, Law, Parameters, Robot
 
@@ -43,7 +43,7 @@ class Model(Frozen):
             whole.inertias[body + 1] = body_inertia(inertial)
         for law in self.of(BodyLaw):
             row = own_row(self.robot, law.joints[0])
-            of_kind(law.effect, BodyLaw).reshape(whole, row, carrier(whole, row), **law.parameters)
+            of_kind(law.effect, BodyLaw).reshape(whole, row, joint_of_row(whole, row), **law.parameters)
         return whole
 
     def whole_inertials(self) -> Array:

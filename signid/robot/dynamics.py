@@ -124,7 +124,7 @@ def tip_jacobian(robot: Robot, q: Array) -> Array:
         robot: the robot.
         q: (N, nq) [rad, m or 1].
     """
-    model, data, tip = robot.model, robot.model.createData(), carried(robot, len(robot.joints) - 1) + 1
+    model, data, tip = robot.model, robot.model.createData(), own_body(robot, len(robot.joints) - 1) + 1
     rows = [point_jacobian(model, data, state, tip, model.inertias[tip].lever) for state in q]
     return np.asarray(np.array(rows).reshape(len(q), 3, model.nv) @ robot.drive)
 
@@ -145,7 +145,7 @@ def point_jacobian(model: Any, data: Any, q: Array, joint: int, point: Array) ->
     return np.asarray(jacobian[:3] - pin.skew(arm) @ jacobian[3:])
 
 
-def moved(robot: Robot) -> Mask:
+def moved_bodies(robot: Robot) -> Mask:
     """Whether each joint moves each body, (n, nb); torques of joints without a common body are decoupled."""
     out = np.zeros((len(robot.joints), robot.model.njoints - 1), dtype=bool)
     for body, ways in enumerate(list(robot.model.supports)[1:]):
@@ -154,9 +154,9 @@ def moved(robot: Robot) -> Mask:
     return out
 
 
-def carried(robot: Robot, joint: int) -> int:
+def own_body(robot: Robot, joint: int) -> int:
     """0-based index of the body of a joint; without the bodies of joints that mimic it."""
-    return carrier(robot.model, own_row(robot, joint)) - 1
+    return joint_of_row(robot.model, own_row(robot, joint)) - 1
 
 
 def own_row(robot: Robot, joint: int) -> int:
@@ -167,7 +167,7 @@ def own_row(robot: Robot, joint: int) -> int:
     return int(np.flatnonzero(column == 1)[0])  # part of a composite joint of Pinocchio
 
 
-def carrier(model: Any, row: int) -> int:
+def joint_of_row(model: Any, row: int) -> int:
     """Index of the joint of a pin.Model that contains a row of its velocity."""
     return next(i for i, j in enumerate(list(model.joints)[1:], 1) if j.idx_v <= row < j.idx_v + j.nv)
 

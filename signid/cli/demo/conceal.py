@@ -10,7 +10,7 @@ import numpy as np
 from ...effects import EFFECTS
 from ...model import Model
 from ...regression.motion import Motion
-from ...robot.dynamics import carrier, own_row
+from ...robot.dynamics import joint_of_row, own_row
 from ...types import Array, Indices, Law, Robot
 
 TOGETHER = (  # one after the other, seed by seed
@@ -115,6 +115,6 @@ def _shape(scene: _Scene, name: str, joints: tuple[int, ...], rng: np.random.Gen
 
 def _tip(robot: Robot, joint: int) -> Any:
     """The frame farthest out on the body that a joint moves, (3,) [m] in that of the joint."""
-    body = carrier(robot.model, own_row(robot, joint))
+    body = joint_of_row(robot.model, own_row(robot, joint))
     ends = [frame.placement.translation for frame in robot.model.frames if frame.parentJoint == body]
     return max(ends, key=np.linalg.norm)

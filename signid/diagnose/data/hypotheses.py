@@ -13,7 +13,7 @@ from ...effects.base import BodyLaw, Effect, RecordingLaw, TorqueLaw, of_kind
 from ...effects.law import coefficient_count, hypotheses, law_columns
 from ...model import Model
 from ...regression.motion import Motion
-from ...robot.dynamics import carried
+from ...robot.dynamics import own_body
 from ...types import Array, Law
 
 VARIABLES = ("position", "velocity", "acceleration", "torque", "time")
@@ -125,7 +125,7 @@ def _scaled_links(model: Model, skip: Sequence[str]) -> Iterator[Hypothesis]:
         return
     effect, bodies = EFFECTS["link_inertia"], model.whole_inertials()
     for joint in range(len(model.robot.joints) - 1):
-        own = bodies[carried(model.robot, joint)]
+        own = bodies[own_body(model.robot, joint)]
         if own[0] > 0:
             yield Hypothesis(
                 (Law(effect, (joint,), dict(zip(effect.parameters, own.tolist(), strict=True))),), scaled=True

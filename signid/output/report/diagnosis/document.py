@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from ....effects.base import BodyLaw
 from ....effects.naming import law_place
-from ....robot.dynamics import carried
+from ....robot.dynamics import own_body
 from ....types import Coefficient, Input, Law, Robot
 from ..results.documents import Document, description, fit_document, provenance
 from ..results.signs import signs_document
@@ -77,7 +77,7 @@ def mended_link(robot: Robot, law: Law) -> str | None:
     """The link whose body a law changes; None for a law that changes more or something else."""
     if not isinstance(law.effect, BodyLaw) or law.effect.scope not in ("link", "tip"):
         return None
-    return robot.links[carried(robot, law.joints[0])]
+    return robot.links[own_body(robot, law.joints[0])]
 
 
 def _finding(robot: Robot, finding: Finding) -> Document:
