@@ -1,8 +1,9 @@
-"""Identify a robot's dynamics from recordings, and name the physics that a simulation of it lacks.
+"""Identify a robot's dynamics from recordings, and find the physics that a simulation of it lacks.
 
-`load_robot` and `read_recording` begin. `check` says what recordings can tell; `identify` makes a model with intervals;
-`diagnose` names what a simulation (`load_model`) lacks; `payload`, `fleet`, `validate`, `roll_out`, `report`, `replay`,
-`export`, `excite`, `simulate` use models. Units are SI; errors are `SignidError`, laws `signid.effects`.
+Start with `load_robot` and `read_recording`. `check` lists identifiable parameters; `identify` estimates a model with
+confidence intervals; `diagnose` names the effects that a simulation (`load_model`) lacks; `payload`, `fleet`,
+`validate`, `roll_out`, `report`, `replay`, `export`, `excite` and `simulate` use models. Units are SI, errors derive
+from `SignidError`, and the laws are in `signid.effects`.
 """
 
 import sys  # isort: skip_file

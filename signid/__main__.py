@@ -1,4 +1,4 @@
-"""`python -m signid` is the command line."""
+"""Command line: `python -m signid`."""
 
 from .cli import main
 

@@ -1,4 +1,4 @@
-"""Arrays that nobody can change: the ground that every type stands on."""
+"""Read-only array aliases and the base class of frozen types."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Mask = NDArray[np.bool_]
 
 
 class Frozen:
-    """Base of the frozen types: every array given is copied and set read-only."""
+    """Base class of frozen types: copies every array and sets it read-only."""
 
     def __post_init__(self) -> None:
         for item in fields(self):  # type: ignore[arg-type]

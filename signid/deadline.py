@@ -1,6 +1,6 @@
-"""Time limits of searches, early stops, and what a search is trying.
+"""Time limits, early stops and progress of searches.
 
-A result whose search was cut short is flagged, since another run may differ.
+The result of a truncated search is flagged, because another run may differ.
 """
 
 from __future__ import annotations
@@ -16,34 +16,34 @@ from typing import Any, ParamSpec, Protocol, TypeVar, cast
 from .errors import OptionError
 from .threads import one_thread
 
-USUAL = 3600.0  # [s], of a verb where no other limit is set
+USUAL = 3600.0  # [s] default time limit of a verb
 
 
 @dataclass
 class _Limit:
     seconds: float
-    end: float  # of time.monotonic() [s]
-    ended: dict[str, None] = field(default_factory=dict)  # searches that were cut short
-    searching: bool = False  # a search looked at the clock: it has an answer, if not its best
-    stopped: str = ""  # what ended the searches before their time
+    end: float  # [s] on the clock of time.monotonic()
+    ended: dict[str, None] = field(default_factory=dict)  # names of truncated searches
+    searching: bool = False  # whether a search is running that already has an answer
+    stopped: str = ""  # reason of an early stop, "" without one
 
 
-_Listener = Callable[[str, float], None]  # what is being tried, and the share that is done [1]
+_Listener = Callable[[str, float], None]  # current step, completed share [1]
 _LISTENER: ContextVar[_Listener | None] = ContextVar("listener", default=None)
-_LIMITS: ContextVar[tuple[_Limit, ...]] = ContextVar("limits", default=())  # the innermost last
+_LIMITS: ContextVar[tuple[_Limit, ...]] = ContextVar("limits", default=())  # innermost last
 
 
 @contextmanager
 def time_limit(seconds: float) -> Iterator[None]:
-    """Searches inside end after so many seconds, with the best found until then; `flags` of the result say so.
+    """Limit the duration of searches; a truncated search returns its best result and sets a flag.
 
-    Reading, filtering and least squares are no searches: they take the time that they take.
+    Reading, filtering and least squares are not interrupted, but their duration counts.
 
     Args:
-        seconds: of all searches inside together with what else is done there [s].
+        seconds: time limit of the whole block [s].
 
     Raises:
-        OptionError: the limit is no positive number.
+        OptionError: the limit is not positive.
     """
     if not seconds > 0:
         raise OptionError(f"the time limit is {seconds:g} s; give a positive number of seconds")
@@ -52,18 +52,18 @@ def time_limit(seconds: float) -> Iterator[None]:
 
 
 def seconds_left() -> float:
-    """Until the limit; infinite where there is none, zero after a stop [s]."""
+    """Time until the limit [s]; infinite without a limit, zero after a stop."""
     if any(limit.stopped for limit in _LIMITS.get()):
         return 0.0
     return max(min((limit.end for limit in _LIMITS.get()), default=float("inf")) - time.monotonic(), 0.0)
 
 
 def time_is_up(search: str, answer: bool = True) -> bool:
-    """Whether a search must end here.
+    """True once the time limit has passed; records `search` for the flag message.
 
     Args:
-        search: its name, the subject of the flag's sentence.
-        answer: whether the search could end here with an answer; False while it prepares its first one.
+        search: name of the search, the subject of the flag.
+        answer: whether the search already has an answer; False while it prepares its first one.
     """
     up = seconds_left() <= 0
     for limit in _LIMITS.get():
@@ -74,13 +74,13 @@ def time_is_up(search: str, answer: bool = True) -> bool:
 
 
 def stop_searches(reason: str) -> bool:
-    """End all searches under way as if their time were up, and flag their results.
+    """End all running searches as at the time limit, and flag their results.
 
     Args:
-        reason: what asked for it, for the sentence "stopped early by REASON: ...".
+        reason: source of the stop, for the flag "stopped early by REASON: ...".
 
     Returns:
-        False where no search has an answer yet; nothing is stopped then.
+        False if no search has an answer yet; nothing is stopped then.
     """
     limits = _LIMITS.get()
     if not any(limit.searching for limit in limits):
@@ -92,20 +92,20 @@ def stop_searches(reason: str) -> bool:
 
 @contextmanager
 def steps_shown(progress: _Listener | None, start: float = 0.0, stop: float = 1.0) -> Iterator[None]:
-    """What searches inside say with `show_step` goes to a progress function.
+    """Report the steps of searches (`show_step`) to a progress function.
 
     Args:
-        progress: called with what is being done and the share of the whole that is done [1]; None hears nothing.
-        start: share that is done when the searches begin [1].
-        stop: and when they have ended [1].
+        progress: function of the current step and the completed share of the whole [1]; None for no reports.
+        start: completed share at the start of the block [1].
+        stop: completed share at its end [1].
     """
     most = start
 
-    def listen(what: str, share: float) -> None:
+    def listen(step: str, share: float) -> None:
         nonlocal most
         most = max(most, start + (stop - start) * min(max(share, 0.0), 1.0))
         if progress is not None:
-            progress(what, most)
+            progress(step, most)
 
     token = _LISTENER.set(listen)
     try:
@@ -114,30 +114,30 @@ def steps_shown(progress: _Listener | None, start: float = 0.0, stop: float = 1.
         _LISTENER.reset(token)
 
 
-def show_step(what: str, share: float) -> None:
-    """Say what a search is trying now; nobody hears it outside of `steps_shown`.
+def show_step(step: str, share: float) -> None:
+    """Report the current step of a search; without effect outside of `steps_shown`.
 
     Args:
-        what: "weighing laws".
-        share: of the search that is done; a share below the last one is ignored [1].
+        step: description, such as "comparing laws".
+        share: completed share of the search; a decrease is ignored [1].
     """
     listener = _LISTENER.get()
     if listener is not None:
-        listener(what, share)
+        listener(step, share)
 
 
 class OutOfTimeError(Exception):
-    """Work that is of no use unless it is whole was given up."""
+    """Work without a useful partial result was aborted at the time limit."""
 
 
 def need_time(search: str) -> None:
-    """Go on with work of a search that has no answer without it.
+    """Abort work without a useful partial result once the time limit has passed.
 
     Args:
-        search: its name, the subject of the flag's sentence.
+        search: name of the search, the subject of the flag.
 
     Raises:
-        OutOfTimeError: time is up.
+        OutOfTimeError: the time limit has passed.
     """
     if time_is_up(search, answer=False):
         raise OutOfTimeError(search)
@@ -153,18 +153,18 @@ _R = TypeVar("_R", bound=_Flagged)
 
 
 def ends_in_time(verb: Callable[_P, _R]) -> Callable[_P, _R]:
-    """A verb within an hour, unless another limit is set, whose result is flagged where time cut a search short."""
+    """Decorate a verb with the default time limit of one hour; flag results of truncated searches."""
 
     @wraps(verb)
     def within(*args: _P.args, **kwargs: _P.kwargs) -> _R:
         seconds = min((limit.seconds for limit in _LIMITS.get()), default=USUAL)
         with one_thread(), _limited(USUAL if not _LIMITS.get() else float("inf")) as limit:
-            found = verb(*args, **kwargs)
+            result = verb(*args, **kwargs)
         if not (limit.ended or limit.stopped):
-            return found
-        sentences = _stop_flags(limit) if limit.stopped else _limit_flags(limit, seconds)
-        flags, result = dict.fromkeys((*found.flags, *sentences)), cast("Any", found)
-        return cast("_R", replace(result, flags=tuple(flags)))
+            return result
+        added = _stop_flags(limit) if limit.stopped else _limit_flags(limit, seconds)
+        flags = tuple(dict.fromkeys((*result.flags, *added)))
+        return cast("_R", replace(cast("Any", result), flags=flags))
 
     return within
 
@@ -172,20 +172,20 @@ def ends_in_time(verb: Callable[_P, _R]) -> Callable[_P, _R]:
 def _limit_flags(limit: _Limit, seconds: float) -> Iterator[str]:
     for search in limit.ended:
         yield (
-            f"{search} was cut short after {seconds:g} s: this is the best found until then, another run may differ; "
-            "give it longer (--time-limit)"
+            f"{search} was cut short after {seconds:g} s and returns its best result so far; another run may differ; "
+            "allow more time (--time-limit)"
         )
 
 
 def _stop_flags(limit: _Limit) -> Iterator[str]:
     *others, last = limit.ended or ("",)
     if not last:
-        yield f"stopped early by {limit.stopped}: every search had ended before, the result is whole"
+        yield f"stopped early by {limit.stopped}: all searches had already ended, the result is complete"
         return
     searches = f"{', '.join(others)} and {last}" if others else last
     yield (
-        f"stopped early by {limit.stopped}: {searches} ended with the best found until then; run the command again "
-        "without a stop for the whole result"
+        f"stopped early by {limit.stopped}: {searches} ended with the best result so far; run the command again "
+        "without a stop for the complete result"
     )
 
 

@@ -1,4 +1,4 @@
-"""One tree of errors. Each says in one sentence what was given, what was expected and how to mend it."""
+"""Exceptions. Each message is one sentence: the fact, the expectation and the remedy."""
 
 from __future__ import annotations
 
@@ -6,27 +6,27 @@ from collections.abc import Sequence
 
 
 class SignidError(Exception):
-    """Root of everything that signid raises on purpose."""
+    """Base class of all exceptions of signid."""
 
 
 class InputError(SignidError, ValueError):
-    """Something given cannot be used; the command line prints the sentence and exits with 2."""
+    """Invalid input; the command line prints the message and exits with 2."""
 
 
 class RobotError(InputError):
-    """A robot description, a joint name or an actuators file cannot be used."""
+    """Invalid robot description, joint name or actuators file."""
 
 
 class RecordingError(InputError):
-    """A recording, one of its columns or its samples cannot be used."""
+    """Invalid recording, column or sample."""
 
 
 class OptionError(InputError):
-    """An option or a plug-in name does not exist, or two options contradict each other."""
+    """Unknown option or plug-in name, or contradictory options."""
 
 
 class ManifestError(InputError):
-    """A list of sessions cannot be used; it holds a sentence for each row that is wrong."""
+    """Invalid list of sessions, with one message per invalid row."""
 
     def __init__(self, sentences: Sequence[str]) -> None:
         super().__init__("; ".join(sentences))
@@ -34,14 +34,14 @@ class ManifestError(InputError):
 
 
 class DownloadError(SignidError, OSError):
-    """A file cannot be had from its public source, or is not what it should be; nothing was written."""
+    """Failed download, or a downloaded file with wrong content; nothing was written."""
 
 
 class OutputError(SignidError, OSError):
-    """A result cannot be written where it was asked for; nothing was left half-written."""
+    """Failed write of a result; no partial file remains."""
 
 
 def shorten(names: Sequence[str], most: int = 8) -> str:
-    """The names in a row, or the first of them and how many more there are."""
+    """Names separated by commas; beyond `most`, the number of the others."""
     more = len(names) - most
     return ", ".join(names) if more <= 1 else f"{', '.join(names[:most])} and {more} more"

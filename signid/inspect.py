@@ -1,4 +1,4 @@
-"""Robot -> inspection: joints, links, base parameters, and what no motion can tell."""
+"""Structural identifiability of a robot: base parameters and unidentifiable standard parameters."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from .types import BaseMap, Frozen, Law, Robot
 
 @dataclass(frozen=True, eq=False)
 class Inspection(Frozen):
-    """What can be said of a robot before it has moved."""
+    """Base parameters of a robot, from its structure alone."""
 
     robot: Robot
     base: BaseMap
 
     @property
     def invisible(self) -> tuple[str, ...]:
-        """Standard parameters that no motion can tell, not even in a combination."""
+        """Standard parameters without influence on the torque of any motion."""
         return tuple(label.name for label in self.base.invisible)
 
     @property
     def combined(self) -> tuple[str, ...]:
-        """Standard parameters that show only together with others."""
+        """Standard parameters that are identifiable only in combination with others."""
         count = (self.base.combination != 0).sum(1)
         alone = {int(k) for k, n in zip(self.base.independent, count, strict=True) if n == 1}
         seen = (self.base.combination != 0).any(0)
@@ -32,10 +32,10 @@ class Inspection(Frozen):
 
 
 def inspect(robot: Robot, effects: Sequence[str] = EFFECT_NAMES, seed: int = 0) -> Inspection:
-    """Base parameters of a robot with the effects named at every joint.
+    """Determine the base parameters of a robot with the given effects at every joint.
 
     Raises:
-        OptionError: an effect is unknown.
+        OptionError: unknown effect.
     """
     laws = [Law(EFFECTS[name], (j,)) for name in effects for j in range(len(robot.joints))]
     return Inspection(robot, build_base(robot, laws, seed))

@@ -1,4 +1,4 @@
-"""A robot with the numbers that make it a simulation: inertials of its bodies and laws at its joints."""
+"""Model of a robot: inertial parameters of its bodies and laws at its joints."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ import numpy as np
 import pinocchio as pin
 
 from .effects import EFFECT_NAMES, EFFECTS
-from .effects.base import ActuatorLaw, BodyLaw, RecordingLaw
+from .effects.base import ActuatorLaw, BodyLaw, RecordingLaw, of_kind
 from .effects.bodies import body_inertia
 from .effects.law import law_torque
-from .effects.naming import law_at, placed
+from .effects.naming import law_at, law_place
 from .errors import RobotError, SignidError
 from .regression.covariance import Covariance, read_covariance
 from .regression.motion import Motion
 from .regression.rows import Task
 from .robot import held_positions, load_robot, robot_from_text
-from .robot.dynamics import carrier, own_row
+from .robot.dynamics import joint_of_row, own_row
 from .toml_json import read_json
 from .types import Array, Frozen, Law, Parameters, Robot
 
@@ -29,35 +29,35 @@ SCHEMA = "signid.model/1"
 
 @dataclass(frozen=True, eq=False)
 class Model(Frozen):
-    """Rigid bodies and laws: recorded torque = rigid-body torque + the sum of the laws."""
+    """Rigid bodies and laws: recorded torque = rigid-body torque + sum of the laws."""
 
     robot: Robot
     inertials: Array  # (nb, 10) in Pinocchio's order [kg, kg.m, kg.m2]
     laws: tuple[Law, ...] = ()
-    covariance: Covariance | None = None  # of the base parameters, from identification
+    covariance: Covariance | None = None  # of the identified base parameters
 
     def bodies(self) -> pin.Model:
-        """A pin.Model of its own with these inertials, reshaped by the laws of bodies; rotors are its armature."""
+        """New pin.Model with these inertials and the changes by body laws; rotor inertia is its armature."""
         whole = self.robot.model.copy()
         for body, inertial in enumerate(self.inertials):
             whole.inertias[body + 1] = body_inertia(inertial)
         for law in self.of(BodyLaw):
             row = own_row(self.robot, law.joints[0])
-            law.effect.reshape(whole, row, carrier(whole, row), **law.parameters)
+            of_kind(law.effect, BodyLaw).reshape(whole, row, joint_of_row(whole, row), **law.parameters)
         return whole
 
     def whole_inertials(self) -> Array:
-        """(nb, 10) inertials with what laws of bodies add to them [kg, kg.m, kg.m2]."""
+        """Inertial parameters (nb, 10) including the body laws [kg, kg.m, kg.m2]."""
         return np.array([body.toDynamicParameters() for body in list(self.bodies().inertias)[1:]]).reshape(-1, 10)
 
     def of(self, kind: type) -> list[Law]:
-        """The laws of one kind, in their order."""
+        """Laws of one kind, in their order."""
         return [law for law in self.laws if isinstance(law.effect, kind)]
 
     def inverse(self, motion: Motion) -> Array:
-        """Torque (N, n) [N.m or N] that is recorded along a recorded motion.
+        """Predict the recorded torque (N, n) [N.m or N] along a recorded motion.
 
-        Laws of the actuator count where the motion carries torque.
+        Actuator laws are included only if the motion has recorded torque.
         """
         whole = self.bodies()
         rotors, whole.armature = whole.armature.copy(), np.zeros(whole.nv)
@@ -70,11 +70,11 @@ class Model(Frozen):
                 torque[:, list(rows)] += added
         for law in self.of(RecordingLaw):
             x = replace(acting, predicted=torque).at(law.joints)
-            torque[:, list(law.joints)] = law.effect.recorded_torque(x, **law.parameters)
+            torque[:, list(law.joints)] = of_kind(law.effect, RecordingLaw).recorded_torque(x, **law.parameters)
         return np.asarray(torque)
 
     def acted(self, motion: Motion) -> Motion:
-        """What truly happened where a motion is recorded: positions and torque before the recording laws."""
+        """Invert the recording laws: true positions and torque of a recorded motion."""
         q = motion.q.copy()
         torque = np.full_like(q, np.nan) if motion.recorded is None else motion.recorded.copy()
         for law in reversed(self.of(RecordingLaw)):
@@ -83,12 +83,13 @@ class Model(Frozen):
             if law.effect.scope == "pair":
                 lost = np.repeat(lost.any(axis=1, keepdims=True), 2, axis=1)
             x = replace(motion, q=q, predicted=np.nan_to_num(torque)).at(law.joints)
-            q[:, j], back = law.effect.acted_q(x, **law.parameters), law.effect.acted_torque(x, **law.parameters)
-            torque[:, j] = np.where(lost, np.nan, back)
+            effect = of_kind(law.effect, RecordingLaw)
+            q[:, j], true = effect.acted_q(x, **law.parameters), effect.acted_torque(x, **law.parameters)
+            torque[:, j] = np.where(lost, np.nan, true)
         return replace(motion, q=q, recorded=None if motion.recorded is None else torque)
 
     def document(self) -> dict[str, Any]:
-        """The model as JSON: it carries the robot's description and loads back by itself."""
+        """Model as JSON, including the robot description."""
         robot = self.robot
         return {
             "schema": SCHEMA,
@@ -104,17 +105,17 @@ class Model(Frozen):
             "effects": [
                 {"effect": law.effect.name, "joint": joint, "parameters": parameters}
                 for law in self.laws
-                for joint, parameters in [placed(law, robot)]
+                for joint, parameters in [law_place(law, robot)]
             ],
             **({} if self.covariance is None else {"covariance": self.covariance.document()}),
         }
 
 
 def load_model(source: str | Path, actuators: str | Path | None = None) -> Model:
-    """A simulation: a saved model.json, or a robot as its description and its actuators file state it.
+    """Load a saved model.json, or the model that a robot description and its actuators file state.
 
     Raises:
-        RobotError: when it is neither.
+        RobotError: the source is neither.
     """
     if str(source).endswith(".json"):
         return _read(Path(source))
@@ -123,12 +124,12 @@ def load_model(source: str | Path, actuators: str | Path | None = None) -> Model
 
 
 def stated_inertials(robot: Robot) -> Array:
-    """(nb, 10) inertial parameters that the description states [kg, kg.m, kg.m2]."""
+    """Inertial parameters (nb, 10) of the description [kg, kg.m, kg.m2]."""
     return np.array([body.toDynamicParameters() for body in list(robot.model.inertias)[1:]]).reshape(-1, 10)
 
 
 def stated_parameters(task: Task) -> Parameters:
-    """What the description and the actuators file state, as standard parameters."""
+    """Standard parameters of the description and the actuators file."""
     stated = stated_inertials(task.robot).ravel()
     drives, effects = task.robot.actuators, []
     for label in task.base.labels[len(stated) :]:
@@ -139,17 +140,17 @@ def stated_parameters(task: Task) -> Parameters:
 
 
 def stated_laws(robot: Robot) -> tuple[Law, ...]:
-    """The laws that the description and its actuators file state."""
+    """Laws of the description and its actuators file."""
     return tuple(
         Law(EFFECTS[name], (j,), EFFECTS[name].physical([value], {}))
-        for name in EFFECT_NAMES  # an actuators file calls what it states by the names of the laws
+        for name in EFFECT_NAMES  # keys of an actuators file are names of effects
         for j, value in enumerate(getattr(robot.actuators, name))
         if np.isfinite(value)
     )
 
 
 def fitted_model(task: Task, parameters: Parameters) -> Model:
-    """The robot of a task with standard parameters that were found."""
+    """Model of a task's robot with estimated standard parameters."""
     values: dict[int, list[float]] = {}
     for label, value in zip(parameters.labels, parameters.values, strict=True):
         if label.law is not None:
@@ -162,10 +163,10 @@ def fitted_model(task: Task, parameters: Parameters) -> Model:
 
 
 def standard_parameters(robot: Robot, inertials: Array) -> dict[str, dict[str, Any]]:
-    """Per link: mass, first moment and inertia about the link's joint frame.
+    """Mass, first moment and inertia of each link about the frame of its joint.
 
     Args:
-        robot: gives the links.
+        robot: the robot.
         inertials: (nb, 10) in Pinocchio's order [kg, kg.m, kg.m2].
     """
     return {
@@ -178,7 +179,9 @@ def _read(path: Path) -> Model:
     try:
         content = read_json(path)
         if content["schema"] != SCHEMA:
-            raise RobotError(f"{path} holds {content['schema']!r}; expected {SCHEMA!r} as `signid identify` writes it")
+            raise RobotError(
+                f"{path} has the schema {content['schema']!r}; give a model.json of `signid identify` ({SCHEMA!r})"
+            )
         described: Mapping[str, str] = content["robot"]
         robot = robot_from_text(described["description"], described["kind"], described["name"], lock=content["held"])
         known: Mapping[str, float] = content.get("torque_constants", {})
@@ -194,7 +197,9 @@ def _read(path: Path) -> Model:
     except SignidError:
         raise
     except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise RobotError(f"{path} is no model.json as `signid identify` writes it ({error!r})") from None
+        raise RobotError(
+            f"{path} is not a valid model.json ({error!r}); give one that `signid identify` wrote"
+        ) from None
     return Model(robot, np.array(inertials), laws, covariance)
 
 
@@ -205,7 +210,7 @@ def _covariance(path: Path, content: Any, bodies: int) -> Covariance | None:
         return read_covariance(content, bodies)
     except ValueError as error:
         raise RobotError(
-            f"the covariance in {path} cannot be read: {error}; identify once more, or take the key out"
+            f"the covariance in {path} cannot be read: {error}; identify again, or remove the key `covariance`"
         ) from None
 
 

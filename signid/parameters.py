@@ -1,6 +1,6 @@
-"""Standard and base parameters, with their labels beside them.
+"""Standard and base parameters with their labels.
 
-Shapes: n joints that move by themselves, nb bodies, p standard parameters, b base parameters.
+Shapes: n independent joints, nb bodies, p standard parameters, b base parameters.
 """
 
 from __future__ import annotations
@@ -13,33 +13,33 @@ from .arrays import Array, Frozen, Indices, Mask
 
 INERTIAL = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")  # Pinocchio's order
 INERTIAL_UNITS = ("kg", *("kg.m",) * 3, *("kg.m2",) * 6)
-TWO_SIDED = 1.96  # standard deviations to either side that hold 95 % of a normal distribution
+TWO_SIDED = 1.96  # half-width of a 95 % confidence interval of a normal distribution [standard deviations]
 
 
 @dataclass(frozen=True)
 class Label:
-    """What one standard parameter is: an inertial parameter of a body, or a coefficient of a law."""
+    """Label of a standard parameter: an inertial parameter of a body, or a coefficient of a law."""
 
     name: str  # "Izz_2", "armature_1"
     unit: str
     body: int | None = None  # 0-based body of the model, for inertial parameters
-    law: int | None = None  # index of the law it belongs to
-    joint: int | None = None  # column of the joint that the law acts on
-    positive: bool = False  # physics allows no negative value
+    law: int | None = None  # index of its law
+    joint: int | None = None  # column of the law's joint
+    positive: bool = False  # negative values are unphysical
 
 
 @dataclass(frozen=True, eq=False)
 class BaseMap(Frozen):
-    """Which combinations of the standard parameters torque can show: base = combination @ standard."""
+    """Identifiable combinations of the standard parameters: base = combination @ standard."""
 
     labels: tuple[Label, ...]  # p
-    independent: Indices  # (b,) the standard parameter that leads each combination
+    independent: Indices  # (b,) leading standard parameter of each combination
     combination: Array  # (b, p) [unit of base over unit of standard]
     expressions: tuple[str, ...]  # b formulas, "Izz_2 + 0.09 m_3"
     units: tuple[str, ...]  # b
-    sees: Mask  # (n, b) whether the torque of a joint depends on a base parameter at all
+    sees: Mask  # (n, b) whether the torque of a joint depends on a base parameter
     singular_values: Array  # (p,) [1] of the scaled regressor on random states, descending
-    condition: float  # of the kept columns, scaled
+    condition: float  # condition number of the kept columns, scaled
 
     @property
     def rank(self) -> int:
@@ -47,23 +47,23 @@ class BaseMap(Frozen):
 
     @property
     def invisible(self) -> tuple[Label, ...]:
-        """Standard parameters that no motion can tell, not even in a combination."""
+        """Standard parameters without influence on the torque of any motion."""
         seen = np.abs(self.combination).max(0, initial=0.0) > 0
         return tuple(label for label, s in zip(self.labels, seen, strict=True) if not s)
 
 
 @dataclass(frozen=True, eq=False)
 class Estimate(Frozen):
-    """Base parameters as the recordings tell them, with what is known about their errors."""
+    """Estimated base parameters and their covariance."""
 
     value: Array  # (b,) [units of base]
-    covariance: Array  # (b, b) [units of base]; infinite variance where the recordings tell nothing
-    information: Array  # (b, b) [1/units of base] Gram matrix weighted by the noise: what a deviation costs in torque
-    noise: Array  # (n,) [N.m or N] standard deviation of the residual at the reduced rate
+    covariance: Array  # (b, b) [units of base]; infinite variance where unidentifiable
+    information: Array  # (b, b) [1/units of base] information matrix: Gram matrix weighted by the noise
+    noise: Array  # (n,) [N.m or N] standard deviation of the decimated residual
     orders: tuple[int, ...]  # (n,) order of the autoregressive noise model
     method: str = "weighted least squares"
     notes: tuple[str, ...] = ()
-    flags: tuple[str, ...] = ()  # why not to trust it
+    flags: tuple[str, ...] = ()  # limitations of the result
 
     @property
     def std(self) -> Array:
@@ -83,9 +83,9 @@ class Parameters(Frozen):
         return self.values[[i for i, label in enumerate(self.labels) if label.body is not None]].reshape(-1, 10)
 
     def is_feasible(self, margin: float = 1e-12) -> bool:
-        """Whether a real robot could have them: every pseudo-inertia positive definite, friction and armature >= 0.
+        """Whether all pseudo-inertias are positive definite, and friction and armature are >= 0.
 
-        Proved by Cholesky factors of pseudo-inertia - margin * trace, not by any solver's word.
+        Verified by Cholesky factorisation of pseudo-inertia - margin * trace, independently of any solver.
 
         Source: Wensing, Kim, Slotine, IEEE RA-L 3(1), 2018.
         """
@@ -94,7 +94,7 @@ class Parameters(Frozen):
 
 
 def pseudo_inertia(inertial: Array) -> Array:
-    """The 4x4 pseudo-inertia [[S, h], [h', m]], S = tr(I)/2 - I, of ten inertial parameters.
+    """Pseudo-inertia (4, 4) [[S, h], [h', m]], S = tr(I)/2 - I, of ten inertial parameters.
 
     Args:
         inertial: (10,) in Pinocchio's order [kg, kg.m, kg.m2].

@@ -1,4 +1,4 @@
-"""One registry for every kind of plug-in."""
+"""Plug-in registry and lazily imported packages."""
 
 from __future__ import annotations
 
@@ -17,30 +17,30 @@ Plugin = TypeVar("Plugin")
 
 
 class Registry(Generic[Plugin]):
-    """Names of modules in the tree, or entry points `signid.<kind>` of other packages; imported when asked for.
+    """Plug-ins of one kind: modules of signid and entry points `signid.<kind>` of other packages, imported on access.
 
-    A plug-in module ends in `PLUGIN = ...`; its name in the registry is the module's, without underscores at its ends.
+    A plug-in module defines `PLUGIN`. Its registered name is the module name without leading or trailing underscores.
     """
 
     def __init__(self, kind: str, package: str, names: str, unlisted: str = "") -> None:
         self.kind, self.package = kind, package
         self.modules = {name.strip("_"): name for name in names.split()}
-        self.unlisted = {name.strip("_"): name for name in unlisted.split()}  # found by name, offered nowhere
+        self.unlisted = {name.strip("_"): name for name in unlisted.split()}  # accessible by name, but not listed
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names that the tree itself carries, in the order of registration."""
+        """Names of the plug-ins of signid, in the order of registration."""
         return tuple(self.modules)
 
     def __getitem__(self, name: str) -> Plugin:
-        """The plug-in of that name.
+        """Plug-in of a name.
 
         Raises:
-            OptionError: when neither the tree nor an installed package has it.
+            OptionError: unknown name.
         """
         if module := {**self.modules, **self.unlisted}.get(name):
             return cast(Plugin, import_module(f"{self.package}.{module}").PLUGIN)
-        from importlib.metadata import entry_points  # here, because what the tree itself carries does not need it
+        from importlib.metadata import entry_points  # slow import, needed only for other packages
 
         for point in entry_points(group=f"signid.{self.kind}"):
             if point.name == name:
@@ -55,10 +55,10 @@ class Registry(Generic[Plugin]):
 
 
 def public_names(package: str) -> dict[str, str]:
-    """The names that a package imports for type checkers alone -> the modules that they come from, relative to it.
+    """Public names of a package, mapped to their modules: the imports under `if TYPE_CHECKING` of its source.
 
     Args:
-        package: "signid.diagnose"; its source is read.
+        package: full name, such as "signid.diagnose".
     """
     source = Path(str(sys.modules[package].__file__)).read_text(encoding="utf-8")
     blocks = [node.body for node in ast.parse(source).body if isinstance(node, ast.If)]
@@ -67,22 +67,22 @@ def public_names(package: str) -> dict[str, str]:
 
 
 def package(name: str, homes: Mapping[str, str]) -> type[ModuleType]:
-    """Type of a package whose public names are imported from their modules when first used.
+    """Module type whose public names are imported lazily.
 
-    The names are properties, so that `signid.identify` is the verb although a module has its name.
+    The names are properties, so `signid.identify` is the function although a module has the same name.
 
     Args:
-        name: of the package.
+        name: full name of the package.
         homes: its `public_names`.
     """
     return type("Package", (ModuleType,), {public: _lazy(public, home, name) for public, home in homes.items()})
 
 
 def inner_package(name: str, homes: Mapping[str, str]) -> type[ModuleType]:
-    """The same of a package within the package, all of whose names are imported when its `__all__` is asked for.
+    """Module type of a subpackage: like `package`, and reading `__all__` imports all public names.
 
     Args:
-        name: of the package.
+        name: full name of the package.
         homes: its `public_names`.
     """
 

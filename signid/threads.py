@@ -1,4 +1,4 @@
-"""Linear algebra on one thread: the matrices are small, so that more threads cost up to seven times what they bring."""
+"""Single-threaded linear algebra: for small matrices, more threads are up to seven times slower."""
 
 from __future__ import annotations
 
@@ -10,6 +10,6 @@ from threadpoolctl import ThreadpoolController
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Within it, BLAS works on one thread, however many it would take otherwise; as before afterwards."""
+    """Limit BLAS to one thread within the block."""
     with ThreadpoolController().limit(limits=1, user_api="blas"):
         yield

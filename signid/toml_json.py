@@ -1,4 +1,4 @@
-"""TOML and JSON text -> plain objects; whatever is wrong with the text is a ValueError of one line."""
+"""Read TOML and JSON files; every syntax error is a ValueError with a message of one line."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from typing import Any
 
 
 def read_toml(path: str | Path) -> dict[str, Any]:
-    """The table in a TOML file.
+    """Read a TOML file.
 
     Raises:
         OSError: the file cannot be read.
-        ValueError: it is not UTF-8 (a UnicodeDecodeError), not TOML, or nested without end.
+        ValueError: the text is not UTF-8 (UnicodeDecodeError), not TOML, or nested too deeply.
     """
     return dict(_parsed(tomllib.loads, path))
 
 
 def read_json(path: str | Path) -> Any:
-    """What a JSON file holds.
+    """Read a JSON file.
 
     Raises:
         OSError: the file cannot be read.
-        ValueError: it is not UTF-8 (a UnicodeDecodeError), not JSON, or nested without end.
+        ValueError: the text is not UTF-8 (UnicodeDecodeError), not JSON, or nested too deeply.
     """
     return _parsed(json.loads, path)
 

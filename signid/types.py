@@ -1,17 +1,25 @@
-"""The types that travel along the pipeline: frozen, their arrays read-only, their labels beside them.
+"""Frozen data types of robots and recordings; `laws` defines those of laws, `parameters` those of parameters.
 
-Shapes: N samples, n joints that move by themselves, nb bodies. Parameters have a file of their own.
+Shapes: N samples, n independent joints, nb bodies.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
 from .arrays import Array as Array, Frozen as Frozen, Indices as Indices, Mask as Mask
+from .laws import (
+    Coefficient as Coefficient,
+    EffectProtocol as EffectProtocol,
+    Law as Law,
+    Shape as Shape,
+    View as View,
+    prismatic_unit as prismatic_unit,
+)
 from .parameters import (
     INERTIAL as INERTIAL,
     INERTIAL_UNITS as INERTIAL_UNITS,
@@ -26,12 +34,12 @@ from .parameters import (
 if TYPE_CHECKING:
     import pinocchio as pin
 
-Progress = Callable[[str, float], None]  # what is being done, share of it that is done [1]
+Progress = Callable[[str, float], None]  # current step, completed share [1]
 
 
 @dataclass(frozen=True, eq=False)
 class Actuators(Frozen):
-    """What is stated about the drives of the n joints; NaN where nothing is stated.
+    """Stated parameters of the drives of n joints; NaN where not stated.
 
     armature (n,) [kg.m2 or kg]; viscous_friction (n,) [N.m.s/rad]; coulomb_friction (n,) [N.m];
     torque_offset (n,) [N.m]; torque_constant (n,) [N.m/A at the joint].
@@ -46,49 +54,49 @@ class Actuators(Frozen):
 
 @dataclass(frozen=True, eq=False)
 class Robot(Frozen):
-    """A robot as its description states it, over the joints that move by themselves.
+    """A robot as stated by its description, over its independent joints.
 
-    Mimic joints and joints held fixed are one affine map: model velocity = drive @ joint velocity,
-    model position = drive @ joint position + rest (angles; `configuration` makes cos and sin of continuous joints).
+    Mimic joints and joints held fixed form one affine map: model velocity = drive @ joint velocity,
+    model position = drive @ joint position + rest (angles; `configuration` computes cos and sin of continuous joints).
     """
 
     name: str
-    model: pin.Model  # all bodies; never written to
+    model: pin.Model  # all bodies; never modified
     joints: tuple[str, ...]  # n names, in the order of the file
-    numbers: tuple[int, ...]  # 1-based index of each among the moving joints of the whole file
-    links: tuple[str, ...]  # nb names: the link that each joint of the model carries
+    numbers: tuple[int, ...]  # 1-based index of each joint among the moving joints of the file
+    links: tuple[str, ...]  # nb names: the link that each joint of the model moves
     drive: Array  # (nv, n) [1]
     rest: Array  # (nv,) [rad or m]
     prismatic: Mask  # (n,)
-    lower: Array  # (n,) [rad or m], -inf where none
-    upper: Array  # (n,) [rad or m], inf where none
-    velocity_limit: Array  # (n,) [rad/s or m/s], inf where none
-    effort_limit: Array  # (n,) [N.m or N], inf where none
+    lower: Array  # (n,) [rad or m], -inf without a limit
+    upper: Array  # (n,) [rad or m], inf without a limit
+    velocity_limit: Array  # (n,) [rad/s or m/s], inf without a limit
+    effort_limit: Array  # (n,) [N.m or N], inf without a limit
     actuators: Actuators
     document: str  # URDF or MJCF text, xacro expanded
     kind: str  # "urdf" or "mjcf"
     path: str
     sha256: str
-    notes: tuple[str, ...] = ()  # what the description lacks, a sentence each
+    notes: tuple[str, ...] = ()  # defects of the description, one sentence each
 
     def index(self, joint: str) -> int:
-        """Column of the joint of that name; raises ValueError when there is none."""
+        """Index of a joint by name; ValueError if there is none."""
         return self.joints.index(joint)
 
 
 class Samples(NamedTuple):
-    """Consecutive rows of a recording; NaN where a value is missing, None where no joint has the column."""
+    """Consecutive rows of a recording; NaN for missing values, None if no joint has the column."""
 
     t: Array  # (N,) [s]
     q: Array  # (N, n) [rad or m]
-    tau: Array  # (N, n) [N.m or N]; NaN columns where a joint has no torque
+    tau: Array  # (N, n) [N.m or N]; NaN columns for joints without torque
     dq: Array | None  # (N, n) [rad/s or m/s]
     ddq: Array | None  # (N, n) [rad/s2 or m/s2]
     q_des: Array | None  # (N, n) [rad or m]
 
 
 class Table(Protocol):
-    """Columns that can be read piece by piece, so that memory does not grow with their length."""
+    """Columns that are read in chunks, so memory does not grow with their length."""
 
     @property
     def columns(self) -> tuple[str, ...]: ...
@@ -97,30 +105,30 @@ class Table(Protocol):
     def rows(self) -> int: ...
 
     def read(self, names: Sequence[str], start: int, stop: int) -> Array:
-        """Rows start..stop of the columns named, (stop - start, len(names)), NaN where empty."""
+        """Read rows start..stop of the named columns, (stop - start, len(names)), NaN where empty."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class Recording(Frozen):
-    """Positions and torques of n joints over time; read piece by piece from its table."""
+    """Positions and torques of n joints over time, read in chunks from a table."""
 
-    joints: tuple[str, ...]  # n names, those with a position column, in the robot's order
+    joints: tuple[str, ...]  # n names: joints with a position column, in the robot's order
     table: Table
     columns: Mapping[str, tuple[str, ...]]  # "t" (1), "q", "tau", "dq", "ddq", "q_des" (n each, "" where absent)
-    torque_per_unit: Array  # (n,) [N.m/A where a current is recorded, else 1]; 1 where it is not known
-    signed: Mask  # (n,) False where only the absolute value is known
+    torque_per_unit: Array  # (n,) [N.m/A where a current is recorded, else 1]; 1 where unknown
+    signed: Mask  # (n,) False where only the absolute value is recorded
     path: str = ""
     sha256: str = ""
     notes: tuple[str, ...] = ()
-    scaled: Mask | None = None  # (n,) False where the torque constant of a current is not known; None: all are
-    flags: tuple[str, ...] = ()  # what is doubtful about its columns, a sentence each
+    scaled: Mask | None = None  # (n,) False where the torque constant of a current is unknown; None: all known
+    flags: tuple[str, ...] = ()  # uncertain column assignments, one sentence each
 
     def __len__(self) -> int:
         return self.table.rows
 
     def read(self, start: int = 0, stop: int | None = None) -> Samples:
-        """Rows start..stop, as they stand in the file, torques in N.m or N."""
+        """Read rows start..stop of the file; torques in N.m or N."""
         stop = len(self) if stop is None else min(stop, len(self))
         names = [c for group in self.columns.values() for c in group if c]
         values = dict(zip(names, self.table.read(names, start, stop).T, strict=True))
@@ -139,7 +147,7 @@ class Recording(Frozen):
 
 
 class Input(NamedTuple):
-    """A file that a result was made from."""
+    """An input file of a result."""
 
     path: str
     sha256: str
@@ -148,84 +156,10 @@ class Input(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Trajectory(Frozen):
-    """A motion that is asked for, at N instants of n joints."""
+    """A desired motion of n joints at N instants."""
 
     joints: tuple[str, ...]
     t: Array  # (N,) [s]
     q: Array  # (N, n) [rad or m]
     v: Array  # (N, n) [rad/s or m/s]
     a: Array  # (N, n) [rad/s2 or m/s2]
-
-
-def prismatic_unit(unit: str) -> str:
-    """The unit that stands at a prismatic joint where `unit` stands at a revolute one."""
-    return unit.replace("kg.m2", "kg").replace("N.m", "N").replace("rad", "m")
-
-
-@dataclass(frozen=True)
-class Coefficient:
-    """A number the torque is linear in: a column of the regressor."""
-
-    unit: str
-    positive: bool = False
-    same: bool = False  # its unit at a prismatic joint too: an angle, or a body's inertia
-
-    def unit_at(self, prismatic: bool) -> str:
-        """The unit at a joint: N for N.m, m for rad, kg for kg.m2 where it is prismatic."""
-        return prismatic_unit(self.unit) if prismatic and not self.same else self.unit
-
-
-@dataclass(frozen=True)
-class Shape:
-    """A number the torque is not linear in: tried on a grid, then polished.
-
-    `grid` counts in rms `speed`, `travel`, rms `torque`, `duration` of the joint, or in the unit itself.
-    """
-
-    unit: str
-    grid: tuple[float, ...]
-    of: str | None = None
-
-    def unit_at(self, prismatic: bool) -> str:
-        """The unit at a joint, as of a coefficient."""
-        return prismatic_unit(self.unit) if prismatic else self.unit
-
-
-class View(Protocol):
-    """The m joints a law acts on, at one moment or along a motion: arrays (..., m).
-
-    Leading axes are samples (identification) or trial values (simulation); a law does not care.
-    """
-
-    joints: tuple[int, ...]
-    dt: float  # [s]
-    whole: Any  # the Motion or the moment of simulation this is a view of: jacobian, regressor
-
-    @property
-    def t(self) -> Array: ...  # (..., 1) [s]
-    @property
-    def q(self) -> Array: ...  # (..., m) [rad or m]
-    @property
-    def v(self) -> Array: ...  # (..., m) [rad/s or m/s]
-    @property
-    def a(self) -> Array: ...  # (..., m) [rad/s2 or m/s2]
-    @property
-    def load(self) -> Array: ...  # (..., m) rigid-body torque [N.m or N]
-    @property
-    def direction(self) -> Array: ...  # (..., m) of motion, in [-1, 1]; unknown at rest [1]
-    @property
-    def inertia(self) -> Array: ...  # (..., m) diagonal of the mass matrix [kg.m2 or kg]
-    @property
-    def torque(self) -> Array: ...  # (..., m) motor torque that the model predicts [N.m or N]
-    @property
-    def recorded(self) -> Array: ...  # (..., m) motor torque as measured [N.m or N]
-    def __getitem__(self, i: Any) -> View: ...  # some of the leading axis
-
-
-@dataclass(frozen=True)
-class Law:
-    """An effect at its joints, with numbers: in a model all of them, as a hypothesis only its shape."""
-
-    effect: Any  # effects.base.Effect
-    joints: tuple[int, ...]
-    parameters: Mapping[str, float] = field(default_factory=dict)

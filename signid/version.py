@@ -1,3 +1,3 @@
-"""The version, written into every result."""
+"""Version of signid, stored in every result."""
 
 __version__ = "0.1.0"

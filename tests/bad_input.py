@@ -80,7 +80,7 @@ def columns() -> list[Case]:
         recording("time runs back", changed("t", lambda x: x[::-1]), "t"),
         recording("one step back in time", changed("t", lambda x: put(x, 600, x[400])), "row"),
         recording("time stands still", changed("t", lambda x: put(x, ..., 0.0)), "t"),
-        recording("torque beyond all robots", changed("tau_1", lambda x: put(x, 300, 1e300)), "no robot"),
+        recording("torque beyond all robots", changed("tau_1", lambda x: put(x, 300, 1e300)), "implausible value"),
         recording("torque constant", changed("tau_1", lambda x: put(x, ..., 3.0)), "tau_1"),
         recording("torque zero", changed("tau_1", lambda x: put(x, ..., 0.0)), "tau_1"),
         recording("position constant", changed("q_1", lambda x: put(x, ..., 0.3)), "q_1"),

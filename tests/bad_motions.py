@@ -30,7 +30,7 @@ def injections() -> list[Case]:
         injected("a shape missing", "stribeck_friction@2:level=1", "velocity"),
         injected("stiffness zero", "joint_elasticity@2:stiffness=0", "positive"),
         injected("a strange number", "spring@2:stiffness=1,rest=0,colour=3", "colour"),
-        injected("a word", "spring@2:stiffness=soft,rest=0", "no number"),
+        injected("a word", "spring@2:stiffness=soft,rest=0", "not a number"),
         injected("no equals sign", "spring@2:stiffness,rest=0", "cannot be read"),
         injected("twice the same key", "spring@2:rest=1,rest=0", "cannot be read"),
         injected("infinity", "spring@2:stiffness=inf,rest=0", "inf"),

@@ -16,7 +16,7 @@ from signid.effects.base import ActuatorLaw, BodyLaw, Effect, RecordingLaw, Torq
 from signid.effects.law import law_columns, law_torque
 from signid.effects.trial import Trial
 from signid.regression.motion import Motion
-from signid.robot.dynamics import carried, own_row
+from signid.robot.dynamics import own_body, own_row
 from signid.types import Array, Law
 
 KINDS = (TorqueLaw, BodyLaw, TransmissionLaw, RecordingLaw, ActuatorLaw)
@@ -109,7 +109,7 @@ def _bodies(effect: BodyLaw, motion: Motion) -> Iterator[str]:
     law = law_of(effect, SMALL)
     rows, torque = law_torque(law, motion)
     model, joint = motion.robot.model.copy(), law.joints[0]
-    effect.reshape(model, own_row(motion.robot, joint), carried(motion.robot, joint) + 1, **law.parameters)
+    effect.reshape(model, own_row(motion.robot, joint), own_body(motion.robot, joint) + 1, **law.parameters)
     data = model.createData()
     states = zip(motion.configuration, *motion.rates, strict=True)
     change = np.array([pin.rnea(model, data, *state) for state in states]) - motion.load

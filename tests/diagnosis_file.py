@@ -6,7 +6,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-from signid.effects.naming import parse_law, placed
+from signid.effects.naming import law_place, parse_law
 from signid.model import load_model
 
 
@@ -17,7 +17,7 @@ def write_diagnosis(folder: Path, robot: str, laws: tuple[str, ...], verdict: st
     extended = replace(model, laws=(*model.laws, *found))
     findings = []
     for law in found:
-        joint, values = placed(law, model.robot)
+        joint, values = law_place(law, model.robot)
         parameters = {key: {"value": value, "std": 0.001, "unit": ""} for key, value in values.items()}
         named = {"effect": law.effect.name, "joint": joint, "role": "cause", "probability": 0.9995}
         findings.append({**named, "parameters": parameters})

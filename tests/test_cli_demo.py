@@ -21,7 +21,7 @@ import signid.cli.demo
 from signid.cli import run
 from signid.cli.demo import Story, demo
 from signid.diagnose import Alternative
-from signid.effects.naming import spoken
+from signid.effects.naming import law_name
 from signid.robot import load_robot
 
 FILES = "demo.json diagnosis.json held_out.csv model.json recording.csv replay.html report.html robot.urdf".split()
@@ -79,7 +79,7 @@ def test_the_story_fits_on_a_screen(told: Told) -> None:
     lines = told.out.splitlines()
     assert (told.code, told.err) == (0, "") and len(lines) <= 40 and max(map(len, lines)) <= 100
     for outcome in told.story.outcomes:
-        row = next(line for line in lines if line.startswith(spoken(outcome.law, told.story.simulation.robot)))
+        row = next(line for line in lines if line.startswith(law_name(outcome.law, told.story.simulation.robot)))
         assert row.rstrip().endswith("found")
     assert "3 of 3 concealed laws found; " in told.out
     assert "open:\n  signid-demo/report.html\n  signid-demo/replay.html\n" in told.out
@@ -148,7 +148,7 @@ def test_a_miss_is_told(told: Told, tmp_path: Path, monkeypatch: pytest.MonkeyPa
     beside = replace(second, law=other, alternatives=(Alternative(second.law, 0.25, ""),))
     wrong = replace(story, result=replace(story.result, findings=(first, beside, replace(third, role="secondary"))))
     found = command(monkeypatch, tmp_path, story=wrong)
-    hidden = spoken(second.law, robot)
+    hidden = law_name(second.law, robot)
     flag = f"{hidden} was concealed and named only as an alternative to armature of joint_3, with probability 0.250"
     assert found.code == 3 and wrong.flags == (flag,)
     assert flag in found.err and f"{flag}." in " ".join(found.out.split())

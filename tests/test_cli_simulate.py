@@ -15,7 +15,7 @@ import signid
 from signid.cli import run
 from signid.cli.commands.excitation import split_laws
 from signid.effects import EFFECTS
-from signid.effects.naming import parse_law, written
+from signid.effects.naming import law_syntax, parse_law
 
 LIGHT = "payload:mass=0.2,first_moment_x=0.02"
 REAL = "--noise 0.01 --encoder-bits 17 --seed 3".split()
@@ -194,7 +194,7 @@ def test_effects_are_listed_and_read_back(capfd: pytest.CaptureFixture[str]) -> 
     assert run(["effects"]) == 0
     out, robot = capfd.readouterr().out, signid.load_robot("3r")
     for effect in EFFECTS:
-        text = written(effect)
+        text = law_syntax(effect)
         assert f"  {text}\n" in out or text in out.replace("\n", "")
         text = text.replace("[@JOINT]", "").replace("@JOINT", "@joint_1").replace("partner=JOINT", "partner=joint_2")
         law = parse_law(text, robot)
@@ -208,7 +208,7 @@ def test_effects_are_listed_and_read_back(capfd: pytest.CaptureFixture[str]) -> 
 
 def test_every_effect_can_be_injected(capfd: pytest.CaptureFixture[str]) -> None:
     for effect in EFFECTS:
-        text = written(effect).replace("[@JOINT]", "").replace("@JOINT", "@2").replace("partner=JOINT", "partner=3")
+        text = law_syntax(effect).replace("[@JOINT]", "").replace("@JOINT", "@2").replace("partner=JOINT", "partner=3")
         given = ["--inject", text, "--inject", "armature@2:inertia=0.2", "--inject", "armature@3:inertia=0.2"]
         assert run(["simulate", "3r", "--json", "--duration", "0.5", *given]) == 0, text
         found = strict(capfd.readouterr().out)

@@ -172,7 +172,7 @@ def test_a_gross_fault_is_a_flag(place: Path, capfd: pytest.CaptureFixture[str])
         ("3r nothing.csv", "nothing.csv does not exist"),
         ("nobody held_out.parquet", "nobody is neither a model nor a recording"),
         ("nothing.json held_out.parquet", "cannot read nothing.json"),
-        ("id/identification.json held_out.parquet", "holds 'signid.identification/1'; expected 'signid.model/1'"),
+        ("id/identification.json held_out.parquet", "has the schema 'signid.identification/1'; give a model.json"),
         ("id held_out.parquet", "the folder id holds model.json and robot.urdf; name the file instead"),
         ("empty held_out.parquet", "the folder empty holds neither a model nor a recording"),
         ("3r notes.txt", "notes.txt has the name of neither a model nor a recording"),

@@ -17,7 +17,7 @@ from swing import csv, swing
 from signid.cli import run
 from signid.errors import OutputError, RecordingError
 from signid.output.report import write_files
-from signid.recording.formats import csv_, room
+from signid.recording.formats import csv_, memory
 from signid.recording.formats.find import find_format
 
 HERE = Path(__file__).parents[1]
@@ -165,10 +165,10 @@ def test_strange_paths_are_fine_everywhere(
 def test_too_little_memory_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "r.csv"
     path.write_text(csv(swing()))
-    monkeypatch.setattr(room, "room", lambda: 1000.0)
+    monkeypatch.setattr(memory, "free_memory", lambda: 1000.0)
     with pytest.raises(RecordingError, match="Parquet"):
         find_format(path).open(path)
-    monkeypatch.setattr(csv_, "room", lambda: 1000.0)
+    monkeypatch.setattr(csv_, "free_memory", lambda: 1000.0)
     packed = tmp_path / "r.csv.gz"
     packed.write_bytes(find_format(packed).encode(swing(), packed.name))
     with pytest.raises(RecordingError, match="Parquet"):

@@ -116,7 +116,7 @@ def stopped_by_hand(verb: Callable[[], Any]) -> Any:
 def test_a_stop_is_flagged_by_what_asked_for_it(robot: Robot, recording: Recording) -> None:
     found = stopped_by_hand(lambda: signid.identify(robot, [recording], method="pbrp"))
     (flag,) = [flag for flag in found.flags if flag.startswith("stopped early by a test: ")]
-    assert "the search for standard parameters" in flag and "ended with the best found until then" in flag
+    assert "the search for standard parameters" in flag and "ended with the best result so far" in flag
 
 
 def test_a_fit_that_was_cut_short_is_not_worse_than_least_squares(robot: Robot, recording: Recording) -> None:

@@ -14,7 +14,7 @@ from signid.diagnose.data import motions
 from signid.diagnose.data.normal_equations import solve
 from signid.errors import InputError
 from signid.model import Model, stated_inertials
-from signid.recording.sampling import samples, spread
+from signid.recording.sampling import samples, select_stretches
 from signid.recording_faults.limits import Amount
 from signid.recording_faults.messages import tell_amount
 from signid.regression.motion import Motion
@@ -165,6 +165,6 @@ def test_of_a_long_recording_stretches_are_taken_and_it_is_told(monkeypatch: pyt
         first = train.stretch(span).first
         assert found.q[:, 0] == pytest.approx(_waves(80.0)["q_1"][first : first + 5])
     assert "evenly spread" in cut.notes[-1]
-    assert spread(whole.train[0][1], 1e6) is whole.train[0][1]
+    assert select_stretches(whole.train[0][1], 1e6) is whole.train[0][1]
     monkeypatch.setattr(motions, "JOINT_SECONDS", 1e9)
     assert motions.subsample(whole) is whole

@@ -9,9 +9,9 @@ from pathlib import Path
 
 PACKAGE = Path(__file__).parents[1] / "signid"
 ROOMS = {  # modules and folders of a folder in the order of the data; one imports only those before it
-    "": "version errors threads deadline toml_json arrays registry parameters types optimisers robot effects recording "
-    "regression model inspect simulation estimation signs recording_faults payload check identify diagnose validate "
-    "output cli __main__ __init__",
+    "": "version errors threads deadline toml_json arrays registry parameters laws types optimisers robot effects "
+    "recording regression model inspect simulation estimation signs recording_faults payload check identify diagnose "
+    "validate output cli __main__ __init__",
     "cli": "app terminal interrupt options arguments output drive files fleet demo commands run worker __init__",
     "diagnose": "data evidence result extend search findings run __init__",
     "output": "__init__ replay export report",
@@ -19,7 +19,7 @@ ROOMS = {  # modules and folders of a folder in the order of the data; one impor
     "estimation": "__init__ fit_quality discrepancy excitation feasible pbrp least_squares standard estimators",
     "regression": "__init__ filters covariance projection bandwidth motion regressor base_parameters rows row_sample "
     "factors session prepare reduced",
-    "recording": "units frames numbering signed mapping formats source names columns sampling gallery read "
+    "recording": "table units frames numbering signed mapping formats source names columns sampling gallery read "
     "__init__ convert",
     "robot": "configuration dynamics joints locate weld actuators hold description meshes load __init__",
     "signs": "thresholds result rows search samples inferred tree posterior infer torque_constants recover __init__",

@@ -88,7 +88,7 @@ def test_currents_become_torques() -> None:
     recording = read_recording(source, arm(constants=[np.nan, -2.0, -3.0]))
     np.testing.assert_array_equal(torque(recording), np.column_stack([TAU[:, 0], -2 * TAU[:, 1], 3 * abs(TAU[:, 2])]))
     assert recording.signed.tolist() == [True, True, False]
-    assert "tau is used and current is not" in recording.notes[0] and "shoulder" in recording.notes[0]
+    assert "tau is used instead of current" in recording.notes[0] and "shoulder" in recording.notes[0]
 
 
 def test_unsigned_forgets_every_sign() -> None:

@@ -166,7 +166,7 @@ def test_short_holes_need_not_lose_a_recording() -> None:
     """A torque missing every 0.4 s leaves no stretch of half a second; without these rows one is left."""
     robot, tau = signid.load_robot("1r"), pristine()["tau_1"].copy()
     tau[::40] = np.nan
-    with pytest.raises(RecordingError, match="--drop-missing bridges short holes"):
+    with pytest.raises(RecordingError, match="--drop-missing bridges short gaps"):
         survey(read_recording(swing(tau_1=tau), robot), robot)
     whole = read_recording(convert(swing(tau_1=tau), drop_missing=True).columns, robot)
     assert len(survey(whole, robot).spans) == 1 and len(whole) == 1170
@@ -176,7 +176,7 @@ def test_what_is_odd_is_told() -> None:
     assert "milliseconds" in convert(whole(t=T * 1e3)).flags[0]
     assert "goes back after 1 of" in convert(whole(t=np.concatenate([T[15:], T[:15]]))).flags[0]
     found = convert({"a": T, "mode": ["run"] * len(T)}, units={"q": "deg"})
-    sentence("; ".join(found.notes), "no numbers: mode", "given for q", "column of time t", "torque tau_J")
+    sentence("; ".join(found.notes), "no numbers: mode", "unit of q is unused", "column of time t", "torque tau_J")
     assert found.pace is None and list(found.columns) == ["a"]
     slow = convert(whole(), units={"t": "ms"})
     assert slow.pace is not None and slow.pace.rate == pytest.approx(1e4) and slow.units["t"] == "ms"
@@ -195,7 +195,7 @@ CASES = {
     "the same file": ("convert a.csv -o ./a.csv", "another name"),
     "through a link": ("convert a.csv -o link.csv", "another name"),
     "an unknown format": ("convert a.csv -o a.txt", "format"),
-    "a bag as the result": ("convert a.csv -o a.mcap", "read, not written"),
+    "a bag as the result": ("convert a.csv -o a.mcap", "cannot be written"),
     "a folder as the result": ("convert a.csv -o folder", "folder"),
     "no such source": ("convert gone.bag -o b.csv", "does not exist"),
     "a folder as the source": ("convert folder -o b.csv", "metadata.yaml"),

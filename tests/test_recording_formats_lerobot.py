@@ -16,7 +16,7 @@ from test_recording_formats import sentence
 
 from signid.errors import RecordingError
 from signid.recording import read_recording
-from signid.recording.formats import FORMATS, room
+from signid.recording.formats import FORMATS, memory
 from signid.recording.formats.base import About
 
 FPS = 50
@@ -79,7 +79,7 @@ def test_episodes_follow_each_other(together: bool, tmp_path: Path) -> None:
     steps = np.diff(samples.t)
     np.testing.assert_allclose(np.delete(steps, 119), 1 / FPS, atol=1e-12)
     assert steps[119] == pytest.approx(1.0), "episodes are stretches"
-    sentence("; ".join(recording.notes), "2 episodes (3, 7)", "number of the frame at 50 Hz")
+    sentence("; ".join(recording.notes), "2 episodes (3, 7)", "frame index at 50 Hz")
 
 
 def test_one_file_of_a_dataset(tmp_path: Path) -> None:
@@ -99,7 +99,7 @@ def test_units_are_not_guessed(missing: str, tmp_path: Path) -> None:
     said = {"units": {kind: unit for kind, unit in DEGREES["units"].items() if kind != missing}}
     with pytest.raises(RecordingError) as error:
         read_recording(path, arm(), columns=said)
-    sentence(str(error.value), "does not say in which unit", f"{missing}_shoulder", f"--unit {missing}=")
+    sentence(str(error.value), "does not state the unit", f"{missing}_shoulder", f"--unit {missing}=")
 
 
 def test_shares_of_the_range_by_scale_and_offset(tmp_path: Path) -> None:
@@ -155,7 +155,7 @@ def test_a_dataset_without_torque_says_so(tmp_path: Path) -> None:
         {"data/c/f.parquet": rows(0, 30, action=motion()["action"], **{"observation.state": motion()["action"]})},
     )
     table = FORMATS["lerobot"].open(path)
-    assert "nothing to identify" in "; ".join(About.of(table).notes)
+    assert "identification is not possible" in "; ".join(About.of(table).notes)
 
 
 Change = Callable[[Path], object]
@@ -173,10 +173,13 @@ def table(change: Callable[[pl.DataFrame], pl.DataFrame]) -> Change:
 
 
 BAD: dict[str, tuple[Change, str]] = {
-    "no JSON": (lambda folder: (folder / "meta" / "info.json").write_text("{"), "LeRobot's"),
-    "not UTF-8": (lambda folder: (folder / "meta" / "info.json").write_bytes(b"\xff{}"), "LeRobot's"),
-    "a list": (lambda folder: (folder / "meta" / "info.json").write_text("[1]"), "LeRobot's"),
-    "endless brackets": (lambda folder: (folder / "meta" / "info.json").write_text("[" * 100_000), "LeRobot's"),
+    "no JSON": (lambda folder: (folder / "meta" / "info.json").write_text("{"), "valid LeRobot description"),
+    "not UTF-8": (lambda folder: (folder / "meta" / "info.json").write_bytes(b"\xff{}"), "valid LeRobot description"),
+    "a list": (lambda folder: (folder / "meta" / "info.json").write_text("[1]"), "valid LeRobot description"),
+    "endless brackets": (
+        lambda folder: (folder / "meta" / "info.json").write_text("[" * 100_000),
+        "valid LeRobot description",
+    ),
     "no rate": (info(fps=None), "fps"),
     "rate zero": (info(fps=0), "fps"),
     "rate infinite": (info(fps=float("inf")), "fps"),
@@ -206,8 +209,8 @@ def test_what_cannot_be_read(case: str, tmp_path: Path) -> None:
 
 def test_what_would_not_fit_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = two_episodes(tmp_path, together=True)
-    monkeypatch.setattr(room, "room", lambda: 1000.0)
-    with pytest.raises(RecordingError, match="memory to be read whole.*fewer episodes"):
+    monkeypatch.setattr(memory, "free_memory", lambda: 1000.0)
+    with pytest.raises(RecordingError, match="GB of memory.*fewer episodes"):
         read_recording(path, arm(), columns=DEGREES)
 
 

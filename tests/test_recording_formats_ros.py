@@ -127,7 +127,7 @@ def test_topics_are_joined_in_time(tmp_path: Path) -> None:
     assert np.abs(torque - truth)[~gap].max() < 5e-3
     np.testing.assert_allclose(column(table, "q_shoulder"), np.sin(2 * at), atol=1e-9)
     np.testing.assert_allclose(column(table, "q_des_elbow"), np.sin(3 * at) + 0.01, atol=1e-9)
-    sentence(notes(about), "interpolated", "not across gaps", "/q: 11 messages at the ends left out")
+    sentence(notes(about), "interpolated", "not across gaps", "/q: 11 messages at the ends omitted")
     assert [topic.read for topic in about.topics] == [True] * 3
     samples = read_recording(path, arm(), topics=("/q", "/ft/effort", "/control")).read()
     np.testing.assert_array_equal(samples.tau[:, 0], torque)
@@ -156,7 +156,7 @@ def test_messages_out_of_order_and_repeated(tmp_path: Path) -> None:
     table, about = opened(write2(tmp_path / "a", known, messages))
     np.testing.assert_array_equal(column(table, "q_elbow"), swung()[1][:, 1])
     assert "header" in about.clock
-    sentence(notes(about), "1 message out of order: sorted", "1 message at the time of the one before")
+    sentence(notes(about), "1 message out of order: sorted", "1 message with the time of the previous one")
 
 
 @pytest.mark.parametrize("case", ["unset", "standing still", "another clock", "simulated"])
@@ -192,7 +192,7 @@ def test_what_was_not_measured_is_left_out(tmp_path: Path) -> None:
         notes(about),
         "effort of shoulder, elbow is NaN or zero",
         "velocity of",
-        "another length than that of names left out: 1",
+        "another length than the names: 1",
     )
 
 
@@ -221,7 +221,7 @@ def test_trajectories_alone_and_beside_a_recording(tmp_path: Path) -> None:
         plans.append(("/plan", plan(known, START + start, JOINTS, points), START + start))
     table, about = opened(write2(tmp_path / "alone", known, plans))
     np.testing.assert_array_equal(column(table, "tau_elbow"), tau[:, 1])
-    sentence(notes(about), "100 points give way", "what was asked for")
+    sentence(notes(about), "100 points are replaced", "commanded trajectory")
     both = sorted([*plans, *states(known)], key=lambda each: each[2])
     path = write2(tmp_path / "both", known, both)
     assert not any("q_des" in name for name in opened(path)[0].columns), "only what is asked for is joined"

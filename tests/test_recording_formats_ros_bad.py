@@ -20,7 +20,7 @@ from test_recording_formats_ros import opened
 
 from signid.errors import OptionError, RecordingError
 from signid.recording import read_recording
-from signid.recording.formats import FORMATS, room
+from signid.recording.formats import FORMATS, memory
 from signid.recording.formats.find import find_format
 
 FILES = ("a.bag", "bare.db3", "bare.mcap")
@@ -83,7 +83,7 @@ def half(good: Path, folder: Path, change: Callable[[Path], object]) -> Path:
 FOLDERS: dict[str, tuple[Callable[[Path], object], str]] = {
     "no database": (lambda bag: (bag / "a.db3").unlink(), "missing"),
     "an empty database": (lambda bag: (bag / "a.db3").write_bytes(b""), "damaged"),
-    "a pipe for a database": (lambda bag: ((bag / "a.db3").unlink(), os.mkfifo(bag / "a.db3")), "no file"),
+    "a pipe for a database": (lambda bag: ((bag / "a.db3").unlink(), os.mkfifo(bag / "a.db3")), "not a regular file"),
     "no metadata in it": (lambda bag: (bag / "metadata.yaml").write_text("a: 1"), "metadata"),
     "metadata that is no YAML": (lambda bag: (bag / "metadata.yaml").write_text("{[:"), "YAML"),
     "metadata not UTF-8": (lambda bag: (bag / "metadata.yaml").write_bytes(b"\xff\xfe\xfa"), "damaged"),
@@ -178,7 +178,7 @@ def test_several_topics_are_listed(tmp_path: Path) -> None:
     assert opened(path, "/left/joint_states")[0].rows == 400
     with pytest.raises(OptionError, match="no topics"):
         read_recording({"t": [1, 2]}, arm(), topics=("/a",))
-    with pytest.raises(OptionError, match="read, not written"):
+    with pytest.raises(OptionError, match="cannot be written"):
         FORMATS["rosbag"].encode({}, "a.bag")
 
 
@@ -203,7 +203,7 @@ def test_a_bag_that_unpacks_to_more_than_memory_holds(tmp_path: Path, monkeypatc
     at = content.index(b"BZh")
     path.write_bytes(content[:at] + bomb + content[at + len(bomb) :])
     refused(path, "damaged")
-    monkeypatch.setattr(room, "room", lambda: 1e8)
+    monkeypatch.setattr(memory, "free_memory", lambda: 1e8)
     refused(path, "more memory than there is")
     assert resource.getrlimit(resource.RLIMIT_AS) == limits
 

@@ -194,7 +194,7 @@ def test_a_damaged_recording_is_replaced(folder: Path) -> None:
     [
         (["pandaa"], "no data named 'pandaa'; did you mean panda?"),
         (["kuka"], "choose from 1r, 3r, emps, panda, tx40, ur10e"),
-        (["toy", "--yes", "--source", "http://example.com"], "no address to download from"),
+        (["toy", "--yes", "--source", "http://example.com"], "not a valid address for downloads"),
         (["toy", "--yes", "-o", ""], "not a folder"),
         (["--yes"], "no data set was named"),
     ],
@@ -207,15 +207,15 @@ def test_bad_usage(given: list[str], told: str, capsys: pytest.CaptureFixture[st
 
 def test_where_recordings_are_looked_for(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert data_folder() == Path("data")
-    with pytest.raises(RecordingError, match="SIGNID_DATA is not set, and there is no folder .*; signid data toy gets"):
+    with pytest.raises(RecordingError, match="SIGNID_DATA is not set, and there is no folder .*; run signid data toy"):
         recordings("toy")
     (folder / "data" / "toy_there").mkdir(parents=True)
-    with pytest.raises(RecordingError, match="toy_there lacks toy.csv.gz; signid data toy gets"):
+    with pytest.raises(RecordingError, match="toy_there lacks toy.csv.gz; run signid data toy"):
         recordings("toy")
     (folder / "data" / "toy_there" / "toy.csv.gz").touch()
     assert recordings("toy") == Path("data/toy_there")
     monkeypatch.setenv("SIGNID_DATA", str(folder / "elsewhere"))
-    with pytest.raises(RecordingError, match="SIGNID_DATA leads to .*elsewhere, and"):
+    with pytest.raises(RecordingError, match="SIGNID_DATA is .*elsewhere, and"):
         recordings("toy")
     shutil.move(folder / "data", folder / "elsewhere")
     assert recordings("toy") == folder / "elsewhere" / "toy_there"

@@ -8,12 +8,12 @@ import pytest
 from serving import TEXT, Server, send, serve, toy
 
 from signid.errors import DownloadError, OptionError
-from signid.recording.gallery import DATA, DataSet, Patience, Product, fetch
+from signid.recording.gallery import DATA, DataSet, DownloadLimits, Product, fetch
 from signid.recording.gallery.download import is_allowed
 from signid.recording.gallery.fetch import check_source
 
 PATH = "logs/a_toy.csv"
-HASTE = Patience(size=10_000, silence=0.3, total=0.6)
+HASTE = DownloadLimits(size=10_000, silence=0.3, total=0.6)
 
 
 @pytest.fixture(autouse=True)
@@ -47,7 +47,7 @@ def test_a_file_that_is_not_there() -> None:
 
 def test_a_transfer_that_breaks_off() -> None:
     with serve({PATH: lambda to: send(to, TEXT, length=1000)}) as server:
-        assert f"it broke off after {len(TEXT)} of 1000 bytes; try again" in refusal(server)
+        assert f"it ended after {len(TEXT)} of 1000 bytes; try again" in refusal(server)
 
 
 def test_a_transfer_in_pieces_that_breaks_off() -> None:
@@ -60,12 +60,12 @@ def test_a_transfer_in_pieces_that_breaks_off() -> None:
         to.close_connection = True
 
     with serve({PATH: answer}) as server:
-        assert "it broke off" in refusal(server)
+        assert "it ended" in refusal(server)
 
 
 def test_a_file_that_is_too_large_is_not_begun() -> None:
     with serve({PATH: lambda to: send(to, b"", length=50_000_000)}) as server:
-        assert "it has 50 MB, where 0.01 MB are the most" in refusal(server)
+        assert "it has 50 MB, more than the limit of 0.01 MB" in refusal(server)
 
 
 def test_a_file_without_end_is_cut() -> None:
@@ -77,7 +77,7 @@ def test_a_file_without_end_is_cut() -> None:
                 to.wfile.write(b"0" * 1000)
 
     with serve({PATH: answer}) as server:
-        assert "it has more than 0.01 MB" in refusal(server)
+        assert "it has more than the limit of 0.01 MB" in refusal(server)
 
 
 @pytest.mark.parametrize("begun", [False, True])
@@ -89,7 +89,7 @@ def test_a_server_that_falls_silent(begun: bool) -> None:
         server.over.wait()
 
     with serve({PATH: answer}) as server:
-        assert "nothing came for 0.3 s" in refusal(server)
+        assert "no data for 0.3 s" in refusal(server)
 
 
 def test_a_server_that_drips_is_left() -> None:
@@ -108,7 +108,7 @@ def test_a_server_that_drips_is_left() -> None:
 @pytest.mark.parametrize(
     ("where", "why"),
     [
-        ("http://example.com/x", "it leads on to 'http://example.com/x', which is not encrypted"),
+        ("http://example.com/x", "it redirects to 'http://example.com/x', which is not encrypted"),
         ("ftp://localhost/x", "not encrypted"),
         ("file:///etc/hostname", "the server answers 302 (Found)"),
         ("http://[x/", "Invalid IPv6 URL"),
@@ -156,7 +156,7 @@ def test_addresses(address: str, local: bool, allowed: bool) -> None:
 
 @pytest.mark.parametrize("source", ["", "panda", "ftp://x/y", "http://example.com", "https://x/y?z", "https://x/y#z"])
 def test_sources_that_are_none(source: str) -> None:
-    with pytest.raises(OptionError, match="no address to download from"):
+    with pytest.raises(OptionError, match="not a valid address for downloads"):
         check_source(source)
 
 
@@ -188,5 +188,5 @@ def test_another_recording_is_refused() -> None:
         with pytest.raises(DownloadError, match="exciting_traj_1.csv.gz from .* nothing was written"):
             fetch(DATA["panda"], server.address)
     with serve({PATH: TEXT.replace(b"1.5", b"1.6")}) as server:
-        with pytest.raises(DownloadError, match=r"is another \(sha256 [0-9a-f]{12}... instead of"):
+        with pytest.raises(DownloadError, match=r"has another content \(sha256 [0-9a-f]{12}... instead of"):
             fetch(toy(), server.address)

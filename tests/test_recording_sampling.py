@@ -161,7 +161,15 @@ def test_what_is_left_out_is_told() -> None:
     told = " / ".join(sampling.notes)
     for note in sampling.notes:
         sentence(note)
-    for words in ("1 gap", "0.3", "1 in q_1", "3 in tau_1", "4 samples of 4000 left", "4 samples dropped", "q_2 wraps"):
+    for words in (
+        "1 gap",
+        "0.3",
+        "1 in q_1",
+        "3 in tau_1",
+        "4 samples of 4000 omitted",
+        "4 samples dropped",
+        "q_2 wraps",
+    ):
         assert words in told, (words, told)
 
 

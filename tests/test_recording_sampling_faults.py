@@ -93,7 +93,7 @@ NOTED: dict[str, tuple[Change, tuple[str, ...]]] = {
     "gap": (lambda c: c.update(t=T + 0.5 * (T >= 10)), ("1 gap ", "0.51 s", "t = 9.99")),
     "two gaps": (lambda c: c.update(t=T + 0.5 * (T >= 5) + 2 * (T >= 15)), ("2 gaps", "2.01 s", "t = 15.49")),
     "holes": (put("tau", (slice(700, 705), 0), np.nan), ("5 in tau_1", "5 samples of 2000")),
-    "duplicates": (put("t", 9, 0.08), ("1 sample ", "repeats")),
+    "duplicates": (put("t", 9, 0.08), ("1 sample ", "same time as the previous")),
     "still joint": (put("q", (slice(None), 1), 0.4), ("q_2", "constant", "elbow did not move")),
     "a bit beyond": (scale("q", 3.0), ("shoulder", "beyond the limits", "rad")),
     "no torque of one": (lambda c: c.update(tau=c["tau"][:, :1]), ("elbow moves",)),

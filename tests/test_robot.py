@@ -166,7 +166,7 @@ def test_inertials_that_no_body_has_are_noted() -> None:
         "links none, weightless move but carry no mass",
         "links negative, weightless have an inertia without a positive mass",
         "link flat has an inertia that is not positive definite",
-        "link triangle has an inertia that breaks the triangle inequality",
+        "link triangle has an inertia that violates the triangle inequality",
     )
 
 
@@ -184,5 +184,5 @@ def test_prefixes_that_nobody_declared_and_namespaces() -> None:
     loose = urdf(*PAIR, '<drake:joint name="z" type="ball"/><sensor:camera/>')
     assert robot_from_text(loose, "urdf", "toy").joints == ("z",)
     assert robot_from_text(urdf(*PAIR, name=' xmlns="http://www.ros.org"'), "urdf", "toy").name == "toy"
-    with pytest.raises(RobotError, match="said to be 'mjcf'"):
+    with pytest.raises(RobotError, match="declared as 'mjcf'"):
         robot_from_text(loose, "mjcf", "toy")

@@ -129,7 +129,7 @@ def test_the_three_ways_to_state_an_inertia_agree() -> None:
         ([DHLink(0, 0, 0, centre=(1.0, 2.0))], "3 numbers"),
         ([DHLink(0, 0, 0, inertia=np.arange(9.0).reshape(3, 3))], "not symmetric"),
         ([DHLink(0, 0, 0, inertia=(1.0,))], "3, 6 or 3 x 3"),
-        ([DHLink(0, 0, 0, lower=1.0, upper=-1.0)], "lower one comes first"),
+        ([DHLink(0, 0, 0, lower=1.0, upper=-1.0)], "give the lower one first"),
     ],
 )
 def test_bad_tables_get_a_sentence(links: list[DHLink], sentence: str) -> None:

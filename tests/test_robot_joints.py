@@ -62,7 +62,7 @@ def test_configurations_of_many_and_of_the_wrong_shape() -> None:
     assert np.array_equal(configuration(robot, q), [configuration(robot, row) for row in q])
     assert configuration(robot, np.empty((0, 3))).shape == (0, 7)
     for wrong in (np.zeros(2), np.zeros((3, 4)), np.zeros(())):
-        with pytest.raises(InputError, match="count its 3 joints"):
+        with pytest.raises(InputError, match="each of its 3 joints"):
             configuration(robot, wrong)
 
 
@@ -146,7 +146,7 @@ def test_the_actuators_file_wins_over_the_urdf(tmp_path: Path) -> None:
         ("[joint.z]\narmature = true", "expected a finite number"),
         ("[joint.z]\narmature = nan", "expected a finite number"),
         ("[joint.z]\ntorque_offset = inf", "expected a finite number"),
-        ("[joint.z]\ntorque_constant = 0", "tell nothing"),
+        ("[joint.z]\ntorque_constant = 0", "give its value in N.m/A"),
         ("[joint]\nz = 1", "not a table"),
         ("joint = 1", "not a table"),
         ("[joints.z]\narmature = 1", "no entry 'joints'"),

@@ -71,7 +71,7 @@ def test_mjcf() -> None:
     np.testing.assert_allclose(robot.actuators.armature, [0.3 + 2**2 * 0.3, 0.3, 0.3])
     assert robot.model.gravity.linear.tolist() == [0, 0, -5] and not np.any(robot.model.armature)
     assert len(robot.notes) == 5
-    for i, sentence in enumerate(("no name", "from the meshes", "body base is free", "1 equality", "neutral: ball")):
+    for i, sentence in enumerate(("no name", "mass of the meshes", "body base is free", "1 equality", "neutral: ball")):
         assert sentence in robot.notes[i]
     knob = robot.model.joints[robot.model.getJointId("knob")].idx_v
     assert robot.drive[knob].tolist() == [2, 0, 0] and robot.rest[knob] == 0.1

@@ -234,7 +234,7 @@ def lacking() -> tuple[Robot, Recording]:
 
 def test_only_recovery_takes_currents_without_a_constant() -> None:
     robot, recording = lacking()
-    sentence = "records the current of j3, whose torque constant is not known; state torque_constant"
+    sentence = "records the current of j3, but its torque constant is not known; state torque_constant"
     with pytest.raises(RecordingError) as caught:
         prepare(robot, [recording])
     assert sentence in str(caught.value)

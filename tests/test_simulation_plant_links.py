@@ -13,7 +13,7 @@ from signid.effects import EFFECTS
 from signid.effects.base import TorqueLaw
 from signid.regression.motion import Motion
 from signid.robot import hold
-from signid.robot.dynamics import carried
+from signid.robot.dynamics import own_body
 from signid.simulation.plant.plant import Plant
 from signid.types import Array, Law, Robot, View
 
@@ -31,7 +31,7 @@ def test_a_rotor_turns_with_its_joint_not_with_what_follows_it() -> None:
 
 def test_a_correction_is_of_the_link_that_the_joint_carries() -> None:
     robot = followed()
-    assert robot.links[carried(robot, 0)] == "b"
+    assert robot.links[own_body(robot, 0)] == "b"
 
 
 def test_what_is_held_beyond_the_last_joint_does_not_move_its_centre_of_mass() -> None:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from signid.model import Model
-from signid.robot.dynamics import carried
+from signid.robot.dynamics import own_body
 
 from .band import Array, rms
 from .case import Case, Truth
@@ -55,15 +55,15 @@ def laws(setup: Setup) -> Iterator[Case]:
 def bodies(setup: Setup) -> Iterator[Case]:
     """A payload gone and one carried, a link that is too heavy in the model, a tilted base."""
     model, last = setup.model, len(setup.model.robot.joints) - 1
-    load, body = load_of(model), carried(model.robot, last)
+    load, body = load_of(model), own_body(model.robot, last)
     truth = Truth(("payload",), (last,), {"mass": -float(load[0])}, last=True)
     yield _case(setup, "payload gone", f"{-load[0]:.3g} kg", last, with_body(model, body, load), truth)
     truth = Truth(("payload",), (last,), {"mass": float(load[0])}, last=True)
     before, b, c = (carrying(x, model, y, setup.band) for x, y in ((setup.b, None), (setup.b, load), (setup.c, load)))
     yield Case("payload carried", _at(setup, f"{load[0]:.3g} kg", last), model, b, c, truth, before=before)
     middle = range(last + 1) if last < 2 else range(1, last)
-    own = {j: model.inertials[carried(model.robot, j)] for j in middle}
-    heavier = {j: with_body(model, carried(model.robot, j), (HEAVIER - 1) * x) for j, x in own.items()}
+    own = {j: model.inertials[own_body(model.robot, j)] for j in middle}
+    heavier = {j: with_body(model, own_body(model.robot, j), (HEAVIER - 1) * x) for j, x in own.items()}
     joint = _largest(setup, heavier)
     truth = Truth(("link_inertia",), (joint,), {"mass": (1 - HEAVIER) * float(own[joint][0])}, last=joint == last)
     yield _case(setup, "link +20 %", "its link", joint, heavier[joint], truth)

@@ -10,7 +10,7 @@ from signid.recording.sampling import samples
 from signid.regression.motion import build_motion
 from signid.regression.prepare import prepare
 from signid.regression.session import Options
-from signid.robot.dynamics import carried
+from signid.robot.dynamics import own_body
 from signid.types import Recording
 
 from .band import Array
@@ -52,7 +52,7 @@ def carrying(recording: Recording, model: Model, load: Array | None, cutoff: flo
     inside = slice(edge, edge + len(motion))
     tau = window.tau[inside]
     if load is not None:
-        loaded = with_body(model, carried(model.robot, len(model.robot.joints) - 1), load)
+        loaded = with_body(model, own_body(model.robot, len(model.robot.joints) - 1), load)
         bare = motion[:]
         tau = tau + loaded.inverse(bare) - model.inverse(bare)
     more = {key: getattr(window, key) for key in ("dq", "ddq", "q_des")}

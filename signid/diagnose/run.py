@@ -15,7 +15,7 @@ from ..recording_faults import Finding, Gross, examine
 from ..regression.base_parameters import build_base
 from ..regression.prepare import prepare, rearrange
 from ..regression.session import Options, Part, Session, longest_piece, recordings_used
-from ..robot.dynamics import carried
+from ..robot.dynamics import own_body
 from ..signs import Recovered, recover
 from ..simulation.rollout import RollOut, roll_out
 from ..simulation.rollout.joints import restrict_joints
@@ -232,7 +232,7 @@ def _lasting(model: Model) -> Model:
 
 
 def _posterior(model: Model, evidence: Evidence, skip: Sequence[str]) -> Posterior:
-    bodies = tuple(carried(model.robot, j) for j in range(len(model.robot.joints)))
+    bodies = tuple(own_body(model.robot, j) for j in range(len(model.robot.joints)))
     own = StatedBodies(build_base(model.robot), model.whole_inertials())
     return Posterior(evidence, len(list(EFFECTS)), len(skip), bodies, own)
 

@@ -1,11 +1,12 @@
-"""Physical laws: friction, springs, bodies, and what recordings do to torque and position. One law, one file.
+"""Physical laws: friction, springs, bodies, and errors of recorded torque and position. One law per file.
 
-A law is written once, elementwise, and serves to identify, to simulate, to diagnose and to report. `EFFECTS["spring"]`
-is one of them; iterating over `EFFECTS` gives all. What it adds to a robot's torque is its `equation`, which is text
-that can be run, in its numbers and t, q, v, a, load, torque and inertia. At prismatic joints read N for N.m, m for rad.
+Identification, simulation, diagnosis and reports use the same elementwise implementation of a law. `EFFECTS["spring"]`
+is one law; iterating over `EFFECTS` yields all. The `equation` of a law is executable text: its contribution to the
+recorded torque in terms of its parameters and t, q, v, a, load, torque and inertia. At prismatic joints, N replaces
+N.m, and m replaces rad.
 
-To add a law: write a file here, as `signid.effects.spring` does, of one of the five kinds in `signid.effects.base`, and
-add its name below; or put it into another package behind an entry point `signid.effects`.
+To add a law, write a module here after the example of `signid.effects.spring`, derive one of the five kinds of
+`signid.effects.base`, and add its name below; or register an entry point `signid.effects` in another package.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Armature: the rotor's inertia, seen at the joint through the gear."""
+"""Armature: rotor inertia reflected through the gear."""
 
 from typing import Any
 
@@ -7,7 +7,7 @@ from .base import BodyLaw
 
 
 class Armature(BodyLaw):
-    """Gear ratio squared times the rotor's own inertia; often more than the link's."""
+    """Gear ratio squared times the rotor inertia; often larger than the inertia of the link."""
 
     name, equation = "armature", "inertia * a"
     source = "Featherstone, Rigid Body Dynamics Algorithms, 2008, section 9.6"
@@ -21,7 +21,7 @@ class Armature(BodyLaw):
         return [x.a]
 
     def reshape(self, model: Any, row: int, body: int, inertia: float) -> None:
-        """Add to the armature that Pinocchio's algorithms honour."""
+        """Add to the armature of the pin.Model."""
         model.armature[row] += inertia
 
 

@@ -1,4 +1,4 @@
-"""Asymmetric friction: a gear resists differently in its two directions."""
+"""Asymmetric friction: different friction in the two directions of motion."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from .base import TorqueLaw
 
 
 class AsymmetricFriction(TorqueLaw):
-    """Viscous and Coulomb friction for either direction; together with them or an offset, only differences show."""
+    """Viscous and Coulomb friction per direction; beside symmetric friction or an offset, only differences count."""
 
     name = "asymmetric_friction"
     equation = (
@@ -15,7 +15,7 @@ class AsymmetricFriction(TorqueLaw):
         " viscous_negative * v + coulomb_negative * sign(v))"
     )
     source = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994, section 2"
-    typical = "the two directions differ by some per cent"
+    typical = "a few per cent difference between the directions"
     contains = {
         "viscous_friction": {"viscous_positive": 1, "viscous_negative": 1},
         "coulomb_friction": {"coulomb_positive": 1, "coulomb_negative": 1},
@@ -32,7 +32,7 @@ class AsymmetricFriction(TorqueLaw):
     twins = ("torque_offset",)
 
     def columns(self, x: View) -> list[Array]:
-        """Velocity and direction, each for one sign alone, (..., m) [rad/s or m/s, and 1]."""
+        """Velocity and direction of motion, separately for each sign, (..., m) [rad/s or m/s, and 1]."""
         return [np.maximum(x.v, 0), np.minimum(x.v, 0), np.maximum(x.direction, 0), np.minimum(x.direction, 0)]
 
 

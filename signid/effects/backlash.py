@@ -1,4 +1,4 @@
-"""Backlash: the link is free to move within a gap that the motor must cross to push it."""
+"""Backlash: the link moves freely within a gap of the gear."""
 
 import numpy as np
 
@@ -6,11 +6,11 @@ from ..types import Array, Shape, View
 from .base import TransmissionLaw
 from .flight import fly
 
-STOP = 500.0  # [rad/s] natural frequency of the link on its stops, which are damped critically
+STOP = 500.0  # [rad/s] natural frequency of the link on its critically damped stops
 
 
 class Backlash(TransmissionLaw):
-    """No torque inside the gap, stiff stops at its ends; to be simulated, the joint needs an armature."""
+    """No torque inside the gap, stiff stops at its ends; simulation requires an armature at the joint."""
 
     name = "backlash"
     equation = "inertia * (abs(q) > gap / 2) * (500**2 * (q - clip(q, -gap / 2, gap / 2)) + 1000 * v)"
@@ -20,12 +20,12 @@ class Backlash(TransmissionLaw):
     example = {"gap": 0.02}
 
     def hold(self, x: View, gap: float) -> Array:
-        """Spring and damper of a stop, (..., m) [N.m or N]."""
+        """Spring and damper torque of a stop, (..., m) [N.m or N]."""
         pressed = x.q - np.clip(x.q, -gap / 2, gap / 2)
         return x.inertia * np.where(pressed == 0, 0, STOP**2 * pressed + 2 * STOP * x.v)
 
     def deflection(self, x: View, gap: float) -> list[Array]:
-        """Of the link between its stops, (N, 1) [rad or m]."""
+        """Deflection of the link between its stops, (N, 1) [rad or m]."""
         return [fly(x, gap, STOP)]
 
 

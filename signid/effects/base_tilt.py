@@ -1,4 +1,4 @@
-"""Base tilt: the robot does not stand upright."""
+"""Base tilt: the base is not level."""
 
 from typing import Any
 
@@ -10,7 +10,7 @@ from .base import BodyLaw
 
 
 class BaseTilt(BodyLaw):
-    """The base is turned about its own x and y, so gravity pulls from elsewhere; linear in small angles."""
+    """Rotation of the base about its x and y axes, which changes the direction of gravity; linear for small angles."""
 
     name, equation = "base_tilt", "gravity_torque(cross(gravity, array([x, y, 0])))"
     source = "Featherstone, Rigid Body Dynamics Algorithms, 2008, section 5.3 (gravity as acceleration of the base)"
@@ -21,12 +21,12 @@ class BaseTilt(BodyLaw):
     twins = ("counterbalance", "encoder_offset", "payload", "link_inertia")
 
     def columns(self, x: View) -> list[Array]:
-        """Torque against the change of gravity with each angle, (N, n) [N.m or N per rad]."""
+        """Derivative of the gravity torque with respect to each angle, (N, n) [N.m or N per rad]."""
         gravity = x.whole.robot.model.gravity.linear
         return [x.whole.gravity_torque(np.cross(gravity, axis)) for axis in np.eye(3)[:2]]
 
     def reshape(self, model: Any, row: int, body: int, x: float, y: float) -> None:
-        """Turn gravity back by as much as the base is turned."""
+        """Rotate gravity by the inverse of the base rotation."""
         model.gravity.linear = pin.exp3(np.array([x, y, 0.0])).T @ model.gravity.linear
 
 

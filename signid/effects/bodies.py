@@ -1,4 +1,4 @@
-"""Inertial parameters that laws of bodies add."""
+"""Inertial parameters of bodies: point masses, sums, conversion to Pinocchio."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import pinocchio as pin
 
 from ..types import Array
 
-FAR = 1e6  # [m] lever of a body that has a first moment and no mass, as a mass that nothing shows
+FAR = 1e6  # [m] lever that stands for a first moment without mass: its mass is negligible
 
 
 def point_inertia(mass: float, moment: Sequence[float]) -> list[float]:
-    """Inertia Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the origin of a point of that mass and first moment [kg.m2].
+    """Inertia Ixx, Ixy, Iyy, Ixz, Iyz, Izz of a point mass about the origin [kg.m2].
 
     Args:
-        mass: [kg].
+        mass: mass [kg].
         moment: (3,) first moment [kg.m].
     """
     c = np.array(moment)
@@ -26,12 +26,12 @@ def point_inertia(mass: float, moment: Sequence[float]) -> list[float]:
 
 
 def add_body(model: Any, body: int, added: Sequence[float]) -> None:
-    """Add the first of the ten inertial parameters to a body of a pin.Model, about its joint's frame.
+    """Add inertial parameters to a body of a pin.Model, about the frame of its joint.
 
     Args:
-        model: a pin.Model, changed.
-        body: the joint that moves the body.
-        added: mass [kg], first moment [kg.m], and so on in Pinocchio's order.
+        model: pin.Model, modified in place.
+        body: index of the joint that moves the body.
+        added: mass [kg], first moment [kg.m], ...; up to ten parameters in Pinocchio's order.
     """
     whole = model.inertias[body].toDynamicParameters()
     whole[: len(added)] += added
@@ -39,7 +39,7 @@ def add_body(model: Any, body: int, added: Sequence[float]) -> None:
 
 
 def body_inertia(numbers: Array) -> pin.Inertia:
-    """A pin.Inertia of ten inertial parameters, of bodies without mass too, whose lever Pinocchio cannot compute.
+    """pin.Inertia of ten inertial parameters; supports zero mass, where Pinocchio cannot compute the lever.
 
     Args:
         numbers: (10,) in Pinocchio's order [kg, kg.m, kg.m2].

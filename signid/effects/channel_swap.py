@@ -5,16 +5,16 @@ from .base import RecordingLaw
 
 
 class ChannelSwap(RecordingLaw):
-    """Each of two joints carries the record of the other."""
+    """The recorded torque of each of two joints is that of the other."""
 
     name, equation = "channel_swap", "torque[::-1]"
     source = "Isermann, Fault-Diagnosis Systems, Springer, 2006 (faults of sensors)"
-    typical = "two plugs or two columns exchanged: there, or not"
+    typical = "two exchanged plugs or columns: present or absent"
     common, approximate = 0.3, True
     scope = "pair"
 
     def recorded_torque(self, x: View) -> Array:
-        """Exchanged."""
+        """Exchanged torques of the two joints."""
         return x.torque[..., ::-1]
 
     acted_torque = recorded_torque

@@ -1,11 +1,11 @@
-"""Coulomb friction: dry surfaces resist with one torque whatever the speed."""
+"""Coulomb friction: dry friction, independent of speed."""
 
 from ..types import Array, Coefficient, View
 from .base import TorqueLaw
 
 
 class CoulombFriction(TorqueLaw):
-    """A constant level against the direction of motion, in between at rest."""
+    """Constant torque against the direction of motion; any torque up to this level at rest."""
 
     name, equation = "coulomb_friction", "level * sign(v)"
     source = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994, section 2"

@@ -1,4 +1,4 @@
-"""Counterbalance: a weight or gas spring that carries part of gravity."""
+"""Counterbalance: a weight or gas spring that compensates part of gravity."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from .base import TorqueLaw, amplitude_phase, sine_cosine
 
 
 class Counterbalance(TorqueLaw):
-    """One sine a turn of the joint, as the weight of a link has about a level axis."""
+    """Sine with one period per revolution, like the gravity torque of a link about a horizontal axis."""
 
     name, equation = "counterbalance", "amplitude * sin(q + phase)"
     source = "Wang, Gondokaryono, Munawar, Fischer, Identification of the da Vinci Research Kit, IEEE RA-L 4(4), 2019"

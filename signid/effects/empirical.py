@@ -1,4 +1,4 @@
-"""Empirical torque: a piecewise linear function of one variable, measured, with no physics behind it."""
+"""Empirical torque: a fitted piecewise linear function of one variable, without physical interpretation."""
 
 from itertools import pairwise
 
@@ -12,11 +12,11 @@ PLACES = range(1, 9)
 
 
 class Empirical(TorqueLaw):
-    """What a diagnosis could not name, kept where it holds on recordings that it was not fitted to."""
+    """Unexplained part of a residual that a diagnosis keeps if it also predicts held-out recordings."""
 
     name, equation = "empirical", "interp(variable, knots, values)"
     source = "de Boor, A Practical Guide to Splines, Springer, 1978, chapter III (broken lines)"
-    typical = "some per cent of torque"
+    typical = "a few per cent of the torque"
     parameters = {
         "variable": Shape("1", ()),
         **{f"knot_{k}": Shape("1", ()) for k in PLACES},
@@ -25,7 +25,7 @@ class Empirical(TorqueLaw):
     example = {"variable": 1.0, **{f"knot_{k}": k - 4.5 for k in PLACES}, **{f"value_{k}": 0.1 * k for k in PLACES}}
 
     def columns(self, x: View, variable: float, **knots: float) -> list[Array]:
-        """One for each knot, 1 there and 0 at the others, (..., m) [1]."""
+        """Hat function of each knot: 1 at the knot, 0 at the others, (..., m) [1]."""
         signal = np.select([np.equal(variable, k) for k in range(3)], [x.q, x.v, x.a], x.load)
         k = list(knots.values())
         one = np.ones_like(signal)

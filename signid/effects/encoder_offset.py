@@ -1,11 +1,11 @@
-"""Encoder offset: zero is not where the drawing says."""
+"""Encoder offset: the zero of the encoder differs from that of the description."""
 
 from ..types import Array, Coefficient, View
 from .base import RecordingLaw
 
 
 class EncoderOffset(RecordingLaw):
-    """The record of position is the true one and a constant; the torques of all joints show it."""
+    """Recorded position = true position + constant; visible in the torques of all joints."""
 
     name, equation = "encoder_offset", "q + offset"
     source = (
@@ -18,7 +18,7 @@ class EncoderOffset(RecordingLaw):
     twins = ("link_inertia", "base_tilt", "counterbalance", "payload")
 
     def recorded_q(self, x: View, offset: float) -> Array:
-        """Shifted."""
+        """Recorded position (..., m) [rad or m]."""
         return x.q + offset
 
 

@@ -1,4 +1,4 @@
-"""External contact: something pushes the last link for a while."""
+"""External contact: a force on the last link during a time window."""
 
 from collections.abc import Iterator
 
@@ -7,18 +7,18 @@ import numpy as np
 from ..types import Array, Coefficient, Shape, View
 from .base import TorqueLaw
 
-WIDTHS, STEP = (0.5, 1.0, 2.0), 0.25  # [s] of the windows tried, and between them
+WIDTHS, STEP = (0.5, 1.0, 2.0), 0.25  # [s] lengths of the candidate windows; step between their starts
 
 
 class ExternalContact(TorqueLaw):
-    """The force that the robot exerts meanwhile, at the centre of mass of the last link, in the world's axes."""
+    """Force exerted by the robot at the centre of mass of the last link, constant in world axes."""
 
     name = "external_contact"
     equation = "jacobian.T @ array([force_x, force_y, force_z]) * (start <= t <= end)"
     source = (
         "Haddadin, De Luca, Albu-Schaffer, Robot collisions: a survey, IEEE Trans. Robotics 33(6), 2017, section II"
     )
-    typical = "5 to 50 N, from tenths of a second on"
+    typical = "5 to 50 N, for tenths of a second or longer"
     parameters = {
         **{f"force_{axis}": Coefficient("N") for axis in "xyz"},
         **{key: Shape("s", ()) for key in ("start", "end")},
@@ -27,11 +27,11 @@ class ExternalContact(TorqueLaw):
     scope, approximate = "robot", True
 
     def columns(self, x: View, start: float, end: float) -> list[Array]:
-        """Rows of the Jacobian while it lasts, (..., n) [m/rad or 1]."""
+        """Rows of the Jacobian within the window, zero outside, (..., n) [m/rad or 1]."""
         return [((x.t >= start) & (x.t <= end)) * x.whole.jacobian[..., axis, :] for axis in range(3)]
 
     def shapes(self, x: View) -> Iterator[dict[str, float]]:
-        """Windows all along the motion."""
+        """Candidate windows along the whole motion."""
         first, last = float(x.t.min()), float(x.t.max())
         for width in WIDTHS:
             yield from ({"start": s, "end": s + width} for s in np.arange(first, last - width, STEP).tolist())

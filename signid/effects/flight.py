@@ -1,4 +1,4 @@
-"""A link between stops: its deflection along a motion, each flight, impact and rest in turn."""
+"""Deflection of a link between two stops along a motion: free flight, impact and contact."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ import numpy as np
 from ..types import Array, View
 from .oscillation import chain
 
-EVENTS = 50  # impacts and departures within one sample, at most
-FIRST, MOST = 64, 4096  # samples on a stop that are looked ahead, twice as many each time the link stays there
+EVENTS = 50  # maximum number of impacts and departures within one sample
+FIRST, MOST = 64, 4096  # look-ahead on a stop [samples]: start and maximum; doubles while contact lasts
 
 
 def fly(x: View, gap: float, stop: float) -> Array:
-    """Deflection (N, 1) [rad or m] of one joint's link from its motor, free within a gap.
+    """Deflection (N, 1) [rad or m] of a link from its motor, free within a gap.
 
-    Exact between events where the load is constant over a sample; events are found, not stepped over.
+    Exact for a load constant over each sample; impacts and departures are located within the sample.
 
     Args:
         x: one joint along a motion.
-        gap: from stop to stop [rad or m].
-        stop: natural frequency of the link on a stop, which is damped critically [rad/s].
+        gap: distance between the stops [rad or m].
+        stop: natural frequency of the link on a critically damped stop [rad/s].
     """
     half, inertia, load = gap / 2, x.inertia[:, 0], x.load[:, 0]
     along, j = x.whole.sensitivity, x.joints[0]
@@ -32,7 +32,7 @@ def fly(x: View, gap: float, stop: float) -> Array:
     out[0] = z
     while i < len(push):
         side = 1.0 if z > 0 else -1.0
-        if side * z > half:  # on a stop, mostly for many samples
+        if side * z > half:  # on a stop, usually for many samples
             some = slice(i, i + ahead)
             added = np.outer(taken, side * push[some] - half * pull[some])
             y, u = chain(own[:, :, some], added, np.array([side * z - half, side * w])).T
@@ -50,9 +50,9 @@ def fly(x: View, gap: float, stop: float) -> Array:
 
 
 def _on_stop(pull: Array, drag: Array, dt: float, stop: float) -> tuple[Array, Array]:
-    """What a sample on a stop keeps (2, 2, N - 1) of how deep the link is and its rate, and takes (2,) of the force.
+    """Transition matrices (2, 2, N - 1) of penetration depth and rate on a stop, and input vector (2,) of the force.
 
-    As `_pressed` has it, the force being less by what the deflection and its rate pull and drag.
+    Solution of `_pressed` over one sample; `pull` and `drag` reduce the force by the deflection and its rate.
     """
     fade, one = exp(-stop * dt), np.ones_like(pull)
     taken = np.array([(1 - fade * (1 + stop * dt)) / stop**2, fade * dt])
@@ -61,7 +61,7 @@ def _on_stop(pull: Array, drag: Array, dt: float, stop: float) -> tuple[Array, A
 
 
 def _through(z: float, w: float, f: float, left: float, half: float, stop: float) -> tuple[float, float]:
-    """Deflection and its rate after a time under a constant force per inertia."""
+    """Deflection and its rate after the time `left` under a constant force per inertia."""
     for _ in range(EVENTS):
         side = copysign(1.0, z)
         outward = side * w if w else side * f
@@ -79,7 +79,7 @@ def _through(z: float, w: float, f: float, left: float, half: float, stop: float
 
 
 def _pressed(y: float, w: float, f: float, h: float, stop: float) -> tuple[float, float]:
-    """On a stop, critically damped."""
+    """Depth and rate on a critically damped stop after the time h."""
     rest = f / stop**2
     a, b = y - rest, w + stop * (y - rest)
     fade = exp(-stop * h)
@@ -87,7 +87,7 @@ def _pressed(y: float, w: float, f: float, h: float, stop: float) -> tuple[float
 
 
 def _departure(y: float, w: float, f: float, left: float, stop: float) -> float:
-    """When the link leaves a stop, or the time that is left."""
+    """Time at which the link leaves a stop, at most `left`."""
     if _pressed(y, w, f, left, stop)[0] >= 0:
         return left
     low, high = 0.0, left
@@ -98,10 +98,10 @@ def _departure(y: float, w: float, f: float, left: float, stop: float) -> float:
 
 
 def _arrival(z: float, w: float, f: float, left: float, half: float) -> tuple[float, float]:
-    """When and where a free link meets a stop, or the time that is left and 0."""
+    """Time and position at which a free link reaches a stop, or `left` and 0."""
     found = (left, 0.0)
     for end in (-half, half):
-        # z + w h + f h2 / 2 = end, by the form that does not cancel
+        # z + w h + f h2 / 2 = end, in the form without cancellation
         root = w * w - 2 * f * (z - end)
         if root < 0:
             continue

@@ -1,4 +1,4 @@
-"""Fluid drag: water or cloth resists the last link with the square of its speed."""
+"""Fluid drag: quadratic drag on the last link, in water or from cloth."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from .base import TorqueLaw
 
 
 class FluidDrag(TorqueLaw):
-    """A force against the velocity of the last link's centre of mass, as large as its square."""
+    """Force against the velocity of the last link's centre of mass, proportional to the square of its speed."""
 
     name, equation = "fluid_drag", "jacobian.T @ (coefficient * (jacobian @ v) * norm(jacobian @ v))"
     source = "Fossen, Handbook of Marine Craft Hydrodynamics and Motion Control, Wiley, 2011"
@@ -19,7 +19,7 @@ class FluidDrag(TorqueLaw):
     twins = ("quadratic_friction",)
 
     def columns(self, x: View) -> list[Array]:
-        """Of a unit drag, (..., n) [m3/s2 per rad, or m2/s2]."""
+        """Torque of unit drag, (..., n) [m3/s2 per rad, or m2/s2]."""
         jacobian = x.whole.jacobian
         w = np.einsum("...ij,...j->...i", jacobian, x.v)
         return [np.einsum("...ij,...i->...j", jacobian, w * np.linalg.norm(w, axis=-1, keepdims=True))]

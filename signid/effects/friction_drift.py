@@ -1,4 +1,4 @@
-"""Friction drift: friction changes over the session while the grease warms up."""
+"""Friction drift: friction changes while the lubricant warms up."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from .base import TorqueLaw
 
 
 class FrictionDrift(TorqueLaw):
-    """What dry friction gains since the first sample; negative where it falls, so it need not dissipate by itself."""
+    """Change of dry friction since the first sample; a negative change alone is not dissipative."""
 
     name, equation = "friction_drift", "change * (1 - exp(-t / time_constant)) * sign(v)"
     source = (
@@ -20,7 +20,7 @@ class FrictionDrift(TorqueLaw):
     reverses = True
 
     def columns(self, x: View, time_constant: float) -> list[Array]:
-        """Direction of motion, growing over time, (..., m) [1]."""
+        """Direction of motion times an exponential approach to 1, (..., m) [1]."""
         return [(1 - np.exp(-x.t / time_constant)) * x.direction]
 
 

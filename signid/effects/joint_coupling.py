@@ -1,19 +1,19 @@
-"""Joint coupling: a geared wrist moves one joint's motor with the other joint."""
+"""Joint coupling: in a geared wrist, one joint also moves the motor of the other."""
 
 import numpy as np
 
 from ..types import Array, Coefficient, View
 from .base import TorqueLaw
 
-SLOW = 0.01  # [rad/s or m/s] width of the reversal of the sum
+SLOW = 0.01  # [rad/s or m/s] velocity scale of the tanh that replaces the sign of the sum
 
 
 class JointCoupling(TorqueLaw):
-    """K's acceleration and velocity act on J, J's on K, on both the dry friction of their summed velocity (tanh)."""
+    """Acceleration and velocity act on the other joint; dry friction of the summed velocity acts on both."""
 
     name = "joint_coupling"
     equation = "inertia * a[::-1] + viscous * v[::-1] + coulomb * tanh(sum(v) / 0.01)"
-    source = "figaroh, add_coupling_TX40: the geared wrist of the Staubli TX40"
+    source = "figaroh, add_coupling_TX40: geared wrist of the Staubli TX40"
     typical = "inertia 0.01 kg.m2, viscous 0.6 N.m.s/rad, coulomb 2 N.m (wrist of the TX40)"
     parameters = {
         "inertia": Coefficient("kg.m2"),
@@ -24,7 +24,7 @@ class JointCoupling(TorqueLaw):
     scope = "pair"
 
     def columns(self, x: View) -> list[Array]:
-        """The partner's acceleration and velocity, direction of the sum, (..., 2) [rad/s2, rad/s (or m), 1]."""
+        """Partner's acceleration and velocity, direction of the sum, (..., 2) [rad/s2, rad/s (or m), 1]."""
         both = np.tanh(x.v.sum(-1, keepdims=True) / SLOW)
         return [x.a[..., ::-1], x.v[..., ::-1], np.broadcast_to(both, x.v.shape)]
 

@@ -1,34 +1,35 @@
-"""A law's columns and torque along a motion, and where laws of an effect may stand."""
+"""Columns and torque of a law along a motion, and candidate places of an effect."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import combinations
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
-from ..types import Array, Law, View
+from ..types import Array, EffectProtocol, Law, View
+from .base import Effect, TorqueLaw
 
 
 class Along(Protocol):
-    """What a law needs of a motion: the view of some joints."""
+    """Interface of a motion: views of joints."""
 
     def at(self, joints: Sequence[int]) -> View:
-        """The joints a law acts on."""
+        """View of some joints."""
         ...
 
     def coupled(self, joint: int) -> list[int]:
-        """The joints whose torque the motion of one may change."""
+        """Joints whose torque depends on the motion of `joint`."""
         ...
 
 
 def law_columns(law: Law, motion: Along) -> tuple[tuple[int, ...], Array]:
-    """The rows (joints) that a law acts on, and its columns there, (N, m, k) [torque per coefficient]."""
+    """Rows (joints) of a law and its columns there, (N, m, k) [torque per coefficient]."""
     effect, x = law.effect, motion.at(law.joints)
     shape = effect.shape(law.parameters)
-    memory: list[Any] = [_remember(effect, x, shape)] if getattr(effect, "memory", False) else []
-    columns = effect.columns(x, *memory, **shape)
+    state = [_states(effect, x, shape)] if isinstance(effect, TorqueLaw) and effect.memory else []
+    columns = effect.columns(x, *state, **shape)
     if effect.scope not in ("link", "tip"):
         return law.joints, np.stack(columns, axis=-1)
     rows = motion.coupled(law.joints[0])
@@ -36,18 +37,18 @@ def law_columns(law: Law, motion: Along) -> tuple[tuple[int, ...], Array]:
 
 
 def law_torque(law: Law, motion: Along) -> tuple[tuple[int, ...], Array]:
-    """The rows (joints) that a law acts on, and what it adds to the recorded torque there, (N, m) [N.m or N]."""
+    """Rows (joints) of a law and its contribution to the recorded torque there, (N, m) [N.m or N]."""
     rows, columns = law_columns(law, motion)
     return rows, columns @ np.array(law.effect.coefficients(law.parameters))
 
 
 def coefficient_count(law: Law) -> int:
-    """How many columns the law has."""
+    """Number of columns of a law."""
     return len(law.effect.coefficients(dict.fromkeys(law.effect.parameters, 1.0)))
 
 
-def places(effect: Any, joints: int) -> list[tuple[int, ...]]:
-    """The joints, of so many, at which a law of this effect may stand."""
+def places(effect: EffectProtocol, joints: int) -> list[tuple[int, ...]]:
+    """Candidate places (tuples of joints) of an effect on a robot of `joints` joints."""
     one: list[tuple[int, ...]] = [(j,) for j in range(joints)]
     every = tuple(range(joints))
     options: dict[str, list[tuple[int, ...]]] = {
@@ -61,15 +62,15 @@ def places(effect: Any, joints: int) -> list[tuple[int, ...]]:
     return options[effect.scope]
 
 
-def hypotheses(effect: Any, motion: Along, joints: int) -> Iterator[Law]:
-    """Every place and every shape of an effect worth trying on a motion of so many joints."""
+def hypotheses(effect: Effect, motion: Along, joints: int) -> Iterator[Law]:
+    """Candidate laws of an effect: all places and shapes for a motion of `joints` joints."""
     for place in places(effect, joints):
         for shape in effect.shapes(motion.at(place)):
             yield Law(effect, place, shape)
 
 
-def _remember(effect: Any, x: View, shape: dict[str, float]) -> Array:
-    """The memory run along a recorded motion, (N, m): by one call where each step is linear in the memory."""
+def _states(effect: TorqueLaw, x: View, shape: dict[str, float]) -> Array:
+    """States (N, m) of a law along a recorded motion; steps affine in the state take one vectorised call."""
     z = effect.begin(x[0], **shape)
     zero, half, one = (effect.advance(np.full_like(x.q, c), x, **shape) for c in (0.0, 0.5, 1.0))
     out = np.empty_like(x.q)

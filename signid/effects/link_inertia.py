@@ -1,4 +1,4 @@
-"""Link inertia: mass, first moment and inertia of one link differ from the drawing."""
+"""Link inertia: error in the stated mass, first moment and inertia of one link."""
 
 from typing import Any
 
@@ -9,11 +9,11 @@ from .payload import INERTIA, MOMENT
 
 
 class LinkInertia(BodyLaw):
-    """A correction about the frame of the joint that moves the link; masses alone seldom show."""
+    """Correction about the frame of the joint that moves the link; the mass alone is seldom identifiable."""
 
     name, equation = "link_inertia", f"body @ array([mass, {', '.join([*MOMENT, *INERTIA])}])"
     source = "Atkeson, An, Hollerbach, Inertial parameters of loads and links, Int. J. Robotics Research 5(3), 1986"
-    typical = "5 to 20 % of the link: cables, covers and motors that the drawing lacks"
+    typical = "5 to 20 % of the link: unmodelled cables, covers and motors"
     parameters = {"mass": Coefficient("kg"), **dict.fromkeys(MOMENT, Coefficient("kg.m")),
                   **dict.fromkeys(INERTIA, Coefficient("kg.m2", same=True))}  # fmt: skip
     optional = tuple(INERTIA)
@@ -22,15 +22,15 @@ class LinkInertia(BodyLaw):
     twins = ("payload", "armature", "counterbalance", "encoder_offset", "torque_gain")
 
     def columns(self, x: View) -> list[Array]:
-        """Of the regressor of the link, ten of (N, n) [N.m or N per kg, kg.m, kg.m2]."""
+        """Ten regressor columns of the link, (N, n) each [N.m or N per kg, kg.m, kg.m2]."""
         return list(x.whole.body_columns(x.joints[0]).transpose(2, 0, 1))
 
     def filled(self, parameters: Numbers) -> dict[str, float]:
-        """With the inertia about the frame as it was, where none is given."""
+        """All ten parameters; omitted inertia terms are zero."""
         return {**dict.fromkeys(INERTIA, 0.0), **parameters}
 
     def reshape(self, model: Any, row: int, body: int, **parameters: float) -> None:
-        """Add the numbers to those of the link."""
+        """Add the parameters to those of the link."""
         add_body(model, body, self.coefficients(parameters))
 
 

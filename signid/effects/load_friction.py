@@ -1,4 +1,4 @@
-"""Load-dependent friction: teeth press harder on each other when they carry more."""
+"""Load-dependent friction: gear friction that grows with the transmitted torque."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from .base import TorqueLaw
 
 
 class LoadFriction(TorqueLaw):
-    """Dry friction in proportion to the torque that the gear passes on to the link."""
+    """Dry friction proportional to the torque that the gear transmits to the link."""
 
     name, equation = "load_friction", "coefficient * abs(load) * sign(v)"
     source = "Duclusaud, Passault, Padois, Ly, Extended friction models for servo actuators, arXiv 2410.08650, model M3"
@@ -17,7 +17,7 @@ class LoadFriction(TorqueLaw):
     dissipative, reverses = True, True
 
     def columns(self, x: View) -> list[Array]:
-        """Size of the load in the direction of motion, (..., m) [N.m or N]."""
+        """Magnitude of the load times the direction of motion, (..., m) [N.m or N]."""
         return [np.abs(x.load) * x.direction]
 
 

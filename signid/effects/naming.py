@@ -1,31 +1,31 @@
-"""Laws by the names of joints: where a law stands as files and the command line write it, and back."""
+"""Laws in terms of joint names, as in files and on the command line."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from math import isfinite
-from typing import Any
 
 from ..errors import OptionError
 from ..robot.joints import find
 from ..types import Law, Robot, Shape
 from . import EFFECTS
+from .base import Effect
 from .law import places
 
 
-def place(effect: Any, robot: Robot, joint: str | None, partner: str | None = None) -> tuple[int, ...]:
-    """The joints of a law: that of one joint, that and its partner's, or all of them.
+def place(effect: Effect, robot: Robot, joint: str | None, partner: str | None = None) -> tuple[int, ...]:
+    """Joint indices of a law: one joint, a joint and its partner, or all joints.
 
     Raises:
-        OptionError: a joint is missing, or is one too many for the effect.
-        RobotError: there is no such joint.
+        OptionError: missing or superfluous joint.
+        RobotError: unknown joint.
     """
     n, scope = len(robot.joints), effect.scope
     if (partner is None) == (scope == "pair"):
-        wanted = "needs partner=JOINT" if scope == "pair" else "has no partner"
-        raise OptionError(f"effect {effect.name!r} {wanted}; write {written(effect)}")
+        fault = "needs partner=JOINT" if scope == "pair" else "has no partner"
+        raise OptionError(f"effect {effect.name!r} {fault}; write {law_syntax(effect)}")
     if joint is None and scope in ("joint", "pair", "link") and n != 1 + (scope == "pair"):
-        raise OptionError(f"effect {effect.name!r} acts at a joint and none is named; write {written(effect)}")
+        raise OptionError(f"effect {effect.name!r} acts at a joint and none is named; write {law_syntax(effect)}")
     if joint is not None and scope == "robot":
         raise OptionError(f"effect {effect.name!r} acts on the whole robot; write it without @{joint}")
     named = [name for name in (joint, partner) if name is not None]
@@ -39,11 +39,8 @@ def place(effect: Any, robot: Robot, joint: str | None, partner: str | None = No
     return found
 
 
-def placed(law: Law, robot: Robot) -> tuple[str | None, dict[str, str | float]]:
-    """The joint that a law names, None where it acts on the whole robot, and its parameters with the partner.
-
-    Where `place` is given both, the same joints come back.
-    """
+def law_place(law: Law, robot: Robot) -> tuple[str | None, dict[str, str | float]]:
+    """Joint name of a law (None for the whole robot) and its parameters including the partner; inverse of `place`."""
     values: dict[str, str | float] = {key: float(value) for key, value in law.parameters.items()}
     if law.effect.scope in ("robot", "any") and law.joints == tuple(range(len(robot.joints))):
         return None, values
@@ -52,52 +49,52 @@ def placed(law: Law, robot: Robot) -> tuple[str | None, dict[str, str | float]]:
     return robot.joints[law.joints[0]], values
 
 
-def spoken(law: Law, robot: Robot) -> str:
-    """A law by its effect and where it acts: "spring of joint_2", "base_tilt"."""
-    joint, values = placed(law, robot)
+def law_name(law: Law, robot: Robot) -> str:
+    """Effect and joints of a law as text: "spring of joint_2", "base_tilt"."""
+    joint, values = law_place(law, robot)
     if joint is None or law.effect.scope == "tip":
-        return str(law.effect.name)
+        return law.effect.name
     return f"{law.effect.name} of {joint}" + (f" and {values['partner']}" if "partner" in values else "")
 
 
-def law_at(effect: Any, robot: Robot, joint: str | None, parameters: Mapping[str, str | float]) -> Law:
-    """The law of an effect at a joint, with parameters as files carry them.
+def law_at(effect: Effect, robot: Robot, joint: str | None, parameters: Mapping[str, str | float]) -> Law:
+    """Law of an effect at a joint, with parameters as in files.
 
     Raises:
-        OptionError: a parameter is missing, unknown or no number, or the joint does not fit the effect.
-        RobotError: there is no such joint.
+        OptionError: missing, unknown or non-numeric parameter, or a joint that does not fit the effect.
+        RobotError: unknown joint.
     """
     partner = parameters.get("partner")
     joints = place(effect, robot, joint, None if partner is None else str(partner))
     values = {key: value for key, value in parameters.items() if key != "partner"}
     wanted = [key for key in effect.parameters if key not in effect.optional or key in values]
     if unknown := [key for key in values if key not in effect.parameters]:
-        raise OptionError(f"effect {effect.name!r} has no parameter {unknown[0]!r}; write {written(effect)}")
+        raise OptionError(f"effect {effect.name!r} has no parameter {unknown[0]!r}; write {law_syntax(effect)}")
     if missing := [key for key in wanted if key not in values]:
-        raise OptionError(f"effect {effect.name!r} needs {', '.join(missing)}; write {written(effect)}")
+        raise OptionError(f"effect {effect.name!r} needs {', '.join(missing)}; write {law_syntax(effect)}")
     try:
         numbers = {key: float(values[key]) for key in wanted}
     except ValueError:
         raise OptionError(
-            f"effect {effect.name!r} has a parameter that is no number; write {written(effect)}"
+            f"effect {effect.name!r} has a parameter that is not a number; write {law_syntax(effect)}"
         ) from None
     if absurd := [key for key, value in numbers.items() if not isfinite(value)]:
-        raise OptionError(f"effect {effect.name!r}: {absurd[0]} is {numbers[absurd[0]]}; write {written(effect)}")
+        raise OptionError(f"effect {effect.name!r}: {absurd[0]} is {numbers[absurd[0]]}; write {law_syntax(effect)}")
     return Law(effect, joints, numbers)
 
 
 def parse_law(text: str, robot: Robot, partial: bool = False) -> Law:
-    """The law that a text such as `spring@elbow:stiffness=30,rest=0.2` states.
+    """Parse the text of a law, such as `spring@elbow:stiffness=30,rest=0.2`.
 
     Args:
-        text: EFFECT[@JOINT][:key=value,...]; an effect that couples two joints also has partner=JOINT. Without any
-            key the usual values are meant; with some, coefficients that are left out are zero.
-        robot: gives the joints.
-        partial: whether parameters may be left open.
+        text: EFFECT[@JOINT][:key=value,...]; an effect that couples two joints also has partner=JOINT. Without keys,
+            all parameters have typical values; with some keys, omitted coefficients are zero.
+        robot: the robot.
+        partial: whether parameters may be omitted.
 
     Raises:
-        OptionError: there is no such effect, the joint does not fit it, or a parameter is missing, unknown or absurd.
-        RobotError: there is no such joint.
+        OptionError: unknown effect, a joint that does not fit it, or a missing, unknown or invalid parameter.
+        RobotError: unknown joint.
     """
     head, colon, tail = text.strip().partition(":")
     name, at, joint = (part.strip() for part in head.partition("@"))
@@ -105,7 +102,7 @@ def parse_law(text: str, robot: Robot, partial: bool = False) -> Law:
     pairs = [[part.strip() for part in pair.partition("=")] for pair in tail.split(",")] if colon else []
     given = {key: value for key, _, value in pairs}
     if not all(key and value for key, _, value in pairs) or len(given) < len(pairs) or bool(at) > bool(joint):
-        raise OptionError(f"{text!r} cannot be read; write {written(effect)}")
+        raise OptionError(f"{text!r} cannot be read; write {law_syntax(effect)}")
     if partial and set(given) <= {"partner", *effect.parameters}:
         law = _possible(law_at(effect, robot, joint or None, {**effect.example, **given}))
         return Law(effect, law.joints, {key: value for key, value in law.parameters.items() if key in given})
@@ -114,8 +111,8 @@ def parse_law(text: str, robot: Robot, partial: bool = False) -> Law:
     return _possible(law_at(effect, robot, joint or None, {**left_out, **given}))
 
 
-def written(effect: Any) -> str:
-    """How a law of an effect is written on the command line, with usual values."""
+def law_syntax(effect: Effect) -> str:
+    """Syntax of an effect on the command line, with typical values."""
     keys = {"partner": "JOINT"} if effect.scope == "pair" else {}
     values = {**keys, **{key: value for key, value in effect.example.items() if key not in effect.optional}}
     pairs = ",".join(f"{key}={value}" for key, value in values.items())
@@ -124,13 +121,13 @@ def written(effect: Any) -> str:
 
 
 def _possible(law: Law) -> Law:
-    """The law, if nothing that must be positive is negative, and no shape but a moment is zero."""
+    """Check the signs of parameters: positive ones are not negative, shapes other than instants are positive."""
     for key, value in law.parameters.items():
-        kind = law.effect.parameters[key]
-        if isinstance(kind, Shape):
-            low = value <= 0 and bool(kind.grid or kind.unit != "s")
+        parameter = law.effect.parameters[key]
+        if isinstance(parameter, Shape):
+            invalid = value <= 0 and bool(parameter.grid or parameter.unit != "s")
         else:
-            low = value < 0 and kind.positive
-        if low:
+            invalid = value < 0 and parameter.positive
+        if invalid:
             raise OptionError(f"effect {law.effect.name!r}: {key} is {value:g}; give a positive number")
     return law

@@ -1,4 +1,4 @@
-"""A link on a damped spring: its deflection along a motion."""
+"""Deflection of a link on a damped spring along a motion."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ from scipy.linalg.blas import dtbsv
 
 from ..types import Array, View
 
-SETTLING = 6.0  # oscillations after which only the damping of the spring itself is left
+SETTLING = 6.0  # duration of the additional initial damping [periods of oscillation]
 
 
 def oscillate(x: View, stiffness: float, damping: float) -> Array:
-    """Deflection (N, 1) [rad or m] of one joint's link from its motor, exact where the load is linear between samples.
+    """Deflection (N, 1) [rad or m] of a link from its motor, exact for a load linear between samples.
 
-    The load changes with the deflection as well, by the rigid bodies' own stiffness and damping. How the link swung
-    before the first sample is not known: it begins where the load holds it, damped critically, less and less over the
-    first oscillations.
+    The deflection changes the load through the stiffness and damping of the rigid bodies. The oscillation before the
+    first sample is unknown, so the link starts in equilibrium with the load, critically damped; this additional
+    damping fades over the first oscillations.
 
     Args:
         x: one joint along a motion.
-        stiffness: of the spring [N.m/rad or N/m].
-        damping: of the spring [N.m.s/rad or N.s/m].
+        stiffness: stiffness of the spring [N.m/rad or N/m].
+        damping: damping of the spring [N.m.s/rad or N.s/m].
 
     Source: first-order hold: Franklin, Powell, Workman, Digital Control of Dynamic Systems, 1998, chapter 6.
     """
@@ -30,7 +30,7 @@ def oscillate(x: View, stiffness: float, damping: float) -> Array:
         _middle(signal)
         for signal in (x.inertia[:, 0], damping + along.velocity[:, j, j], stiffness + along.position[:, j, j])
     )
-    if m.min() <= 0:  # a description without inertia: nothing swings
+    if m.min() <= 0:  # a description without inertia cannot oscillate
         return np.zeros((len(m) + 1, 1))
     turns = np.arange(len(m)) * dt * np.sqrt(abs(k / m)) / (2 * np.pi)
     c = c + 2 * np.sqrt(m * abs(k)) * np.clip(1 - turns / SETTLING, 0, 1) ** 2
@@ -48,12 +48,12 @@ def oscillate(x: View, stiffness: float, damping: float) -> Array:
 
 
 def chain(own: Array, added: Array, first: Array) -> Array:
-    """States (N, 2), each made of the one before it, as one triangular system with few diagonals.
+    """States (N, 2) of the recursion state' = own @ state + added, solved as one banded triangular system.
 
     Args:
-        own: (2, 2, N - 1) what a state keeps [any unit].
-        added: (2, N - 1) what is added [any unit].
-        first: (2,) the first state [any unit].
+        own: (2, 2, N - 1) transition matrices [any unit].
+        added: (2, N - 1) added terms [any unit].
+        first: (2,) first state [any unit].
     """
     band = np.zeros((4, 2 * added.shape[1] + 2))
     band[2, 0:-2:2], band[1, 1:-1:2], band[3, 0:-2:2], band[2, 1:-1:2] = -own.reshape(4, -1)
@@ -61,5 +61,5 @@ def chain(own: Array, added: Array, first: Array) -> Array:
 
 
 def _middle(signal: Array) -> Array:
-    """Between samples, (N - 1,)."""
+    """Midpoints between samples, (N - 1,)."""
     return np.asarray((signal[1:] + signal[:-1]) / 2)

@@ -1,4 +1,4 @@
-"""Payload: a body that the last link carries."""
+"""Payload: a body attached to the last link."""
 
 from typing import Any
 
@@ -12,7 +12,7 @@ VALUES = (1.0, 0.05, 0.02, 0.08, 0.0088, -0.001, 0.0109, -0.004, -0.0016, 0.0049
 
 
 class Payload(BodyLaw):
-    """Ten numbers about the last joint's frame; without its inertia it is a point at its centre of mass."""
+    """Ten inertial parameters about the last joint's frame; without inertia terms, a point mass at its centre."""
 
     name, equation = "payload", f"body @ array([mass, {', '.join([*MOMENT, *INERTIA])}])"
     source = "Khalil, Gautier, Lemoine, Identification of the payload inertial parameters, IEEE ICRA 2007"
@@ -24,16 +24,16 @@ class Payload(BodyLaw):
     twins = ("link_inertia", "counterbalance", "encoder_offset")
 
     def columns(self, x: View) -> list[Array]:
-        """Regressor of the link, ten of (N, n) [N.m or N per kg, kg.m, kg.m2]."""
+        """Ten regressor columns of the link, (N, n) each [N.m or N per kg, kg.m, kg.m2]."""
         return list(x.whole.body_columns(x.joints[0]).transpose(2, 0, 1))
 
     def filled(self, parameters: Numbers) -> dict[str, float]:
-        """With the inertia of a point where none is given."""
+        """All ten parameters; omitted inertia terms are those of a point mass."""
         point = point_inertia(parameters["mass"], [parameters[key] for key in MOMENT])
         return {**dict(zip(INERTIA, point, strict=True)), **parameters}
 
     def reshape(self, model: Any, row: int, body: int, **parameters: float) -> None:
-        """Add the ten numbers to those of the link."""
+        """Add the ten parameters to those of the link."""
         add_body(model, body, self.coefficients(parameters))
 
 

@@ -1,4 +1,4 @@
-"""Position-dependent friction: an eccentric gear binds once or twice a turn."""
+"""Position-dependent friction: an eccentric gear binds once or twice per revolution."""
 
 import numpy as np
 
@@ -7,11 +7,11 @@ from .base import TorqueLaw, amplitude_phase, sine_cosine
 
 
 class PositionFriction(TorqueLaw):
-    """A wave on top of Coulomb friction: where it alone were there it would drive the joint half of the time."""
+    """Periodic change of Coulomb friction; alone it would drive the joint over half of each period."""
 
     name, equation = "position_friction", "amplitude * sin(frequency * q + phase) * sign(v)"
     source = "Bittencourt, Wernholt, Sander-Tavallaey, Brogardh, An extended friction model, IEEE/RSJ IROS 2010"
-    typical = "5 to 30 % of Coulomb friction, once or twice a turn of the joint"
+    typical = "5 to 30 % of Coulomb friction, once or twice per revolution of the joint"
     common, approximate = 0.3, True
     changes = ("coulomb_friction", "asymmetric_friction", "presliding_friction")
     parameters = {
@@ -24,11 +24,11 @@ class PositionFriction(TorqueLaw):
     coefficients, physical = sine_cosine, amplitude_phase
 
     def possible(self, x: View, frequency: float) -> bool:
-        """Whether the travel is a quarter of a wave or more: less is hardly more than Coulomb friction."""
+        """Whether the travel exceeds a quarter period; over less, the law is close to Coulomb friction."""
         return bool(frequency * np.ptp(x.q) > np.pi / 2)
 
     def columns(self, x: View, frequency: float) -> list[Array]:
-        """Sine and cosine of position in the direction of motion, (..., m) [1]."""
+        """Sine and cosine of frequency * q times the direction of motion, (..., m) [1]."""
         return [np.sin(frequency * x.q) * x.direction, np.cos(frequency * x.q) * x.direction]
 
 

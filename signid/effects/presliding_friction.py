@@ -1,4 +1,4 @@
-"""Presliding friction (Dahl): surfaces stick as if by springs before they slide."""
+"""Presliding friction (Dahl): elastic sticking before sliding."""
 
 import numpy as np
 
@@ -7,11 +7,11 @@ from .base import TorqueLaw
 
 
 class PreslidingFriction(TorqueLaw):
-    """Memory: z in [-1, 1], the part of the sliding torque that the bent asperities hold."""
+    """State z in [-1, 1]: the fraction of the sliding torque that the deflected asperities transmit."""
 
     name, equation = "presliding_friction", "level * z; dz/dt = v / distance * (1 - z * sign(v))"
     source = "Dahl's model, in Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE Trans. Automatic Control 40(3), 1995"
-    typical = "distance 1e-4 to 1e-2 rad, level that of Coulomb friction, which it stands for"
+    typical = "distance 1e-4 to 1e-2 rad, level of Coulomb friction, which it replaces"
     common, approximate = 0.3, True
     parameters = {
         "level": Coefficient("N.m", positive=True),
@@ -22,18 +22,18 @@ class PreslidingFriction(TorqueLaw):
     memory = True
 
     def advance(self, z: Array, x: View, distance: float) -> Array:
-        """Exact while the velocity is constant: towards its sign within the distance.
+        """Relax z towards the sign of the velocity, exact for constant velocity.
 
         Args:
-            z: (..., m) [1].
-            x: the joints.
-            distance: of the bend [rad or m].
+            z: (..., m) state [1].
+            x: view of the joint.
+            distance: relaxation distance [rad or m].
         """
         end = np.sign(x.v)
         return np.asarray(end + (z - end) * np.exp(-np.abs(x.v) * x.dt / distance))
 
     def columns(self, x: View, z: Array, distance: float) -> list[Array]:
-        """The memory itself, z: (..., m) [1]."""
+        """The state, z: (..., m) [1]."""
         return [z]
 
 

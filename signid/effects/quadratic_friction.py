@@ -1,4 +1,4 @@
-"""Quadratic friction: churning oil resists with the square of speed."""
+"""Quadratic friction: friction of the lubricant proportional to the square of speed."""
 
 import numpy as np
 
@@ -7,18 +7,18 @@ from .base import TorqueLaw
 
 
 class QuadraticFriction(TorqueLaw):
-    """Grows with the square of velocity, against it; beside viscous friction it bends the friction curve upwards."""
+    """Square of the velocity against its direction; adds curvature to viscous friction."""
 
     name, equation = "quadratic_friction", "coefficient * v * abs(v)"
     source = "Bittencourt, Gunnarsson, ASME J. Dynamic Systems, Measurement, and Control 134(5), 2012"
-    typical = "up to 10 % of the friction at full speed; negative where grease thins at speed"
+    typical = "up to 10 % of the friction at full speed; negative for shear-thinning grease"
     parameters = {"coefficient": Coefficient("N.m.s2/rad2")}
     example = {"coefficient": 1.5}
     dissipative = True
     twins = ("fluid_drag",)
 
     def columns(self, x: View) -> list[Array]:
-        """Velocity times its size, (..., m) [rad2/s2 or m2/s2]."""
+        """Velocity times its absolute value, (..., m) [rad2/s2 or m2/s2]."""
         return [x.v * np.abs(x.v)]
 
 

@@ -9,7 +9,7 @@ from .base import Numbers, TorqueLaw
 
 
 class Spring(TorqueLaw):
-    """In proportion to the way from where it rests; with one more column for that place."""
+    """Torque proportional to the displacement from rest; a constant column represents the rest position."""
 
     name, equation = "spring", "stiffness * (q - rest)"
     source = "Wang, Gondokaryono, Munawar, Fischer, Identification of the da Vinci Research Kit, IEEE RA-L 4(4), 2019"
@@ -22,11 +22,11 @@ class Spring(TorqueLaw):
         return [x.q, np.ones_like(x.q)]
 
     def coefficients(self, parameters: Numbers) -> list[float]:
-        """Stiffness, and the torque that a spring at rest at zero lacks."""
+        """Stiffness and the constant -stiffness * rest."""
         return [parameters["stiffness"], -parameters["stiffness"] * parameters["rest"]]
 
     def physical(self, coefficients: Sequence[float], shape: Numbers) -> dict[str, float]:
-        """Back again."""
+        """Stiffness and rest from the two coefficients."""
         stiffness, constant = map(float, coefficients)
         return {"stiffness": stiffness, "rest": -constant / stiffness}
 

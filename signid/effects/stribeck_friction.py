@@ -1,4 +1,4 @@
-"""Stribeck friction: what friction adds near rest, before the oil film builds up."""
+"""Stribeck friction: additional friction at low speed, before the oil film builds up."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from .base import TorqueLaw
 
 
 class StribeckFriction(TorqueLaw):
-    """Dry friction that fades with speed; with Coulomb and viscous friction it makes the Stribeck curve."""
+    """Dry friction that decays with speed; with Coulomb and viscous friction it forms the Stribeck curve."""
 
     name, equation = "stribeck_friction", "level * exp(-((v / velocity) ** 2)) * sign(v)"
     source = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994, section 2"
@@ -20,7 +20,7 @@ class StribeckFriction(TorqueLaw):
     dissipative, reverses = True, True
 
     def columns(self, x: View, velocity: float) -> list[Array]:
-        """Direction of motion, fading with speed, (..., m) [1]."""
+        """Direction of motion times a Gaussian of the velocity, (..., m) [1]."""
         return [np.exp(-((x.v / velocity) ** 2)) * x.direction]
 
 

@@ -1,33 +1,33 @@
-"""Torque gain: a torque constant that is not what the sheet says."""
+"""Torque gain: an error of the torque constant."""
 
 from ..types import Array, Coefficient, View
 from .base import Numbers, RecordingLaw
 
-FACTOR = (0.3, 3.3)  # of recorded torque over true torque: less or more is no torque constant, but another quantity
+FACTOR = (0.3, 3.3)  # accepted ratio of recorded to true torque; beyond it, the quantity or unit is wrong
 
 
 class TorqueGain(RecordingLaw):
-    """The record is the true torque by a constant factor."""
+    """Recorded torque = true torque times a constant factor."""
 
     name, equation = "torque_gain", "(1 + error) * torque"
     source = (
         "Gautier, Briot, Global identification of the joint drive gains using a known payload mass, IEEE/RSJ IROS 2011"
     )
-    typical = "0.05 to 0.2 either way"
+    typical = "-0.2 to -0.05 or 0.05 to 0.2"
     parameters = {"error": Coefficient("1")}
     example = {"error": 0.1}
     twins = ("torque_sign", "link_inertia")
 
     def possible_value(self, parameters: Numbers) -> bool:
-        """The factor keeps away from zero, where the law deletes the torque, and from units that are wrong."""
+        """Whether the factor is neither near zero, where torque vanishes, nor so large that the unit is wrong."""
         return FACTOR[0] <= 1 + parameters["error"] <= FACTOR[1]
 
     def recorded_torque(self, x: View, error: float) -> Array:
-        """Enlarged."""
+        """Torque times the factor."""
         return (1 + error) * x.torque
 
     def acted_torque(self, x: View, error: float) -> Array:
-        """As it was."""
+        """Torque over the factor."""
         return x.torque / (1 + error)
 
 

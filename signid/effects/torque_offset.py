@@ -1,4 +1,4 @@
-"""Torque offset: a constant that a sensor or an amplifier adds."""
+"""Torque offset: a constant error of a sensor or an amplifier."""
 
 import numpy as np
 
@@ -7,11 +7,11 @@ from .base import TorqueLaw
 
 
 class TorqueOffset(TorqueLaw):
-    """The same at every moment; also what an asymmetric Coulomb friction leaves."""
+    """Constant torque; also the asymmetric part of Coulomb friction."""
 
     name, equation = "torque_offset", "offset"
     source = "Swevers, Verdonck, De Schutter, Dynamic model identification, IEEE Control Systems 27(5), 2007"
-    typical = "up to some per cent of the rated torque"
+    typical = "up to a few per cent of the rated torque"
     parameters = {"offset": Coefficient("N.m")}
     example = {"offset": 1.0}
     twins = ("asymmetric_friction",)

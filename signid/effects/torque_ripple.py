@@ -1,4 +1,4 @@
-"""Torque ripple: poles and teeth make the torque wave with position."""
+"""Torque ripple: periodic torque from motor poles and gear teeth."""
 
 import numpy as np
 
@@ -7,11 +7,11 @@ from .base import TorqueLaw, amplitude_phase, sine_cosine
 
 
 class TorqueRipple(TorqueLaw):
-    """A sine many times a turn of the joint, whatever the speed."""
+    """Sine with many periods per revolution of the joint, independent of speed."""
 
     name, equation = "torque_ripple", "amplitude * sin(frequency * q + phase)"
     source = "Tuttle, Seering, IEEE Trans. Robotics and Automation 12(3), 1996, pages 368-374"
-    typical = "1 to 5 % of the rated torque, as often a turn as pole pairs times gear ratio"
+    typical = "1 to 5 % of the rated torque; periods per revolution: pole pairs times gear ratio"
     parameters = {
         "amplitude": Coefficient("N.m"),
         "phase": Coefficient("rad", same=True),
@@ -22,11 +22,11 @@ class TorqueRipple(TorqueLaw):
     coefficients, physical = sine_cosine, amplitude_phase
 
     def possible(self, x: View, frequency: float) -> bool:
-        """Whether the travel is a whole wave or more: less is any smooth function of position."""
+        """Whether the travel exceeds one period; over less, the law resembles any smooth function of position."""
         return bool(frequency * np.ptp(x.q) > 2 * np.pi)
 
     def columns(self, x: View, frequency: float) -> list[Array]:
-        """Sine and cosine of so many times the position, (..., m) [1]."""
+        """Sine and cosine of frequency * q, (..., m) [1]."""
         return [np.sin(frequency * x.q), np.cos(frequency * x.q)]
 
 

@@ -1,4 +1,4 @@
-"""What a law sees when there is no motion to look at: plain values, (..., m) arrays or numbers."""
+"""View of given values instead of a motion: (..., m) arrays or numbers."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from ..types import Array, View
 
 
 class Trial:
-    """A View of given values; what is not given is zero."""
+    """A View of given values; zero where none is given."""
 
     __slots__ = ("a", "direction", "dt", "inertia", "joints", "load", "q", "recorded", "t", "torque", "v", "whole")
 
@@ -40,7 +40,7 @@ class Trial:
         self.dt, self.joints, self.whole = dt, joints, whole
 
     def __getitem__(self, i: Any) -> View:
-        """Some of the leading axis of what has one."""
+        """Index the leading axis of all arrays."""
         names = ("q", "v", "a", "load", "direction", "inertia", "torque", "recorded", "t")
         cut = {name: getattr(self, name) for name in names}
         return Trial(

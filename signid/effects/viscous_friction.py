@@ -1,4 +1,4 @@
-"""Viscous friction: oil and bearings resist in proportion to speed."""
+"""Viscous friction: friction of lubricant and bearings proportional to speed."""
 
 from ..types import Array, Coefficient, View
 from .base import TorqueLaw

@@ -1,8 +1,8 @@
-"""Ways to minimise, one library a file: NLopt and SciPy behind one verb.
+"""Minimisers, one library per file.
 
-A `Problem` is an objective in a box, a start, and a gradient if there is one; `OPTIMISERS["nlopt"].minimise` takes it
-and gives an `Optimum`. To add a library: write a file here and add its name below; or put it into another package
-behind an entry point `signid.optimisers`.
+A `Problem` is an objective with bounds, a start and an optional gradient. `OPTIMISERS["nlopt"].minimise` solves it and
+returns an `Optimum`. To add a library, write a module here and add its name below, or register an entry point
+`signid.optimisers` in another package.
 """
 
 from __future__ import annotations
@@ -11,4 +11,4 @@ from ..registry import Registry
 from .base import Optimiser, Optimum, Problem
 
 __all__ = ["OPTIMISERS", "Optimiser", "Optimum", "Problem"]
-OPTIMISERS: Registry[Optimiser] = Registry("optimisers", __name__, "nlopt_ scipy_")
+OPTIMISERS: Registry[Optimiser] = Registry("optimisers", __name__, "nlopt_")

@@ -1,4 +1,4 @@
-"""What an optimiser is given and what it gives back."""
+"""Interface of the optimisers: problem, optimum, budget."""
 
 from __future__ import annotations
 
@@ -16,27 +16,27 @@ from ..errors import OptionError
 from ..types import Array, Frozen
 
 Status = Literal["converged", "budget", "failed"]
-WALL = 1e100  # cost that stands for infinity
+WALL = 1e100  # finite cost that replaces infinite and undefined costs
 
 
 @dataclass(frozen=True, eq=False)
 class Problem(Frozen):
-    """Minimise objective(x) over lower <= x <= upper, from start.
+    """Minimise objective(x) subject to lower <= x <= upper, from `start`.
 
     Raises:
-        ValueError: when the three vectors have different lengths, a box is empty or the start lies outside.
+        ValueError: the three vectors differ in length, the bounds are empty, or the start is outside of them.
     """
 
     objective: Callable[[Array], float]  # x (d,) -> cost
-    lower: Array  # (d,) [any], -inf where free
-    upper: Array  # (d,) [any], inf where free
+    lower: Array  # (d,) [any], -inf where unbounded
+    upper: Array  # (d,) [any], inf where unbounded
     start: Array  # (d,) [any]
     gradient: Callable[[Array], Array] | None = None  # x (d,) -> (d,)
-    search: str = "a search"  # what is searched; time may cut it short
-    tolerance: float = 0.0  # of the cost: steps that change it less end the search, where the library can
+    search: str = "a search"  # name of the search in the flag of the time limit
+    tolerance: float = 0.0  # absolute change of the cost at which the search converges, if the library supports it
 
     def __post_init__(self) -> None:
-        """Arrays are copied and checked."""
+        """Copy and check the arrays."""
         super().__post_init__()
         if not self.lower.shape == self.upper.shape == self.start.shape == (len(self.start),):
             raise ValueError(
@@ -48,13 +48,13 @@ class Problem(Frozen):
             i = int(np.flatnonzero(outside)[0])
             raise ValueError(
                 f"start[{i}] = {self.start[i]:g} is not between {self.lower[i]:g} and {self.upper[i]:g}; "
-                "start inside the box"
+                "start within the bounds"
             )
 
 
 @dataclass(frozen=True, eq=False)
 class Optimum(Frozen):
-    """The best point seen; a spent budget is a result, not an error."""
+    """Best point found; a spent budget is a status, not an error."""
 
     x: Array  # (d,) [any]
     value: float
@@ -64,10 +64,10 @@ class Optimum(Frozen):
 
 
 class Optimiser(ABC):
-    """A library of algorithms behind one verb."""
+    """A library of minimisation algorithms."""
 
     algorithms: tuple[str, ...]  # the first is the default
-    needs_gradient: frozenset[str]  # those among them that cannot do without
+    needs_gradient: frozenset[str]  # algorithms that require a gradient
 
     @abstractmethod
     def minimise(
@@ -79,24 +79,24 @@ class Optimiser(ABC):
         budget_seconds: float | None = None,
         seed: int = 0,
     ) -> Optimum:
-        """The best point that the budget allowed; the same for the same seed, unless the seconds ran out first.
+        """Minimise within a budget; reproducible for a given seed unless the time runs out first.
 
         Args:
-            problem: what to minimise.
-            algorithm: one of `algorithms`.
-            budget_evaluations: of the objective, at most; the start is always evaluated.
-            budget_seconds: the same in time [s].
-            seed: of random numbers.
+            problem: objective, bounds and start.
+            algorithm: one of `algorithms`; None for the first.
+            budget_evaluations: maximum number of evaluations; the start is always evaluated.
+            budget_seconds: maximum time [s].
+            seed: seed of the random generator.
 
         Raises:
-            OptionError: when there is no such algorithm, or it needs a gradient that the problem lacks.
+            OptionError: unknown algorithm, or an algorithm that requires a gradient for a problem without one.
         """
 
     def chosen(self, problem: Problem, algorithm: str | None) -> str:
-        """The name of an algorithm that can solve the problem.
+        """Name of the algorithm, checked against the problem.
 
         Raises:
-            OptionError: when there is no such algorithm, or it needs a gradient that the problem lacks.
+            OptionError: unknown algorithm, or an algorithm that requires a gradient for a problem without one.
         """
         name = algorithm or self.algorithms[0]
         if name not in self.algorithms:
@@ -106,40 +106,42 @@ class Optimiser(ABC):
         if name in self.needs_gradient and problem.gradient is None:
             raise OptionError(
                 f"the algorithm {name!r} needs a gradient and the problem has none; give one, or choose an algorithm "
-                "that does without"
+                "without gradients"
             )
         return name
 
 
 class BudgetSpentError(Exception):
-    """Thrown through a library to end it."""
+    """Raised inside an objective to end the run of a library."""
 
 
 class Watch:
-    """Calls the objective, first at the start; counts, keeps the best point, ends the run when the budget is spent."""
+    """Objective that counts evaluations, keeps the best point and ends the run when the budget is spent."""
 
     def __init__(self, problem: Problem, evaluations: int, seconds: float | None) -> None:
         self.problem, self.evaluations = problem, evaluations
         self.end = np.inf
         self.x, self.value, self.count = problem.start, np.inf, 0
-        self.fault: Exception | None = None  # of the objective itself, not of the library
-        self(problem.start)  # not every algorithm looks there, and the answer is to be no worse
+        self.fault: Exception | None = None  # raised by the objective, not by the library
+        self(problem.start)  # some algorithms skip the start; the optimum must not be worse than it
         if seconds is not None:
             self.end = time.monotonic() + seconds
 
     def __call__(self, x: Array) -> float:
-        """Cost at x: (d,) [any], a wall where it is no finite number: some algorithms crash there, or never end."""
+        """Cost at x: (d,) [any], `WALL` where it is not finite: some algorithms crash there, or never end."""
         spent = self.count >= max(self.evaluations, 1) or time.monotonic() >= self.end
         if spent or (self.count and time_is_up(self.problem.search)):
             raise BudgetSpentError
         self.count += 1
         value = float(self._watched(self.problem.objective, x))
-        if value < self.value and np.all((x >= self.problem.lower) & (x <= self.problem.upper)):  # some look outside
+        if value < self.value and np.all(
+            (x >= self.problem.lower) & (x <= self.problem.upper)
+        ):  # some leave the bounds
             self.x, self.value = np.array(x), value
         return value if np.isfinite(value) else WALL
 
     def gradient(self, x: Array) -> Array:
-        """(d,) gradient at x: (d,) [any], level where it is no finite number."""
+        """Gradient (d,) at x: (d,) [any], zero where it is not finite."""
         assert self.problem.gradient is not None, "checked when the algorithm was chosen"
         slope = np.asarray(self._watched(self.problem.gradient, x))
         return np.where(np.isfinite(slope), slope, 0.0)
@@ -152,10 +154,10 @@ class Watch:
             raise
 
     def optimum(self, status: Status, algorithm: str) -> Optimum:
-        """The best point so far.
+        """Best point so far.
 
         Raises:
-            Exception: that of the objective or its gradient, which is not the library's to hide.
+            Exception: exception of the objective or its gradient, even if the library caught it.
         """
         if self.fault is not None:
             raise self.fault

@@ -1,4 +1,4 @@
-"""NLopt: global and local search, with and without gradients."""
+"""NLopt: global and local minimisation, with and without gradients."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _LIMITS = (nlopt.MAXEVAL_REACHED, nlopt.MAXTIME_REACHED, nlopt.FORCED_STOP)
 
 
 class NLopt(Optimiser):
-    """Every algorithm of the installed NLopt by its own name: GN_CRS2_LM, LD_SLSQP, LN_SBPLX, ...
+    """All algorithms of the installed NLopt under their own names: GN_CRS2_LM, LD_SLSQP, LN_SBPLX, ...
 
     Source: S. G. Johnson, The NLopt nonlinear-optimization package.
     """
@@ -39,14 +39,14 @@ class NLopt(Optimiser):
         watch = Watch(problem, budget_evaluations, budget_seconds)
 
         run = _configured(name, problem)
-        kept = ref(run)  # NLopt keeps the function that it calls: were that to keep the run, neither would be freed
+        kept = ref(run)  # weak: NLopt holds the cost function, and a strong reference back would leak both
 
         def cost(x: Array, gradient: Array) -> float:
             try:
                 if gradient.size:
                     gradient[:] = watch.gradient(x)
                 return watch(x)
-            except Exception:  # not to be thrown through NLopt, which goes on calling
+            except Exception:  # must not pass through NLopt, which would keep calling
                 if (running := kept()) is not None:
                     running.force_stop()
                 gradient[:] = 0.0
@@ -59,11 +59,11 @@ class NLopt(Optimiser):
         try:
             run.optimize(problem.start)
             status = "budget" if run.last_optimize_result() in _LIMITS else "converged"
-        except nlopt.RoundoffLimited:  # no better number exists nearby
+        except nlopt.RoundoffLimited:  # converged to rounding
             pass
         except nlopt.ForcedStop:
             status = "budget"
-        except Exception:  # those of NLopt are no family
+        except Exception:  # NLopt's exceptions share no base class
             status = "failed"
         return watch.optimum(status, name)
 
@@ -76,8 +76,8 @@ def _configured(name: str, problem: Problem) -> nlopt.opt:
     run.set_ftol_rel(1e-13)
     run.set_ftol_abs(problem.tolerance)
     if "AUGLAG" in name or "MLSL" in name:
-        follows = name.startswith(("LD_", "GD_"))
-        local = nlopt.opt(nlopt.LD_LBFGS if follows else nlopt.LN_SBPLX, len(problem.start))
+        gradient = name.startswith(("LD_", "GD_"))
+        local = nlopt.opt(nlopt.LD_LBFGS if gradient else nlopt.LN_SBPLX, len(problem.start))
         local.set_xtol_rel(1e-10)
         local.set_ftol_rel(1e-13)
         run.set_local_optimizer(local)

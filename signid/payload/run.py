@@ -15,7 +15,7 @@ from ..model import stated_parameters
 from ..regression.factors import LAGS, Factors
 from ..regression.prepare import prepare
 from ..regression.session import Options
-from ..robot.dynamics import carried
+from ..robot.dynamics import own_body
 from ..signs.torque_constants.from_shared_parameters import constant_sensitivity
 from ..types import (
     INERTIAL,
@@ -79,7 +79,7 @@ def payload(
     prior = base.combination @ stated_parameters(session.task).values
     bare, loaded = (estimate(replace(f, sample=None), base, prior, options.whiten) for f in factors)
     added = _beyond_noise(base, prior, (bare, loaded), factors, _currents(both), options.whiten)
-    body = carried(session.robot, len(session.robot.joints) - 1)
+    body = own_body(session.robot, len(session.robot.joints) - 1)
     difference = subtract(base, body, bare, loaded, factors[0], added)
     fitted = fit_consistent(_one_body(difference), difference.estimate, _before(difference))
     inertial = fitted.parameters.bodies()[0]

@@ -1,4 +1,4 @@
-"""A log or a table of any format -> columns under the names and in the units of recordings."""
+"""Convert logs and tables of any format to the column names and units of recordings."""
 
 from __future__ import annotations
 
@@ -16,29 +16,29 @@ from .mapping import ColumnMap, Columns, Signal, read_map, split
 from .names import OFFER, propose
 from .sampling.clock import read_clock
 from .source import Opened, Source, open_source
-from .units import Changed
+from .units import in_units
 
 
 @dataclass(frozen=True)
 class Pace:
-    """How a recording goes through time."""
+    """Timing of a recording."""
 
     duration: float  # [s]
     rate: float  # [Hz]
     gaps: int
-    longest: float  # [s] of the gaps
+    longest: float  # longest gap [s]
 
 
 @dataclass(frozen=True, eq=False)
 class Conversion(Frozen):
-    """N rows, and where they came from."""
+    """Converted columns of N rows and their source."""
 
-    columns: Mapping[str, Array]  # (N,) each, by name [s, rad or m, N.m or N, A; as they were where no unit is known]
+    columns: Mapping[str, Array]  # (N,) each, by name [s, rad or m, N.m or N, A; unchanged if the unit is unknown]
     source: Input
     about: About
-    units: Mapping[str, str]  # that columns were in, where that was said
-    pace: Pace | None  # None where there is no time to be told
-    suggested: tuple[str, ...]  # lines of a column map that may make the names fit the robot
+    units: Mapping[str, str]  # stated units of the source columns
+    pace: Pace | None  # None without a usable time column
+    suggested: tuple[str, ...]  # lines of a suggested column map
     flags: tuple[str, ...]
     notes: tuple[str, ...]
 
@@ -60,21 +60,21 @@ def convert(
     robot: Robot | None = None,
     drop_missing: bool = False,
 ) -> Conversion:
-    """Every column of numbers, under the names and in the units of recordings; others keep their names.
+    """Convert all numeric columns to the names and units of recordings; other columns keep their names.
 
-    Reading what is converted gives the same recording as reading the source.
+    Reading the converted columns gives the same recording as reading the source.
 
     Args:
-        source: what `read_recording` reads: a file, bag, dataset, frame, or arrays by name [s, rad or m, N.m or N, A].
-        columns: the column map, as of `read_recording`.
-        units: that columns are in, by kind: {"q": "deg", "t": "ns"}.
-        topics: of a ROS bag, to be joined in time; without them, the only one that fits.
-        robot: that the names are held against.
-        drop_missing: leave out rows that lack the time, a position or a torque, so that short holes are bridged.
+        source: file, bag, dataset, frame, or arrays by name [s, rad or m, N.m or N, A], as for `read_recording`.
+        columns: column map, as for `read_recording`.
+        units: units of the source by kind of column: {"q": "deg", "t": "ns"}.
+        topics: topics of a ROS bag, joined in time; by default the only suitable one.
+        robot: robot whose joint names are checked.
+        drop_missing: omit rows without time, position or torque, which bridges short gaps.
 
     Raises:
-        OptionError: topics of something that has none.
-        RecordingError: the source or the column map cannot be used, or a unit is open.
+        OptionError: topics of a source without topics.
+        RecordingError: invalid source or column map, or unknown unit.
     """
     opened = open_source(source, topics)
     mapping = read_map(columns, units)
@@ -91,12 +91,12 @@ def convert(
         stated |= {signal.logical: unit} if unit else {}
     notes = list(about.notes)
     if idle := [kind for kind in mapping.units if kind not in map(_kind, found)]:
-        notes.append(f"a unit is given for {', '.join(idle)}, but there is no such column")
+        notes.append(f"the unit of {', '.join(idle)} is unused: there is no such column")
     if skipped:
-        notes.append(f"left out, because they hold no numbers: {shorten(skipped)}")
+        notes.append(f"omitted, because they hold no numbers: {shorten(skipped)}")
     if drop_missing:
-        found, said = _complete(found)
-        notes += said
+        found, dropped = _complete(found)
+        notes += dropped
     pace, flags = _pace(opened.name, found)
     flags += _unfit(opened.name, found, robot)
     suggested = propose(tuple(found), robot) if robot else ()
@@ -106,7 +106,7 @@ def convert(
 
 
 def _kind(name: str) -> str:
-    """The kind of a column, "" where it is none of a recording."""
+    """Kind of a column, "" if it is not a signal."""
     pairs = split(name)
     return pairs[0][0] if pairs else "t" if name == "t" else ""
 
@@ -116,14 +116,14 @@ def _signals(opened: Opened, mapping: Columns) -> list[Signal]:
     names = [signal.logical for signal in signals]
     if twice := next((name for name in names if names.count(name) > 1), None):
         both = [signal.column for signal in signals if signal.logical == twice]
-        raise RecordingError(f"{opened.name}: {' and '.join(both)} would both be {twice}; mend the column map")
+        raise RecordingError(f"{opened.name}: {' and '.join(both)} would both be {twice}; correct the column map")
     if not opened.table.rows:
         raise RecordingError(f"{opened.name} has columns but no samples; record the robot in motion")
     return signals
 
 
 def _values(opened: Opened, mapping: Columns, signal: Signal, robot: Robot | None) -> tuple[Array | None, str]:
-    """(N,) a column in the unit of recordings, None where it holds no numbers, and the unit that it was in."""
+    """Column (N,) in the unit of recordings (None if it holds no numbers), and its unit in the source."""
     table, kind = opened.table, _kind(signal.logical)
     key = resolve(signal.logical, robot) if robot and kind not in ("", "t") else None
     prismatic = bool(robot.prismatic[key[1]]) if robot and key and key[1] >= 0 else None
@@ -136,29 +136,26 @@ def _values(opened: Opened, mapping: Columns, signal: Signal, robot: Robot | Non
         if signal.mapped:
             raise
         return None, ""
-    shown = Changed(table, {signal.column: change}) if change else table
+    converted = in_units(table, {signal.column: change}) if change else table
     own = mapping.own.get(signal.logical, "") if signal.mapped else ""
-    told = own if isinstance(own, str) else f"value * {own.scale:g} + {own.offset:g}"
-    return shown.read([signal.column], 0, table.rows)[:, 0].copy(), told or (
-        mapping.units.get(kind, "") if change else ""
-    )
+    unit = own if isinstance(own, str) else f"value * {own.scale:g} + {own.offset:g}"
+    unit = unit or (mapping.units.get(kind, "") if change else "")
+    return converted.read([signal.column], 0, table.rows)[:, 0].copy(), unit
 
 
 def _complete(found: Mapping[str, Array]) -> tuple[dict[str, Array], list[str]]:
-    """The rows that lack nothing that identification needs; columns without any value do not count."""
+    """Rows with all values that identification needs, and a note; columns without any value are ignored."""
     needed = [name for name in found if _kind(name) in ("t", "q", *TORQUES)]
     empty = np.array([np.isnan(found[name]) for name in needed if not np.isnan(found[name]).all()])
     lacks = np.asarray(empty.any(axis=0)) if len(empty) else np.zeros(1, bool)
     if not lacks.any():
         return dict(found), []
-    left = {name: values[~lacks] for name, values in found.items()}
-    return left, [
-        f"{int(lacks.sum())} of {len(lacks)} rows lack a value and are left out; short holes are bridged then"
-    ]
+    complete = {name: values[~lacks] for name, values in found.items()}
+    return complete, [f"{int(lacks.sum())} of {len(lacks)} rows lack a value and are omitted, which bridges short gaps"]
 
 
 def _pace(name: str, found: Mapping[str, Array]) -> tuple[Pace | None, list[str]]:
-    """How time goes, and what is wrong with it."""
+    """Timing of the rows, and its faults."""
     if "t" not in found:
         return None, []
     stamps = found["t"]
@@ -175,7 +172,7 @@ def _pace(name: str, found: Mapping[str, Array]) -> tuple[Pace | None, list[str]
 
 
 def _unfit(name: str, found: Mapping[str, Array], robot: Robot | None) -> list[str]:
-    """Why the columns are no recording of the robot."""
+    """Reasons why the columns are not a valid recording of the robot."""
     if robot is None:
         return []
     try:
@@ -186,8 +183,8 @@ def _unfit(name: str, found: Mapping[str, Array], robot: Robot | None) -> list[s
 
 
 def _lacking(found: Mapping[str, Array], about: About) -> Iterator[str]:
-    """What identification needs and the columns do not have."""
+    """Notes on missing columns that identification needs."""
     kinds = {*map(_kind, found)}
-    for has, what in (("t" in kinds, "time t"), ("q" in kinds, "position q_J"), (kinds & {*TORQUES}, "torque tau_J")):
-        if not has and not any("no torque" in note for note in about.notes if what.startswith("torque")):
-            yield f"there is no column of {what}, which identification needs"
+    for has, signal in (("t" in kinds, "time t"), ("q" in kinds, "position q_J"), (kinds & {*TORQUES}, "torque tau_J")):
+        if not has and not any("no torque" in note for note in about.notes if signal.startswith("torque")):
+            yield f"there is no column of {signal}, which identification needs"

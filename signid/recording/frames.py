@@ -1,4 +1,4 @@
-"""Frames of pandas, polars and arrow, and structured arrays: their columns by name."""
+"""Columns of frames (pandas, polars, arrow) and structured arrays by name."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from ..errors import RecordingError
 
 
 class Frame(Protocol):
-    """What has named columns: a frame of pandas or polars, an arrow table, a structured array."""
+    """A container of named columns: pandas or polars frame, arrow table, structured array."""
 
     def __getitem__(self, name: Any, /) -> Any:
-        """A column."""
+        """Return a column."""
         ...
 
 
 def columns_of(source: Mapping[str, ArrayLike] | Frame) -> Mapping[str, ArrayLike]:
-    """Columns by name; an index of dates, durations or of the name t becomes t where there is no such column.
+    """Columns by name; an index of dates or durations, or named t, becomes column t if there is none.
 
     Raises:
-        RecordingError: it is no frame, or two columns have one name.
+        RecordingError: the source is no frame, or two columns have the same name.
     """
     if isinstance(source, Mapping):
         return source
@@ -38,8 +38,8 @@ def columns_of(source: Mapping[str, ArrayLike] | Frame) -> Mapping[str, ArrayLik
         source = pl.DataFrame(cast(Any, source))
     if isinstance(source, pl.DataFrame):
         return {column.name: column.to_numpy() for column in source}
-    told = "expected a file, arrays by column name, or a frame of pandas, polars or arrow"
-    raise RecordingError(f"a recording cannot be read from {type(source).__name__}; {told}")
+    expected = "expected a file, arrays by column name, or a frame of pandas, polars or arrow"
+    raise RecordingError(f"a recording cannot be read from {type(source).__name__}; {expected}")
 
 
 def _of_pandas(frame: Any) -> dict[str, ArrayLike]:
@@ -59,7 +59,7 @@ def _series(frame: Any) -> Iterator[ArrayLike]:
 
 
 def _numbers(series: Any) -> ArrayLike:
-    """Numbers, dates or durations as numpy has them; what pandas calls missing is NaN."""
+    """Numbers, dates or durations as a numpy array; missing values are NaN."""
     kind = getattr(series.dtype, "kind", "O")
     if kind in ("M", "m"):
         return np.asarray(series.to_numpy(dtype=f"{'datetime64' if kind == 'M' else 'timedelta64'}[ns]"))

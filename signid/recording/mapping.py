@@ -1,4 +1,4 @@
-"""The column map: which column of a source stands for which signal, by which name joints go, and in which units."""
+"""Column map: signals, joint names and units of the columns of a source."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from ..toml_json import read_toml
 from .units import OF, Change, change_of
 
 KINDS = ("abs_current", "abs_tau", "current", "q_des", "ddq", "dq", "tau", "q")  # longer prefixes first
-FIELDS = ("column", "unit", "scale", "offset")  # of a column in the long form
+FIELDS = ("column", "unit", "scale", "offset")  # keys of a column in the long form
 
 ColumnMap = str | Path | Mapping[str, Any]
 
 
 class Signal(NamedTuple):
-    """A column of the source and what it stands for."""
+    """A column of the source and its signal."""
 
     logical: str  # "q_elbow"
     column: str  # "elbow_pos"
@@ -26,19 +26,19 @@ class Signal(NamedTuple):
 
 
 class Columns(NamedTuple):
-    """A column map that has been read."""
+    """A parsed column map."""
 
-    named: Mapping[str, str]  # column by logical name
-    own: Mapping[str, str | Change]  # unit, or scale and offset, of such a column, by logical name
+    named: Mapping[str, str]  # column by signal name
+    own: Mapping[str, str | Change]  # unit, or scale and offset, of a named column, by signal name
     units: Mapping[str, str]  # by kind: q, tau, t, ...
-    joints: Mapping[str, str]  # name of a joint by the source's name for it
-    pattern: tuple[str, str] | None  # what stands before and behind the name of a joint
+    joints: Mapping[str, str]  # joint name by its name in the source
+    pattern: tuple[str, str] | None  # prefix and suffix of joint names in the source
 
     def change(self, signal: Signal, kind: str, prismatic: bool | None, source: str) -> Change | None:
-        """What makes the column's unit that of recordings, None where nothing is said of it.
+        """Conversion of a column to the unit of recordings; None if no unit is stated.
 
         Raises:
-            RecordingError: the unit is none of such a column.
+            RecordingError: the unit does not fit the column.
         """
         own = self.own.get(signal.logical) if signal.mapped else None
         if isinstance(own, Change):
@@ -47,10 +47,10 @@ class Columns(NamedTuple):
         return None if unit is None else change_of(unit, kind, prismatic, f"{source}: column {signal.column!r}")
 
     def signals(self, columns: Sequence[str], source: str) -> Iterator[Signal]:
-        """Columns under the names that the map gives them; one that it takes no longer stands for its own name.
+        """Columns under their mapped names; a mapped column loses its original name.
 
         Raises:
-            RecordingError: a column of the map is not there.
+            RecordingError: a column of the map is missing.
         """
         for key, column in self.named.items():
             if column not in columns:
@@ -70,19 +70,20 @@ class Columns(NamedTuple):
 
 
 def split(logical: str) -> list[tuple[str, str]]:
-    """The kinds and joints that a name may be made of, the longest kind first."""
+    """Possible kinds and joints of a signal name, longest kind first."""
     return [(kind, logical[len(kind) + 1 :]) for kind in KINDS if logical.startswith(kind + "_")]
 
 
 def read_map(given: ColumnMap | None, units: Mapping[str, str] | None = None) -> Columns:
-    """A column map, from a TOML file or as it is.
+    """Parse a column map.
 
     Args:
-        given: column by logical name, "elbow_pos" or {"column": "elbow_pos", "unit": "deg"}; `joints` and `units`.
-        units: by kind of column; they count before those of the map.
+        given: mapping or TOML file: column by signal name, "elbow_pos" or {"column": "elbow_pos", "unit": "deg"};
+            `joints` and `units`.
+        units: units by kind of column, which override those of the map.
 
     Raises:
-        RecordingError: it cannot be read, or says what cannot be.
+        RecordingError: unreadable or invalid column map.
     """
     name, table = ("the column map", given or {}) if given is None or isinstance(given, Mapping) else _from_file(given)
     named: dict[str, str] = {}
@@ -92,14 +93,14 @@ def read_map(given: ColumnMap | None, units: Mapping[str, str] | None = None) ->
             continue
         if key != "t" and not split(key):
             raise RecordingError(f"{name} gives {key!r}; expected t, or {'_, '.join(reversed(KINDS))}_ and a joint")
-        named[key], said = _column(name, key, value)
-        own |= {key: said} if said else {}
+        named[key], unit = _column(name, key, value)
+        own |= {key: unit} if unit else {}
     for key, column in named.items():
         if twin := next((k for k, other in named.items() if other == column and k != key), None):
             raise RecordingError(f"{name} uses column {column!r} for both {key} and {twin}; each needs its own")
     joints, pattern = _joints(name, table.get("joints", {}))
-    asked = {**_units(name, table.get("units", {})), **_units("--unit", units or {})}
-    return Columns(named, own, asked, joints, pattern)
+    by_kind = {**_units(name, table.get("units", {})), **_units("--unit", units or {})}
+    return Columns(named, own, by_kind, joints, pattern)
 
 
 def _from_file(path: str | Path) -> tuple[str, Mapping[str, Any]]:
@@ -113,14 +114,14 @@ def _from_file(path: str | Path) -> tuple[str, Mapping[str, Any]]:
 
 
 def _column(name: str, key: str, value: object) -> tuple[str, str | Change]:
-    """The column of a logical name, and what is said of its unit."""
+    """Column of a signal and its unit, "" if not stated."""
     if isinstance(value, str):
         return value, ""
     if not isinstance(value, Mapping) or not isinstance(value.get("column"), str):
         form = f'{key} = "name" or {key} = {{ column = "name", unit = "deg" }}'
         raise RecordingError(f"{name} gives {key} = {value!r}; expected the name of a column, {form}")
     if strange := [field for field in value if field not in FIELDS]:
-        raise RecordingError(f"{name} says {strange[0]!r} of {key}; expected {', '.join(FIELDS)}")
+        raise RecordingError(f"{name} has the unknown key {strange[0]!r} for {key}; expected {', '.join(FIELDS)}")
     unit, numbers = value.get("unit", ""), [value.get(field) for field in ("scale", "offset")]
     if not isinstance(unit, str) or (unit and any(number is not None for number in numbers)):
         raise RecordingError(f"{name} gives {key} the unit {unit!r}; expected a unit, or scale and offset, not both")
@@ -131,7 +132,9 @@ def _column(name: str, key: str, value: object) -> tuple[str, str | Change]:
         any(isinstance(x, bool) or not isinstance(x, int | float) or not isfinite(x) for x in (scale, offset))
         or not scale
     ):
-        raise RecordingError(f"{name} gives {key} a scale or offset that is no number; expected value * scale + offset")
+        raise RecordingError(
+            f"{name} gives {key} an invalid scale or offset; expected numbers for value * scale + offset"
+        )
     return value["column"], Change(float(scale), 1.0, float(offset))
 
 

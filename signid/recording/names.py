@@ -1,4 +1,4 @@
-"""Names that do not fit a robot -> a column map that may, for a person to look through; nothing is taken from it."""
+"""Suggest a column map for columns that do not match a robot; for the user to review, never applied."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ import numpy as np
 from ..types import Robot
 from .mapping import split
 
-ALIKE = 0.6  # similarity from which two names are offered as one
-INLINE = 110  # characters of a map within a sentence
+ALIKE = 0.6  # minimum similarity of two names for a suggestion [1]
+INLINE = 110  # maximum length of a map within a message [characters]
 OFFER = "; a column map (--columns)"
 TABLE = "[joints]"
 WORDS: Mapping[str, tuple[str, ...]] = {
@@ -32,39 +32,39 @@ NUMBER = re.compile(r"(?:joint|axis|motor|link|j|a|m)?0*(\d+)")
 
 
 class _Guess(NamedTuple):
-    """What a column may be."""
+    """Possible meaning of a column."""
 
     column: str
     kind: str
-    joint: str  # as the source calls it
+    joint: str  # name in the source
     unit: str
-    plain: bool  # named as signals are: kind, underscore, joint
+    plain: bool  # whether the column is named like a signal: kind, underscore, joint
 
 
 def propose(columns: Sequence[str], robot: Robot) -> tuple[str, ...]:
-    """Lines of a column map that may make the columns fit the robot; none where all fit, or nothing is alike."""
+    """Lines of a column map that may match the columns to the robot; none if all match or no name is similar."""
     guesses = [guess for column in columns if (guess := _guess(column))]
     known = {*robot.joints, *(str(number) for number in robot.numbers)}
-    open_ = [guess for guess in guesses if guess.kind != "t" and not (guess.plain and guess.joint in known)]
+    unmatched = [guess for guess in guesses if guess.kind != "t" and not (guess.plain and guess.joint in known)]
     have = {guess.joint for guess in guesses if guess.plain and guess.kind == "q"}
     lacking = [j for j, n in zip(robot.joints, robot.numbers, strict=True) if not {j, str(n)} & have]
-    tokens = list(dict.fromkeys(guess.joint for guess in open_))
+    tokens = list(dict.fromkeys(guess.joint for guess in unmatched))
     pattern, match = _match(tokens, lacking, robot)
-    named = {guess.joint for guess in open_ if guess.plain}
+    named = {guess.joint for guess in unmatched if guess.plain}
     lines = []
     if pattern and set(match) <= named:
         lines.append(f"joints = {_quoted('*'.join(pattern))}")
     elif match and set(match) <= named:
         lines += [TABLE, *(f"{_key(joint)} = {_quoted(token)}" for token, joint in match.items())]
     else:
-        lines += _each(open_, match)
+        lines += _each(unmatched, match)
     if "t" not in columns and (time := next((guess for guess in guesses if guess.kind == "t"), None)):
         lines.insert(0, _line("t", time))
     return tuple(lines)
 
 
 def suggest(columns: Sequence[str], robot: Robot) -> str:
-    """The end of a sentence about names that do not fit, "" where nothing is alike."""
+    """End of a message about columns that do not match; "" without a suggestion."""
     lines = propose(columns, robot)
     if not lines:
         return ""
@@ -72,8 +72,8 @@ def suggest(columns: Sequence[str], robot: Robot) -> str:
     if TABLE in lines:
         at = lines.index(TABLE)
         text = "; ".join([*lines[:at], f"joints = {{ {', '.join(lines[at + 1 :])} }}"])
-    such = f" with {text}" if len(text) <= INLINE else f" that begins {text[: INLINE - 4]} ..."
-    return f"{OFFER}{such} may fit: signid convert --robot prints it"
+    content = f" with {text}" if len(text) <= INLINE else f" that begins {text[: INLINE - 4]} ..."
+    return f"{OFFER}{content} may fit: signid convert --robot prints it"
 
 
 def _guess(column: str) -> _Guess | None:
@@ -96,7 +96,7 @@ def _guess(column: str) -> _Guess | None:
 
 
 def _match(tokens: Sequence[str], joints: Sequence[str], robot: Robot) -> tuple[tuple[str, str] | None, dict[str, str]]:
-    """Joints by the source's names for them, and what stands around all of them where that is the same."""
+    """Joints by their names in the source, and the common prefix and suffix of these names, if any."""
     around: dict[tuple[str, str], dict[str, str]] = {}
     for token in tokens:
         for joint in joints:
@@ -109,7 +109,7 @@ def _match(tokens: Sequence[str], joints: Sequence[str], robot: Robot) -> tuple[
             return (best if any(best) else None), around[best]
     if not tokens or not joints:
         return None, {}
-    from scipy.optimize import linear_sum_assignment  # here, because it takes longer to import than most files to read
+    from scipy.optimize import linear_sum_assignment  # imported here, because it is slow
 
     alike = np.array([[_likeness(token, joint, robot, tokens) for joint in joints] for token in tokens])
     pairs = zip(*linear_sum_assignment(-alike), strict=True)
@@ -129,7 +129,7 @@ def _likeness(token: str, joint: str, robot: Robot, tokens: Sequence[str]) -> fl
 
 
 def _each(guesses: Sequence[_Guess], match: Mapping[str, str]) -> list[str]:
-    """A line for each column, the first of those that are the same signal."""
+    """One line per signal; the first of several matching columns counts."""
     lines: dict[str, str] = {}
     for guess in guesses:
         if guess.joint in match:
@@ -152,5 +152,5 @@ def _key(name: str) -> str:
 
 
 def _quoted(text: str) -> str:
-    """As TOML writes it: a basic string is one of JSON."""
+    """TOML basic string, which equals a JSON string."""
     return json.dumps(text, ensure_ascii=False)

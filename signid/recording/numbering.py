@@ -1,4 +1,4 @@
-"""Columns that name joints by number -> whether they may count other joints than those of the description's order."""
+"""Detect joint numbers in columns that may not follow the joint order of the description."""
 
 from __future__ import annotations
 
@@ -13,30 +13,30 @@ from ..types import Robot
 
 WHEEL = re.compile(r"wheel|caster|castor|rotor|propeller", re.IGNORECASE)
 FINGER = re.compile(r"finger|thumb|gripper|jaw|hand", re.IGNORECASE)
-LONG = 150  # characters of a map within a sentence
-ARM = "arm joint"  # a joint that turns, and is no wheel and no finger
+LONG = 150  # maximum length of a map within a message [characters]
+ARM = "arm joint"  # a revolute joint that is no wheel and no finger
 
 
 class _Numbered(NamedTuple):
-    """Joints that columns name by their numbers in the description, in the order of these numbers."""
+    """Joints and the numbers by which columns name them, in ascending order of the numbers."""
 
     joints: tuple[int, ...]
     numbers: tuple[int, ...]
 
 
-def doubt_numbers(source: str, robot: Robot, joints: Sequence[int]) -> tuple[str, ...]:
-    """A sentence for a flag where numbers of columns may count other joints than those of the description's order.
+def check_numbering(source: str, robot: Robot, joints: Sequence[int]) -> tuple[str, ...]:
+    """Flags for joint numbers that may not follow the order of the description.
 
-    Numbers are not doubted where every joint that moves has one, where the joints' own names have them, or where no
-    other chain of joints of one kind has as many.
+    Numbers are certain if every moving joint has one, if they match digits in the joint names, or if no other chain of
+    arm joints has the same length.
 
     Args:
         source: name of the recording.
-        robot: gives the joints.
-        joints: columns of the robot's joints whose position is named by a number.
+        robot: the robot.
+        joints: indices of the joints whose position column has a number.
 
     Raises:
-        RecordingError: the numbers are those of wheels, fingers or joints of several kinds, and an arm has as many.
+        RecordingError: the numbers belong to joints of several kinds, and an arm has the same number of joints.
     """
     named = sorted(joints, key=lambda j: robot.numbers[j])
     given = _Numbered(tuple(named), tuple(robot.numbers[j] for j in named))
@@ -55,18 +55,18 @@ def doubt_numbers(source: str, robot: Robot, joints: Sequence[int]) -> tuple[str
 
 
 def _agree(given: _Numbered, robot: Robot) -> bool:
-    """Whether the names of the joints have the numbers, such as 3 of panda_joint3."""
+    """Whether the joint names contain the numbers, such as 3 in panda_joint3."""
     return _digits(robot, given.joints) == list(given.numbers)
 
 
 def _digits(robot: Robot, joints: Sequence[int]) -> list[int]:
-    """The last number in each joint's name, 0 where there is none."""
+    """Last number in each joint name, 0 if there is none."""
     found = (re.findall(r"\d+", robot.joints[j]) for j in joints)
     return [int(numbers[-1]) if numbers else 0 for numbers in found]
 
 
 def _parents(robot: Robot) -> list[list[int]]:
-    """Per joint, those that move it, the nearest last."""
+    """Ancestors of each joint, nearest last."""
     place = {robot.model.getJointId(name): j for j, name in enumerate(robot.joints)}
     out = []
     for name in robot.joints:
@@ -76,7 +76,7 @@ def _parents(robot: Robot) -> list[list[int]]:
 
 
 def _kind(robot: Robot, parents: Sequence[Sequence[int]], joint: int) -> str:
-    """A wheel, a finger, a slide or an arm joint."""
+    """Kind of a joint: wheel, finger, slide or arm joint."""
     name = robot.joints[joint]
     alone = not parents[joint] and not any(joint in above for above in parents)
     if WHEEL.search(name) or (alone and not np.isfinite(robot.lower[joint]) and not robot.prismatic[joint]):
@@ -87,13 +87,13 @@ def _kind(robot: Robot, parents: Sequence[Sequence[int]], joint: int) -> str:
 
 
 def _is_chain(joints: Sequence[int], parents: Sequence[Sequence[int]]) -> bool:
-    """Whether each joint moves all others that come after it, in one direction or the other."""
+    """Whether the joints form a serial chain."""
     order = sorted(joints, key=lambda j: len(parents[j]))
     return all(set(order[:k]) <= set(parents[j]) for k, j in enumerate(order))
 
 
 def _chains(robot: Robot, parents: Sequence[Sequence[int]], count: int) -> Iterator[tuple[int, ...]]:
-    """So many arm joints that follow one another in the description and in the robot."""
+    """Serial chains of `count` arm joints that are consecutive in the description."""
     for start in range(len(robot.joints) - count + 1):
         run = tuple(range(start, start + count))
         if _is_chain(run, parents) and all(_kind(robot, parents, j) == ARM for j in run):
@@ -106,7 +106,7 @@ def _sentence(source: str, robot: Robot, given: _Numbered, rival: Sequence[int])
     whole = f"joints = {{ {', '.join(lines)} }}"
     meant = whole if len(whole) <= LONG else f"below [joints] {lines[0]}, {lines[1]} to {lines[-1]}, a line each"
     return (
-        f"{source}: by the description's order columns {first} to {last} are of "
+        f"{source}: in the order of the description, columns {first} to {last} belong to "
         f"{shorten([robot.joints[j] for j in given.joints], 3)}, but {robot.joints[rival[0]]} to "
-        f"{robot.joints[rival[-1]]} may be meant; say which in a column map (--columns): {meant}"
+        f"{robot.joints[rival[-1]]} may be meant; state the joints in a column map (--columns): {meant}"
     )

@@ -1,4 +1,4 @@
-"""A source and a robot -> Recording."""
+"""Read recordings of a robot."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from .formats.base import About
 from .frames import columns_of
 from .mapping import ColumnMap
 from .names import suggest
+from .sampling.clock import CHUNK
 from .source import Opened, Source, open_source
-
-CHUNK = 65_536  # rows
+from .table import DerivedTable
 
 
 def read_recording(
@@ -28,24 +28,25 @@ def read_recording(
     unsigned: bool = False,
     topics: Sequence[str] = (),
 ) -> Recording:
-    """A recording of the robot: `t`, and for each joint J, by name or number, `q_J` and one of `tau_J`, `current_J`.
+    """Read a recording of a robot.
 
-    `abs_tau_J` and `abs_current_J` hold torques and currents whose sign is lost. `dq_J`, `ddq_J` and `q_des_J` are
-    taken where they are. A current needs the joint's torque constant, but for one without sign: recovery of signs may
-    find it. Samples of a Parquet file are read when they are asked for.
+    Required columns are `t` and, for each joint J by name or number, `q_J` and one of `tau_J`, `current_J`,
+    `abs_tau_J` and `abs_current_J` (absolute values); `dq_J`, `ddq_J` and `q_des_J` are optional. A signed current
+    requires the torque constant of the joint; for an absolute current, sign recovery can estimate it. Samples of a
+    Parquet file are read on demand.
 
     Args:
         source: a file, a ROS bag, a LeRobot dataset, a frame of pandas or polars, or arrays by column name: (N,), or
             (N, n) for all joints [s, rad or m, N.m or N, A].
-        robot: the robot that was recorded.
-        columns: which column of the source stands for which name, {"q_elbow": "elbow_pos"}, and in which unit,
-            {"q_elbow": {"column": "elbow_pos", "unit": "deg"}} or {"units": {"q": "deg"}}, or a TOML file of it.
-        unsigned: forget the sign of every torque.
-        topics: of a ROS bag, to be joined in time; without them, the only one that fits.
+        robot: the recorded robot.
+        columns: column map, or a TOML file of it: {"q_elbow": "elbow_pos"}, with units
+            {"q_elbow": {"column": "elbow_pos", "unit": "deg"}} or {"units": {"q": "deg"}}.
+        unsigned: whether to discard the sign of every torque.
+        topics: topics of a ROS bag, joined in time; by default the only suitable one.
 
     Raises:
-        OptionError: topics of something that has none.
-        RecordingError: the file, its columns or the column map cannot be used; the sentence says why.
+        OptionError: topics of a source without topics.
+        RecordingError: invalid file, columns or column map.
     """
     opened = open_source(source if isinstance(source, str | Path) else _by_joint(columns_of(source), robot), topics)
     found = assign_columns(opened, columns, robot)
@@ -59,10 +60,10 @@ def read_recording(
     }
     _check_samples(found.table, opened.name, chosen, torques)
     constants = _torque_constants(robot, joints, torques, absolute, opened.name)
-    hidden = frozenset(c for c, kind in zip(chosen["tau"], torques, strict=True) if unsigned and kind)
+    absolutes = {c: _absolute for c, kind in zip(chosen["tau"], torques, strict=True) if unsigned and kind}
     return Recording(
         tuple(robot.joints[j] for j in joints),
-        _Absolute(found.table, hidden) if hidden else found.table,
+        DerivedTable(found.table, absolutes) if absolutes else found.table,
         chosen,
         np.where(np.isnan(constants), 1.0, constants),
         ~np.array(absolute),
@@ -75,34 +76,36 @@ def read_recording(
 
 
 def same_joints(recordings: Sequence[Recording]) -> tuple[str, ...]:
-    """The joints that every one of some recordings has.
+    """Joints of recordings that all have the same ones.
 
     Raises:
-        RecordingError: when two recordings move different joints.
+        RecordingError: two recordings have different joints.
     """
     first = recordings[0]
     for other in recordings[1:]:
         for here, there in ((first, other), (other, first)):
             if extra := [joint for joint in here.joints if joint not in there.joints]:
-                told = f"{here.path or 'one recording'} moves {', '.join(extra)}, {there.path or 'another'} does not"
-                raise RecordingError(f"{told}; use only recordings of the same joints together")
+                fault = f"{here.path or 'one recording'} moves {', '.join(extra)}, {there.path or 'another'} does not"
+                raise RecordingError(f"{fault}; use only recordings of the same joints together")
     return first.joints
 
 
 def need_constants(recordings: Sequence[Recording]) -> None:
-    """Refuse recordings that hold currents whose torque constant is not known.
+    """Reject recordings of currents without a torque constant.
 
     Raises:
-        RecordingError: there is one.
+        RecordingError: unknown torque constant.
     """
     for recording in recordings:
         if recording.scaled is not None and not recording.scaled.all():
             names = [joint for joint, known in zip(recording.joints, recording.scaled, strict=True) if not known]
-            raise RecordingError(_no_constant(recording.path or "the recording", names, "let identification find it"))
+            raise RecordingError(
+                _no_constant(recording.path or "the recording", names, "let identification estimate it")
+            )
 
 
 def _by_joint(source: Mapping[str, ArrayLike], robot: Robot) -> Mapping[str, ArrayLike]:
-    """Arrays with a column for each joint of the robot, under the joints' numbers; others as they are."""
+    """Split matrices with a column per joint into columns by joint number; other arrays are unchanged."""
     columns: dict[str, ArrayLike] = {}
     for key, value in source.items():
         wide = np.ndim(value) == 2 and np.shape(value)[1] == len(robot.joints)
@@ -111,26 +114,18 @@ def _by_joint(source: Mapping[str, ArrayLike], robot: Robot) -> Mapping[str, Arr
     return columns
 
 
-class _Absolute:
-    """A table that shows some columns without their sign."""
-
-    def __init__(self, table: Table, hidden: frozenset[str]) -> None:
-        self._table, self._hidden = table, hidden
-        self.columns, self.rows = table.columns, table.rows
-
-    def read(self, names: Sequence[str], start: int, stop: int) -> Array:
-        values = self._table.read(names, start, stop)
-        return np.where([name in self._hidden for name in names], np.abs(values), values)
+def _absolute(values: Array, start: int) -> Array:
+    return np.abs(values)
 
 
 def _joints(found: Assignment, robot: Robot, opened: Opened) -> list[int]:
-    """The joints of the robot that the source has positions of."""
+    """Joints with a position column."""
     joints = [j for j in range(len(robot.joints)) if found.column("q", j)]
-    mend = "add it, or name it in a column map"
+    advice = "add it, or name it in a column map"
     if not found.column("t", 0):
-        lack = f"column 't' of time in seconds; {mend}"
+        lack = f"column 't' of time in seconds; {advice}"
     elif not joints:
-        lack = f"position column such as q_{robot.joints[0]} or q_{robot.numbers[0]}; {mend}"
+        lack = f"position column such as q_{robot.joints[0]} or q_{robot.numbers[0]}; {advice}"
     elif not any(found.torque(j) for j in joints):
         example = " or ".join(f"{kind}_{robot.numbers[joints[0]]}" for kind in TORQUES)
         lack = f"torque of a joint whose position it has; add columns such as {example}"
@@ -140,7 +135,9 @@ def _joints(found: Assignment, robot: Robot, opened: Opened) -> list[int]:
 
 
 def _check_samples(table: Table, source: str, chosen: Mapping[str, tuple[str, ...]], torques: Sequence[str]) -> None:
-    table.read([column for group in chosen.values() for column in group if column], 0, 0)  # are all of them numbers
+    table.read(
+        [column for group in chosen.values() for column in group if column], 0, 0
+    )  # raises if a column is not numeric
     if not table.rows:
         raise RecordingError(f"{source} has a header but no samples; record the robot in motion")
     names = [column for column, kind in zip(chosen["tau"], torques, strict=True) if kind.startswith("abs_")]
@@ -148,38 +145,39 @@ def _check_samples(table: Table, source: str, chosen: Mapping[str, tuple[str, ..
         rows, columns = np.nonzero(table.read(names, start, start + CHUNK) < 0)
         if len(rows):
             name, row = names[columns[0]], start + rows[0] + 1
-            advice = "an absolute value cannot be; name the column tau_ or current_ if it has a sign"
+            advice = "absolute values are not; name the column tau_ or current_ if it has a sign"
             raise RecordingError(f"{source}: {name} is negative in row {row}; {advice}")
 
 
 def _torque_constants(
     robot: Robot, joints: Sequence[int], torques: Sequence[str], absolute: Sequence[bool], source: str
 ) -> Array:
-    """(n,) where a current is recorded, else 1; NaN where the constant of a current without sign is not known."""
+    """Torque constants (n,), 1 where torque is recorded; NaN where the constant of an absolute current is unknown."""
     current = np.array([kind.endswith("current") for kind in torques])
     values = np.where(current, robot.actuators.torque_constant[list(joints)], 1.0)
     lacking = (values == 0) | ~(np.isfinite(values) | np.array(absolute))
     if lacking.any():
         names = [robot.joints[j] for j, lacks in zip(joints, lacking, strict=True) if lacks]
-        mend = "forget the signs (--unsigned), for identification may find it then"
-        raise RecordingError(_no_constant(source, names, mend))
+        advice = "discard the signs (--unsigned), so that identification can estimate it"
+        raise RecordingError(_no_constant(source, names, advice))
     return np.where(absolute, np.abs(values), values)
 
 
-def _no_constant(source: str, names: Sequence[str], mend: str) -> str:
-    what = "the current of {}, whose torque constant is" if len(names) == 1 else "currents of {}, whose constants are"
+def _no_constant(source: str, names: Sequence[str], advice: str) -> str:
+    one = len(names) == 1
+    fact = "the current of {}, but its torque constant is" if one else "currents of {}, but their torque constants are"
     state = "state torque_constant [N.m/A at the joint, N/A at a prismatic one] in an actuators file"
-    return f"{source} records {what.format(shorten(names))} not known; {state}, or {mend}"
+    return f"{source} records {fact.format(shorten(names))} not known; {state}, or {advice}"
 
 
 def _notes(found: Assignment, robot: Robot, joints: Sequence[int]) -> Iterator[str]:
-    still = [j for j in range(len(robot.joints)) if j not in joints]
-    if still:
-        one = len(still) == 1
-        names = ", ".join(robot.joints[j] for j in still)
-        told = f"joint{'' if one else 's'} {names} {'has' if one else 'have'} no position column and "
-        yield told + f"{'is' if one else 'are'} held fixed"
+    absent = [j for j in range(len(robot.joints)) if j not in joints]
+    if absent:
+        one = len(absent) == 1
+        names = ", ".join(robot.joints[j] for j in absent)
+        fact = f"joint{'' if one else 's'} {names} {'has' if one else 'have'} no position column and "
+        yield fact + f"{'is' if one else 'are'} held fixed"
     for kind, other in ((a, b) for i, a in enumerate(TORQUES) for b in TORQUES[i + 1 :]):
         both = [robot.joints[j] for j in joints if found.torque(j) == kind and found.column(other, j)]
         if both:
-            yield f"{kind} is used and {other} is not, where both are recorded: {', '.join(both)}"
+            yield f"{kind} is used instead of {other}, because both are recorded: {', '.join(both)}"

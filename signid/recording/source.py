@@ -1,4 +1,4 @@
-"""Where samples come from: a file or folder of a known format, or arrays or a frame in memory."""
+"""Open sources of samples: files or folders of a known format, arrays, or frames."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Source = str | Path | Mapping[str, ArrayLike] | Frame
 
 
 class Opened(NamedTuple):
-    """A table, what sentences call it, and where it came from."""
+    """A table, its name in messages, and its origin."""
 
     table: Table
     name: str
@@ -29,15 +29,15 @@ class Opened(NamedTuple):
 
 
 def open_source(source: Source, topics: Sequence[str] = ()) -> Opened:
-    """The table of a file or folder, of arrays by name, or of a frame of pandas, polars or arrow.
+    """Open a file or folder, arrays by name, or a frame of pandas, polars or arrow.
 
     Args:
         source: a file or folder, arrays (N,) or (N, n) by column name, or a frame [s, rad or m, N.m or N, A].
-        topics: of a log, which are read and joined in time; without them, the only one that fits.
+        topics: topics of a log, joined in time; by default the only suitable one.
 
     Raises:
-        OptionError: topics of something that has none.
-        RecordingError: there is no such file, or no format reads it, or an array has a wrong shape.
+        OptionError: topics of a source without topics.
+        RecordingError: missing file, unknown format, or array of a wrong shape.
     """
     if not isinstance(source, str | Path):
         if topics:
@@ -54,10 +54,10 @@ def open_source(source: Source, topics: Sequence[str] = ()) -> Opened:
 
 
 def digest_of(path: Path) -> str:
-    """The sha256 of a file, or of a folder's list of what is read of it: a line `sha256  name` for each, as sha256sum.
+    """SHA-256 of a file; for a folder, of the list of its files in the format of sha256sum (`sha256  name`).
 
     Raises:
-        RecordingError: a file cannot be read.
+        RecordingError: unreadable file.
     """
     files = find_format(path).files(path) if path.is_dir() else [path]
     try:

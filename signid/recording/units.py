@@ -1,15 +1,16 @@
-"""Units that logs come in, as exact factors to those of recordings."""
+"""Units of logs, with exact factors to the units of recordings."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from math import pi
 from typing import NamedTuple
 
 from ..errors import RecordingError, shorten
 from ..types import Array, Table
+from .table import DerivedTable
 
-Factor = tuple[float, float]  # numerator and denominator: a value times the one, over the other
+Factor = tuple[float, float]  # numerator and denominator of the factor
 
 TIME: Mapping[str, Factor] = {
     "s": (1, 1),
@@ -52,24 +53,28 @@ OF: Mapping[str, tuple[Mapping[str, Factor], Mapping[str, Factor]]] = {  # at re
 
 
 class Change(NamedTuple):
-    """value * scale / over + offset."""
+    """Conversion of a unit: value * scale / over + offset."""
 
     scale: float = 1.0
     over: float = 1.0
     offset: float = 0.0
 
+    def apply(self, values: Array, start: int = 0) -> Array:
+        """Convert values (N,) [unit of the source] that begin at row `start`."""
+        return values * self.scale / self.over + self.offset
 
-def change_of(unit: str, kind: str, prismatic: bool | None, what: str) -> Change:
-    """What makes a unit that of recordings.
+
+def change_of(unit: str, kind: str, prismatic: bool | None, subject: str) -> Change:
+    """Conversion from a unit to that of recordings.
 
     Args:
-        unit: as it is written, "deg"; a dot or nothing stands between "N" and "m".
-        kind: of the column: t, q, tau, ...
-        prismatic: whether its joint is; None where that is not known.
-        what: begins the sentence about a unit that does not fit.
+        unit: name of the unit, "deg"; "N.m" and "Nm" are equivalent.
+        kind: kind of the column: t, q, tau, ...
+        prismatic: whether the joint is prismatic; None if unknown.
+        subject: subject of the error message.
 
     Raises:
-        RecordingError: there is no such unit, or not for this kind of column or joint.
+        RecordingError: unknown unit, or a unit that does not fit the kind of column or joint.
     """
     turning, sliding = OF[kind]
     known = {**sliding, **turning} if prismatic is None else sliding if prismatic else turning
@@ -79,21 +84,10 @@ def change_of(unit: str, kind: str, prismatic: bool | None, what: str) -> Change
         at = (
             "" if prismatic is None or turning is sliding else f" at a {'prismatic' if prismatic else 'revolute'} joint"
         )
-        raise RecordingError(f"{what} is said to be in {unit!r}; expected{at} {shorten(list(known), 12)}")
+        raise RecordingError(f"{subject} has the unit {unit!r}; expected{at} {shorten(list(known), 12)}")
     return Change(*known[name])
 
 
-class Changed:
-    """A table that shows some columns in other units."""
-
-    def __init__(self, table: Table, changes: Mapping[str, Change]) -> None:
-        self._table, self._changes = table, changes
-        self.columns, self.rows = table.columns, table.rows
-
-    def read(self, names: Sequence[str], start: int, stop: int) -> Array:
-        """Rows start..stop of the columns named, (stop - start, len(names)), in the units of recordings."""
-        values = self._table.read(names, start, stop).copy()
-        for k, name in enumerate(names):
-            if change := self._changes.get(name):
-                values[:, k] = values[:, k] * change.scale / change.over + change.offset
-        return values
+def in_units(table: Table, changes: Mapping[str, Change]) -> Table:
+    """Table with converted columns."""
+    return DerivedTable(table, {name: change.apply for name, change in changes.items()})

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..recording.sampling import spread
+from ..recording.sampling import select_stretches
 from ..regression.projection import least_squares
 from ..regression.rows import Rows, read_rows, torque_rates
 from ..regression.session import Session
@@ -80,7 +80,7 @@ def _windows(session: Session) -> list[tuple[Rows, Array]]:
     task, out = session.task, list[tuple[Rows, Array]]()
     whole = sum(sampling.duration for _, sampling in session.train)
     for recording, sampling in session.train:
-        few = spread(sampling, SECONDS * sampling.duration / whole)
+        few = select_stretches(sampling, SECONDS * sampling.duration / whole)
         out += zip(read_rows(task, recording, few), torque_rates(task, recording, few), strict=True)
     return [(rows, rate) for rows, rate in out if len(rows.t) > 1]
 

@@ -163,7 +163,7 @@ class _Piece(NamedTuple):
 
 
 def _is_plain(law: Law) -> bool:
-    return isinstance(law.effect, BodyLaw | TorqueLaw) and not getattr(law.effect, "memory", False)
+    return isinstance(law.effect, BodyLaw | TorqueLaw) and not law.effect.memory
 
 
 def _piece(model: Model, task: Task, part: Part, thin: Decimator, most: int) -> _Piece | None:

@@ -14,10 +14,10 @@ from ..robot import configuration
 from ..robot.dynamics import (
     Sensitivity,
     body_regressor,
-    carried,
     effective_inertia,
     gravity_torque,
-    moved,
+    moved_bodies,
+    own_body,
     rigid_torque,
     sensitivity,
     tip_jacobian,
@@ -97,7 +97,7 @@ class Motion(Frozen):
     @cached_property
     def moved(self) -> Mask:
         """(n, nb) whether a joint moves a body."""
-        return moved(self.robot)
+        return moved_bodies(self.robot)
 
     def coupled(self, joint: int) -> list[int]:
         """The joints whose torque the motion of one may change: those that move a body that it moves."""
@@ -105,7 +105,7 @@ class Motion(Frozen):
 
     def body_columns(self, joint: int) -> Array:
         """(N, n, 10) regressor of the body that a joint moves [N.m or N per kg, kg.m, kg.m2]."""
-        return np.asarray(self.bodies[:, :, carried(self.robot, joint)])
+        return np.asarray(self.bodies[:, :, own_body(self.robot, joint)])
 
     def gravity_torque(self, gravity: Array) -> Array:
         """(N, n) torque that holds the robot in a gravity field [N.m or N].

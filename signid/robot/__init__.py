@@ -1,7 +1,7 @@
-"""Robot descriptions: found by path or name, checked, and turned into a Robot.
+"""Robot descriptions: locate, read and check them, and build a Robot.
 
-URDF, xacro and MJCF files are read, and names are found: robots that come with signid, and those of example-robot-data.
-Joints that are not to move are held; mimic joints follow. `urdf_from_dh` makes a URDF of Denavit-Hartenberg parameters.
+Sources are URDF, xacro and MJCF files, robots that come with signid, and those of example-robot-data. Joints can be
+held fixed; mimic joints follow. `urdf_from_dh` generates a URDF from Denavit-Hartenberg parameters.
 """
 
 from .configuration import configuration

@@ -1,4 +1,4 @@
-"""The actuators file: what is known about the drives (TOML)."""
+"""Actuators file (TOML): known parameters of the drives."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from ..types import Actuators, Array, Robot
 from .joints import find
 
 _KEYS = tuple(item.name for item in fields(Actuators))
-_HUGE = 1e100
+_LARGEST = 1e100  # largest accepted magnitude [any]
 _NEVER_NEGATIVE = ("armature", "viscous_friction", "coulomb_friction")
 
 
 def read_actuators(path: Path, robot: Robot) -> Actuators:
-    """What the file states about the joints of a robot; where it is silent, what the robot already has.
+    """Parameters of the drives from a file; the robot's own where the file states none.
 
     Raises:
-        RobotError: when the file cannot be read, or a joint, a key or a value in it makes no sense.
+        RobotError: unreadable file, or an invalid joint, key or value.
     """
     values = {key: getattr(robot.actuators, key).copy() for key in _KEYS}
     try:
@@ -63,10 +63,10 @@ def _fill(values: dict[str, Array], tables: dict[str, Any], robot: Robot) -> Non
 
 
 def _number(joint: str, key: str, value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < _HUGE:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < _LARGEST:
         raise RobotError(f"joint {joint} has {key} = {value!r}; expected a finite number")
     if value < 0 and key in _NEVER_NEGATIVE:
         raise RobotError(f"joint {joint} has {key} = {value!r}; it cannot be negative")
     if value == 0 and key == "torque_constant":
-        raise RobotError(f"joint {joint} has torque_constant = 0; a current would then tell nothing about the torque")
+        raise RobotError(f"joint {joint} has torque_constant = 0; give its value in N.m/A, or remove the key")
     return float(value)

@@ -1,4 +1,4 @@
-"""Joint positions as Pinocchio wants them."""
+"""Pinocchio configurations from joint positions."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..types import Array, Robot
 
 
 def configuration(robot: Robot, q: Array) -> Array:
-    """Model configurations for joint positions: mimic and held joints included, continuous ones as cos and sin.
+    """Compute configurations of the model: mimic and held joints included, continuous joints as cos and sin.
 
     Args:
         robot: the robot.
@@ -21,14 +21,14 @@ def configuration(robot: Robot, q: Array) -> Array:
         (N, nq) configurations [rad, m or 1], or (nq,).
 
     Raises:
-        InputError: when the last axis of q does not count the joints of the robot.
+        InputError: the last axis of q does not match the number of joints.
     """
     import pinocchio as pin
 
     q = np.asarray(q, float)
     n = len(robot.joints)
     if q.ndim == 0 or q.shape[-1] != n:
-        raise InputError(f"positions of {robot.name} have shape {q.shape}; the last axis must count its {n} joints")
+        raise InputError(f"positions of {robot.name} have shape {q.shape}; give one column for each of its {n} joints")
     position = q @ robot.drive.T + robot.rest  # (N, nv)
     result = np.empty((*q.shape[:-1], robot.model.nq))
     result[...] = pin.neutral(robot.model)
@@ -43,5 +43,5 @@ def configuration(robot: Robot, q: Array) -> Array:
 
 
 def is_plain(joint: Any) -> bool:
-    """Whether the configuration of a model's joint is just its positions: one axis, or several independent ones."""
+    """Whether the configuration of a model joint equals its positions: one axis, or several independent axes."""
     return bool(joint.nq == joint.nv and (joint.nv == 1 or joint.shortname() == "JointModelComposite"))

@@ -1,4 +1,4 @@
-"""What Pinocchio tells of the rigid bodies along a motion, over the n joints that move by themselves.
+"""Rigid-body dynamics along a motion by Pinocchio, over the n independent joints.
 
 States are those of the model: configurations (N, nq) [rad, m or 1], rates (N, nv) [rad/s, rad/s2 or m/s, m/s2].
 """
@@ -23,7 +23,7 @@ class Sensitivity(NamedTuple):
 
 
 def rigid_torque(robot: Robot, q: Array, v: Array, a: Array) -> Array:
-    """Torque (N, n) [N.m or N] of the description's inertials.
+    """Inverse dynamics: torque (N, n) [N.m or N] of the inertials of the description.
 
     Args:
         robot: the robot.
@@ -48,25 +48,25 @@ def effective_inertia(robot: Robot, q: Array) -> Array:
 
 
 def mass_matrices(model: Any, data: Any, q: Array, drive: Array) -> Array:
-    """Mass matrices (N, n, n) over the coordinates that drive a model, its rotors included [kg.m2 or kg].
+    """Mass matrices (N, n, n) over the independent coordinates, rotors included [kg.m2 or kg].
 
     Args:
         model: a pin.Model.
         data: its pin.Data.
         q: (N, nq) [rad, m or 1].
-        drive: (nv, n) model velocity per coordinate's [1].
+        drive: (nv, n) model velocity per coordinate velocity [1].
     """
     return np.asarray(drive.T @ _masses(model, data, q) @ drive)
 
 
 def _masses(model: Any, data: Any, q: Array) -> Array:
-    """(N, nv, nv) of all the model's coordinates [kg.m2 or kg]."""
+    """Mass matrices (N, nv, nv) over all coordinates of the model [kg.m2 or kg]."""
     rows = [np.reshape(pin.crba(model, data, row), -1).copy() for row in q]
     return _symmetric(np.array(rows).reshape(-1, model.nv, model.nv))
 
 
 def sensitivity(robot: Robot, q: Array, v: Array, a: Array) -> Sensitivity:
-    """How the rigid-body torque changes with the motion.
+    """Derivatives of the rigid-body torque with respect to the motion.
 
     Args:
         robot: the robot.
@@ -81,12 +81,12 @@ def sensitivity(robot: Robot, q: Array, v: Array, a: Array) -> Sensitivity:
     for i, state in enumerate(zip(q, v, a, strict=True)):
         out[:, i] = np.reshape(pin.computeRNEADerivatives(model, data, *state), out[:, i].shape)
     out[2] = _symmetric(out[2])
-    by_joint = np.ascontiguousarray(np.moveaxis(drive.T @ out @ drive, 3, 1))  # laws ask for those of one joint
+    by_joint = np.ascontiguousarray(np.moveaxis(drive.T @ out @ drive, 3, 1))  # laws read one joint at a time
     return Sensitivity(*np.moveaxis(by_joint, 1, 3))
 
 
 def body_regressor(robot: Robot, q: Array, v: Array, a: Array) -> Array:
-    """Regressor (N, n, nb, 10) of the bodies' inertial parameters, in Pinocchio's order.
+    """Regressor (N, n, nb, 10) of the inertial parameters, in Pinocchio's order.
 
     Args:
         robot: the robot.
@@ -103,7 +103,7 @@ def body_regressor(robot: Robot, q: Array, v: Array, a: Array) -> Array:
 
 
 def gravity_torque(robot: Robot, q: Array, gravity: Sequence[float] | Array) -> Array:
-    """Torque (N, n) [N.m or N] that holds the robot in a gravity field.
+    """Static torque (N, n) [N.m or N] in a gravity field.
 
     Args:
         robot: the robot.
@@ -124,20 +124,20 @@ def tip_jacobian(robot: Robot, q: Array) -> Array:
         robot: the robot.
         q: (N, nq) [rad, m or 1].
     """
-    model, data, tip = robot.model, robot.model.createData(), carried(robot, len(robot.joints) - 1) + 1
+    model, data, tip = robot.model, robot.model.createData(), own_body(robot, len(robot.joints) - 1) + 1
     rows = [point_jacobian(model, data, state, tip, model.inertias[tip].lever) for state in q]
     return np.asarray(np.array(rows).reshape(len(q), 3, model.nv) @ robot.drive)
 
 
 def point_jacobian(model: Any, data: Any, q: Array, joint: int, point: Array) -> Array:
-    """Jacobian (3, nv) [m/rad or 1] of a point that a model's joint carries, in the world's axes.
+    """Jacobian (3, nv) [m/rad or 1] of a point on the body of a joint, in the world's axes.
 
     Args:
         model: a pin.Model.
         data: its pin.Data.
         q: (nq,) [rad, m or 1].
-        joint: its index in the model.
-        point: (3,) in the joint's frame [m].
+        joint: index of the joint in the model.
+        point: (3,) position in the frame of the joint [m].
     """
     pin.computeJointJacobians(model, data, q)
     jacobian = np.reshape(pin.getJointJacobian(model, data, joint, pin.LOCAL_WORLD_ALIGNED), (6, model.nv))
@@ -145,8 +145,8 @@ def point_jacobian(model: Any, data: Any, q: Array, joint: int, point: Array) ->
     return np.asarray(jacobian[:3] - pin.skew(arm) @ jacobian[3:])
 
 
-def moved(robot: Robot) -> Mask:
-    """(n, nb) whether a joint moves a body; the torque of joints that move no body together does not depend on both."""
+def moved_bodies(robot: Robot) -> Mask:
+    """Whether each joint moves each body, (n, nb); torques of joints without a common body are decoupled."""
     out = np.zeros((len(robot.joints), robot.model.njoints - 1), dtype=bool)
     for body, ways in enumerate(list(robot.model.supports)[1:]):
         for joint in (robot.model.joints[i] for i in list(ways)[1:]):
@@ -154,25 +154,25 @@ def moved(robot: Robot) -> Mask:
     return out
 
 
-def carried(robot: Robot, joint: int) -> int:
-    """The body, from 0, that a joint itself moves (a joint that others mimic moves theirs as well)."""
-    return carrier(robot.model, own_row(robot, joint)) - 1
+def own_body(robot: Robot, joint: int) -> int:
+    """0-based index of the body of a joint; without the bodies of joints that mimic it."""
+    return joint_of_row(robot.model, own_row(robot, joint)) - 1
 
 
 def own_row(robot: Robot, joint: int) -> int:
-    """The row of the model that is a joint's own; those of joints that mimic it may stand before it."""
+    """Row of a joint in the velocity of the model; rows of joints that mimic it may precede it."""
     model, name, column = robot.model, robot.joints[joint], robot.drive[:, joint]
     if model.existJointName(name):
         return int(model.joints[model.getJointId(name)].idx_v)
-    return int(np.flatnonzero(column == 1)[0])  # one of several that Pinocchio puts together
+    return int(np.flatnonzero(column == 1)[0])  # part of a composite joint of Pinocchio
 
 
-def carrier(model: Any, row: int) -> int:
-    """The joint of a pin.Model that has a row."""
+def joint_of_row(model: Any, row: int) -> int:
+    """Index of the joint of a pin.Model that contains a row of its velocity."""
     return next(i for i, j in enumerate(list(model.joints)[1:], 1) if j.idx_v <= row < j.idx_v + j.nv)
 
 
 def _symmetric(mass: Array) -> Array:
-    """(..., nv, nv) of upper triangles."""
+    """Symmetric matrices (..., nv, nv) from upper triangles."""
     below = np.tri(mass.shape[-1], k=-1, dtype=bool)
     return np.where(below, mass.swapaxes(-1, -2), mass)

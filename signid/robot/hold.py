@@ -15,10 +15,10 @@ from .joints import find
 
 
 def hold(robot: Robot, positions: Mapping[str, float]) -> Robot:
-    """The same robot with the joints named (or numbered) held at those positions [rad or m]; mimics follow.
+    """Hold joints (by name or number) at given positions [rad or m]; their mimic joints follow.
 
     Raises:
-        RobotError: when a joint does not exist, is named twice, has no finite position, or none is left to move.
+        RobotError: unknown or repeated joint, position that is not finite, or no joint left to move.
     """
     if not positions:
         return robot
@@ -26,7 +26,7 @@ def hold(robot: Robot, positions: Mapping[str, float]) -> Robot:
     for joint, value in positions.items():
         i = find(joint, robot.joints, robot.numbers, robot.name)
         if i in held:
-            raise RobotError(f"joint {robot.joints[i]} of {robot.name} is to be held twice; give one position for it")
+            raise RobotError(f"joint {robot.joints[i]} of {robot.name} has two positions to be held at; give one")
         held[i] = _position(robot.joints[i], value)
     keep = [i for i in range(len(robot.joints)) if i not in held]
     if not keep:
@@ -48,7 +48,7 @@ def hold(robot: Robot, positions: Mapping[str, float]) -> Robot:
 
 
 def resting(robot: Robot, but: Collection[str] = ()) -> dict[str, float]:
-    """Positions [rad or m] of all joints but those named: zero, or as near to it as the limits allow."""
+    """Rest positions [rad or m] of all joints except `but`: zero, or the nearest position within the limits."""
     rest = np.clip(0.0, robot.lower, robot.upper)
     return {joint: float(rest[i]) for i, joint in enumerate(robot.joints) if joint not in but}
 

@@ -1,4 +1,4 @@
-"""Which moving joint a name or a number stands for."""
+"""Look up joints by name or number."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from ..errors import RobotError, shorten
 
 
 def find(given: str | int, names: Sequence[str], numbers: Sequence[int], robot: str) -> int:
-    """Position in `names` of the joint given by its name or, where no joint has that name, by its number.
+    """Index in `names` of a joint given by its name or, if no joint has that name, by its number.
 
     Raises:
-        RobotError: when no moving joint has that name or number.
+        RobotError: no moving joint has that name or number.
     """
     text = str(given)
     if text in names:

@@ -1,4 +1,4 @@
-"""From a path or a name to a Robot."""
+"""Load a Robot from a path, a name or a text."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ def load_robot(
     actuators: str | Path | None = None,
     package_dirs: Sequence[str | Path] = (),
 ) -> Robot:
-    """The robot of a URDF, xacro or MJCF file, its base held fixed; meshes are never needed.
+    """Load a robot from a URDF, xacro or MJCF file, with a fixed base; meshes are not required.
 
-    Joints may be given by name or by their 1-based number among the moving joints in the order of the file.
+    Joints are given by name or by their 1-based number among the moving joints in the order of the file.
 
     Args:
         source: path of the description, or the name of a robot (see `names`).
         lock: positions [rad or m] of joints to be held fixed.
-        joints: the joints that move; all others are held at zero, or as near to it as their limits allow.
-        actuators: TOML file of what is known about the drives; the `actuators.toml` beside the description if None.
-        package_dirs: folders in which xacro looks for packages.
+        joints: joints that move; all others are held at zero, or at the nearest position within their limits.
+        actuators: TOML file with parameters of the drives; by default the `actuators.toml` beside the description.
+        package_dirs: folders that xacro searches for packages.
 
     Raises:
-        RobotError: when the description, a joint name or the actuators file cannot be used.
+        RobotError: invalid description, joint name or actuators file.
     """
     path = locate(source)
     try:
@@ -55,33 +55,33 @@ def load_robot(
 
 
 def robot_from_text(text: str, kind: str, name: str, *, lock: Mapping[str, float] | None = None) -> Robot:
-    """The robot whose description was kept as text, with the joints held that were held then.
+    """Load a robot from the text of its description.
 
     Args:
         text: the `document` of a robot.
         kind: "urdf" or "mjcf".
-        name: names the robot if the text does not.
-        lock: positions [rad or m] of joints to be held fixed; those of mimic joints follow and are not read.
+        name: name of the robot if the text has none.
+        lock: positions [rad or m] of joints to be held fixed; positions of mimic joints are ignored.
 
     Raises:
-        RobotError: when the text or a joint name cannot be used.
+        RobotError: invalid text or joint name.
     """
     document = Document("", name, text, parse(text), sha256(text.encode()).hexdigest())
     draft = _draft(document)
     if draft.kind != kind:
-        raise RobotError(f"the description of {name} is said to be {kind!r}, but is {draft.kind!r}; correct its kind")
+        raise RobotError(f"the description of {name} is declared as {kind!r}, but is {draft.kind!r}; correct its kind")
     follow = {axis.name for axis in draft.axes if axis.mimic}
     held = {joint: value for joint, value in (lock or {}).items() if joint not in follow}
     return hold(_assemble(draft, document), held)
 
 
 def held_positions(robot: Robot) -> dict[str, float]:
-    """Positions [rad or m] of the joints that are held fixed although they could move by themselves."""
+    """Positions [rad or m] of the joints that are held fixed, without those of the description itself."""
     whole = robot_from_text(robot.document, robot.kind, robot.name)
     shift = robot.rest - whole.rest
     held = {}
     for j, joint in enumerate(whole.joints):
-        own = int(np.argmin(np.abs(whole.drive[:, j] - 1)))  # every joint drives its own row by one
+        own = int(np.argmin(np.abs(whole.drive[:, j] - 1)))  # a joint drives its own row with factor one
         if joint not in robot.joints:
             held[joint] = float(shift[own] / whole.drive[own, j])
     return held
@@ -98,7 +98,7 @@ def _draft(document: Document) -> Draft:
 
 
 def _assemble(draft: Draft, document: Document) -> Robot:
-    """The robot with all its joints: mimics become rows of the drive."""
+    """Build the robot with all its joints; mimic joints become rows of the drive."""
     free = [axis for axis in draft.axes if axis.mimic is None]
     if not free:
         raise RobotError("the file has no joint that moves by itself, so there is nothing to identify")
@@ -132,7 +132,7 @@ def _assemble(draft: Draft, document: Document) -> Robot:
 
 
 def _resolve(axis: Axis, draft: Draft) -> tuple[str | None, float, float]:
-    """Joint that leads the axis (None: it stands still), multiplier and offset, through mimics of mimics."""
+    """Independent joint that an axis follows (None: fixed), multiplier and offset, through chains of mimic joints."""
     known = {other.name: other for other in draft.axes}
     seen, leader, scale, offset = {axis.name}, axis, 1.0, 0.0
     while leader.mimic is not None:
@@ -143,16 +143,16 @@ def _resolve(axis: Axis, draft: Draft) -> tuple[str | None, float, float]:
         if followed.joint not in known:
             raise RobotError(f"joint {leader.name!r} mimics a joint {followed.joint!r} that the file does not have")
         if followed.joint in seen:
-            raise RobotError(f"joint {axis.name!r} mimics itself in a circle; let one of the joints move by itself")
+            raise RobotError(f"joint {axis.name!r} mimics itself in a circle; remove one <mimic> of the circle")
         seen.add(followed.joint)
         leader = known[followed.joint]
     return leader.name, scale, offset
 
 
 def _stated(draft: Draft, drive: Array) -> Actuators:
-    """Friction and armature that the description states, those of mimic joints felt at the joint they follow."""
+    """Friction and armature stated by the description; those of mimic joints are added to the joint they follow."""
 
-    def felt(values: dict[int, float], weight: Array) -> Array:
+    def reflected(values: dict[int, float], weight: Array) -> Array:
         total = np.full(drive.shape[1], np.nan)
         for row, value in values.items():
             columns = np.flatnonzero(drive[row])
@@ -164,16 +164,16 @@ def _stated(draft: Draft, drive: Array) -> Actuators:
 
     nothing = np.full(drive.shape[1], np.nan)
     return Actuators(
-        armature=felt(given("armature"), drive**2),
-        viscous_friction=felt(given("viscous"), drive**2),
-        coulomb_friction=felt(given("coulomb"), np.abs(drive)),
+        armature=reflected(given("armature"), drive**2),
+        viscous_friction=reflected(given("viscous"), drive**2),
+        coulomb_friction=reflected(given("coulomb"), np.abs(drive)),
         torque_offset=nothing,
         torque_constant=nothing,
     )
 
 
 def _held(robot: Robot, joints: Sequence[str] | None, lock: Mapping[str, float]) -> dict[str, float]:
-    """Positions at which joints are held: those locked, and those that are not among `joints`."""
+    """Positions of the held joints: those locked, and those not among `joints`."""
     locked = {robot.joints[find(joint, robot.joints, robot.numbers, robot.name)]: joint for joint in lock}
     held = {name: lock[joint] for name, joint in locked.items()}
     if len(held) < len(lock):

@@ -1,4 +1,4 @@
-"""Where a robot description is: a path, a robot that signid carries, or one of example-robot-data."""
+"""Locate robot descriptions: by path, in signid, or in example-robot-data."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 from ..errors import RobotError, shorten
 
 _DATA = "example-robot-data"
-_FAMILIAR = {  # the names under which example-robot-data's own loaders know some of its files
+_FAMILIAR = {  # names in the loaders of example-robot-data -> file stems
     "alexander": "alexander_v1.lowerBodyOnly",
     "anymal": "anymal_b_simple/anymal",
     "anymal_b": "anymal_b_simple/anymal",
@@ -39,13 +39,13 @@ _FAMILIAR = {  # the names under which example-robot-data's own loaders know som
 
 
 def locate(source: str | Path) -> Path:
-    """The description file that a path or a name stands for.
+    """Find the description file of a path or name.
 
-    A path that exists comes first (a folder stands for the robot.urdf in it), then the robots that signid carries,
-    then those of example-robot-data; upper and lower case do not matter in names.
+    An existing path has priority (a folder means the robot.urdf in it), followed by the robots of signid and those of
+    example-robot-data. Names are case-insensitive.
 
     Raises:
-        RobotError: when there is no such file and no such robot.
+        RobotError: unknown file or robot.
     """
     path, given = Path(source).expanduser(), str(source)
     if not given.strip():
@@ -67,22 +67,22 @@ def locate(source: str | Path) -> Path:
 
 
 def names() -> tuple[str, ...]:
-    """Names of the robots that can be loaded without a path, sorted."""
+    """Names of the robots that load without a path, sorted."""
     return tuple(sorted((name for name, path in _known().items() if path.suffix == ".urdf"), key=str.casefold))
 
 
 def robots_folder() -> Path:
-    """The folder of the robots and examples that signid carries."""
+    """Folder of the robots and examples of signid."""
     package = Path(__file__).parents[1]
     inside = package / "robots"  # in the wheel
     return inside if inside.is_dir() else package.parent / "robots"
 
 
 def examples_share() -> Path | None:
-    """The folder that holds example-robot-data: below the prefix of Pinocchio, in wheels and in conda alike."""
+    """Folder of example-robot-data, below the prefix of Pinocchio (wheels and conda)."""
     spec = find_spec("pinocchio")
     above = Path(spec.origin).parents if spec is not None and spec.origin else ()
-    places = (prefix / part for prefix in above for part in ("share", "Library/share"))  # the latter in Windows
+    places = (prefix / part for prefix in above for part in ("share", "Library/share"))  # the latter on Windows
     return next((place for place in places if (place / _DATA / "robots").is_dir()), None)
 
 
@@ -106,7 +106,7 @@ def _own() -> dict[str, Path]:
 
 
 def _examples() -> dict[str, Path]:
-    """Every URDF of example-robot-data by its stem, or "folder/stem" where another file has the name."""
+    """URDF files of example-robot-data by stem, or by "folder/stem" if the stem is ambiguous."""
     share = examples_share()
     if share is None:
         return {}

@@ -1,4 +1,4 @@
-"""Where the meshes of a description lie; a description leads to no others."""
+"""Locate the mesh files of a description, within the folders it may read."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ _PACKAGE, _FILE = ("package://", "model://"), "file://"
 
 
 def find_mesh(name: str, description: str, package_dirs: Sequence[str | Path] = ()) -> Path | None:
-    """The file that a description means; None where there is none.
+    """File of a mesh; None if there is none.
 
-    A path leads to no file outside the description's folder, a package, or one of `package_dirs`.
-    Packages are looked for in `package_dirs`, in ROS_PACKAGE_PATH, above the description and in example-robot-data.
+    Files outside the description's folder, a package, or `package_dirs` are never returned. Packages are searched in
+    `package_dirs`, in ROS_PACKAGE_PATH, above the description and in example-robot-data.
 
     Args:
-        name: package://PACKAGE/PATH, file://PATH, or a path beside the description.
-        description: path of the description, empty where it is not known.
-        package_dirs: folders that hold packages, or are one.
+        name: package://PACKAGE/PATH, file://PATH, or a path relative to the description.
+        description: path of the description, empty if unknown.
+        package_dirs: packages, or folders that contain packages.
     """
     package = next((head for head in _PACKAGE if name.startswith(head)), None)
     try:
         if package is not None:
             return _in_package(unquote(name.removeprefix(package)), description, package_dirs)
         return _beside(Path(unquote(name.removeprefix(_FILE))), description, package_dirs)
-    except (OSError, ValueError):  # a name that is too long for the file system, or holds a null
+    except (OSError, ValueError):  # a name too long for the file system, or with a null character
         return None
 
 

@@ -1,4 +1,4 @@
-"""A Pinocchio model in which joints that are held are welded: their bodies become one."""
+"""Weld held joints of a Pinocchio model."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ if TYPE_CHECKING:
 
 
 def weld(model: pin.Model, held: Sequence[int], configuration: Array) -> pin.Model:
-    """The bodies of held joints become part of those that carry them; what a model calls its links is lost.
+    """Merge the bodies of held joints with their parents; the names of links are lost.
 
     Args:
-        model: is left as it is.
-        held: numbers of the joints in the model.
-        configuration: (nq,) where they are held [rad, m or 1].
+        model: pin.Model, not modified.
+        held: indices of the joints in the model.
+        configuration: (nq,) configuration at which they are held [rad, m or 1].
     """
     import pinocchio as pin
 
     named = pin.Model(model)
     for i, frame in enumerate(named.frames):
         if frame.type == pin.FrameType.BODY:
-            frame.name = f"body {i}"  # Pinocchio refuses a link that has the name of a joint
+            frame.name = f"body {i}"  # Pinocchio rejects links with the name of a joint
     return pin.buildReducedModel(named, list(held), configuration)

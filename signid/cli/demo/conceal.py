@@ -10,7 +10,7 @@ import numpy as np
 from ...effects import EFFECTS
 from ...model import Model
 from ...regression.motion import Motion
-from ...robot.dynamics import carrier, own_row
+from ...robot.dynamics import joint_of_row, own_row
 from ...types import Array, Indices, Law, Robot
 
 TOGETHER = (  # combinations of effects, chosen by the seed
@@ -118,6 +118,6 @@ def _shape(scene: _Scene, name: str, joints: tuple[int, ...], rng: np.random.Gen
 
 def _tip(robot: Robot, joint: int) -> Any:
     """Position of the outermost frame on the body that a joint moves, (3,) [m] in the joint frame."""
-    body = carrier(robot.model, own_row(robot, joint))
+    body = joint_of_row(robot.model, own_row(robot, joint))
     ends = [frame.placement.translation for frame in robot.model.frames if frame.parentJoint == body]
     return max(ends, key=np.linalg.norm)

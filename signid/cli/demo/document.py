@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ...effects.naming import placed, spoken
+from ...effects.naming import law_name, law_place
 from ...output.report.diagnosis.document import law_numbers
 from ...output.report.results.documents import fit_with_errors, provenance
 from ...types import Input
@@ -40,10 +40,10 @@ def _concealed(story: Story, outcome: Outcome) -> dict[str, Any]:
     """A concealed law and its estimated parameters, if it was found."""
     robot, (law, kind, finding, probability), named = story.simulation.robot, outcome, outcome.found
     found = law_numbers(robot, named.law, named.std) if named else {}
-    beside = spoken(finding.law, robot) if finding and not named else None
+    beside = law_name(finding.law, robot) if finding and not named else None
     return {
         "effect": law.effect.name,
-        "joint": placed(law, robot)[0],
+        "joint": law_place(law, robot)[0],
         "outcome": kind,
         "probability": probability,
         "alternative_to": beside,

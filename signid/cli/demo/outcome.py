@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 from ...diagnose import Diagnosis, Finding
-from ...effects.naming import spoken
+from ...effects.naming import law_name
 from ...types import Law
 
 FOUND, MINOR, RIVAL, MISSED = "found", "minor", "alternative", "missed"
@@ -34,15 +34,15 @@ def judge(concealed: Sequence[Law], result: Diagnosis) -> tuple[Outcome, ...]:
 def misses(outcomes: Sequence[Outcome], result: Diagnosis) -> Iterator[str]:
     """Yield a sentence for each law that was missed or named without being concealed."""
     for law, kind, finding, probability in outcomes:
-        concealed = f"{spoken(law, result.robot)} was concealed"
+        concealed = f"{law_name(law, result.robot)} was concealed"
         if kind == MISSED:
             yield f"{concealed} and missed"
         if kind == RIVAL and finding is not None:
-            beside = spoken(finding.law, result.robot)
+            beside = law_name(finding.law, result.robot)
             yield f"{concealed} and named only as an alternative to {beside}, with probability {probability:.3f}"
     for cause in result.causes:
         if not any(cause is outcome.finding for outcome in outcomes):
-            yield f"{spoken(cause.law, result.robot)} was named but not concealed"
+            yield f"{law_name(cause.law, result.robot)} was named but not concealed"
 
 
 def _outcome(law: Law, result: Diagnosis) -> Outcome:

@@ -18,7 +18,7 @@ from ...recording.formats.find import find_format
 from ...regression.motion import Motion
 from ...regression.session import Options
 from ...robot import hold, resting
-from ...robot.dynamics import carrier, own_row
+from ...robot.dynamics import joint_of_row, own_row
 from ...simulation.excite import build_limits, excite
 from ...simulation.plant import Sensors, record
 from ...types import Array, Frozen, Law, Progress, Robot, Trajectory
@@ -146,7 +146,7 @@ def take_arm(robot: Robot) -> Robot:
     Args:
         robot: robot.
     """
-    at = {carrier(robot.model, own_row(robot, j)): joint for j, joint in enumerate(robot.joints)}
+    at = {joint_of_row(robot.model, own_row(robot, j)): joint for j, joint in enumerate(robot.joints)}
     limb = max((_way(robot, i, at) for i in at), key=len)
     forks = [k for k, i in enumerate(limb, 1) if len(robot.model.children[i]) > 1]
     if forks and 2 * forks[-1] > len(limb):

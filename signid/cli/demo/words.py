@@ -13,7 +13,7 @@ from rich.text import Text
 
 from ...diagnose import Diagnosis
 from ...diagnose.findings.findings import UNSURE
-from ...effects.naming import spoken
+from ...effects.naming import law_name
 from ...output.report import figure, with_interval
 from ...output.report.diagnosis.document import law_numbers
 from ...output.report.diagnosis.tables import change
@@ -106,7 +106,7 @@ def _comparison(story: Story) -> Table:
     for outcome in story.outcomes:
         law, kind, _, probability = outcome
         shown = confidence(probability) if probability else "-"
-        table.add_row(spoken(law, story.simulation.robot), "", "", "", "", shown, Text(*OUTCOMES[kind]))
+        table.add_row(law_name(law, story.simulation.robot), "", "", "", "", shown, Text(*OUTCOMES[kind]))
         for key, value, found, half, unit in _numbers(story, outcome):
             table.add_row(f"  {key}", value, found, half, unit, "", "")
     return table
@@ -127,7 +127,7 @@ def _alternatives(story: Story) -> Iterator[str]:
     robot = story.simulation.robot
     for finding in story.result.causes:
         if finding.probability < UNSURE:
-            yield from (f"{spoken(finding.law, robot)} {words}" for words in alternative_words(robot, finding))
+            yield from (f"{law_name(finding.law, robot)} {words}" for words in alternative_words(robot, finding))
 
 
 def _sum(story: Story) -> Iterator[str]:

@@ -9,11 +9,11 @@ from functools import cached_property
 import numpy as np
 
 from ...effects import EFFECTS
-from ...effects.base import BodyLaw, Effect, TorqueLaw
+from ...effects.base import BodyLaw, Effect, RecordingLaw, TorqueLaw, of_kind
 from ...effects.law import coefficient_count, hypotheses, law_columns
 from ...model import Model
 from ...regression.motion import Motion
-from ...robot.dynamics import carried
+from ...robot.dynamics import own_body
 from ...types import Array, Law
 
 VARIABLES = ("position", "velocity", "acceleration", "torque", "time")
@@ -125,7 +125,7 @@ def _scaled_links(model: Model, skip: Sequence[str]) -> Iterator[Hypothesis]:
         return
     effect, bodies = EFFECTS["link_inertia"], model.whole_inertials()
     for joint in range(len(model.robot.joints) - 1):
-        own = bodies[carried(model.robot, joint)]
+        own = bodies[own_body(model.robot, joint)]
         if own[0] > 0:
             yield Hypothesis(
                 (Law(effect, (joint,), dict(zip(effect.parameters, own.tolist(), strict=True))),), scaled=True
@@ -178,7 +178,10 @@ def hats(x: Array, knots: Sequence[float]) -> Array:
 def _secant(law: Law, motion: Motion) -> tuple[tuple[int, ...], Array]:
     """Torque change by a recording law with one coefficient at its full size, over that size."""
     (key,) = law.effect.linear()
-    change = law.effect.change(motion.at(law.joints), law.parameters, exactly=True) / law.parameters[key]
+    change = (
+        of_kind(law.effect, RecordingLaw).change(motion.at(law.joints), law.parameters, exactly=True)
+        / law.parameters[key]
+    )
     wide = change.shape[1] != len(law.joints) or law.effect.scope == "link"
     return tuple(range(change.shape[1])) if wide else law.joints, change[..., None]
 

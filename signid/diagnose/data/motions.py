@@ -13,7 +13,7 @@ import pinocchio as pin
 from ...deadline import seconds_left
 from ...effects.law import law_torque
 from ...model import Model
-from ...recording.sampling import samples, spread
+from ...recording.sampling import samples, select_stretches
 from ...recording_faults.limits import PER_UNKNOWN, judge_amount
 from ...regression.bandwidth import Band
 from ...regression.filters import Decimator, lowpass, smooth
@@ -166,4 +166,4 @@ def _cut(parts: tuple[Part, ...], seconds: float) -> tuple[Part, ...]:
     whole = sum(sampling.duration for _, sampling in parts)
     if whole <= seconds:
         return parts
-    return tuple((recording, spread(s, seconds * s.duration / whole)) for recording, s in parts)
+    return tuple((recording, select_stretches(s, seconds * s.duration / whole)) for recording, s in parts)

@@ -8,7 +8,7 @@ from ...effects.law import coefficient_count
 from ...model import Model
 from ...regression.base_parameters import build_base
 from ...regression.covariance import Covariance, base_covariance
-from ...robot.dynamics import carried
+from ...robot.dynamics import own_body
 from ...types import INERTIAL, Array, Law
 from ..data.hypotheses import is_refitted
 from ..data.whitened_rows import columns_of
@@ -43,7 +43,7 @@ def covariance_after(model: Model, evidence: Evidence, found: Selection, extende
         if name in place and column in at:
             share[place[name], at[column]] = 1.0
     for group in (group for group in extended.laws if group.claim.bodies):
-        body, numbers = carried(model.robot, group.claim.laws[0].joints[0]) + 1, group.claim.numbers
+        body, numbers = own_body(model.robot, group.claim.laws[0].joints[0]) + 1, group.claim.numbers
         for name, row in zip(INERTIAL, numbers, strict=False):
             share[place[f"{name}_{body}"], fit.place(group)] = row
     mixed = base.combination @ share

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...effects.naming import spoken
+from ...effects.naming import law_name
 from ...errors import shorten
 from ...regression.session import Session
 from ...types import Array, Law, Shape
@@ -196,7 +196,7 @@ def _flags(dataset: Dataset, findings: Sequence[Finding], verdict: Verdict, itse
             f"{lead}something is missing that no effect of the library explains; "
             "what it depends on is said, not what it is"
         )
-    if out := list(dict.fromkeys(spoken(finding.law, robot) for finding in findings if not finding.in_model)):
+    if out := list(dict.fromkeys(law_name(finding.law, robot) for finding in findings if not finding.in_model)):
         explain, they = ("explains", "it was found in") if len(out) == 1 else ("explain", "they were found in")
         are = "it is" if len(out) == 1 else "they are"
         why = "but not by enough for so few rows" if itself else "but not what was held out"
@@ -204,8 +204,8 @@ def _flags(dataset: Dataset, findings: Sequence[Finding], verdict: Verdict, itse
     for finding in findings:
         unsure = finding.probability < UNSURE and finding.in_model  # of others it is said above
         if finding.role == "cause" and unsure and verdict.name == "named":
-            rivals = ", ".join(f"{spoken(a.law, robot)} ({a.probability:.0%})" for a in finding.alternatives[:3])
+            rivals = ", ".join(f"{law_name(a.law, robot)} ({a.probability:.0%})" for a in finding.alternatives[:3])
             yield (
-                f"{spoken(finding.law, robot)} is one of several that explain the recordings "
+                f"{law_name(finding.law, robot)} is one of several that explain the recordings "
                 f"({finding.probability:.0%}); the others: {rivals or 'no effect of the library'}"
             )

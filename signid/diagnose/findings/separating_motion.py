@@ -11,7 +11,7 @@ from ...deadline import time_is_up
 from ...effects import EFFECTS
 from ...effects.base import TorqueLaw
 from ...effects.law import coefficient_count, law_columns
-from ...effects.naming import placed
+from ...effects.naming import law_place
 from ...model import Model
 from ...regression.motion import Motion
 from ...regression.projection import leave
@@ -119,6 +119,6 @@ def _widest(model: Model, motion: Motion, joints: tuple[int, ...]) -> int:
 
 
 def _written(model: Model, law: Law) -> str:
-    joint, values = placed(law, model.robot)
+    joint, values = law_place(law, model.robot)
     where = "" if joint is None or law.effect.scope == "tip" else f"@{joint}"
     return f"{law.effect.name}{where}" + (f":partner={values['partner']}" if "partner" in values else "")

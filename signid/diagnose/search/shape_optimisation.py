@@ -9,10 +9,10 @@ import numpy as np
 
 from ...deadline import show_step, time_is_up
 from ...effects import EFFECTS
-from ...effects.base import Effect, RecordingLaw
+from ...effects.base import RecordingLaw
 from ...optimisers import OPTIMISERS, Problem
 from ...optimisers.base import Optimum
-from ...types import Array, Law
+from ...types import Array, EffectProtocol, Law
 from ..data.column_groups import Group
 from ..data.dataset import Dataset, append
 from ..data.hypotheses import Hypothesis, Key
@@ -85,12 +85,12 @@ def _options(posterior: Posterior, group: Group, taken: Collection[Key]) -> list
     return [(hypothesis, group), *twins]
 
 
-def _at_size(effect: Effect, joints: tuple[int, ...]) -> Hypothesis:
+def _at_size(effect: EffectProtocol, joints: tuple[int, ...]) -> Hypothesis:
     """A law of the record whose number is still to be found."""
     return Hypothesis((Law(effect, joints, dict.fromkeys(effect.linear(), 0.0)),), finite=True)
 
 
-def _is_small(effect: Effect) -> bool:
+def _is_small(effect: EffectProtocol) -> bool:
     """Whether an effect changes the record by one number that may be small."""
     return isinstance(effect, RecordingLaw) and len(effect.linear()) == 1
 

@@ -32,7 +32,7 @@ class Code(NamedTuple):
 def code_of(law: Law) -> Code | None:
     """Translate a law; None if it is not a function of time, motion, load and Jacobian."""
     effect = law.effect
-    if not isinstance(effect, TorqueLaw | BodyLaw) or getattr(effect, "memory", False):
+    if not isinstance(effect, TorqueLaw | BodyLaw) or effect.memory:
         return None
     name, renamed = effect.name, dict[str, str]()
     numbers: dict[str, Any] = {key: float(x) for key, x in effect.filled(law.parameters).items()}
@@ -55,7 +55,7 @@ def why_not(law: Law) -> str:
     kind = next((text for kind, text in _REASONS.items() if isinstance(law.effect, kind)), None)
     if kind:
         return kind
-    return "has a memory" if getattr(law.effect, "memory", False) else "needs the rigid bodies"
+    return "has a memory" if law.effect.memory else "needs the rigid bodies"
 
 
 def _empirical(numbers: dict[str, float]) -> tuple[str, dict[str, Any], dict[str, str]]:

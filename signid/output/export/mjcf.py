@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ...model import Model
-from ...robot.dynamics import carrier, own_row
+from ...robot.dynamics import joint_of_row, own_row
 from ...types import Law, Robot
 from .beyond import BODIES, Exported, commented, fixed_note, held, lacking, summed
 from .inertial import LEAST, Principal
@@ -85,7 +85,7 @@ def _tree(world: Any, model: Model, shapes: Shapes, bodies: Bodies) -> None:
         _each_shape(node, shapes, i)
         nodes.append(node)
     for k, (law, body) in enumerate(bodies.loads):
-        at = nodes[carrier(robot.model, own_row(robot, law.joints[0]))]
+        at = nodes[joint_of_row(robot.model, own_row(robot, law.joints[0]))]
         node = etree.SubElement(at, "body", name=_free_name(robot, "payload" if k == 0 else f"payload_{k + 1}"))
         etree.SubElement(node, "inertial", _inertial(body))
         radius = (3 * body.mass / (4 * np.pi * _DENSITY)) ** (1 / 3)

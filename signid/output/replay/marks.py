@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from ...effects.base import BodyLaw
-from ...effects.naming import placed
-from ...robot.dynamics import carrier, own_row
+from ...effects.naming import law_place
+from ...robot.dynamics import joint_of_row, own_row
 from ...types import TWO_SIDED, Coefficient, Law, Robot
 from .found import Finding
 from .poses import axis
@@ -54,14 +54,14 @@ def marks(robot: Robot, findings: Sequence[Finding], reach: float) -> list[Mark]
 
 def _mark(robot: Robot, finding: Finding, reach: float) -> Mark:
     law = finding.law
-    joint, values = placed(law, robot)
+    joint, values = law_place(law, robot)
     where = f" of {joint}" + (f" and {values['partner']}" if "partner" in values else "")
     tip = law.effect.scope == "tip"
     title = f"{law.effect.name.replace('_', ' ')}{'' if joint is None or tip else where}"
     words = (title, _numbers(robot, finding), finding.cause)
     if {"force_x", "force_y", "force_z"} <= law.parameters.keys():
         end = len(robot.joints) - 1
-        body = carrier(robot.model, own_row(robot, end))
+        body = joint_of_row(robot.model, own_row(robot, end))
         force = _vector(law.parameters, "force")
         time = (law.parameters["start"], law.parameters["end"])
         return Mark("force", body, *words, _tuple(robot.model.inertias[body].lever), _tuple(-force), time=time)

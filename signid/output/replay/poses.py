@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from ...robot import configuration
-from ...robot.dynamics import carrier, own_row
+from ...robot.dynamics import joint_of_row, own_row
 from ...types import Array, Robot
 
 
@@ -43,7 +43,7 @@ def movers(robot: Robot, bodies: Sequence[int]) -> list[int]:
 def axis(robot: Robot, joint: int) -> tuple[int, Array, bool]:
     """The body that a joint moves, its axis in the body frame, (3,) [1], and whether it is prismatic."""
     row = own_row(robot, joint)
-    body = carrier(robot.model, row)
+    body = joint_of_row(robot.model, row)
     return body, *_along(robot.model, body, row)
 
 

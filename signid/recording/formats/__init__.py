@@ -1,11 +1,11 @@
-"""File formats of recordings: CSV, Parquet, NPZ, ROS bags and MCAP, LeRobot datasets. One format, one file.
+"""File formats of recordings: CSV, Parquet, NPZ, ROS bags and MCAP, LeRobot datasets. One format per file.
 
-A format says which files are its own, opens one as a table of named columns that is read piece by piece, and, if it
-can, writes one. `signid.recording` makes a recording of the table.
+A format recognises its files, opens a file as a table of named columns that is read in chunks, and optionally writes
+files. `signid.recording` builds a recording from the table.
 
-To add a format: write a file here, as `signid.recording.formats.npz` does, of the kind in
-`signid.recording.formats.base`, and add its name below; or put it into another package behind
-an entry point `signid.formats`.
+To add a format, write a module here after the example of `signid.recording.formats.npz`, derive
+`signid.recording.formats.base.Format`, and add its name below; or register an entry point `signid.formats` in another
+package.
 """
 
 from ...registry import Registry

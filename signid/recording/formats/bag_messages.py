@@ -1,4 +1,4 @@
-"""Messages of one topic of a log, gathered into arrays as they are read."""
+"""Collect the messages of a topic into arrays."""
 
 from __future__ import annotations
 
@@ -17,65 +17,65 @@ if TYPE_CHECKING:
     Ints = array[int]
     Floats = array[float]
 else:
-    Ints = Floats = array  # takes no parameters when it runs
+    Ints = Floats = array  # not subscriptable at run time
 
-MOST = 1000  # joints, or lists of joints, in one topic
+MOST = 1000  # maximum number of joints, or lists of joints, in a topic
 Stamps = NDArray[np.int64]  # [ns]
 
 
 class Reading(NamedTuple):
-    """What a message says of some joints at one moment."""
+    """Values of some joints at one instant."""
 
     names: Sequence[str]
-    stamp: int  # [ns] of the header, 0 where it is not set
-    after: int  # [ns] after the stamp, or after it was received
-    values: Mapping[str, Sequence[float]]  # by kind of column; empty where nothing is said
+    stamp: int  # header stamp [ns], 0 if not set
+    after: int  # offset from the stamp, or from the time of receipt [ns]
+    values: Mapping[str, Sequence[float]]  # by kind of column; may be empty
 
 
 @dataclass
 class Layout:
-    """All that was said of one list of joints; `signals` holds a value for each joint, one reading after the other."""
+    """All readings of one list of joints; `signals` holds the values of all joints, reading by reading."""
 
-    received: Ints = field(default_factory=lambda: array("q"))  # [ns]
-    stamps: Ints = field(default_factory=lambda: array("q"))  # [ns], 0 where not set
-    order: Ints = field(default_factory=lambda: array("q"))  # of arrival in the topic
+    received: Ints = field(default_factory=lambda: array("q"))  # time of receipt [ns]
+    stamps: Ints = field(default_factory=lambda: array("q"))  # header stamp [ns], 0 if not set
+    order: Ints = field(default_factory=lambda: array("q"))  # index of arrival in the topic
     signals: dict[str, Floats] = field(default_factory=dict)
 
     def values(self, kind: str, joints: int) -> Array:
-        """(N, joints) of one kind [rad or m, N.m or N, and their rates], NaN where nothing was said."""
+        """Values (N, joints) of one kind [rad or m, N.m or N, and their rates], NaN where missing."""
         return np.frombuffer(self.signals[kind]).reshape(-1, joints)
 
 
 class Gather:
-    """Feed it the messages of one topic with `add`."""
+    """Collector of the messages of one topic."""
 
     def __init__(self, topic: str, kind: str) -> None:
         self.topic, self.kind = topic, kind
         self.layouts: dict[tuple[str, ...], Layout] = {}
         self.readings = self.misfits = self.messages = 0
-        self.first = self.last = 0  # [ns] received
+        self.first = self.last = 0  # time of receipt [ns]
         self._read = READERS[kind]
 
     @property
     def plans(self) -> bool:
-        """Whether its messages say what is to be, not what is."""
+        """Whether the messages are commands instead of measurements."""
         return self.kind == "trajectory_msgs/msg/JointTrajectory"
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """In the order in which they were first heard of."""
+        """Joints in the order of their first message."""
         return tuple(dict.fromkeys(name for names in self.layouts for name in names))
 
     @property
     def rate(self) -> float:
-        """Of its messages [Hz], NaN where there are too few to tell."""
+        """Rate of the messages [Hz], NaN if there are too few."""
         return (self.messages - 1) * 1e9 / (self.last - self.first) if self.last > self.first else np.nan
 
     def add(self, message: Any, received: int) -> None:
-        """Take a message that was received at a time [ns].
+        """Add a message received at a time [ns].
 
         Raises:
-            RecordingError: it names a joint twice, or there are too many joints to be a robot's.
+            RecordingError: repeated joint name, or too many joints.
         """
         self.first, self.last = (self.first if self.messages else received), received
         self.messages += 1
@@ -107,10 +107,10 @@ class Gather:
     def _open(self, names: tuple[str, ...]) -> Layout:
         if len(self.layouts) >= MOST or len({*self.joints, *names}) > MOST:
             raise RecordingError(
-                f"topic {self.topic} names more than {MOST} joints, or lists of them; it is no robot's"
+                f"topic {self.topic} names more than {MOST} joints, or lists of joints; give the topic of one robot"
             )
         if len(set(names)) < len(names):
-            raise RecordingError(f"topic {self.topic} names a joint twice in one message; mend what publishes it")
+            raise RecordingError(f"topic {self.topic} names a joint twice in one message; correct its publisher")
         return self.layouts.setdefault(names, Layout())
 
 
@@ -131,7 +131,7 @@ def _trajectory(message: Any) -> Iterator[Reading]:
 
 
 def _controller_state(message: Any) -> Iterator[Reading]:
-    """Older messages say desired and actual, newer ones reference and feedback; some have both and fill one."""
+    """Older messages have desired and actual, newer ones reference and feedback; some have both and fill one."""
     actual, desired = ([getattr(message, name) for name in pair if hasattr(message, name)] for pair in PAIRS)
 
     def first(points: Sequence[Any], part: str) -> Sequence[float]:
@@ -147,7 +147,7 @@ def _controller_state(message: Any) -> Iterator[Reading]:
 
 
 PAIRS = (("actual", "feedback"), ("desired", "reference"))
-READERS: Mapping[str, Callable[[Any], Iterator[Reading]]] = {  # what is read before what, where nothing is asked for
+READERS: Mapping[str, Callable[[Any], Iterator[Reading]]] = {  # in the order of preference without named topics
     "sensor_msgs/msg/JointState": _joint_state,
     "control_msgs/msg/JointTrajectoryControllerState": _controller_state,
     "trajectory_msgs/msg/JointTrajectory": _trajectory,

@@ -1,4 +1,4 @@
-"""Topics of a log -> one table: messages in the order of their time, topics joined in time."""
+"""Join the topics of a log in time to one table."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from .bag_messages import Gather, Layout, Stamps
 from .base import About, MemoryTable, Topic
 
 NAMES = {"q": "position", "dq": "velocity", "ddq": "acceleration", "tau": "effort", "q_des": "desired position"}
-BACK = 0.01  # share of header stamps that may go back, or repeat
-APART = 0.5e9  # [ns] by which the clocks behind header stamps may differ
-SLOWER = 1.1  # in periods: what is slower than this is not interpolated
-GAP, GAP_NS = 3.5, 0.01e9  # in periods and in [ns]: nothing is interpolated over more than both
-WRAP = 5.0  # [rad] a jump of a position that is an encoder's, not the robot's
+BACK = 0.01  # accepted share of header stamps that decrease or repeat
+APART = 0.5e9  # accepted difference between the clocks of header stamps [ns]
+SLOWER = 1.1  # maximum period of interpolated topics [periods of the base topic]
+GAP, GAP_NS = 3.5, 0.01e9  # a gap exceeds both [periods], [ns] and is not interpolated
+WRAP = 5.0  # [rad] larger jumps of position are wraps of the encoder
 
 
 @dataclass(frozen=True)
 class _Stream:
-    """Joints whose values come together."""
+    """Joints with common time stamps."""
 
     topic: str
     t: Stamps  # (N,) [ns] increasing
@@ -32,24 +32,24 @@ class _Stream:
 
     @property
     def period(self) -> float:
-        """[ns]."""
+        """Median period [ns]."""
         return float(np.median(np.diff(self.t))) if len(self.t) > 1 else np.inf
 
     @property
     def weight(self) -> tuple[bool, int]:
-        """Torque before none, then most values."""
+        """Sort key: streams with torque first, then those with most values."""
         return any(name.startswith("tau_") for name in self.columns), len(self.columns) * len(self.t)
 
 
 def join(gathered: Sequence[Gather], topics: Sequence[Topic], source: str) -> MemoryTable:
-    """The table of some topics of a log, each of which has messages.
+    """Join topics of a log that all have messages.
 
-    The slowest topic of positions or torques gives the rows; what is about as fast, or faster, is interpolated there,
-    but not across gaps. What is slower is left out. Header stamps are used where they are set, increase, and come from
-    one clock; else the times at which messages were received.
+    The slowest topic with positions or torques defines the rows. Topics of similar or higher rate are interpolated at
+    these rows, but not across gaps; slower topics are omitted. Header stamps are used if they are set, increase, and
+    come from one clock; otherwise the times of receipt.
 
     Raises:
-        RecordingError: the topics hold no positions and no torques, or do not overlap in time.
+        RecordingError: the topics have neither positions nor torques, or do not overlap in time.
     """
     by_header, clock = _clock(gathered)
     notes: list[str] = []
@@ -58,21 +58,21 @@ def join(gathered: Sequence[Gather], topics: Sequence[Topic], source: str) -> Me
     base = _base(streams, source)
     columns, t = _joined(base, [stream for stream in streams if stream is not base], notes)
     if only_plans:
-        notes.append("values are those of a trajectory: what was asked for, unless measured ones were written into it")
+        notes.append("the values are those of a commanded trajectory, unless measured values were published as one")
     if not any(name.startswith("tau_") for name in columns):
-        notes.append("no torque was recorded (effort is empty): a motion, but nothing to identify from")
-    told = f"{clock}, counted from {_date(int(t[0]))}"
-    about = About(tuple(dict.fromkeys(notes)), topics=tuple(topics), clock=told)
+        notes.append("no torque was recorded (effort is empty), so identification is not possible")
+    origin = f"{clock}, counted from {_date(int(t[0]))}"
+    about = About(tuple(dict.fromkeys(notes)), topics=tuple(topics), clock=origin)
     return MemoryTable({"t": (t - t[0]) / 1e9, **columns}, {}, source, about)
 
 
 def _clock(gathered: Sequence[Gather]) -> tuple[bool, str]:
-    """Whether header stamps are used, and how that is said."""
+    """Whether header stamps are used, and the description of the clock."""
     offsets = []
     for gather in gathered:
         for layout in gather.layouts.values():
             stamps, received = np.frombuffer(layout.stamps, np.int64), np.frombuffer(layout.received, np.int64)
-            if not (stamps[1:] if len(stamps) > 1 else stamps).all():  # the first of a simulation may be zero
+            if not (stamps[1:] if len(stamps) > 1 else stamps).all():  # the first stamp of a simulation may be zero
                 return False, f"time of receipt (header stamps of {gather.topic} are not set)"
             if not gather.plans and np.sum(np.diff(stamps) <= 0) > BACK * len(stamps):
                 return False, f"time of receipt (header stamps of {gather.topic} do not increase)"
@@ -83,9 +83,9 @@ def _clock(gathered: Sequence[Gather]) -> tuple[bool, str]:
 
 
 def _streams(gather: Gather, by_header: bool, only_plans: bool, notes: list[str]) -> Iterator[_Stream]:
-    """Joints that are named in the same messages belong together, in whatever order these name them."""
+    """Group joints that occur in the same messages, in any order."""
     if gather.misfits:
-        notes.append(f"{gather.topic}: lists of another length than that of names left out: {gather.misfits}")
+        notes.append(f"{gather.topic}: omitted lists with another length than the names: {gather.misfits}")
     places: dict[tuple[int, ...], list[str]] = {}
     for joint in gather.joints:
         places.setdefault(tuple(k for k, names in enumerate(gather.layouts) if joint in names), []).append(joint)
@@ -104,7 +104,7 @@ def _streams(gather: Gather, by_header: bool, only_plans: bool, notes: list[str]
                     columns[name] = values
         yield _Stream(gather.topic, t, columns)
     for kind, joints in lacking.items():
-        notes.append(f"{gather.topic}: {NAMES[kind]} of {shorten(joints)} is NaN or zero throughout: left out")
+        notes.append(f"{gather.topic}: {NAMES[kind]} of {shorten(joints)} is NaN or zero throughout: omitted")
 
 
 def _values(names: Sequence[str], layout: Layout, kind: str, joint: str) -> Array:
@@ -116,14 +116,14 @@ def _values(names: Sequence[str], layout: Layout, kind: str, joint: str) -> Arra
 def _in_order(
     gather: Gather, layouts: Sequence[Layout], by_header: bool, notes: list[str]
 ) -> tuple[Stamps, np.ndarray]:
-    """Increasing times of what several lists of joints said, and which of their readings they are of."""
+    """Increasing times of the readings of several layouts, and the indices of these readings."""
     t = np.concatenate([np.frombuffer(x.stamps if by_header else x.received, np.int64) for x in layouts])
     rows = np.argsort(np.concatenate([np.frombuffer(x.order, np.int64) for x in layouts]))
     t = t[rows]
     if gather.plans:
         later = np.minimum.accumulate(np.append(t[1:], np.iinfo(np.int64).max)[::-1])[::-1]
         if replaced := int(np.sum(t >= later)):
-            notes.append(f"{gather.topic}: {replaced} points give way to those of a later trajectory")
+            notes.append(f"{gather.topic}: {replaced} points are replaced by those of a later trajectory")
         return t[t < later], rows[t < later]
     if back := int(np.sum(np.diff(t) < 0)):
         notes.append(f"{gather.topic}: {_messages(back)} out of order: sorted by time")
@@ -131,7 +131,7 @@ def _in_order(
         t, rows = t[order], rows[order]
     fresh = np.diff(t, prepend=t[0] - 1) > 0
     if repeated := int(np.sum(~fresh)):
-        notes.append(f"{gather.topic}: {_messages(repeated)} at the time of the one before: left out")
+        notes.append(f"{gather.topic}: {_messages(repeated)} with the time of the previous one: omitted")
     return t[fresh], rows[fresh]
 
 
@@ -140,29 +140,29 @@ def _messages(number: int) -> str:
 
 
 def _base(streams: Sequence[_Stream], source: str) -> _Stream:
-    """The slowest of the chief streams of topics that hold positions or torques."""
-    chiefs: dict[str, _Stream] = {}
+    """Slowest of the main streams of topics with positions or torques."""
+    mains: dict[str, _Stream] = {}
     for stream in streams:
         if any(name.startswith(("q_", "tau_")) and not name.startswith("q_des_") for name in stream.columns):
-            chiefs[stream.topic] = max(chiefs.get(stream.topic, stream), stream, key=lambda each: each.weight)
-    if not chiefs:
-        raise RecordingError(f"{source}: what was read holds no position and no torque; name other topics")
-    single = [topic for topic, stream in chiefs.items() if len(stream.t) < 2]
-    if single and len(chiefs) > 1:
-        raise RecordingError(f"{source}: topic {single[0]} holds a single reading and cannot be joined to another")
-    return max(chiefs.values(), key=lambda each: each.period)
+            mains[stream.topic] = max(mains.get(stream.topic, stream), stream, key=lambda each: each.weight)
+    if not mains:
+        raise RecordingError(f"{source}: the topics have no position and no torque; name other topics")
+    single = [topic for topic, stream in mains.items() if len(stream.t) < 2]
+    if single and len(mains) > 1:
+        raise RecordingError(f"{source}: topic {single[0]} has a single reading and cannot be joined to another")
+    return max(mains.values(), key=lambda each: each.period)
 
 
 def _joined(base: _Stream, others: Sequence[_Stream], notes: list[str]) -> tuple[dict[str, Array], Stamps]:
-    """Columns at the times of one stream, and these times; cut to where all that is joined was recorded."""
+    """Columns at the times of one stream, and these times; cut to the time in which all streams were recorded."""
     columns, used = dict(base.columns), []
     for stream in others:
         fresh = {name: values for name, values in stream.columns.items() if name not in columns}
         if both := [name for name in stream.columns if name in columns]:
-            notes.append(f"{stream.topic}: {shorten(both)} left out, an earlier topic has the same")
+            notes.append(f"{stream.topic}: {shorten(both)} omitted, an earlier topic has the same")
         if fresh and (len(stream.t) < 2 or stream.period > SLOWER * base.period):
-            slow = f"{1e9 / stream.period:.3g} Hz are slower than {1e9 / base.period:.3g} Hz of {base.topic}"
-            notes.append(f"{stream.topic}: {shorten(list(fresh))} left out: {slow}")
+            slow = f"{1e9 / stream.period:.3g} Hz is slower than the {1e9 / base.period:.3g} Hz of {base.topic}"
+            notes.append(f"{stream.topic}: {shorten(list(fresh))} omitted: {slow}")
         elif fresh:
             columns |= {name: _onto(base.t, stream, name) for name in fresh}
             used += [] if all(name.startswith("q_des_") for name in fresh) else [stream]
@@ -171,14 +171,14 @@ def _joined(base: _Stream, others: Sequence[_Stream], notes: list[str]) -> tuple
     first, last = max(x.t[0] for x in (base, *used)), min(x.t[-1] for x in (base, *used))
     inside = slice(*np.searchsorted(base.t, [first, last + 1]))
     if not len(base.t[inside]):
-        raise RecordingError(f"topics {base.topic} and {used[0].topic} do not overlap in time; convert them apart")
+        raise RecordingError(f"topics {base.topic} and {used[0].topic} do not overlap in time; convert them separately")
     if cut := len(base.t) - len(base.t[inside]):
-        notes.append(f"{base.topic}: {_messages(cut)} at the ends left out, where another topic has none")
+        notes.append(f"{base.topic}: {_messages(cut)} at the ends omitted, where another topic has none")
     return {name: values[inside] for name, values in columns.items()}, base.t[inside]
 
 
 def _onto(t: Stamps, stream: _Stream, name: str) -> Array:
-    """(M,) a column at other times [of the column]; NaN in gaps, before and after; t: (M,) [ns]."""
+    """Column (M,) interpolated at other times, NaN in gaps, before and after; t: (M,) [ns]."""
     y, own = stream.columns[name], stream.t
     i = np.clip(np.searchsorted(own, t, side="right") - 1, 0, len(own) - 2)
     step, after = own[i + 1] - own[i], t - own[i]
@@ -193,7 +193,7 @@ def _onto(t: Stamps, stream: _Stream, name: str) -> Array:
 
 
 def _date(stamp: int) -> str:
-    """A stamp [ns] as a date in UTC, or in seconds where it is none."""
+    """Stamp [ns] as a date in UTC, or in seconds if it is no date."""
     if 3e17 < stamp < 9e18:
         return datetime.fromtimestamp(stamp / 1e9, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
     return f"{stamp / 1e9:.9g} s"

@@ -1,4 +1,4 @@
-"""What a file format provides, and the table that holds columns in memory."""
+"""Interface of the file formats, and tables in memory."""
 
 from __future__ import annotations
 
@@ -13,88 +13,88 @@ from numpy.typing import ArrayLike
 from ...errors import OptionError, RecordingError
 from ...types import Array, Table
 
-MOST = 8_000_000_000  # bytes, unpacked, of a file that is read whole
+MOST = 8_000_000_000  # maximum uncompressed size of a file that is read completely [bytes]
 
 
 class Topic(NamedTuple):
-    """What a log holds under one name."""
+    """A topic of a log."""
 
     name: str
     kind: str  # "sensor_msgs/msg/JointState"
     messages: int
-    rate: float  # [Hz], NaN where it is not known
-    joints: tuple[str, ...]  # none where it was not read
+    rate: float  # [Hz], NaN if unknown
+    joints: tuple[str, ...]  # empty if the topic was not read
     read: bool
 
 
 class About(NamedTuple):
-    """What is known of a table besides its columns; a table has it as `about`, if at all."""
+    """Metadata of a table, its optional attribute `about`."""
 
     notes: tuple[str, ...] = ()
-    unstated: frozenset[str] = frozenset()  # columns whose unit the file leaves open
+    unstated: frozenset[str] = frozenset()  # columns without a stated unit
     topics: tuple[Topic, ...] = ()
-    clock: str = ""  # what time is that of
+    clock: str = ""  # source of the time column
 
     @classmethod
     def of(cls, table: Table) -> About:
-        """What a table knows of itself."""
+        """Metadata of a table; empty if it has none."""
         return getattr(table, "about", cls())
 
 
 class Format(ABC):
-    """One kind of file, or of folder, that holds named columns."""
+    """A kind of file or folder with named columns."""
 
     name: str
     suffixes: tuple[str, ...]  # lower case, with the dot: (".csv", ".csv.gz")
     description: str
 
     def recognises(self, path: Path) -> bool:
-        """Whether the file is of this kind, by its name."""
+        """Whether a file has this format, by its name."""
         return path.name.lower().endswith(self.suffixes)
 
     @abstractmethod
     def open(self, path: Path) -> Table:
-        """The table in the file.
+        """Open a file as a table.
 
         Raises:
-            RecordingError: when the file cannot be read as a table of this kind.
+            RecordingError: the file is not a valid table of this format.
         """
 
     def select(self, path: Path, topics: Sequence[str]) -> Table:
-        """The table of some topics of a log; without topics, what `open` gives.
+        """Open topics of a log as a table; without topics, the same as `open`.
 
         Raises:
-            OptionError: files of this kind have no topics.
-            RecordingError: as of `open`.
+            OptionError: the format has no topics.
+            RecordingError: as for `open`.
         """
         if topics:
-            raise OptionError(f"{path} is of the format {self.name}, which has no topics; leave --topic out")
+            raise OptionError(f"{path} has the format {self.name}, which has no topics; remove --topic")
         return self.open(path)
 
     def files(self, path: Path) -> Sequence[Path]:
-        """What of a folder is read; of a file, the file."""
+        """Files that are read from a folder; a file itself."""
         return [path]
 
     @property
     def writes(self) -> bool:
-        """Whether files of this kind can be written."""
+        """Whether the format supports writing."""
         return type(self).encode is not Format.encode
 
     def encode(self, columns: Mapping[str, Array], file: str) -> bytes:
-        """What a file of this kind holds; the same columns give the same bytes.
+        """Encode columns as the content of a file, deterministically.
 
         Args:
             columns: (N,) each, by name [s, rad or m, N.m or N].
-            file: its name, where the kind has several suffixes.
+            file: name of the file, for formats with several suffixes.
 
         Raises:
-            OptionError: files of this kind are read only.
+            OptionError: the format does not support writing.
         """
-        raise OptionError(f"files of the format {self.name} are read, not written; write .csv or .parquet")
+        raise OptionError(f"files of the format {self.name} cannot be written; write .csv or .parquet")
 
 
 class MemoryTable:
-    """Columns of one length held in memory; a column that cannot be used says why, but only when it is asked for."""
+    """Columns in memory; reading an unusable column raises an error with its reason."""
 
     def __init__(
         self, usable: Mapping[str, Array], unusable: Mapping[str, str], source: str, about: About | None = None
@@ -105,10 +105,10 @@ class MemoryTable:
         self.rows = min((len(column) for column in self._usable.values()), default=0)
 
     def read(self, names: Sequence[str], start: int, stop: int) -> Array:
-        """Rows start..stop of the columns named, (stop - start, len(names)), NaN where empty.
+        """Read rows start..stop of the named columns, (stop - start, len(names)), NaN where empty.
 
         Raises:
-            RecordingError: when a column does not exist or does not hold numbers.
+            RecordingError: missing or non-numeric column.
         """
         for name in names:
             if name not in self._usable:
@@ -120,22 +120,22 @@ class MemoryTable:
 
 
 def refusal(source: str, column: str, reason: str | None, columns: Sequence[str]) -> str:
-    """The sentence about a column that cannot be read; without a reason it does not exist."""
+    """Error message for an unusable column, or without a reason for a missing one."""
     if reason:
         return f"{source}: column {column!r} {reason}"
     return f"{source} has no column {column!r}; it has {', '.join(columns[:12])}{', ...' if len(columns) > 12 else ''}"
 
 
 def memory_table(arrays: Mapping[str, ArrayLike], source: str) -> MemoryTable:
-    """Arrays by name as a table: one value a sample, or a matrix "q" that becomes q_1 to q_n.
+    """Table of arrays by name; a matrix "q" becomes the columns q_1 to q_n.
 
     Args:
-        arrays: each (N,) or (N, n), in the units of the columns of these names [s, rad or m, N.m or N, A]; dates
-            become seconds since the first.
-        source: what the sentences of errors call it.
+        arrays: each (N,) or (N, n), in the units of the columns [s, rad or m, N.m or N, A]; dates become seconds since
+            the first one.
+        source: name of the source in error messages.
 
     Raises:
-        RecordingError: when a matrix stands the wrong way round.
+        RecordingError: transposed matrix.
     """
     given = {name: seconds(np.asarray(value)) for name, value in arrays.items()}
     columns: dict[str, np.ndarray] = {}
@@ -154,10 +154,10 @@ def memory_table(arrays: Mapping[str, ArrayLike], source: str) -> MemoryTable:
 
 
 def seconds(stamps: np.ndarray) -> np.ndarray:
-    """Dates as seconds since the first of them, and durations as seconds, to the nanosecond; other arrays as they are.
+    """Convert dates to seconds since the first one, and durations to seconds; other arrays are unchanged.
 
     Args:
-        stamps: (...,) [1] array of any kind.
+        stamps: (...,) [1] array of any type.
     """
     if stamps.dtype.kind not in "Mm":
         return stamps
@@ -168,16 +168,16 @@ def seconds(stamps: np.ndarray) -> np.ndarray:
 
 
 def _length(columns: Mapping[str, np.ndarray]) -> tuple[str, int]:
-    """The column that says how many samples there are (t, or else the longest), and their number."""
+    """Column that defines the number of samples (t, or else the longest), and that number."""
     sizes = {name: len(column) for name, column in columns.items() if column.ndim == 1}
     name = "t" if "t" in sizes else max(sizes, key=lambda each: sizes[each], default="t")
     return name, sizes.get(name, 0)
 
 
 def _fault(column: np.ndarray, reference: str, rows: int) -> str:
-    """Why an array is not a column of numbers, "" when it is."""
+    """Reason why an array is not a numeric column, "" if it is one."""
     if column.dtype.kind not in "biuf":
-        return "holds no plain numbers; give real numbers, one a sample"
+        return "holds no plain numbers; give one real number per sample"
     if column.ndim != 1:
-        return f"has shape {column.shape}, expected one value a sample"
+        return f"has shape {column.shape}, expected one value per sample"
     return "" if len(column) == rows else f"has {len(column)} values, expected {rows} as {reference!r} has"

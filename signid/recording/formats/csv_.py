@@ -1,4 +1,4 @@
-"""Text tables: comma, semicolon or tab between the cells, plain or compressed by gzip."""
+"""Text tables separated by comma, semicolon or tab, plain or gzip-compressed."""
 
 from __future__ import annotations
 
@@ -21,17 +21,18 @@ import polars as pl
 from ...errors import RecordingError
 from ...types import Array, Table
 from .base import MOST, Format, MemoryTable
-from .room import need_room, room
+from .memory import free_memory, require_memory
 
-TIMES = 3  # the size of its text, a table takes in memory while it is read
+TIMES = 3  # peak memory while reading [times the size of the text]
 BROKEN = (pl.exceptions.PolarsError, pl.exceptions.PanicException)
-MISSING = ["NA", "N/A", "null", "NULL", "None", "none", "-nan", "-NaN", "nan(ind)", "-nan(ind)"]  # besides empty, NaN
+# texts of missing values, in addition to empty cells and NaN
+MISSING = ["NA", "N/A", "null", "NULL", "None", "none", "-nan", "-NaN", "nan(ind)", "-nan(ind)"]
 FILL: Any = {"missing_columns": "insert"} if "missing_columns" in signature(pl.read_csv).parameters else {}
 
 
 @dataclass(frozen=True)
 class _Layout:
-    """What stands above the samples."""
+    """Header of a table."""
 
     names: tuple[str, ...]
     separator: str
@@ -40,16 +41,16 @@ class _Layout:
 
 
 class Csv(Format):
-    """Read whole. A line that starts with # is a comment; a cell that is empty, NaN, NA or null is a missing value."""
+    """Read completely. Lines that start with # are comments; empty cells, NaN, NA and null are missing values."""
 
     name, suffixes = "csv", (".csv", ".csv.gz")
     description = "text table with a header, comma, semicolon or tab separated, plain or gzip"
 
     def open(self, path: Path) -> Table:
-        """The table in the file.
+        """Open a text table.
 
         Raises:
-            RecordingError: when the file is no text table with a header, or a line has too many cells.
+            RecordingError: no text table with a header, or a line with too many cells.
         """
         content = _content(path)
         try:
@@ -68,26 +69,26 @@ class Csv(Format):
 
 def _content(path: Path) -> bytes:
     try:
-        need_room(path, TIMES * path.stat().st_size)
+        require_memory(path, TIMES * path.stat().st_size)
         content = path.read_bytes()
         if content[:2] == b"\x1f\x8b":
-            content = gzip.GzipFile(fileobj=io.BytesIO(content)).read(int(min(MOST, room() / TIMES)) + 1)
-            need_room(path, TIMES * len(content))
+            content = gzip.GzipFile(fileobj=io.BytesIO(content)).read(int(min(MOST, free_memory() / TIMES)) + 1)
+            require_memory(path, TIMES * len(content))
     except (EOFError, ZlibError, gzip.BadGzipFile) as error:
         raise RecordingError(f"{path} is cut short or damaged inside its gzip compression; copy it again") from error
     except OSError as error:
         raise RecordingError(f"{path} cannot be read: {error.strerror}") from error
     if len(content) > MOST:
         raise RecordingError(
-            f"{path} holds more than {MOST / 1e9:.3g} GB; give long recordings as Parquet, read by pieces"
+            f"{path} holds more than {MOST / 1e9:.3g} GB; give long recordings as Parquet, which is read in chunks"
         )
     if b"\0" in content[:65536]:
-        raise RecordingError(f"{path} is not a text table: it holds binary data; name it by its true format")
+        raise RecordingError(f"{path} is not a text table: it holds binary data; correct the suffix of its name")
     return content
 
 
 def _layout(path: Path, content: bytes) -> _Layout:
-    """The header is the first line that is neither blank nor a comment, or a comment right above numbers."""
+    """Parse the header: the first line that is neither blank nor a comment, or a comment directly above numbers."""
     comment, first, skip = "", "", 0
     lines = io.BytesIO(content)
     for skip, line in enumerate(lines, 1):
@@ -126,7 +127,7 @@ def _split(line: str) -> list[str]:
 
 
 def _is_numeric(cells: Iterable[str]) -> bool:
-    """Whether every cell that is not empty is a number, and there is one."""
+    """Whether all non-empty cells are numbers, and there is at least one."""
     filled = [cell.strip() for cell in cells if cell.strip()]
     try:
         return bool([float(cell) for cell in filled])
@@ -135,7 +136,7 @@ def _is_numeric(cells: Iterable[str]) -> bool:
 
 
 def _parse(content: bytes, layout: _Layout, kind: type[pl.DataType]) -> pl.DataFrame:
-    """Every column declared of one kind: a type guessed from the first rows would fail in later ones."""
+    """Parse all columns with one data type: a type inferred from the first rows may not fit later ones."""
     frame = pl.read_csv(
         content,
         has_header=False,
@@ -152,7 +153,7 @@ def _parse(content: bytes, layout: _Layout, kind: type[pl.DataType]) -> pl.DataF
 
 
 def _texts(path: Path, content: bytes, layout: _Layout) -> tuple[dict[str, Array], dict[str, str]]:
-    """Columns of numbers, and of each other column its first cell that is not one."""
+    """Numeric columns, and for each other column the reason with its first invalid cell."""
     try:
         frame = _parse(content, layout, pl.String)
     except BROKEN as error:
@@ -171,15 +172,15 @@ def _texts(path: Path, content: bytes, layout: _Layout) -> tuple[dict[str, Array
 
 
 def _shape_fault(path: Path, content: bytes, layout: _Layout) -> str:
-    """Which line has more cells than the header."""
+    """Error message with the first line that has more cells than the header."""
     lines = islice(io.StringIO(content.decode("utf-8", "replace")), layout.skip, None)
     samples = (line for line in lines if line.strip() and not line.startswith("#"))
     width = len(layout.names)
-    with suppress(csv.Error):  # a cell of a hundred thousand letters
+    with suppress(csv.Error):  # cell larger than the limit of csv
         for row, cells in enumerate(csv.reader(samples, delimiter=layout.separator), 1):
             if len(cells) > width:
-                told = f"{path} has {len(cells)} cells in row {row} where its header names {width} columns"
-                return f"{told}; mend that line"
+                fault = f"{path} has {len(cells)} cells in row {row}, but its header names {width} columns"
+                return f"{fault}; correct that line"
     return f"{path} is not a table of lines of {width} cells each; write it again as plain CSV"
 
 

@@ -1,4 +1,4 @@
-"""Which format a file is of, by its name."""
+"""Find the format of a file by its name."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from .base import Format
 
 
 def find_format(path: Path) -> Format:
-    """The first format that recognises a file: those of the tree, then those of installed packages.
+    """First format that recognises a file: formats of signid, then those of other packages.
 
     Raises:
-        RecordingError: none does.
+        RecordingError: unknown format.
     """
     names = (*FORMATS.names, *(point.name for point in entry_points(group="signid.formats")))
     for name in names:
@@ -22,6 +22,6 @@ def find_format(path: Path) -> Format:
             return FORMATS[name]
     known = ", ".join(dict.fromkeys(suffix for form in FORMATS for suffix in form.suffixes))
     if path.is_dir():
-        told = "expected a file of samples, a ROS 2 bag (with metadata.yaml) or a LeRobot dataset (with meta/info.json)"
-        raise RecordingError(f"recording {path} is a folder; {told}")
-    raise RecordingError(f"recording {path} is of no known format; expected a name that ends in {known}")
+        kinds = "a file of samples, a ROS 2 bag (with metadata.yaml) or a LeRobot dataset (with meta/info.json)"
+        raise RecordingError(f"recording {path} is a folder; expected {kinds}")
+    raise RecordingError(f"recording {path} has no known format; expected a name that ends in {known}")

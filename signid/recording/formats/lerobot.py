@@ -1,4 +1,4 @@
-"""LeRobot datasets: one Parquet file an episode, or several episodes in each, described by meta/info.json."""
+"""LeRobot datasets: Parquet files of one or several episodes, described by meta/info.json."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from ...errors import RecordingError, shorten
 from ...toml_json import read_json
 from ...types import Array, Table
 from .base import About, Format, MemoryTable
+from .memory import require_memory
 from .parquet import BROKEN
-from .room import need_room
 
-KINDS = {  # what the values of a feature are
+KINDS = {  # kind of column by feature
     "observation.state": "q",
     "observation.velocity": "dq",
     "observation.effort": "tau",
@@ -24,51 +24,50 @@ KINDS = {  # what the values of a feature are
     "observation.current": "current",
     "action": "q_des",
 }
-ENDINGS = {"pos": "q", "vel": "dq", "effort": "tau", "torque": "tau", "current": "current"}  # elbow.pos
-TIMES = 6  # the size of its numbers, a table takes in memory while it is read and joined
-DEPTH = 2  # folders between a file and the dataset's: data/chunk-000
-BREAK = 1.0, 10.0  # [s] and in frames: between two episodes, the longer of the two
-IDEAL = 1e-4  # [s] by which time stamps may differ from numbers of frames over fps
+ENDINGS = {"pos": "q", "vel": "dq", "effort": "tau", "torque": "tau", "current": "current"}  # kind by suffix: elbow.pos
+TIMES = 6  # peak memory while reading [times the size of the numbers]
+DEPTH = 2  # number of folders between the dataset and a file: data/chunk-000
+BREAK = 1.0, 10.0  # gap between two episodes, the longer of [s] and [frames]
+IDEAL = 1e-4  # [s] tolerance between time stamps and frame index / fps
 
 
 class LeRobot(Format):
-    """Read whole, but for pictures; episodes follow each other after a break, which splits the recording."""
+    """Read completely, without images; gaps between the episodes split the recording."""
 
     name, suffixes = "lerobot", (".parquet",)
     description = "LeRobot dataset: its folder, or one of its Parquet files"
 
     def recognises(self, path: Path) -> bool:
-        """By meta/info.json, in the folder or above the file."""
+        """Whether meta/info.json is in the folder or above the file."""
         if path.is_dir():
             return (path / "meta" / "info.json").is_file()
         return super().recognises(path) and _home(path) is not None
 
     def files(self, path: Path) -> Sequence[Path]:
-        """The description and the tables."""
+        """Description and tables."""
         home = _home(path) or path
         tables = sorted(home.glob("data/*/*.parquet")) if path.is_dir() else [path]
         return [home / "meta" / "info.json", *(table for table in tables if table.is_file())]
 
     def open(self, path: Path) -> Table:
-        """All episodes of a dataset, or of a file of one.
+        """Open all episodes of a dataset or of one of its files.
 
         Raises:
-            RecordingError: the dataset's description or a table cannot be read, or it does not hold what it describes.
+            RecordingError: unreadable description or table, or a table that does not match the description.
         """
         described, *tables = self.files(path)
         info = _info(described)
         if not tables:
-            raise RecordingError(f"{path} has a meta/info.json but no tables data/*/*.parquet; copy the dataset again")
+            raise RecordingError(f"{path} has meta/info.json but no tables data/*/*.parquet; copy the dataset again")
         try:
             frame = pl.concat([_read(table) for table in tables], how="diagonal_relaxed")
             return _table(path, frame, info)
         except BROKEN as error:
-            told = "is no LeRobot dataset that can be read, or is cut short; copy it again"
-            raise RecordingError(f"{path} {told}") from error
+            raise RecordingError(f"{path} is not a valid LeRobot dataset, or is cut short; copy it again") from error
 
 
 def _home(path: Path) -> Path | None:
-    """The folder of the dataset that a path belongs to."""
+    """Folder of the dataset of a path."""
     places = [path] if path.is_dir() else path.absolute().parents[DEPTH : DEPTH + 1]
     return next((place for place in places if (place / "meta" / "info.json").is_file()), None)
 
@@ -83,7 +82,7 @@ def _info(path: Path) -> Mapping[str, Any]:
         raise RecordingError(f"{path} cannot be read: {error.strerror}") from error
     except (ValueError, KeyError, TypeError, AttributeError):
         pass
-    raise RecordingError(f"{path} is not LeRobot's: it needs fps and features; copy the dataset again")
+    raise RecordingError(f"{path} is not a valid LeRobot description with fps and features; copy the dataset again")
 
 
 def _read(table: Path) -> pl.DataFrame:
@@ -92,7 +91,7 @@ def _read(table: Path) -> pl.DataFrame:
     chosen = scan.select(name for name in scan.collect_schema().names() if name in wanted)
     rows = scan.select(pl.len()).collect().item()
     size = TIMES * rows * chosen.head(1).collect().estimated_size()
-    need_room(table, size, "take fewer episodes at a time")
+    require_memory(table, size, "give fewer episodes at a time")
     return chosen.collect()
 
 
@@ -107,26 +106,26 @@ def _table(path: Path, frame: pl.DataFrame, info: Mapping[str, Any]) -> MemoryTa
             names = _names(feature, values.shape[1], info)
             if names is None:
                 names = [str(k + 1) for k in range(values.shape[1])]
-                notes += (f"{feature} has no names in meta/info.json: taken for joints 1 to {len(names)} in turn",)
+                notes += (f"{feature} has no names in meta/info.json: assigned to joints 1 to {len(names)} in turn",)
             for name, value in zip(names, values.T, strict=True):
                 columns.setdefault(_column(KINDS[feature], name), value)
     if not any(name.startswith("q_") and not name.startswith("q_des_") for name in columns):
-        raise RecordingError(f"{path} holds no observation.state; name a dataset that records the joints")
+        raise RecordingError(f"{path} has no observation.state; give a dataset that records the joints")
     if not any(name.startswith(("tau_", "current_")) for name in columns):
-        notes += ("no torque and no current was recorded: a motion, but nothing to identify from",)
+        notes += ("no torque and no current was recorded, so identification is not possible",)
     return MemoryTable({"t": t, **columns}, {}, str(path), About(notes, frozenset(columns), clock="the dataset's own"))
 
 
 def _time(path: Path, frame: pl.DataFrame, fps: float) -> tuple[Array, tuple[str, ...]]:
-    """(N,) [s] the time of each row, and what is to be known of it."""
+    """Time (N,) [s] of the rows, and notes."""
     number = _plain(frame, "frame_index")
     t = _plain(frame, "timestamp") if "timestamp" in frame.columns else None
     if t is None and number is None:
-        raise RecordingError(f"{path} has neither timestamp nor frame_index; name a LeRobot dataset")
+        raise RecordingError(f"{path} has neither timestamp nor frame_index; give a LeRobot dataset")
     notes: tuple[str, ...] = ()
     if number is not None and (t is None or np.all(np.abs(t - number / fps) < IDEAL)):
         t = number / fps
-        notes = (f"time is the number of the frame at {fps:g} Hz, as LeRobot writes it, not when it was measured",)
+        notes = (f"time is the frame index at {fps:g} Hz, as LeRobot writes it, not the time of measurement",)
     assert t is not None, "one of the two is there"
     episode = _plain(frame, "episode_index")
     episode = np.zeros(len(t)) if episode is None else episode
@@ -139,7 +138,7 @@ def _time(path: Path, frame: pl.DataFrame, fps: float) -> tuple[Array, tuple[str
         clock = t[end - 1] + max(BREAK[0], BREAK[1] / fps)
     if len(starts) > 1:
         shown = shorten([f"{number:.0f}" for number in episode[starts]])
-        notes += (f"{len(starts)} episodes ({shown}), one after the other, with a break between them",)
+        notes += (f"{len(starts)} episodes ({shown}) follow each other with gaps between them",)
     return t, notes
 
 
@@ -148,7 +147,7 @@ def _plain(frame: pl.DataFrame, name: str) -> Array | None:
 
 
 def _matrix(path: Path, series: pl.Series) -> Array:
-    """(N, n) [any] of a column of lists, or of numbers."""
+    """Matrix (N, n) [any] of a column of lists or numbers."""
     if series.dtype.is_numeric():
         return series.cast(pl.Float64).to_numpy()[:, None]
     if not (isinstance(series.dtype, pl.List | pl.Array) and series.dtype.inner.is_numeric()):
@@ -156,12 +155,12 @@ def _matrix(path: Path, series: pl.Series) -> Array:
     lists = series.cast(pl.List(pl.Float64))
     sizes = lists.list.len().unique().to_list()
     if len(sizes) != 1 or not sizes[0]:
-        raise RecordingError(f"{path}: {series.name} holds lists of different lengths; mend the dataset")
+        raise RecordingError(f"{path}: {series.name} holds lists of different lengths; correct the dataset")
     return np.asarray(lists.list.to_array(sizes[0]).to_numpy()).reshape(-1, sizes[0])
 
 
 def _names(feature: str, size: int, info: Mapping[str, Any]) -> list[str] | None:
-    """What the description calls the values of a feature, None where it gives no such names."""
+    """Names of the values of a feature; None if the description has none."""
     names = info["features"].get(feature, {}).get("names")
     while isinstance(names, Mapping):
         names = next(iter(names.values()), None)
@@ -171,12 +170,12 @@ def _names(feature: str, size: int, info: Mapping[str, Any]) -> list[str] | None
 
 
 def _column(kind: str, name: str) -> str:
-    """The endings of LeRobot's names tell states apart; what is asked for is a position, or stands aside."""
+    """Column of a value, whose suffix may state its kind; actions other than positions keep their names."""
     joint, dot, ending = name.rpartition(".")
-    told = ENDINGS.get(ending, "") if dot else ""
-    if told in ("", "q"):
-        return f"{kind}_{joint if told else name}"
-    return f"action_{name}" if kind == "q_des" else f"{told}_{joint}"
+    stated = ENDINGS.get(ending, "") if dot else ""
+    if stated in ("", "q"):
+        return f"{kind}_{joint if stated else name}"
+    return f"action_{name}" if kind == "q_des" else f"{stated}_{joint}"
 
 
 PLUGIN = LeRobot()

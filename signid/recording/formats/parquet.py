@@ -1,4 +1,4 @@
-"""Parquet files, read slab by slab."""
+"""Parquet files, read in slabs."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from ...errors import RecordingError
 from ...types import Array, Table
 from .base import Format, refusal
 
-SLAB = 262_144  # rows that are decoded at once
+SLAB = 262_144  # [rows] decoded at once
 BROKEN = (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError)
-KEPT = 2  # slabs in memory, so that reads that overlap across a boundary decode nothing twice
+KEPT = 2  # number of slabs in memory, so that reads across a boundary decode nothing twice
 
 
 class ParquetTable:
-    """Columns of a Parquet file; only the slabs read last are in memory."""
+    """Columns of a Parquet file; only the most recent slabs are in memory."""
 
     def __init__(self, path: Path) -> None:
         self._path, self._scan = path, pl.scan_parquet(path, glob=False)
@@ -31,10 +31,10 @@ class ParquetTable:
         self.rows = int(self._scan.select(pl.len()).collect().item())
 
     def read(self, names: Sequence[str], start: int, stop: int) -> Array:
-        """Rows start..stop of the columns named, (stop - start, len(names)), NaN where empty.
+        """Read rows start..stop of the named columns, (stop - start, len(names)), NaN where empty.
 
         Raises:
-            RecordingError: when a column does not exist or holds no numbers, or the file is damaged.
+            RecordingError: missing or non-numeric column, or damaged file.
         """
         for name in names:
             if name not in self._schema or not self._is_number(name):
@@ -64,7 +64,7 @@ class ParquetTable:
         return slab
 
     def _number(self, name: str) -> pl.Expr:
-        """A column as numbers: dates in seconds since the first row's, durations in seconds."""
+        """Column as numbers: dates in seconds since the first row, durations in seconds."""
         kind, column = self._schema[name], pl.col(name)
         if isinstance(kind, pl.Duration):
             column = column.cast(pl.Duration("ns")).to_physical() / 1e9
@@ -76,7 +76,7 @@ class ParquetTable:
         return column.cast(pl.Float64)
 
     def _decode(self, name: str, k: int) -> Array:
-        """One column at a time: decoding many at once needs several times the memory where row groups are large."""
+        """Decode one column of a slab; decoding several at once needs much more memory for large row groups."""
         try:
             frame = self._scan.select(self._number(name)).slice(k * SLAB, SLAB).collect()
         except BROKEN as error:
@@ -85,16 +85,16 @@ class ParquetTable:
 
 
 class Parquet(Format):
-    """Streamed: memory does not grow with the length of the file."""
+    """Streamed, so memory does not grow with the length of the file."""
 
     name, suffixes = "parquet", (".parquet", ".pq")
     description = "Apache Parquet, streamed"
 
     def open(self, path: Path) -> Table:
-        """The table in the file; its samples are read when they are asked for.
+        """Open a file; its samples are read on demand.
 
         Raises:
-            RecordingError: when the file is not Parquet, or is cut short.
+            RecordingError: no Parquet file, or a truncated one.
         """
         try:
             return ParquetTable(path)

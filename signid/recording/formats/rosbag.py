@@ -1,4 +1,4 @@
-"""ROS 1 bags, ROS 2 bags and MCAP files: joint states, trajectories and the state of their controllers."""
+"""ROS 1 bags, ROS 2 bags and MCAP files: joint states, trajectories and controller states."""
 
 from __future__ import annotations
 
@@ -13,60 +13,60 @@ from ...types import Table
 from .bag_messages import READERS, Gather
 from .bag_time import join
 from .base import Format, Topic
-from .room import within_room
+from .memory import memory_limited
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-PARTS = (".db3", ".mcap", ".zstd", ".yaml")  # of a folder
-SHOWN = 120  # characters of what the library says
-STANDARD = ("sensor_msgs/", "trajectory_msgs/")  # the same in every release of ROS
-Topics = Mapping[str, list[Any]]  # the library's connections by topic
+PARTS = (".db3", ".mcap", ".zstd", ".yaml")  # suffixes of the files in a bag folder
+SHOWN = 120  # maximum length of a quoted library message [characters]
+STANDARD = ("sensor_msgs/", "trajectory_msgs/")  # message types that are equal in all releases of ROS
+Topics = Mapping[str, list[Any]]  # rosbags connections by topic
 
 
 class RosBag(Format):
-    """Read message by message into columns; needs the library rosbags, which needs no installation of ROS."""
+    """Read by the library rosbags, without an installation of ROS."""
 
     name, suffixes = "rosbag", (".bag", ".mcap", ".db3")
     description = "ROS 1 bag, ROS 2 bag (its folder, .db3 or .mcap): JointState, JointTrajectory, controller state"
 
     def recognises(self, path: Path) -> bool:
-        """By its name, or by the metadata.yaml of a folder."""
+        """Whether the name, or the metadata.yaml of a folder, is that of a bag."""
         return (path / "metadata.yaml").is_file() if path.is_dir() else super().recognises(path)
 
     def files(self, path: Path) -> Sequence[Path]:
-        """What of a folder is read; of a file, the file."""
+        """Files that are read from a folder; a file itself."""
         if not path.is_dir():
             return [path]
         return sorted(part for part in path.iterdir() if part.suffix in PARTS and part.is_file())
 
     def open(self, path: Path) -> Table:
-        """The table of the only topic of joint states, or where there is none, of controller states or trajectories.
+        """Open the only topic of joint states or, without one, of controller states or trajectories.
 
         Raises:
-            RecordingError: the bag is damaged, the library is missing, or there is no such topic, or several.
+            RecordingError: damaged bag, missing library, or not exactly one such topic.
         """
         return self.select(path, ())
 
     def select(self, path: Path, topics: Sequence[str]) -> Table:
-        """The table of some topics, joined in time.
+        """Open topics, joined in time.
 
         Raises:
-            RecordingError: the bag is damaged, the library is missing, or a topic is not there or cannot be read.
+            RecordingError: damaged bag, missing library, or missing or unreadable topic.
         """
-        with _sentences(path), within_room(), _reader(path) as (bag, first):
+        with _one_error(path), memory_limited(), _reader(path) as (bag, first):
             known = _topics(bag)
             chosen = _named(path, known, topics) if topics else _chosen(path, known, bag, first)
             gathered = _gathered(bag, known, chosen, first)
             if empty := [gather.topic for gather in gathered if not gather.readings]:
                 raise RecordingError(f"{path}: topic {empty[0]} holds no joints; name another topic")
             others = [_unread(*each) for each in known.items() if each[0] not in chosen and _kind(each[1]) in READERS]
-            return join(gathered, [*map(_told, gathered), *others], str(path))
+            return join(gathered, [*map(_topic, gathered), *others], str(path))
 
 
 @contextmanager
-def _sentences(path: Path) -> Iterator[None]:
-    """Whatever a damaged file makes the library raise becomes one sentence."""
+def _one_error(path: Path) -> Iterator[None]:
+    """Convert all exceptions of the library to one RecordingError."""
     try:
         yield
     except RecordingError as error:
@@ -74,25 +74,25 @@ def _sentences(path: Path) -> Iterator[None]:
             raise
         raise RecordingError(f"{path}: {error}") from error
     except ImportError as error:
-        told = "reading ROS bags and MCAP needs the library rosbags; install it with: pip install 'signid[ros]'"
-        raise RecordingError(f"{path}: {told}") from error
+        advice = "reading ROS bags and MCAP needs the library rosbags; install it with: pip install 'signid[ros]'"
+        raise RecordingError(f"{path}: {advice}") from error
     except MemoryError as error:
         raise RecordingError(f"{path} needs more memory than there is, or is damaged; split it by time") from error
-    except Exception as error:  # the library also stumbles over broken files by struct, index and type errors
-        said = " ".join(str(error).split())[:SHOWN].rstrip(".")
-        why = f" ({said})" if said else ""
-        raise RecordingError(f"{path} is no ROS bag, or a damaged one{why}; copy or record it again") from error
+    except Exception as error:  # broken files also raise struct, index and type errors
+        quoted = " ".join(str(error).split())[:SHOWN].rstrip(".")
+        reason = f" ({quoted})" if quoted else ""
+        raise RecordingError(f"{path} is no ROS bag, or a damaged one{reason}; copy or record it again") from error
 
 
 @contextmanager
 def _reader(path: Path) -> Iterator[tuple[Any, bool]]:
-    """The bag, open, and whether it is one of ROS 1."""
+    """Open bag, and whether it is a ROS 1 bag."""
     from rosbags.rosbag1 import Reader as Reader1
     from rosbags.rosbag2 import Reader as Reader2
 
     for part in path.iterdir() if path.is_dir() else [path]:
         if not (part.is_file() or part.is_dir()):
-            raise RecordingError(f"{path}: {part.name} is no file; copy the bag again")
+            raise RecordingError(f"{path}: {part.name} is not a regular file; copy the bag again")
     first = path.suffix.lower() == ".bag"
     with Reader1(path) if first else Reader2(path) as bag:
         yield bag, first
@@ -106,7 +106,7 @@ def _topics(bag: Any) -> Topics:
 
 
 def _kind(connections: Sequence[Any]) -> str:
-    """The type of a topic's messages, "" where they are of several."""
+    """Message type of a topic, "" if it has several."""
     kinds = {connection.msgtype for connection in connections}
     return kinds.pop() if len(kinds) == 1 else ""
 
@@ -127,19 +127,19 @@ def _named(path: Path, known: Topics, topics: Sequence[str]) -> list[str]:
 
 
 def _chosen(path: Path, known: Topics, bag: Any, first: bool) -> list[str]:
-    """The only topic of joint states; else of controller states, else of trajectories."""
+    """The only topic of joint states, else of controller states, else of trajectories."""
     for kind in READERS:
         names = [name for name, at in known.items() if _kind(at) == kind and sum(c.msgcount for c in at)]
         if len(names) > 1:
-            listed = [_told(gather) for gather in _gathered(bag, known, names, first)]
+            listed = [_topic(gather) for gather in _gathered(bag, known, names, first)]
             facts = [f"{t.name} ({t.messages} messages, {t.rate:.4g} Hz, {shorten(t.joints, 3)})" for t in listed]
             short = kind.rpartition("/")[2]
-            advice = "signid convert with --topic, once for each that is wanted, makes a recording of them"
+            advice = "choose with signid convert --topic, which can be repeated"
             raise RecordingError(f"{path} has {len(names)} topics of {short}: {'; '.join(facts)}; {advice}")
         if names:
             return names
-    held = shorten(sorted(f"{name} ({connections[0].msgtype})" for name, connections in known.items()), 3)
-    raise RecordingError(f"{path} has no messages of {_expected()}; it has {held or 'no topic'}")
+    others = shorten(sorted(f"{name} ({connections[0].msgtype})" for name, connections in known.items()), 3)
+    raise RecordingError(f"{path} has no messages of {_expected()}; it has {others or 'no topic'}")
 
 
 def _expected() -> str:
@@ -148,7 +148,7 @@ def _expected() -> str:
 
 
 def _gathered(bag: Any, known: Topics, names: Sequence[str], first: bool) -> list[Gather]:
-    """All messages of some topics, in the order of these names."""
+    """All messages of the named topics."""
     read = {name: Gather(name, _kind(known[name])) for name in names}
     wanted = [connection for name in names for connection in known[name]]
     decode = _decoders(wanted, first)
@@ -159,7 +159,7 @@ def _gathered(bag: Any, known: Topics, names: Sequence[str], first: bool) -> lis
 
 
 def _decoders(connections: Sequence[Any], first: bool) -> dict[str, Any]:
-    """What turns bytes into messages, by type; types that differ between releases are taken from the bag."""
+    """Message decoders by type; types that differ between releases are defined by the bag."""
     from rosbags.interfaces import MessageDefinitionFormat as Form
     from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
@@ -169,15 +169,15 @@ def _decoders(connections: Sequence[Any], first: bool) -> dict[str, Any]:
         if not kind.startswith(STANDARD):
             given = next((c.msgdef for c in connections if c.msgtype == kind and c.msgdef.format != Form.NONE), None)
             if given is None:
-                told = "has changed between releases and is not described in the bag; record it as MCAP, which does"
-                raise RecordingError(f"the type {kind} {told}")
+                fault = "differs between releases of ROS and is not defined in the bag; record MCAP, which defines it"
+                raise RecordingError(f"the type {kind} {fault}")
             types = get_types_from_msg(given.data, kind) if given.format == Form.MSG else get_types_from_idl(given.data)
             store.register({name: parts for name, parts in types.items() if name not in store.fielddefs})
         decoders[kind] = store.deserialize_ros1 if first else store.deserialize_cdr
     return decoders
 
 
-def _told(gather: Gather) -> Topic:
+def _topic(gather: Gather) -> Topic:
     return Topic(gather.topic, gather.kind, gather.messages, gather.rate, gather.joints, True)
 
 

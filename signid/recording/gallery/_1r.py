@@ -1,4 +1,4 @@
-"""The simulated pendulum 1r: three recordings without noise."""
+"""Simulated pendulum 1r: three recordings without noise."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The simulated arm 3r: two recordings without noise, and three trajectories of single joints."""
+"""Simulated arm 3r: two recordings without noise, and three trajectories of single joints."""
 
 from __future__ import annotations
 

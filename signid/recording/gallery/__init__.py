@@ -1,18 +1,18 @@
-"""Public recordings of real robots: where they are, under which licence, and how signid gets them.
+"""Public recordings of real robots: sources, licences and downloads.
 
-Nothing is downloaded unless it is asked for. A data set is one file; other packages add theirs behind the entry point
+Nothing is downloaded automatically. Each data set is one module; other packages register theirs at the entry point
 `signid.data`.
 """
 
 from .base import DATA, DataSet, Product
-from .download import Patience
+from .download import DownloadLimits
 from .fetch import check_source, fetch
 from .place import data_folder, is_complete, recordings
 
 __all__ = [
     "DATA",
     "DataSet",
-    "Patience",
+    "DownloadLimits",
     "Product",
     "check_source",
     "data_folder",

@@ -1,4 +1,4 @@
-"""What a data set is: where its files come from, and what signid makes of them."""
+"""Data sets: source files and converted recordings."""
 
 from __future__ import annotations
 
@@ -9,57 +9,59 @@ from dataclasses import dataclass
 from ...errors import OptionError
 from ...registry import Registry
 
-_PLAIN = re.compile(r"\w[\w.+-]*")  # a name that cannot leave its folder
+_PLAIN = re.compile(r"\w[\w.+-]*")  # file names without a path
 UNSTATED = "none stated (all rights reserved)"
 
 
 @dataclass(frozen=True)
 class Product:
-    """A file that signid makes of files of the source."""
+    """A file that is converted from source files."""
 
     name: str
-    sources: tuple[str, ...]  # paths in the repository, in the order in which `make` takes their bytes
+    sources: tuple[str, ...]  # paths in the repository, in the order of the arguments of `make`
     make: Callable[..., str]
-    sha256: str  # of its text, before it is compressed: a download that makes another text is refused
+    sha256: str  # expected digest of the text before compression
 
 
 @dataclass(frozen=True)
 class DataSet:
-    """Recordings that are public at one commit of a repository on GitHub."""
+    """Public recordings at one commit of a repository on GitHub."""
 
     name: str
     title: str
     folder: str
-    seconds: float  # of all recordings [s]
+    seconds: float  # duration of all recordings [s]
     repository: str  # OWNER/NAME
     commit: str
     licence: str
     cite: str
-    megabytes: float  # about, to download
+    megabytes: float  # approximate download size
     products: tuple[Product, ...]
-    carried: tuple[tuple[str, str], ...] = ()  # name of a file, and its path below robots/, where signid carries it
-    example: str = ""  # a command; empty: robots/NAME/identify.py
+    carried: tuple[tuple[str, str], ...] = ()  # files that come with signid: name, and path below robots/
+    example: str = ""  # command of an example; empty: robots/NAME/identify.py
 
     def __post_init__(self) -> None:
         files = [*(product.name for product in self.products), *(name for name, _ in self.carried)]
         paths = [self.repository, *self.sources, *(path for _, path in self.carried)]
         for name in (self.name, self.folder, *files, *(part for path in paths for part in path.split("/"))):
             if not _PLAIN.fullmatch(name):
-                raise OptionError(f"data set {self.name} names a file or folder {name!r}; give a name without a path")
+                raise OptionError(
+                    f"data set {self.name} has a file or folder named {name!r}; give a name without a path"
+                )
 
     @property
     def sources(self) -> tuple[str, ...]:
-        """Paths of all files to download, each once."""
+        """Paths of all files to download, without repetitions."""
         return tuple(dict.fromkeys(path for product in self.products for path in product.sources))
 
     @property
     def base(self) -> str:
-        """The address that these paths continue."""
+        """Base address of the source files."""
         return f"https://raw.githubusercontent.com/{self.repository}/{self.commit}"
 
     @property
     def home(self) -> str:
-        """A page that shows the repository at that commit."""
+        """Web page of the repository at the commit."""
         return f"https://github.com/{self.repository}/tree/{self.commit}"
 
 

@@ -1,4 +1,4 @@
-"""One file from the network: encrypted or from this machine, not too large, not too slow, whole."""
+"""Download of a file over HTTPS, or from this machine, with limits on size and time."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from ...errors import DownloadError
 from ...version import __version__
 
 LOCAL = ("localhost", "127.0.0.1", "::1")
-PIECE = 2**16  # bytes
-GONE = (404, 410)
+CHUNK = 2**16  # [bytes] read at once
+GONE = (404, 410)  # HTTP status codes of missing files
 
 
 @dataclass(frozen=True)
-class Patience:
-    """What a file may ask of a user."""
+class DownloadLimits:
+    """Limits of the download of a file."""
 
-    size: int = 2**25  # bytes
-    silence: float = 30.0  # without a byte [s]
-    total: float = 600.0  # [s]
+    size: int = 2**25  # [bytes]
+    silence: float = 30.0  # maximum time without data [s]
+    total: float = 600.0  # maximum duration [s]
 
 
-USUAL = Patience()
+LIMITS = DownloadLimits()
 
 
 def is_allowed(address: str, local: bool) -> bool:
-    """Whether an address is encrypted, or is of this machine where that was asked for."""
+    """Whether an address is HTTPS or, with `local`, of this machine."""
     try:
         parts = urlsplit(address)
         host, _ = parts.hostname, parts.port
@@ -41,57 +41,57 @@ def is_allowed(address: str, local: bool) -> bool:
     return bool(host) and (parts.scheme == "https" or (parts.scheme == "http" and local and host in LOCAL))
 
 
-def download(address: str, patience: Patience, progress: Callable[[float], None]) -> bytes:
-    """The file at an address.
+def download(address: str, limits: DownloadLimits, progress: Callable[[float], None]) -> bytes:
+    """Download a file.
 
     Args:
-        address: https, or http of this machine.
-        patience: what is too large or too slow.
-        progress: told the share that has come, where the server says how much there is.
+        address: https address, or http address of this machine.
+        limits: limits on size and time.
+        progress: function of the completed share [1]; 0 if the server does not state the size.
 
     Raises:
-        DownloadError: it cannot be had; the sentence says why.
+        DownloadError: failed download.
     """
     request = Request(address, headers={"User-Agent": f"signid/{__version__}"})
     try:
-        with _opener(address).open(request, timeout=patience.silence) as response:
-            return _read(response, address, patience, progress)
+        with _opener(address).open(request, timeout=limits.silence) as response:
+            return _read(response, address, limits, progress)
     except DownloadError:
         raise
     except HTTPError as error:
         with error:
             again = {"again": ""} if error.code in GONE else {}
-            _refuse(address, f"the server answers {error.code} ({responses.get(error.code, 'unknown')})", **again)
-    except (HTTPException, OSError, ValueError) as error:  # the last of an address or a length that is none
-        _refuse(address, _reason(getattr(error, "reason", error), patience))
+            _fail(address, f"the server answers {error.code} ({responses.get(error.code, 'unknown')})", **again)
+    except (HTTPException, OSError, ValueError) as error:  # ValueError: invalid address or length
+        _fail(address, _reason(getattr(error, "reason", error), limits))
 
 
-def _read(response: HTTPResponse, address: str, patience: Patience, progress: Callable[[float], None]) -> bytes:
-    told, most = response.headers.get("Content-Length", ""), f"{patience.size / 1e6:g} MB"
-    expected = int(told) if told.isdecimal() else None
-    end, content = time.monotonic() + patience.total, bytearray()
-    if expected is not None and expected > patience.size:
-        _refuse(address, f"it has {expected / 1e6:.0f} MB, where {most} are the most", again="")
-    while piece := response.read1(PIECE):
-        content += piece
-        if len(content) > patience.size:
-            _refuse(address, f"it has more than {most}", again="")
+def _read(response: HTTPResponse, address: str, limits: DownloadLimits, progress: Callable[[float], None]) -> bytes:
+    length, most = response.headers.get("Content-Length", ""), f"{limits.size / 1e6:g} MB"
+    expected = int(length) if length.isdecimal() else None
+    end, content = time.monotonic() + limits.total, bytearray()
+    if expected is not None and expected > limits.size:
+        _fail(address, f"it has {expected / 1e6:.0f} MB, more than the limit of {most}", again="")
+    while chunk := response.read1(CHUNK):
+        content += chunk
+        if len(content) > limits.size:
+            _fail(address, f"it has more than the limit of {most}", again="")
         if time.monotonic() > end:
-            _refuse(address, f"it takes more than {patience.total:g} s")
+            _fail(address, f"it takes more than {limits.total:g} s")
         progress(len(content) / expected if expected else 0.0)
     if expected is not None and len(content) != expected:
-        _refuse(address, f"it broke off after {len(content)} of {expected} bytes")
+        _fail(address, f"it ended after {len(content)} of {expected} bytes")
     return bytes(content)
 
 
 class _Redirect(HTTPRedirectHandler):
-    """Follows to encrypted addresses; to this machine only from this machine."""
+    """Follow redirects to HTTPS addresses only, and from this machine to this machine."""
 
     def redirect_request(
         self, req: Request, fp: IO[bytes], code: int, msg: str, headers: object, newurl: str
     ) -> Request | None:
         if not is_allowed(newurl, _is_local(req.full_url)):
-            _refuse(req.full_url, f"it leads on to {newurl!r}, which is not encrypted", again="")
+            _fail(req.full_url, f"it redirects to {newurl!r}, which is not encrypted", again="")
         return super().redirect_request(req, fp, code, msg, headers, newurl)  # type: ignore[arg-type]
 
 
@@ -103,13 +103,13 @@ def _is_local(address: str) -> bool:
     return urlsplit(address).hostname in LOCAL
 
 
-def _reason(error: object, patience: Patience) -> str:
+def _reason(error: object, limits: DownloadLimits) -> str:
     if isinstance(error, TimeoutError):
-        return f"nothing came for {patience.silence:g} s"
+        return f"no data for {limits.silence:g} s"
     if isinstance(error, IncompleteRead):
-        return "it broke off in the middle"
+        return "it ended too early"
     return str(getattr(error, "strerror", None) or error).strip() or type(error).__name__
 
 
-def _refuse(address: str, why: str, again: str = "try again, or ") -> NoReturn:
-    raise DownloadError(f"cannot download {address}: {why}; {again}name a copy of the repository by --source URL")
+def _fail(address: str, reason: str, again: str = "try again, or ") -> NoReturn:
+    raise DownloadError(f"cannot download {address}: {reason}; {again}name a copy of the repository by --source URL")

@@ -1,4 +1,4 @@
-"""The EMPS prismatic drive, a benchmark of nonlinear identification: MATLAB files."""
+"""EMPS prismatic drive, a benchmark of nonlinear identification: MATLAB files."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ FOLDER = "examples/EMPS/data"
 
 
 def _recording(raw: bytes, pulses: tuple[str, ...] = ()) -> str:
-    """Force is the drive's input voltage times its gain."""
+    """Recording with force = input voltage of the drive times its gain."""
     t, q, voltage, reference, gain, *more = (
         read_matrix(raw, name)[:, 0] for name in ("t", "qm", "vir", "qg", "gtau", *pulses)
     )
@@ -28,7 +28,7 @@ PLUGIN = DataSet(
     seconds=49.7,
     repository="forgi86/sysid-neural-continuous",
     commit="956aa7ecd73061b0321c6f6098d74c9e4a7ce67a",
-    licence="none stated (of the repository that holds them: Apache-2.0)",
+    licence="none stated (licence of the repository: Apache-2.0)",
     cite="Janot, Gautier, Brunot, Data Set and Reference Models of EMPS, Nonlinear Sys. Id. Benchmarks, 2019",
     megabytes=2,
     products=(

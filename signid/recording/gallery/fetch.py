@@ -1,4 +1,4 @@
-"""A data set from its public source: downloaded, converted, checked."""
+"""Download, convert and verify a data set."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ...errors import DownloadError, OptionError
 from ...robot.locate import robots_folder
 from ...version import __version__
 from .base import DataSet, Product
-from .download import USUAL, Patience, download, is_allowed
+from .download import LIMITS, DownloadLimits, download, is_allowed
 
 if TYPE_CHECKING:
     from ...types import Progress
@@ -21,24 +21,24 @@ if TYPE_CHECKING:
 def fetch(
     wanted: DataSet,
     source: str | None = None,
-    patience: Patience = USUAL,
+    limits: DownloadLimits = LIMITS,
     progress: Progress | None = None,
 ) -> dict[str, bytes]:
-    """The files of a data set by name, ready to be written into its folder. Nothing is written here.
+    """Download the files of a data set and return their contents by name, without writing them.
 
     Args:
         wanted: the data set.
-        source: the address of a copy of the repository at that commit; by default GitHub's.
-        patience: what is too large or too slow.
-        progress: told what is being done, and the share of it that is done.
+        source: address of a copy of the repository at the same commit; by default GitHub.
+        limits: limits of each download.
+        progress: function of the current step and its completed share [1].
 
     Raises:
         OptionError: the source is neither https nor of this machine.
-        DownloadError: a file cannot be had, or what is made of it is not what it should be.
+        DownloadError: failed download, or a converted file with a wrong digest.
     """
     base = wanted.base if source is None else check_source(source)
     raw = {
-        path: download(f"{base}/{quote(path)}", patience, _share(progress, wanted, k))
+        path: download(f"{base}/{quote(path)}", limits, _share(progress, wanted, k))
         for k, path in enumerate(wanted.sources)
     }
     made = {product.name: _make(product, raw, wanted, base) for product in wanted.products}
@@ -47,42 +47,42 @@ def fetch(
 
 
 def _share(progress: Progress | None, wanted: DataSet, done: int) -> Callable[[float], None]:
-    """Turns the share of one file into that of all."""
+    """Progress function of one file that reports the share of all files."""
 
-    def tell(share: float) -> None:
+    def report(share: float) -> None:
         if progress is not None:
             progress(f"downloading {wanted.name}", (done + share) / len(wanted.sources))
 
-    return tell
+    return report
 
 
 def check_source(source: str) -> str:
-    """The address of a copy of a repository, without a slash at its end.
+    """Validate the address of a copy of a repository and remove trailing slashes.
 
     Raises:
-        OptionError: it is neither https nor of this machine.
+        OptionError: the address is neither https nor of this machine.
     """
     if not is_allowed(source, local=True) or urlsplit(source).query or urlsplit(source).fragment:
-        told = "give https://HOST/PATH, or http://localhost:PORT for a server on this machine"
-        raise OptionError(f"--source {source!r} is no address to download from; {told}")
+        advice = "give https://HOST/PATH, or http://localhost:PORT for a server on this machine"
+        raise OptionError(f"--source {source!r} is not a valid address for downloads; {advice}")
     return source.rstrip("/")
 
 
 def _make(product: Product, raw: Mapping[str, bytes], wanted: DataSet, base: str) -> bytes:
     try:
         text = product.make(*(raw[path] for path in product.sources)).encode()
-    except Exception as error:  # whatever a reader says of a file that is not what it should be
-        raise DownloadError(_other(product, wanted, base, f"cannot be read ({error})")) from error
+    except Exception as error:  # readers of unexpected files raise many types
+        raise DownloadError(_fault(product, wanted, base, f"cannot be read ({error})")) from error
     digest = sha256(text).hexdigest()
     if digest != product.sha256:
-        told = f"is another (sha256 {digest[:12]}... instead of {product.sha256[:12]}...)"
-        raise DownloadError(_other(product, wanted, base, told))
+        fact = f"has another content (sha256 {digest[:12]}... instead of {product.sha256[:12]}...)"
+        raise DownloadError(_fault(product, wanted, base, fact))
     return gzip.compress(text, mtime=0) if product.name.endswith(".gz") else text
 
 
-def _other(product: Product, wanted: DataSet, base: str, what: str) -> str:
-    mend = f"try again, or name a copy of the repository at commit {wanted.commit[:12]} by --source URL"
-    return f"{product.name} from {base} {what}; nothing was written; {mend}"
+def _fault(product: Product, wanted: DataSet, base: str, fact: str) -> str:
+    advice = f"try again, or name a copy of the repository at commit {wanted.commit[:12]} by --source URL"
+    return f"{product.name} from {base} {fact}; nothing was written; {advice}"
 
 
 def _note(wanted: DataSet, base: str) -> str:
@@ -93,7 +93,7 @@ def _note(wanted: DataSet, base: str) -> str:
         f"downloaded from: {base}",
         f"licence: {wanted.licence}",
         f"please cite: {wanted.cite}",
-        f"made by signid {__version__} (sha256 of the text, before it is compressed):",
+        f"converted by signid {__version__} (sha256 of the text before compression):",
         *(f"  {product.sha256}  {product.name} <- {', '.join(product.sources)}" for product in wanted.products),
         *(f"  {name}: comes with signid" for name, _ in wanted.carried),
     ]

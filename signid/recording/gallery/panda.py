@@ -1,4 +1,4 @@
-"""The Franka Panda of Gaz et al.: flat text, seven numbers a sample."""
+"""Franka Panda of Gaz et al.: text with seven numbers per sample."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The simulated arms 1r and 3r of Penne: splines and torques without noise, in MATLAB files."""
+"""Simulated arms 1r and 3r of Penne: splines and torques without noise, in MATLAB files."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ SPLINES = {"pos": "position", "vel": "velocity", "acc": "acceleration"}
 
 
 def splines(arm: str, number: int, *parts: str) -> tuple[str, ...]:
-    """Paths of the parts (pos, vel, acc) of a trajectory."""
+    """Paths of the position, velocity and acceleration files of a trajectory."""
     return tuple(f"Code/data/{arm}/trajectory{number}/{part}.mat" for part in parts)
 
 
 def instants(samples: int) -> Array:
-    """Time of the samples, (N,) [s]."""
+    """Times of the samples, (N,) [s]."""
     return np.arange(samples, dtype=np.float64) * STEP
 
 
 def pendulum(regressor: bytes, torque: bytes, position: bytes = b"", velocity: bytes = b"") -> str:
-    """A recording of 1r; where there is no trajectory, sin q and the acceleration of the regressor stand for it."""
+    """Recording of 1r; without a trajectory file, sin q and acceleration come from the regressor."""
     rows = read_matrix(regressor, "Y_stack")
     columns = {"t": instants(len(rows)), "sin_q_1": rows[:, 0], "ddq_1": rows[:, 1]}
     columns["tau_1"] = read_matrix(torque, "u_stack")[:, 0]
@@ -36,7 +36,7 @@ def pendulum(regressor: bytes, torque: bytes, position: bytes = b"", velocity: b
 
 
 def arm(torque: bytes, *raw: bytes) -> str:
-    """A recording of 3r: torques, and positions, velocities and accelerations of each joint."""
+    """Recording of 3r: torque, position, velocity and acceleration of each joint."""
     tau = read_matrix(torque, "u_stack").reshape(-1, 3)
     columns = {"t": instants(len(tau))}
     for k, (kind, part) in enumerate(zip(("q", "dq", "ddq"), SPLINES, strict=True)):
@@ -46,6 +46,6 @@ def arm(torque: bytes, *raw: bytes) -> str:
 
 
 def motion(*raw: bytes) -> str:
-    """A trajectory of one joint, without torque."""
+    """Trajectory of one joint, without torque."""
     values = [read_matrix(part, name)[0] for part, name in zip(raw, SPLINES.values(), strict=True)]
     return write_table({"t": instants(len(values[0])), **dict(zip(("q", "dq", "ddq"), values, strict=True))})

@@ -1,4 +1,4 @@
-"""The Staubli TX40 of figaroh: positions and torques of its motors, without a time."""
+"""Staubli TX40 of figaroh: positions and torques of its motors, without time stamps."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from .convert import by_joint, read_numbers, without_meshes, write_table
 
 FOLDER = "examples/staubli_TX40"
 STEP = 2e-4  # [s]
-RATIO = np.array([32.0, 32.0, 45.0, -48.0, 45.0, 32.0])  # motor over joint; motor 6 also turns with joint 5
+RATIO = np.array([32.0, 32.0, 45.0, -48.0, 45.0, 32.0])  # gear ratios; motor 6 also turns with joint 5
 OFFSET = np.array([0, -np.pi / 2, np.pi / 2, 0, 0, 0])  # [rad]
 
 
 def _recording(positions: bytes, torques: bytes) -> str:
-    """Joint by joint rather than by a matrix, so that digits do not depend on a library of linear algebra."""
+    """Recording at the joints; without a matrix product, so digits do not depend on the BLAS library."""
     motor, current = read_numbers(positions, skip=1), read_numbers(torques, skip=1)
     q, tau = motor * (1 / RATIO), current * RATIO
     q[:, 5] -= motor[:, 4] * (1 / RATIO[4])

@@ -1,4 +1,4 @@
-"""The UR10e of Mamedov et al.: its controller's log as text, 31 numbers a sample."""
+"""UR10e of Mamedov et al.: log of its controller, text with 31 numbers per sample."""
 
 from __future__ import annotations
 

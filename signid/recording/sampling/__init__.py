@@ -1,10 +1,10 @@
-"""Recording -> usable stretches on a uniform grid: what its clock does, where it breaks, and its samples there.
+"""Sampling of recordings: usable stretches, their uniform time grid, and samples on it.
 
-Uneven time steps are resampled; gaps and missing values part a recording into stretches.
+Nonuniform time steps are resampled; gaps and missing values split a recording into stretches.
 """
 
 from .grid import samples
-from .stretch import Sampling, excerpt, split, spread
+from .stretch import Sampling, excerpt, select_stretches, split
 from .survey import survey
 
-__all__ = ["Sampling", "excerpt", "samples", "split", "spread", "survey"]
+__all__ = ["Sampling", "excerpt", "samples", "split", "select_stretches", "survey"]

@@ -1,4 +1,4 @@
-"""What one pass over a recording gathers; memory grows with its stretches, not with its samples."""
+"""Statistics from one pass over a recording; memory grows with its stretches, not with its samples."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from ...types import Array
 from .clock import Clock
 from .stretch import BRIEFEST, SHORTEST, STRIDE
 
-SMOOTH = 0.02  # s over which velocities are averaged
-WINDOWS = (16, 256)  # samples over which a uniform clock must not drift
-UNEVEN = 1e-3  # of a period, by which a uniform clock may be off
-TURN = 1.0  # rad: a jump this near to a whole turn is an encoder that wraps around
+SMOOTH = 0.02  # [s] averaging time of velocities
+WINDOWS = (16, 256)  # [samples] lengths over which a uniform clock must not drift
+UNEVEN = 1e-3  # tolerance of a uniform clock [periods]
+TURN = 1.0  # [rad] jumps this close to a full turn are wraps of the encoder
 Rows = NDArray[np.intp]
 
 
@@ -30,17 +30,17 @@ class Range:
     motion: Array  # (n,) [rad2/s2 or m2/s2] sum of squares
     velocities: int = 0
     samples: int = 0
-    shortest: float = np.inf  # s
-    longest: float = 0.0  # s
+    shortest: float = np.inf  # shortest time step [s]
+    longest: float = 0.0  # longest time step [s]
 
     @classmethod
     def empty(cls, n: int) -> Range:
-        """Of no samples."""
+        """Range of no samples."""
         wide = np.full(n, np.inf)
         return cls(wide, -wide, wide, -wide, np.zeros(n), np.zeros(n))
 
     def add(self, other: Range) -> None:
-        """Both together."""
+        """Merge another range into this one."""
         self.lower, self.upper = np.minimum(self.lower, other.lower), np.maximum(self.upper, other.upper)
         self.least, self.most = np.minimum(self.least, other.least), np.maximum(self.most, other.most)
         self.power, self.motion = self.power + other.power, self.motion + other.motion
@@ -49,50 +49,50 @@ class Range:
 
 
 @dataclass
-class Open:
-    """A stretch that may go on in the next chunk."""
+class OpenStretch:
+    """A stretch that may continue in the next chunk."""
 
     start: int
     range: Range
-    turns: Array  # (n,) [1] since it began
-    q: Array  # (n,) [rad or m] last position as recorded
+    turns: Array  # (n,) full turns since its start [1]
+    q: Array  # (n,) [rad or m] last recorded position
     stamps: list[float] = field(default_factory=list)
-    t: float = 0.0  # [s] of the last row
+    t: float = 0.0  # [s] time of the last row
     stop: int = 0
     kept: int = 0
 
 
 @dataclass
 class Gaps:
-    """Breaks in time."""
+    """Gaps in time."""
 
     count: int = 0
     longest: float = 0.0  # [s]
-    at: float = 0.0  # [s] where the longest begins
+    at: float = 0.0  # [s] start of the longest
 
 
-class Tally:
-    """Feed it consecutive chunks with `take`, then `close` it."""
+class Accumulator:
+    """Accumulator of consecutive chunks: call `take` for each, then `close`."""
 
     def __init__(self, clock: Clock, round_: NDArray[np.bool_]) -> None:
-        """For joints of which those marked can turn all the way round; round_: (n,)."""
+        """Start without rows; round_: (n,) whether a joint can make full turns."""
         n = len(round_)
         self.clock, self.round, self.total = clock, round_, Range.empty(n)
-        self.stretches: list[Open] = []
+        self.stretches: list[OpenStretch] = []
         self.gaps, self.short, self.uniform = Gaps(), 0, True
         self.turn_rows: list[int] = []
         self.turns: list[Array] = []
-        self._open: Open | None = None
+        self._open: OpenStretch | None = None
         self._last, self._missing, self._turned = np.nan, False, np.zeros(n)
 
     def take(
         self, start: int, t: Array, q: Array, tau: Array, missing: NDArray[np.bool_], dropped: NDArray[np.bool_]
     ) -> None:
-        """Add a chunk of N rows that begins at row `start`.
+        """Add a chunk of N rows.
 
         Args:
-            start: first row.
-            t: (N,) [s] not decreasing.
+            start: number of the first row.
+            t: (N,) nondecreasing times [s].
             q: (N, n) [rad or m].
             tau: (N, n) [N.m or N].
             missing: (N,) rows that lack a value.
@@ -110,19 +110,21 @@ class Tally:
         breaks[0] |= self._open is None
         self._last, self._missing = float(t[index[-1]]), bool(missing[index[-1] :].any())
         bounds = np.concatenate([[0], np.flatnonzero(breaks[1:]) + 1, [len(index)]])
-        worth = np.diff(bounds) >= SHORTEST
-        worth[[0, -1]] = True  # they may go on in the chunks beside
-        self.short += int(np.sum(~worth))
-        for k in np.flatnonzero(worth):
+        usable = np.diff(bounds) >= SHORTEST
+        usable[[0, -1]] = True  # may continue in the neighbouring chunks
+        self.short += int(np.sum(~usable))
+        for k in np.flatnonzero(usable):
             rows = index[bounds[k] : bounds[k + 1]]
             if breaks[bounds[k]]:
                 self.close()
-                self._open = Open(start + int(rows[0]), Range.empty(len(self.round)), 0 * self._turned, q[rows[0]])
-            assert self._open is not None, "the first row of all breaks"
+                self._open = OpenStretch(
+                    start + int(rows[0]), Range.empty(len(self.round)), 0 * self._turned, q[rows[0]]
+                )
+            assert self._open is not None, "the first row starts a stretch"
             self._extend(self._open, start + rows, t[rows], q[rows], tau[rows])
 
     def close(self) -> None:
-        """End the stretch that is open; it is forgotten when it is too short."""
+        """End the open stretch; discard it if it is too short."""
         if self._open is None:
             return
         if self._open.kept < SHORTEST or self._open.t - self._open.stamps[0] < BRIEFEST:
@@ -140,7 +142,7 @@ class Tally:
             if step[k] > self.gaps.longest:
                 self.gaps.longest, self.gaps.at = float(step[k]), float(t[k] - step[k])
 
-    def _extend(self, stretch: Open, rows: Rows, t: Array, q: Array, tau: Array) -> None:
+    def _extend(self, stretch: OpenStretch, rows: Rows, t: Array, q: Array, tau: Array) -> None:
         steps = np.diff(t, prepend=stretch.t) if stretch.kept else np.diff(t)
         stretch.range.add(self._measure(t, self._unwrap(stretch, rows, q), tau, steps))
         self.uniform = self.uniform and self._is_uniform(t, steps)
@@ -148,8 +150,8 @@ class Tally:
         stretch.kept, stretch.stop = stretch.kept + len(t), int(rows[-1]) + 1
         stretch.t, stretch.q = float(t[-1]), q[-1]
 
-    def _unwrap(self, stretch: Open, rows: Rows, q: Array) -> Array:
-        """(N, n) [rad or m] positions without the jumps of an encoder that wraps around."""
+    def _unwrap(self, stretch: OpenStretch, rows: Rows, q: Array) -> Array:
+        """Positions (N, n) [rad or m] without wraps of the encoder."""
         if not self.round.any():
             return q
         step = np.diff(q, axis=0, prepend=stretch.q[None])
@@ -164,7 +166,10 @@ class Tally:
         return np.asarray(q + 2 * np.pi * turns)
 
     def _measure(self, t: Array, q: Array, tau: Array, steps: Array) -> Range:
-        x, y = np.ascontiguousarray(q.T), np.ascontiguousarray(tau.T)  # long rows are several times faster to reduce
+        x, y = (
+            np.ascontiguousarray(q.T),
+            np.ascontiguousarray(tau.T),
+        )  # reductions over contiguous rows are several times faster
         lag = min(max(1, round(SMOOTH / self.clock.period)), len(t) - 1)
         velocity = (x[:, lag:] - x[:, :-lag]) / (t[lag:] - t[:-lag]) if lag else x[:, :0]
         ends = (float(steps.min()), float(steps.max())) if len(steps) else (np.inf, 0.0)
@@ -172,7 +177,7 @@ class Tally:
         return Range(x.min(1), x.max(1), y.min(1), y.max(1), *squares, velocity.shape[1], len(t), *ends)
 
     def _is_uniform(self, t: Array, steps: Array) -> bool:
-        """Whether time is a straight line but for its rounding, from each row to the next and over longer windows."""
+        """Whether time is linear up to rounding, from row to row and over longer windows."""
         mean, rounding = self.clock.mean, self.clock.rounding
         windows = [(1, steps), *((m, t[m:] - t[:-m]) for m in WINDOWS)]
         return all(bool(np.all(np.abs(x - m * mean) <= UNEVEN * m * mean + rounding)) for m, x in windows)

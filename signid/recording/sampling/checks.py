@@ -1,4 +1,4 @@
-"""What is wrong with a recording, and what is worth knowing about it, a sentence each."""
+"""Errors and notes about the samples of a recording, one sentence each."""
 
 from __future__ import annotations
 
@@ -9,73 +9,73 @@ import numpy as np
 
 from ...errors import RecordingError
 from ...types import Array, Recording, Robot
-from .accumulate import Tally
+from .accumulate import Accumulator
 from .clock import likely_unit
 
-FEWEST = 20  # samples
-REPEATED = 0.01  # share of the rows that may repeat a time
-FAR, RANGES = 6.5, 2.0  # rad (more than a turn) and ranges of motion: positions that far outside may be degrees
-SPIN, RACE = 60.0, 50.0  # rad, rad/s: beyond both, a joint without limits seems to be in degrees
+FEWEST = 20  # minimum number of usable samples
+REPEATED = 0.01  # accepted share of rows with a repeated time
+FAR, RANGES = 6.5, 2.0  # [rad], [ranges of motion] beyond the limits from which positions may be degrees
+SPIN, RACE = 60.0, 50.0  # [rad], [rad/s] beyond both, a joint without limits may be in degrees
 DEGREE = np.pi / 180
-MILLISECONDS, CRAWL = 0.5, 0.05  # s, rad/s: whole steps this long and motion this slow are milliseconds
-HUGE = 1e9  # rad, m, N.m or N: no robot's
-STILL = 1e-9  # rad or m
-BRIDGE = "signid convert --drop-missing bridges short holes"
+MILLISECONDS, CRAWL = 0.5, 0.05  # [s], [rad/s] integer time steps this long with slower motion are milliseconds
+HUGE = 1e9  # [rad, m, N.m or N] implausible magnitude for any robot
+STILL = 1e-9  # [rad or m] smaller ranges count as no motion
+BRIDGE = "signid convert --drop-missing bridges short gaps"
 
 
 class Facts(NamedTuple):
-    """What the pass over a recording found."""
+    """Results of the pass over a recording."""
 
     name: str
     recording: Recording
     robot: Robot
-    tally: Tally
+    accumulated: Accumulator
     missing: Mapping[str, int]  # values, by column
     incomplete: int  # rows
     repeated: int  # rows
 
     @property
     def speed(self) -> Array:
-        """(n,) [rad/s or m/s] root mean square."""
-        return np.asarray(np.sqrt(self.tally.total.motion / max(1, self.tally.total.velocities)))
+        """Rms velocity (n,) [rad/s or m/s]."""
+        return np.asarray(np.sqrt(self.accumulated.total.motion / max(1, self.accumulated.total.velocities)))
 
     @property
     def moves(self) -> Array:
-        """(n,) [1] whether a joint moved at all."""
-        return np.asarray(self.tally.total.upper - self.tally.total.lower > STILL)
+        """Whether each joint moved, (n,)."""
+        return np.asarray(self.accumulated.total.upper - self.accumulated.total.lower > STILL)
 
     @property
     def revolute(self) -> tuple[bool, ...]:
-        """(n,) of each joint."""
+        """Whether each joint is revolute, (n,)."""
         return tuple(not self.robot.prismatic[self.robot.index(joint)] for joint in self.recording.joints)
 
     @property
     def limits(self) -> tuple[Array, Array]:
-        """(n,) each [rad or m]; infinite where the description states none or one that leaves no room."""
+        """Lower and upper limits, (n,) each [rad or m]; infinite where the description has no valid limits."""
         place = [self.robot.index(joint) for joint in self.recording.joints]
         lower, upper = self.robot.lower[place], self.robot.upper[place]
         return np.where(lower < upper, lower, -np.inf), np.where(lower < upper, upper, np.inf)
 
 
 def refuse(facts: Facts) -> None:
-    """Stop at what makes a recording unusable.
+    """Reject an unusable recording.
 
     Raises:
-        RecordingError: with one sentence about the first thing found.
+        RecordingError: first fault found.
     """
     for fault in _faults(facts):
         raise RecordingError(f"{facts.name}: {fault}")
 
 
 def _faults(facts: Facts) -> Iterator[str]:
-    rows, clock = len(facts.recording), facts.tally.clock
+    rows, clock = len(facts.recording), facts.accumulated.clock
     for column, count in facts.missing.items():
         if count == rows:
-            yield f"column {column!r} holds no value at all; fill it or leave it out"
+            yield f"column {column!r} has no values; fill it or remove it"
     if facts.repeated > REPEATED * rows:
         share = f"{facts.repeated} of {rows} samples repeat the time of the sample before"
         yield f"{share}; write the time with more digits, or once for each sample"
-    used = facts.tally.total.samples
+    used = facts.accumulated.total.samples
     if used < FEWEST:
         least = f"at least {FEWEST} are needed, in stretches of half a second or more without a gap or a missing value"
         worst = max(facts.missing, key=lambda column: facts.missing[column], default="")
@@ -89,11 +89,11 @@ def _faults(facts: Facts) -> Iterator[str]:
         unit = likely_unit(clock.period)
         yield f"time steps by {clock.period:g}, which is too slow for seconds; it looks like {unit}: convert it"
     yield from _dead_torques(facts)
-    yield from _no_robots(facts)
+    yield from _implausible(facts)
 
 
 def _degrees(facts: Facts) -> Iterator[str]:
-    total, (lower, upper) = facts.tally.total, facts.limits
+    total, (lower, upper) = facts.accumulated.total, facts.limits
     names = facts.recording.columns["q"]
     for j in np.flatnonzero(facts.revolute):
         low, high = total.lower[j], total.upper[j]
@@ -109,62 +109,62 @@ def _degrees(facts: Facts) -> Iterator[str]:
 
 
 def _dead_torques(facts: Facts) -> Iterator[str]:
-    total = facts.tally.total
+    total = facts.accumulated.total
     for j, column in enumerate(facts.recording.columns["tau"]):
         if not column or total.least[j] != total.most[j]:
             continue
         joint = facts.recording.joints[j]
         if total.most[j] == 0:
-            yield f"column {column!r} is zero throughout; record the torque of {joint}, or leave the column out"
+            yield f"column {column!r} is zero throughout; record the torque of {joint}, or remove the column"
         elif facts.moves[j]:
-            yield f"column {column!r} is constant although {joint} moves; record its torque, or leave the column out"
+            yield f"column {column!r} is constant although {joint} moves; record its torque, or remove the column"
 
 
-def _no_robots(facts: Facts) -> Iterator[str]:
-    total, columns = facts.tally.total, facts.recording.columns
+def _implausible(facts: Facts) -> Iterator[str]:
+    total, columns = facts.accumulated.total, facts.recording.columns
     sizes = np.maximum(np.abs(total.lower), np.abs(total.upper)), np.sqrt(total.power / total.samples)
     for key, size in zip(("q", "tau"), sizes, strict=True):
         for column, reached in zip(columns[key], size, strict=True):
             if column and not reached < HUGE:
-                yield f"column {column!r} reaches {reached:.3g}, which no robot does; check the column and its unit"
+                yield f"column {column!r} reaches {reached:.3g}, an implausible value; check the column and its unit"
 
 
 def notes(facts: Facts) -> Iterator[str]:
-    """What the user should know of a recording that can be used, a sentence each."""
-    tally, rows = facts.tally, len(facts.recording)
-    if tally.gaps.count:
-        longest = f"the longest {tally.gaps.longest:.3g} s at t = {tally.gaps.at:.6g} s"
-        yield f"{_count(tally.gaps.count, 'gap')} in time split the recording, {longest}"
+    """Notes on a usable recording, one sentence each."""
+    accumulated, rows = facts.accumulated, len(facts.recording)
+    if accumulated.gaps.count:
+        longest = f"the longest {accumulated.gaps.longest:.3g} s at t = {accumulated.gaps.at:.6g} s"
+        yield f"{_count(accumulated.gaps.count, 'gap')} in time split the recording, {longest}"
     if any(facts.missing.values()):
         where = ", ".join(f"{count} in {name}" for name, count in facts.missing.items() if count)
-        left_out = f"{_count(facts.incomplete, 'sample')} of {rows} left out"
-        yield f"values are missing ({where}); {left_out}" + (f"; {BRIDGE}" if facts.incomplete else "")
+        omitted = f"{_count(facts.incomplete, 'sample')} of {rows} omitted"
+        yield f"values are missing ({where}); {omitted}" + (f"; {BRIDGE}" if facts.incomplete else "")
     if facts.repeated:
-        yield f"{_count(facts.repeated, 'sample')} dropped whose time repeats that of the sample before"
-    if not tally.uniform:
-        least, most = tally.total.shortest * 1e3, tally.total.longest * 1e3
-        told = f"time steps vary from {least:.4g} to {most:.4g} ms"
-        yield f"{told}: resampled every {tally.clock.period * 1e3:.6g} ms by cubic interpolation"
-    if tally.short:
-        yield f"{_count(tally.short, 'stretch', 'es')} shorter than 8 samples or 0.5 s left out"
+        yield f"{_count(facts.repeated, 'sample')} dropped: same time as the previous sample"
+    if not accumulated.uniform:
+        least, most = accumulated.total.shortest * 1e3, accumulated.total.longest * 1e3
+        fact = f"time steps vary from {least:.4g} to {most:.4g} ms"
+        yield f"{fact}: resampled every {accumulated.clock.period * 1e3:.6g} ms by cubic interpolation"
+    if accumulated.short:
+        yield f"{_count(accumulated.short, 'stretch', 'es')} shorter than 8 samples or 0.5 s omitted"
     yield from _joint_notes(facts)
 
 
 def _joint_notes(facts: Facts) -> Iterator[str]:
     recording, (lower, upper) = facts.recording, facts.limits
-    total = facts.tally.total
-    wraps = {int(j) for turns in facts.tally.turns for j in np.flatnonzero(turns)}
+    total = facts.accumulated.total
+    wraps = {int(j) for turns in facts.accumulated.turns for j in np.flatnonzero(turns)}
     for j, joint in enumerate(recording.joints):
         column, unit = recording.columns["q"][j], "rad" if facts.revolute[j] else "m"
         beyond = max(total.upper[j] - upper[j], lower[j] - total.lower[j])
         if not facts.moves[j]:
             yield f"column {column} is constant: {joint} did not move"
         elif not recording.columns["tau"][j]:
-            yield f"{joint} moves but has no torque column: only the torques of other joints tell of it"
+            yield f"{joint} moves but has no torque column: only the torques of other joints depend on its parameters"
         if beyond > 0:
             yield f"{joint} goes {beyond:.3g} {unit} beyond the limits of its description"
         if j in wraps:
-            yield f"column {column} wraps around by whole turns: unwrapped"
+            yield f"column {column} wraps around by full turns: unwrapped"
 
 
 def _count(number: int, word: str, plural: str = "s") -> str:

@@ -1,4 +1,4 @@
-"""Samples on the uniform grid of a span, the same to the last bit however they are asked for."""
+"""Samples on the uniform grid of a span, bitwise independent of the requested range."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from .stretch import STRIDE, Sampling, Span, Stretch
 
 
 def samples(recording: Recording, sampling: Sampling, span: Span, start: int, stop: int) -> Samples:
-    """Samples start..stop of the uniform grid of a span; only the rows of the file that they need are read.
+    """Read samples start..stop of the uniform grid of a span; only the required rows of the file are read.
 
-    Where sampling is uniform they are the rows themselves, duplicates left out, at the ideal times of the grid.
-    Else each signal is interpolated by cubic Hermite pieces, whose slopes are those of the parabola through three
-    neighbours (Catmull-Rom on uneven stamps); torques without a sign linearly, so that they stay positive.
+    For uniform sampling, the samples are the rows without duplicates, at the ideal times of the grid. Otherwise signals
+    are interpolated by cubic Hermite splines with the slopes of parabolas through three neighbours (Catmull-Rom on
+    nonuniform stamps). Absolute torques are interpolated linearly, so that they remain nonnegative.
 
     Source: Catmull, Rom, A class of local interpolating splines, 1974; de Boor, A Practical Guide to Splines, 1978,
     chapter IV (Bessel slopes).
@@ -32,10 +32,10 @@ def samples(recording: Recording, sampling: Sampling, span: Span, start: int, st
 
 
 def _rows(recording: Recording, sampling: Sampling, stretch: Stretch, low: int, high: int) -> Samples:
-    """Kept rows low..high of a stretch, angles unwrapped."""
+    """Kept rows low..high of a stretch, with unwrapped angles."""
     ends = np.searchsorted(sampling.dropped, [stretch.start, stretch.stop])
     dropped = sampling.dropped[slice(*ends)] - stretch.start
-    place = dropped - np.arange(len(dropped))  # how many rows are kept before each dropped one
+    place = dropped - np.arange(len(dropped))  # number of kept rows before each dropped one
     begin, end = (stretch.start + k + int(np.searchsorted(place, k, side="right")) for k in (low, high - 1))
     end = end + 1 if high > low else begin
     found = recording.read(begin, end)
@@ -50,14 +50,14 @@ def _rows(recording: Recording, sampling: Sampling, stretch: Stretch, low: int, 
 
 
 def _turns(sampling: Sampling, rows: NDArray[np.intp]) -> Array:
-    """(len(rows), n) whole turns to be added at those rows."""
+    """Full turns (len(rows), n) to be added at some rows."""
     n = sampling.turns.shape[1]
     count = np.searchsorted(sampling.turn_rows, rows, side="right")
     return np.concatenate([np.zeros((1, n)), sampling.turns])[count]
 
 
 def _unwrap(found: Samples, turns: Array, wraps: NDArray[np.bool_]) -> Samples:
-    """Positions with their whole turns; desired positions, where a joint wraps at all, as near to them as they go."""
+    """Add full turns to positions; shift desired positions of wrapping joints by full turns to the nearest value."""
     q = found.q + 2 * np.pi * turns
     if found.q_des is None:
         return found._replace(q=q)
@@ -76,7 +76,7 @@ def _interpolate(rows: Samples, t: Array, unsigned: NDArray[np.bool_]) -> Sample
 
 
 def _hermite(stamps: Array, y: Array, t: Array, linear: NDArray[np.bool_]) -> Array:
-    """(M, c) values at the times t (M,), of signals y (N, c) at the stamps (N,); N > 2."""
+    """Interpolated values (M, c) at the times t (M,) of signals y (N, c) at the stamps (N,); N > 2."""
     h = np.diff(stamps)[:, None]
     chord = np.diff(y, axis=0) / h
     slope = np.empty_like(y)

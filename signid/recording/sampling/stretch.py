@@ -1,4 +1,4 @@
-"""Stretches of usable rows, and the uniform grid over each."""
+"""Stretches of usable rows with uniform time grids."""
 
 from __future__ import annotations
 
@@ -12,63 +12,63 @@ from numpy.typing import NDArray
 from ...errors import RecordingError
 from ...types import Array, Frozen
 
-STRIDE = 4096  # kept rows between two time stamps that are remembered
-SHORTEST = 8  # samples
-BRIEFEST = 0.5  # s
+STRIDE = 4096  # [kept rows] between two stored time stamps
+SHORTEST = 8  # minimum length of a stretch [samples]
+BRIEFEST = 0.5  # minimum duration of a stretch [s]
 
 Span = tuple[int, int]
 
 
-COUNT = 6  # stretches that are taken
+COUNT = 6  # number of stretches of a subsample
 
 
 @dataclass(frozen=True, eq=False)
 class Stretch(Frozen):
-    """Rows start..stop of a file, all usable but the dropped ones, and the part of their grid that counts."""
+    """Consecutive rows start..stop of a file without the dropped ones, and the used part of their grid."""
 
     start: int
     stop: int
-    stamps: Array  # (k,) [s] of the first and every 4096th kept row
-    kept: int  # rows that are not dropped
-    size: int  # samples of the grid over all of them
-    first: int  # sample of the grid that the span begins with
-    count: int  # samples of the span
+    stamps: Array  # (k,) [s] times of the first and every 4096th kept row
+    kept: int  # number of rows without the dropped ones
+    size: int  # number of grid samples over all rows
+    first: int  # first grid sample of the span
+    count: int  # number of samples of the span
 
     def part(self, low: int, high: int) -> Stretch:
-        """Samples low..high of this one."""
+        """Samples low..high of this stretch."""
         return replace(self, first=self.first + low, count=high - low)
 
 
 @dataclass(frozen=True, eq=False)
 class Sampling(Frozen):
-    """How a recording of n joints is sampled, and which of its rows can be used.
+    """Sampling and usable rows of a recording of n joints.
 
-    Rows are counted from 0 here and from 1 in sentences.
+    Rows are counted from 0 here and from 1 in messages.
     """
 
-    period: float  # [s] of the uniform grid: mean where sampling is uniform, else median
-    uniform: bool  # whether the rows are the grid
-    jitter: tuple[float, float]  # [s] shortest and longest time between kept samples of a span
-    duplicates: int  # rows that repeat the time before
+    period: float  # [s] of the uniform grid: mean for uniform sampling, else median
+    uniform: bool  # whether the rows form the grid
+    jitter: tuple[float, float]  # [s] shortest and longest time step between kept samples of a span
+    duplicates: int  # number of rows with the time of the previous row
     spans: tuple[Span, ...]  # usable rows start..stop
-    lower: Array  # (n,) [rad or m] of the positions
-    upper: Array  # (n,) [rad or m]
-    speed: Array  # (n,) [rad/s or m/s] root mean square
-    torque_rms: Array  # (n,) [N.m or N], NaN where a joint has no torque
-    rows: int  # usable
-    duration: float  # [s] of all spans
+    lower: Array  # (n,) [rad or m] smallest position
+    upper: Array  # (n,) [rad or m] largest position
+    speed: Array  # (n,) [rad/s or m/s] rms velocity
+    torque_rms: Array  # (n,) [N.m or N], NaN for joints without torque
+    rows: int  # number of usable rows
+    duration: float  # total duration of all spans [s]
     notes: tuple[str, ...]
-    stretches: tuple[Stretch, ...]  # one for each span
-    dropped: NDArray[np.intp]  # (duplicates,) rows
-    turn_rows: NDArray[np.intp]  # (k,) rows at which an encoder wrapped around
-    turns: Array  # (k, n) [1] whole turns to be added from there on
-    incomplete: frozenset[str]  # columns of which some row holds no value
+    stretches: tuple[Stretch, ...]  # one per span
+    dropped: NDArray[np.intp]  # (duplicates,) dropped rows
+    turn_rows: NDArray[np.intp]  # (k,) rows at which an encoder wraps
+    turns: Array  # (k, n) full turns to be added from these rows on [1]
+    incomplete: frozenset[str]  # columns with missing values
 
     def stretch(self, span: Span) -> Stretch:
-        """The stretch of a span.
+        """Stretch of a span.
 
         Raises:
-            KeyError: when the span is none of this sampling.
+            KeyError: unknown span.
         """
         i = bisect_left(self.spans, tuple(span))
         if i == len(self.spans) or self.spans[i] != tuple(span):
@@ -76,15 +76,15 @@ class Sampling(Frozen):
         return self.stretches[i]
 
     def length(self, span: Span) -> int:
-        """Samples of the uniform grid over a span."""
+        """Number of samples of the uniform grid over a span."""
         return self.stretch(span).count
 
 
 def split(sampling: Sampling, share: float) -> tuple[Sampling, Sampling]:
-    """The beginning that holds a share of the samples, and the rest; both on the grid of the whole.
+    """Split a recording in time into a share of its samples and the rest, on the same grid.
 
     Raises:
-        RecordingError: when one of the two would be too short to be used.
+        RecordingError: one of the two parts is too short.
     """
     least = max(SHORTEST, round(BRIEFEST / sampling.period))
     cut = round(share * sum(stretch.count for stretch in sampling.stretches))
@@ -98,18 +98,18 @@ def split(sampling: Sampling, share: float) -> tuple[Sampling, Sampling]:
             last.append(stretch.part(k, stretch.count))
         cut -= stretch.count
     if not first or not last:
-        told = f"the recording is too short ({sampling.duration:.3g} s) to hold out {1 - share:.0%} of it"
-        raise RecordingError(f"{told}; record for longer, or give another recording to hold out")
+        fault = f"the recording is too short ({sampling.duration:.3g} s) to hold out {1 - share:.0%} of it"
+        raise RecordingError(f"{fault}; record for longer, or give another recording to hold out")
     return restrict(sampling, first), restrict(sampling, last)
 
 
 def excerpt(sampling: Sampling, span: Span, low: int, high: int) -> Sampling:
-    """Samples low..high of one span, on the grid of the whole."""
+    """Samples low..high of one span, on the same grid."""
     return restrict(sampling, [sampling.stretch(span).part(low, high)])
 
 
 def restrict(sampling: Sampling, stretches: Sequence[Stretch]) -> Sampling:
-    """The same recording, of which only some parts of its stretches are used, in their order."""
+    """Restrict a sampling to parts of its stretches, in their order."""
     spans = tuple(_span(stretch) for stretch in stretches)
     return replace(
         sampling,
@@ -121,18 +121,18 @@ def restrict(sampling: Sampling, stretches: Sequence[Stretch]) -> Sampling:
 
 
 def _span(stretch: Stretch) -> Span:
-    """Rows of the part of a stretch that counts; roughly, where the grid is not the rows."""
+    """Rows of the used part of a stretch; approximate for nonuniform sampling."""
     rows = stretch.stop - stretch.start
     low, high = (round(rows * k / stretch.size) for k in (stretch.first, stretch.first + stretch.count))
     return stretch.start + low, stretch.start + high
 
 
-def spread(sampling: Sampling, seconds: float) -> Sampling:
-    """The recording as it is, or stretches that last so long together: its beginning, its end, and some between.
+def select_stretches(sampling: Sampling, seconds: float) -> Sampling:
+    """Select equally spaced stretches with a given total duration; a shorter recording is returned unchanged.
 
     Args:
-        sampling: of the recording.
-        seconds: that are enough.
+        sampling: sampling of the recording.
+        seconds: total duration of the stretches [s].
     """
     total = sum(stretch.count for stretch in sampling.stretches)
     size = max(SHORTEST, round(seconds / sampling.period / COUNT))
@@ -143,7 +143,7 @@ def spread(sampling: Sampling, seconds: float) -> Sampling:
 
 
 def _parts(sampling: Sampling, low: int, high: int) -> Iterator[Stretch]:
-    """Samples low..high of all stretches in a row; ends of stretches that are too short to be used are left out."""
+    """Parts of the stretches within samples low..high of their concatenation; too short parts are omitted."""
     for stretch in sampling.stretches:
         start, stop = max(0, low), min(stretch.count, high)
         if stop - start >= SHORTEST:

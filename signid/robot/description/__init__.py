@@ -1,1 +1,1 @@
-"""Descriptions of robots -> trees of bodies and joints: URDF, xacro, MJCF, Denavit-Hartenberg."""
+"""Readers of robot descriptions: URDF, xacro, MJCF, Denavit-Hartenberg parameters."""

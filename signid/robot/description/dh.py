@@ -1,4 +1,4 @@
-"""A URDF from a table of Denavit-Hartenberg parameters."""
+"""URDF from a table of Denavit-Hartenberg parameters."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from numpy.typing import ArrayLike
 from ...errors import RobotError
 from ...types import Array
 
-_DIGITS = 12  # decimals of what is computed; cos(pi/2) is 0
+_DIGITS = 12  # decimals of computed numbers, so that cos(pi/2) is 0
 
 
 @dataclass(frozen=True)
 class DHLink:
-    """A joint and the link that it moves, in standard Denavit-Hartenberg parameters.
+    """A joint and its link in standard Denavit-Hartenberg parameters.
 
-    The frame of the link sits at Rot_z(theta) Trans_z(d) Trans_x(a) Rot_x(alpha) in that of the link before; the
-    joint adds to theta or, where prismatic, to d. The link's mass, centre and inertia are given in its own frame.
+    The pose of the link frame in the previous one is Rot_z(theta) Trans_z(d) Trans_x(a) Rot_x(alpha). The joint
+    position adds to theta, or to d of a prismatic joint. Mass, centre and inertia are given in the link frame.
     """
 
     alpha: float  # [rad]
@@ -30,26 +30,27 @@ class DHLink:
     theta: float = 0.0  # [rad]
     prismatic: bool = False
     mass: float = 0.0  # [kg]
-    centre: Sequence[float] = (0.0, 0.0, 0.0)  # (3,) [m] of mass
+    centre: Sequence[float] = (0.0, 0.0, 0.0)  # (3,) centre of mass [m]
     inertia: ArrayLike = (0.0, 0.0, 0.0)  # about the centre: (3,) principal, (6,) Ixx Ixy Iyy Ixz Iyz Izz, or (3, 3)
-    box: Sequence[float] | None = None  # (3,) [m] drawn around the centre
+    box: Sequence[float] | None = None  # (3,) size of the visual box around the centre [m]
     lower: float = -pi  # [rad or m]
     upper: float = pi  # [rad or m]
-    velocity: float = 10.0  # [rad/s or m/s] limit
-    effort: float = 1000.0  # [N.m or N] limit
+    velocity: float = 10.0  # limit [rad/s or m/s]
+    effort: float = 1000.0  # limit [N.m or N]
 
 
 def urdf_from_dh(name: str, links: Sequence[DHLink]) -> str:
-    """The URDF of a serial robot: joints `joint_1`..., links `base_link`, `link_1`..., and `tool` at the last frame.
+    """Generate the URDF of a serial robot.
 
-    A URDF joint turns about its own frame, so the frame of `link_i` is that of DH link i - 1, moved by the joint.
+    Joints are `joint_1`..., links `base_link`, `link_1`..., and `tool` at the last frame. A URDF joint moves about its
+    own frame, so the frame of `link_i` is that of DH link i - 1, moved by the joint.
 
     Args:
         name: name of the robot.
         links: rows of the table, from the base.
 
     Raises:
-        RobotError: when there is no link, or a number is not finite or an array has another shape.
+        RobotError: no link, a number that is not finite, or an array of another shape.
 
     Source: Siciliano, Sciavicco, Villani, Oriolo, Robotics, 2009, section 2.8.2.
     """
@@ -81,7 +82,7 @@ def _joint(i: int, link: DHLink, parent: str, origin: str) -> list[str]:
 
 
 def _link(i: int, link: DHLink) -> list[str]:
-    """The link, its inertial and its box; both keep the axes of the DH frame."""
+    """Link with inertial and box in the axes of the DH frame."""
     rotation = _rotation(link)
     centre = tuple(np.add(_translation(link), rotation @ np.asarray(link.centre, float)))
     origin = _origin(centre, link.alpha, link.theta)
@@ -114,13 +115,13 @@ def _translation(link: DHLink) -> tuple[float, float, float]:
 
 
 def _origin(xyz: Sequence[float], alpha: float, theta: float) -> str:
-    """Roll and yaw of a URDF are just alpha and theta."""
+    """Origin element; roll and yaw of the URDF equal alpha and theta."""
     position = " ".join(_text(round(x, _DIGITS)) for x in xyz)
     return f'<origin xyz="{position}" rpy="{_text(alpha)} 0 {_text(theta)}"/>'
 
 
 def _inertia(given: ArrayLike) -> Array:
-    """(3, 3) [kg.m2] from principal moments, six moments in Pinocchio's order, or the whole matrix."""
+    """Inertia (3, 3) [kg.m2] from principal moments, six moments in Pinocchio's order, or the full matrix."""
     inertia = np.asarray(given, float)
     if inertia.shape == (3,):
         return np.diag(inertia)
@@ -130,7 +131,7 @@ def _inertia(given: ArrayLike) -> Array:
 
 
 def _text(value: float) -> str:
-    """Shortest text that reads back as the same number."""
+    """Shortest text of a number without loss of precision."""
     return repr(float(value) + 0.0).removesuffix(".0")
 
 
@@ -139,10 +140,10 @@ def _check(link: DHLink, i: int) -> None:
     shapes = [np.shape(link.centre) == (3,), link.box is None or np.shape(link.box) == (3,)]
     inertia = np.asarray(link.inertia, float)
     if not all(shapes) or inertia.shape not in ((3,), (6,), (3, 3)):
-        raise RobotError(f"row {i} of the table: centre and box take 3 numbers, inertia takes 3, 6 or 3 x 3")
+        raise RobotError(f"row {i} of the table: give 3 numbers for centre and box, and 3, 6 or 3 x 3 for inertia")
     if not np.isfinite([*numbers, *link.centre, *inertia.ravel(), *(link.box or ())]).all():
         raise RobotError(f"row {i} of the table has a number that is not finite; give finite numbers")
     if inertia.shape == (3, 3) and not np.allclose(inertia, inertia.T):
         raise RobotError(f"row {i} of the table has an inertia that is not symmetric; give a symmetric 3 x 3 matrix")
     if not -inf <= link.lower < link.upper <= inf:
-        raise RobotError(f"row {i} of the table has limits {link.lower} to {link.upper}; the lower one comes first")
+        raise RobotError(f"row {i} of the table has limits {link.lower} to {link.upper}; give the lower one first")

@@ -1,4 +1,4 @@
-"""The text of a description file and its XML tree; nothing outside the file is fetched and no entity expanded."""
+"""Text and XML tree of a description file; external references and entities are not resolved."""
 
 from __future__ import annotations
 
@@ -29,18 +29,18 @@ _ADVICE = {
 class Document:
     """Text and tree of a URDF (xacro expanded) or MJCF file, and the digest of the file itself."""
 
-    path: str  # empty when the text came from elsewhere
-    stem: str  # names a robot that has no name
+    path: str  # empty if the text is not from a file
+    stem: str  # default name of the robot
     text: str
     root: Any  # lxml element
     sha256: str
 
 
 def read_document(path: Path, package_dirs: Sequence[str | Path] = ()) -> Document:
-    """The document in a file, xacro expanded.
+    """Read a description file and expand xacro.
 
     Raises:
-        RobotError: when the file cannot be read, or is neither URDF, xacro nor MJCF.
+        RobotError: unreadable file, or neither URDF, xacro nor MJCF.
     """
     try:
         data = path.read_bytes()
@@ -61,10 +61,10 @@ def read_document(path: Path, package_dirs: Sequence[str | Path] = ()) -> Docume
 
 
 def parse(text: str) -> Any:
-    """The root element of an XML text.
+    """Parse an XML text and return its root element.
 
     Raises:
-        RobotError: when the text is empty, not XML, or declares entities.
+        RobotError: the text is empty, not XML, or declares a document type.
     """
     from lxml import etree
 
@@ -76,25 +76,25 @@ def parse(text: str) -> Any:
     except etree.XMLSyntaxError as error:
         if any(entry.domain_name != "NAMESPACE" for entry in strict.error_log):
             raise RobotError(f"the file is not valid XML: {str(error.msg).splitlines()[0]}") from None
-        root = etree.fromstring(data, _parser(recover=True))  # tags with a prefix that nobody declared
+        root = etree.fromstring(data, _parser(recover=True))  # tags with an undeclared prefix
     if root.getroottree().docinfo.doctype:
-        raise RobotError("the file declares a document type, which could pull in others; remove the <!DOCTYPE ...>")
+        raise RobotError("the file declares a document type, which could load other files; remove the <!DOCTYPE ...>")
     return root
 
 
 def without_declaration(text: str) -> str:
-    """The text with blanks for its <?xml ...?>: many files state a version or an encoding that is not theirs."""
+    """Text with blanks in place of <?xml ...?>, whose version or encoding is wrong in many files."""
     declared = _DECLARATION.match(text)
     return re.sub(r"\S", " ", declared.group()) + text[declared.end() :] if declared else text
 
 
 def children(element: Any, tag: str) -> list[Any]:
-    """Elements of that tag right below an element, those with a prefix (`drake:joint`) aside."""
+    """Direct children of a tag, without those with a prefix (`drake:joint`)."""
     return [child for child in element if local(child) == tag]
 
 
 def local(element: Any) -> str:
-    """Tag without its default namespace; empty for comments and for tags with a prefix."""
+    """Tag without its default namespace; empty for comments and tags with a prefix."""
     if not isinstance(element.tag, str) or element.prefix:
         return ""
     return str(element.tag.rpartition("}")[2])
@@ -107,12 +107,12 @@ def _parser(recover: bool = False) -> Any:
 
 
 def _namespaces(root: Any) -> set[str]:
-    """Namespaces of the tags that are in use; a declaration alone is often left over from an expansion."""
+    """Namespaces of the tags in use; unused declarations often remain after an expansion."""
     return {tag.tag.partition("}")[0] for tag in root.iter() if isinstance(tag.tag, str) and tag.tag[0] == "{"}
 
 
 def _expand(path: Path, package_dirs: Sequence[str | Path]) -> str:
-    """URDF text of a xacro file; packages are looked for above the file and in `package_dirs`."""
+    """Expand a xacro file; packages are searched above the file and in `package_dirs`."""
     with tempfile.TemporaryDirectory() as scratch:
         given = [str(path.absolute()), scratch, *(str(Path(folder).absolute()) for folder in package_dirs)]
         command = [sys.executable, "-P", "-X", "utf8", str(Path(sandbox.__file__).absolute()), *given]
@@ -122,7 +122,7 @@ def _expand(path: Path, package_dirs: Sequence[str | Path]) -> str:
                 command, cwd=beside, env=there, capture_output=True, timeout=sandbox.SECONDS, check=False
             )
         except subprocess.TimeoutExpired:
-            raise RobotError(f"xacro cannot expand it in {sandbox.SECONDS} s; is there a macro without end?") from None
+            raise RobotError(f"xacro cannot expand it in {sandbox.SECONDS} s; check for endless macros") from None
     if done.returncode:
         reason = done.stderr.decode("utf-8", "replace").strip() or "it needs too much time or memory"
         raise RobotError(f"xacro cannot expand it: {reason}")

@@ -1,4 +1,4 @@
-"""What every kind of description is read into, before joints are held and actuators are stated."""
+"""Common result of the description readers, before joints are held and actuators are read."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ class Mimic(NamedTuple):
 
 @dataclass(frozen=True)
 class Axis:
-    """One degree of freedom of the model: [rad, N.m] or, where prismatic, [m, N]; NaN where nothing is stated."""
+    """One degree of freedom of the model, in [rad, N.m], or [m, N] if prismatic; NaN where not stated."""
 
     name: str
-    row: int  # in the model's velocity
+    row: int  # index in the velocity of the model
     prismatic: bool = False
     lower: float = -inf
     upper: float = inf
@@ -37,13 +37,13 @@ class Axis:
 
 @dataclass(frozen=True)
 class Draft:
-    """A description read and checked: its model, and its degrees of freedom in the order of the file."""
+    """Checked description: the model and its degrees of freedom in the order of the file."""
 
     name: str
     model: pin.Model
     axes: tuple[Axis, ...]
-    links: tuple[str, ...]  # the link that each joint of the model carries
+    links: tuple[str, ...]  # link that each joint of the model moves
     document: str
     kind: str  # "urdf" or "mjcf"
     notes: tuple[str, ...] = ()
-    still: frozenset[str] = frozenset()  # joints that never move: fixed, or held at neutral
+    still: frozenset[str] = frozenset()  # immobile joints: fixed, or held at neutral

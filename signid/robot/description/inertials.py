@@ -1,4 +1,4 @@
-"""What the stated inertials of a description lack, or what no real body could have."""
+"""Notes on missing or physically impossible inertials of a description."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from ...errors import shorten
 if TYPE_CHECKING:
     from .tree import Tree
 
-_ROUNDING = 1e-6  # of the largest principal moment: files state few digits
+_ROUNDING = 1e-6  # tolerance of the triangle inequality for rounded numbers [share of the largest moment]
 
 
 def inertial_notes(tree: Tree) -> tuple[str, ...]:
-    """A sentence for each kind of fault, over the links that move."""
+    """One sentence for each kind of defect of the moving links."""
     carried = carriers(tree)
     moving = [link for link in tree.links if carried.get(link.name)]
     bodies: dict[str, float] = {}
@@ -29,13 +29,13 @@ def inertial_notes(tree: Tree) -> tuple[str, ...]:
 
 
 def massless_note(bodies: Mapping[str, float]) -> tuple[str, ...]:
-    """At most one sentence on the moving links of which the file says no mass; `bodies` maps links to [kg]."""
+    """At most one sentence on moving links without mass; `bodies` maps links to masses [kg]."""
     missing = [name for name, mass in bodies.items() if mass == 0]
     return _sentence(missing, "moves but carries no mass", "move but carry no mass")
 
 
 def _fault(mass: float, inertia: ArrayLike) -> str:
-    """Which law of a real body the mass [kg] and the inertia about its centre [kg.m2] break: one of three, or none."""
+    """Violated condition ("mass", "positive", "triangle" or "") of a mass [kg] and its central inertia [kg.m2]."""
     if mass < 0:
         return "mass"
     principal = np.linalg.eigvalsh(np.asarray(inertia, float))
@@ -47,27 +47,29 @@ def _fault(mass: float, inertia: ArrayLike) -> str:
 
 
 def impossible_notes(stated: Mapping[str, tuple[float, ArrayLike]]) -> tuple[str, ...]:
-    """A sentence for each law of real bodies that links break.
+    """One sentence for each condition of physical inertials that links violate.
 
     Args:
-        stated: for each link its mass [kg] and its inertia about the centre of mass, (3, 3) [kg.m2].
+        stated: mass [kg] and inertia about the centre of mass, (3, 3) [kg.m2], of each link.
     """
     fault = {name: _fault(*inertial) for name, inertial in stated.items()}
 
-    def broken(kind: str) -> list[str]:
+    def violating(kind: str) -> list[str]:
         return [name for name, found in fault.items() if found == kind]
 
     return (
-        *_sentence(broken("mass"), "has an inertia without a positive mass", "have an inertia without a positive mass"),
         *_sentence(
-            broken("positive"),
+            violating("mass"), "has an inertia without a positive mass", "have an inertia without a positive mass"
+        ),
+        *_sentence(
+            violating("positive"),
             "has an inertia that is not positive definite",
             "have inertias that are not positive definite",
         ),
         *_sentence(
-            broken("triangle"),
-            "has an inertia that breaks the triangle inequality",
-            "have inertias that break the triangle inequality",
+            violating("triangle"),
+            "has an inertia that violates the triangle inequality",
+            "have inertias that violate the triangle inequality",
         ),
     )
 
@@ -79,7 +81,7 @@ def _sentence(links: list[str], singular: str, plural: str) -> tuple[str, ...]:
 
 
 def carriers(tree: Tree) -> dict[str, str | None]:
-    """For each link the moving link that it is rigidly attached to (itself if it moves), None at the base."""
+    """Moving link that each link is rigidly attached to (itself if it moves); None at the base."""
     below: dict[str, list[tuple[str, bool]]] = {}
     for joint in tree.joints:
         below.setdefault(joint.parent, []).append((joint.child, joint.kind == "fixed"))

@@ -1,4 +1,4 @@
-"""MJCF to draft: the mechanism alone goes to Pinocchio, every body and joint in it named."""
+"""Read MJCF: Pinocchio builds the model from the bodies and joints alone."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 
 
 def read_mjcf(document: Document) -> Draft:
-    """The draft of an MJCF file, free bases held fixed.
+    """Read an MJCF file; free bases are held fixed.
 
     Raises:
-        RobotError: when Pinocchio cannot build the model, or no hinge or slide moves.
+        RobotError: Pinocchio cannot build the model, or there is no hinge or slide.
     """
     root = deepcopy(document.root)
     text = included(root, Path(document.path).parent, document.text)
@@ -57,7 +57,7 @@ def read_mjcf(document: Document) -> Draft:
         notes=tuple(notes),
         still=frozenset(still),
     )
-    model.armature = np.zeros(model.nv)  # a law of its own, not part of the rigid bodies
+    model.armature = np.zeros(model.nv)  # armature is a law, not part of the rigid bodies
     return draft
 
 
@@ -73,26 +73,26 @@ def _build(root: Any) -> pin.Model:
         path.write_bytes(etree.tostring(bare))
         try:
             return pin.buildModelFromMJCF(str(path))
-        except Exception as error:  # Pinocchio's are of no family
+        except Exception as error:  # Pinocchio's exceptions share no base class
             reason = str(error).partition("message:")[2] or str(error)
             raise RobotError(f"Pinocchio cannot build it: {' '.join(reason.split())}") from None
 
 
 def _check_numbers(model: pin.Model) -> None:
-    """Pinocchio reads words among numbers as it likes.
+    """Check the numbers of the model, because Pinocchio accepts words among numbers.
 
     Raises:
-        RobotError: a place or an inertial is not made of finite numbers.
+        RobotError: pose or inertial that is not finite.
     """
     for name, place, body in list(zip(model.names, model.jointPlacements, model.inertias, strict=True))[1:]:
         if not (np.isfinite(place.homogeneous).all() and np.isfinite(body.toDynamicParameters()).all()):
             raise RobotError(
-                f"the body that joint {name!r} moves has a place or an <inertial> that is no number; mend it"
+                f"the body of joint {name!r} has a pose or an <inertial> that is not a finite number; correct it"
             )
 
 
 def _gravity(root: Any) -> Any:
-    """(3,) [m/s2]."""
+    """Gravity (3,) [m/s2]."""
     stated = [node.get("gravity") for node in root.iterchildren("option") if node.get("gravity")]
     gravity = _numbers(stated[-1], "gravity is") if stated else [0.0, 0.0, -9.81]
     if len(gravity) != 3:
@@ -101,7 +101,7 @@ def _gravity(root: Any) -> Any:
 
 
 def _axes(root: Any, model: pin.Model) -> tuple[list[Axis], list[str]]:
-    """Hinges and slides in the order of the file, and the joints of other kinds."""
+    """Hinges and slides in the order of the file, and the names of all other joints."""
     axes, still = [], []
     for body in below_world(root, ("body",)):
         nodes = list(body.iterchildren("joint"))
@@ -110,7 +110,7 @@ def _axes(root: Any, model: pin.Model) -> tuple[list[Axis], list[str]]:
         names = [node.get("name") for node in nodes]
         name = names[0] if len(names) == 1 else f"Composite_{names[0]}"
         if not model.existJointName(name):
-            raise RobotError(f"Pinocchio leaves out joint {names[0]!r}; let MuJoCo save the compiled model")
+            raise RobotError(f"Pinocchio omits joint {names[0]!r}; give the compiled model as saved by MuJoCo")
         joint = model.joints[model.getJointId(name)]
         parts = list(joint.extract().joints) if joint.shortname() == "JointModelComposite" else [joint]
         if is_plain(joint) and len(parts) == len(nodes):
@@ -122,7 +122,7 @@ def _axes(root: Any, model: pin.Model) -> tuple[list[Axis], list[str]]:
 
 
 def _axis(root: Any, node: Any, row: int, model: pin.Model) -> Axis:
-    """One hinge or slide; Pinocchio scales the range of slides as if it were an angle, so that is read here."""
+    """One hinge or slide; the range is read here, because Pinocchio scales ranges of slides like angles."""
     prismatic = joint_attribute(root, node, "type", "hinge") == "slide"
     degrees = compiler_setting(root, "angle", "degree") == "degree" and not prismatic
     ends = _numbers(joint_attribute(root, node, "range", ""), f"joint {node.get('name')!r} has range", False)
@@ -146,24 +146,24 @@ def _axis(root: Any, node: Any, row: int, model: pin.Model) -> Axis:
 
 
 def _mimics(root: Any) -> tuple[dict[str, Mimic], list[str]]:
-    """Equality constraints that tie one joint to another by a straight line; a note on all others."""
+    """Linear equality constraints between two joints, and a note on all others."""
     found: dict[str, Mimic] = {}
     other = 0
-    moved = any(node.get("ref") for node in root.iter("joint"))  # the line would go through other points
+    shifted = any(node.get("ref") for node in root.iter("joint"))  # the offset would differ
     for node in (node for group in root.iterchildren("equality") for node in group.iterchildren("*")):
         terms = _numbers(node.get("polycoef") or "0 1", f"the constraint of joint {node.get('joint1')!r} has polycoef")
-        straight = node.tag == "joint" and node.get("joint2") and not any(terms[2:]) and not moved
+        linear = node.tag == "joint" and node.get("joint2") and not any(terms[2:]) and not shifted
         if node.get("active") == "false":
             continue
-        if straight and len(terms) >= 2:
+        if linear and len(terms) >= 2:
             found[node.get("joint1")] = Mimic(node.get("joint2"), terms[1], terms[0])
         else:
             other += 1
-    return found, [f"{other} equality constraints are left out: they are no straight mimic of a joint"] if other else []
+    return found, [f"{other} equality constraints are ignored: they are not linear between two joints"] if other else []
 
 
 def _link(model: pin.Model, joint: int) -> str:
-    """Name of the first body that the joint carries."""
+    """Name of the first body that a joint moves."""
     import pinocchio as pin
 
     frames = [x for x in model.frames if x.parentJoint == joint and x.type == pin.FrameType.BODY]

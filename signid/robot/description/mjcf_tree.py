@@ -1,4 +1,4 @@
-"""An MJCF tree made ready for Pinocchio: includes in their places, all named, only what has a part in the dynamics."""
+"""Prepare an MJCF tree for Pinocchio: resolve includes, name all elements, keep only those of the dynamics."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from ...errors import RobotError, shorten
 from .document import parse
 from .sandbox import may_read
 
-_KEPT = ("body", "joint", "freejoint", "inertial", "geom")  # of what stands in a body
-_UNREAD = ("frame", "replicate", "composite", "attach", "flexcomp")  # these would make bodies of their own
-_DEPTH = 20  # of includes in includes
+_KEPT = ("body", "joint", "freejoint", "inertial", "geom")  # elements of a body that are kept
+_UNREAD = ("frame", "replicate", "composite", "attach", "flexcomp")  # unsupported elements that create bodies
+_DEPTH = 20  # maximum depth of nested includes
 
 
 def included(root: Any, folder: Path, text: str) -> str:
-    """The text of an MJCF file after the files that it includes were put into its tree.
+    """Resolve the includes of an MJCF tree in place and return its text.
 
     Raises:
-        RobotError: when an included file cannot be read.
+        RobotError: unreadable included file.
     """
     if next(root.iter("include"), None) is None:
         return text
@@ -29,10 +29,10 @@ def included(root: Any, folder: Path, text: str) -> str:
 
 
 def prepare(root: Any) -> list[str]:
-    """Change the tree of an MJCF file in place; a note on each thing that the dynamics lose by it.
+    """Simplify an MJCF tree in place; return a note on each loss.
 
     Raises:
-        RobotError: when the file uses what Pinocchio would get wrong.
+        RobotError: the file uses elements that Pinocchio reads incorrectly.
     """
     notes = [*_name(root), *_prune(root), *_fix(root)]
     _check_classes(root)
@@ -45,7 +45,7 @@ def _check_classes(root: Any) -> None:
         for name in (node.get("class"), node.get("childclass")):
             if name and name not in known:
                 raise RobotError(
-                    f"a <{node.tag}> is of the class {name!r}, which the file does not have; add its <default>"
+                    f"a <{node.tag}> has the class {name!r}, which the file does not define; add its <default>"
                 )
 
 
@@ -56,17 +56,17 @@ def _text(root: Any) -> str:
 
 
 def _include(element: Any, folder: Path, depth: int) -> None:
-    """Put the content of included files in the place of each <include>."""
+    """Replace each <include> by the content of its file."""
     for node in list(element.iter("include")):
         path = folder / (node.get("file") or "")
         if depth > _DEPTH:
             raise RobotError(f"{path.name} includes itself; remove that <include>")
         if not may_read(path, [folder]):
-            raise RobotError(f"the included file {path} lies outside the folder of the description; put it inside")
+            raise RobotError(f"the included file {path} lies outside the folder of the description; move it inside")
         try:
             part = parse(path.read_text("utf-8-sig"))
         except (OSError, UnicodeDecodeError):
-            raise RobotError(f"the included file {path} cannot be read; put it where <include> says") from None
+            raise RobotError(f"the included file {path} cannot be read; place it where <include> points") from None
         except RobotError as error:
             raise RobotError(f"included file {path.name}: {error}") from None
         _include(part, folder, depth + 1)
@@ -76,7 +76,7 @@ def _include(element: Any, folder: Path, depth: int) -> None:
 
 
 def _name(root: Any) -> Iterator[str]:
-    """Give a name to every body and joint that has none: Pinocchio would leave it out."""
+    """Name all unnamed bodies and joints, which Pinocchio would ignore."""
     used = {node.get("name") for node in root.iter("body", "joint", "freejoint")}
     numbered = 0
     for kinds, stem in ((("joint", "freejoint"), "joint"), (("body",), "body")):
@@ -94,20 +94,22 @@ def _name(root: Any) -> Iterator[str]:
         if names.count(name) > 1:
             raise RobotError(f"the file has two joints named {name!r}; give each its own name")
     if numbered:
-        yield f"{numbered} joints have no name; they are called joint_1, joint_2 ... by their place in the file"
+        yield f"{numbered} joints have no name; they are named joint_1, joint_2 ... in the order of the file"
 
 
 def below_world(root: Any, kinds: tuple[str, ...]) -> list[Any]:
-    """Elements of those tags in the world, in the order of the file."""
+    """Elements with the given tags in the world, in the order of the file."""
     return [node for world in root.iter("worldbody") for node in world.iter(*kinds)]
 
 
 def _prune(root: Any) -> Iterator[str]:
-    """Drop what has no part in the dynamics; geometry counts only where a body states no inertial."""
+    """Remove elements without influence on the dynamics; geometry counts only for bodies without inertial."""
     for node in below_world(root, _UNREAD):
-        raise RobotError(f"the file uses <{node.tag}>, which signid does not read; let MuJoCo save the compiled model")
+        raise RobotError(
+            f"the file uses <{node.tag}>, which signid does not read; give the compiled model as saved by MuJoCo"
+        )
     if compiler_setting(root, "coordinate") == "global":
-        raise RobotError("the file uses global coordinates; let MuJoCo 2.3.3 or older load and save it")
+        raise RobotError("the file uses global coordinates; load and save it with MuJoCo 2.3.3 or older")
     everywhere = compiler_setting(root, "inertiafromgeom") == "true"
     lost = []
     for world in root.iter("worldbody"):
@@ -122,17 +124,22 @@ def _prune(root: Any) -> Iterator[str]:
                 lost.append(body.get("name"))
                 body.remove(node)
     for node in root.iter("geom"):
-        for key in ("material", "contype", "conaffinity", "group"):  # Pinocchio weighs no geometry without contact
+        for key in (
+            "material",
+            "contype",
+            "conaffinity",
+            "group",
+        ):  # Pinocchio ignores the mass of geometry without contact
             node.attrib.pop(key, None)
     if lost:
-        yield f"no mass is read from the meshes of {shorten(sorted(set(lost)))}; state an <inertial> there"
+        yield f"the mass of the meshes of {shorten(sorted(set(lost)))} is not computed; add an <inertial> there"
 
 
 def _fix(root: Any) -> Iterator[str]:
-    """Hold free bodies where the file puts them, and let one body carry all: Pinocchio reads only the first."""
+    """Fix free bodies at their initial pose, and put all bodies below one: Pinocchio reads only the first."""
     free = [node for node in below_world(root, ("freejoint", "joint")) if "free" in (node.get("type"), node.tag[:4])]
     for node in free:
-        yield f"body {node.getparent().get('name')} is free; it is held fixed where the file puts it"
+        yield f"body {node.getparent().get('name')} is free; it is held fixed at the pose of the file"
         node.getparent().remove(node)
     for world in root.iterchildren("worldbody"):
         carrier = deepcopy(world)
@@ -144,12 +151,12 @@ def _fix(root: Any) -> Iterator[str]:
 
 
 def compiler_setting(root: Any, key: str, default: str = "") -> str:
-    """A setting of the compiler, the last one stated."""
+    """Setting of the compiler; the last one counts."""
     return str(([default] + [node.get(key) for node in root.iterchildren("compiler") if node.get(key)])[-1])
 
 
 def joint_attribute(root: Any, node: Any, key: str, default: str) -> str:
-    """An attribute of a joint, from its class where it does not state one itself."""
+    """Attribute of a joint, by default from its class."""
     if node.get(key):
         return str(node.get(key))
     near = (above.get("childclass") for above in node.iterancestors("body") if above.get("childclass"))

@@ -1,7 +1,7 @@
-"""What a description may read beside itself, and a process of its own for xacro, whose files are programs.
+"""File access rules for descriptions, and a restricted process for xacro, whose files are programs.
 
-The process opens files for reading only, and none but those that `may_read` allows; it starts no program, opens no
-connection, and ends after SECONDS or at MEMORY. Imports nothing of signid: it is run as a script.
+The process only reads files that `may_read` allows, starts no programs, opens no connections, and is limited in time
+(SECONDS) and memory (MEMORY). The module runs as a script and imports nothing from signid.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-SECONDS, MEMORY = 20, 4_000_000_000  # [s], bytes
+SECONDS, MEMORY = 20, 4_000_000_000  # limits [s], [bytes]
 WHERE = "it lies neither beside the description nor in a package or a --package-dir"
 MANIFESTS = ("package.xml", "manifest.xml", "stack.xml")
 REFUSED = tuple(
@@ -24,13 +24,13 @@ REFUSED = tuple(
 
 
 def may_read(path: str | Path, folders: Sequence[str | Path]) -> bool:
-    """Whether a file is one that a description may name.
+    """Whether a description may refer to a file: it lies below one of the folders, or in a ROS package.
 
-    It lies below one of the folders, or in a ROS package. Symbolic links, which no description makes, are followed.
+    Symbolic links are followed, since a description cannot create any.
 
     Args:
-        path: of the file.
-        folders: that of the description, and those that were given for packages.
+        path: path of the file.
+        folders: folder of the description, and the folders given for packages.
     """
     place = Path(os.path.normpath(Path(path).absolute()))
     allowed = {Path(os.path.normpath(Path(folder).absolute())) for folder in folders}
@@ -42,7 +42,7 @@ def _is_package(folder: Path) -> bool:
 
 
 def _guard(folders: Sequence[str], scratch: str) -> None:
-    """From here on, this process does nothing else than it should."""
+    """Restrict this process permanently by an audit hook."""
     own = [scratch, *(sysconfig.get_path(kind) for kind in ("stdlib", "platstdlib", "purelib", "platlib"))]
     within = tuple(os.path.abspath(folder) + os.sep for folder in own)
 
@@ -72,12 +72,12 @@ def _in_scratch(given: tuple[Any, ...], scratch: str) -> bool:
 def _limit() -> None:
     try:
         import resource
-    except ImportError:  # Windows; time is limited there all the same
+    except ImportError:  # Windows; the parent process limits the time
         return
     for kind, most in ((resource.RLIMIT_CPU, SECONDS), (resource.RLIMIT_AS, MEMORY)):
         known = resource.getrlimit(kind)[1]
         least = most if known == resource.RLIM_INFINITY else min(most, known)
-        with contextlib.suppress(ValueError):  # macOS knows no limit of memory
+        with contextlib.suppress(ValueError):  # macOS has no memory limit
             resource.setrlimit(kind, (least, least))
 
 
@@ -96,10 +96,10 @@ def _expand(path: str, package_dirs: Sequence[str], scratch: str) -> str:
 
 
 def _main(path: str, scratch: str, *package_dirs: str) -> None:
-    """Print the URDF of a xacro file; or exit with 1, the reason on standard error."""
+    """Print the URDF of a xacro file, or exit with 1 and print the reason to standard error."""
     try:
         sys.stdout.buffer.write(_expand(path, package_dirs, scratch).encode())
-    except (Exception, SystemExit) as error:  # xacro raises whatever an expression in the file raises
+    except (Exception, SystemExit) as error:  # expressions in the file may raise anything
         reason = "it needs too much memory" if isinstance(error, MemoryError) else " ".join(str(error).split())
         sys.stderr.buffer.write((reason or type(error).__name__).encode("utf-8", "replace"))
         sys.exit(1)

@@ -1,4 +1,4 @@
-"""Links and joints of a URDF, each element checked on its own and the whole for being one tree."""
+"""Links and joints of a URDF, checked individually and for forming one tree."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ MOVING = ("revolute", "continuous", "prismatic")
 HELD = ("floating", "planar")
 _KINDS = (*MOVING, *HELD, "fixed")
 _MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-MOST = 1000  # links of a robot
-_BEYOND = 1e6  # [rad or m] a limit that large is none
+MOST = 1000  # maximum number of links
+_BEYOND = 1e6  # [rad or m] limits from here on count as no limits
 
 
 @dataclass(frozen=True)
 class Pose:
-    """Where a frame sits in its parent: [m] and roll, pitch, yaw [rad]."""
+    """Pose of a frame in its parent: position [m] and roll, pitch, yaw [rad]."""
 
     xyz: Vector = (0.0, 0.0, 0.0)
     rpy: Vector = (0.0, 0.0, 0.0)
@@ -39,14 +39,14 @@ class Inertial:
 
     @property
     def matrix(self) -> tuple[Vector, Vector, Vector]:
-        """(3, 3) [kg.m2]."""
+        """Inertia (3, 3) [kg.m2]."""
         xx, xy, xz, yy, yz, zz = self.moments
         return (xx, xy, xz), (xy, yy, yz), (xz, yz, zz)
 
 
 @dataclass(frozen=True)
 class Link:
-    """A link and its first <inertial>, if it has one."""
+    """A link and its first <inertial>, if any."""
 
     name: str
     inertial: Inertial | None
@@ -54,7 +54,7 @@ class Link:
 
 @dataclass(frozen=True)
 class Joint:
-    """A joint as the file states it; NaN friction where it states none."""
+    """A joint as stated by the file; NaN friction where not stated."""
 
     name: str
     kind: str
@@ -82,10 +82,14 @@ class Tree:
 
 
 def read_tree(robot: Any, fallback: str) -> Tree:
-    """The tree in a <robot> element; `fallback` names it if the file does not.
+    """Read the tree of a <robot> element.
+
+    Args:
+        robot: the element.
+        fallback: name of the robot if the file has none.
 
     Raises:
-        RobotError: when a name, a number or the tree is not in order.
+        RobotError: invalid name, number or tree.
     """
     if len(children(robot, "link")) > MOST:
         raise RobotError(f"the file has more than {MOST} links; give the description of one robot")
@@ -108,12 +112,12 @@ def _root(links: tuple[Link, ...], joints: tuple[Joint, ...]) -> str:
         raise RobotError(f"link {child!r} is the child of two joints; a URDF must be a tree")
     roots = [link.name for link in links if link.name not in {joint.child for joint in joints}]
     if not links:
-        raise RobotError("the file has no link, and so no moving joint; is it only a part of a description?")
+        raise RobotError("the file has no link, and so no moving joint; give the complete description")
     if not roots:
         raise RobotError("the file has joints in a circle and no root link; a URDF must be a tree")
     if len(roots) > 1:
         raise RobotError(
-            f"the file has {len(roots)} root links ({shorten(roots)}); join them to one tree by fixed joints"
+            f"the file has {len(roots)} root links ({shorten(roots)}); connect them to one tree by fixed joints"
         )
     reached, parents = {roots[0]}, {joint.child: joint.parent for joint in joints}
     for link in names:
@@ -168,12 +172,12 @@ def _axis(element: Any, where: str) -> Vector:
     found = children(element, "axis")
     axis = _vector(found[0], "xyz", where, (1.0, 0.0, 0.0)) if found else (1.0, 0.0, 0.0)
     if not any(axis):
-        raise RobotError(f"{where} turns about the axis 0 0 0; give it a direction")
+        raise RobotError(f"{where} has the axis 0 0 0; give it a direction")
     return axis
 
 
 def _limits(element: Any, where: str, kind: str) -> tuple[float, float, float, float]:
-    """Lower, upper, velocity, effort; zeros and missing ones are no limits."""
+    """Lower, upper, velocity and effort limit; missing values and zeros mean no limit."""
     found = children(element, "limit")
     if not found:
         return -inf, inf, inf, inf
@@ -185,7 +189,7 @@ def _limits(element: Any, where: str, kind: str) -> tuple[float, float, float, f
 
 
 def _rest(element: Any, where: str) -> tuple[float, float, Mimic | None]:
-    """Viscous and Coulomb friction, and the joint that this one follows."""
+    """Viscous and Coulomb friction, and the mimic element."""
     dynamics, mimic = children(element, "dynamics"), children(element, "mimic")
     friction = [_number(dynamics[0], key, where, nan) if dynamics else nan for key in ("damping", "friction")]
     if not mimic:
@@ -231,7 +235,7 @@ def _float(text: str, key: str, where: str, finite: bool = True) -> float:
     try:
         value = float(text.replace("_", "?"))
     except ValueError:
-        hint = "; if this is xacro, let the name of the file end in .xacro" if "$" in text else ""
+        hint = "; if this is xacro, rename the file to end in .xacro" if "$" in text else ""
         raise RobotError(f"{where} has {key}={text!r}; expected a number{hint}") from None
     if value != value or (finite and not isfinite(value)):
         raise RobotError(f"{where} has {key}={text!r}; expected a finite number")

@@ -1,4 +1,4 @@
-"""URDF to draft: the mechanism alone goes to Pinocchio, so no mesh, material or plug-in tag can stand in the way."""
+"""Read URDF: Pinocchio builds the model from links and joints alone, without meshes, materials or plug-in tags."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from .tree import HELD, MOVING, Inertial, Joint, Pose, Tree, read_tree
 
 
 def read_urdf(document: Document) -> Draft:
-    """The draft of a URDF, its base held fixed.
+    """Read a URDF; the base is held fixed.
 
     Raises:
-        RobotError: when the description is not a tree of links with at least one moving joint.
+        RobotError: the description is not a tree of links with at least one moving joint.
     """
     import pinocchio as pin
 
@@ -49,7 +49,7 @@ def read_urdf(document: Document) -> Draft:
 
 
 def mechanism(tree: Tree) -> str:
-    """A URDF of links, inertials and joints, and nothing else; limits are kept aside."""
+    """URDF text of links, inertials and joints alone, with placeholder limits."""
     lines = [f"<robot name={quoteattr(tree.name)}>"]
     lines += [f"<link name={quoteattr(link.name)}>{_inertial(link.inertial)}</link>" for link in tree.links]
     lines += [_joint(joint) for joint in tree.joints]
@@ -103,12 +103,12 @@ def _axis(joint: Joint, row: int, stray: bool) -> Axis:
 
 
 def _name_note(document: Document, tree: Tree) -> tuple[str, ...]:
-    return () if document.root.get("name") else (f"the robot has no name; it is called {tree.name} after its file",)
+    return () if document.root.get("name") else (f"the robot has no name; it is named {tree.name} after its file",)
 
 
 def _stray_notes(stray: list[Joint]) -> tuple[str, ...]:
     each = [f"{joint.name} ({joint.mimic.joint})" for joint in stray if joint.mimic]
-    return (f"taken to move by themselves, as they mimic joints that do not exist: {shorten(each)}",) if stray else ()
+    return (f"treated as independent, because they mimic joints that do not exist: {shorten(each)}",) if stray else ()
 
 
 def _held_notes(tree: Tree) -> tuple[str, ...]:

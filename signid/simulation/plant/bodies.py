@@ -13,7 +13,7 @@ from ...effects.base import TransmissionLaw
 from ...errors import OptionError
 from ...model import Model
 from ...robot import configuration, weld
-from ...robot.dynamics import carrier, own_row
+from ...robot.dynamics import joint_of_row, own_row
 from ...types import Array, Frozen, Indices, Law, Robot
 
 BOUNDED = {"RUBX": pin.JointModelRX, "RUBY": pin.JointModelRY, "RUBZ": pin.JointModelRZ}
@@ -72,8 +72,8 @@ def build_bodies(model: Model) -> Bodies:
         place[n:],
         drive[:, order],
         rest,
-        carrier(parted, tip),
-        whole.inertias[carrier(whole, last)].lever,
+        joint_of_row(parted, tip),
+        whole.inertias[joint_of_row(whole, last)].lever,
     )
 
 

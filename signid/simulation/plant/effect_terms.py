@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ...effects.base import TorqueLaw, TransmissionLaw
+from ...effects.base import TorqueLaw, TransmissionLaw, of_kind
 from ...effects.trial import Trial
 from ...types import Array, Law
 from .state import Moment, MomentView
@@ -21,7 +21,7 @@ class Term:
     def __init__(self, laws: Sequence[Law], moment: Moment) -> None:
         bodies = moment.dynamics.bodies
         effect = self.effect = laws[0].effect
-        self.transmission, self.memory = isinstance(effect, TransmissionLaw), bool(getattr(effect, "memory", False))
+        self.transmission, self.memory = isinstance(effect, TransmissionLaw), effect.memory
         joints = tuple(j for law in laws for j in law.joints)
         soft = np.empty(0, dtype=np.intp)
         if self.transmission:
@@ -32,7 +32,7 @@ class Term:
                 soft = bodies.soft
         everywhere = not len(soft) and np.array_equal(index, np.arange(len(moment.joints)))
         self.view = moment if everywhere else MomentView(moment, index, joints, soft, bodies.flex)
-        self.z: Array | None = None  # (B, m) memory
+        self.z: Array = np.empty(0)  # (B, m) state of the laws, set by `begin`
         several = len(laws) > 1
         keys = effect.parameters if self.transmission else effect.shape(laws[0].parameters)
         self.shape = {
@@ -66,14 +66,14 @@ class Term:
         for _ in range(HALVINGS):
             middle = (low + high) / 2
             trial = Trial(middle, np.zeros_like(middle), load=load, inertia=self.view.inertia)
-            beyond = self.effect.hold(trial, **self.shape) + load > 0
+            beyond = of_kind(self.effect, TransmissionLaw).hold(trial, **self.shape) + load > 0
             low, high = np.where(beyond, low, middle), np.where(beyond, middle, high)
         state[self.view.at] = (low + high) / 2
 
     def begin(self) -> None:
         """Forget, and start anew from the moment's state."""
         if self.memory:
-            self.z = self.effect.begin(self._state(self.view.v[0]), **self.shape)
+            self.z = of_kind(self.effect, TorqueLaw).begin(self._state(self.view.v[0]), **self.shape)
 
     def remember(self, v: Array) -> None:
         """Carry the memory over a step.
@@ -81,14 +81,14 @@ class Term:
         Args:
             v: (B, c) that the step was taken with [rad/s or m/s].
         """
-        self.z = self.effect.advance(self.z, self._state(self.view.cut(v)), **self.shape)
+        self.z = of_kind(self.effect, TorqueLaw).advance(self.z, self._state(self.view.cut(v)), **self.shape)
 
     def _torque(self) -> Any:
         effect, view = self.effect, self.view
         if self.transmission:
-            return effect.hold(view, **self.shape)
+            return of_kind(effect, TransmissionLaw).hold(view, **self.shape)
         if self.memory:
-            columns = effect.columns(view, effect.advance(self.z, view, **self.shape), **self.shape)
+            columns = effect.columns(view, of_kind(effect, TorqueLaw).advance(self.z, view, **self.shape), **self.shape)
         else:
             columns = effect.columns(view, **self.shape)
         torque = self.coefficients[0] * columns[0]

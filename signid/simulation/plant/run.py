@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...effects.base import ActuatorLaw, RecordingLaw
+from ...effects.base import ActuatorLaw, RecordingLaw, of_kind
 from ...effects.trial import Trial
 from ...errors import OptionError
 from ...model import Model
@@ -128,7 +128,7 @@ def _seen(reading: Sequence[Law], q: Array) -> Array:
     for law in reading:
         j = list(law.joints)
         q = q.copy()
-        q[:, j] = law.effect.recorded_q(Trial(q[:, j]), **law.parameters)
+        q[:, j] = of_kind(law.effect, RecordingLaw).recorded_q(Trial(q[:, j]), **law.parameters)
     return q
 
 
@@ -142,7 +142,9 @@ def apply_actuators(acting: Sequence[Law], command: Array) -> Array:
     for law in acting:
         j = list(law.joints)
         command = command.copy()
-        command[..., j] = law.effect.applied_torque(Trial(torque=command[..., j]), **law.parameters)
+        command[..., j] = of_kind(law.effect, ActuatorLaw).applied_torque(
+            Trial(torque=command[..., j]), **law.parameters
+        )
     return command
 
 
@@ -158,5 +160,5 @@ def _told(model: Model, t: Array, step: float, log: Array, desired: Array, readi
     for law in reading:
         j = list(law.joints)
         x = Trial(log[0][:, j], log[2][:, j], t=t[:, None], dt=step, torque=recorded[:, j], joints=law.joints)
-        recorded[:, j] = law.effect.recorded_torque(x, **law.parameters)
+        recorded[:, j] = of_kind(law.effect, RecordingLaw).recorded_torque(x, **law.parameters)
     return Simulation(model.robot.joints, t, log[0], recorded, desired, log[1], log[2], log[3], log[4], log[6])

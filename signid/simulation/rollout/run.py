@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ...effects.base import TorqueLaw, of_kind
 from ...effects.trial import Trial
 from ...errors import OptionError
 from ...model import Model
@@ -138,4 +139,4 @@ def _remember(plant: Plant, windows: Windows) -> None:
         j = list(term.view.joints)
         for v in windows.before.swapaxes(0, 1):
             x = Trial(0.0, v[:, j], dt=windows.period, joints=term.view.joints)
-            term.z = term.effect.advance(term.z, x, **term.shape)
+            term.z = of_kind(term.effect, TorqueLaw).advance(term.z, x, **term.shape)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...effects.base import ActuatorLaw, RecordingLaw, TransmissionLaw
+from ...effects.base import ActuatorLaw, RecordingLaw, TransmissionLaw, of_kind
 from ...errors import RecordingError
 from ...model import Model
 from ...recording.sampling import Sampling, samples
@@ -91,7 +91,7 @@ def cut_windows(
 
 def _reach(model: Model, period: float) -> tuple[int, int]:
     """Samples before a window that memories are run along, and that records reach ahead."""
-    remembers = any(getattr(law.effect, "memory", isinstance(law.effect, TransmissionLaw)) for law in model.laws)
+    remembers = any(law.effect.memory or isinstance(law.effect, TransmissionLaw) for law in model.laws)
     before = int(np.ceil(BEFORE / period)) if remembers else 0
     return before, int(np.ceil(AFTER / period)) if model.of(RecordingLaw) else 0
 
@@ -130,8 +130,11 @@ def _deflections(model: Model, motion: Motion, k: int) -> Array:
     acting = replace(motion, robot=replace(model.robot, model=whole))
     out = np.empty((2, len(elastic)))
     for i, law in enumerate(elastic):
-        parts = law.effect.deflection(acting.at(law.joints), **law.effect.shape(law.parameters))
-        z = sum(c * d for c, d in zip(law.effect.coefficients(law.parameters), parts, strict=True))
+        parts = of_kind(law.effect, TransmissionLaw).deflection(
+            acting.at(law.joints), **law.effect.shape(law.parameters)
+        )
+        weighted = (c * d for c, d in zip(law.effect.coefficients(law.parameters), parts, strict=True))
+        z = sum(weighted, np.zeros((1, 1)))
         out[:, i] = z[k, 0], (z[k + 1, 0] - z[k - 1, 0]) / (2 * motion.dt)
     return out
 

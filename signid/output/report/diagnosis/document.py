@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from ....effects.base import BodyLaw
-from ....effects.naming import placed
-from ....robot.dynamics import carried
+from ....effects.naming import law_place
+from ....robot.dynamics import own_body
 from ....types import Coefficient, Input, Law, Robot
 from ..results.documents import Document, description, fit_with_errors, provenance
 from ..results.signs import signs_document
@@ -77,11 +77,11 @@ def changed_link(robot: Robot, law: Law) -> str | None:
     """The link whose inertia a law changes; None for other laws."""
     if not isinstance(law.effect, BodyLaw) or law.effect.scope not in ("link", "tip"):
         return None
-    return robot.links[carried(robot, law.joints[0])]
+    return robot.links[own_body(robot, law.joints[0])]
 
 
 def _finding(robot: Robot, finding: Finding) -> Document:
-    joint, _ = placed(finding.law, robot)
+    joint, _ = law_place(finding.law, robot)
     where = finding.where
     return {
         "effect": finding.law.effect.name,
@@ -123,7 +123,7 @@ def finding_numbers(robot: Robot, finding: Finding) -> Document:
 
 def law_numbers(robot: Robot, law: Law, std: Mapping[str, float]) -> Document:
     """Parameters of a law by key: value, std (None if unknown) and unit."""
-    _, values = placed(law, robot)
+    _, values = law_place(law, robot)
     out: dict[str, Any] = {}
     for key, value in values.items():
         unit = "" if key == "partner" else _unit(robot, law, key)
@@ -138,7 +138,7 @@ def _unit(robot: Robot, law: Law, key: str) -> str:
 
 
 def _alternative(robot: Robot, rival: Alternative) -> Document:
-    joint, _ = placed(rival.law, robot)
+    joint, _ = law_place(rival.law, robot)
     return {
         "effect": rival.law.effect.name,
         "joint": joint,

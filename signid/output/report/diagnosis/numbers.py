@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import isfinite
 from typing import TYPE_CHECKING, NamedTuple
 
-from ....effects.naming import spoken
+from ....effects.naming import law_name
 from ....types import TWO_SIDED
 from ..layout import plural
 from ..numbers import UNKNOWN, figure, with_interval
@@ -28,7 +28,7 @@ class NumberCells(NamedTuple):
 
 def law_words(robot: Robot, law: Law) -> str:
     """Name of a law with its joint, and with the link whose inertia it changes."""
-    link, words = changed_link(robot, law), spoken(law, robot)
+    link, words = changed_link(robot, law), law_name(law, robot)
     if link is None:
         return words
     return f"{words if ' of ' in words else f'{words} of {robot.joints[law.joints[0]]}'} (link {link})"

@@ -9,7 +9,7 @@ from typing import Any
 from rich.console import RenderableType
 
 from ....effects.base import ActuatorLaw, BodyLaw, Effect, RecordingLaw, TorqueLaw, TransmissionLaw
-from ....effects.naming import written
+from ....effects.naming import law_syntax
 from ....types import Coefficient
 from ....version import __version__
 from ..layout import heading, new_table, paragraph
@@ -35,7 +35,7 @@ def effects_tables(effects: Sequence[Effect]) -> list[RenderableType]:
         return _card_lines(effects[0])
     lines: list[RenderableType] = []
     for kind, name in KINDS.items():
-        mine = [paragraph(f"  {written(effect)}") for effect in effects if isinstance(effect, kind)]
+        mine = [paragraph(f"  {law_syntax(effect)}") for effect in effects if isinstance(effect, kind)]
         lines += [heading(f"Laws of the {name}", below=bool(lines)), *mine] if mine else []
     return [*lines, paragraph("\nValues are usual ones. signid effects NAME shows the law, its units and its source.")]
 
@@ -58,7 +58,7 @@ def _card(effect: Effect) -> dict[str, Any]:
         "typical": effect.typical,
         "source": effect.source,
         "twins": list(effect.twins),
-        "inject": written(effect),
+        "inject": law_syntax(effect),
     }
 
 
@@ -80,5 +80,5 @@ def _card_lines(effect: Effect) -> list[RenderableType]:
         heading("Source"),
         paragraph(effect.source),
         heading("Inject"),
-        paragraph(f"signid simulate ROBOT -o recording.csv --inject {written(effect)}"),
+        paragraph(f"signid simulate ROBOT -o recording.csv --inject {law_syntax(effect)}"),
     ]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from rich.console import RenderableType
 
-from ....effects.naming import placed
+from ....effects.naming import law_place
 from ....errors import shorten
 from ....model import Model
 from ....simulation.plant import Sensors, Simulation
@@ -125,7 +125,7 @@ def simulation_tables(run: Run) -> list[RenderableType]:
 
 def law_document(robot: Robot, law: Law) -> Document:
     """Effect, joint and parameters of a law with their units."""
-    joint, values = placed(law, robot)
+    joint, values = law_place(law, robot)
     prismatic = bool(len(law.joints) == 1 and robot.prismatic[law.joints[0]])
     units = {key: kind.unit_at(prismatic) for key, kind in law.effect.parameters.items()}
     return {

@@ -76,7 +76,7 @@ def separate(
     usual = [effect.name for effect in EFFECTS if effect.usual]
     laws = beside_laws(usual_laws(model, usual), first, second)
     setting, notes = make_ready(model, laws, families[0], duration, limits, clearance, seed)
-    density = REMEMBER if any(getattr(law.effect, "memory", False) for law in (first, second)) else INDEPENDENT
+    density = REMEMBER if any(law.effect.memory for law in (first, second)) else INDEPENDENT
     rivals = Rivals(setting, first, second, nuisance == "bodies", INDEPENDENT / density)
     t = at_rate(duration, density)
     duel = Duel(rivals, t, families, seed, progress)

@@ -1,4 +1,4 @@
-"""How much memory this process may still take: libraries end the process where there is none, without a word."""
+"""Memory limits: libraries may abort the process without a message if memory is exhausted."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ _MEMORY, _OWN = Path("/proc/meminfo"), Path("/proc/self/statm")  # of Linux
 _LIMITED = Lock()
 
 
-def need_room(path: Path, size: float, mend: str = "give it as Parquet, which is read piece by piece") -> None:
-    """Refuse a file that would not fit.
+def require_memory(path: Path, size: float, advice: str = "give it as Parquet, which is read in chunks") -> None:
+    """Reject a file that does not fit into memory.
 
     Args:
-        path: of the file.
-        size: of memory that reading it takes [bytes].
-        mend: what to do then.
+        path: path of the file.
+        size: memory required to read it [bytes].
+        advice: remedy in the error message.
 
     Raises:
-        RecordingError: there is not as much.
+        RecordingError: not enough memory.
     """
-    free = room()
+    free = free_memory()
     if size > free:
-        told = f"{path} needs about {size / 1e9:.2g} GB of memory to be read whole, and there are {free / 1e9:.2g} GB"
-        raise RecordingError(f"{told}; {mend}")
+        fault = f"reading {path} needs about {size / 1e9:.2g} GB of memory, but only {free / 1e9:.2g} GB are free"
+        raise RecordingError(f"{fault}; {advice}")
 
 
-def room() -> float:
-    """Memory that is free for this process, as far as the system tells [bytes]."""
+def free_memory() -> float:
+    """Free memory for this process; infinite if unknown [bytes]."""
     limits = [float("inf")]
     if _MEMORY.is_file():
         lines = _MEMORY.read_text(encoding="utf-8").splitlines()
@@ -47,12 +47,12 @@ def room() -> float:
 
 
 @contextmanager
-def within_room() -> Iterator[None]:
-    """What asks for more memory than is free gets a MemoryError, where Linux would end the process; only there.
+def memory_limited() -> Iterator[None]:
+    """Raise MemoryError for requests beyond the free memory, where Linux would kill the process; only on Linux.
 
-    A few bytes of a compressed log may stand for any number, and libraries unpack them without looking.
+    A few bytes of a compressed log can expand to any size, and libraries do not check it.
     """
-    free = room()
+    free = free_memory()
     if free == float("inf") or not _OWN.is_file():
         yield
         return
@@ -68,7 +68,7 @@ def within_room() -> Iterator[None]:
 
 
 def _used() -> int:
-    """Addresses that this process has taken [bytes]."""
+    """Address space of this process [bytes]."""
     import resource
 
     return int(_OWN.read_text(encoding="utf-8").split()[0]) * resource.getpagesize()
