@@ -63,12 +63,14 @@ def differentiate(signal: Array, period: float) -> tuple[Array, Array]:
     return _correlated(signal, FIRST / period), _correlated(signal, SECOND / period**2)
 
 
-def least(signal: Array, half: int) -> Array:
-    """(N, c) the least value within so many samples on either side, as far as there are any.
+def moving_minimum(signal: Array, half: int) -> Array:
+    """Minimum (N, c) over a window centred on each sample; the window is shorter at the ends.
+
+    Equal to `scipy.ndimage.minimum_filter1d`. Importing that takes longer than most identifications.
 
     Args:
         signal: (N, c) [any unit].
-        half: samples on either side.
+        half: samples of the window on either side of its centre.
     """
     found, width = np.pad(signal, ((half, half), (0, 0)), mode="edge"), 1
     while 2 * width <= 2 * half + 1:

@@ -12,7 +12,7 @@ import numpy as np
 from ..recording.sampling import Sampling, excerpt, samples
 from ..types import Array, BaseMap, Frozen, Indices, Law, Mask, Recording, Robot, Samples
 from .bandwidth import Band
-from .filters import Decimator, least
+from .filters import Decimator, moving_minimum
 from .motion import Motion, build_motion, margin
 from .regressor import base_rows
 
@@ -223,7 +223,7 @@ def _steady(task: Task, motion: Motion) -> Mask:
 
 def _moving(v: Array, reach: int, slow: Array) -> Mask:
     """Where the velocity stays clear of a reversal for so many samples on either side."""
-    return np.asarray(least(np.abs(v), reach) >= STILL * slow)
+    return np.asarray(moving_minimum(np.abs(v), reach) >= STILL * slow)
 
 
 def _instruments(task: Task, window: Samples, period: float, grid: _Grid) -> list[Array]:

@@ -15,14 +15,14 @@ from ...model import Model
 from ...types import Array, Progress, Trajectory
 from .cost import Cost
 from .criterion import CRITERIA
-from .feasible import Safe, grid, make_safe
+from .feasible import FeasibleMotion, grid, make_feasible
 from .limits import Limits, build_limits
 from .motions.family import FAMILIES
 from .motions.random_motion import at_rate, check_duration, random_parameters, sample
-from .problem import Setting
-from .result import Excitation, tell_spent
-from .search import GRID, SPARE, Budget, Found, search, settle
-from .setup import make_ready, usual_laws
+from .problem import ExcitationProblem
+from .result import Excitation, budget_notes
+from .search import GRID, SPARE, Budget, Found, enforce_limits, search
+from .setup import build_problem, usual_laws
 
 RANDOM = "random"  # the kind that is drawn, not sought
 CLEARANCE = 0.01  # [m] between links
@@ -76,32 +76,32 @@ def excite(
     _check(kind, criterion, rate, duration, harmonics, frequency)
     family = FAMILIES["fourier" if kind == RANDOM else kind](duration, harmonics, frequency)
     limits = limits or build_limits(model.robot)
-    setting, notes = make_ready(model, usual_laws(model, effects), family, duration, limits, clearance, seed)
+    problem, notes = build_problem(model, usual_laws(model, effects), family, limits, clearance, seed)
     instants = int(np.ceil(PER_PERIOD * harmonics * frequency * duration))
-    cost = Cost(setting, CRITERIA[criterion], family, np.linspace(0, duration, instants + 1), PENALTY, SPARE)
+    cost = Cost(problem, CRITERIA[criterion], family, np.linspace(0, duration, instants + 1), PENALTY, SPARE)
     budget = budget or Budget.usual(len(model.robot.joints))
-    safe, found = (_draw if kind == RANDOM else _find)(cost, budget, duration, seed, progress)
-    small = f"the motion found was scaled to {safe.share:.0%} to obey torque limits and distances between links"
-    fine = sample(family, model.robot.joints, safe.x, grid(duration))
-    trajectory = sample(family, model.robot.joints, safe.x, at_rate(duration, rate))
-    worth = judge(setting, trajectory)
+    feasible, found = (_random if kind == RANDOM else _optimised)(cost, budget, seed, progress)
+    small = f"the motion found was scaled to {feasible.share:.0%} to obey torque limits and distances between links"
+    fine = sample(family, model.robot.joints, feasible.x, grid(duration))
+    trajectory = sample(family, model.robot.joints, feasible.x, at_rate(duration, rate))
+    precision = predict_precision(problem, trajectory)
     return Excitation(
         trajectory=trajectory,
         kind=kind,
         criterion=criterion,
-        value=worth.log_det if criterion == "determinant" else worth.condition,
-        log_det=worth.log_det,
-        condition=worth.condition,
-        expressions=setting.base.expressions,
-        std=worth.std,
-        relative_std=worth.std / np.where(setting.value, np.abs(setting.value), np.nan),
-        noise=setting.noise,
-        use=setting.use(fine),
-        distance=safe.distance,
+        value=precision.log_det if criterion == "determinant" else precision.condition,
+        log_det=precision.log_det,
+        condition=precision.condition,
+        expressions=problem.base.expressions,
+        std=precision.std,
+        relative_std=precision.std / np.where(problem.value, np.abs(problem.value), np.nan),
+        noise=problem.noise,
+        use=problem.use(fine),
+        distance=feasible.distance,
         seed=seed,
         evaluations=found.evaluations,
-        notes=(*model.robot.notes, *limits.notes, *notes, *tell_spent(found.evaluations if found.spent else 0)),
-        flags=(small,) if safe.share < KEPT and kind != RANDOM else (),
+        notes=(*model.robot.notes, *limits.notes, *notes, *budget_notes(found.evaluations if found.spent else 0)),
+        flags=(small,) if feasible.share < KEPT and kind != RANDOM else (),
     )
 
 
@@ -120,28 +120,28 @@ def _check(kind: str, criterion: str, rate: float, duration: float, harmonics: i
         raise OptionError(f"the rate is {rate:g} Hz; a positive one is needed")
 
 
-def _draw(cost: Cost, budget: Budget, duration: float, seed: int, progress: Progress | None) -> tuple[Safe, Found]:
-    """A random motion within all limits."""
-    fine = cost.family.basis(np.arange(0, duration, GRID))
-    x = random_parameters(fine, cost.setting.limits, np.random.default_rng(seed))
-    return make_safe(cost.setting, cost.family, duration, x), Found(x, 1, spent=False)
+def _random(cost: Cost, budget: Budget, seed: int, progress: Progress | None) -> tuple[FeasibleMotion, Found]:
+    """Random motion within all limits."""
+    fine = cost.family.basis(np.arange(0, cost.family.duration, GRID))
+    x = random_parameters(fine, cost.problem.limits, np.random.default_rng(seed))
+    return make_feasible(cost.problem, cost.family, x), Found(x, 1, spent=False)
 
 
-def _find(cost: Cost, budget: Budget, duration: float, seed: int, progress: Progress | None) -> tuple[Safe, Found]:
-    """The best motion within all limits; settled once more where it had to shrink, on twice as many instants."""
+def _optimised(cost: Cost, budget: Budget, seed: int, progress: Progress | None) -> tuple[FeasibleMotion, Found]:
+    """Best motion within all limits; if it had to shrink, its last stage is repeated with twice as many instants."""
     found = search(cost, budget, seed, progress)
-    safe = make_safe(cost.setting, cost.family, duration, found.x)
-    if safe.share == 1:
-        return safe, found
-    dense = replace(cost, t=np.linspace(0, duration, 2 * len(cost.t) - 1), spare=2 * cost.spare)
-    again = settle(dense, found.x, budget, progress)
-    other = make_safe(cost.setting, cost.family, duration, again.x)
-    best = min(safe, other, key=lambda end: cost.value(cost.relative(end.x)))
+    feasible = make_feasible(cost.problem, cost.family, found.x)
+    if feasible.share == 1:
+        return feasible, found
+    dense = replace(cost, t=np.linspace(0, cost.family.duration, 2 * len(cost.t) - 1), spare=2 * cost.spare)
+    again = enforce_limits(dense, found.x, budget, progress)
+    other = make_feasible(cost.problem, cost.family, again.x)
+    best = min(feasible, other, key=lambda end: cost.value(cost.relative(end.x)))
     spent = found.spent or again.spent
     return best, Found(again.x, found.evaluations + again.evaluations, spent)
 
 
-class Worth(NamedTuple):
+class Precision(NamedTuple):
     """What a motion tells."""
 
     log_det: float  # of the scaled information
@@ -149,10 +149,10 @@ class Worth(NamedTuple):
     std: Array  # (b,) [units of base]
 
 
-def judge(setting: Setting, trajectory: Trajectory) -> Worth:
+def predict_precision(problem: ExcitationProblem, trajectory: Trajectory) -> Precision:
     """What samples of a trajectory tell of the base parameters."""
-    rows = setting.rows(trajectory.t, trajectory.q, trajectory.v, trajectory.a)
-    values, vectors = np.linalg.eigh(setting.information(rows))
+    rows = problem.rows(trajectory.t, trajectory.q, trajectory.v, trajectory.a)
+    values, vectors = np.linalg.eigh(problem.information(rows))
     values = np.maximum(values, 1e-300)
-    std = np.sqrt(np.sum(vectors**2 / values, axis=1)) / setting.size
-    return Worth(float(np.sum(np.log(values))), float(np.sqrt(values[-1] / values[0])), std)
+    std = np.sqrt(np.sum(vectors**2 / values, axis=1)) / problem.size
+    return Precision(float(np.sum(np.log(values))), float(np.sqrt(values[-1] / values[0])), std)

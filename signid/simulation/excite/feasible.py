@@ -14,7 +14,7 @@ from .collision import Collision
 from .limits import Limits
 from .motions.family import Family
 from .motions.random_motion import fit_inside, sample
-from .problem import Setting
+from .problem import ExcitationProblem
 
 FINE = 1e-3  # [s] grid on which limits are checked
 NEAR = 5e-3  # [s] grid on which distances between links are checked
@@ -24,7 +24,7 @@ HALVINGS = 8  # of the share of the motion that is kept
 SLACK = 1e-9  # rounding
 
 
-class Safe(NamedTuple):
+class FeasibleMotion(NamedTuple):
     """A motion within the limits."""
 
     x: Array  # (n, d) [rad or m]
@@ -68,31 +68,30 @@ def find_home(model: Model, limits: Limits, collision: Collision | None, clearan
     return np.asarray(q[np.argmin(share)])
 
 
-def make_safe(setting: Setting, family: Family, duration: float, x: Array) -> Safe:
+def make_feasible(problem: ExcitationProblem, family: Family, x: Array) -> FeasibleMotion:
     """A motion scaled by as little as brings it inside every limit.
 
     Position, velocity and acceleration of a joint follow from one factor each. Where torque or the distance between
     links asks for more, the whole motion shrinks towards the home posture.
 
     Args:
-        setting: gives limits and shapes.
-        family: of motions.
-        duration: of the motion [s].
+        problem: problem whose limits and collision shapes are obeyed.
+        family: family of motions.
         x: (n, d) [rad or m] parameters.
 
     Raises:
         OptionError: even a small motion exceeds a torque limit.
     """
-    t = grid(duration, FINE)
-    full = fit_inside(family.basis(t), setting.limits, x)
+    t = grid(family.duration, FINE)
+    full = fit_inside(family.basis(t), problem.limits, x)
     home = np.zeros_like(full)
-    home[:, 0] = setting.home
-    best, high, share = Safe(home, 0.0, None), 1.0, 1.0
+    home[:, 0] = problem.home
+    best, high, share = FeasibleMotion(home, 0.0, None), 1.0, 1.0
     for _ in range(HALVINGS):
         tried = home + share * (full - home)
-        ok, distance = _obeys(setting, family, t, tried)
+        ok, distance = _obeys(problem, family, t, tried)
         if ok:
-            best = Safe(tried, share, distance)
+            best = FeasibleMotion(tried, share, distance)
         else:
             high = share
         if best.share == high:
@@ -108,21 +107,21 @@ def grid(duration: float, step: float = FINE) -> Array:
     return np.linspace(0, duration, int(np.ceil(duration / step)) + 1)
 
 
-def _smallest_distance(setting: Setting, family: Family, duration: float, x: Array) -> float | None:
+def _smallest_distance(problem: ExcitationProblem, family: Family, duration: float, x: Array) -> float | None:
     """Between links that could meet [m], None where nothing is known; x: (n, d) [rad or m] parameters."""
-    if setting.collision is None:
+    if problem.collision is None:
         return None
     t = grid(duration, NEAR)
-    return float(setting.collision.distance(family.basis(t)[0] @ x.T).min())
+    return float(problem.collision.distance(family.basis(t)[0] @ x.T).min())
 
 
-def _obeys(setting: Setting, family: Family, t: Array, x: Array) -> tuple[bool, float | None]:
-    if setting.collision is not None:  # most that touch are seen on a coarse grid
-        coarse = setting.collision.distance(family.basis(t[::COARSE])[0] @ x.T)
-        if coarse.min() < setting.clearance:
+def _obeys(problem: ExcitationProblem, family: Family, t: Array, x: Array) -> tuple[bool, float | None]:
+    if problem.collision is not None:  # most that touch are seen on a coarse grid
+        coarse = problem.collision.distance(family.basis(t[::COARSE])[0] @ x.T)
+        if coarse.min() < problem.clearance:
             return False, None
-    use = setting.use(sample(family, setting.model.robot.joints, x, t))
-    if use.largest > setting.limits.margin + SLACK:
+    use = problem.use(sample(family, problem.model.robot.joints, x, t))
+    if use.largest > problem.limits.margin + SLACK:
         return False, None
-    distance = _smallest_distance(setting, family, float(t[-1]), x)
-    return distance is None or distance >= setting.clearance, distance
+    distance = _smallest_distance(problem, family, float(t[-1]), x)
+    return distance is None or distance >= problem.clearance, distance

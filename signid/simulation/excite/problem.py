@@ -20,7 +20,7 @@ DIRECTION = 0.01  # [rad/s or m/s] slower, the direction of motion counts in pro
 
 
 @dataclass(frozen=True, eq=False)
-class Setting(Frozen):
+class ExcitationProblem(Frozen):
     """A model, what is to be told of it, and what a motion of it must obey."""
 
     model: Model

@@ -74,7 +74,7 @@ class Separation(Frozen):
         return min(self.distances) >= ENOUGH
 
 
-def tell_spent(motions: int) -> tuple[str, ...]:
+def budget_notes(motions: int) -> tuple[str, ...]:
     """A note on a search that its budget ended, and how many motions it judged; none for 0."""
     told = f"the search ended with its budget after {motions} motions, not at an optimum: others may tell more"
     return (told,) if motions else ()

@@ -64,18 +64,18 @@ def search(cost: Cost, budget: Budget, seed: int, progress: Progress | None = No
     Source: multi-start as in Rinnooy Kan, Timmer, Mathematical Programming 39, 1987.
     """
     watched = _Watched(cost, budget, progress)
-    rng, limits = np.random.default_rng(seed), cost.setting.limits
+    rng, limits = np.random.default_rng(seed), cost.problem.limits
     fine = cost.family.basis(np.arange(0, cost.t[-1], GRID))
     pool = [np.clip(cost.relative(random_parameters(fine, limits, rng)), -BOX, BOX) for _ in range(budget.pool)]
     ranked = sorted(pool, key=watched.value)
     tried = [watched.improve(z, budget.short, "searching") for z in ranked[: budget.starts]]
     best = watched.improve(min(tried, key=lambda end: end.value).x, budget.long, "improving")
-    settled = settle(cost, cost.parameters(best.x), budget, progress)
+    settled = enforce_limits(cost, cost.parameters(best.x), budget, progress)
     spent = settled.spent or best.status == "budget"
     return Found(settled.x, watched.count + settled.evaluations, spent)
 
 
-def settle(cost: Cost, x: Array, budget: Budget, progress: Progress | None = None) -> Found:
+def enforce_limits(cost: Cost, x: Array, budget: Budget, progress: Progress | None = None) -> Found:
     """A motion moved to where it obeys firm penalties.
 
     Args:
@@ -88,7 +88,7 @@ def settle(cost: Cost, x: Array, budget: Budget, progress: Progress | None = Non
     watched = _Watched(firm, budget, progress, budget.total - budget.firm)
     best = watched.improve(np.clip(cost.relative(x), -BOX, BOX), budget.firm, "settling")
     fine = cost.family.basis(np.arange(0, cost.t[-1], GRID))
-    x = fit_inside(fine, cost.setting.limits, cost.parameters(best.x))
+    x = fit_inside(fine, cost.problem.limits, cost.parameters(best.x))
     return Found(x, watched.count, best.status == "budget")
 
 

@@ -17,29 +17,31 @@ from .feasible import find_home
 from .limits import Limits
 from .motions.family import Family
 from .motions.random_motion import random_parameters, sample
-from .problem import Setting
+from .problem import ExcitationProblem
 
 REFERENCES = 20  # random motions that give reference sizes
 INSTANTS = 200  # of each
 NOISE = 0.01  # of the torque limit, or of the rms torque where there is none
 
 
-def make_ready(
-    model: Model,
-    laws: tuple[Law, ...],
-    family: Family,
-    duration: float,
-    limits: Limits,
-    clearance: float,
-    seed: int,
-) -> tuple[Setting, tuple[str, ...]]:
-    """All that the worth of a motion depends on, and notes on what is not known.
+def build_problem(
+    model: Model, laws: tuple[Law, ...], family: Family, limits: Limits, clearance: float, seed: int
+) -> tuple[ExcitationProblem, tuple[str, ...]]:
+    """Problem of finding an exciting motion, and a note if self-collision is not checked.
 
-    Torque noise is 1 % of each joint's torque limit, or of its rms torque along random motions where it has none. The
-    reference size of a base parameter's column is its rms along these motions.
+    Torque noise is 1 % of each joint's torque limit; for joints without a limit, 1 % of the rms torque along random
+    motions. The reference size of a base parameter's column is its rms along these motions.
+
+    Args:
+        model: robot, inertials and laws as known so far.
+        laws: laws whose coefficients are to be identified, besides the bodies.
+        family: family of the random motions.
+        limits: limits of the joints.
+        clearance: smallest distance between links [m].
+        seed: seed of the random numbers.
 
     Raises:
-        OptionError: no posture obeys the limits, or the clearance is none.
+        OptionError: no posture obeys the limits, or the clearance is negative or infinite.
     """
     if not 0 <= clearance < np.inf:
         raise OptionError(f"the clearance is {clearance:g} m; give 0 or more")
@@ -47,18 +49,18 @@ def make_ready(
     collision, why = build_collision(model.robot, limits, clearance, seed)
     home = find_home(model, limits, collision, clearance, seed)
     rng = np.random.default_rng(seed)
-    t = np.linspace(0, duration, INSTANTS)
+    t = np.linspace(0, family.duration, INSTANTS)
     basis = family.basis(t)
     drawn = [sample(family, model.robot.joints, random_parameters(basis, limits, rng), t) for _ in range(REFERENCES)]
     states = [np.concatenate([getattr(motion, key) for motion in drawn]) for key in "qva"]
     times = np.tile(t, REFERENCES)
     torque = model.inverse(Motion(model.robot, times, states[0], states[1], states[2]))
     noise = _noise(limits, torque)
-    bare = Setting(model, laws, base, limits, noise, np.ones(base.rank), collision, clearance, home)
+    bare = ExcitationProblem(model, laws, base, limits, noise, np.ones(base.rank), collision, clearance, home)
     rows = bare.rows(times, states[0], states[1], states[2])
     size = np.sqrt(np.diag(bare.information(rows)) / len(times))
-    setting = Setting(model, laws, base, limits, noise, np.maximum(size, 1e-300), collision, clearance, home)
-    return setting, (why,) if why else ()
+    problem = ExcitationProblem(model, laws, base, limits, noise, np.maximum(size, 1e-300), collision, clearance, home)
+    return problem, (why,) if why else ()
 
 
 def usual_laws(model: Model, effects: Sequence[str]) -> tuple[Law, ...]:

@@ -45,14 +45,6 @@ class RollOut(Frozen):
         """Median (n,) [rad or m] over windows of the size of the error at a horizon [s]; few bad windows leave it."""
         return np.asarray(np.median(np.abs(self.end(horizon)), axis=0))
 
-    def along(self, horizon: float) -> Array:
-        """Root mean square (W, n) [rad or m] of the error of each window up to a horizon [s]."""
-        return _rms(self.error[:, : self._last(horizon) + 1], axis=1)
-
-    def along_rms(self, horizon: float) -> Array:
-        """Root mean square (n,) [rad or m] of the error over windows and up to a horizon [s]."""
-        return _rms(self.along(horizon), axis=0)
-
     def document(self, before: RollOut, horizon: float | None = None) -> dict[str, Any]:
         """What diagnosis.json says of a model beside the one before it, at a horizon [s], the longest without one.
 

@@ -16,7 +16,7 @@ from ...types import Array, Recording
 from ..plant.plant import Plant
 from .joints import restrict_joints
 from .result import RollOut
-from .windows import Windows, cut_windows
+from .windows import WindowLayout, Windows, cut_windows
 
 COUNT, STEP = 48, 1e-3  # windows, and [s]
 FAR = 1e3  # [rad or m] that no joint strays: the simulated robot flew apart
@@ -65,9 +65,8 @@ def roll_out(
         band = choose_band([longest_piece(part) for part in parts], common_rate(parts, "roll out each by itself"))
     lengths = np.array([sampling.duration for _, sampling in parts])
     counts = np.maximum(1, np.rint(windows * lengths / lengths.sum())).astype(int).tolist()
-    cuts = [
-        cut_windows(model, part, band, max(horizons), k, step, beside) for part, k in zip(parts, counts, strict=True)
-    ]
+    layouts = [WindowLayout(max(horizons), count, step) for count in counts]
+    cuts = [cut_windows(model, part, band, each, beside) for part, each in zip(parts, layouts, strict=True)]
     errors = [_simulate(model, cut, integrator) for cut in cuts]
     samples_each = min(error.shape[1] for error in errors)
     robot, first = model.robot, cuts[0]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -36,24 +37,28 @@ class Windows(Frozen):
     told: Mask  # (n,) whether the joint's torque is recorded
 
 
-def cut_windows(
-    model: Model, part: Part, band: Band, length: float, count: int, step: float, beside: Model | None = None
-) -> Windows:
-    """Windows that start evenly over what can be used of a recording, apart from each other where it is long enough.
+class WindowLayout(NamedTuple):
+    """How many windows are cut, how long they are, and how they are simulated."""
+
+    length: float  # [s] of a window
+    windows: int
+    step: float  # [s] largest step of the simulation
+
+
+def cut_windows(model: Model, part: Part, band: Band, layout: WindowLayout, beside: Model | None = None) -> Windows:
+    """Windows with evenly spaced starts over the usable stretches of a recording; they overlap if it is short.
 
     Args:
-        model: whose laws say what is recorded, and what is remembered.
-        part: a recording and its sampling.
-        band: gives the filter on positions.
-        length: of a window [s].
-        count: of windows.
-        step: the longest one [s].
-        beside: another model whose memories the windows leave room for.
+        model: model whose recording laws are undone and whose laws with memory need the motion before a window.
+        part: recording and its sampling.
+        band: band of the filter on positions.
+        layout: length and number of the windows, and step of the simulation.
+        beside: second model for which the windows leave enough room.
 
     Raises:
         RecordingError: no stretch of the recording is long enough.
     """
-    recording, sampling = part
+    (recording, sampling), (length, count, step) = part, layout
     period = sampling.period
     stride, parts = max(1, int(step / period * (1 + 1e-9))), max(1, int(np.ceil(period / step * (1 - 1e-9))))
     size = stride * max(1, round(length / (stride * period)))

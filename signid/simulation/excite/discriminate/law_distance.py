@@ -13,7 +13,7 @@ from ....model import Model
 from ....regression.motion import Motion
 from ....regression.projection import leave
 from ....types import Array, Frozen, Law, Trajectory
-from ..problem import DIRECTION, Setting
+from ..problem import DIRECTION, ExcitationProblem
 
 
 class Distance(NamedTuple):
@@ -27,7 +27,7 @@ class Distance(NamedTuple):
 class Rivals(Frozen):
     """Two laws, and what is fitted beside either of them."""
 
-    setting: Setting  # its laws and bodies are what is fitted beside
+    problem: ExcitationProblem  # its laws and bodies are what is fitted beside
     first: Law
     second: Law
     bodies: bool  # whether the bodies' base parameters are fitted too
@@ -38,7 +38,7 @@ class Rivals(Frozen):
 
         Source: T-optimality, Atkinson, Fedorov, Biometrika 62(1), 1975.
         """
-        motion = _motion(self.setting.model, trajectory)
+        motion = _motion(self.problem.model, trajectory)
         beside = self._beside(motion, trajectory)
         there = self._left(motion, beside, self.first, self.second)
         back = self._left(motion, beside, self.second, self.first)
@@ -57,20 +57,20 @@ class Rivals(Frozen):
     def _rows(self, law: Law, motion: Motion) -> Array:
         """(N n, k) columns of a law over noise."""
         rows, columns = law_columns(law, motion)
-        out = np.zeros((len(motion), len(self.setting.noise), columns.shape[2]))
+        out = np.zeros((len(motion), len(self.problem.noise), columns.shape[2]))
         out[:, list(rows)] = columns
-        return (out / self.setting.noise[:, None]).reshape(-1, columns.shape[2])
+        return (out / self.problem.noise[:, None]).reshape(-1, columns.shape[2])
 
     def _beside(self, motion: Motion, trajectory: Trajectory) -> Array:
         """(N n, k) columns that are fitted beside either law."""
         if self.bodies:
-            found = self.setting.rows(trajectory.t, trajectory.q, trajectory.v, trajectory.a)
-            whole = np.zeros((len(motion), len(self.setting.noise), self.setting.base.rank))
-            for j, (x, seen) in enumerate(zip(found, self.setting.base.sees, strict=True)):
+            found = self.problem.rows(trajectory.t, trajectory.q, trajectory.v, trajectory.a)
+            whole = np.zeros((len(motion), len(self.problem.noise), self.problem.base.rank))
+            for j, (x, seen) in enumerate(zip(found, self.problem.base.sees, strict=True)):
                 whole[:, j, seen] = x
-            return whole.reshape(-1, self.setting.base.rank)
-        columns = [self._rows(law, motion) for law in self.setting.laws]
-        return np.concatenate(columns, axis=1) if columns else np.zeros((self.setting.noise.size * len(motion), 0))
+            return whole.reshape(-1, self.problem.base.rank)
+        columns = [self._rows(law, motion) for law in self.problem.laws]
+        return np.concatenate(columns, axis=1) if columns else np.zeros((self.problem.noise.size * len(motion), 0))
 
 
 def _motion(model: Model, trajectory: Trajectory) -> Motion:

@@ -14,12 +14,12 @@ from ....errors import OptionError
 from ....model import Model
 from ....types import Law, Progress
 from ..design import CLEARANCE
-from ..feasible import grid, make_safe
+from ..feasible import grid, make_feasible
 from ..limits import Limits, build_limits
 from ..motions.fourier import Fourier
 from ..motions.random_motion import at_rate, check_duration, sample
-from ..result import ENOUGH, Separation, tell_spent
-from ..setup import make_ready, usual_laws
+from ..result import ENOUGH, Separation, budget_notes
+from ..setup import build_problem, usual_laws
 from .law_distance import Distance, Rivals, beside_laws
 from .search import POOL, Duel
 
@@ -75,19 +75,19 @@ def separate(
     families = [Fourier(duration, harmonics, periods / duration) for periods in PERIODS]
     usual = [effect.name for effect in EFFECTS if effect.usual]
     laws = beside_laws(usual_laws(model, usual), first, second)
-    setting, notes = make_ready(model, laws, families[0], duration, limits, clearance, seed)
+    problem, notes = build_problem(model, laws, families[0], limits, clearance, seed)
     density = REMEMBER if any(getattr(law.effect, "memory", False) for law in (first, second)) else INDEPENDENT
-    rivals = Rivals(setting, first, second, nuisance == "bodies", INDEPENDENT / density)
+    rivals = Rivals(problem, first, second, nuisance == "bodies", INDEPENDENT / density)
     t = at_rate(duration, density)
     duel = Duel(rivals, t, families, seed, progress)
     pool = duel.draw()
     ways = tuple(way for way in (0, 1) if max(tried.distance.shares[way] for tried in pool) > STRUCTURAL)
     ends = duel.polish(pool, ways) if ways else [max(pool, key=lambda tried: float(np.ptp(tried.x[:, 1:])))]
-    safe = [(end.family, make_safe(setting, end.family, duration, end.x)) for end in ends]
-    family, best = max(safe, key=lambda end: duel.worth(end[0], end[1].x, ways))
+    feasible = [(end.family, make_feasible(problem, end.family, end.x)) for end in ends]
+    family, best = max(feasible, key=lambda end: duel.worth(end[0], end[1].x, ways))
     distance = duel.distance(family, best.x)
     ahead = [duel.smaller(tried.distance, ways) for tried in pool]
-    judged = len(pool) + sum(end.evaluations for end in ends)
+    evaluated = (len(pool) + sum(end.evaluations for end in ends)) * any(end.spent for end in ends)
     fine = sample(family, model.robot.joints, best.x, grid(duration))
     return Separation(
         trajectory=sample(family, model.robot.joints, best.x, at_rate(duration, rate)),
@@ -96,11 +96,16 @@ def separate(
         shares=distance.shares,
         median=float(np.median(ahead)),
         structural=not ways,
-        noise=setting.noise,
-        use=setting.use(fine),
+        noise=problem.noise,
+        use=problem.use(fine),
         distance=best.distance,
         seed=seed,
-        notes=(*model.robot.notes, *limits.notes, *notes, *tell_spent(judged if any(end.spent for end in ends) else 0)),
+        notes=(
+            *model.robot.notes,
+            *limits.notes,
+            *notes,
+            *budget_notes(evaluated),
+        ),
         flags=_flags(first, second, distance, ways),
     )
 

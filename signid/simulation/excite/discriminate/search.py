@@ -48,7 +48,7 @@ class Duel(Frozen):
 
     def draw(self) -> list[Tried]:
         """Random motions of random centre and size, scaled to the limits of position, velocity and acceleration."""
-        rng, limits, found = np.random.default_rng(self.seed), self.rivals.setting.limits, []
+        rng, limits, found = np.random.default_rng(self.seed), self.rivals.problem.limits, []
         for k in range(POOL):
             family = self.families[k % len(self.families)]
             x = random_parameters(self._bases[id(family)], limits, rng, AMPLITUDE)
@@ -63,18 +63,18 @@ class Duel(Frozen):
 
     def distance(self, family: Family, x: Array) -> Distance:
         """Of the laws along the motion of parameters x (n, d) [rad or m]."""
-        return self.rivals.distance(sample(family, self.rivals.setting.model.robot.joints, x, self.t))
+        return self.rivals.distance(sample(family, self.rivals.problem.model.robot.joints, x, self.t))
 
     def worth(self, family: Family, x: Array, ways: Sequence[int]) -> float:
         """Log of the smaller distance, less penalties on torque and contact; x: (n, d) [rad or m]."""
-        setting = self.rivals.setting
-        motion = sample(family, setting.model.robot.joints, x, self.t)
-        torque = setting.model.inverse(Motion(setting.model.robot, motion.t, motion.q, motion.v, motion.a))
-        over = np.maximum(np.abs(torque) / (setting.limits.margin * setting.limits.torque) - 1, 0)
+        problem = self.rivals.problem
+        motion = sample(family, problem.model.robot.joints, x, self.t)
+        torque = problem.model.inverse(Motion(problem.model.robot, motion.t, motion.q, motion.v, motion.a))
+        over = np.maximum(np.abs(torque) / (problem.limits.margin * problem.limits.torque) - 1, 0)
         lost = float(np.sum(over**2)) / len(self.t)
-        if setting.collision is not None:
+        if problem.collision is not None:
             few = motion.q[:: max(1, len(motion.q) // PLACES)]
-            lost += setting.collision.penalty(few, setting.clearance, SPARE)[0]
+            lost += problem.collision.penalty(few, problem.clearance, SPARE)[0]
         return float(np.log(max(self.smaller(self.rivals.distance(motion), ways), LEAST))) - PENALTY * lost
 
     def smaller(self, distance: Distance, ways: Sequence[int]) -> float:
@@ -82,7 +82,7 @@ class Duel(Frozen):
         return min((distance.seen[way] for way in ways), default=0.0)
 
     def _polished(self, tried: Tried, ways: Sequence[int], turn: int) -> Tried:
-        family, limits = tried.family, self.rivals.setting.limits
+        family, limits = tried.family, self.rivals.problem.limits
         basis, count = self._bases[id(family)], 0
         sizes = column_sizes(basis, limits)
         sizes[:, 0] = limits.half

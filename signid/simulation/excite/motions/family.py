@@ -13,6 +13,11 @@ class Family(Protocol):
     """Position, velocity and acceleration are linear in the parameters x (n, d): q(t) = basis(t)[0] @ x.T."""
 
     @property
+    def duration(self) -> float:
+        """Duration of the motion [s]."""
+        ...
+
+    @property
     def size(self) -> int:
         """How many parameters d a joint has."""
         ...
