@@ -17,7 +17,7 @@ from benchmarks.plants.mujoco_ import Body, Motion, Track, draw_motion, log, sim
 from signid.cli import run
 from signid.errors import OptionError
 from signid.estimation.estimators import ESTIMATORS, Estimator
-from signid.estimation.estimators.oe import OutputError
+from signid.estimation.estimators.oe import OutputErrorEstimator
 from signid.identify import Identification
 from signid.regression.bandwidth import encoder_noise
 from signid.regression.session import Options
@@ -118,7 +118,7 @@ def test_stated_gains_take_the_place_of_those_found() -> None:
     known = build(body, ARM.drives, frictionless=True, weigh=False)
     asked = motion.at(np.arange(0, track.t[-1], 2.5e-4))[0]
     stated = gains(mean_inertia(known, arm().joints, asked[:: len(asked) // 20]))
-    found = identified(OutputError(gains=stated), 0, NOISE, 0.02, WIDE)
+    found = identified(OutputErrorEstimator(gains=stated), 0, NOISE, 0.02, WIDE)
     assert any("gains of the controller are as stated" in note for note in found.notes)
     assert off(found) < 0.05
 

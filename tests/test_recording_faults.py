@@ -18,7 +18,7 @@ from signid.cli import run
 from signid.errors import OptionError
 from signid.model import Model, stated_inertials, stated_laws
 from signid.output.report import check_document
-from signid.recording_faults import Gross, examine
+from signid.recording_faults import RecordingFaults, examine
 from signid.regression.motion import Motion
 from signid.regression.prepare import prepare
 from signid.regression.session import Options
@@ -42,13 +42,13 @@ def sound(seed: int = 0) -> tuple[Array, Array]:
     return np.round(whole.q / count) * count, whole.torque + noise
 
 
-def look(robot: Robot, columns: dict[str, Array], options: Options | None = None) -> Gross:
+def look(robot: Robot, columns: dict[str, Array], options: Options | None = None) -> RecordingFaults:
     recording = signid.read_recording(columns, robot)
     session = prepare(robot, [recording], [recording], options)
     return examine(Model(session.robot, stated_inertials(session.robot), stated_laws(session.robot)), session)
 
 
-def told(found: Gross) -> list[tuple[str, tuple[str, ...]]]:
+def told(found: RecordingFaults) -> list[tuple[str, tuple[str, ...]]]:
     return [(f.kind, f.joints) for f in found.findings if f.severity != "note"]
 
 

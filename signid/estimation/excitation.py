@@ -25,13 +25,13 @@ class ExcitationVerdict(Frozen):
     """How much of the information a motion of this size could have given was given.
 
     `shares` are ascending, one per direction in base-parameter space; `weak` names, per insufficient direction, the
-    base parameters in it; `untold` says in words what they are.
+    base parameters in it; `unidentified` says in words what they are.
     """
 
     shares: Array  # (b,) [1]
     prior: Array  # (b,) [units of base] how far each base parameter may be off before anything is measured
     weak: tuple[tuple[str, ...], ...]
-    untold: tuple[str, ...]  # "the rotational inertia of links a and b"
+    unidentified: tuple[str, ...]  # "the rotational inertia of links a and b"
     resting: tuple[str, ...]  # joints that did not move
     in_step: tuple[tuple[str, ...], ...]  # groups of joints that moved alike
     small: tuple[str, ...]  # base parameters too small to matter for the torque here
@@ -52,7 +52,7 @@ class ExcitationVerdict(Frozen):
         said += [f"{_joints(group)} moved in step: move them out of step" for group in self.in_step]
         said.append(
             f"the motion gives {max(self.shares[0], 0):.2%} of the information that random motion of the same size "
-            f"would (at least {ENOUGH:.0%} is needed); it cannot tell {_listed(self.untold)}"
+            f"would (at least {ENOUGH:.0%} is needed); it cannot tell {_listed(self.unidentified)}"
         )
         return tuple(said)
 

@@ -21,7 +21,7 @@ class Payload(Frozen):
     link: str  # that carries it, and in the frame of whose joint it is told
     inertial: Array  # (10,) in Pinocchio's order, about the joint's frame [kg, kg.m, kg.m2]
     covariance: Array  # (10, 10) of the difference before it was made feasible [products of their units]
-    untold: tuple[str, ...]  # of mass, centre and inertia, those that the recordings do not tell
+    unidentified: tuple[str, ...]  # of mass, centre and inertia, those that the recordings do not tell
     moved: float  # standard deviations by which physics moved what was told at most
     misfit: float  # variance of what is no load in the difference, over that of noise; above 1 it widens the intervals
     drifted: float  # largest change of friction or offset, over that which was thought likely [1]

@@ -94,7 +94,7 @@ def payload(
         link=session.robot.links[body],
         inertial=inertial,
         covariance=difference.spread,
-        untold=untold,
+        unidentified=untold,
         moved=fitted.moved,
         misfit=difference.misfit,
         drifted=difference.drifted,

@@ -25,7 +25,7 @@ class Correction(Frozen):
         return cls(tuple(range(n)), np.ones(n), tuple(range(n)), np.ones(n), np.zeros(n))
 
     @property
-    def moves_nothing(self) -> bool:
+    def keeps_positions(self) -> bool:
         """Whether positions are left as they are."""
         return self.q_from == tuple(range(len(self.q_from))) and bool(np.all(self.q_scale == 1))
 

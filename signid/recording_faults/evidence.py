@@ -84,7 +84,7 @@ class Evidence(Frozen):
     def corrected(self, correction: Correction) -> Signals:
         """What the signals would be."""
         plain, torque = self.plain, self.late(correction.lag)[:, list(correction.tau_from)] * correction.tau_sign
-        if correction.moves_nothing:
+        if correction.keeps_positions:
             return plain._replace(torque=torque)
         q, v, a = self.moved(correction)
         direction = plain.direction[:, list(correction.q_from)] * np.sign(correction.q_scale)

@@ -23,19 +23,19 @@ from .lag import Lags, judge_lags
 from .limits import judge_amount, judge_limits
 from .messages import (
     KINDS,
-    tell_absolute,
-    tell_amount,
-    tell_beyond,
-    tell_claims,
-    tell_excitation,
-    tell_factors,
-    tell_fault,
-    tell_lags,
-    tell_unexplained,
-    tell_unsigned_units,
+    absolute_finding,
+    amount_finding,
+    channel_finding,
+    claim_findings,
+    excitation_findings,
+    factor_findings,
+    lag_findings,
+    limit_finding,
+    unexplained_finding,
+    unsigned_unit_finding,
 )
-from .result import Finding, Gross
-from .search import Claim, search, telling
+from .result import Finding, RecordingFaults
+from .search import Claim, informative_torques, search
 
 UNTOLD, STRONG = 0.6, 0.05  # share of a joint's torque that stays unexplained, where it is so much of the largest
 MOVES = 0.05  # of the fastest joint's rms velocity
@@ -58,7 +58,7 @@ class _Seen(NamedTuple):
 
 def examine(
     model: Model, session: Session, excitation: ExcitationVerdict | None = None, signed: Mask | None = None
-) -> Gross:
+) -> RecordingFaults:
     """What is grossly wrong with recordings of a robot, judged by a simulation of it.
 
     Order, signs, units of angle and lags are claimed where a correction lets a passive joint with the model's bodies
@@ -84,16 +84,16 @@ def examine(
         evidence = replace(evidence, signed=evidence.signed & signed)
     absolute = list[Finding]()
     if evidence is not None and (lost := judge_absolute(evidence, parts)).any():
-        absolute = [tell_absolute([robot.joints[j] for j in np.flatnonzero(lost)])]
+        absolute = [absolute_finding([robot.joints[j] for j in np.flatnonzero(lost)])]
         evidence = replace(evidence, signed=evidence.signed & ~lost)
     seen = None if evidence is None else _see(evidence)
     causes = [*absolute, *_causes(session, parts, evidence, seen)]
     findings = [*causes, *_effects(session, parts, evidence, excitation, causes)]
-    return _gross(robot.joints, evidence, seen, findings)
+    return _result(robot.joints, evidence, seen, findings)
 
 
 def _see(evidence: Evidence) -> _Seen:
-    told = telling(evidence.plain, evidence.signed)
+    told = informative_torques(evidence.plain, evidence.signed)
     claims = search(evidence, told)
     done = claims[-1].correction if claims else Correction.none(len(told))
     left, told = unexplained(evidence.corrected(done)), told[list(done.tau_from)]
@@ -102,10 +102,10 @@ def _see(evidence: Evidence) -> _Seen:
 
 def _causes(session: Session, parts: Sequence[Part], evidence: Evidence | None, seen: _Seen | None) -> list[Finding]:
     amount = judge_amount(session, parts)
-    found = [] if amount.enough else [tell_amount(amount, len(session.robot.joints))]
+    found = [] if amount.enough else [amount_finding(amount, len(session.robot.joints))]
     if evidence is not None and seen is not None:
-        found += _told_of_torque(evidence, seen)
-    return [*found, *(tell_fault(fault, session.robot) for fault in judge_channels(parts))]
+        found += _torque_findings(evidence, seen)
+    return [*found, *(channel_finding(fault, session.robot) for fault in judge_channels(parts))]
 
 
 def _effects(
@@ -119,26 +119,26 @@ def _effects(
     reasons = {joint for f in causes if f.kind in REASONS for joint in f.joints or session.robot.joints}
     for beyond in judge_limits(evidence, parts, session):
         if session.robot.joints[beyond.joint] not in reasons:
-            yield tell_beyond(beyond, session.robot)
+            yield limit_finding(beyond, session.robot)
     if evidence is not None and not reasons:
-        yield from tell_excitation(_excitation(session) if excitation is None else excitation)
+        yield from excitation_findings(_excitation(session) if excitation is None else excitation)
 
 
-def _told_of_torque(evidence: Evidence, seen: _Seen) -> Iterator[Finding]:
+def _torque_findings(evidence: Evidence, seen: _Seen) -> Iterator[Finding]:
     robot, joints, x = evidence.robot, evidence.robot.joints, evidence.corrected(seen.done)
-    yield from tell_claims(seen.claims, joints, len(np.unique(evidence.block)))
-    yield from tell_lags(seen.lags, seen.done, joints)
-    yield from tell_factors(seen.gains, robot)
+    yield from claim_findings(seen.claims, joints, len(np.unique(evidence.block)))
+    yield from lag_findings(seen.lags, seen.done, joints)
+    yield from factor_findings(seen.gains, robot)
     speed = np.sqrt(np.mean(x.v**2, axis=0))
     deviation = np.where(evidence.signed, np.std(x.torque, axis=0), 0.0)
     lost = seen.told & (seen.left >= UNTOLD) & (speed >= MOVES * speed.max()) & (deviation >= STRONG * deviation.max())
-    yield from (tell_unexplained(joints[j], 1 - float(seen.left[j])) for j in np.flatnonzero(lost))
+    yield from (unexplained_finding(joints[j], 1 - float(seen.left[j])) for j in np.flatnonzero(lost))
     size, expected = (np.sqrt(np.mean(signal**2, axis=0)) for signal in (x.torque, x.predicted))
     silent = ~evidence.signed & (size > 0) & (expected > 0) & (expected >= UNSIGNED[0] * expected.max(initial=0.0))
     if silent.any():
         ratio = size[silent] / expected[silent]
         if ratio.max() < UNSIGNED[0] or ratio.min() > UNSIGNED[1]:
-            yield tell_unsigned_units(float(np.median(ratio)))
+            yield unsigned_unit_finding(float(np.median(ratio)))
 
 
 def _excitation(session: Session) -> ExcitationVerdict:
@@ -146,16 +146,16 @@ def _excitation(session: Session) -> ExcitationVerdict:
     return judge_excitation(session.task, factors, estimate(factors, session.task.base))
 
 
-def _gross(
+def _result(
     joints: tuple[str, ...], evidence: Evidence | None, seen: _Seen | None, findings: Sequence[Finding]
-) -> Gross:
+) -> RecordingFaults:
     nothing, unknown = np.full(len(joints), np.nan), ("cannot tell",) * len(joints)
     if evidence is None or seen is None:
-        return Gross(joints, nothing, nothing, nothing, unknown, unknown, tuple(findings))
+        return RecordingFaults(joints, nothing, nothing, nothing, unknown, unknown, tuple(findings))
     signs, order = _verdicts(evidence.corrected(seen.done), seen)
     late = seen.done.lag[list(seen.done.tau_from)] + seen.lags.own
     explained = np.where(evidence.signed, 1 - seen.left, np.nan)
-    return Gross(joints, explained, seen.gains.factor, late, signs, order, tuple(findings))
+    return RecordingFaults(joints, explained, seen.gains.factor, late, signs, order, tuple(findings))
 
 
 def _verdicts(x: Signals, seen: _Seen) -> tuple[tuple[str, ...], tuple[str, ...]]:

@@ -30,7 +30,7 @@ USABLE = 0.5  # share of the bodies that must have a mass, for the description t
 NEXT = "run signid check on the recordings, then signid diagnose"
 
 
-class Judged(NamedTuple):
+class IdentifiedData(NamedTuple):
     """Recordings that a model was identified from."""
 
     session: Session
@@ -40,7 +40,7 @@ class Judged(NamedTuple):
 
 
 def identification_flags(
-    rows: Judged, model: Model, excitation: ExcitationVerdict, fit: Fit, value: Array
+    rows: IdentifiedData, model: Model, excitation: ExcitationVerdict, fit: Fit, value: Array
 ) -> tuple[str, ...]:
     """Sentences on faults of the recordings, and on joints that fit badly for another reason.
 
@@ -68,7 +68,7 @@ def identification_flags(
 
 
 def _faults(session: Session, judge: Model, excitation: ExcitationVerdict, fit: Fit, signed: Mask) -> list[Finding]:
-    """Gross faults but poor excitation, which an identification says itself."""
+    """Recording faults but poor excitation, which an identification says itself."""
     found = examine(judge, session, excitation, signed).findings
     return [f for f in found if f.severity != NOTE and f.kind != "excitation" and _holds(f, fit)]
 

@@ -40,7 +40,7 @@ SPARE = 1.05  # times what is needed at least, is recommended
 GROSS, FAR = 5.0, 1.5  # times: units off by more leave nothing to diagnose; torques beyond limits are worth a flag
 
 
-def tell_claims(claims: Sequence[Claim], joints: Sequence[str], blocks: int) -> Iterator[Finding]:
+def claim_findings(claims: Sequence[Claim], joints: Sequence[str], blocks: int) -> Iterator[Finding]:
     """One finding for each kind of sign or unit, one for each exchange; lags are told apart."""
     groups: dict[tuple[str, int], list[Claim]] = {}
     for k, claim in enumerate(claims):
@@ -65,7 +65,7 @@ def _or(rivals: Sequence[tuple[str, tuple[str, ...]]]) -> str:
     return f" (as likely: {'; '.join(others[:3])})" if others else ""
 
 
-def tell_lags(lags: Lags, done: Correction, joints: Sequence[str]) -> Iterator[Finding]:
+def lag_findings(lags: Lags, done: Correction, joints: Sequence[str]) -> Iterator[Finding]:
     """Lags of all joints as one finding, of single joints one each."""
     before = done.lag[list(done.tau_from)]
     odd = np.flatnonzero((before != 0) | lags.gross).tolist()
@@ -84,7 +84,7 @@ def tell_lags(lags: Lags, done: Correction, joints: Sequence[str]) -> Iterator[F
         yield Finding("lag", about, WARN, {"lag": lag, "share": float(lags.share[group].max())}, f"{told}; {mend}")
 
 
-def tell_factors(gains: Gains, robot: Robot) -> Iterator[Finding]:
+def factor_findings(gains: Gains, robot: Robot) -> Iterator[Finding]:
     """Units of all torques, gains of single ones."""
     middle = gains.common
     if middle != 1.0:
@@ -113,20 +113,20 @@ def _currents(gains: Gains, robot: Robot) -> str:
     return "their unit or the description's masses are wrong"
 
 
-def tell_unsigned_units(ratio: float) -> Finding:
+def unsigned_unit_finding(ratio: float) -> Finding:
     """Absolute torques of a size that no friction makes."""
     told = f"absolute torques are {ratio:.3g} times as large as the model's"
     return Finding("units", (), WARN, {"factor": ratio}, f"{told}: their unit is wrong; convert them to N.m (N)")
 
 
-def tell_absolute(joints: Sequence[str]) -> Finding:
+def absolute_finding(joints: Sequence[str]) -> Finding:
     """Torque that lost its sign, and is not said to have lost it."""
     told = f"the torque of {named(joints)} is never negative though the simulation's changes its sign"
     mend = "these are absolute values: name the columns abs_tau_JOINT, or say --unsigned (unsigned=True)"
     return Finding("absolute torque", tuple(joints), REFUSE, {}, f"{told}; {mend}")
 
 
-def tell_unexplained(joint: str, explained: float) -> Finding:
+def unexplained_finding(joint: str, explained: float) -> Finding:
     """Torque that does not belong to its motion."""
     told = f"the torque of {named([joint])} does not follow from its motion: model and friction explain"
     mend = "check that the column is measured, not commanded, and belongs to the joint"
@@ -134,7 +134,7 @@ def tell_unexplained(joint: str, explained: float) -> Finding:
     return Finding("unexplained torque", (joint,), WARN, measures, f"{told} {percent(explained)} of it; {mend}")
 
 
-def tell_amount(amount: Amount, joints: int) -> Finding:
+def amount_finding(amount: Amount, joints: int) -> Finding:
     """Too short to tell noise from what is sought."""
     learned = "" if amount.whole == amount.seconds else " to learn from"
     told = f"{amount.seconds:.3g} s of {joints} joint{'s' if joints > 1 else ''}{learned} are too little"
@@ -145,14 +145,14 @@ def tell_amount(amount: Amount, joints: int) -> Finding:
     return Finding("too little data", (), REFUSE, measures, f"{told}: {why}; {mend}")
 
 
-def tell_excitation(found: ExcitationVerdict) -> Iterator[Finding]:
+def excitation_findings(found: ExcitationVerdict) -> Iterator[Finding]:
     """What the motion cannot tell."""
     share = float(found.shares[0]) if len(found.shares) else 0.0
     for sentence in found.sentences:
         yield Finding("excitation", found.resting, WARN, {"share": share}, sentence)
 
 
-def tell_fault(fault: Fault, robot: Robot) -> Finding:
+def channel_finding(fault: Fault, robot: Robot) -> Finding:
     """A clipped, stuck or skipping channel."""
     joint, unit = robot.joints[fault.joint], "N" if robot.prismatic[fault.joint] else "N.m"
     told = {
@@ -166,7 +166,7 @@ def tell_fault(fault: Fault, robot: Robot) -> Finding:
     return Finding(fault.kind, (joint,), WARN, {"count": float(fault.times), "value": fault.value}, told)
 
 
-def tell_beyond(found: Beyond, robot: Robot) -> Finding:
+def limit_finding(found: Beyond, robot: Robot) -> Finding:
     """Beyond a limit of the description."""
     joint, slides = robot.joints[found.joint], int(robot.prismatic[found.joint])
     units = {"torque": ("N.m", "N"), "velocity": ("rad/s", "m/s"), "position": ("rad", "m")}

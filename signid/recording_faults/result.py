@@ -23,7 +23,7 @@ class Finding:
 
 
 @dataclass(frozen=True, eq=False)
-class Gross(Frozen):
+class RecordingFaults(Frozen):
     """Findings, and per joint what they rest on. Verdicts are `right`, `wrong` or `cannot tell`."""
 
     joints: tuple[str, ...]  # n

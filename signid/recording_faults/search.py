@@ -49,7 +49,7 @@ class Claim(Frozen):
     rivals: tuple[Trial, ...] = ()  # that do as well
 
 
-class Judged(NamedTuple):
+class Evaluated(NamedTuple):
     """A trial and what it leaves unexplained."""
 
     trial: Trial
@@ -57,7 +57,7 @@ class Judged(NamedTuple):
     rank: tuple[float, float]  # the smaller the better
 
 
-def telling(x: Signals, signed: Mask) -> Mask:
+def informative_torques(x: Signals, signed: Mask) -> Mask:
     """(n,) whether a joint's torque is recorded with its sign and strong enough to tell anything.
 
     Args:
@@ -100,7 +100,7 @@ def _next(evidence: Evidence, done: Correction, told: Mask) -> Claim | None:
         left = _left(evidence, trial.correction)
         if np.any((left - before)[evidence.signed] > WORSE) or not _betters_all(trial, done, told, before, left):
             continue
-        judged.append(Judged(trial, left, (_nats(left, told), _nats(left, told, CLOSELY))))
+        judged.append(Evaluated(trial, left, (_nats(left, told), _nats(left, told, CLOSELY))))
     if not judged:
         return None
     judged.sort(key=lambda j: (round(j.rank[0], 1), j.rank[1]))

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import shorten
 from ..estimation.fit_quality import LITTLE
-from ..recording_faults import Gross
+from ..recording_faults import RecordingFaults
 from ..recording_faults.result import REFUSE, WARN
 from ..simulation.rollout import RollOut
 from .joints import Candidate
@@ -49,7 +49,7 @@ def constant_flags(candidates: Sequence[Candidate]) -> Iterator[str]:
                 break
 
 
-def fault_flags(names: Sequence[str], faults: Sequence[Gross]) -> Iterator[str]:
+def fault_flags(names: Sequence[str], faults: Sequence[RecordingFaults]) -> Iterator[str]:
     """The sentence of each gross fault of the recordings once; the models that show it where not all do.
 
     Args:

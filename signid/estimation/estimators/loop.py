@@ -29,7 +29,7 @@ Solve = Callable[[list[Part]], Estimate]  # recordings with simulated positions 
 
 
 @dataclass(frozen=True, eq=False)
-class Follow(Frozen):
+class ControllerDrive(Frozen):
     """A drive: a controller along a desired motion, from a measured state on."""
 
     path: Trajectory
@@ -131,7 +131,7 @@ def _run(session: Session, model: Model, controller: Controller, piece: Samples)
     period = float(piece.t[1] - piece.t[0])
     asked, real = (motion_of(session, q, period) for q in (piece.q_des, piece.q))
     path = Trajectory(session.robot.joints, asked.t, asked.q, asked.v, asked.a)
-    drive = Follow(path, controller.feed_forward(session, asked), controller, real.q[0], real.v[0])
+    drive = ControllerDrive(path, controller.feed_forward(session, asked), controller, real.q[0], real.v[0])
     parts = int(np.ceil(period / STEP - 1e-9))
     try:
         moved = simulate(model, drive, len(asked.t) * period, step=period / parts)

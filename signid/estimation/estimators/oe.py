@@ -12,7 +12,7 @@ from .loop import Gains, iterate, loop_options
 
 
 @dataclass(frozen=True, eq=False)
-class OutputError(Frozen, Estimator):
+class OutputErrorEstimator(Frozen, Estimator):
     """DIDIM: the robot is simulated in closed loop, and its torque, linear in the parameters, fitted by Gauss-Newton.
 
     The simulated motion hardly depends on the parameters, as the controller holds it; so the Jacobian is the regressor
@@ -38,4 +38,4 @@ class OutputError(Frozen, Estimator):
         return iterate(given, self.name, "q", solve, self.gains)
 
 
-PLUGIN = OutputError()
+PLUGIN = OutputErrorEstimator()

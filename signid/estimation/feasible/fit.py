@@ -8,8 +8,8 @@ import numpy as np
 
 from ...types import Array, BaseMap, Estimate, Frozen, Parameters
 from .newton import polish
-from .prior import believable
-from .problem import Cone, pose
+from .prior import feasible_prior
+from .problem import FeasibleProblem, build_problem
 from .solve import solve
 
 _NEAR = 1e-3  # standard deviations from the estimate that count as the estimate itself
@@ -54,15 +54,15 @@ def fit_consistent(
     Raises:
         ValueError: when the prior does not have the labels of the base map.
 
-    Source: Wensing, Kim, Slotine, IEEE RA-L 3(1), 2018 (cone); Lee, Wensing, Park, IEEE T-RO 36(1), 2020 (log det).
+    Source: Wensing, Kim, Slotine, IEEE RA-L 3(1), 2018 (problem); Lee, Wensing, Park, IEEE T-RO 36(1), 2020 (log det).
     """
-    start, notes = believable(base, prior)
-    cone = pose(base, estimate, start, prior_weight)
-    u, status = solve(cone)
+    start, notes = feasible_prior(base, prior)
+    problem = build_problem(base, estimate, start, prior_weight)
+    u, status = solve(problem)
     if status not in ("optimal", "optimal_inaccurate"):
         notes += (f"the cone solver ended with {status!r}; Newton's method solved the problem in its stead",)
-    kept = _kept(cone, u)
-    parameters, share = (kept, 0.0) if kept else _proved(cone.standard(u), start)
+    kept = _kept(problem, u)
+    parameters, share = (kept, 0.0) if kept else _proved(problem.standard(u), start)
     if share:
         notes += (f"a share of {share:.0e} of the prior was mixed in, so that the answer is feasible beyond rounding",)
     value = base.combination @ parameters.values
@@ -73,15 +73,15 @@ def fit_consistent(
     return ConsistentFit(parameters, value, chi2, moves, kept is not None, notes)
 
 
-def _kept(cone: Cone, u: Array) -> Parameters | None:
+def _kept(problem: FeasibleProblem, u: Array) -> Parameters | None:
     """Feasible parameters that reproduce the estimate, if the minimiser comes to them as the prior fades."""
-    near = _NEAR + 1e-10 * float(np.linalg.norm(cone.target))
+    near = _NEAR + 1e-10 * float(np.linalg.norm(problem.target))
     for decade in range(1, 8):
-        if cone.distance(u) < near:
-            parameters = cone.standard(u)
+        if problem.distance(u) < near:
+            parameters = problem.standard(u)
             return parameters if parameters.is_feasible(_SPARE) else None
-        closer = polish(replace(cone, weight=10.0**-decade * cone.weight), u, steps=25)
-        if cone.distance(closer) > _CLOSER * cone.distance(u):
+        closer = polish(replace(problem, weight=10.0**-decade * problem.weight), u, steps=25)
+        if problem.distance(closer) > _CLOSER * problem.distance(u):
             return None
         u = closer
     return None

@@ -29,7 +29,7 @@ def positive(parameters: Parameters) -> NDArray[np.bool_]:
     return np.array([label.positive for label in parameters.labels], dtype=bool)
 
 
-def believable(base: BaseMap, prior: Parameters) -> tuple[Parameters, tuple[str, ...]]:
+def feasible_prior(base: BaseMap, prior: Parameters) -> tuple[Parameters, tuple[str, ...]]:
     """The prior made strictly feasible: massless, flat and impossible bodies replaced; a sentence on each.
 
     Args:
@@ -103,7 +103,7 @@ def standard_from_base(base: BaseMap, value: Array, prior: Parameters) -> Parame
     Raises:
         ValueError: when the prior does not have the labels of the base map.
     """
-    start, _ = believable(base, prior)
+    start, _ = feasible_prior(base, prior)
     size = coefficient_sizes(base, value, start.values)
     size[inertial(start)] = np.outer(start.bodies()[:, 0], _SCALE).ravel()
     x = np.nan_to_num(prior.values)

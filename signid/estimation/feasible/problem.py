@@ -15,8 +15,8 @@ _LOST = 1e-12  # share of the largest information below which the recordings tel
 
 
 @dataclass(frozen=True, eq=False)
-class Cone(Frozen):
-    """Minimise ||matrix u - target||^2 + weight * belief(u) over u inside the cone.
+class FeasibleProblem(Frozen):
+    """Minimise ||matrix u - target||^2 + weight * penalty(u) over u inside the cone.
 
     u (d,) holds, in this order: ten coordinates of S for each of n bodies, P = C S C' the pseudo-inertia and CC' its
     prior, believed in by tr S - log det S; coefficients that must be positive in their own size, by u - log u; other
@@ -79,12 +79,12 @@ class Cone(Frozen):
             factors = cholesky(bodies)
         except np.linalg.LinAlgError:
             return np.inf
-        belief = np.sum(factors**2) - 2 * np.sum(np.log(np.diagonal(factors, axis1=1, axis2=2)))
-        belief += np.sum(sizes - np.log(sizes)) + np.sum(rest**2) / 2
-        return self.distance(u) ** 2 + self.weight * float(belief)
+        penalty = np.sum(factors**2) - 2 * np.sum(np.log(np.diagonal(factors, axis1=1, axis2=2)))
+        penalty += np.sum(sizes - np.log(sizes)) + np.sum(rest**2) / 2
+        return self.distance(u) ** 2 + self.weight * float(penalty)
 
 
-def pose(base: BaseMap, estimate: Estimate, prior: Parameters, weight: float) -> Cone:
+def build_problem(base: BaseMap, estimate: Estimate, prior: Parameters, weight: float) -> FeasibleProblem:
     """The problem over all of each body, and each coefficient, that torque shows.
 
     Args:
@@ -104,7 +104,7 @@ def pose(base: BaseMap, estimate: Estimate, prior: Parameters, weight: float) ->
     offset = np.r_[np.zeros(bounds[1]), stated[bounds[1] :]]
     root, columns = information_root(estimate.information), base.combination[:, seen]
     target = root @ (estimate.value - columns @ offset)
-    return Cone(root @ columns @ transform, target, weight, bounds, transform, offset, seen, prior)
+    return FeasibleProblem(root @ columns @ transform, target, weight, bounds, transform, offset, seen, prior)
 
 
 def information_root(information: Array) -> Array:

@@ -14,7 +14,7 @@ from ...errors import OptionError
 from ...toml_json import read_toml
 from ...types import Array, BaseMap, Estimate, Frozen, Parameters, pseudo_inertia
 from ..feasible.packing import TO_INERTIAL, pack
-from ..feasible.prior import believable, coefficient_sizes, inertial, positive
+from ..feasible.prior import coefficient_sizes, feasible_prior, inertial, positive
 
 _MASS = (0.2, 3.0)  # times the mass stated
 _HUGE = 1e100
@@ -56,7 +56,7 @@ def bounds_around(base: BaseMap, estimate: Estimate, prior: Parameters) -> Bound
     Raises:
         ValueError: when the prior does not have the labels of the base map.
     """
-    start, _ = believable(base, prior)
+    start, _ = feasible_prior(base, prior)
     reach = 3 * coefficient_sizes(base, estimate.value, start.values, estimate.std)
     lower, upper = np.where(positive(start), 0.0, -reach), reach
     body = inertial(start)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ...errors import OptionError
 from ...types import Array, BaseMap, Estimate, Frozen, Parameters, pseudo_inertia
-from ..feasible.prior import believable, coefficient_sizes, inertial, positive
+from ..feasible.prior import coefficient_sizes, feasible_prior, inertial, positive
 
 _MARGIN = 1e-3  # of its size by which a quantity must be inside, so that what the penalty lets through is possible
 _SECOND = np.array([pseudo_inertia(e)[:3, :3] for e in np.eye(10)])  # (10, 3, 3) of second moments
@@ -105,7 +105,7 @@ def physics_of(
     """
     if total is not None and not 0 <= total[0] <= total[1]:
         raise OptionError(f"total_mass is {total}; expected (least, largest) in kg, neither negative")
-    start, _ = believable(base, prior)
+    start, _ = feasible_prior(base, prior)
     bodies = start.bodies()
     moments = np.array([pseudo_inertia(x)[:3, :3] - np.outer(x[1:4], x[1:4]) / x[0] for x in bodies]).reshape(-1, 3, 3)
     bounded = np.flatnonzero(positive(start) & ~inertial(start))

@@ -124,7 +124,7 @@ def track(
     if not (bandwidth > 0 and damping >= 0):
         raise OptionError(f"bandwidth {bandwidth:g} Hz and damping {damping:g}; both must be positive")
     if gains is None:
-        inertia, w = _felt_inertia(known, trajectory), 2 * np.pi * bandwidth
+        inertia, w = _effective_inertia(known, trajectory), 2 * np.pi * bandwidth
         gains = inertia * w**2, 2 * damping * inertia * w
     stiffness, rate = (np.broadcast_to(np.asarray(x, float), (len(robot.joints),)) for x in gains)
     if not (np.all(stiffness >= 0) and np.all(rate >= 0)):
@@ -153,7 +153,7 @@ def _bodies(model: Model) -> Model:
     return Model(model.robot, model.inertials, tuple(model.of(BodyLaw)))
 
 
-def _felt_inertia(known: Model, trajectory: Trajectory) -> Array:
+def _effective_inertia(known: Model, trajectory: Trajectory) -> Array:
     """(n,) [kg.m2 or kg] that a joint's motor feels while the others give way: harmonic mean along a motion.
 
     Gains in proportion to it stay stable where axes of joints come to lie on one line and inertias nearly cancel.

@@ -55,7 +55,7 @@ class Term:
         if len(view.soft):
             total[..., view.flex] += torque[..., view.soft]
 
-    def settle(self, state: Array) -> None:
+    def deflect(self, state: Array) -> None:
         """Let what is elastic give way to the load of the moment, by bisection.
 
         Args:

@@ -15,7 +15,7 @@ from .dynamics import Dynamics
 from .effect_terms import build_terms
 from .friction import DryFriction
 from .state import Moment
-from .stiffness import TRIAL, feel
+from .stiffness import TRIAL, measure_stiffness
 
 INTEGRATORS = ("semi-implicit", "rk4")
 MOST = 200  # sub-steps
@@ -41,14 +41,14 @@ class Plant:
         self.remembering = [term for term in self.terms if term.memory]
         self.dry = any(term.effect.reverses for term in self.terms)
         self.friction = DryFriction(self.bodies.drive.shape[1])
-        felt = feel(self, model.robot)
-        self.substeps = substeps or felt.substeps(step, implicit=integrator == "semi-implicit")
+        stiffness = measure_stiffness(self, model.robot)
+        self.substeps = substeps or stiffness.substeps(step, implicit=integrator == "semi-implicit")
         if not 0 < self.substeps <= MOST:
             raise OptionError(
                 f"steps of {step:g} s would be parted into {self.substeps}, at most {MOST} are made; "
                 f"give shorter steps, or take integrator 'semi-implicit' where a law is stiff"
             )
-        self.stiff = felt.stiff(step / self.substeps)
+        self.stiff = stiffness.stiff(step / self.substeps)
         count = self.bodies.drive.shape[1]
         self.direct = np.array_equal(self.bodies.motor, np.arange(count))
         self.state = self.speed = self.before = np.zeros((copies, count))
@@ -70,7 +70,7 @@ class Plant:
         self.moment.set(0.0, self.step, self.state[None], self.speed[None], np.sign(self.speed)[None])
         for term in self.terms:
             if term.transmission:
-                term.settle(self.state)
+                term.deflect(self.state)
             term.begin()
 
     def advance(self, t: float | Array, torque: Array) -> None:

@@ -20,7 +20,7 @@ GENTLE = 0.4  # share of the inertia below which a law is taken at the beginning
 RINGING, DECAY = 0.3, 0.5  # [1] largest step times frequency, and times rate of decay, of explicit steps
 
 
-class Loaded(Protocol):
+class ProbedPlant(Protocol):
     """A plant whose laws are felt."""
 
     bodies: Bodies
@@ -61,7 +61,7 @@ class Stiffness(NamedTuple):
         return int(max(1, np.ceil(step * max(rate.max(), (self.damping / self.inertia).max() / DECAY))))
 
 
-def feel(plant: Loaded, robot: Robot, seed: int = 0) -> Stiffness:
+def measure_stiffness(plant: ProbedPlant, robot: Robot, seed: int = 0) -> Stiffness:
     """The stiffness of a plant's laws from trials at random states, slow and fast.
 
     Raises:
@@ -87,7 +87,7 @@ def feel(plant: Loaded, robot: Robot, seed: int = 0) -> Stiffness:
     return Stiffness(damping, spring, inertia)
 
 
-def _mobility(plant: Loaded, q: Array, robot: str) -> Array:
+def _mobility(plant: ProbedPlant, q: Array, robot: str) -> Array:
     """The inverse (c, c) of the mass matrix at q (1, c), of bodies that can be."""
     try:
         found = plant.dynamics.mobility(q)[0]

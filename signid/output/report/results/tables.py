@@ -24,7 +24,7 @@ from .signs import signs_tables
 if TYPE_CHECKING:
     from ....check import Check
     from ....inspect import Inspection
-    from ....recording_faults import Gross
+    from ....recording_faults import RecordingFaults
 
 WIDE = 4  # kinds of numbers side by side, at most
 VERDICTS = {"right": "green", "cannot tell": "yellow", "wrong": "red"}
@@ -91,7 +91,7 @@ def check_tables(found: Check) -> list[RenderableType]:
     ]
 
 
-def _gross(found: Gross) -> Table:
+def _gross(found: RecordingFaults) -> Table:
     """How much of each joint's torque the stated bodies with any friction explain, and whether all is in its place."""
     table = new_table("joint", "explained>", "factor>", "sign", "order")
     columns = (found.joints, found.explained, found.factor, found.signs, found.order)

@@ -149,7 +149,7 @@ def _room(basis: Array, limits: Limits, x: Array) -> Array:
     return np.asarray(1 / np.maximum(peaks.max(0), 1e-300))
 
 
-def draw_motion(robot: Robot, duration: float, step: float, seed: int) -> Trajectory:
+def rest_to_rest_motion(robot: Robot, duration: float, step: float, seed: int) -> Trajectory:
     """A Fourier series at random within the limits but torque's, from rest to rest, told at every step [s].
 
     Raises:
