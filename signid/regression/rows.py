@@ -208,7 +208,9 @@ def choose_reach(motions: Sequence[Motion], band: Band, slow: Array) -> tuple[in
     reaches = [min(int(np.ceil(share * band.rate / band.cutoff)), len(band.taps) // 2) for share in REACHES]
     if not motions:
         return (reaches[-1],) * len(slow)
-    kept = [np.concatenate([_moving(motion.v, reach, slow) for motion in motions]).mean(0) for reach in reaches]
+    kept = [
+        np.concatenate([away_from_reversals(motion.v, reach, slow) for motion in motions]).mean(0) for reach in reaches
+    ]
     enough = np.array(kept) >= KEPT  # (reaches, n)
     return tuple(reaches[int(np.argmax(joint))] if joint.any() else reaches[-1] for joint in enough.T)
 
@@ -217,12 +219,19 @@ def _steady(task: Task, motion: Motion) -> Mask:
     far = np.array(task.reach)
     moving = np.empty(motion.v.shape, bool)
     for reach in np.unique(far):
-        moving[:, far == reach] = _moving(motion.v[:, far == reach], int(reach), task.slow[far == reach])
+        here = far == reach
+        moving[:, here] = away_from_reversals(motion.v[:, here], int(reach), task.slow[here])
     return np.asarray(moving | ~np.array(task.reverses))
 
 
-def _moving(v: Array, reach: int, slow: Array) -> Mask:
-    """Where the velocity stays clear of a reversal for so many samples on either side."""
+def away_from_reversals(v: Array, reach: int, slow: Array) -> Mask:
+    """Mask (N, n) of samples around which the speed stays above `STILL` widths of a reversal.
+
+    Args:
+        v: (N, n) velocity [rad/s or m/s].
+        reach: samples on either side that are looked at.
+        slow: (n,) width of a reversal [rad/s or m/s].
+    """
     return np.asarray(moving_minimum(np.abs(v), reach) >= STILL * slow)
 
 
