@@ -49,25 +49,26 @@ def excite(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Excitation:
-    """A motion, at rest at both ends, that tells the base parameters of bodies and laws best within the limits.
+    """Optimal exciting motion: most information on the base parameters of bodies and laws within the limits.
 
-    Torque errors count in proportion to each joint's torque limit (1 %; of its rms torque in random motions where it
-    has none). Limits are obeyed on a grid of 1 ms, distances between links on one of 5 ms.
+    The motion is at rest at both ends. The assumed torque noise is 1 % of each joint's torque limit; for joints without
+    a limit, 1 % of the rms torque along random motions. Limits are obeyed on a grid of 1 ms, distances between links on
+    one of 5 ms. The search amplifies rounding errors: another processor may give another motion that is about as good.
 
     Args:
-        model: robot, inertials and laws as known so far: they give torque.
-        kind: "fourier", "spline", or "random": a Fourier series drawn once and scaled to the limits, without a search.
+        model: robot, inertials and laws as known so far; they give the torque.
+        kind: "fourier", "spline", or "random": one random Fourier series, scaled to the limits, without a search.
         criterion: "determinant" of the information (D-optimality) or "condition" number of the base regressor.
-        duration: of the motion [s].
-        harmonics: of the base frequency; splines get as much freedom.
-        base_frequency: [Hz]; one period in the duration, if None.
-        limits: as `build_limits` makes them; those of the description, if None.
-        effects: laws at every joint whose coefficients are to be told as well.
+        duration: duration of the motion [s].
+        harmonics: number of harmonics of the base frequency; a spline gets as many degrees of freedom.
+        base_frequency: base frequency [Hz]; None: one period in the duration.
+        limits: limits by `build_limits`; None: limits of the description.
+        effects: laws at every joint whose coefficients are to be identified as well.
         clearance: smallest distance between links [m].
-        rate: of the samples of the result [Hz].
+        rate: sampling rate of the result [Hz].
         budget: evaluations of each stage of the search.
-        seed: of all random numbers.
-        progress: told what is being done and the share of it that is done.
+        seed: seed of all random numbers.
+        progress: function that is called with the current step and the share of it that is done.
 
     Raises:
         OptionError: an option is unknown, a limit leaves no motion, or the duration is shorter than a period.
