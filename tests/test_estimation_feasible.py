@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 from told import Told, told
 
 from signid.estimation.feasible import ConsistentFit, fit_consistent, problem as problems, solve, standard_from_base
-from signid.estimation.feasible.fit import _proved
+from signid.estimation.feasible.fit import _verified
 from signid.estimation.feasible.newton import polish
 from signid.estimation.feasible.packing import BASIS, TO_INERTIAL, congruence, pack, unpack
 from signid.estimation.feasible.prior import feasible_prior, inertial
@@ -131,10 +131,10 @@ def test_an_infeasible_answer_is_drawn_to_the_prior_by_the_least_share() -> None
     matrix, values = pseudo_inertia(prior.values[:10]), prior.values.copy()
     least, axes = np.linalg.eigh(matrix)
     values[:10] = TO_INERTIAL @ pack(matrix - (1.001 * least[0]) * np.outer(axes[:, 0], axes[:, 0]))
-    mixed, share = _proved(replace(prior, values=values), prior)
+    mixed, share = _verified(replace(prior, values=values), prior)
     assert 0 < share < 2e-3 and mixed.is_feasible()
     assert not replace(prior, values=values + share / 2 * (prior.values - values)).is_feasible()
-    untouched, share = _proved(prior, prior)
+    untouched, share = _verified(prior, prior)
     assert share == 0 and np.array_equal(untouched.values, prior.values)
 
 
@@ -159,8 +159,8 @@ def test_massless_flat_and_impossible_bodies_of_the_prior_are_replaced_and_said(
     assert fit.parameters.is_feasible()
     assert [note.split(";")[0] for note in fit.notes[:3]] == [
         "body 1 of the description has no mass",
-        "body 2 of the description is thinner than 3 mm or could not exist",
-        "body 3 of the description is thinner than 3 mm or could not exist",
+        "body 2 of the description is thinner than 3 mm or infeasible",
+        "body 3 of the description is thinner than 3 mm or infeasible",
     ]
     made, _ = feasible_prior(case.base, prior)
     assert made.is_feasible() and made.values[10] == 1 and made.values[0] == 0.05

@@ -1,4 +1,4 @@
-"""Newton's method for the cone's problem."""
+"""Newton's method for the feasible fit."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from .problem import FeasibleProblem
 
 
 def polish(problem: FeasibleProblem, u: Array, steps: int = 30, precision: float = 1e-9, exact: bool = True) -> Array:
-    """(d,) the minimiser by Newton's method with halved steps, to the last digits that the information asks for.
+    """Minimiser (d,) by Newton's method with step halving.
 
     Args:
-        problem: the problem.
-        u: (d,) a strictly feasible point [1].
-        steps: at most so many.
-        precision: a step that gains less than this share of the weight is the last.
-        exact: as of `newton`.
+        problem: convex problem.
+        u: (d,) strictly feasible starting point [1].
+        steps: largest number of steps.
+        precision: gain of a step, as a share of the weight, below which the iteration ends.
+        exact: argument of `newton`.
     """
     cost = problem.cost(u)
     for _ in range(steps):
@@ -34,14 +34,14 @@ def polish(problem: FeasibleProblem, u: Array, steps: int = 30, precision: float
 
 
 def newton(problem: FeasibleProblem, u: Array, exact: bool = True) -> tuple[Array, float]:
-    """(d,) Newton's step, and the squared decrement: about twice what is left to gain, as a share of the weight.
+    """Newton step (d,), and the squared decrement: about twice the remaining gain, as a share of the weight.
 
-    In the coordinates in which the Hessian of the belief is the identity the step is a ridge regression.
+    In coordinates in which the Hessian of the prior's penalty is the identity, the step is a ridge regression.
 
     Args:
-        problem: the problem.
-        u: (d,) a strictly feasible point [1].
-        exact: by singular values; else by normal equations, which is several times faster and good enough on the way.
+        problem: convex problem.
+        u: (d,) strictly feasible point [1].
+        exact: solve by singular values; else by normal equations, which are several times faster and less accurate.
     """
     bodies, sizes, rest = problem.parts(u)
     factors = cholesky(bodies)

@@ -1,4 +1,4 @@
-"""The cone's problem -> its minimiser: along the central path from the prior, or by an interior-point solver."""
+"""Minimiser of the feasible fit: by Newton's method along the central path, or by an interior-point solver."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from .newton import newton, polish
 from .packing import BASIS
 from .problem import FeasibleProblem
 
-_SHARPEST = 1e5  # standard deviations per prior size that the interior-point solver is asked to resolve
-_STRIDE = 5.0  # from one weight of the prior to the next
-_FEW = 25  # steps of Newton's method that bring a stride back to the central path
-_NAME = "the fit of possible inertials"
-_SETTLED = 1e-6  # squared decrement of a minimiser
+_SHARPEST = 1e5  # [standard deviations per prior size] largest singular value that the interior-point solver gets
+_STRIDE = 5.0  # [1] factor between successive weights of the prior
+_FEW = 25  # largest number of Newton steps per weight
+_NAME = "the fit of feasible inertials"
+_SETTLED = 1e-6  # [1] squared decrement at which a minimiser has converged
 
 
 def solve(problem: FeasibleProblem) -> tuple[Array, str]:
-    """(d,) the minimiser, and what was said of it: "optimal", or why the interior-point solver failed.
+    """Minimiser (d,) and its status: "optimal", or the reason why the interior-point solver failed.
 
-    Newton's method follows the minimiser from the prior, as a rule in less time than the interior-point solver takes to
-    be imported. Where it loses the central path that solver is asked. It works best where prior and misfit are of one
-    size: where it fails it is asked again with a heavier prior, and Newton's method goes on from there.
+    Newton's method follows the central path from the prior, usually in less time than the import of the interior-point
+    solver takes. If it loses the path, that solver is used. It works best if prior and misfit are of similar size; if
+    it fails, it is used again with a heavier prior, and Newton's method continues from there.
     """
     heaviest = max(problem.distance(problem.start) ** 2 / problem.weight, 1.0)
     u = trace(problem, heaviest)
@@ -41,11 +41,11 @@ def solve(problem: FeasibleProblem) -> tuple[Array, str]:
 
 
 def trace(problem: FeasibleProblem, heavier: float) -> Array | None:
-    """(d,) the minimiser, from the prior along the central path; None where it loses the path, or time is up.
+    """Minimiser (d,) by the central path from the prior; None if the path is lost or time is up.
 
     Args:
-        problem: the problem.
-        heavier: factor on the weight, with which the prior is about the minimiser.
+        problem: convex problem.
+        heavier: factor on the weight for which the prior is nearly the minimiser.
     """
     u = problem.start
     for factor in _STRIDE ** np.arange(np.log(heavier) / np.log(_STRIDE), 0.0, -1.0):
@@ -58,15 +58,15 @@ def trace(problem: FeasibleProblem, heavier: float) -> Array | None:
 
 
 def follow(problem: FeasibleProblem, u: Array, heavier: float) -> Array:
-    """(d,) the minimiser by Newton's method, in small strides from a prior so much heavier to the weight asked for.
+    """Minimiser (d,) by Newton's method, while the weight of the prior decreases in small strides.
 
-    Strides are small because Newton's method alone creeps along the cone's surface once it has left the central path.
-    They end early where the misfit is so large that no lighter prior could lessen it by more than a thousandth.
+    Strides are small because Newton's method is slow near the boundary of the feasible set. They end early if the
+    misfit is so large that a lighter prior could reduce it by a thousandth at most.
 
     Args:
-        problem: the problem.
-        u: (d,) near the minimiser for the heavier prior [1].
-        heavier: factor on the weight.
+        problem: convex problem.
+        u: (d,) point near the minimiser for the heavier prior [1].
+        heavier: initial factor on the weight.
     """
     for factor in _STRIDE ** np.arange(np.log(heavier) / np.log(_STRIDE), 0.0, -1.0):
         u = polish(replace(problem, weight=factor * problem.weight), u, steps=100, precision=0.1)
@@ -76,9 +76,9 @@ def follow(problem: FeasibleProblem, u: Array, heavier: float) -> Array:
 
 
 def _ask(problem: FeasibleProblem) -> tuple[Array | None, str]:
-    import cvxpy as cp  # here, because it takes longer to import than to solve
+    import cvxpy as cp  # its import takes longer than the solution by Newton's method
 
-    unit = problem.weight**0.5  # so many standard deviations count as one
+    unit = problem.weight**0.5  # [standard deviations] unit of residuals
     left, sharpness, right = np.linalg.svd(problem.matrix / unit, full_matrices=False)
     eased = np.minimum(1.0, _SHARPEST / np.maximum(sharpness, 1e-300))
     u = cp.Variable(len(problem.offset))
