@@ -181,7 +181,7 @@ def test_joints_that_the_recording_lacks_are_held() -> None:
     assert_array_less(roll_out(model, heard).rms(0.5), 1e-4)
     assert roll_out(wide, heard).notes == ("joint_coupling is left out: one of its joints is held",)
     assert roll_out(wide, heard).rms(0.5)[1] > 1e-3  # its payload is there
-    with pytest.raises(RecordingError, match="lacks or holds fixed"):
+    with pytest.raises(RecordingError, match="lacks or holds;"):
         roll_out(model, signid.read_recording({"t": t, "q": np.c_[q, q[:, :1]], "tau": np.c_[q, q[:, :1]]}, wide.robot))
 
 
@@ -202,7 +202,7 @@ def test_several_recordings_and_sessions() -> None:
     assert np.bincount(found.recording).tolist() == [10, 6]
     session = prepare(arm(), [heard], [other], Options(effects=tuple(USUAL)))
     assert_array_less(roll_out(usual(), session).rms(0.5), 1e-3)
-    with pytest.raises(OptionError, match="roll both models out alike"):
+    with pytest.raises(OptionError, match="use the same recordings for both models"):
         found.document(roll_out(usual(), other))
     with pytest.raises(OptionError, match="choose one from 0.001 to 0.5 s"):
         found.rms(0.7)

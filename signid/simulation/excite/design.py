@@ -1,4 +1,4 @@
-"""Model -> exciting motion."""
+"""Model -> optimal exciting motion."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ from .result import Excitation, budget_notes
 from .search import GRID, SPARE, Budget, Found, enforce_limits, search
 from .setup import build_problem, usual_laws
 
-RANDOM = "random"  # the kind that is drawn, not sought
-CLEARANCE = 0.01  # [m] between links
-WAVES = 500  # of the fastest harmonic, at most
-PER_PERIOD = 12  # instants of the search per period of the fastest harmonic
-KEPT = 0.95  # of the motion found; less is flagged
-PENALTY = 100.0  # on what exceeds a limit: log of a standard deviation per mean square share
+RANDOM = "random"  # kind of motion without a search
+CLEARANCE = 0.01  # [m] smallest distance between links
+WAVES = 500  # largest number of periods of the fastest harmonic
+PER_PERIOD = 12  # samples of the search per period of the fastest harmonic
+KEPT = 0.95  # [1] scale of the motion that keeps all limits, below which it is flagged
+PENALTY = 100.0  # [1] on the mean square excess over a limit; the criterion is the log of a standard deviation
 
 
 @ends_in_time
@@ -82,7 +82,10 @@ def excite(
     cost = Cost(problem, CRITERIA[criterion], family, np.linspace(0, duration, instants + 1), PENALTY, SPARE)
     budget = budget or Budget.usual(len(model.robot.joints))
     feasible, found = (_random if kind == RANDOM else _optimised)(cost, budget, seed, progress)
-    small = f"the motion found was scaled to {feasible.share:.0%} to obey torque limits and distances between links"
+    small = (
+        f"the optimised motion was scaled to {feasible.share:.0%} to obey torque limits and distances between links, "
+        f"and is no longer optimal; try another seed or a larger budget"
+    )
     fine = sample(family, model.robot.joints, feasible.x, grid(duration))
     trajectory = sample(family, model.robot.joints, feasible.x, at_rate(duration, rate))
     precision = predict_precision(problem, trajectory)
@@ -108,17 +111,17 @@ def excite(
 
 def _check(kind: str, criterion: str, rate: float, duration: float, harmonics: int, frequency: float) -> None:
     if kind not in (kinds := (*FAMILIES.names, RANDOM)):
-        raise OptionError(f"there is no kind of motion {kind!r}; choose from {', '.join(kinds)}")
+        raise OptionError(f"there is no kind {kind!r} of motion; choose from {', '.join(kinds)}")
     if criterion not in CRITERIA:
         raise OptionError(f"there is no criterion {criterion!r}; choose from {', '.join(CRITERIA)}")
     check_duration(duration, harmonics, frequency)
     if (waves := duration * frequency * harmonics) > WAVES:
         raise OptionError(
-            f"{duration:g} s hold {waves:.0f} waves of the fastest harmonic; at most {WAVES} can be searched: "
+            f"{duration:g} s are {waves:.0f} periods of the fastest harmonic, more than {WAVES}; "
             f"give a shorter duration, fewer harmonics or a lower base frequency"
         )
     if not rate > 0:
-        raise OptionError(f"the rate is {rate:g} Hz; a positive one is needed")
+        raise OptionError(f"the rate is {rate:g} Hz; give a positive one")
 
 
 def _random(cost: Cost, budget: Budget, seed: int, progress: Progress | None) -> tuple[FeasibleMotion, Found]:
@@ -143,15 +146,15 @@ def _optimised(cost: Cost, budget: Budget, seed: int, progress: Progress | None)
 
 
 class Precision(NamedTuple):
-    """What a motion tells."""
+    """Predicted precision of base parameters."""
 
-    log_det: float  # of the scaled information
-    condition: float  # of the scaled base regressor
-    std: Array  # (b,) [units of base]
+    log_det: float  # log of the determinant of the scaled information
+    condition: float  # condition number of the scaled base regressor
+    std: Array  # (b,) [units of base] standard deviations
 
 
 def predict_precision(problem: ExcitationProblem, trajectory: Trajectory) -> Precision:
-    """What samples of a trajectory tell of the base parameters."""
+    """Predict the precision of the base parameters from samples of a trajectory."""
     rows = problem.rows(trajectory.t, trajectory.q, trajectory.v, trajectory.a)
     values, vectors = np.linalg.eigh(problem.information(rows))
     values = np.maximum(values, 1e-300)

@@ -1,4 +1,4 @@
-"""Model -> setting: what is to be told, the noise, shapes and reference sizes."""
+"""Model and limits -> problem of finding an exciting motion: noise, shapes and reference sizes."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from .motions.family import Family
 from .motions.random_motion import random_parameters, sample
 from .problem import ExcitationProblem
 
-REFERENCES = 20  # random motions that give reference sizes
-INSTANTS = 200  # of each
-NOISE = 0.01  # of the torque limit, or of the rms torque where there is none
+REFERENCES = 20  # random motions for reference sizes
+INSTANTS = 200  # samples of each of these motions
+NOISE = 0.01  # [1] torque noise over the torque limit, or over the rms torque without a limit
 
 
 def build_problem(
@@ -64,22 +64,22 @@ def build_problem(
 
 
 def usual_laws(model: Model, effects: Sequence[str]) -> tuple[Law, ...]:
-    """The laws of those names at every joint.
+    """Laws of the given effects at every joint.
 
     Raises:
-        OptionError: there is no such effect, or it is no coefficient of a single joint.
+        OptionError: there is no such effect, or it is not linear in its parameters at a single joint.
     """
     for name in effects:
         effect = EFFECTS[name]
         if effect.scope != "joint" or not effect.parameters or len(effect.linear()) < len(effect.parameters):
             raise OptionError(
-                f"{name} has no torque that is linear in its parameters at a single joint; leave it out here, and find "
-                "a motion that shows it with separate"
+                f"{name} is not linear in its parameters at a single joint and cannot be optimised for; leave it out, "
+                "and use separate to find a motion for it"
             )
     return tuple(Law(EFFECTS[name], (j,)) for name in effects for j in range(len(model.robot.joints)))
 
 
 def _noise(limits: Limits, torque: Array) -> Array:
-    """(n,) [N.m or N] assumed, from torque (N, n) [N.m or N] along random motions."""
+    """Assumed torque noise (n,) [N.m or N], from torque (N, n) [N.m or N] along random motions."""
     rms = np.maximum(np.sqrt(np.mean(torque**2, axis=0)), 1e-9)
     return NOISE * np.where(np.isfinite(limits.torque), limits.torque, rms)

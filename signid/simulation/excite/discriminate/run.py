@@ -131,8 +131,8 @@ def _refuse(model: Model, first: Law, second: Law, nuisance: str) -> None:
     for law in (first, second):
         if law.joints not in places(law.effect, len(model.robot.joints)):
             raise OptionError(
-                f"{law.effect.name} cannot stand at joints {law.joints} of {model.robot.name}; places of this effect "
-                f"are {places(law.effect, len(model.robot.joints))[:8]}, counted from 0"
+                f"{law.effect.name} cannot act at joints {law.joints} of {model.robot.name}; choose from "
+                f"{places(law.effect, len(model.robot.joints))[:8]}, counted from 0"
             )
     if (first.effect.name, first.joints) == (second.effect.name, second.joints):
         raise OptionError(f"both laws are {first.effect.name} at the same joints; give two that differ")

@@ -1,4 +1,4 @@
-"""Finite Fourier series."""
+"""Finite Fourier series as a family of motions."""
 
 from __future__ import annotations
 
@@ -34,29 +34,29 @@ class Fourier:
         return 1 + len(self._free.T)
 
     def basis(self, t: Array) -> Array:
-        """(3, N, d) [1, 1/s, 1/s2] at t (N,) [s]."""
+        """Basis (3, N, d) [1, 1/s, 1/s2] at t (N,) [s]."""
         raw = self._series(np.asarray(t, float))
         constant = np.zeros((3, len(raw[0]), 1))
         constant[0] = 1
         return np.concatenate([constant, raw @ self._free], axis=2)
 
     def _series(self, t: Array) -> Array:
-        """(3, N, 2 L): the columns of a_1..a_L, b_1..b_L."""
+        """Columns (3, N, 2 L) of a_1..a_L, b_1..b_L."""
         w = 2 * np.pi * self.frequency * np.arange(1, self.harmonics + 1)
         sin, cos = np.sin(np.outer(t, w)), np.cos(np.outer(t, w))
         return np.array([np.hstack([sin / w, -cos / w]), np.hstack([cos, sin]), np.hstack([-sin * w, cos * w])])
 
     @cached_property
     def _free(self) -> Array:
-        """(2 L, d - 1) [1] coefficients a_l, b_l of each parameter."""
+        """Coefficients a_l, b_l (2 L, d - 1) [1] of each parameter."""
         if not self.at_rest:
             return np.eye(2 * self.harmonics)
         ends = self._series(np.array([0.0, self.duration]))[1:].reshape(4, -1)
         free = canonical_null_space(ends / np.linalg.norm(ends, axis=1, keepdims=True))
         if not free.shape[1]:
             raise OptionError(
-                f"a Fourier series of {self.harmonics} harmonics cannot start and end at rest; give at least 2 for "
-                "whole periods of the base frequency, else 3"
+                f"a Fourier series of {self.harmonics} harmonics cannot start and end at rest; give at least 2 "
+                "harmonics for whole periods of the base frequency, else 3"
             )
         return free
 
