@@ -158,7 +158,7 @@ def test_what_explains_as_well_is_an_alternative() -> None:
     found = look(whole.robot, {"t": whole.t, "q": whole.q, "tau": -whole.torque})
     (finding,) = found.findings
     assert {finding.kind, *(kind for kind, _ in finding.alternatives)} == {"torque sign", "position sign"}
-    assert finding.severity == "warn" and "as likely" in finding.sentence
+    assert finding.severity == "warn" and "equally likely" in finding.sentence
 
 
 def test_degrees_of_joints_without_limits_are_told() -> None:
@@ -229,7 +229,7 @@ def test_a_simulation_of_other_joints_is_refused() -> None:
     whole = trial(signid.load_robot("3r"))
     session = prepare(whole.robot, [whole.recording()], [whole.recording()])
     other = signid.load_robot("1r")
-    with pytest.raises(OptionError, match="give a simulation of the joints that were recorded"):
+    with pytest.raises(OptionError, match="give a simulation of the recorded joints"):
         examine(Model(other, stated_inertials(other), ()), session)
 
 
