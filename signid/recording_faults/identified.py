@@ -67,7 +67,9 @@ def identification_flags(
     return (*dict.fromkeys(sentences), *_bad(fit, rows.train, sound), *_worse(fit, described, sound))
 
 
-def _faults(session: Session, simulation: Model, excitation: ExcitationVerdict, fit: Fit, signed: Mask) -> list[Finding]:
+def _faults(
+    session: Session, simulation: Model, excitation: ExcitationVerdict, fit: Fit, signed: Mask
+) -> list[Finding]:
     """Recording faults except poor excitation, which an identification reports itself."""
     found = examine(simulation, session, excitation, signed).findings
     return [f for f in found if f.severity != NOTE and f.kind != "excitation" and _holds(f, fit)]

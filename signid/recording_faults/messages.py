@@ -33,7 +33,7 @@ KINDS = {  # kind -> fault of some joints, correction that was tried, advice
     "millimetres": ("the position of {} is in millimetres", "in metres", "convert it to metres"),
     "lag": ("the torque of {} is late or early", "shifted", "shift the column"),
 }
-MEANT = ("torque sign", "torque order", "lag")  # faults that a diagnosis can handle, since it has laws for them
+DIAGNOSABLE = ("torque sign", "torque order", "lag")  # faults that a diagnosis can handle, since it has laws for them
 UNITS = {1e3: "mN.m", 1e-3: "kN.m", 10.197: "kgf.cm", 141.61: "ozf.in", 8.851: "lbf.in"}  # per N.m
 NEAR = log(1.35)  # [nats] largest distance of a factor from that of a unit
 SPARE = 1.05  # [1] recommended duration over the necessary one
@@ -54,13 +54,13 @@ def claim_findings(claims: Sequence[Claim], joints: Sequence[str], blocks: int) 
         fault, how, advice = KINDS[kind]
         gain = f"model and friction explain {percent(1 - after)} of the torque instead of {percent(1 - before)}"
         better = f"better in {round(sure * blocks)} of {blocks} blocks of the recordings"
-        sentence = f"{fault.format(named(about))}: {how}, {gain} ({better}); {advice}{_or(rivals)}"
-        mild = kind in MEANT or any(rival in MEANT for rival, _ in rivals)
+        sentence = f"{fault.format(named(about))}: {how}, {gain} ({better}); {advice}{_equally_likely(rivals)}"
+        mild = kind in DIAGNOSABLE or any(rival in DIAGNOSABLE for rival, _ in rivals)
         measures = {"explained_before": 1 - before, "explained_after": 1 - after, "agreement": sure}
         yield Finding(kind, about, WARN if mild else REFUSE, measures, sentence, tuple(rivals))
 
 
-def _or(rivals: Sequence[tuple[str, tuple[str, ...]]]) -> str:
+def _equally_likely(rivals: Sequence[tuple[str, tuple[str, ...]]]) -> str:
     others = [KINDS[kind][0].format(named(about)) for kind, about in rivals if kind != "lag"]
     return f" (equally likely: {'; '.join(others[:3])})" if others else ""
 

@@ -45,7 +45,7 @@ class Plant:
         self.substeps = substeps or stiffness.substeps(step, implicit=integrator == "semi-implicit")
         if not 0 < self.substeps <= MOST:
             raise OptionError(
-                f"steps of {step:g} s need {self.substeps} sub-steps, and the limit is {MOST}; "
+                f"steps of {step:g} s need {self.substeps} sub-steps, and at most {MOST} are allowed; "
                 f"give shorter steps, or use the integrator 'semi-implicit' for stiff laws"
             )
         self.stiff = stiffness.stiff(step / self.substeps)
