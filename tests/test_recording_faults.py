@@ -142,7 +142,7 @@ def test_sentences_say_how_much_how_sure_and_how_to_mend_it() -> None:
     sign = look(arm().robot, {"t": arm().t, "q": q, "tau": turned(tau, 2)})
     assert sign.signs[2] == "wrong" and sign.signs[1] == "right"
     assert sign.flags[0].startswith("the torque of elbow_joint has the wrong sign: negated, model and friction")
-    assert "(better in 8 of 8 parts of the recordings); negate the column" in sign.flags[0]
+    assert "(better in 8 of 8 blocks of the recordings); negate the column" in sign.flags[0]
     assert look(arm().robot, {"t": arm().t, "q": q, "tau": exchanged(tau, 1, 2)}).order[1:3] == ("wrong", "wrong")
     lag = look(arm().robot, {"t": arm().t, "q": q, "tau": late(tau, 0.12, *range(6))})
     assert lag.findings[0].measures["lag"] == pytest.approx(0.12, abs=0.01)

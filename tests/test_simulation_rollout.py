@@ -215,7 +215,7 @@ def test_what_cannot_be_rolled_out_is_told() -> None:
                          ([heard, recording(healthy(), every=2)], "roll out each by itself")):  # fmt: skip
         with pytest.raises((OptionError, RecordingError), match=match):
             roll_out(usual(), given)
-    for options, match in (({"horizons": (0.0,)}, "longer than 0 s"), ({"horizons": ()}, "horizons none"),
+    for options, match in (({"horizons": (0.0,)}, "longer than 0 s"), ({"horizons": ()}, "horizons are none"),
                            ({"windows": 0}, "at least one window"), ({"step": 0.0}, "positive step")):  # fmt: skip
         with pytest.raises(OptionError, match=match):
             roll_out(usual(), heard, **options)
