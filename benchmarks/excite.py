@@ -26,11 +26,11 @@ from signid.effects import EFFECT_NAMES
 from signid.model import Model, stated_inertials, stated_laws
 from signid.robot import load_robot
 from signid.simulation.excite import Excitation, build_limits, excite
-from signid.simulation.excite.design import CLEARANCE, Worth, judge
-from signid.simulation.excite.feasible import make_safe
+from signid.simulation.excite.design import CLEARANCE, Precision, predict_precision
+from signid.simulation.excite.feasible import make_feasible
 from signid.simulation.excite.motions.fourier import Fourier
 from signid.simulation.excite.motions.random_motion import random_parameters, sample
-from signid.simulation.excite.setup import make_ready, usual_laws
+from signid.simulation.excite.setup import build_problem, usual_laws
 
 from .one_thread import one_thread
 
@@ -72,20 +72,20 @@ def load(name: str) -> Model:
     return Model(robot, stated_inertials(robot), stated_laws(robot))
 
 
-def draw(model: Model, harmonics: int, like: int, count: int) -> list[Worth]:
+def draw(model: Model, harmonics: int, like: int, count: int) -> list[Precision]:
     """What random motions of so many harmonics tell, in the units of an exciting motion of `like` harmonics."""
     limits, family = build_limits(model.robot), Fourier(DURATION, harmonics, 1 / DURATION)
     same = Fourier(DURATION, like, 1 / DURATION)
-    setting, _ = make_ready(model, usual_laws(model, EFFECT_NAMES), same, DURATION, limits, CLEARANCE, 0)
+    problem, _ = build_problem(model, usual_laws(model, EFFECT_NAMES), same, limits, CLEARANCE, 0)
     basis, rng = family.basis(np.arange(0, DURATION, GRID)), np.random.default_rng(1)
     t, found = np.arange(int(DURATION * RATE) + 1) / RATE, []
     for _ in range(count):
-        safe = make_safe(setting, family, DURATION, random_parameters(basis, limits, rng))
-        found.append(judge(setting, sample(family, model.robot.joints, safe.x, t)))
+        feasible = make_feasible(problem, family, random_parameters(basis, limits, rng))
+        found.append(predict_precision(problem, sample(family, model.robot.joints, feasible.x, t)))
     return found
 
 
-def compare(robot: str, found: Excitation, rivals: str, worths: Sequence[Worth]) -> Iterator[Row]:
+def compare(robot: str, found: Excitation, rivals: str, worths: Sequence[Precision]) -> Iterator[Row]:
     """Against the best random motion by each criterion."""
     best = {
         "determinant": max(worths, key=lambda worth: worth.log_det),

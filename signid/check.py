@@ -11,7 +11,7 @@ from .estimation.excitation import ExcitationVerdict, judge_excitation
 from .estimation.least_squares import estimate
 from .model import Model, stated_inertials, stated_laws
 from .recording.sampling import Sampling
-from .recording_faults import Gross, examine
+from .recording_faults import RecordingFaults, examine
 from .regression.bandwidth import Band
 from .regression.factors import Factors
 from .regression.prepare import prepare, rearrange
@@ -40,7 +40,7 @@ class Check(Frozen):
     std: Array  # (b,) [units of base] standard deviation to expect
     verdicts: tuple[str, ...]  # (b,)
     excitation: ExcitationVerdict
-    gross: Gross
+    gross: RecordingFaults
     advice: tuple[str, ...]
     notes: tuple[str, ...]
     signs: Signs | None = None  # where torque was recorded without them

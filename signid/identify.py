@@ -15,7 +15,7 @@ from .estimation.fit_quality import Fit, judge_fit
 from .estimation.least_squares import estimate
 from .estimation.standard import METHODS, Search, choose_in_time
 from .model import Model, fitted_model, stated_parameters
-from .recording_faults import Judged, identification_flags
+from .recording_faults import IdentifiedData, identification_flags
 from .regression.covariance import base_covariance
 from .regression.factors import LAGS, Factors, Weigh
 from .regression.prepare import ITSELF, prepare, rearrange
@@ -136,8 +136,8 @@ def _from_factors(
 
 
 def _judged(found: Identification, train: Factors, test: Factors, recordings: Sequence[Recording]) -> Identification:
-    """The same with flags on the recordings and on joints that fit badly."""
-    rows = Judged(found.session, train, test, recordings)
+    """With flags on the recordings and on joints that fit badly."""
+    rows = IdentifiedData(found.session, train, test, recordings)
     own = identification_flags(rows, found.model, found.excitation, found.fit, found.estimate.value)
     return replace(found, flags=(*own, *found.flags))
 

@@ -52,8 +52,8 @@ def driving() -> list[Case]:
         simulation("sub-steps without end", "--substeps 1000000", "at most 200"),
         simulation("steps without end", "--step 1e-9", "5e+06"),
         simulation("missing motion", "--motion gone.csv", "gone.csv"),
-        motion("motion without time", MOTION.replace("t,", "time,"), "no motion"),
-        motion("motion without positions", MOTION.replace("q_1", "speed"), "no motion"),
+        motion("motion without time", MOTION.replace("t,", "time,"), "not a motion"),
+        motion("motion without positions", MOTION.replace("q_1", "speed"), "not a motion"),
         motion("motion of a strange joint", MOTION.replace("q_1", "q_elbow"), "elbow"),
         motion("motion of two rows", "\n".join(MOTION.split("\n")[:3]) + "\n", "2 rows"),
         motion("motion with a hole", MOTION.replace("0.01\n", "\n"), "row 2"),
@@ -71,7 +71,7 @@ def driving() -> list[Case]:
         simulation("bandwidth zero", "--bandwidth 0", "positive"),
         simulation("bandwidth infinite", "--bandwidth inf", "finite"),
         simulation("feed-forward that is no number", "--feed-forward nan", "finite"),
-        simulation("gains that no step bears", "--kp 1e9 --kd 1e6", "flew apart"),
+        simulation("gains that no step bears", "--kp 1e9 --kd 1e6", "diverged"),
     ]
 
 
@@ -87,9 +87,9 @@ def running() -> list[Case]:
         Case("simulation of an unknown robot", "simulate pandda -o out.csv", "panda"),
         Case("simulation of a missing model", "simulate gone.json -o out.csv", "gone.json"),
         Case("a model and joints", "simulate m.json --joints 1 -o out.csv", "m.json", {"m.json": "{}"}),
-        simulation("duration zero", "--duration 0", "at least a step"),
-        simulation("duration infinite", "--duration inf", "at least a step"),
-        simulation("duration below a step", "--duration 1e-5", "at least a step"),
+        simulation("duration zero", "--duration 0", "at least one step"),
+        simulation("duration infinite", "--duration inf", "at least one step"),
+        simulation("duration below a step", "--duration 1e-5", "at least one step"),
         simulation("step zero", "--step 0", "positive"),
         simulation("rate between steps", "--rate 300", "333.333"),
         simulation("unknown integrator", "--integrator euler", "rk4"),

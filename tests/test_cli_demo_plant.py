@@ -18,7 +18,7 @@ from signid.model import Model, stated_inertials, stated_laws
 from signid.output.export.mjcf import mjcf_laws
 from signid.regression.motion import Motion
 from signid.robot import load_robot
-from signid.simulation.excite.motions.random_motion import draw_motion
+from signid.simulation.excite.motions.random_motion import rest_to_rest_motion
 from signid.types import Law
 
 
@@ -28,7 +28,7 @@ def known(name: str) -> Model:
 
 
 def along(model: Model, seconds: float = 4.0) -> Motion:
-    drawn = draw_motion(model.robot, seconds, 0.02, 1)
+    drawn = rest_to_rest_motion(model.robot, seconds, 0.02, 1)
     return Motion(model.robot, drawn.t, drawn.q, drawn.v, drawn.a)
 
 
@@ -39,7 +39,7 @@ def test_the_plant_is_the_description_and_what_is_concealed() -> None:
     body = {"mass": 0.3, "first_moment_x": 0.06, "first_moment_y": -0.01, "first_moment_z": 0.02}
     laws += [law("armature", 2, inertia=0.05), law("payload", 2, **body), law("base_tilt", 0, 1, 2, x=0.05, y=-0.08)]
     true = Model(stated.robot, stated.inertials, tuple(laws))
-    moved = run_plant(true, stated, draw_motion(stated.robot, 3.0, 0.004, 1))
+    moved = run_plant(true, stated, rest_to_rest_motion(stated.robot, 3.0, 0.004, 1))
     whole, change = stated.robot.model.copy(), moved.true_a * STEP / 2
     whole.gravity.linear = pin.exp3(np.array([0.05, -0.08, 0])).T @ whole.gravity.linear
     whole.inertias[3] += pin.Inertia(0.3, np.array([0.2, -1 / 30, 1 / 15]), np.zeros((3, 3)))
@@ -55,7 +55,7 @@ def test_the_plant_rubs_as_told() -> None:
     stated = known("panda")
     level, joint = 2.0, 1
     true = replace(stated, laws=(*stated.laws, law("coulomb_friction", joint, level=level)))
-    moved = run_plant(true, stated, draw_motion(stated.robot, 3.0, 0.004, 1))
+    moved = run_plant(true, stated, rest_to_rest_motion(stated.robot, 3.0, 0.004, 1))
     rest = moved.tau - stated.inverse(Motion(stated.robot, moved.t, moved.q, moved.true_v, moved.true_a))
     sliding = np.abs(moved.true_v[:, joint]) > 0.02
     np.testing.assert_allclose(rest[sliding, joint], level * np.sign(moved.true_v[sliding, joint]), atol=0.02)
@@ -67,7 +67,7 @@ def test_what_cannot_be_moved_is_refused(tmp_path: Path, monkeypatch: pytest.Mon
     stated = known("3r")
     heavy = law("payload", 2, mass=1e4, first_moment_x=1e3, first_moment_y=0.0, first_moment_z=0.0)
     with pytest.raises(RobotError, match="3r does not follow its motion in MuJoCo"):
-        run_plant(replace(stated, laws=(heavy,)), stated, draw_motion(stated.robot, 3.0, 0.004, 1))
+        run_plant(replace(stated, laws=(heavy,)), stated, rest_to_rest_motion(stated.robot, 3.0, 0.004, 1))
     assert list(tmp_path.iterdir()) == [], "MuJoCo leaves no log"
 
 

@@ -37,7 +37,7 @@ def lost(robot: Robot) -> Recording:
 
 
 SEARCHES: dict[str, tuple[str, Callable[[Any, Any, Any], Any]]] = {
-    "convex": ("the fit of possible inertials", lambda r, full, lost: signid.identify(r, [full])),
+    "convex": ("the fit of feasible inertials", lambda r, full, lost: signid.identify(r, [full])),
     "pbrp": ("the search for standard parameters", lambda r, full, lost: signid.identify(r, [full], method="pbrp")),
     "signs": ("the search for signs", lambda r, full, lost: signid.identify(r, [lost])),
     "tree": ("the search for standard parameters", lambda r, full, lost: signid.identify(r, [lost], signs="tree")),
@@ -99,7 +99,7 @@ def test_a_limit_is_positive(seconds: float) -> None:
 def test_the_command_ends_with_3(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     words = ["identify", "3r", str(ROBOT / "recording.parquet"), "-o", str(tmp_path / "out"), "--time-limit", "1e-9"]
     assert run(words) == 3
-    assert f"the fit of possible inertials {CUT}" in capfd.readouterr().err.replace("\n", " ")
+    assert f"the fit of feasible inertials {CUT}" in capfd.readouterr().err.replace("\n", " ")
     assert (tmp_path / "out" / "identification.json").is_file()
 
 

@@ -17,7 +17,7 @@ from benchmarks.plants.mujoco_ import Body, Motion, Track, draw_motion, log, sim
 from signid.cli import run
 from signid.errors import OptionError
 from signid.estimation.estimators import ESTIMATORS, Estimator
-from signid.estimation.estimators.oe import OutputError
+from signid.estimation.estimators.oe import OutputErrorEstimator
 from signid.identify import Identification
 from signid.regression.bandwidth import encoder_noise
 from signid.regression.session import Options
@@ -118,7 +118,7 @@ def test_stated_gains_take_the_place_of_those_found() -> None:
     known = build(body, ARM.drives, frictionless=True, weigh=False)
     asked = motion.at(np.arange(0, track.t[-1], 2.5e-4))[0]
     stated = gains(mean_inertia(known, arm().joints, asked[:: len(asked) // 20]))
-    found = identified(OutputError(gains=stated), 0, NOISE, 0.02, WIDE)
+    found = identified(OutputErrorEstimator(gains=stated), 0, NOISE, 0.02, WIDE)
     assert any("gains of the controller are as stated" in note for note in found.notes)
     assert off(found) < 0.05
 
@@ -142,7 +142,7 @@ def test_what_cannot_be_is_refused() -> None:
     for how in ("iv", "oe"):
         with pytest.raises(OptionError, match=rf"estimator {how} .* q_des_J of every joint; joint_1 has none"):
             signid.identify(arm(), [blind], estimator=how)
-        with pytest.raises(OptionError, match="take computed derivatives"):
+        with pytest.raises(OptionError, match="cannot use recorded derivatives; choose computed ones"):
             signid.identify(arm(), [blind], estimator=how, options=Options(derivatives="recorded"))
     with pytest.raises(OptionError, match="there is no estimator named 'tl'; did you mean tls"):
         signid.identify(arm(), [blind], estimator="tl")
@@ -150,7 +150,7 @@ def test_what_cannot_be_is_refused() -> None:
 
 def test_noise_beyond_total_least_squares_is_flagged() -> None:
     found = identified("tls", 0, 2e-3, 0.02, 12.0)
-    assert any("noise of the positions makes up" in flag and "lower the cut-off" in flag for flag in found.flags)
+    assert any("position noise is" in flag and "lower the cut-off" in flag for flag in found.flags)
 
 
 def test_a_joint_that_was_not_moved_stays_untold() -> None:

@@ -11,11 +11,11 @@ import pytest
 from numpy.testing import assert_allclose
 from told import Told, told
 
-from signid.estimation.feasible import ConsistentFit, fit_consistent, problem as cone, solve, standard_from_base
-from signid.estimation.feasible.fit import _proved
+from signid.estimation.feasible import ConsistentFit, fit_consistent, problem as problems, solve, standard_from_base
+from signid.estimation.feasible.fit import _verified
 from signid.estimation.feasible.newton import polish
 from signid.estimation.feasible.packing import BASIS, TO_INERTIAL, congruence, pack, unpack
-from signid.estimation.feasible.prior import believable, inertial
+from signid.estimation.feasible.prior import feasible_prior, inertial
 from signid.types import Estimate, pseudo_inertia
 
 
@@ -26,7 +26,7 @@ def fitted(case: Told) -> ConsistentFit:
 def least_chi2(case: Told) -> float:
     """Of any feasible parameters, by a formulation without prior, barrier or Newton's method."""
     x = cp.Variable(len(case.base.labels))
-    root = cone.information_root(case.estimate.information)
+    root = problems.information_root(case.estimate.information)
     basis = np.array([pseudo_inertia(e) for e in np.eye(10)]).reshape(10, 16).T
     bodies = [
         cp.reshape(basis @ x[i : i + 10], (4, 4), order="C") >> 0 for i in range(0, inertial(case.prior).sum(), 10)
@@ -92,7 +92,7 @@ def test_negative_friction_is_moved_to_zero_and_no_further_than_it_must() -> Non
 
 def test_two_solvers_agree() -> None:
     case = told("3r", noise=0.05)
-    problem = cone.pose(case.base, case.estimate, case.prior, 1e-2)
+    problem = problems.build_problem(case.base, case.estimate, case.prior, 1e-2)
     asked, status = solve._ask(problem)
     assert status == "optimal" and asked is not None
     u, heavier = polish(problem, asked), problem.distance(problem.start) ** 2 / problem.weight
@@ -118,7 +118,7 @@ def test_a_failing_solver_costs_nothing_but_a_note(monkeypatch: pytest.MonkeyPat
 
 def test_no_solver_is_believed(monkeypatch: pytest.MonkeyPatch) -> None:
     case = told("3r", noise=0.05)
-    u = cone.pose(case.base, case.estimate, case.prior, 1e-2).start
+    u = problems.build_problem(case.base, case.estimate, case.prior, 1e-2).start
     u[:10] = pack(np.diag([1.0, 1.0, -1e-9, 1.0]))
     monkeypatch.setattr(solve, "trace", lambda problem, heavier: None)
     monkeypatch.setattr(cp.Problem, "solve", lambda problem, **_: setattr(problem.variables()[0], "value", u))
@@ -131,10 +131,10 @@ def test_an_infeasible_answer_is_drawn_to_the_prior_by_the_least_share() -> None
     matrix, values = pseudo_inertia(prior.values[:10]), prior.values.copy()
     least, axes = np.linalg.eigh(matrix)
     values[:10] = TO_INERTIAL @ pack(matrix - (1.001 * least[0]) * np.outer(axes[:, 0], axes[:, 0]))
-    mixed, share = _proved(replace(prior, values=values), prior)
+    mixed, share = _verified(replace(prior, values=values), prior)
     assert 0 < share < 2e-3 and mixed.is_feasible()
     assert not replace(prior, values=values + share / 2 * (prior.values - values)).is_feasible()
-    untouched, share = _proved(prior, prior)
+    untouched, share = _verified(prior, prior)
     assert share == 0 and np.array_equal(untouched.values, prior.values)
 
 
@@ -159,10 +159,10 @@ def test_massless_flat_and_impossible_bodies_of_the_prior_are_replaced_and_said(
     assert fit.parameters.is_feasible()
     assert [note.split(";")[0] for note in fit.notes[:3]] == [
         "body 1 of the description has no mass",
-        "body 2 of the description is thinner than 3 mm or could not exist",
-        "body 3 of the description is thinner than 3 mm or could not exist",
+        "body 2 of the description is thinner than 3 mm or infeasible",
+        "body 3 of the description is thinner than 3 mm or infeasible",
     ]
-    made, _ = believable(case.base, prior)
+    made, _ = feasible_prior(case.base, prior)
     assert made.is_feasible() and made.values[10] == 1 and made.values[0] == 0.05
 
 

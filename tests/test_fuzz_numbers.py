@@ -16,7 +16,7 @@ from signid.errors import InputError
 from signid.model import Model, stated_inertials
 from signid.recording.sampling import samples, select_stretches
 from signid.recording_faults.limits import Amount
-from signid.recording_faults.messages import tell_amount
+from signid.recording_faults.messages import amount_finding
 from signid.regression.motion import Motion
 from signid.regression.prepare import prepare
 from signid.regression.session import Options
@@ -130,7 +130,7 @@ def test_a_joint_that_moves_in_jerks_is_diagnosed() -> None:
 
 def test_what_is_recommended_is_longer_than_what_was_recorded() -> None:
     for seconds, whole in ((22.4, 32.0), (31.99, 31.99)):
-        told = tell_amount(Amount(100, 41, seconds, 1.0001 * seconds, whole), 7).sentence
+        told = amount_finding(Amount(100, 41, seconds, 1.0001 * seconds, whole), 7).sentence
         assert float(told.split("record for ")[1].split(" s")[0]) > whole + 0.5, told
 
 

@@ -110,7 +110,7 @@ def test_rows_that_are_all_near_reversals_are_told(arm: Robot) -> None:
 def test_a_robot_at_rest_does_not_judge(arm: Robot) -> None:
     found = signid.identify(arm, [signid.read_recording(swinging(arm, 0.6, 0.35, stop=12.0), arm)])
     assert np.isnan(found.fit.held_out_r2).all() and np.isfinite(found.fit.held_out_rms).all()
-    assert sum("does not vary in what is held out" in note for note in found.notes) == 3
+    assert sum("is constant, so it has no R2" in note for note in found.notes) == 3
 
 
 def test_check_tells_before_anything_is_fitted(arm: Robot) -> None:

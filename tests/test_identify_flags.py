@@ -71,8 +71,8 @@ FAULTS: dict[str, tuple[Change, str, str]] = {
     "order": (exchanged, "the torques of joints joint_1 and joint_2 are exchanged", "run signid check"),
     "position": (scaled(-1, "q_2"), "the position of joint_2 has the wrong sign", "run signid check"),
     "absolute": (absolute, "is never negative", "run signid check"),
-    "units": (scaled(1000, *TORQUES), "times what the model needs", "run signid check"),
-    "stuck": (stuck, "the torque of joint_3 stands still", "run signid check"),
+    "units": (scaled(1000, *TORQUES), "times the predicted ones", "run signid check"),
+    "stuck": (stuck, "the torque of joint_3 is constant", "run signid check"),
     "late": (delayed(0.25), "ms late against the motion", "run signid check"),
     "foreign torque": (foreign, "joint_3", "signid diagnose"),
     **{

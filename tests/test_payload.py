@@ -107,7 +107,7 @@ def test_what_the_arm_cannot_tell_is_said() -> None:
     upright = signid.load_robot("3r", joints=["joint_1"])  # turns about the vertical: gravity is not felt
     made = {mass: {k: v for k, v in columns(ARM, mass, 1).items() if k in ("t", "q_1", "tau_1")} for mass in (0.0, 0.4)}
     found = payload(upright, *([signid.read_recording(made[mass], upright)] for mass in (0.0, 0.4)))
-    assert set(found.untold) >= {"mass", "centre of mass", "inertia"}
+    assert set(found.unidentified) >= {"mass", "centre of mass", "inertia"}
     assert any(
         "the mass and the centre of mass and the inertia of a load is not identifiable" in flag for flag in found.flags
     )

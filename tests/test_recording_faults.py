@@ -18,7 +18,7 @@ from signid.cli import run
 from signid.errors import OptionError
 from signid.model import Model, stated_inertials, stated_laws
 from signid.output.report import check_document
-from signid.recording_faults import Gross, examine
+from signid.recording_faults import RecordingFaults, examine
 from signid.regression.motion import Motion
 from signid.regression.prepare import prepare
 from signid.regression.session import Options
@@ -42,13 +42,13 @@ def sound(seed: int = 0) -> tuple[Array, Array]:
     return np.round(whole.q / count) * count, whole.torque + noise
 
 
-def look(robot: Robot, columns: dict[str, Array], options: Options | None = None) -> Gross:
+def look(robot: Robot, columns: dict[str, Array], options: Options | None = None) -> RecordingFaults:
     recording = signid.read_recording(columns, robot)
     session = prepare(robot, [recording], [recording], options)
     return examine(Model(session.robot, stated_inertials(session.robot), stated_laws(session.robot)), session)
 
 
-def told(found: Gross) -> list[tuple[str, tuple[str, ...]]]:
+def told(found: RecordingFaults) -> list[tuple[str, tuple[str, ...]]]:
     return [(f.kind, f.joints) for f in found.findings if f.severity != "note"]
 
 
@@ -142,7 +142,7 @@ def test_sentences_say_how_much_how_sure_and_how_to_mend_it() -> None:
     sign = look(arm().robot, {"t": arm().t, "q": q, "tau": turned(tau, 2)})
     assert sign.signs[2] == "wrong" and sign.signs[1] == "right"
     assert sign.flags[0].startswith("the torque of elbow_joint has the wrong sign: negated, model and friction")
-    assert "(better in 8 of 8 parts of the recordings); negate the column" in sign.flags[0]
+    assert "(better in 8 of 8 blocks of the recordings); negate the column" in sign.flags[0]
     assert look(arm().robot, {"t": arm().t, "q": q, "tau": exchanged(tau, 1, 2)}).order[1:3] == ("wrong", "wrong")
     lag = look(arm().robot, {"t": arm().t, "q": q, "tau": late(tau, 0.12, *range(6))})
     assert lag.findings[0].measures["lag"] == pytest.approx(0.12, abs=0.01)
@@ -158,7 +158,7 @@ def test_what_explains_as_well_is_an_alternative() -> None:
     found = look(whole.robot, {"t": whole.t, "q": whole.q, "tau": -whole.torque})
     (finding,) = found.findings
     assert {finding.kind, *(kind for kind, _ in finding.alternatives)} == {"torque sign", "position sign"}
-    assert finding.severity == "warn" and "as likely" in finding.sentence
+    assert finding.severity == "warn" and "equally likely" in finding.sentence
 
 
 def test_degrees_of_joints_without_limits_are_told() -> None:
@@ -229,7 +229,7 @@ def test_a_simulation_of_other_joints_is_refused() -> None:
     whole = trial(signid.load_robot("3r"))
     session = prepare(whole.robot, [whole.recording()], [whole.recording()])
     other = signid.load_robot("1r")
-    with pytest.raises(OptionError, match="give a simulation of the joints that were recorded"):
+    with pytest.raises(OptionError, match="give a simulation of the recorded joints"):
         examine(Model(other, stated_inertials(other), ()), session)
 
 

@@ -157,8 +157,8 @@ def test_what_does_not_belong_together_is_refused(robot: Robot, long: Recording,
     refuse([whole, reduce(robot, [short], options=Options(cutoff=5.0))], "filters differ.*--like")
     refuse([whole, reduce(robot, [short], options=Options(effects=("armature",)))], "laws differ")
     refuse([plain, reduce(robot, [long], options=Options(whiten=False), like=plain)], "white noise")
-    refuse([reduce(robot, [long], share=(k, 3)) for k in (1, 3)], "2 is missing")
-    refuse([reduce(robot, [long], share=(1, 2)), whole], "cut in two ways")
+    refuse([reduce(robot, [long], share=(k, 3)) for k in (1, 3)], "part 2 of the 3 parts of .* is missing")
+    refuse([reduce(robot, [long], share=(1, 2)), whole], "cut in two different ways")
     refuse([whole, reduce(robot, [short, long], like=whole)], "same samples")
     held = signid.load_robot("3r", lock={"joint_3": 0.1})
     two = {k: x if k == "t" else x[:, :2] for k, x in columns(robot, 5, 60.0).items()}

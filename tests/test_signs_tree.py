@@ -200,8 +200,8 @@ def test_bad_questions_are_told_in_one_sentence() -> None:
         ({"algorithm": "LN_SUBPLEX"}, "no algorithm 'LN_SUBPLEX'; choose from"),
         ({"restarts": 0}, "ask for at least 1 of each"),
         ({"width": 0}, "keep at least 1"),
-        ({"total_mass": (2.0, 1.0)}, "neither negative"),
-        ({"bounds": Bounds(np.zeros(3), np.ones(3))}, "over 3 parameters; expected the 10"),
+        ({"total_mass": (2.0, 1.0)}, "not negative"),
+        ({"bounds": Bounds(np.zeros(3), np.ones(3))}, "have 3 parameters; give the 10"),
     ]:
         with pytest.raises(OptionError, match=sentence):
             search_tree(told.problem, told.base, told.prior, **options)

@@ -78,7 +78,7 @@ def test_laws_that_cannot_be_compared_get_a_sentence() -> None:
     model = load_model("1r")
     with pytest.raises(OptionError, match="differ"):
         brief(model, law("spring"), law("spring", stiffness=1.0, rest=0.0))
-    with pytest.raises(OptionError, match="cannot stand"):
+    with pytest.raises(OptionError, match="cannot act"):
         brief(model, law("spring", 3), law("armature"))
     with pytest.raises(OptionError, match="nuisance"):
         brief(model, law("spring"), law("armature"), nuisance="everything")  # type: ignore[arg-type]

@@ -17,14 +17,14 @@ from signid.simulation.excite import Excitation, build_limits, excite
 from signid.simulation.excite.collision import build_collision
 from signid.simulation.excite.cost import Cost
 from signid.simulation.excite.criterion import CRITERIA, Criterion
-from signid.simulation.excite.design import judge
-from signid.simulation.excite.feasible import make_safe
+from signid.simulation.excite.design import predict_precision
+from signid.simulation.excite.feasible import make_feasible
 from signid.simulation.excite.motions.family import FAMILIES
 from signid.simulation.excite.motions.fourier import Fourier
 from signid.simulation.excite.motions.random_motion import random_parameters, sample
-from signid.simulation.excite.problem import Setting
+from signid.simulation.excite.problem import ExcitationProblem
 from signid.simulation.excite.search import Budget
-from signid.simulation.excite.setup import make_ready, usual_laws
+from signid.simulation.excite.setup import build_problem, usual_laws
 from signid.types import Law, Trajectory
 
 SMALL = Budget(pool=10, starts=1, short=40, long=40, firm=40)
@@ -37,9 +37,9 @@ def arm(name: str, joints: list[str] | None = None) -> Model:
     return Model(robot, stated_inertials(robot), stated_laws(robot))
 
 
-def ready(model: Model, family: Fourier) -> Setting:
+def problem_of(model: Model, family: Fourier) -> ExcitationProblem:
     limits = build_limits(model.robot)
-    return make_ready(model, usual_laws(model, EFFECT_NAMES), family, DURATION, limits, 0.01, 0)[0]
+    return build_problem(model, usual_laws(model, EFFECT_NAMES), family, limits, 0.01, 0)[0]
 
 
 def moves_as_it_says(asked: Trajectory) -> None:
@@ -96,15 +96,15 @@ def test_distances_hold_for_the_meshes_themselves(panda: tuple[Model, Excitation
 
 def test_it_tells_more_than_random_motions() -> None:
     model, family = arm("3r"), Fourier(DURATION, 5, 1 / DURATION)
-    setting, rng = ready(model, family), np.random.default_rng(3)
+    problem, rng = problem_of(model, family), np.random.default_rng(3)
     basis, t = family.basis(np.linspace(0, DURATION, 1001)), np.arange(1001) / 100
-    drawn = [random_parameters(basis, setting.limits, rng) for _ in range(20)]
-    safe = [make_safe(setting, family, DURATION, x).x for x in drawn]
-    told = [judge(setting, sample(family, model.robot.joints, x, t)).log_det for x in safe]
+    drawn = [random_parameters(basis, problem.limits, rng) for _ in range(20)]
+    feasible = [make_feasible(problem, family, x).x for x in drawn]
+    random = [predict_precision(problem, sample(family, model.robot.joints, x, t)).log_det for x in feasible]
     found = excite(model, duration=DURATION, harmonics=5, budget=Budget(20, 2, 60, 150, 80))
     obeys(found, model)
-    assert found.log_det > max(told)  # than each of them; the best of twenty differs by 6 from one BLAS to another
-    assert found.log_det > np.median(told) + 0.65 * len(found.std)  # standard deviations 0.72 of the usual one's
+    assert found.log_det > max(random)  # than each of them; the best of twenty differs by 6 from one BLAS to another
+    assert found.log_det > np.median(random) + 0.65 * len(found.std)  # standard deviations 0.72 of the usual one's
 
 
 def test_the_condition_number_can_be_the_goal() -> None:
@@ -142,9 +142,9 @@ def test_predicted_deviations_are_those_of_least_squares() -> None:
     model = load_model("1r")
     found = excite(model, duration=5.0, harmonics=3, budget=SMALL)
     laws = tuple(Law(EFFECTS[name], (0,)) for name in EFFECT_NAMES)
-    asked, setting = found.trajectory, ready(model, Fourier(5.0, 3, 0.2))
+    asked, problem = found.trajectory, problem_of(model, Fourier(5.0, 3, 0.2))
     motion = Motion(model.robot, asked.t, asked.q, asked.v, asked.a, slow=np.array([0.01]))
-    x = regressor(motion, laws)[:, 0][:, setting.base.independent] / found.noise[0]
+    x = regressor(motion, laws)[:, 0][:, problem.base.independent] / found.noise[0]
     assert found.noise[0] == pytest.approx(0.01 * model.robot.effort_limit[0])
     assert np.allclose(found.std, np.sqrt(np.diag(np.linalg.inv(x.T @ x))), rtol=1e-6)
 
@@ -183,8 +183,8 @@ def test_criteria_know_their_slopes(criterion: Criterion) -> None:
 @pytest.mark.parametrize("name", ["3r", "ur5"])
 def test_costs_know_their_slopes(name: str) -> None:
     model, family = arm(name), Fourier(DURATION, 3, 1 / DURATION)
-    setting = replace(ready(model, family), collision=None)
-    cost = Cost(setting, CRITERIA["determinant"], family, np.linspace(0, DURATION, 31), 100.0, 0.02)
+    problem = replace(problem_of(model, family), collision=None)
+    cost = Cost(problem, CRITERIA["determinant"], family, np.linspace(0, DURATION, 31), 100.0, 0.02)
     z = np.random.default_rng(2).uniform(-0.6, 0.6, cost.sizes.size)  # some limits are exceeded
     value, slope = cost.value_and_slope(z)
     assert value == pytest.approx(cost.value(z), rel=1e-12)

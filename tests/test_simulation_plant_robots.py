@@ -152,11 +152,11 @@ def test_what_cannot_be_simulated_gets_a_sentence() -> None:
         (model(massless), {}, "mass"),
         (model("3r", law("link_inertia", 2, **far)), {}, "mass matrix is not positive"),
         (model("1r"), {"integrator": "euler"}, "rk4"),
-        (model("1r"), {"step": -1.0}, "at least a step"),
-        (model("1r"), {"torque": 1e9}, "flew apart"),
+        (model("1r"), {"step": -1.0}, "at least one step"),
+        (model("1r"), {"torque": 1e9}, "diverged"),
     ]
     for given, more, says in cases:
         with pytest.raises(OptionError, match=says):
             released(given, 0.0, 0.1, **more)
-    with pytest.raises(OptionError, match="moves nothing that has mass"):
+    with pytest.raises(OptionError, match="moves no mass"):
         track(model(massless), waves(("z",), 0.1))

@@ -49,7 +49,7 @@ def test_rate_takes_every_so_many_steps() -> None:
 
 @pytest.mark.parametrize("rate", [300.7, 333.333, 150.0, 1500.0])
 def test_the_rate_that_a_refusal_proposes_is_taken(rate: float) -> None:
-    with pytest.raises(OptionError, match="falls between the steps") as refused:
+    with pytest.raises(OptionError, match="does not fit steps") as refused:
         Sensors(rate=rate).every(STEP)
     proposed = float(str(refused.value).partition("such as ")[2].partition(" Hz")[0])
     assert Sensors(rate=proposed).every(STEP) == max(1, round(1 / (rate * STEP)))
@@ -136,7 +136,7 @@ def test_every_format_keeps_every_digit_and_the_same_bytes(suffix: str, tmp_path
     ("options", "says"),
     [
         ({"rate": 300.0}, "333.333 Hz"),
-        ({"rate": 3000.0}, "between the steps"),
+        ({"rate": 3000.0}, "does not fit steps"),
         ({"rate": -1.0}, "positive"),
         ({"noise": -0.1}, "noise"),
         ({"coloured_noise": np.nan}, "coloured noise"),

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from signid.effects import EFFECT_NAMES, EFFECTS
-from signid.estimation.feasible.prior import believable, inertial
+from signid.estimation.feasible.prior import feasible_prior, inertial
 from signid.regression.base_parameters import build_base
 from signid.regression.motion import Motion
 from signid.regression.regressor import regressor
@@ -33,7 +33,7 @@ def told(name: str, noise: float, seed: int = 0, laws: bool = True, rows: int = 
     robot, rng = load_robot(name), np.random.default_rng(seed)
     effects = [Law(EFFECTS[name], (j,)) for name in EFFECT_NAMES for j in range(len(robot.joints))] if laws else []
     base = build_base(robot, effects)
-    prior, _ = believable(base, Parameters(base.labels, np.r_[_stated(robot.model), np.zeros(_laws(base))]))
+    prior, _ = feasible_prior(base, Parameters(base.labels, np.r_[_stated(robot.model), np.zeros(_laws(base))]))
     values = prior.values.copy()
     values[inertial(prior)] *= np.repeat(rng.uniform(0.6, 1.5, len(robot.links)), 10)
     values[~inertial(prior)] = np.abs(rng.standard_normal(_laws(base)))

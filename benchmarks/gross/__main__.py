@@ -1,4 +1,4 @@
-"""Gross faults of recordings, found and not: `python -m benchmarks.gross [--quick] [--cache DIR] [--json FILE]`.
+"""Recording faults of recordings, found and not: `python -m benchmarks.gross [--quick] [--cache DIR] [--json FILE]`.
 
 Healthy robots of the blind benchmark move in MuJoCo (every other one with inertials 5 % wrong and dry friction
 that creeps); faults are planted in the columns of their recordings. Every fault must be found, at its joints and else
@@ -22,7 +22,7 @@ from rich.table import Table
 
 from signid.model import Model, load_model
 from signid.recording import read_recording
-from signid.recording_faults import Gross, examine
+from signid.recording_faults import RecordingFaults, examine
 from signid.regression.prepare import prepare
 
 from ..concealed.cases import Case, cases
@@ -49,7 +49,7 @@ class Row:
     seconds: float
 
 
-def judged(model: Model, logs: Sequence[Columns]) -> tuple[Gross | None, str, float]:
+def judged(model: Model, logs: Sequence[Columns]) -> tuple[RecordingFaults | None, str, float]:
     """What is said of recordings; or the sentence that refuses them before."""
     start = time.process_time()
     try:
@@ -60,7 +60,9 @@ def judged(model: Model, logs: Sequence[Columns]) -> tuple[Gross | None, str, fl
         return None, str(error), time.process_time() - start
 
 
-def outcome(found: Gross | None, error: str, kind: str, about: tuple[str, ...]) -> tuple[str, tuple[str, ...]]:
+def outcome(
+    found: RecordingFaults | None, error: str, kind: str, about: tuple[str, ...]
+) -> tuple[str, tuple[str, ...]]:
     """Whether a fault was found, and the kinds of all that was said."""
     if found is None:
         return ("found" if kind in error or (kind == "too little data" and "short" in error) else "other"), (error,)

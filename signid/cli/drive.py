@@ -49,7 +49,7 @@ def given_drive(
     Raises:
         OptionError: the options contradict each other.
     """
-    from ..simulation.excite.motions.random_motion import draw_motion
+    from ..simulation.excite.motions.random_motion import rest_to_rest_motion
     from ..simulation.plant import Torques, track
     from ..simulation.plant.run import instants
 
@@ -59,7 +59,7 @@ def given_drive(
         return asked, float(asked.t[-1]) if duration is None else duration
     if asked is None:
         t = instants(DURATION if duration is None else duration, step)
-        asked = draw_motion(known.robot, len(t) * step, step, seed)
+        asked = rest_to_rest_motion(known.robot, len(t) * step, step, seed)
     gains = None
     if loop.kp is not None or loop.kd is not None:
         if loop.kp is None or loop.kd is None or loop.bandwidth is not None:

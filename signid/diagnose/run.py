@@ -11,7 +11,7 @@ from ..deadline import OutOfTimeError, ends_in_time, steps_shown, time_is_up
 from ..effects import EFFECT_NAMES, EFFECTS
 from ..errors import InputError, OptionError, RecordingError
 from ..model import Model
-from ..recording_faults import Finding, Gross, examine
+from ..recording_faults import Finding, RecordingFaults, examine
 from ..regression.base_parameters import build_base
 from ..regression.prepare import prepare, rearrange
 from ..regression.session import Options, Part, Session, longest_piece, recordings_used
@@ -153,7 +153,7 @@ def _recovered(
     return recover(prepare(model.robot, recordings, held_out, own, scaled=signed), progress=told)
 
 
-def _flags(given: Recovered, gross: Gross) -> tuple[str, ...]:
+def _flags(given: Recovered, gross: RecordingFaults) -> tuple[str, ...]:
     """Sentences on the recordings: doubtful columns, doubtful signs, gross faults."""
     columns = dict.fromkeys(flag for one in given.session.recordings for flag in one.flags)
     return (*columns, *given.flags, *gross.flags)
@@ -163,7 +163,7 @@ def _silent(what: str, share: float) -> None:
     """Nobody is told."""
 
 
-def _prepare(model: Model, given: Recovered, options: Options, told: Progress) -> tuple[Session, Gross]:
+def _prepare(model: Model, given: Recovered, options: Options, told: Progress) -> tuple[Session, RecordingFaults]:
     """A session, and gross faults of its recordings if they can be diagnosed all the same.
 
     Its band is wide where encoder noise allows it: laws differ most where torque is fast.

@@ -20,28 +20,28 @@ from ..types import Array, BaseMap, Indices, Mask
 
 PROCESSES = ("v", "l", "q", "vl", "qv")  # states of each process: velocity, load, position
 # Length, thresholds and number of processes were chosen on the recordings of `benchmarks.intervals_real` and on the
-# simulations of `benchmarks.coverage`: shares within the intervals as large as asked on both.
-LENGTH = 0.3  # correlation length of a process, in standard deviations of the state
-APART, LAGS = 0.6, 6.0  # [s] and rows: noise at larger distances in time is uncorrelated
-DOUBT = 1.0  # standard errors under noise, subtracted from each variance
-FEWEST = 10  # rows of a joint
+# simulations of `benchmarks.coverage`: intervals contain the truth as often as their nominal coverage on both.
+LENGTH = 0.3  # [standard deviations of the state] correlation length of a process
+APART, LAGS = 0.6, 6.0  # [s], [rows] distance in time from which on noise is uncorrelated
+REDUCTION = 1.0  # [standard errors under noise] subtracted from each variance
+FEWEST = 10  # smallest number of rows of a joint
 # Relative standard deviation of friction between recordings. Measured on joints 4 to 6 of a UR10e, five recordings
 # within three weeks, variance of noise subtracted (data: Mamedov, Mikhel, Frontiers in Robotics and AI 7, 2020). Their
 # residuals show almost no discrepancy: one recording alone cannot show this change. Temperature is the likely cause.
-VISCOUS_DRIFT, COULOMB_DRIFT = 0.05, 0.02  # [1]
+VISCOUS_DRIFT, COULOMB_DRIFT = 0.05, 0.02  # [1] of the coefficient
 FRICTION = {"N.m.s/rad": VISCOUS_DRIFT, "N.s/m": VISCOUS_DRIFT, "N.m": COULOMB_DRIFT, "N": COULOMB_DRIFT}
 
 
 class _Joint(NamedTuple):
-    """The K' valid sample rows of one joint."""
+    """Valid sample rows of one joint, K' of them."""
 
     columns: Indices  # (m,) base parameters
     x: Array  # (K', m) [torque per unit of base]
     rest: Array  # (K',) residual [N.m or N]
-    slope: Array  # (K',) of the torque [N.m/s or N/s]
+    slope: Array  # (K',) derivative of the torque [N.m/s or N/s]
     state: dict[str, Array]  # (K',) each, in standard deviations
     apart: Mask  # (K', K') whether two rows are distant in time
-    weight: float  # of a row of the sample [1/N2.m2]
+    weight: float  # weight of a row of the sample [1/N2.m2]
     taken: Array  # (K', m) taken @ x' projects a process onto the fit
     stride: int  # rows that one sample row represents
 
@@ -52,11 +52,11 @@ def discrepancy_covariance(
     """Covariance (b, b) [units of base] of discrepancy, delay and friction drift, to be added to that of noise.
 
     Args:
-        sample: of the training rows.
+        sample: sample of the training rows.
         seen: per joint, the base parameters (m,) that its torque depends on.
-        base: the base parameters.
-        value: (b,) their estimate [units of base].
-        variance: (n,) of each joint's noise [N2.m2 or N2].
+        base: base map.
+        value: (b,) estimate of the base parameters [units of base].
+        variance: (n,) noise variance of each joint [N2.m2 or N2].
         white: (b, b) covariance under white noise [units of base].
 
     Source: Kennedy, O'Hagan, J. R. Statist. Soc. B 63(3), 2001 (discrepancy); Rao, Biometrics 27(1), 1971 (variance
@@ -127,12 +127,12 @@ def _variance(joint: _Joint, like: Array, reach: Array) -> float:
     power = float(joint.rest @ joint.rest)
     noise = power / max(len(joint.rest) - float(np.sum(taken * x)) / joint.stride, 1.0)
     products = float(joint.rest @ pairs @ joint.rest) + noise * float(np.sum(near[:, :m] * x)) / joint.stride
-    doubt = noise * np.sqrt(2 * float(np.sum(pairs**2)))
-    return float(np.clip((products - DOUBT * doubt) / across, 0.0, power / within))
+    error = noise * np.sqrt(2 * float(np.sum(pairs**2)))
+    return float(np.clip((products - REDUCTION * error) / across, 0.0, power / within))
 
 
 def _delay(joints: Sequence[_Joint], white: Array) -> Array:
-    """Standard deviation (b,) [units of base] that a common delay of all torques causes, with signs; rank one."""
+    """Error (b,) [units of base], one standard deviation with signs, that a common delay of all torques causes."""
     turn, power, product = np.zeros(len(white)), 0.0, 0.0
     for joint in joints:
         turn[joint.columns] -= joint.weight * joint.x.T @ joint.slope
@@ -141,15 +141,15 @@ def _delay(joints: Sequence[_Joint], white: Array) -> Array:
     free = power - float(turn @ white @ turn)
     if free <= 1e-9 * power:
         return np.zeros(len(white))
-    excess = (product / free) ** 2 - 1 / free  # of the squared delay over its expectation under noise [s2]
+    excess = (product / free) ** 2 - 1 / free  # squared delay less its expectation under noise [s2]
     return np.asarray(white @ turn * np.sqrt(max(excess, 0.0)))
 
 
 def _drift(joints: dict[int, _Joint], sizes: Array, base: BaseMap, value: Array) -> Array:
     """Standard deviation (p,) [units of the labels] of each standard parameter between recordings.
 
-    It is proportional to the discrepancy, relative to friction, in the mean over all joints, up to the measured drift:
-    robots whose friction follows its laws exactly are simulated, or their friction does not depend on temperature.
+    It is proportional to the discrepancy relative to friction, averaged over all joints, up to the measured drift.
+    Robots whose friction follows its laws exactly are simulated, or their friction does not depend on temperature.
     """
     place = {int(k): row for row, k in enumerate(base.independent)}
     drift, shares = np.zeros(len(base.labels)), []

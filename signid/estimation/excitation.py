@@ -1,4 +1,4 @@
-"""Factors -> verdict: whether the motion could tell the parameters, judged against random motion of the same size."""
+"""Factors -> verdict: whether the motion makes the parameters identifiable, relative to random motion of equal size."""
 
 from __future__ import annotations
 
@@ -13,61 +13,62 @@ from ..regression.regressor import base_rows
 from ..regression.rows import Task
 from ..types import INERTIAL, Array, BaseMap, Estimate, Frozen, Robot
 
-ENOUGH = 0.02  # of the information that random motion of the same size gives, in the weakest direction
-IN_STEP = 0.98  # correlation of two joints' velocities
-AT_REST = 0.01  # of the fastest joint's rms velocity
-STATES = 2000  # of the random motion
-MASS_SHARE, LENGTH = 0.3, 0.1  # how far inertials may usually be off: 30 % of the mass [1], 10 cm [m]
+ENOUGH = 0.02  # [1] smallest share of the information of random motion of equal size, in the weakest direction
+IN_STEP = 0.98  # [1] correlation of two joints' velocities from which on they move in step
+AT_REST = 0.01  # [1] rms velocity below which a joint is at rest, over that of the fastest joint
+STATES = 2000  # states of the random motion
+MASS_SHARE, LENGTH = 0.3, 0.1  # prior uncertainty of inertials: 30 % of the mass [1], at 10 cm [m]
 
 
 @dataclass(frozen=True, eq=False)
 class ExcitationVerdict(Frozen):
-    """How much of the information a motion of this size could have given was given.
+    """Information of a motion, relative to random motion of equal size.
 
-    `shares` are ascending, one per direction in base-parameter space; `weak` names, per insufficient direction, the
-    base parameters in it; `untold` says in words what they are.
+    `shares` are ascending, one per direction in base-parameter space. For each insufficient direction `weak` names the
+    base parameters in it, and `unidentified` describes them in words.
     """
 
     shares: Array  # (b,) [1]
-    prior: Array  # (b,) [units of base] how far each base parameter may be off before anything is measured
+    prior: Array  # (b,) [units of base] prior standard deviation of each base parameter
     weak: tuple[tuple[str, ...], ...]
-    untold: tuple[str, ...]  # "the rotational inertia of links a and b"
+    unidentified: tuple[str, ...]  # "the rotational inertia of links a and b"
     resting: tuple[str, ...]  # joints that did not move
-    in_step: tuple[tuple[str, ...], ...]  # groups of joints that moved alike
-    small: tuple[str, ...]  # base parameters too small to matter for the torque here
+    in_step: tuple[tuple[str, ...], ...]  # groups of joints with proportional velocities
+    small: tuple[str, ...]  # base parameters whose standard deviation exceeds the prior one
 
     @property
     def sufficient(self) -> bool:
-        """Whether every direction got its share."""
+        """Whether every direction has enough information."""
         return bool(self.shares[0] >= ENOUGH) if len(self.shares) else False
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """What the recordings cannot tell, why, and what would help; empty where they can."""
+        """Reasons for insufficient excitation, with advice; empty if it is sufficient."""
         if self.sufficient:
             return ()
-        said = []
+        found = []
         if self.resting:
-            said.append(f"{_joints(self.resting)} did not move: move {_them(self.resting)}, or hold with --lock")
-        said += [f"{_joints(group)} moved in step: move them out of step" for group in self.in_step]
-        said.append(
-            f"the motion gives {max(self.shares[0], 0):.2%} of the information that random motion of the same size "
-            f"would (at least {ENOUGH:.0%} is needed); it cannot tell {_listed(self.untold)}"
+            found.append(f"{_joints(self.resting)} did not move: move {_them(self.resting)}, or hold with --lock")
+        found += [f"{_joints(group)} moved in step: move them out of step" for group in self.in_step]
+        found.append(
+            f"the motion gives {max(self.shares[0], 0):.2%} of the information of random motion of the same size (at "
+            f"least {ENOUGH:.0%} is needed): {_listed(self.unidentified)} cannot be identified; record a motion by "
+            f"signid excite"
         )
-        return tuple(said)
+        return tuple(found)
 
 
 def judge_excitation(task: Task, factors: Factors, estimated: Estimate, seed: int = 0) -> ExcitationVerdict:
-    """The verdict on recordings, from generalised eigenvalues of their Gram matrix and a random motion's.
+    """Verdict on recordings, from the generalised eigenvalues of their Gram matrix and that of a random motion.
 
     Args:
         task: robot, laws and base map.
-        factors: of the recordings.
-        estimated: gives each joint's noise and each parameter's standard deviation.
-        seed: of the random motion.
+        factors: factors of the recordings.
+        estimated: estimate with each joint's noise and each parameter's standard deviation.
+        seed: seed of the random motion.
 
-    Source: the criterion is that of optimal excitation (Swevers et al., IEEE T-RA 13(5), 1997) made relative, so that
-    it does not depend on units or on the size of the motion.
+    Source: criterion of optimal excitation (Swevers et al., IEEE T-RA 13(5), 1997), made relative, so that it does not
+    depend on units or on the size of the motion.
     """
     robot, base = task.robot, task.base
     weight = 1 / np.maximum(estimated.noise, 1e-12 * estimated.noise.max(initial=1e-300)) ** 2
@@ -96,7 +97,7 @@ def judge_excitation(task: Task, factors: Factors, estimated: Estimate, seed: in
 
 
 def _generalised(one: Array, other: Array) -> tuple[Array, Array]:
-    """Eigenvalues (b,), ascending, and vectors (b, b) of one symmetric matrix with respect to another, positive one."""
+    """Generalised eigenvalues (b,), ascending, and vectors (b, b) of a symmetric and a positive definite matrix."""
     root = np.linalg.cholesky(other)
     half = np.linalg.solve(root, one)
     values, vectors = np.linalg.eigh(np.linalg.solve(root, half.T))
@@ -104,7 +105,7 @@ def _generalised(one: Array, other: Array) -> tuple[Array, Array]:
 
 
 def _prior_sizes(robot: Robot, base: BaseMap, torque: Array, speed: Array) -> Array:
-    """(b,) [units of base] from the masses (0.1 kg where none is stated), rms torque and rms velocity (n,)."""
+    """Prior standard deviations (b,) [units of base] from masses (at least 0.1 kg), rms torque and velocity (n,)."""
     sizes = []
     for k, label in enumerate(base.labels):
         if label.joint is None:
@@ -122,9 +123,9 @@ def _prior_sizes(robot: Robot, base: BaseMap, torque: Array, speed: Array) -> Ar
 def _random_information(
     task: Task, factors: Factors, speed: Array, acceleration: Array, weight: Array, seed: int
 ) -> Array:
-    """Gram matrix (b, b) of as many rows of independent random states of the same size."""
+    """Gram matrix (b, b) of as many rows of independent random states of equal size."""
     rng, n = np.random.default_rng(seed), len(speed)
-    floor = 0.05 * speed.max(initial=1e-300)  # a joint at rest is judged against one that moves a little
+    floor = 0.05 * speed.max(initial=1e-300)  # a joint at rest is compared with one that moves a little
     width = np.maximum((factors.upper - factors.lower) / 2, 1e-3)
     q = (factors.upper + factors.lower) / 2 + width * rng.uniform(-1, 1, (STATES, n))
     v = rng.standard_normal((STATES, n)) * np.maximum(speed, floor)
@@ -144,7 +145,7 @@ def _largest(direction: Array, count: int = 3) -> tuple[int, ...]:
 
 
 def _in_words(robot: Robot, base: BaseMap, which: Iterable[int]) -> tuple[str, ...]:
-    """What some base parameters are by the parameter that leads each, alike ones together."""
+    """Descriptions of base parameters by their leading standard parameters, grouped by kind."""
     owners: dict[str, list[str]] = {}
     for label in (base.labels[base.independent[i]] for i in which):
         if label.body is not None:

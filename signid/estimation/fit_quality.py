@@ -1,4 +1,4 @@
-"""Factors and parameters -> fit: how much of the torque is predicted, from factors alone."""
+"""Factors and parameters -> fit: rms of the residual and R2, from factors alone."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ from ..regression.factors import Factors
 from ..regression.session import Session
 from ..types import Array, Frozen, Indices, Robot
 
-LITTLE = 0.5  # held-out R2 below which a joint's torque is hardly predicted
-CONSTANT = 1e-12  # of a torque's power: less variance is rounding
+LITTLE = 0.5  # [1] held-out R2 below which a joint's torque is poorly predicted
+CONSTANT = 1e-12  # [1] variance of a torque, over its power, below which it is constant up to rounding
 
 
 @dataclass(frozen=True, eq=False)
 class Course(Frozen):
-    """M rows of n joints, through the filter of the rows; NaN where no torque counts."""
+    """Residual traces: M filtered rows of n joints; NaN where no torque counts."""
 
     joints: tuple[str, ...]
-    unit: tuple[str, ...]  # of torque, one a joint
+    unit: tuple[str, ...]  # unit of torque of each joint
     prismatic: tuple[bool, ...]
-    stretch: Indices  # (M,) number of the stretch without gaps that a row is of
-    recording: Indices  # (M,) number of the recording
+    stretch: Indices  # (M,) number of each row's stretch without gaps
+    recording: Indices  # (M,) number of each row's recording
     t: Array  # (M,) [s]
     q: Array  # (M, n) [rad or m]
     v: Array  # (M, n) [rad/s or m/s]
     torque: Array  # (M, n) [N.m or N] measured
-    before: Array  # (M, n) [N.m or N] measured - predicted by the model before
-    after: Array  # (M, n) [N.m or N] measured - predicted
+    before: Array  # (M, n) [N.m or N] measured - predicted by the original model
+    after: Array  # (M, n) [N.m or N] measured - predicted by the new model
 
     def __len__(self) -> int:
         return len(self.t)
@@ -36,7 +36,7 @@ class Course(Frozen):
 
 @dataclass(frozen=True, eq=False)
 class Fit(Frozen):
-    """How well torque is predicted, per joint; held-out rows took no part in the estimation."""
+    """Accuracy of the predicted torque per joint; held-out rows took no part in the estimation."""
 
     joints: tuple[str, ...]
     unit: tuple[str, ...]
@@ -48,35 +48,35 @@ class Fit(Frozen):
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """One on each joint whose torque the model hardly predicts, or that does not put it to the test."""
+        """A sentence on each joint whose torque is poorly predicted, or whose held-out torque is constant."""
         found = []
         for joint, rms, r2 in zip(self.joints, self.held_out_rms, self.held_out_r2, strict=True):
             if r2 < LITTLE:
                 found.append(
-                    f"the model predicts little of the torque of {joint} (held-out R2 {r2:.2f}): something is missing "
-                    f"from it there, or the recorded torque is not this motion's"
+                    f"the model predicts little of the torque of {joint} (held-out R2 {r2:.2f}): it lacks an effect "
+                    f"there, or the torque does not belong to this motion; run signid check and signid diagnose"
                 )
             elif np.isfinite(rms) and np.isnan(r2):
                 found.append(
-                    f"the torque of {joint} does not vary in what is held out, so that no R2 judges it; hold out a "
-                    f"recording in which the robot moves"
+                    f"the held-out torque of {joint} is constant, so it has no R2; hold out a recording in which the "
+                    f"robot moves"
                 )
         return tuple(found)
 
 
 def judge_fit(session: Session, train: Factors, test: Factors, base_value: Array) -> Fit:
-    """Residual rms in training and held out, from factors alone.
+    """Fit on training and held-out data, from factors alone.
 
     Args:
-        session: gives joints and noise floor.
+        session: session with joints and noise floor.
         train: factors of the training recordings.
         test: factors of the held-out recordings.
         base_value: (b,) [units of base].
     """
-    robot, (learned, _), (judged, r2) = session.robot, _rms(train, base_value), _rms(test, base_value)
+    robot, (trained, _), (held_out, r2) = session.robot, _rms(train, base_value), _rms(test, base_value)
     units = tuple("N" if prismatic else "N.m" for prismatic in robot.prismatic)
     floor = session.task.band.torque_floor
-    return Fit(robot.joints, units, learned, judged, floor, r2, floor)
+    return Fit(robot.joints, units, trained, held_out, floor, r2, floor)
 
 
 def fit_rows(
@@ -87,14 +87,14 @@ def fit_rows(
     learned: Array | None = None,
     irreducible: Array | None = None,
 ) -> Fit:
-    """The fit of M rows of torque residuals; rows that are NaN do not count.
+    """Fit of M rows of torque residuals; NaN rows are ignored.
 
     Args:
-        robot: gives the joints.
-        residual: (M, n) [N.m or N] measured - predicted, of what was held out.
+        robot: robot with the joints.
+        residual: (M, n) [N.m or N] measured - predicted, on held-out rows.
         torque: (M, n) [N.m or N] measured.
         floor: (n,) [N.m or N] noise floor.
-        learned: (L, n) [N.m or N] residual in training; None: nothing was fitted, the training rms is NaN.
+        learned: (L, n) [N.m or N] residual on training rows; None: nothing was fitted, the training rms is NaN.
         irreducible: (n,) [N.m or N] rms of all that no model could predict; None: the noise floor.
     """
     spread = np.nansum((torque - _mean(torque)) ** 2, axis=0)
@@ -110,7 +110,7 @@ def fit_rows(
 
 
 def rms_of(x: Array) -> Array:
-    """Root mean square (n,) [unit of x] over the rows that are not NaN; NaN where all are.
+    """Root mean square (n,) [unit of x] over the rows that are not NaN; NaN if all are.
 
     Args:
         x: (M, n) [any unit].
@@ -119,13 +119,13 @@ def rms_of(x: Array) -> Array:
 
 
 def _mean(x: Array) -> Array:
-    """(n,) of the rows that count; NaN where none does."""
+    """Mean (n,) over the finite rows; NaN if there is none."""
     count = np.sum(np.isfinite(x), axis=0)
     return np.asarray(np.nansum(x, axis=0) / np.where(count > 0, count, np.nan))
 
 
 def _rms(factors: Factors, value: Array) -> tuple[Array, Array]:
-    """Residual rms [N.m or N] and R2 [1] per joint, NaN where no torque is recorded."""
+    """Residual rms [N.m or N] and R2 [1] per joint; NaN without recorded torque."""
     rms, r2 = np.full((2, len(factors.joints)), np.nan)
     for j, (joint, columns) in enumerate(zip(factors.joints, factors.columns, strict=True)):
         if joint.rows == 0:

@@ -1,4 +1,4 @@
-"""Factors -> base parameters: weighted least squares with intervals that hold."""
+"""Factors -> base parameters: weighted least squares with a covariance for coloured noise and model discrepancy."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from ..regression.factors import Factors, JointFactors
 from ..types import Array, BaseMap, Estimate, Indices, Mask
 from .discrepancy import discrepancy_covariance
 
-ROUNDS = 8  # of noise model and solution in turn, at most
-SETTLED = 1e-6  # change of the autocovariances
-SINGULAR = 1e-10  # of the largest eigenvalue of the scaled Gram matrix
-FLOOR = 1e-14  # of the torque's power: rounding
-FEW = 2.0  # rows for each column: with fewer, a fit hides the noise
-GUESSED = 1e-3  # of the torque's power: the noise of such joints, at least
-PENALTY = 2.0  # per order of the noise model: Akaike's
-LEAST = 0.05  # of the variance under white noise
-STABLE = 0.98  # largest reflection coefficient
-WEAK_INSTRUMENT = 3.0  # times the standard deviation of least squares, in the median
+ROUNDS = 8  # largest number of iterations between noise model and solution
+SETTLED = 1e-6  # [1] relative change of the autocovariances at convergence
+SINGULAR = 1e-10  # [1] smallest eigenvalue of an identifiable direction, over the largest of the scaled Gram matrix
+FLOOR = 1e-14  # [1] smallest noise variance over the torque's power: rounding
+FEW = 2.0  # [rows per column] below this a fit hides the noise
+FEW_ROWS_NOISE = 1e-3  # [1] smallest noise variance of joints with so few rows, over the torque's power
+PENALTY = 2.0  # [1] penalty per order of the noise model: Akaike's criterion
+LEAST = 0.05  # [1] smallest variance over that under white noise
+STABLE = 0.98  # [1] largest reflection coefficient
+WEAK_INSTRUMENT = 3.0  # [1] median standard deviation over that of least squares from which on instruments are weak
 
 
 class _Solution(NamedTuple):
     value: Array  # (b,) [units of base]
     information: Array  # (b, b) [1 / units of base]
-    inverse: Array  # (b, b) [units of base] of the information, 0 where nothing is told
-    unknown: Mask  # (b,) where nothing is told
+    inverse: Array  # (b, b) [units of base] of the information, 0 in unidentifiable directions
+    unknown: Mask  # (b,) whether a parameter is unidentifiable
 
 
 class _Noise(NamedTuple):
@@ -43,25 +43,25 @@ def estimate(
     base: BaseMap,
     prior: Array | None = None,
     whiten: bool = True,
-    spoilt: Sequence[Array] | None = None,
+    noise_grams: Sequence[Array] | None = None,
     weakest: float = WEAK_INSTRUMENT,
 ) -> Estimate:
-    """Base parameters by weighted least squares, with a covariance that knows how the noise is coloured.
+    """Estimate base parameters by weighted least squares, with a covariance for coloured noise.
 
-    In turn: weighted least squares; the autocovariances of each joint's residual, corrected for what the fitted
-    parameters took away; an autoregressive model of them, its order by Akaike's criterion. The covariance is that of
+    Three steps are iterated: weighted least squares; the autocovariances of each joint's residual, corrected for the
+    fitted parameters; an autoregressive model of them, its order by Akaike's criterion. The covariance is that of
     weighted least squares under this noise, plus that of model discrepancy (`signid.estimation.discrepancy`).
-    (Generalised least squares is no more accurate, and trusts frequencies where the model is wrong.) With instruments,
-    the same columns along the desired motion, the estimate is the instrumental-variable one.
+    Generalised least squares is no more accurate, and relies on frequencies where the model is wrong. With instruments,
+    the columns along the desired motion, the estimate is the instrumental-variable one.
 
     Args:
-        factors: of the recordings to learn from.
-        base: what the columns are.
-        prior: (b,) [units of base] values kept where the recordings tell nothing; default 0.
+        factors: factors of the training recordings.
+        base: base map.
+        prior: (b,) [units of base] values of unidentifiable parameters; default 0.
         whiten: False: assume white noise and no model discrepancy.
-        spoilt: per joint (m, m) [products of the units of the columns] what noise of the positions adds to the Gram
-            matrix of the columns; it is taken away from the normal equations.
-        weakest: by how much intervals may widen before instruments are called weak and least squares is kept.
+        noise_grams: per joint (m, m) [products of the units of the columns] Gram matrix of the noise in the columns,
+            which is subtracted from the normal equations.
+        weakest: largest ratio of standard deviations, instruments over least squares, at which instruments are used.
 
     Source: Gautier, ICRA 1997 (weighted least squares); Patterson, Thompson, Biometrika 58, 1971 (correction for
     fitted parameters); Janot, Vandanjon, Gautier, IEEE T-CST 22(1), 2014 (instruments).
@@ -69,7 +69,7 @@ def estimate(
     start = np.zeros(base.rank) if prior is None else prior
     noise = _first_noise(factors)
     for _ in range(ROUNDS):
-        solution = _solve(factors, noise, start, spoilt)
+        solution = _solve(factors, noise, start, noise_grams)
         covariance = _covariance(factors, noise, solution)
         before = noise
         noise = [
@@ -78,7 +78,7 @@ def estimate(
         ]
         if all(_alike(new.colour, old.colour) for new, old in zip(noise, before, strict=True)):
             break
-    solution = _solve(factors, noise, start, spoilt)
+    solution = _solve(factors, noise, start, noise_grams)
     covariance = _positive(_covariance(factors, noise, solution), solution.inverse)
     covariance[solution.unknown, solution.unknown] = np.inf
     scales = np.array([np.sqrt(n.colour[0]) for n in noise])
@@ -122,29 +122,31 @@ def _first_noise(factors: Factors) -> list[_Noise]:
 
 
 def _least(joint: JointFactors, columns: Indices) -> float:
-    """Share of the torque's power that noise is at least."""
-    return FLOOR if joint.counts[0] >= FEW * len(columns) else GUESSED
+    """Smallest noise variance, over the torque's power."""
+    return FLOOR if joint.counts[0] >= FEW * len(columns) else FEW_ROWS_NOISE
 
 
-def _solve(factors: Factors, noise: Sequence[_Noise], prior: Array, spoilt: Sequence[Array] | None = None) -> _Solution:
+def _solve(
+    factors: Factors, noise: Sequence[_Noise], prior: Array, noise_grams: Sequence[Array] | None = None
+) -> _Solution:
     information, right = np.zeros((len(prior), len(prior))), np.zeros(len(prior))
     for j, ((joint, columns), model) in enumerate(zip(_each(factors), noise, strict=True)):
         gram = _own(joint.grams[0], columns) / model.colour[0]
         information[np.ix_(columns, columns)] += gram[:-1, :-1]
-        if spoilt is not None:
-            information[np.ix_(columns, columns)] -= spoilt[j] / model.colour[0]
+        if noise_grams is not None:
+            information[np.ix_(columns, columns)] -= noise_grams[j] / model.colour[0]
         right[columns] += gram[:-1, -1]
     size = np.sqrt(np.maximum(np.diag(information), 0))
     scale = np.divide(1, size, out=np.zeros_like(size), where=size > 0)
     values, vectors = np.linalg.eigh(information * np.outer(scale, scale))
-    told = values > SINGULAR * max(values[-1], 1e-300)
-    inverse = (vectors[:, told] / values[told]) @ vectors[:, told].T * np.outer(scale, scale)
-    unknown = (np.sum(vectors[:, ~told] ** 2, axis=1) > 1e-8) | (size == 0)
+    known = values > SINGULAR * max(values[-1], 1e-300)
+    inverse = (vectors[:, known] / values[known]) @ vectors[:, known].T * np.outer(scale, scale)
+    unknown = (np.sum(vectors[:, ~known] ** 2, axis=1) > 1e-8) | (size == 0)
     return _Solution(prior + inverse @ (right - information @ prior), information, inverse, unknown)
 
 
 def _covariance(factors: Factors, noise: Sequence[_Noise], solution: _Solution) -> Array:
-    """(b, b) of weighted least squares under coloured noise."""
+    """Covariance (b, b) of weighted least squares under coloured noise."""
     spread = np.zeros_like(solution.inverse)
     for (joint, columns), model in zip(_each(factors), noise, strict=True):
         spread[np.ix_(columns, columns)] += _own(_spread(joint, model.colour), columns)[:-1, :-1]
@@ -152,7 +154,7 @@ def _covariance(factors: Factors, noise: Sequence[_Noise], solution: _Solution) 
 
 
 def _positive(covariance: Array, white: Array) -> Array:
-    """The covariance, positive even where a few lags cannot hold slow noise; at least a share of the white one."""
+    """Covariance made positive definite, with at least a share of the white one; few lags miss slow noise."""
     size = np.sqrt(np.maximum(np.diag(white), 1e-300))
     values, vectors = np.linalg.eigh((covariance + covariance.T) / 2 / np.outer(size, size))
     least = LEAST * np.einsum("ik,ij,jk->k", vectors, white / np.outer(size, size), vectors)
@@ -170,7 +172,7 @@ def _spread(joint: JointFactors, r: Array) -> Array:
 def _model_noise(
     joint: JointFactors, columns: Indices, old: Array, solution: _Solution, covariance: Array, whiten: bool
 ) -> _Noise:
-    """Levinson's recursion on the residual's autocovariances: stable, as every reflection stays below 1."""
+    """Autoregressive model by Levinson's recursion, stable since every reflection coefficient is below 1."""
     r = _autocovariances(joint, columns, old, solution, covariance)
     count, phi, variance = max(joint.counts[0], 1), np.zeros(0), float(r[0])
     best, chosen = np.inf, phi
@@ -184,7 +186,7 @@ def _model_noise(
         if criterion < best:
             best, chosen = criterion, phi
     colour = r.copy()
-    for d in range(len(chosen) + 1, len(r)):  # up to its order, such noise has the autocovariances it was made from
+    for d in range(len(chosen) + 1, len(r)):  # beyond the order they follow from the model
         colour[d] = chosen @ colour[d - len(chosen) : d][::-1]
     return _Noise(len(chosen), colour)
 
@@ -192,7 +194,7 @@ def _model_noise(
 def _autocovariances(
     joint: JointFactors, columns: Indices, old: Array, solution: _Solution, covariance: Array
 ) -> Array:
-    """(d,) [N2.m2] of the noise: of the residual, plus what the fit took away.
+    """Autocovariances (d,) [N2.m2] of the noise: those of the residual, corrected for the fit.
 
     For noise of covariance O and the projection P of weighted least squares, the residual has
     (1 - P) O (1 - P)' = O - P O - O P' + P O P'; each term's sum along a diagonal is a trace with a lagged Gram matrix.
@@ -212,7 +214,7 @@ def _autocovariances(
 
 
 def _with_instruments(factors: Factors, noise: Sequence[_Noise], plain: Estimate, weakest: float) -> Estimate:
-    """The instrumental-variable estimate, unless the instruments hardly correlate with the columns."""
+    """Instrumental-variable estimate, or least squares if the instruments are weak."""
     b = len(plain.value)
     zx, zz, zy = np.zeros((b, b)), np.zeros((b, b)), np.zeros(b)
     for (joint, columns), model in zip(_each(factors), noise, strict=True):
@@ -230,5 +232,7 @@ def _with_instruments(factors: Factors, noise: Sequence[_Noise], plain: Estimate
         note = f"the desired motion is a weak instrument (intervals {wider:.0f} times wider); least squares is kept"
         return replace(plain, notes=(note,))
     shift = float(np.max(np.abs(value - plain.value) / plain.std))
-    note = f"desired positions served as instruments; they moved the estimate by up to {shift:.1f} standard deviations"
+    note = (
+        f"desired positions served as instruments; they changed the estimate by up to {shift:.1f} standard deviations"
+    )
     return replace(plain, value=value, covariance=covariance, method="instrumental variables", notes=(note,))

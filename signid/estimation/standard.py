@@ -1,4 +1,4 @@
-"""Base parameters -> standard parameters, by the method that is asked for."""
+"""Base parameters -> standard parameters, by the chosen method."""
 
 from __future__ import annotations
 
@@ -17,42 +17,42 @@ from .feasible import fit_consistent, standard_from_base
 from .fit_quality import judge_fit
 from .pbrp import Bounds, bounds_around, read_bounds, retrieve
 
-WORSE = 1.05  # times the training rms of least squares, from which on a fit that time cut short is dropped
+WORSE = 1.05  # [1] training rms over that of least squares, above which a fit that time cut short is dropped
 CUT_SHORT = (
     "the {} fit that time cut short predicts torque worse than plain least squares, whose parameters are given instead "
-    "(--method wls): they need not be physically consistent"
+    "(--method wls); they may be physically infeasible: allow more time"
 )
-METHODS = ("convex", "wls", "pbrp")  # the first by default; the last after a tree of sign choices
+METHODS = ("convex", "wls", "pbrp")  # the first is the default; the last is the default after a tree of sign choices
 
 
 @dataclass(frozen=True)
 class Search:
-    """How penalty-based parameter retrieval searches: see `signid.estimation.pbrp`."""
+    """Options of penalty-based parameter retrieval, see `signid.estimation.pbrp`."""
 
     bounds: str | Path | None = None  # TOML file of the box; None: around the description
     global_algorithm: str = "GN_CRS2_LM"
     local_algorithm: str = "LD_LBFGS"
-    total_mass: tuple[float, float] | None = None  # [kg]
+    total_mass: tuple[float, float] | None = None  # [kg] range of the total mass
 
 
 class Standard(NamedTuple):
-    """Standard parameters and how they came about."""
+    """Standard parameters of an estimate."""
 
     parameters: Parameters
-    moved: float  # standard deviations by which they move the estimate at most
+    moved: float  # [standard deviations] largest change of a base parameter
     notes: tuple[str, ...] = ()
     flags: tuple[str, ...] = ()
 
 
 def choose_standard(session: Session, found: Estimate, method: str, search: Search, seed: int) -> Standard:
-    """Standard parameters that belong to an estimate.
+    """Standard parameters of an estimate, by one method.
 
     Args:
-        session: gives robot and base map.
-        found: base parameters.
+        session: session with robot and base map.
+        found: estimate of the base parameters.
         method: one of METHODS.
-        search: of penalty-based parameter retrieval.
-        seed: of it.
+        search: options of penalty-based parameter retrieval.
+        seed: seed of the retrieval.
     """
     base, prior = session.task.base, stated_parameters(session.task)
     if method == "wls":
@@ -71,7 +71,7 @@ def choose_standard(session: Session, found: Estimate, method: str, search: Sear
         seed=seed,
     )
     moves = np.abs(base.combination @ got.parameters.values - found.value) / found.std
-    flags = [] if got.feasible else ["retrieval found no parameters that a real robot could have; use --method convex"]
+    flags = [] if got.feasible else ["retrieval found no physically feasible parameters; use --method convex"]
     flags += [] if got.converged else ["retrieval spent its budget before it converged; use --method convex"]
     return Standard(got.parameters, float(np.max(moves)), got.notes, tuple(flags))
 
@@ -79,15 +79,15 @@ def choose_standard(session: Session, found: Estimate, method: str, search: Sear
 def choose_in_time(
     session: Session, train: Factors, found: Estimate, method: str, search: Search, seed: int
 ) -> tuple[Standard, str]:
-    """Standard parameters and their method: plain least squares where time cut the search short with a worse fit.
+    """Standard parameters and their method; plain least squares if time cut the search short with a worse fit.
 
     Args:
-        session: gives robot and base map.
-        train: factors that the estimate comes from.
-        found: base parameters.
+        session: session with robot and base map.
+        train: training factors of the estimate.
+        found: estimate of the base parameters.
         method: one of METHODS.
-        search: of penalty-based parameter retrieval.
-        seed: of it.
+        search: options of penalty-based parameter retrieval.
+        seed: seed of the retrieval.
     """
     chosen = choose_standard(session, found, method, search, seed)
     if method == "wls" or seconds_left() > 0:
@@ -96,8 +96,8 @@ def choose_in_time(
     cut, plain = (judge_fit(session, train, train, v).train_rms for v in (value, found.value))
     if not np.any(cut > WORSE * plain):
         return chosen, method
-    plainly = choose_standard(session, found, "wls", search, seed)
-    return plainly._replace(flags=(*chosen.flags, CUT_SHORT.format(method))), "wls"
+    fallback = choose_standard(session, found, "wls", search, seed)
+    return fallback._replace(flags=(*chosen.flags, CUT_SHORT.format(method))), "wls"
 
 
 def _box(session: Session, found: Estimate, prior: Parameters, search: Search) -> Bounds | None:

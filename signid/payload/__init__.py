@@ -1,4 +1,4 @@
-"""The load of the last link, as the feasible difference of recordings without it and with it."""
+"""Load of the last link, as the feasible difference of recordings without and with it."""
 
 from .result import Payload
 from .run import payload

@@ -90,7 +90,7 @@ def payload(
         link=session.robot.links[body],
         inertial=inertial,
         covariance=difference.spread,
-        untold=unidentifiable,
+        unidentified=unidentifiable,
         moved=fitted.moved,
         misfit=difference.misfit,
         drifted=difference.drifted,

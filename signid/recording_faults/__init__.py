@@ -1,11 +1,11 @@
-"""Gross faults of recordings, found before anything is fitted: order, signs, units, lags, clipping, too little.
+"""Recording faults, found before a fit: wrong order, signs or units, lags, clipping, too little data.
 
-`signid check` and `signid diagnose` look for them first: columns exchanged or negated, degrees for radians, torque that
-comes late or reaches a limit. Each `Finding` is a sentence: what is wrong, how sure that is, and how to mend it.
+`signid check` and `signid diagnose` look for them first: exchanged or negated columns, degrees instead of radians,
+torque that is late or clipped. Each `Finding` has a sentence: the fault, its evidence, and how to correct it.
 """
 
 from .examine import examine
-from .identified import Judged, identification_flags
-from .result import REFUSE, Finding, Gross
+from .identified import IdentifiedData, identification_flags
+from .result import REFUSE, Finding, RecordingFaults
 
-__all__ = ["REFUSE", "Finding", "Gross", "Judged", "examine", "identification_flags"]
+__all__ = ["REFUSE", "Finding", "RecordingFaults", "IdentifiedData", "examine", "identification_flags"]

@@ -1,4 +1,4 @@
-"""Recordings -> channels that are clipped, that stand still while the joint moves, or that skip; raw samples."""
+"""Raw samples -> faults of single channels: clipped or stuck torque, skipping positions, absolute torque."""
 
 from __future__ import annotations
 
@@ -11,33 +11,35 @@ from ..regression.session import PIECE, Part
 from ..types import Array, Mask, Samples
 from .evidence import Evidence
 
-LEVELS = 200  # distinct values: fewer are too coarse to tell a standstill from a quantum
-OFTEN, SHARE, RUN = 10, 2e-3, 4  # samples at the extreme value, share of all, and so many in a row
-NEXT, BAND = 5.0, 5e-3  # times as many as within a band below, as a share of the range
-STILL, TRAVEL = 0.25, 0.02  # s, and share of the joint's range it moved meanwhile
-HOLD, STEPS, JUMP = 0.05, 5, 3.0  # s and samples a position stands; times the largest step of the five after it
-
-
-NEAR = 0.02  # of the largest torque: absolute torque goes so near to zero where its sign changes
-
-BOTH = 0.1  # of the rows, in which the model's torque has the rarer sign
-
-SEVERAL = 2  # joints that touch zero and never go below: no friction makes all of them one-sided
-
-BETTER, ALIKE = 0.5, 0.2  # of what the model leaves, and of the torque, that its absolute value leaves at most
+LEVELS = 200  # smallest number of distinct values; with fewer, a standstill looks like quantisation
+# Clipping: smallest number of samples at the extreme value, their smallest share of all samples [1], and the smallest
+# length of their longest run; their smallest number over that within a band below, and the width of the band [ranges]
+OFTEN, SHARE, RUN = 10, 2e-3, 4
+NEXT, BAND = 5.0, 5e-3
+STILL, TRAVEL = 0.25, 0.02  # stuck torque: [s] smallest duration, and [ranges] smallest travel of the joint in it
+# Skipping position: smallest duration [s] and number of samples of a standstill, and the smallest jump after it, over
+# the largest of the five steps on either side [1]
+HOLD, STEPS, JUMP = 0.05, 5, 3.0
+# Absolute torque: largest minimum of the torque over its maximum [1]; smallest share of the rows with the rarer sign of
+# the predicted torque [1]; number of joints without negative torque that friction cannot explain; largest residual of
+# the absolute predicted torque, over the residual of the signed one, and over the torque (sums of squares) [1]
+NEAR = 0.02
+BOTH = 0.1
+SEVERAL = 2
+BETTER, ALIKE = 0.5, 0.2
 
 
 class Fault(NamedTuple):
-    """What a channel of a joint does, how often, and how much of it."""
+    """Fault of a joint's channel."""
 
     kind: str  # "clipping", "stuck torque", "skipping position"
     joint: int
-    times: int  # or samples
-    value: float  # [N.m or N] at which it clips, [s] that it stands
+    times: int  # number of samples; for skipping positions, number of skips
+    value: float  # [N.m or N] clipped value, or [s] duration of a standstill
 
 
 def judge_channels(parts: Sequence[Part]) -> list[Fault]:
-    """Faults of single channels, in the rows of each recording's longest stretch; each kind once a joint."""
+    """Faults of single channels in the longest stretch of each recording; each kind at most once per joint."""
     found: dict[tuple[str, int], Fault] = {}
     for part in parts:
         (recording, sampling), rows = part, longest_rows(part)
@@ -48,7 +50,7 @@ def judge_channels(parts: Sequence[Part]) -> list[Fault]:
 
 
 def longest_rows(part: Part) -> Samples:
-    """Raw samples of a recording's longest stretch, or the beginning of it."""
+    """Raw samples of a recording's longest stretch, or its beginning if it is long."""
     recording, sampling = part
     start, stop = max(sampling.spans, key=lambda span: span[1] - span[0])
     return recording.read(start, min(stop, start + PIECE))
@@ -60,14 +62,14 @@ def _faults(q: Array, tau: Array, period: float, joint: int, signed: bool) -> It
         for count, side in sides:
             if count:
                 yield Fault("clipping", joint, count, float(np.max(side * tau)))
-        if not any(count for count, _ in sides) and (stands := _stuck(tau, q, period)):
-            yield Fault("stuck torque", joint, stands, stands * period)
+        if not any(count for count, _ in sides) and (stuck := _stuck(tau, q, period)):
+            yield Fault("stuck torque", joint, stuck, stuck * period)
     if skips := _skips(q, period):
         yield Fault("skipping position", joint, len(skips), max(skips) * period)
 
 
 def _clipped(y: Array, q: Array) -> int:
-    """Samples at the greatest value, where they are many and those just below are few."""
+    """Number of samples at the largest value if it is clipped: many are there and few just below; else 0."""
     at = y >= y.max() - 1e-9 * np.ptp(y)
     levels = np.unique(y)[-2:]
     band = max(BAND * np.ptp(y), 1.5 * (levels[1] - levels[0]))
@@ -79,14 +81,14 @@ def _clipped(y: Array, q: Array) -> int:
 
 
 def _stuck(y: Array, q: Array, period: float) -> int:
-    """Samples of the longest stretch in which a value stands while the position moves."""
+    """Length in samples of the longest stretch with constant value while the position changes."""
     runs = [(a, b) for a, b in _runs(np.diff(y) == 0) if (b - a) * period >= STILL]
     far = TRAVEL * np.ptp(q)
     return max((b - a + 1 for a, b in runs if np.ptp(q[a : b + 1]) > far), default=0)
 
 
 def _skips(q: Array, period: float) -> list[int]:
-    """Samples for which a position stood and then made up for it at once, for each time."""
+    """Length in samples of each standstill of a position that a jump follows."""
     step = np.diff(q)
     found = []
     for a, b in _runs(step == 0):
@@ -100,17 +102,19 @@ def _skips(q: Array, period: float) -> list[int]:
 
 
 def _runs(mask: Array) -> list[tuple[int, int]]:
-    """First and one past the last index of every stretch of True."""
+    """Start and end (exclusive) of every run of True."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
 def judge_absolute(evidence: Evidence, parts: Sequence[Part]) -> Mask:
-    """(n,) joints whose torque is said to have its sign and has none: all that are never negative, if one shows it.
+    """Mask (n,) of joints with absolute values in a signed torque column.
+
+    If at least one joint shows it, all joints whose torque is never negative are included.
 
     Args:
         evidence: rows of all recordings.
-        parts: the recordings, whose raw samples of the longest stretch are looked at.
+        parts: recordings, of which the raw samples of the longest stretch are used.
     """
     predicted, torque = evidence.plain.predicted, evidence.plain.torque
     rarer = np.minimum((predicted > 0).mean(axis=0), (predicted < 0).mean(axis=0))

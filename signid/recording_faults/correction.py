@@ -1,4 +1,4 @@
-"""What may be wrong with a recording as a whole, as what would mend it."""
+"""Corrections of a recording: order, signs and units of columns, and lags."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ from ..types import Array, Frozen
 
 @dataclass(frozen=True, eq=False)
 class Correction(Frozen):
-    """Which column of the recording belongs to each of n joints, with which factor, and how late its torque is."""
+    """Columns and factors of n joints in a recording, and the lag of each torque column."""
 
-    q_from: tuple[int, ...]  # (n,)
-    q_scale: Array  # (n,) [1]
-    tau_from: tuple[int, ...]  # (n,)
-    tau_sign: Array  # (n,) [1]
-    lag: Array  # (n,) [s] of each column of torque
+    q_from: tuple[int, ...]  # (n,) column of each joint's position
+    q_scale: Array  # (n,) [1] factor on the position
+    tau_from: tuple[int, ...]  # (n,) column of each joint's torque
+    tau_sign: Array  # (n,) [1] factor on the torque
+    lag: Array  # (n,) [s] by which each column of torque is late
 
     @classmethod
     def none(cls, n: int) -> Correction:
-        """Of n joints that nothing is wrong with."""
+        """Correction of n joints that changes nothing."""
         return cls(tuple(range(n)), np.ones(n), tuple(range(n)), np.ones(n), np.zeros(n))
 
     @property
-    def moves_nothing(self) -> bool:
-        """Whether positions are left as they are."""
+    def keeps_positions(self) -> bool:
+        """Whether positions are unchanged."""
         return self.q_from == tuple(range(len(self.q_from))) and bool(np.all(self.q_scale == 1))
 
     def exchange(self, order: tuple[int, ...], positions: bool = False, torques: bool = False) -> Correction:
-        """Joint i gets what joint order[i] had."""
+        """Exchange columns: joint i gets those of joint order[i]."""
         at = list(order)
         found = self
         if positions:
@@ -40,14 +40,14 @@ class Correction(Frozen):
         return found
 
     def scale(self, joints: tuple[int, ...], position: float = 1.0, torque: float = 1.0) -> Correction:
-        """Positions and torques of some joints times these."""
+        """Multiply positions and torques of some joints by factors."""
         q, tau = self.q_scale.copy(), self.tau_sign.copy()
         q[list(joints)] *= position
         tau[list(joints)] *= torque
         return replace(self, q_scale=q, tau_sign=tau)
 
     def earlier(self, joints: tuple[int, ...], lag: float) -> Correction:
-        """Torques of some joints were recorded late by `lag` [s]."""
+        """Shift torques of some joints, which were recorded late by `lag` [s]."""
         late = self.lag.copy()
         late[[self.tau_from[j] for j in joints]] += lag
         return replace(self, lag=late)

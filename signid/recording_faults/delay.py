@@ -1,4 +1,4 @@
-"""Session -> delay of torque against the motion, from the part of its residual that follows the torque's rate."""
+"""Delay of torque against the motion, from the correlation of the residual with the derivative of the torque."""
 
 from __future__ import annotations
 
@@ -12,34 +12,37 @@ from ..regression.rows import Rows, read_rows, torque_rates
 from ..regression.session import Session
 from ..types import Array, Mask
 
-SECONDS = 30.0  # [s] of recordings that are read, in evenly spread stretches
-SPARE = 2.0  # rows per column, at least
-# [s] of a delay that is worth a flag, and that the rate tells. Measured on real arms: TX40 -3.0 ms, UR10e, panda and
-# EMPS within 3 standard deviations of 0; longer delays are found by `judge_lags`
+SECONDS = 30.0  # [s] total duration of the evenly spread stretches that are read
+SPARE = 2.0  # [rows per column] smallest number of rows
+# [s] smallest delay that is flagged, and largest one for a first-order estimate. Measured on real arms: TX40 -3.0 ms;
+# UR10e, panda and EMPS within 3 standard deviations of 0. `judge_lags` finds longer delays
 LEAST, LONGEST = 0.003, 0.04
-SURE = 7.0  # standard deviations of a delay. Measured: 6 rokae joint sensors; 11 and more of 8 ms simulated, noise 2 %
-# Mean square over the joints of the difference from the common delay, in standard deviations: one clock makes less.
-# Measured: 41 TX40, 5.3 rokae motor side; simulated arms with torque 8 ms late or early 0.1 to 1.6, 3.9 (ur10, early)
+# [standard deviations] smallest significant delay. Measured: 6 for rokae joint sensors; 11 and more for 8 ms, simulated
+# with 2 % noise
+SURE = 7.0
+# [1] mean square over the joints of the difference from the common delay, in standard deviations, up to which delays
+# have one cause, for certain and roughly. Measured: 41 TX40, 5.3 rokae motor side; simulated arms with torque 8 ms late
+# or early 0.1 to 1.6, 3.9 (ur10, early)
 ALIKE, ROUGHLY = 3.0, 10.0
-# [1] mean logarithm by which delays lessen the residual's variance. Measured: 0.26 TX40, 0.15 rokae; 0.46 and more of
-# 8 ms simulated without noise
+# [1] smallest mean reduction of the log variance of the residual. Measured: 0.26 TX40, 0.15 rokae; 0.46 and more for
+# 8 ms, simulated without noise
 CLEAR = 0.4
-NEGATIVE = 0.5  # share of the joints whose viscous friction is estimated as negative, where torque leads
+NEGATIVE = 0.5  # [1] share of joints with negative viscous friction from which on torque leads
 
 
 class Delay(NamedTuple):
-    """Delay of torque, positive where it is recorded late."""
+    """Delay of torque, positive if it is recorded late."""
 
-    common: float  # [s] of all joints, weighted by what each can tell
-    std: float  # [s] of it, for independent residuals
-    scatter: float  # [1] mean square of the joints' differences from it, in standard deviations; NaN of one joint
-    gain: float  # [1] mean logarithm of the residual's variance without over with the delays
+    common: float  # [s] mean of all joints, weighted by their precision
+    std: float  # [s] its standard deviation, for independent residuals
+    scatter: float  # [1] mean square difference of the joints from it, in standard deviations; NaN for one joint
+    gain: float  # [1] mean log ratio of the residual's variance without and with the delays
 
     def is_clear(self, negative: float) -> bool:
-        """Whether it is worth a flag.
+        """Whether the delay is large and certain enough for a flag.
 
         Args:
-            negative: share of the joints whose viscous friction was estimated as negative [1].
+            negative: share of the joints with negative estimates of viscous friction [1].
         """
         if not LEAST <= abs(self.common) <= LONGEST or abs(self.common) < SURE * self.std:
             return False
@@ -48,25 +51,25 @@ class Delay(NamedTuple):
         return strong or self.scatter <= ALIKE
 
 
-class _Own(NamedTuple):
-    delay: float  # [s] of one joint
+class _JointDelay(NamedTuple):
+    delay: float  # [s]
     std: float  # [s]
     gain: float  # [1]
 
 
 def estimate_delay(session: Session, signed: Mask) -> Delay | None:
-    """The delay that explains the residual of each joint's own least squares best; None where rows are too few.
+    """Delay that best explains the residuals of each joint's least-squares fit; None if there are too few rows.
 
-    To first order, torque that is recorded late by L differs by -L times its rate. The rate of the predicted torque is
-    the instrument for that of the recorded torque, whose noise would make delays seem shorter. Rows near reversals
-    take no part, since dry friction there leads the motion by itself.
+    To first order, torque that is recorded late by L differs by -L times its derivative. The derivative of the
+    predicted torque is the instrument for that of the recorded torque, whose noise would bias delays towards zero. Rows
+    near reversals are excluded, since dry friction leads the motion there.
 
     Args:
-        session: recordings to learn from.
-        signed: (n,) joints that move and whose torque is recorded with its sign.
+        session: session with the training recordings.
+        signed: (n,) joints that move and have signed torque.
     """
     windows = _windows(session)
-    found = [own for j in np.flatnonzero(signed).tolist() if (own := _own(windows, j)) is not None]
+    found = [own for j in np.flatnonzero(signed).tolist() if (own := _joint_delay(windows, j)) is not None]
     if not found:
         return None
     delay, std, gain = (np.array(x) for x in zip(*found, strict=True))
@@ -76,7 +79,7 @@ def estimate_delay(session: Session, signed: Mask) -> Delay | None:
 
 
 def _windows(session: Session) -> list[tuple[Rows, Array]]:
-    """Rows of evenly spread stretches, and the rate (M, n) [N.m/s or N/s] of their torque."""
+    """Rows of evenly spread stretches, and the derivative (M, n) [N.m/s or N/s] of their torque."""
     task, out = session.task, list[tuple[Rows, Array]]()
     whole = sum(sampling.duration for _, sampling in session.train)
     for recording, sampling in session.train:
@@ -85,8 +88,8 @@ def _windows(session: Session) -> list[tuple[Rows, Array]]:
     return [(rows, rate) for rows, rate in out if len(rows.t) > 1]
 
 
-def _own(windows: list[tuple[Rows, Array]], joint: int) -> _Own | None:
-    """The delay of one joint; None where its rows tell nothing."""
+def _joint_delay(windows: list[tuple[Rows, Array]], joint: int) -> _JointDelay | None:
+    """Delay of one joint; None if its rows are not informative."""
     kept = [rows.steady[:, joint] & rows.recorded[joint] for rows, _ in windows]
     pairs = list(zip(windows, kept, strict=True))
     if sum(int(k.sum()) for k in kept) < SPARE * max((rows.columns[joint].shape[1] for rows, _ in windows), default=1):
@@ -106,4 +109,4 @@ def _own(windows: list[tuple[Rows, Array]], joint: int) -> _Own | None:
     rest = y + delay * d
     variance = float(rest @ rest) / len(y)
     std = max(variance * float(z @ z), 1e-300) ** 0.5 / overlap
-    return _Own(delay, std, float(np.log(float(y @ y) / max(float(rest @ rest), 1e-300))))
+    return _JointDelay(delay, std, float(np.log(float(y @ y) / max(float(rest @ rest), 1e-300))))

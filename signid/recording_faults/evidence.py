@@ -1,4 +1,4 @@
-"""Session and model -> what the gross checks look at: a few thousand rows, all signals filtered alike."""
+"""Session and model -> evidence for recording faults: up to 1500 rows with equally filtered signals."""
 
 from __future__ import annotations
 
@@ -18,14 +18,13 @@ from ..regression.session import Part, Session, longest_piece
 from ..types import Array, Frozen, Indices, Law, Mask, Robot
 from .correction import Correction
 
-SAMPLES = 2**16  # that are looked at, of all recordings together
-FINE = 4  # times as dense as the rows of identification: lags are told between them
-ROWS = 1500  # of all recordings, at most
-BLOCKS = 8  # parts of all recordings, at least: what is claimed must hold in most of them
-LAG = 0.25  # [s] longest that is looked for
-
-
-NODES = 6  # samples around a moment. Measured: off by 3 % of a sine of four samples a period, 0.05 % of one of eight
+SAMPLES = 2**16  # largest number of samples of all recordings together
+FINE = 4  # samples of the filtered torque per row of identification, for lags between rows
+ROWS = 1500  # largest number of rows of all recordings together
+BLOCKS = 8  # smallest number of blocks of all recordings; a fault must show in most of them
+LAG = 0.25  # [s] longest lag
+# Nodes of the interpolating polynomial. Measured error: 3 % for a sine of four samples per period, 0.05 % for eight
+NODES = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +35,7 @@ class Curve(Frozen):
     x: Array  # (M, n) [any unit]
 
     def at(self, t: Array) -> Array:
-        """(K, n) values by the polynomial through the nearest samples; those at the ends hold beyond them.
+        """Values (K, n) by the polynomial through the nearest samples; constant beyond the ends.
 
         Args:
             t: (K,) [s].
@@ -54,56 +53,56 @@ class Curve(Frozen):
 
 
 class Signals(NamedTuple):
-    """K rows of n joints."""
+    """Signals of n joints in K rows."""
 
     v: Array  # (K, n) [rad/s or m/s]
     a: Array  # (K, n) [rad/s2 or m/s2]
     direction: Array  # (K, n) [1] of motion
-    predicted: Array  # (K, n) [N.m or N] by the model without its friction
+    predicted: Array  # (K, n) [N.m or N] by the model without friction
     torque: Array  # (K, n) [N.m or N] as recorded
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence(Frozen):
-    """K rows of n joints, and the recorded torque at the moments around them."""
+    """K rows of n joints, and the recorded torque around them."""
 
-    model: Model  # its bodies and the laws that a row alone tells, without friction
-    signed: Mask  # (n,) whether torque is recorded, with its sign
-    rotors: Mask  # (n,) whether the model knows of a rotor at the joint
+    model: Model  # bodies and laws without memory, without friction
+    signed: Mask  # (n,) whether torque is recorded with its sign
+    rotors: Mask  # (n,) whether the model has a rotor at the joint
     q: Array  # (K, n) [rad or m]
     plain: Signals  # as recorded
-    torques: tuple[tuple[Array, Array], ...]  # of each recording, moments (M,) [s] and torque (M, n) [N.m or N]
-    moments: tuple[Array, ...]  # of each recording, (K_r,) of its rows [s]
-    block: Indices  # (K,) which part of the recordings a row belongs to
+    torques: tuple[tuple[Array, Array], ...]  # of each recording, times (M,) [s] and torque (M, n) [N.m or N]
+    moments: tuple[Array, ...]  # of each recording, (K_r,) times of its rows [s]
+    block: Indices  # (K,) block of each row
 
     @property
     def robot(self) -> Robot:
-        """With the joints that were recorded."""
+        """Robot with the recorded joints."""
         return self.model.robot
 
     def corrected(self, correction: Correction) -> Signals:
-        """What the signals would be."""
+        """Signals after a correction."""
         plain, torque = self.plain, self.late(correction.lag)[:, list(correction.tau_from)] * correction.tau_sign
-        if correction.moves_nothing:
+        if correction.keeps_positions:
             return plain._replace(torque=torque)
         q, v, a = self.moved(correction)
         direction = plain.direction[:, list(correction.q_from)] * np.sign(correction.q_scale)
         return Signals(v, a, direction, self.model.inverse(self.along(correction)), torque)
 
     def along(self, correction: Correction) -> Motion:
-        """The motion, rows for samples."""
+        """Motion after a correction, with rows as samples."""
         return Motion(self.robot, np.concatenate(self.moments), *self.moved(correction))
 
     def moved(self, correction: Correction) -> tuple[Array, Array, Array]:
-        """What positions, velocities and accelerations would be, (K, n) each [rad or m, per s, per s2]."""
+        """Positions, velocities and accelerations after a correction, (K, n) each [rad or m, per s, per s2]."""
         q, v, a = (x[:, list(correction.q_from)] * correction.q_scale for x in (self.q, self.plain.v, self.plain.a))
         return q, v, a
 
     def late(self, lag: Array) -> Array:
-        """(K, n) [N.m or N] torque, had it not been recorded late.
+        """Torque (K, n) [N.m or N] after the removal of lags.
 
         Args:
-            lag: (n,) [s] of each column of torque.
+            lag: (n,) [s] by which each column of torque is late.
         """
         if not lag.any():
             return self.plain.torque
@@ -119,12 +118,12 @@ class Evidence(Frozen):
 
 
 def gather(model: Model, session: Session, parts: Sequence[Part]) -> Evidence | None:
-    """The evidence of some recordings; None where all are too short.
+    """Evidence of some recordings; None if all are too short.
 
     Args:
-        model: of the session's joints.
-        session: gives the band.
-        parts: recordings; of each the longest stretch counts.
+        model: model of the session's joints.
+        session: session with the band.
+        parts: recordings, of which the longest stretch is used.
     """
     task, most = session.task, SAMPLES // max(1, len(parts))
     frictionless = replace(model, laws=tuple(law for law in model.laws if not law.effect.dissipative))

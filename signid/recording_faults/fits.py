@@ -1,4 +1,4 @@
-"""How much of a joint's torque a passive joint with the model's bodies explains."""
+"""Fit of a joint's torque by a passive joint with the model's bodies."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ import numpy as np
 from ..types import Array, Mask
 from .evidence import Signals
 
-ROUNDING = 1e-12  # share of the largest number beside it that rounding may make
+ROUNDING = 1e-12  # [1] rounding error over the largest number
 
 
 class Fit(NamedTuple):
-    """Torque = gain * predicted + friction + rotor + offset, nothing of it negative but the offset."""
+    """Fit: torque = gain * predicted + friction + rotor + offset, with non-negative coefficients except the offset."""
 
-    gain: float  # [1] of the predicted torque
-    unexplained: float  # [1] share of the torque's variance
+    gain: float  # [1] factor on the predicted torque
+    unexplained: float  # [1] residual variance over the torque's variance
     residual: Array  # (K,) [N.m or N]
     power: float  # [N2.m2 or N2] variance of the torque
 
 
 class Columns:
-    """The columns of one joint, ready for many torques."""
+    """Columns of one joint, factorised for fits of several torques."""
 
     def __init__(self, x: Signals, joint: int, predicted: bool = True, rotor: bool = True) -> None:
-        """Prediction, viscous and Coulomb friction and a rotor of a joint, or fewer of them."""
+        """Build the columns: predicted torque, viscous and Coulomb friction, and rotor of a joint."""
         use = [x.predicted] * predicted + [x.v, x.direction] + [x.a] * rotor
         columns = np.stack([signal[:, joint] for signal in use], axis=1)
         self.columns = columns - columns.mean(axis=0)
@@ -33,7 +33,7 @@ class Columns:
         self.basis, self.factor = np.linalg.qr(self.columns / self.size)
 
     def fit(self, torque: Array) -> Fit:
-        """The best fit.
+        """Fit a torque by non-negative least squares.
 
         Args:
             torque: (K,) [N.m or N].
@@ -47,17 +47,17 @@ class Columns:
 
 
 def fit_joints(x: Signals) -> list[Fit]:
-    """Every joint's torque by the joint's own columns."""
+    """Fits of all joints' torques by their own columns."""
     return [Columns(x, j).fit(x.torque[:, j]) for j in range(x.torque.shape[1])]
 
 
 def unexplained(x: Signals) -> Array:
-    """(n,) [1] shares of the torques' variances."""
+    """Unexplained shares (n,) [1] of the torques' variances."""
     return np.array([fit.unexplained for fit in fit_joints(x)])
 
 
 def nonnegative(matrix: Array, target: Array) -> Array:
-    """(k,) the coefficients that bring the columns nearest to the target, none of them negative.
+    """Non-negative least-squares coefficients (k,).
 
     Args:
         matrix: (m, k) [unit of the target per unit of the coefficient] columns.
@@ -66,7 +66,7 @@ def nonnegative(matrix: Array, target: Array) -> Array:
     Source: Lawson, Hanson, Solving Least Squares Problems, 1974, chapter 23.
     """
     gram, right = matrix.T @ matrix, matrix.T @ target
-    gram.ravel()[:: len(right) + 1] += ROUNDING * gram.max(initial=0.0)  # columns may be the same
+    gram.ravel()[:: len(right) + 1] += ROUNDING * gram.max(initial=0.0)  # columns may be equal
     x, free = np.zeros(len(right)), np.zeros(len(right), dtype=bool)
     least = ROUNDING * float(np.abs(right).max(initial=0.0))
     for _ in range(3 * len(right)):
@@ -79,7 +79,7 @@ def nonnegative(matrix: Array, target: Array) -> Array:
 
 
 def _feasible(gram: Array, right: Array, x: Array, free: Mask) -> tuple[Array, Mask]:
-    """The solution over free coefficients, which are held at zero one after another where it would be negative."""
+    """Solution over free coefficients; those that would be negative are fixed at zero, one after another."""
     while free.any():
         new = np.zeros(len(x))
         new[free] = np.linalg.solve(gram[free][:, free], right[free])

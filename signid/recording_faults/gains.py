@@ -1,4 +1,4 @@
-"""Evidence -> factors between recorded torques and the model's: units of all, a gain of one."""
+"""Evidence -> factors between recorded and predicted torques: wrong units of all joints, wrong gains of some."""
 
 from __future__ import annotations
 
@@ -12,61 +12,64 @@ from .correction import Correction
 from .evidence import Evidence, Signals
 from .fits import Columns
 
-FITS, RIGID, LEAST = 0.15, 3.0, 0.03  # unexplained at most; times as much, and at least, without the prediction
-SURE = 0.1  # standard error of a factor's logarithm
-SMALL, MOVES = 0.03, 0.05  # of the strongest predicted torque, of the fastest joint: less is not told from friction
-ALL, LONE = 1.9, 3.0  # times: a factor of several joints, or of the only one, that no model is off by
-BEYOND = 5.0  # times: no single body is off by so much
-ALIKE = 1.5  # times that factors may differ from their median and be called one
-ROTOR = 300.0  # times a torque without gravity may be too large: geared rotors weigh more than what they move
-ONE = 1.65  # times that one joint's factor may differ from the others'
-RIVAL = 0.6  # of what the best change of one body leaves: what the gain may leave
+# [1] largest unexplained share of a good fit; smallest unexplained share without the prediction, over that with it, and
+# absolute
+FITS, RIGID, LEAST = 0.15, 3.0, 0.03
+SURE = 0.1  # [1] largest standard error of a factor's logarithm
+# [1] smallest predicted torque over the strongest, and smallest speed over the fastest, that friction cannot explain
+SMALL, MOVES = 0.03, 0.05
+ALL, LONE = 1.9, 3.0  # [1] factor of several joints, and of a single one, from which on the model is not the cause
+BEYOND = 5.0  # [1] factor from which on no change of a single body is the cause
+ALIKE = 1.5  # [1] ratio to the median up to which factors count as equal
+ROTOR = 300.0  # [1] largest factor without gravity: geared rotors can dominate the links
+ONE = 1.65  # [1] ratio of one joint's factor to the median, from which on it is an error
+RIVAL = 0.6  # [1] largest residual with factors, over that with the best change of one body
 
 
 class Gains(NamedTuple):
-    """Factors, and which of them are gross."""
+    """Factors of the torques, and those that are faults."""
 
-    factor: Array  # (n,) [1] recorded over predicted torque; NaN where it is not told
+    factor: Array  # (n,) [1] recorded over predicted torque; NaN if it is not identifiable
     spread: Array  # (n,) [1] standard error of its logarithm
-    common: float  # [1] of all joints; 1 where it may be the model
-    lone: tuple[int, ...]  # joints whose factor is theirs alone
+    common: float  # [1] factor of all joints; 1 if the model may be the cause
+    lone: tuple[int, ...]  # joints with a wrong gain of their own
 
 
 def judge_gains(evidence: Evidence, done: Correction) -> Gains:
-    """Factors of the torques after what was corrected.
+    """Estimate factors of the corrected torques.
 
     Args:
-        evidence: the recordings.
-        done: what was corrected.
+        evidence: evidence of the recordings.
+        done: correction found so far.
     """
     x, n = evidence.corrected(done), len(done.lag)
     factor, spread = np.full(n, np.nan), np.full(n, np.nan)
     strongest = np.sqrt(np.mean(x.predicted**2, axis=0)).max(initial=0.0)
     speed = np.sqrt(np.mean(x.v**2, axis=0))
-    tells = evidence.signed & (np.std(x.predicted, axis=0) >= SMALL * strongest) & (speed >= MOVES * speed.max())
-    for j in np.flatnonzero(tells).tolist():
+    usable = evidence.signed & (np.std(x.predicted, axis=0) >= SMALL * strongest) & (speed >= MOVES * speed.max())
+    for j in np.flatnonzero(usable).tolist():
         rotor = not evidence.rotors[j]
         fit, without = (Columns(x, j, own, rotor).fit(x.torque[:, j]) for own in (True, False))
         if fit.unexplained <= FITS and without.unexplained >= max(LEAST, RIGID * fit.unexplained):
             spread[j] = _spread(evidence, x, j, fit.gain, rotor)
             factor[j] = fit.gain if spread[j] <= SURE else np.nan
-    told = np.isfinite(factor)
-    if not told.any():
+    known = np.isfinite(factor)
+    if not known.any():
         return Gains(factor, spread, _inertial(evidence, x), ())
-    middle, least = float(np.median(factor[told])), ALL if told.sum() > 1 else LONE
+    middle, least = float(np.median(factor[known])), ALL if known.sum() > 1 else LONE
     rivals = _Rivals(evidence, done, x, factor)
-    alike = np.mean(np.abs(np.log(factor[told] / middle)) <= np.log(ALIKE)) > 0.5
+    alike = np.mean(np.abs(np.log(factor[known] / middle)) <= np.log(ALIKE)) > 0.5
     off = abs(np.log(middle))
     common = alike and (off >= np.log(BEYOND) or (off >= np.log(least) and rivals.beaten(1.0, np.full(n, middle))))
-    apart = told & (np.abs(np.log(np.where(told, factor, 1.0) / middle)) >= np.log(ONE))
-    lone = apart.any() and told.sum() > 1 and apart.sum() <= told.sum() / 2
+    apart = known & (np.abs(np.log(np.where(known, factor, 1.0) / middle)) >= np.log(ONE))
+    lone = apart.any() and known.sum() > 1 and apart.sum() <= known.sum() / 2
     own = np.where(apart, factor, middle)
     chosen = np.flatnonzero(apart).tolist() if lone and rivals.beaten(middle, own) else []
     return Gains(factor, spread, middle if common else 1.0, tuple(chosen))
 
 
 class _Rivals(NamedTuple):
-    """Other inertials of a single body, that may explain what a factor does."""
+    """Changed inertials of a single body as the rival explanation of factors."""
 
     evidence: Evidence
     done: Correction
@@ -74,16 +77,16 @@ class _Rivals(NamedTuple):
     factor: Array  # (n,) [1]
 
     def beaten(self, factor: float, own: Array) -> bool:
-        """Whether factors of the joints' own (n,) leave far less than one factor and other inertials of any body."""
-        x, told = self.x, np.isfinite(self.factor)
+        """Whether one factor per joint (n,) explains far more than a common factor with a change of any one body."""
+        x, known = self.x, np.isfinite(self.factor)
         motion = self.evidence.along(self.done)
         scaled = x._replace(predicted=x.predicted * factor)
-        rival = min(_left(scaled, told, motion.body_columns(body)) for body in range(len(own)))
-        return _left(x._replace(predicted=x.predicted * own), told) <= RIVAL * rival
+        rival = min(_residual(scaled, known, motion.body_columns(body)) for body in range(len(own)))
+        return _residual(x._replace(predicted=x.predicted * own), known) <= RIVAL * rival
 
 
 def _spread(evidence: Evidence, x: Signals, joint: int, gain: float, rotor: bool) -> float:
-    """Standard error of a gain's logarithm, from leaving out one block after another."""
+    """Standard error of a gain's logarithm, by the jackknife over blocks."""
     blocks = np.unique(evidence.block)
     gains = []
     for k in blocks:
@@ -94,21 +97,21 @@ def _spread(evidence: Evidence, x: Signals, joint: int, gain: float, rotor: bool
 
 
 def _inertial(evidence: Evidence, x: Signals) -> float:
-    """The factor of a robot that gravity does not tell of: of its strongest joint, rotors taken for none."""
+    """Factor of the strongest joint without a rotor, for a robot whose factors gravity does not show; else 1."""
     size = np.where(evidence.signed, np.std(x.predicted, axis=0), 0.0)
     joint = int(np.argmax(size))
     if size[joint] == 0:
         return 1.0
     fit = Columns(x, joint, rotor=False).fit(x.torque[:, joint])
     without = Columns(x, joint, predicted=False, rotor=False).fit(x.torque[:, joint])
-    tells = fit.unexplained <= FITS and without.unexplained >= max(LEAST, RIGID * fit.unexplained)
-    return fit.gain if tells and not 1 / LONE < fit.gain < ROTOR else 1.0
+    informative = fit.unexplained <= FITS and without.unexplained >= max(LEAST, RIGID * fit.unexplained)
+    return fit.gain if informative and not 1 / LONE < fit.gain < ROTOR else 1.0
 
 
-def _left(x: Signals, told: Mask, shared: Array | None = None) -> float:
-    """[1] what prediction, friction and other inertials of a body, columns (K, n, 10), leave unexplained, summed."""
+def _residual(x: Signals, known: Mask, shared: Array | None = None) -> float:
+    """Sum of unexplained shares [1] with prediction, friction and a change of one body, columns (K, n, 10)."""
     rows = []
-    for j in np.flatnonzero(told):
+    for j in np.flatnonzero(known):
         own = np.stack([x.v[:, j], x.direction[:, j], x.a[:, j], np.ones(len(x.v))], axis=1)
         rest = (x.torque[:, j] - x.predicted[:, j])[:, None]
         free = rest if shared is None else np.column_stack([shared[:, j], rest])

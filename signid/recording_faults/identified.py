@@ -1,4 +1,4 @@
-"""An identification -> flags: gross faults of its recordings, torque that leads or lags, joints that do not fit."""
+"""Flags of an identification: recording faults, delayed torque, joints that fit badly."""
 
 from __future__ import annotations
 
@@ -19,37 +19,37 @@ from .delay import Delay, estimate_delay
 from .examine import examine
 from .result import NOTE, Finding
 
-LOUD = 3.0  # noise floors that a held-out rms must exceed for that to be more than noise
-# A joint fits badly where the held-out rms is so many noise floors and the held-out R2 is below `LITTLE`, or the same
-# with the variance of the training torque is below `POOR`. Measured on real arms: where either is so low, healthy
-# joints have at most 33 floors (rokae motor side, UR10e, UR10e from point to point), joints whose physics the model
-# lacks 81 and more (TX40's coupled wrist, joint 5; the dVRK's MTM with its loops; an AK80-6 pendulum's echoed command)
+LOUD = 3.0  # [noise floors] held-out rms from which on it is more than noise
+# A joint fits badly if its held-out rms exceeds FAR [noise floors], and its held-out R2 is below `LITTLE`, or R2 with
+# the variance of the training torque is below POOR [1]. Measured on real arms with such a low R2: healthy joints have
+# at most 33 floors (rokae motor side, UR10e, UR10e from point to point), joints whose physics the model lacks 81 and
+# more (TX40's coupled wrist, joint 5; the dVRK's MTM with its loops; an AK80-6 pendulum's echoed command)
 FAR, POOR = 50.0, 0.9
-WORSE = 1.05  # times the rms of the description's own prediction
-USABLE = 0.5  # share of the bodies that must have a mass, for the description to judge recordings
+WORSE = 1.05  # [1] rms over that of the description, from which on the fit is worse
+USABLE = 0.5  # [1] smallest share of bodies with mass, for the description to be used as a simulation
 NEXT = "run signid check on the recordings, then signid diagnose"
 
 
-class Judged(NamedTuple):
-    """Recordings that a model was identified from."""
+class IdentifiedData(NamedTuple):
+    """Data of an identification."""
 
     session: Session
     train: Factors
     test: Factors  # held out
-    recordings: Sequence[Recording]  # as they were given; none where only their factors are left
+    recordings: Sequence[Recording]  # empty if only factors were given
 
 
 def identification_flags(
-    rows: Judged, model: Model, excitation: ExcitationVerdict, fit: Fit, value: Array
+    rows: IdentifiedData, model: Model, excitation: ExcitationVerdict, fit: Fit, value: Array
 ) -> tuple[str, ...]:
-    """Sentences on faults of the recordings, and on joints that fit badly for another reason.
+    """Sentences on recording faults, and on joints that fit badly for another reason.
 
     Args:
-        rows: of the recordings.
-        model: that was identified.
-        excitation: of the same recordings.
-        fit: of the model.
-        value: (b,) [units of base] by least squares, without physical constraints.
+        rows: data of the identification.
+        model: identified model.
+        excitation: excitation of the recordings.
+        fit: fit of the model.
+        value: (b,) [units of base] base parameters by least squares, without physical constraints.
     """
     session, faults = rows.session, list[Finding]()
     sentences = [flag for recording in rows.recordings for flag in recording.flags]
@@ -67,16 +67,18 @@ def identification_flags(
     return (*dict.fromkeys(sentences), *_bad(fit, rows.train, sound), *_worse(fit, described, sound))
 
 
-def _faults(session: Session, judge: Model, excitation: ExcitationVerdict, fit: Fit, signed: Mask) -> list[Finding]:
-    """Gross faults but poor excitation, which an identification says itself."""
-    found = examine(judge, session, excitation, signed).findings
+def _faults(
+    session: Session, simulation: Model, excitation: ExcitationVerdict, fit: Fit, signed: Mask
+) -> list[Finding]:
+    """Recording faults except poor excitation, which an identification reports itself."""
+    found = examine(simulation, session, excitation, signed).findings
     return [f for f in found if f.severity != NOTE and f.kind != "excitation" and _holds(f, fit)]
 
 
 def _bad(fit: Fit, train: Factors, sound: Mask) -> Iterator[str]:
-    """A sentence on the joints whose held-out torque is hardly explained, far beyond noise.
+    """A sentence on the joints whose held-out torque is poorly explained, far beyond noise.
 
-    Where it hardly varies in what is held out, the variance of the training torque is the measure.
+    If it is nearly constant on the held-out rows, the variance of the training torque is used.
     """
     ratio, r2 = _floors(fit), fit.held_out_r2
     wide = 1 - fit.held_out_rms**2 / np.maximum(_variance(train), 1e-300)
@@ -85,8 +87,8 @@ def _bad(fit: Fit, train: Factors, sound: Mask) -> Iterator[str]:
     if bad.any():
         each = [f"{fit.joints[j]} (held-out R2 {r2[j]:.2f})" for j in np.flatnonzero(bad)]
         yield (
-            f"the model leaves much of the torque of {shorten(each, 4)} unexplained, far beyond the noise floor: run "
-            f"signid diagnose with model.json and the recordings, it says what the model lacks"
+            f"the model leaves much of the torque of {shorten(each, 4)} unexplained, far beyond the noise floor: it "
+            f"lacks an effect; run signid diagnose with model.json and the recordings"
         )
 
 
@@ -102,19 +104,19 @@ def _worse(fit: Fit, described: Fit, sound: Mask) -> Iterator[str]:
 
 
 def _floors(fit: Fit) -> Array:
-    """(n,) [1] held-out rms over the noise floor."""
+    """Held-out rms over the noise floor (n,) [1]."""
     return np.asarray(fit.held_out_rms / np.maximum(fit.noise_floor, 1e-300))
 
 
 def _variance(factors: Factors) -> Array:
-    """(n,) [N2.m2 or N2] of the torque in some rows."""
+    """Variance (n,) [N2.m2 or N2] of the torque."""
     square = [joint.whole[-1, -1] / max(joint.rows, 1) for joint in factors.joints]
     mean = [joint.total / max(joint.rows, 1) for joint in factors.joints]
     return np.asarray(np.maximum(np.array(square) - np.array(mean) ** 2, 0.0))
 
 
 def _negative_viscosity(value: Array, task: Task) -> float:
-    """[1] share of the viscous coefficients that least squares estimates as negative, of those identifiable alone."""
+    """Share [1] of negative estimates among the viscous coefficients that are individually identifiable."""
     base, signs = task.base, list[bool]()
     for k, label in enumerate(base.labels):
         if label.law is not None and task.laws[label.law].effect.name == "viscous_friction":
@@ -125,7 +127,7 @@ def _negative_viscosity(value: Array, task: Task) -> float:
 
 
 def _holds(fault: Finding, fit: Fit) -> bool:
-    """Whether a fault counts beside a fitted model: torque that this explains does follow its motion."""
+    """Whether a fault remains after the fit: torque that the model explains belongs to its motion."""
     if fault.kind != "unexplained torque":
         return True
     r2 = dict(zip(fit.joints, fit.held_out_r2, strict=True))
@@ -133,7 +135,7 @@ def _holds(fault: Finding, fit: Fit) -> bool:
 
 
 def _described(robot: Robot) -> Model | None:
-    """The simulation that the description states, if most of its bodies have a mass."""
+    """Simulation of the description, if most of its bodies have a mass."""
     inertials = stated_inertials(robot)
     if np.mean(inertials[:, 0] > 0) < USABLE:
         return None
@@ -144,7 +146,6 @@ def _delay_sentence(delay: Delay) -> str:
     side = "late" if delay.common > 0 else "early"
     why = "two clocks or a filter" if delay.common > 0 else "a command that acts later, or two clocks"
     return (
-        f"the torque is recorded {1e3 * abs(delay.common):.1f} ms {side} against the motion ({why}), and parameters of "
-        f"friction and rotors take its place: record both with one clock, or run signid diagnose, which has a law for "
-        f"delays"
+        f"the torque is recorded {1e3 * abs(delay.common):.1f} ms {side} against the motion ({why}), which biases "
+        f"friction and rotor inertias: record both with one clock, or run signid diagnose, which has a law for delays"
     )

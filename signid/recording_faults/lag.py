@@ -1,4 +1,4 @@
-"""Evidence -> how late torque was recorded against the motion."""
+"""Evidence -> lag of recorded torque against the motion."""
 
 from __future__ import annotations
 
@@ -11,29 +11,26 @@ from .correction import Correction
 from .evidence import LAG, Evidence
 from .fits import Columns
 
-STEPS = 25  # to either side
-GROSS, LATE = 0.25, 0.08  # of the rms torque, what a lag changes; s: a lag of neither is a mild one
-HALVES, GAINS, LEFT = (
-    0.5,
-    0.02,
-    0.15,
-)  # of what is left unexplained, of the variance: what a lag must save, and may leave
-TOGETHER, FLOOR = 1.5, 0.01  # times what the joint's own best lag leaves: so little, and a common lag is its own
-TINY = 1e-3  # unexplained share below which lags do not compete
-EDGE = 0.9  # of the longest lag: beyond, no minimum was found
+STEPS = 25  # candidates on either side of zero
+LARGE, LATE = 0.25, 0.08  # [1] change of the torque by a lag over the rms torque, and [s]: from these on a lag is large
+# A lag is significant if the unexplained share falls to HALVES of that without it, by at least GAINS, to at most LEFT
+HALVES, GAINS, LEFT = 0.5, 0.02, 0.15  # [1]
+TOGETHER, FLOOR = 1.5, 0.01  # [1] unexplained share of a common lag, over and above that of the joint's own best lag
+TINY = 1e-3  # [1] unexplained share below which lags count as equally good
+EDGE = 0.9  # [1] largest lag over the longest candidate; beyond it there is no minimum
 
 
 class Lags(NamedTuple):
-    """What the joints say of their lags."""
+    """Lags of the joints."""
 
-    own: Array  # (n,) [s], NaN where a joint does not tell
-    common: float  # [s] of all that tell, NaN where they differ or none tells
-    share: Array  # (n,) [1] of the rms torque that the lag changes; 0 where it saves little
-    gross: Mask  # (n,) whether that is more than a mild delay
+    own: Array  # (n,) [s], NaN for a joint that is not informative
+    common: float  # [s] of all informative joints, NaN if they differ or there is none
+    share: Array  # (n,) [1] change of the torque by the lag over its rms; 0 if the lag is not significant
+    large: Mask  # (n,) whether it is more than a mild delay
 
 
 def lag_table(evidence: Evidence, done: Correction) -> tuple[Array, Array]:
-    """Lags (L,) [s], and what each leaves unexplained (L, n) [1] of every joint's torque."""
+    """Candidate lags (L,) [s], and unexplained shares (L, n) [1] of the torques with each of them."""
     lags, x = np.asarray(LAG / STEPS * np.arange(-STEPS, STEPS + 1)), evidence.corrected(done)
     columns = [Columns(x, j) for j in range(len(done.lag))]
     left: Array = np.empty((len(lags), len(columns)))
@@ -43,35 +40,36 @@ def lag_table(evidence: Evidence, done: Correction) -> tuple[Array, Array]:
     return lags, left
 
 
-def judge_lags(evidence: Evidence, done: Correction, told: Mask) -> Lags:
-    """How late torque still is after what was corrected.
+def judge_lags(evidence: Evidence, done: Correction, informative: Mask) -> Lags:
+    """Estimate the remaining lags of the corrected torques.
 
     Args:
-        evidence: the recordings.
-        done: what was corrected.
-        told: (n,) joints whose torque tells something.
+        evidence: evidence of the recordings.
+        done: correction found so far.
+        informative: (n,) joints with informative torque.
     """
     lags, left = lag_table(evidence, done)
     best = np.array([_minimum(lags, column) for column in left.T])
     zero, least = left[len(lags) // 2], left.min(axis=0)
-    tells = told & (np.abs(best) < EDGE * LAG) & (least <= zero)
-    saves = tells & (least <= np.minimum(HALVES * zero, LEFT)) & (zero - least >= GAINS)
-    own = np.where(tells, best, np.nan)
-    common = _minimum(lags, np.log(np.maximum(left[:, told], TINY)).sum(axis=1)) if told.any() else EDGE * LAG
+    inside = informative & (np.abs(best) < EDGE * LAG) & (least <= zero)
+    saves = inside & (least <= np.minimum(HALVES * zero, LEFT)) & (zero - least >= GAINS)
+    own = np.where(inside, best, np.nan)
+    known = left[:, informative]
+    common = _minimum(lags, np.log(np.maximum(known, TINY)).sum(axis=1)) if informative.any() else EDGE * LAG
     at = np.array([np.interp(common, lags, column) for column in left.T])
-    together = bool(np.all(at[told] <= TOGETHER * least[told] + FLOOR)) and abs(common) < EDGE * LAG
+    alike = at[informative] <= TOGETHER * least[informative] + FLOOR
+    together = bool(np.all(alike)) and abs(common) < EDGE * LAG
     changed, size = _change(evidence, done, best), np.maximum(_rms(evidence.corrected(done).torque), 1e-300)
     share = np.where(saves, changed / size, 0.0)
-    if together and 2 * saves.sum() >= max(
-        1, told.sum()
-    ):  # one clock: what it changes of all torques counts, not of a joint without gravity
-        much = float(np.linalg.norm(changed[saves]) / np.linalg.norm(size[saves])) >= GROSS or abs(common) >= LATE
+    if together and 2 * saves.sum() >= max(1, informative.sum()):
+        # One clock: the change of all torques together counts, since a joint without gravity changes much alone
+        much = float(np.linalg.norm(changed[saves]) / np.linalg.norm(size[saves])) >= LARGE or abs(common) >= LATE
         return Lags(own, common, share, saves & much)
-    return Lags(own, common if together else np.nan, share, saves & (share >= GROSS) & (np.abs(best) >= LATE))
+    return Lags(own, common if together else np.nan, share, saves & (share >= LARGE) & (np.abs(best) >= LATE))
 
 
 def _change(evidence: Evidence, done: Correction, lag: Array) -> Array:
-    """(n,) [N.m or N] rms of what a lag of each joint changes."""
+    """Rms (n,) [N.m or N] of the change of each joint's torque by its lag."""
     places = list(done.tau_from)
     late = np.zeros_like(lag)
     late[places] = lag
@@ -83,7 +81,7 @@ def _rms(x: Array) -> Array:
 
 
 def _minimum(x: Array, y: Array) -> float:
-    """Where a curve is lowest, by the parabola through its lowest point and the neighbours."""
+    """Minimum of a curve, by the parabola through its lowest point and the neighbours."""
     k = int(np.argmin(y))
     if k in (0, len(x) - 1):
         return float(x[k])

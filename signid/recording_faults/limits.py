@@ -1,4 +1,4 @@
-"""Recordings -> what lies beyond the description's limits, and whether there is enough of them."""
+"""Recordings -> values beyond the description's limits, and whether there is enough data."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from ..regression.session import Part, Session
 from ..types import Array, Indices
 from .evidence import Evidence
 
-PER_UNKNOWN = 2.5  # rows per unknown of the joint that sees most of them; noise cannot be told from fewer
-BEYOND = 3.0  # times what the motion holds, at most, the cut-off is
-MOTION = 6.25  # [Hz] up to which rows count: the motion says nothing new faster than that, whatever the cut-off
-FAR = 0.05  # of the range, or rad or m: positions so little beyond are the description's rounding
-STRONG, FAST = 1.05, 1.2  # times the limits of torque and of velocity
+PER_UNKNOWN = 2.5  # smallest number of rows per unknown, for the joint with most unknowns, to estimate noise
+BEYOND = 3.0  # [1] largest cut-off over the highest frequency of the motion
+MOTION = 6.25  # [Hz] highest frequency of a motion; rows beyond it have no new information
+FAR = 0.05  # [ranges, or rad or m] excess of a position that is a rounding error of the description
+STRONG, FAST = 1.05, 1.2  # [1] tolerated torque and velocity over their limits
 
 
 class Beyond(NamedTuple):
-    """A joint's largest value of a kind, and its limit."""
+    """Largest value of a joint that exceeds a limit."""
 
     kind: str  # "torque", "velocity", "position"
     joint: int
@@ -29,22 +29,22 @@ class Beyond(NamedTuple):
 
 
 class Amount(NamedTuple):
-    """How much was recorded."""
+    """Amount of data."""
 
-    rows: int  # filtered, of all recordings, as far as they say something new
-    unknowns: int  # of the joint that sees most
-    seconds: float  # that it is learned from
-    needed: float  # [s] to be learned from for `PER_UNKNOWN`
-    whole: float  # [s] that were recorded, with what is held out of the same recordings
+    rows: int  # filtered rows of all recordings with new information
+    unknowns: int  # of the joint with most of them
+    seconds: float  # [s] of training data
+    needed: float  # [s] of training data needed for `PER_UNKNOWN`
+    whole: float  # [s] of training data and held-out data of the same recordings
 
     @property
     def enough(self) -> bool:
-        """Whether noise can be told from unknowns."""
+        """Whether there are enough rows to distinguish noise from unknowns."""
         return self.rows >= PER_UNKNOWN * self.unknowns
 
 
 def judge_limits(evidence: Evidence | None, parts: Sequence[Part], session: Session) -> list[Beyond]:
-    """Values beyond the limits that the description states; noise beyond them does not count."""
+    """Values beyond the limits of the description, with a tolerance for noise."""
     robot, found = session.robot, []
     lower, upper = (np.array([getattr(s, key) for _, s in parts]) for key in ("lower", "upper"))
     for j in range(len(robot.joints)):
@@ -66,7 +66,7 @@ def judge_limits(evidence: Evidence | None, parts: Sequence[Part], session: Sess
 
 
 def judge_amount(session: Session, parts: Sequence[Part]) -> Amount:
-    """Filtered rows against unknowns."""
+    """Number of filtered rows and of unknowns."""
     band, task = session.task.band, session.task
     reach = consumed(band, task.recorded_derivatives)
     lengths = [s.length(span) for _, s in parts for span in s.spans]

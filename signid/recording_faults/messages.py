@@ -1,4 +1,4 @@
-"""What was found -> findings: what, how sure, and how to mend it."""
+"""Findings with their sentences: fault, evidence, correction."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from .limits import Amount, Beyond
 from .result import NOTE, REFUSE, WARN, Finding, named, percent
 from .search import Claim
 
-KINDS = {  # what is said of joints, what would be done, and how to mend it
+KINDS = {  # kind -> fault of some joints, correction that was tried, advice
     "torque sign": ("the torque of {} has the wrong sign", "negated", "negate the column"),
     "position sign": ("the position of {} has the wrong sign", "negated", "negate the column"),
     "axis": (
-        "{} turns the other way than the description says",
+        "{} turns in the opposite direction to the description",
         "with position and torque negated",
         "negate both columns, or reverse the axis in the description",
     ),
@@ -33,15 +33,15 @@ KINDS = {  # what is said of joints, what would be done, and how to mend it
     "millimetres": ("the position of {} is in millimetres", "in metres", "convert it to metres"),
     "lag": ("the torque of {} is late or early", "shifted", "shift the column"),
 }
-MEANT = ("torque sign", "torque order", "lag")  # a diagnosis can go on from these: it has laws for them
-UNITS = {1e3: "mN.m", 1e-3: "kN.m", 10.197: "kgf.cm", 141.61: "ozf.in", 8.851: "lbf.in"}
-NEAR = log(1.35)  # a factor so near a unit's is told as that unit
-SPARE = 1.05  # times what is needed at least, is recommended
-GROSS, FAR = 5.0, 1.5  # times: units off by more leave nothing to diagnose; torques beyond limits are worth a flag
+DIAGNOSABLE = ("torque sign", "torque order", "lag")  # faults that a diagnosis can handle, since it has laws for them
+UNITS = {1e3: "mN.m", 1e-3: "kN.m", 10.197: "kgf.cm", 141.61: "ozf.in", 8.851: "lbf.in"}  # per N.m
+NEAR = log(1.35)  # [nats] largest distance of a factor from that of a unit
+SPARE = 1.05  # [1] recommended duration over the necessary one
+LARGE, FAR = 5.0, 1.5  # [1] factor of units from which on a diagnosis is meaningless; torque over its limit for a flag
 
 
-def tell_claims(claims: Sequence[Claim], joints: Sequence[str], blocks: int) -> Iterator[Finding]:
-    """One finding for each kind of sign or unit, one for each exchange; lags are told apart."""
+def claim_findings(claims: Sequence[Claim], joints: Sequence[str], blocks: int) -> Iterator[Finding]:
+    """One finding per kind of sign or unit, and one per exchange; lags have their own findings."""
     groups: dict[tuple[str, int], list[Claim]] = {}
     for k, claim in enumerate(claims):
         if claim.kind != "lag":
@@ -51,24 +51,24 @@ def tell_claims(claims: Sequence[Claim], joints: Sequence[str], blocks: int) -> 
         rivals = [] if len(group) > 1 else [(r.kind, tuple(joints[j] for j in r.joints)) for r in group[0].rivals]
         before, after = (float(np.mean([getattr(c, key) for c in group])) for key in ("before", "after"))
         sure = min(claim.agreement for claim in group)
-        what, how, mend = KINDS[kind]
-        told = f"model and friction explain {percent(1 - after)} of the torque instead of {percent(1 - before)}"
-        better = f"better in {round(sure * blocks)} of {blocks} parts of the recordings"
-        sentence = f"{what.format(named(about))}: {how}, {told} ({better}); {mend}{_or(rivals)}"
-        mild = kind in MEANT or any(rival in MEANT for rival, _ in rivals)
+        fault, how, advice = KINDS[kind]
+        gain = f"model and friction explain {percent(1 - after)} of the torque instead of {percent(1 - before)}"
+        better = f"better in {round(sure * blocks)} of {blocks} blocks of the recordings"
+        sentence = f"{fault.format(named(about))}: {how}, {gain} ({better}); {advice}{_equally_likely(rivals)}"
+        mild = kind in DIAGNOSABLE or any(rival in DIAGNOSABLE for rival, _ in rivals)
         measures = {"explained_before": 1 - before, "explained_after": 1 - after, "agreement": sure}
         yield Finding(kind, about, WARN if mild else REFUSE, measures, sentence, tuple(rivals))
 
 
-def _or(rivals: Sequence[tuple[str, tuple[str, ...]]]) -> str:
+def _equally_likely(rivals: Sequence[tuple[str, tuple[str, ...]]]) -> str:
     others = [KINDS[kind][0].format(named(about)) for kind, about in rivals if kind != "lag"]
-    return f" (as likely: {'; '.join(others[:3])})" if others else ""
+    return f" (equally likely: {'; '.join(others[:3])})" if others else ""
 
 
-def tell_lags(lags: Lags, done: Correction, joints: Sequence[str]) -> Iterator[Finding]:
-    """Lags of all joints as one finding, of single joints one each."""
+def lag_findings(lags: Lags, done: Correction, joints: Sequence[str]) -> Iterator[Finding]:
+    """One finding for a lag of all joints, else one per joint."""
     before = done.lag[list(done.tau_from)]
-    odd = np.flatnonzero((before != 0) | lags.gross).tolist()
+    odd = np.flatnonzero((before != 0) | lags.large).tolist()
     one_clock = len(set(before.tolist())) == 1 and (before[0] != 0 or isfinite(lags.common))
     rest = np.where(lags.share > 0, np.nan_to_num(lags.own), 0.0)
     for group in [odd] if odd and one_clock and len(joints) > 1 else [[j] for j in odd]:
@@ -79,100 +79,100 @@ def tell_lags(lags: Lags, done: Correction, joints: Sequence[str]) -> Iterator[F
             else (named([joints[group[0]]]), (joints[group[0]],))
         )
         side = "late" if lag > 0 else "early"
-        told = f"the torque of {who} is recorded {1e3 * abs(lag):.0f} ms {side} against the motion"
-        mend = "record both with one clock, or shift the columns by that much"
-        yield Finding("lag", about, WARN, {"lag": lag, "share": float(lags.share[group].max())}, f"{told}; {mend}")
+        fault = f"the torque of {who} is recorded {1e3 * abs(lag):.0f} ms {side} against the motion"
+        advice = "record both with one clock, or shift the columns by that time"
+        yield Finding("lag", about, WARN, {"lag": lag, "share": float(lags.share[group].max())}, f"{fault}; {advice}")
 
 
-def tell_factors(gains: Gains, robot: Robot) -> Iterator[Finding]:
-    """Units of all torques, gains of single ones."""
+def factor_findings(gains: Gains, robot: Robot) -> Iterator[Finding]:
+    """Findings on the unit of all torques, and on gains of single joints."""
     middle = gains.common
     if middle != 1.0:
         unit = next((name for factor, name in UNITS.items() if abs(log(middle / factor)) < NEAR), "")
         guess = f"they seem to be in {unit}" if unit else _currents(gains, robot)
-        told = f"all torques are {middle:.3g} times what the model needs: {guess}"
-        severity = REFUSE if abs(log(middle)) > log(GROSS) else WARN
-        mend = "convert them to N.m (N), name currents current_J with a torque_constant, or correct the masses"
-        yield Finding("units", (), severity, {"factor": middle}, f"{told}; {mend}")
+        fault = f"all torques are {middle:.3g} times the predicted ones: {guess}"
+        severity = REFUSE if abs(log(middle)) > log(LARGE) else WARN
+        advice = "convert them to N.m (N), name currents current_J with a torque_constant, or correct the masses"
+        yield Finding("units", (), severity, {"factor": middle}, f"{fault}; {advice}")
     known = gains.factor[np.isfinite(gains.factor)]
     for j in gains.lone:
         ratio = float(gains.factor[j] / np.median(known))
-        told = f"the torque of {named([robot.joints[j]])} is {ratio:.3g} times what the other joints let expect"
-        sure = f"± {percent(2 * gains.spread[j])}, and no other mass of a link explains it"
-        mend = "check its unit, its torque constant and its gear ratio"
-        yield Finding("gain", (robot.joints[j],), WARN, {"factor": ratio}, f"{told} ({sure}); {mend}")
+        fault = f"the torque of {named([robot.joints[j]])} is {ratio:.3g} times the one that the other joints suggest"
+        sure = f"± {percent(2 * gains.spread[j])}; no other mass of a link explains it"
+        advice = "check its unit, its torque constant and its gear ratio"
+        yield Finding("gain", (robot.joints[j],), WARN, {"factor": ratio}, f"{fault} ({sure}); {advice}")
 
 
 def _currents(gains: Gains, robot: Robot) -> str:
     constant = robot.actuators.torque_constant
     fits = np.abs(np.log(np.where(constant > 0, constant, np.nan) * gains.factor))
     if np.isfinite(fits).any() and np.nanmedian(fits) < NEAR:
-        return "they are currents, by the torque constants"
+        return "they are currents, according to the torque constants"
     if gains.common < 1:
         return "they may be currents [A], or torques before the gear"
     return "their unit or the description's masses are wrong"
 
 
-def tell_unsigned_units(ratio: float) -> Finding:
-    """Absolute torques of a size that no friction makes."""
-    told = f"absolute torques are {ratio:.3g} times as large as the model's"
-    return Finding("units", (), WARN, {"factor": ratio}, f"{told}: their unit is wrong; convert them to N.m (N)")
+def unsigned_unit_finding(ratio: float) -> Finding:
+    """Finding on absolute torques of a size that friction cannot explain."""
+    fault = f"absolute torques are {ratio:.3g} times the predicted ones"
+    return Finding("units", (), WARN, {"factor": ratio}, f"{fault}: their unit is wrong; convert them to N.m (N)")
 
 
-def tell_absolute(joints: Sequence[str]) -> Finding:
-    """Torque that lost its sign, and is not said to have lost it."""
-    told = f"the torque of {named(joints)} is never negative though the simulation's changes its sign"
-    mend = "these are absolute values: name the columns abs_tau_JOINT, or say --unsigned (unsigned=True)"
-    return Finding("absolute torque", tuple(joints), REFUSE, {}, f"{told}; {mend}")
+def absolute_finding(joints: Sequence[str]) -> Finding:
+    """Finding on absolute torque in columns of signed torque."""
+    fault = f"the torque of {named(joints)} is never negative although the predicted torque changes its sign"
+    advice = "these are absolute values: name the columns abs_tau_JOINT, or use --unsigned (unsigned=True)"
+    return Finding("absolute torque", tuple(joints), REFUSE, {}, f"{fault}; {advice}")
 
 
-def tell_unexplained(joint: str, explained: float) -> Finding:
-    """Torque that does not belong to its motion."""
-    told = f"the torque of {named([joint])} does not follow from its motion: model and friction explain"
-    mend = "check that the column is measured, not commanded, and belongs to the joint"
+def unexplained_finding(joint: str, explained: float) -> Finding:
+    """Finding on torque that does not belong to its motion."""
+    fault = f"the torque of {named([joint])} does not follow from its motion: model and friction explain"
+    advice = "check that the column is measured, not commanded, and belongs to the joint"
     measures = {"explained": explained}
-    return Finding("unexplained torque", (joint,), WARN, measures, f"{told} {percent(explained)} of it; {mend}")
+    return Finding("unexplained torque", (joint,), WARN, measures, f"{fault} {percent(explained)} of it; {advice}")
 
 
-def tell_amount(amount: Amount, joints: int) -> Finding:
-    """Too short to tell noise from what is sought."""
-    learned = "" if amount.whole == amount.seconds else " to learn from"
-    told = f"{amount.seconds:.3g} s of {joints} joint{'s' if joints > 1 else ''}{learned} are too little"
-    why = f"{amount.rows} filtered rows a joint for {amount.unknowns} unknowns leave no noise to judge by"
+def amount_finding(amount: Amount, joints: int) -> Finding:
+    """Finding on too little data to distinguish noise from unknowns."""
+    training = "" if amount.whole == amount.seconds else " of training data"
+    fault = f"{amount.seconds:.3g} s{training} of {joints} joint{'s' if joints > 1 else ''} are too little"
+    why = f"{amount.rows} filtered rows per joint for {amount.unknowns} unknowns are too few to estimate the noise"
     measures = {"rows": float(amount.rows), "unknowns": float(amount.unknowns), "needed": amount.needed}
     share = amount.whole / amount.seconds if amount.seconds else 1.0
-    mend = f"record for {np.ceil(SPARE * share * amount.needed):.0f} s or more"
-    return Finding("too little data", (), REFUSE, measures, f"{told}: {why}; {mend}")
+    advice = f"record for {np.ceil(SPARE * share * amount.needed):.0f} s or more"
+    return Finding("too little data", (), REFUSE, measures, f"{fault}: {why}; {advice}")
 
 
-def tell_excitation(found: ExcitationVerdict) -> Iterator[Finding]:
-    """What the motion cannot tell."""
+def excitation_findings(found: ExcitationVerdict) -> Iterator[Finding]:
+    """Findings on insufficient excitation."""
     share = float(found.shares[0]) if len(found.shares) else 0.0
     for sentence in found.sentences:
         yield Finding("excitation", found.resting, WARN, {"share": share}, sentence)
 
 
-def tell_fault(fault: Fault, robot: Robot) -> Finding:
-    """A clipped, stuck or skipping channel."""
+def channel_finding(fault: Fault, robot: Robot) -> Finding:
+    """Finding on a clipped, stuck or skipping channel."""
     joint, unit = robot.joints[fault.joint], "N" if robot.prismatic[fault.joint] else "N.m"
-    told = {
+    sentence = {
         "clipping": f"the torque of {joint} is clipped at {fault.value:.4g} {unit} in {fault.times} samples; "
-        "raise the limit of drive or logger, or move more gently",
-        "stuck torque": f"the torque of {joint} stands still for {fault.value:.2g} s while the joint moves; "
+        "raise the limit of drive or logger, or move more slowly",
+        "stuck torque": f"the torque of {joint} is constant for {fault.value:.2g} s while the joint moves; "
         "check the logger, or cut that part out",
         "skipping position": f"the position of {joint} stands still and then jumps, {fault.times} times, for up "
-        f"to {fault.value:.2g} s; samples were lost: leave them empty instead of repeating the last",
+        f"to {fault.value:.2g} s: samples were lost; leave them empty instead of repeating the last one",
     }[fault.kind]
-    return Finding(fault.kind, (joint,), WARN, {"count": float(fault.times), "value": fault.value}, told)
+    return Finding(fault.kind, (joint,), WARN, {"count": float(fault.times), "value": fault.value}, sentence)
 
 
-def tell_beyond(found: Beyond, robot: Robot) -> Finding:
-    """Beyond a limit of the description."""
+def limit_finding(found: Beyond, robot: Robot) -> Finding:
+    """Finding on a value beyond a limit of the description."""
     joint, slides = robot.joints[found.joint], int(robot.prismatic[found.joint])
     units = {"torque": ("N.m", "N"), "velocity": ("rad/s", "m/s"), "position": ("rad", "m")}
-    told = f"the {found.kind} of {joint} reaches {found.value:.4g} {units[found.kind][slides]}, beyond its limit"
-    mend = "check its unit" if found.kind == "torque" else "check its zero and unit" if found.kind == "position" else ""
-    advice = f"{mend}, or correct the description" if mend else "check time and unit, or correct the description"
+    fact = f"the {found.kind} of {joint} reaches {found.value:.4g} {units[found.kind][slides]}, beyond its limit"
+    check = {"torque": "its unit", "velocity": "time and unit", "position": "its zero and unit"}[found.kind]
+    advice = f"check {check}, or correct the description"
     severity = WARN if found.kind == "torque" and found.value >= FAR * found.limit else NOTE
     measures = {"value": found.value, "limit": found.limit}
-    return Finding(f"{found.kind} limit", (joint,), severity, measures, f"{told} of {found.limit:.4g}; {advice}")
+    return Finding(f"{found.kind} limit", (joint,), severity, measures, f"{fact} of {found.limit:.4g}; {advice}")

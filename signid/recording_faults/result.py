@@ -1,4 +1,4 @@
-"""What the gross checks found."""
+"""Result of the search for recording faults."""
 
 from __future__ import annotations
 
@@ -8,55 +8,56 @@ from dataclasses import dataclass
 from ..types import Array, Frozen
 
 REFUSE, WARN, NOTE = "refuse", "warn", "note"
+UNCERTAIN = "cannot tell"  # verdict in files
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that is grossly wrong, in a sentence that says what, how sure, and how to mend it."""
+    """Recording fault, with a sentence on the fault, its evidence and how to correct it."""
 
     kind: str  # "torque sign"
-    joints: tuple[str, ...]  # that it is about; empty: the recordings as a whole
-    severity: str  # "refuse": nothing that follows would mean anything; "warn"; "note"
+    joints: tuple[str, ...]  # joints with the fault; empty: the recordings as a whole
+    severity: str  # "refuse": later results would be meaningless; "warn"; "note"
     measures: Mapping[str, float]
     sentence: str
-    alternatives: tuple[tuple[str, tuple[str, ...]], ...] = ()  # kinds and joints that explain it as well
+    alternatives: tuple[tuple[str, tuple[str, ...]], ...] = ()  # kinds and joints that explain it equally well
 
 
 @dataclass(frozen=True, eq=False)
-class Gross(Frozen):
-    """Findings, and per joint what they rest on. Verdicts are `right`, `wrong` or `cannot tell`."""
+class RecordingFaults(Frozen):
+    """Findings, and their evidence per joint. Verdicts are `right`, `wrong` or, if uncertain, UNCERTAIN."""
 
     joints: tuple[str, ...]  # n
     explained: Array  # (n,) [1] share of the torque's variance that model, friction and a rotor explain; NaN: no sign
-    factor: Array  # (n,) [1] recorded torque over the model's; NaN where friction or a rotor may be all of it
-    lag: Array  # (n,) [s] by which torque seems late; NaN where nothing tells
-    signs: tuple[str, ...]  # (n,) verdicts on the sign of torque against the position's
-    order: tuple[str, ...]  # (n,) verdicts on whose torque it is
+    factor: Array  # (n,) [1] recorded over predicted torque; NaN if it is not identifiable
+    lag: Array  # (n,) [s] by which torque is late; NaN if it is not identifiable
+    signs: tuple[str, ...]  # (n,) verdicts on the sign of torque relative to position
+    order: tuple[str, ...]  # (n,) verdicts on the joint of a torque column
     findings: tuple[Finding, ...]
 
     @property
     def refusal(self) -> str:
-        """Why nothing that follows would mean anything; empty where it would."""
+        """Sentence on the first fault that makes later results meaningless; empty without any."""
         return next((f.sentence for f in self.findings if f.severity == REFUSE), "")
 
     @property
     def flags(self) -> tuple[str, ...]:
-        """The sentences of all that is wrong, the gravest first."""
+        """Sentences on faults, the most severe first."""
         return tuple(f.sentence for severity in (REFUSE, WARN) for f in self.findings if f.severity == severity)
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """The sentences of what is worth knowing."""
+        """Sentences of findings that are no faults."""
         return tuple(f.sentence for f in self.findings if f.severity == NOTE)
 
 
 def named(joints: Sequence[str]) -> str:
-    """Joints as a sentence names them: "a", "joints a and b"."""
+    """Names of joints in a sentence: "a", "joints a and b"."""
     if len(joints) == 1:
         return joints[0]
     return f"joints {', '.join(joints[:-1])} and {joints[-1]}"
 
 
 def percent(share: float) -> str:
-    """A share as a sentence tells it: "97 %"."""
+    """Share in a sentence: "97 %"."""
     return f"{100 * share:.0f} %"

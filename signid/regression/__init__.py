@@ -1,1 +1,1 @@
-"""Recordings and a robot -> rows: filter, motion, regressor, base parameters, additive factors."""
+"""Recordings and robot -> filtered rows of the regressor and torque, base parameters, additive factors."""

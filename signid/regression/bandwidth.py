@@ -1,4 +1,4 @@
-"""How fast the motion may be differentiated: cut-offs from the encoder's own noise."""
+"""Cut-off frequencies for differentiation, chosen from the encoder noise."""
 
 from __future__ import annotations
 
@@ -13,32 +13,32 @@ import numpy as np
 from ..types import Array, Frozen, Mask, Samples
 from .filters import Decimator, lowpass
 
-HALF_POWER = 1.06  # half-amplitude frequency of the low-pass over its half-power frequency
-NOISE_SHARE = 1e-3  # of the acceleration's power below the cut-off
-WIDEST = 6  # samples per period of the cut-off, at least
-CONTENT = 0.95  # of the acceleration's power is below a frequency ...
-BEYOND = 3.0  # ... of which the cut-off need not be more than so many times
-ALIKE, ROUGHLY, MANY = 0.01, 0.04, 2000.0  # most that cut-offs differ; the same above a rate; that rate [Hz]
-FAST, ROOM = 250.0, 3.0  # [Hz] that is enough, and samples a period of the fastest motion that passes, at least
-ORDER = 6  # of the differences that tell an encoder's noise
-ENOUGH = 5.0  # [Hz] to which the cut-off may always go if noise allows
+HALF_POWER = 1.06  # [1] half-amplitude frequency of the low-pass over its half-power frequency
+NOISE_SHARE = 1e-3  # [1] largest noise power of the acceleration below the cut-off, over its signal power
+WIDEST = 6  # smallest number of samples per period of the cut-off
+CONTENT = 0.95  # [1] share of the acceleration's power that defines the highest frequency of the motion
+BEYOND = 3.0  # [1] largest cut-off over that frequency
+ALIKE, ROUGHLY, MANY = 0.01, 0.04, 2000.0  # [1] tolerance of the cut-off in `divided`, and above the rate MANY [Hz]
+FAST, ROOM = 250.0, 3.0  # [Hz] rate that is sufficient; smallest number of samples per period of the position cut-off
+ORDER = 6  # order of the differences that estimate encoder noise
+ENOUGH = 5.0  # [Hz] smallest cut-off that is aimed at, if noise allows
 
 
 @dataclass(frozen=True, eq=False)
 class Band(Frozen):
-    """The frequencies that identification uses.
+    """Frequency band of an identification.
 
-    Positions are low-passed at `position_cutoff`; regressor columns and torque at `cutoff`, then every `factor`-th
-    row is kept, which is twice the cut-off: no hole below the new Nyquist frequency.
+    Positions are low-passed at `position_cutoff`, regressor columns and torque at `cutoff`. Then every `factor`-th row
+    is kept: the new Nyquist frequency is the cut-off.
     """
 
     rate: float  # [Hz] of the recordings on their uniform grid
-    factor: int
-    filtered: bool  # False: columns and torque as they are, every row
+    factor: int  # samples per row
+    filtered: bool  # False: no filter, one row per sample
     per_joint: Array  # (n,) [Hz] highest cut-off that each joint's encoder noise allows
-    velocity_noise: Array  # (n,) [rad/s or m/s] of the differentiated positions
-    torque_floor: Array  # (n,) [N.m or N] white noise of the torque that passes the filter
-    beyond: float = 3.0  # times the cut-off to which positions pass
+    velocity_noise: Array  # (n,) [rad/s or m/s] standard deviation of the differentiated positions
+    torque_floor: Array  # (n,) [N.m or N] standard deviation of the white torque noise that passes the filter
+    beyond: float = 3.0  # [1] position cut-off over cut-off
 
     @property
     def cutoff(self) -> float:
@@ -47,25 +47,25 @@ class Band(Frozen):
 
     @cached_property
     def taps(self) -> Array:
-        """Of the low-pass before thinning, (k,) [1]: at half power, not half amplitude, at the new Nyquist frequency.
+        """Taps (k,) [1] of the low-pass before decimation, with half power at the new Nyquist frequency.
 
-        So the spectrum that folds over fills what the filter takes away, and white noise stays white.
+        The spectrum that aliases then fills what the filter removes, and white noise stays white.
         """
         return lowpass(self.rate, HALF_POWER * self.cutoff) if self.filtered else np.ones(1)
 
     def decimator(self, parts: int = 1) -> Decimator:
-        """The low-pass and thinning of every `parts`-th sample: rows are the same, whatever the part."""
+        """Low-pass and decimation for every `parts`-th sample; the rows lie at the same times for any `parts`."""
         taps = self.taps[len(self.taps) // 2 % parts :: parts]
         return Decimator(taps / taps.sum() if parts > 1 else taps, self.factor // parts)
 
     @cached_property
     def parts(self) -> int:
-        """How many samples of a recording make one that columns are made of: positions do not move in less time."""
+        """Decimation of the motion from which rigid-body columns are computed: positions are smooth over it."""
         return max(parts for parts in range(1, self._spare + 1) if self.factor % parts == 0)
 
     @property
     def _spare(self) -> int:
-        """How many times slower a recording could be without losing what passes the band."""
+        """Largest factor by which the rate could be lowered without loss in the band."""
         if not self.filtered:
             return 1
         return max(1, min(round(self.rate / FAST), int(self.rate / (ROOM * self.position_cutoff))))
@@ -77,11 +77,11 @@ class Band(Frozen):
 
     @cached_property
     def position_taps(self) -> Array:
-        """Of the low-pass on positions, (k,) [1]."""
+        """Taps (k,) [1] of the low-pass on positions."""
         return lowpass(self.rate, self.position_cutoff) if self.filtered else np.ones(1)
 
     def divided(self) -> Band:
-        """The same cut-off to 1 % (4 % above 2 kHz), such that columns can be made of sparse samples."""
+        """Band of the same cut-off to 1 % (4 % above 2 kHz), whose factor has divisors for decimated columns."""
         alike = ROUGHLY if self.rate > MANY else ALIKE
         factors = (parts * round(self.factor / parts) for parts in range(self._spare, 0, -1))
         factor = next(factor for factor in factors if abs(factor - self.factor) <= alike * self.factor)
@@ -89,15 +89,15 @@ class Band(Frozen):
 
 
 def choose_band(pieces: Sequence[Samples], rate: float, cutoff: float | None = None) -> Band:
-    """The band for recordings of one rate: as wide as the motion needs, if encoder noise allows it on every joint.
+    """Band for recordings of one rate: as wide as the motion needs, if encoder noise allows it on every joint.
 
-    A cut-off f is allowed while the noise power of the acceleration below f is at most 1e-3 of its signal power. It
-    need not exceed three times the frequency below which 95 % of the acceleration's power lies.
+    A cut-off f is allowed if the noise power of the acceleration below f is at most 1e-3 of its signal power. The
+    cut-off is at most three times the frequency below which 95 % of the acceleration's power lies.
 
     Args:
         pieces: stretches of uniform samples, q (N, n) [rad or m], tau (N, n) [N.m or N].
         rate: sampling rate [Hz].
-        cutoff: asked for by the user [Hz]; infinite: no filter at all; None: from the noise.
+        cutoff: cut-off chosen by the user [Hz]; infinite: no filter; None: from the noise.
     """
     longest = max(len(piece.t) for piece in pieces)
     spectrum = _acceleration([piece.q for piece in pieces if 2 * len(piece.t) >= longest], rate)
@@ -113,7 +113,7 @@ def choose_band(pieces: Sequence[Samples], rate: float, cutoff: float | None = N
 
 
 def encoder_noise(q: Array) -> Array:
-    """(n,) standard deviation of the white noise of positions [rad or m], from differences that motion hardly has.
+    """Standard deviation (n,) of white position noise [rad or m], from differences of high order.
 
     Args:
         q: (N, n) [rad or m] uniform samples.
@@ -122,23 +122,23 @@ def encoder_noise(q: Array) -> Array:
 
 
 class _Acceleration(NamedTuple):
-    """Spectrum of the twice differentiated positions of n joints."""
+    """Spectrum of the second derivatives of the positions of n joints."""
 
     frequency: Array  # (f,) [Hz]
     power: Array  # (f, n) [rad2/s4/Hz]
-    level: Array  # (n,) [rad2/Hz] one-sided, of the encoder noise
-    allowed: Array  # (n,) [Hz] at which the differentiated noise reaches its share; inf where a joint rests
-    moves: Mask  # (n,)
+    level: Array  # (n,) [rad2/Hz] one-sided spectrum of the encoder noise
+    allowed: Array  # (n,) [Hz] highest cut-off that noise allows; inf for a joint at rest
+    moves: Mask  # (n,) whether the joint moves
 
     def content(self, widest: float) -> float:
-        """Frequency below which nearly all power up to `widest` lies, on the fastest joint [Hz]."""
+        """Frequency below which 95 % of the power up to `widest` lies, on the fastest joint [Hz]."""
         inside = np.cumsum(self.power * (self.frequency <= widest)[:, None], axis=0)[:, self.moves]
         reached = inside > CONTENT * inside[-1]
         return float(np.max(self.frequency[np.argmax(reached, axis=0)], initial=0.0))
 
 
 def _spectrum(x: Array, rate: float, length: int) -> Array:
-    """Power per frequency (f, c) of a signal (N, c): the mean over Hann windows that overlap by half.
+    """Power spectrum (f, c) of a signal (N, c): mean over Hann windows that overlap by half.
 
     Source: Welch, IEEE Transactions on Audio and Electroacoustics 15(2), 1967.
     """
@@ -152,7 +152,7 @@ def _spectrum(x: Array, rate: float, length: int) -> Array:
 
 
 def _acceleration(pieces: Sequence[Array], rate: float) -> _Acceleration:
-    """The mean spectrum of pieces (N, n) [rad or m], each counted by its length."""
+    """Mean spectrum of pieces (N, n) [rad or m], weighted by their lengths."""
     shortest, sizes = min(map(len, pieces)), np.array([len(q) for q in pieces])
     length = max(min(shortest // 3, int(8 * rate)), 16)
     spectra = np.array([_spectrum(np.diff(q, 2, axis=0) * rate**2, rate, length) for q in pieces])
@@ -171,14 +171,14 @@ def _acceleration(pieces: Sequence[Array], rate: float) -> _Acceleration:
 
 
 def _speed_noise(level: Array, fastest: float) -> Array:
-    """(n,) standard deviation of the velocity from white position noise differentiated up to a frequency."""
+    """Standard deviation (n,) of the velocity for white position noise that is differentiated up to a frequency."""
     return np.asarray(np.sqrt(level * (2 * np.pi) ** 2 * fastest**3 / 3))
 
 
 def _white_level(tau: Array, rate: float) -> Array:
-    """(n,) [N2.m2/Hz] one-sided power of white torque noise; 0 where it is not recorded.
+    """One-sided spectrum (n,) of white torque noise [N2.m2/Hz], 0 where torque is not recorded.
 
-    From third differences, which smooth torque hardly has, and their median size, which jumps do not change.
+    It is the median size of third differences: smooth torque has small ones, and jumps do not change the median.
     """
     size = np.median(np.abs(np.diff(np.nan_to_num(tau), 3, axis=0)), axis=0) / 0.6745
     return np.asarray(size**2 / 20 / (rate / 2))

@@ -1,4 +1,4 @@
-"""Regressor -> base parameters: the combinations of standard parameters that torque can show."""
+"""Regressor -> base parameters: the combinations of standard parameters that the torque depends on."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from ..types import Array, BaseMap, Label, Law, Robot
 from .motion import Motion
 from .regressor import labels, regressor
 
-RANK_TOLERANCE = 1e-5  # of the largest singular value, columns scaled
-KEEP_TOLERANCE = 1e-5  # part of a column that must be orthogonal to those kept
+RANK_TOLERANCE = 1e-5  # [1] smallest singular value that counts, over the largest, columns scaled
+KEEP_TOLERANCE = 1e-5  # [1] smallest share of an independent column that is orthogonal to the columns kept
 ZERO = 1e-9  # smallest coefficient that is printed
-SNAP = 1e-5  # rotation entries this near to 0 or 1 were typed with few digits
-DIGITS = 6
+SNAP = 1e-5  # [1] distance from 0 or 1 below which a rotation entry is a typed number with few digits
+DIGITS = 6  # significant digits of a printed coefficient
 
 
 def build_base(
     robot: Robot, laws: Sequence[Law] = (), seed: int = 0, measured: Sequence[bool] | None = None
 ) -> BaseMap:
-    """The base map of a robot with laws, from random states (a periodic motion can hide parameters).
+    """Base map of a robot with laws, from random states, since a periodic motion can hide parameters.
 
-    Columns are taken in order of preference (bodies from the base on, in each the inertia about its own joint axis
-    first; laws last) while independent of those taken before, so that formulas read as in textbooks.
+    Columns are taken in order of preference while they are independent of those taken before, so that formulas read as
+    in textbooks: bodies from the base on, the inertia about a body's own joint axis first, laws last.
 
     Args:
-        robot: joints that move, held ones at their values.
+        robot: robot with its moving joints; held joints stay at their values.
         laws: linear laws whose coefficients count as parameters.
-        seed: of the random states.
-        measured: (n,) whether the torque of a joint is known; of every joint by default.
+        seed: seed of the random states.
+        measured: (n,) whether the torque of a joint is measured; default: every joint.
 
     Source: Gautier, Khalil, IEEE T-RA 6(3), 1990; numerically as Gautier, J. Robotic Systems 8(4), 1991.
     """
@@ -68,7 +68,7 @@ def _random_motion(robot: Robot, parameters: int, seed: int) -> Motion:
 
 
 def _choose(compact: Array, order: Sequence[int], rank: int) -> list[int]:
-    """Columns taken in order while independent of those before: their indices, ascending."""
+    """Indices, ascending, of the columns that are independent of those before them in an order."""
     kept: list[int] = []
     basis = np.zeros((len(compact), 0))
     for k in order:
@@ -106,7 +106,7 @@ def _preference(robot: Robot, names: Sequence[Label]) -> list[int]:
 
 
 def _axis(robot: Robot, body: int) -> int:
-    """0, 1 or 2: the axis of the joint that moves a body, in the body's own frame."""
+    """Index (0, 1 or 2) of the joint axis of a body in the body's own frame."""
     data = robot.model.createData()
     joint, where = robot.model.joints[body + 1], pin.neutral(robot.model)
     pin.computeJointJacobians(robot.model, data, where)
@@ -127,7 +127,7 @@ def _formula(row: Array, lead: int, names: Sequence[Label]) -> str:
 
 
 def _snap(robot: Robot) -> Robot:
-    """The robot with placements freed of typing errors (1.5708 for pi/2), for counting parameters only."""
+    """Robot with exact rotations for typed ones (1.5708 for pi/2), only for counting parameters."""
     model = robot.model.copy()
     for joint in range(1, model.njoints):
         placement = model.jointPlacements[joint]

@@ -1,4 +1,4 @@
-"""Covariance of base parameters, which model.json carries from identification to diagnosis."""
+"""Covariance of base parameters, stored in model.json as the prior of a later diagnosis."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ import numpy as np
 from ..arrays import Array, Frozen
 from ..parameters import INERTIAL, BaseMap
 
-DIGITS = 6  # least number of significant digits of a variance in a file
+DIGITS = 6  # smallest number of significant digits of a variance in a file
 SPARE_DIGITS = 2  # significant digits of the smallest eigenvalue after rounding
 TERM_DIGITS = 10  # significant digits of a coefficient of a base parameter
-INDEFINITE = 1e-3  # most negative eigenvalue of the correlation matrix, per row, that counts as rounding
+INDEFINITE = 1e-3  # [1] size of a negative eigenvalue of the correlation matrix, per row, that counts as rounding
 _BODY = re.compile(rf"(?:{'|'.join(INERTIAL)})_(\d+)")
 
 
@@ -24,13 +24,13 @@ class Covariance(Frozen):
     """Base parameters = combination @ standard parameters, and the covariance of their errors.
 
     The p standard parameters are ten for each of the nb bodies in Pinocchio's order, then the coefficients of laws in
-    the order in which base parameters name them. The variance of an unidentifiable base parameter is infinite.
+    order of appearance in the base parameters. The variance of an unidentifiable base parameter is infinite.
     """
 
     labels: tuple[str, ...]  # p names: "Izz_2", "coulomb_friction_1"
     expressions: tuple[str, ...]  # b formulas, "Izz_2 + 0.09 m_3"
     combination: Array  # (b, p) [unit of base over unit of standard]
-    values: Array  # (b,) [units of base] as identified; a model that was edited later states others
+    values: Array  # (b,) [units of base] as identified; a model that was edited later has others
     matrix: Array  # (b, b) [units of base]
 
     @property
@@ -39,7 +39,7 @@ class Covariance(Frozen):
         return np.sqrt(np.diag(self.matrix))
 
     def document(self) -> dict[str, Any]:
-        """JSON object of model.json, with enough digits to stay positive definite; null stands for infinity."""
+        """JSON object for model.json, with enough digits to stay positive definite; null stands for infinity."""
         lower = self.matrix[np.tril_indices(len(self.matrix))]
         digits = _digits(self.matrix)
         terms = [
@@ -58,9 +58,9 @@ def base_covariance(base: BaseMap, values: Array, matrix: Array) -> Covariance:
     """Covariance of base parameters with the names of their standard parameters.
 
     Args:
-        base: the base parameters.
-        values: (b,) of the base parameters that a model states [units of base].
-        matrix: (b, b) of their errors [units of base].
+        base: base map.
+        values: (b,) base parameters of the model [units of base].
+        matrix: (b, b) covariance of their errors [units of base].
     """
     names = [label.name for label in base.labels]
     bodies = [k for k, label in enumerate(base.labels) if label.body is not None]
@@ -72,7 +72,7 @@ def read_covariance(content: Mapping[str, Any], bodies: int) -> Covariance:
     """Covariance in the content of a model.json.
 
     Args:
-        content: as `Covariance.document` gives it.
+        content: object of `Covariance.document`.
         bodies: number of bodies of the robot.
 
     Raises:
@@ -118,7 +118,7 @@ def _labels(terms: Sequence[Mapping[str, float]], bodies: int) -> tuple[str, ...
 
 
 def _matrix(lower: Array, b: int) -> Array:
-    """Symmetric matrix of its lower triangle; eigenvalues that rounding made negative are raised."""
+    """Symmetric matrix from its lower triangle; eigenvalues that are negative by rounding are raised."""
     matrix = np.zeros((b, b))
     matrix[np.tril_indices(b)] = lower
     matrix += np.tril(matrix, -1).T

@@ -1,4 +1,4 @@
-"""Rows -> factors: all that estimation needs of a recording, of a size that does not grow with its length."""
+"""Rows -> factors: additive sums that estimation needs, of a size that does not grow with the recording."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from .row_sample import RowSample, sample_rows
 from .rows import Rows, Task
 
 LAGS = 6  # highest order of the autoregressive noise model
-Weigh = Callable[[int, Rows], Array]  # joint, rows -> weight of each row (M,)
+Weigh = Callable[[int, Rows], Array]  # (joint, rows) -> weight (M,) [1] of each row
 
 
 @dataclass(frozen=True, eq=False)
 class JointFactors(Frozen):
-    """What one joint's rows z = [instruments x y] leave: m columns x, torque y, masked rows are zero.
+    """Sums over one joint's rows z = [instruments x y]: m columns x, torque y; masked rows are zero.
 
-    grams[d] = sum over k of z[k] z[k-d]'; `whole` is the sum over every row, masked or not, of [x y].
+    grams[d] = sum over k of z[k] z[k-d]'; `whole` is the sum over all rows, masked or not, of [x y]'[x y].
     """
 
     grams: Array  # (d, c, c) [products of the units of z], c = m + 1, or 2 m + 1 with instruments
     counts: Array  # (d,) [1] pairs of valid rows at each lag
     whole: Array  # (m + 1, m + 1) [products of the units of x, y]
-    total: float  # sum of y over every row
+    total: float  # [N.m or N] sum of y over all rows
     rows: int
 
     def __add__(self, other: JointFactors) -> JointFactors:
@@ -42,17 +42,17 @@ class JointFactors(Frozen):
 
 @dataclass(frozen=True, eq=False)
 class Factors(Frozen):
-    """Factors of every joint, and how large the motion was. They add over recordings, chunks and machines."""
+    """Factors of all joints, and statistics of the motion. They add over recordings, chunks and machines."""
 
     joints: tuple[JointFactors, ...]
-    columns: tuple[Indices, ...]  # per joint (m,) base parameters that it sees
+    columns: tuple[Indices, ...]  # per joint (m,) base parameters that its torque depends on
     instruments: bool
     lower: Array  # (n,) [rad or m]
     upper: Array  # (n,) [rad or m]
     velocity: Array  # (n, n) [rad2/s2] sum of v v'
     acceleration: Array  # (n,) [rad2/s4] sum of a squared
     rows: int
-    sample: RowSample | None = None  # of the rows; None for white noise and in older files
+    sample: RowSample | None = None  # sample of the rows; None for white noise and in older files
 
     def __add__(self, other: Factors) -> Factors:
         return Factors(
@@ -69,7 +69,7 @@ class Factors(Frozen):
 
 
 class Node(NamedTuple):
-    """A sum over 2**level windows of rows, the first of which has the number `start`."""
+    """Sum over 2**level windows of rows; `start` is the number of the first window."""
 
     start: int
     level: int
@@ -80,10 +80,10 @@ def reduce_rows(task: Task, rows: Iterable[Rows], lags: int = LAGS, weigh: Weigh
     """Factors of all rows, in one pass.
 
     Args:
-        task: what the rows were made for.
-        rows: consecutive windows of one recording or of many.
+        task: task of the rows.
+        rows: consecutive windows of one recording or of several.
         lags: highest lag kept.
-        weigh: robust weight of each row, in [0, 1]; all rows count alike without it.
+        weigh: robust weight of each row, in [0, 1]; None: all rows have weight 1.
     """
     nodes = cascade(Node(k, 0, one) for k, one in enumerate(window_factors(task, rows, lags, weigh)))
     return total(nodes) or _nothing(task, lags, _sizes(task))
@@ -95,11 +95,11 @@ def window_factors(
     """Factors of each window of rows.
 
     Args:
-        task: what the rows were made for.
-        rows: consecutive windows of one recording or of many.
+        task: task of the rows.
+        rows: consecutive windows of one recording or of several.
         lags: highest lag kept.
-        weigh: robust weight of each row, in [0, 1]; all rows count alike without it.
-        past: so many windows at the beginning only serve as what lies behind the others.
+        weigh: robust weight of each row, in [0, 1]; None: all rows have weight 1.
+        past: number of windows at the beginning that only give the lagged rows of the next window.
     """
     sizes = _sizes(task)
     empty = _nothing(task, lags, sizes)
@@ -127,13 +127,13 @@ def window_factors(
 
 
 def cascade(nodes: Iterable[Node]) -> list[Node]:
-    """Neighbours added in pairs, pairs in pairs and so on, as far as they go.
+    """Pairwise sums of neighbouring nodes, as far as pairs are complete.
 
-    The order of all additions follows from the numbers of windows alone, so the sum is the same to the last bit
-    wherever its parts were made; rounding errors hardly grow with the number of windows.
+    The order of all additions follows from the numbers of the windows alone. So the sum is the same to the last bit on
+    whichever machine its parts were computed, and rounding errors hardly grow with the number of windows.
 
     Args:
-        nodes: ascending, without overlap.
+        nodes: nodes in ascending order, without overlap.
 
     Source: pairwise summation: Higham, Accuracy and Stability of Numerical Algorithms, 2002, section 4.2.
     """
@@ -149,12 +149,12 @@ def cascade(nodes: Iterable[Node]) -> list[Node]:
 
 
 def total(nodes: Sequence[Node]) -> Factors | None:
-    """The sum of what a cascade leaves, the smallest first; None of nothing."""
+    """Sum of the nodes of a cascade, the smallest first; None if there is no node."""
     return fold(lambda right, left: left.factors + right, nodes[-2::-1], nodes[-1].factors) if nodes else None
 
 
 def _reduce_joint(window: Rows, j: int, tail: Array, lags: int, weight: Array | None) -> tuple[JointFactors, Array]:
-    """The joint's factors, and the last rows for the lags of the next window."""
+    """Factors of the joint, and the last rows for the lags of the next window."""
     known, old, m = bool(window.recorded[j]), len(tail), window.columns[j].shape[1]
     keep = window.steady[:, j] & known
     parts = [window.columns[j], window.torque[:, j, None]]
@@ -176,12 +176,12 @@ def _reduce_joint(window: Rows, j: int, tail: Array, lags: int, weight: Array | 
         grams[d] = now[:, :c].T @ before[:, :c]
         counts[d] = now[:, c] @ before[:, c]
     whole = grams[0, c - m - 1 :, c - m - 1 :] + masked.T @ masked if whole is None else whole
-    share = float(known)  # nothing where torque is not recorded
+    share = float(known)  # 0 if the torque is not recorded
     return JointFactors(grams, counts, share * whole, share * total, known * len(keep)), z[max(0, len(z) - lags) :]
 
 
 def _sizes(task: Task) -> list[int]:
-    """How many columns the factors of each joint have."""
+    """Number of columns in the factors of each joint."""
     sides = 2 if task.instruments else 1
     return [sides * len(task.seen(j)) + 1 for j in range(len(task.reverses))]
 

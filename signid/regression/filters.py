@@ -1,4 +1,4 @@
-"""Symmetric FIR filters: zero phase, finite memory, the same result whichever pieces a recording is read in."""
+"""Symmetric FIR filters: zero phase, finite memory, results that do not depend on how a recording is cut."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ Value = TypeVar("Value", bound=np.generic)
 FIRST = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0.0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
 SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])
 HALF = 4  # samples that a difference needs on either side
-SEGMENT = 64  # samples at least that go through a low-pass at once, unless the filter is shorter
+SEGMENT = 64  # smallest number of samples of a segment in `Decimator`, unless the filter is shorter
 
 
 def lowpass(rate: float, cutoff: float, attenuation: float = 60.0) -> Array:
-    """Taps of a symmetric Kaiser low-pass, flat up to 0.75 cutoff, stopped from 1.25 cutoff on.
+    """Taps of a symmetric Kaiser low-pass with pass band up to 0.75 cutoff and stop band from 1.25 cutoff on.
 
     Args:
         rate: sampling rate [Hz].
-        cutoff: frequency of half amplitude [Hz]; at 0.4 rate or above there is nothing to stop.
-        attenuation: of the stop band [dB], at least 50.
+        cutoff: frequency of half amplitude [Hz]; from 0.4 rate on there is no filter.
+        attenuation: attenuation of the stop band [dB], at least 50.
 
     Returns:
         An odd number of taps (k,) [1] that sum to 1.
 
-    Source: Kaiser, Nonrecursive digital filter design using the I0-sinh window function, IEEE ISCAS 1974. Written out,
-    as importing scipy.signal takes longer than most identifications.
+    Source: Kaiser, Nonrecursive digital filter design using the I0-sinh window function, IEEE ISCAS 1974. Own code,
+    since importing scipy.signal takes longer than most identifications.
     """
     if cutoff >= 0.4 * rate:
         return np.ones(1)
@@ -39,12 +39,12 @@ def lowpass(rate: float, cutoff: float, attenuation: float = 60.0) -> Array:
 
 
 def smooth(signal: Array, taps: Array, whole: bool = False) -> Array:
-    """The filtered signal where the taps overlap it fully: (N - k + 1, c).
+    """Filtered signal (N - k + 1, c) where the taps overlap it fully.
 
     Args:
         signal: (N, c) [any unit].
         taps: (k,) [1], symmetric.
-        whole: all of it, (N, c), as if it went on as it begins and ends.
+        whole: return all N samples; the signal is continued by its first and last values.
     """
     if whole:
         signal = np.pad(signal, ((len(taps) // 2,) * 2, (0, 0)), mode="edge")
@@ -52,7 +52,7 @@ def smooth(signal: Array, taps: Array, whole: bool = False) -> Array:
 
 
 def differentiate(signal: Array, period: float) -> tuple[Array, Array]:
-    """First and second derivative by nine-point central differences: (N - 8, c) each.
+    """First and second derivatives, (N - 8, c) each, by nine-point central differences.
 
     Args:
         signal: (N, c) [any unit].
@@ -63,12 +63,14 @@ def differentiate(signal: Array, period: float) -> tuple[Array, Array]:
     return _correlated(signal, FIRST / period), _correlated(signal, SECOND / period**2)
 
 
-def least(signal: Array, half: int) -> Array:
-    """(N, c) the least value within so many samples on either side, as far as there are any.
+def moving_minimum(signal: Array, half: int) -> Array:
+    """Minimum (N, c) over a window centred on each sample; the window is shorter at the ends.
+
+    Equal to `scipy.ndimage.minimum_filter1d`. Importing that takes longer than most identifications.
 
     Args:
         signal: (N, c) [any unit].
-        half: samples on either side.
+        half: samples of the window on either side of its centre.
     """
     found, width = np.pad(signal, ((half, half), (0, 0)), mode="edge"), 1
     while 2 * width <= 2 * half + 1:
@@ -78,32 +80,32 @@ def least(signal: Array, half: int) -> Array:
 
 
 class Decimator:
-    """A symmetric low-pass evaluated at every `factor`-th sample only, many columns at once.
+    """Symmetric low-pass evaluated at every `factor`-th sample only, for many columns at once.
 
-    Each segment of samples, of a fixed length, is one product with a matrix of fixed shape: its part of all outputs
-    that its samples reach. So a row's value does not depend on which rows are asked for beside it, as long as these
-    begin at a multiple of `block` rows.
+    Each segment of samples has a fixed length and is multiplied by a matrix of fixed shape, which gives its share of
+    all outputs that its samples reach. So a row's value does not depend on the rows that are computed with it, as long
+    as these begin at a multiple of `block` rows.
     """
 
     def __init__(self, taps: Array, factor: int) -> None:
-        """The matrix of a segment.
+        """Build the matrix of a segment.
 
         Args:
-            taps: (k,) [1], symmetric, odd count.
-            factor: one output every so many samples.
+            taps: (k,) [1], symmetric, of odd count.
+            factor: samples per output.
         """
         self.taps, self.factor, self.half = taps, factor, len(taps) // 2
-        self._reach = -(-len(taps) // factor)  # segments of one output's samples
+        self._reach = -(-len(taps) // factor)  # length of the taps in outputs
         self.block = min(-(-SEGMENT // factor), self._reach if len(taps) > 1 else SEGMENT)
         self.segment = self.block * factor  # samples
         self._matrix = np.zeros((self.block + self._reach - 1, self.segment))
-        for row in range(len(self._matrix)):  # output row - reach + 1 from the segment's first
-            start = (row - self._reach + 1) * factor  # sample that its taps begin at
+        for row in range(len(self._matrix)):  # this is output row - reach + 1, counted from the segment's first
+            start = (row - self._reach + 1) * factor  # sample at which its taps begin
             low, high = max(start, 0), min(start + len(taps), self.segment)
             self._matrix[row, low:high] = taps[low - start : high - start]
 
     def at(self, samples: NDArray[Value]) -> NDArray[Value]:
-        """The samples on which outputs are centred, as they are, (M, ...).
+        """Unfiltered samples (M, ...) on which the outputs are centred.
 
         Args:
             samples: (N, ...) [any unit].
@@ -111,7 +113,7 @@ class Decimator:
         return samples[self.half : len(samples) - self.half : self.factor]
 
     def __call__(self, columns: Array) -> Array:
-        """Outputs (M, c): the first centred on sample `half`, then every `factor`-th while the taps fit.
+        """Outputs (M, c): the first is centred on sample `half`, the others follow at every `factor`-th sample.
 
         Args:
             columns: (N, c) [any unit].
@@ -120,12 +122,12 @@ class Decimator:
         return self.gather((columns[k : k + self.segment] for k in starts), *columns.shape)
 
     def gather(self, segments: Iterable[Array], samples: int, width: int) -> Array:
-        """Outputs (M, c) of columns that come piece by piece.
+        """Outputs (M, c) of columns that arrive segment by segment.
 
         Args:
-            segments: (segment, c) each [any unit]; the last may be shorter. They are not needed afterwards.
-            samples: N, all together.
-            width: c.
+            segments: (segment, c) each [any unit]; the last may be shorter. Their memory may be reused.
+            samples: total number N of samples.
+            width: number c of columns.
         """
         out = np.zeros((max(0, (samples - len(self.taps)) // self.factor + 1), width))
         for k, piece in enumerate(segments):
@@ -143,7 +145,7 @@ class Decimator:
 
 
 def _correlated(signal: Array, taps: Array) -> Array:
-    """(N - k + 1, c) sums of products; each value is made in the same way wherever it stands."""
+    """Correlation (N - k + 1, c) of each column with the taps; a value does not depend on its position."""
     out = np.empty((signal.shape[1], max(0, len(signal) - len(taps) + 1)))
     for row, column in zip(out, np.ascontiguousarray(signal.T), strict=True):
         if len(row):

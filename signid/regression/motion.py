@@ -1,4 +1,4 @@
-"""Recording -> Motion: how the robot moved, on a uniform grid, with velocities and accelerations."""
+"""Recording -> Motion: positions, velocities and accelerations on a uniform grid."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from .filters import HALF, differentiate, smooth
 
 @dataclass(frozen=True, eq=False)
 class Motion(Frozen):
-    """All that a law may see: N uniform samples of n joints."""
+    """Motion of n joints at N uniform samples, as laws use it."""
 
     robot: Robot
     t: Array  # (N,) [s]
@@ -37,14 +37,14 @@ class Motion(Frozen):
     v: Array  # (N, n) [rad/s or m/s]
     a: Array  # (N, n) [rad/s2 or m/s2]
     recorded: Array | None = None  # (N, n) measured torque [N.m or N], NaN where absent
-    predicted: Array | None = None  # (N, n) torque [N.m or N] by the model at hand
-    slow: Array | None = None  # (n,) [rad/s or m/s] slower, the direction of motion is not certain
+    predicted: Array | None = None  # (N, n) torque [N.m or N] that the model predicts
+    slow: Array | None = None  # (n,) [rad/s or m/s] speed below which the direction of motion is uncertain
 
     def __len__(self) -> int:
         return len(self.t)
 
     def __getitem__(self, which: slice) -> Motion:
-        """Some of the samples."""
+        """Motion at a slice of the samples."""
         signals = {key: getattr(self, key) for key in ("t", "q", "v", "a", "recorded", "predicted")}
         return replace(self, **{key: x[which] for key, x in signals.items() if x is not None})
 
@@ -55,60 +55,60 @@ class Motion(Frozen):
 
     @cached_property
     def configuration(self) -> Array:
-        """(N, nq) as Pinocchio wants it [rad or m]."""
+        """Pinocchio's configurations (N, nq) [rad, m or 1]."""
         return configuration(self.robot, self.q)
 
     @cached_property
     def rates(self) -> tuple[Array, Array]:
-        """Model velocity and acceleration, (N, nv) each [rad/s, rad/s2]."""
+        """Pinocchio's velocities and accelerations, (N, nv) each [rad/s, rad/s2]."""
         drive = self.robot.drive.T
         return self.v @ drive, self.a @ drive
 
     @cached_property
     def direction(self) -> Array:
-        """(N, n) of motion [1]: the sign of the velocity, in proportion to it where it is slow."""
+        """Direction of motion (N, n) [1]: sign of the velocity, proportional to it below `slow`."""
         return np.sign(self.v) if self.slow is None else np.clip(self.v / self.slow, -1, 1)
 
     @cached_property
     def load(self) -> Array:
-        """(N, n) rigid-body torque of the description's inertials [N.m or N]."""
+        """Rigid-body torque (N, n) of the description's inertials [N.m or N]."""
         return rigid_torque(self.robot, self.configuration, *self.rates)
 
     @cached_property
     def inertia(self) -> Array:
-        """(N, n) diagonal of the joint-space mass matrix [kg.m2 or kg]."""
+        """Diagonal (N, n) of the joint-space mass matrix [kg.m2 or kg]."""
         return effective_inertia(self.robot, self.configuration)
 
     @cached_property
     def jacobian(self) -> Array:
-        """(N, 3, n) of the last link's centre of mass, in the world's axes [m/rad or 1]."""
+        """Jacobian (N, 3, n) of the last link's centre of mass, in world axes [m/rad or 1]."""
         return tip_jacobian(self.robot, self.configuration)
 
     @cached_property
     def sensitivity(self) -> Sensitivity:
-        """Of the rigid-body torque to position, velocity and acceleration."""
+        """Derivatives of the rigid-body torque with respect to position, velocity and acceleration."""
         return sensitivity(self.robot, self.configuration, *self.rates)
 
     @cached_property
     def bodies(self) -> Array:
-        """(N, n, nb, 10) regressor of all bodies [N.m or N per kg, kg.m, kg.m2]."""
+        """Regressor (N, n, nb, 10) of all bodies [N.m or N per kg, kg.m, kg.m2]."""
         return body_regressor(self.robot, self.configuration, *self.rates)
 
     @cached_property
     def moved(self) -> Mask:
-        """(n, nb) whether a joint moves a body."""
+        """Mask (n, nb) of the bodies that each joint moves."""
         return moved_bodies(self.robot)
 
     def coupled(self, joint: int) -> list[int]:
-        """The joints whose torque the motion of one may change: those that move a body that it moves."""
+        """Joints whose torque depends on the motion of a joint: both move a common body."""
         return np.flatnonzero(self.moved[:, self.moved[joint]].any(axis=1)).tolist()
 
     def body_columns(self, joint: int) -> Array:
-        """(N, n, 10) regressor of the body that a joint moves [N.m or N per kg, kg.m, kg.m2]."""
+        """Regressor (N, n, 10) of the body that a joint moves [N.m or N per kg, kg.m, kg.m2]."""
         return np.asarray(self.bodies[:, :, own_body(self.robot, joint)])
 
     def gravity_torque(self, gravity: Array) -> Array:
-        """(N, n) torque that holds the robot in a gravity field [N.m or N].
+        """Torque (N, n) that holds the robot in a gravity field [N.m or N].
 
         Args:
             gravity: (3,) [m/s2].
@@ -116,12 +116,12 @@ class Motion(Frozen):
         return gravity_torque(self.robot, self.configuration, gravity)
 
     def shift(self, joint: int, change: Array, *, exactly: bool = False) -> Array:
-        """Change of torque when the link of a joint moved at q + change, not at q: (N, n) [N.m or N].
+        """Change of torque (N, n) [N.m or N] if the link of a joint moved at q + change instead of q.
 
         Args:
-            joint: whose link moved otherwise.
+            joint: joint whose link moved differently.
             change: (N,) [rad or m].
-            exactly: not to first order; of what is recorded, moved back, the change has the other sign.
+            exactly: compute `load` minus the load at q - change, instead of the derivative at q.
         """
         first, second = _derivatives(change, self.dt)
         if exactly:
@@ -138,12 +138,12 @@ class Motion(Frozen):
         return out
 
     def at(self, joints: Sequence[int]) -> View:
-        """What a law at these joints sees."""
+        """View of some joints, for a law that acts there."""
         return MotionView(self, tuple(joints))
 
 
 class MotionView:
-    """Some joints of a motion; what is costly is computed when a law asks for it."""
+    """View of some joints of a motion; costly quantities are computed on first use."""
 
     def __init__(self, whole: Motion, joints: tuple[int, ...], samples: Any = slice(None)) -> None:
         self.whole, self.joints, self.samples, self.dt = whole, joints, samples, whole.dt
@@ -188,10 +188,10 @@ class MotionView:
         """Torque as measured, (..., m) [N.m or N].
 
         Raises:
-            OptionError: the motion carries none.
+            OptionError: the motion has no measured torque.
         """
         if self.whole.recorded is None:
-            raise OptionError("this law needs the measured torque; the motion carries none")
+            raise OptionError("this law needs the measured torque, and the motion has none; give a recording")
         return self._cut(self.whole.recorded)
 
     def __getitem__(self, i: Any) -> View:
@@ -199,7 +199,7 @@ class MotionView:
 
 
 def margin(band: Band, recorded_derivatives: bool = False) -> int:
-    """Samples that `build_motion` consumes on either side."""
+    """Number of samples that `build_motion` removes at either end."""
     return 0 if recorded_derivatives else len(band.position_taps) // 2 + HALF
 
 
@@ -211,25 +211,27 @@ def build_motion(
     recorded_derivatives: bool = False,
     slow: Array | None = None,
 ) -> Motion:
-    """The motion inside a stretch of samples: `margin` samples shorter on either side.
+    """Motion of a stretch of samples, `margin` samples shorter at either end.
 
-    Positions pass a symmetric FIR low-pass and nine-point differences; torque is left as recorded, since regressor
-    columns and torque are filtered alike further on.
+    Positions are low-passed by a symmetric FIR filter and differentiated by nine-point differences. Torque stays as
+    recorded: regressor columns and torque pass the same filter later.
 
     Args:
-        robot: gives the joints.
-        samples: uniform; q (N, n) [rad or m], tau (N, n) [N.m or N].
-        band: gives the position cut-off.
-        period: of the samples [s].
-        recorded_derivatives: take dq and ddq as recorded instead of differentiating q.
-        slow: (n,) [rad/s or m/s] slower, the direction of motion is not certain.
+        robot: robot with the joints of the samples.
+        samples: uniform samples, q (N, n) [rad or m], tau (N, n) [N.m or N].
+        band: band with the position cut-off.
+        period: sampling period [s].
+        recorded_derivatives: take recorded dq and ddq instead of differentiating q.
+        slow: (n,) [rad/s or m/s] speed below which the direction of motion is uncertain.
 
     Raises:
-        OptionError: recorded derivatives are asked for where the recording has none.
+        OptionError: recorded derivatives are requested, and the recording has none.
     """
     if recorded_derivatives:
         if samples.dq is None or samples.ddq is None:
-            raise OptionError("recorded derivatives were asked for; the recording lacks dq_J or ddq_J columns")
+            raise OptionError(
+                "recorded derivatives were requested, and the recording lacks dq_J or ddq_J columns; use computed ones"
+            )
         return Motion(robot, samples.t, samples.q, samples.dq, samples.ddq, samples.tau, slow=slow)
     smoothed = smooth(samples.q, band.position_taps)
     v, a = differentiate(smoothed, period)
@@ -240,7 +242,7 @@ def build_motion(
 
 
 def _derivatives(x: Array, dt: float) -> tuple[Array, Array]:
-    """First and second derivatives by central differences, (N,); the ends repeat their neighbours."""
+    """First and second derivatives (N,) by central differences; the ends repeat their neighbours."""
     first, second = np.gradient(x, dt), np.zeros_like(x)
     if len(x) > 2:
         second[1:-1] = (x[2:] - 2 * x[1:-1] + x[:-2]) / dt**2

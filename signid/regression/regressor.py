@@ -1,4 +1,4 @@
-"""Motion -> regressor: how torque depends on every standard parameter, by Pinocchio and by the laws."""
+"""Motion -> regressor: columns of all standard parameters, from Pinocchio and from the laws."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from .motion import Motion
 
 
 def regressor(motion: Motion, laws: Sequence[Law] = ()) -> Array:
-    """The whole regressor, (N, n, p): ten columns per body, then one per coefficient of the laws.
+    """Full regressor (N, n, p): ten columns per body, then one per coefficient of the laws.
 
-    Torque = regressor @ standard parameters [N.m or N]. Long motions go through `base_rows` instead.
+    Torque = regressor @ standard parameters [N.m or N]. For long motions `base_rows` takes less memory.
     """
     robot = motion.robot
     rigid = motion.bodies.reshape(len(motion), len(robot.joints), 10 * len(robot.links))
@@ -32,7 +32,7 @@ def regressor(motion: Motion, laws: Sequence[Law] = ()) -> Array:
 
 
 def labels(robot: Robot, laws: Sequence[Law] = ()) -> tuple[Label, ...]:
-    """What each standard parameter is: bodies by their place in the model (1-based), laws by their joint's number."""
+    """Label of each standard parameter: bodies by their index in the model (from 1), laws by their joint's number."""
     found = [
         Label(f"{name}_{body + 1}", unit, body=body)
         for body in range(len(robot.links))
@@ -56,14 +56,14 @@ def base_rows(
     thin: Decimator | None = None,
     sparse: tuple[Motion, Decimator] | None = None,
 ) -> list[Array]:
-    """Per joint j, the columns `wanted[j]` of the regressor's rows of that joint: (N, m_j) each.
+    """Columns `wanted[j]` (N, m_j) of the regressor's rows of each joint j.
 
     Args:
         motion: N samples.
-        laws: as given to `labels`.
+        laws: laws of `labels`.
         wanted: per joint, indices (m_j,) of standard parameters, ascending.
-        thin: filter that the columns pass while they are in the cache: (M, m_j) each.
-        sparse: fewer samples and their filter, of the same rows, for the columns of bodies, which do not jump.
+        thin: filter and decimation of the columns, which then are (M, m_j).
+        sparse: decimated motion and its filter for the same rows; the columns of bodies are computed from it.
     """
     thin, rigid = thin or Decimator(np.ones(1), 1), 10 * len(motion.robot.links)
     split = [int(np.searchsorted(columns, rigid)) for columns in wanted]
@@ -75,7 +75,7 @@ def base_rows(
 
 
 def _law_rows(motion: Motion, laws: Sequence[Law], wanted: Sequence[Indices]) -> list[Array]:
-    """Per joint (N, m_j): columns of the laws' coefficients, which are counted from 0."""
+    """Columns (N, m_j) of the laws' coefficients for each joint; coefficients are counted from 0."""
     out = [np.zeros((len(motion), len(columns))) for columns in wanted]
     at, taken = 0, [(j, i) for j, columns in enumerate(wanted) for i in range(len(columns))]
     for law in laws:
@@ -91,7 +91,7 @@ def _law_rows(motion: Motion, laws: Sequence[Law], wanted: Sequence[Indices]) ->
 
 
 class _Bodies(NamedTuple):
-    """The bodies that move, and where their rows and columns stand in the whole model's regressor."""
+    """Moving bodies, and the places of their rows and columns in the regressor of the whole model."""
 
     model: Any
     states: tuple[Array, Array, Array]  # (N, nq) [rad, m or 1], (N, nv) [rad/s or m/s], (N, nv) [rad/s2 or m/s2]
@@ -100,7 +100,7 @@ class _Bodies(NamedTuple):
 
 
 def _rigid_rows(motion: Motion, thin: Decimator, wanted: Sequence[Indices]) -> list[Array]:
-    """Per joint (M, m_j): columns of the bodies' inertial parameters."""
+    """Columns (M, m_j) of the bodies' inertial parameters for each joint."""
     part, drive = _bodies(motion, wanted), motion.robot.drive
     pairs = [(int(row), j) for j in range(len(wanted)) for row in np.flatnonzero(drive[:, j])]
     inside = [np.searchsorted(part.columns, columns) for columns in wanted]
@@ -115,12 +115,12 @@ def _rigid_rows(motion: Motion, thin: Decimator, wanted: Sequence[Indices]) -> l
 
 
 def _ends(parts: Sequence[Array | Indices]) -> list[int]:
-    """Where parts that stand side by side end, but for the last."""
+    """Ends of parts that are concatenated along their last axis, without the last end."""
     return [int(end) for end in np.cumsum([part.shape[-1] for part in parts])[:-1]]
 
 
 def _bodies(motion: Motion, wanted: Sequence[Indices]) -> _Bodies:
-    """The model without the joints that are held fixed, unless a column of a body that one carries is wanted."""
+    """Model without its fixed joints, unless a column of a body that one of them carries is wanted."""
     model, q, (v, a) = motion.robot.model, motion.configuration, motion.rates
     spans = [(joint.idx_q, joint.nq, joint.idx_v, joint.nv) for joint in list(model.joints)[1:]]
     moves = np.array([bool(motion.robot.drive[v0 : v0 + nv].any()) for _, _, v0, nv in spans])
@@ -134,9 +134,9 @@ def _bodies(motion: Motion, wanted: Sequence[Indices]) -> _Bodies:
 
 
 def _rigid_blocks(part: _Bodies, places: Indices, size: int) -> Iterator[Array]:
-    """Entries `places` (c,) of Pinocchio's regressor, laid out as one row, (k, c), of so many samples at a time.
+    """Entries `places` (c,) of Pinocchio's flattened regressor, as blocks (k, c) of k = `size` samples.
 
-    The buffer is used again.
+    All blocks share one buffer.
     """
     model, data, compute = part.model, part.model.createData(), pin.computeJointTorqueRegressor
     q, v, a = part.states

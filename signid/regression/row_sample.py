@@ -1,4 +1,4 @@
-"""Rows -> a sample of bounded size, for covariances that depend on the states of a recording."""
+"""Rows -> sample of bounded size, for covariances that depend on the states of a recording."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ import numpy as np
 from ..types import Array, Frozen, Indices, Mask
 from .rows import Rows, Task
 
-ROWS = 512  # largest sample; with 256 intervals hold less often on real recordings
-LEAST = 128  # rows kept even where columns are many
-NUMBERS = 2**18  # largest number of entries of `columns` otherwise: 2 MB
+ROWS = 512  # largest number of rows; with 256, intervals of real recordings contain the truth less often
+LEAST = 128  # smallest limit on the number of rows, for many columns
+NUMBERS = 2**18  # largest number of entries of `columns` above that: 2 MB
 
 
 @dataclass(frozen=True, eq=False)
 class RowSample(Frozen):
-    """K rows, evenly spaced: those whose number is a multiple of `stride`, a power of two.
+    """K evenly spaced rows: those whose number is a multiple of `stride`, a power of two.
 
     Rows are numbered by time, so that the sample does not depend on the order in which parts are added.
     """
 
-    number: Indices  # (K,) of each row, time over `period`
+    number: Indices  # (K,) number of each row: time over `period`
     period: float  # [s] between neighbouring rows
-    stride: int
+    stride: int  # [1] spacing of the sample, in rows
     q: Array  # (K, n) [rad or m]
     v: Array  # (K, n) [rad/s or m/s]
     torque: Array  # (K, n) [N.m or N]
-    slope: Array  # (K, n) [N.m/s or N/s] of the torque
+    slope: Array  # (K, n) [N.m/s or N/s] derivative of the torque
     kept: Mask  # (K, n) whether the row of the joint is valid
     columns: Array  # (K, c) [torque per unit of the base parameter], joint by joint
 
@@ -48,10 +48,10 @@ class RowSample(Frozen):
         )
 
     def of(self, joint: int, seen: Sequence[Indices]) -> Array:
-        """The columns (K, m) of one joint [torque per unit of the base parameter].
+        """Columns (K, m) of one joint [torque per unit of the base parameter].
 
         Args:
-            joint: which.
+            joint: index of the joint.
             seen: per joint, the base parameters (m,) that its torque depends on.
         """
         start = sum(len(columns) for columns in seen[:joint])
@@ -59,10 +59,10 @@ class RowSample(Frozen):
 
 
 def sample_rows(task: Task, window: Rows, weights: Sequence[Array] | None = None) -> RowSample:
-    """A sample of a window of rows.
+    """Sample of a window of rows.
 
     Args:
-        task: of the rows.
+        task: task of the rows.
         window: consecutive rows.
         weights: per joint, robust weight (M,) of each row, in [0, 1].
     """
@@ -83,7 +83,7 @@ def _single(x: Array) -> Array:
 
 
 def _thinned(sample: RowSample) -> RowSample:
-    """Thin to the smallest stride at which the sample fits."""
+    """Sample at the smallest stride that satisfies the limits."""
     most = int(np.clip(NUMBERS // max(sample.columns.shape[1], 1), LEAST, ROWS))
     stride, here = sample.stride, sample.number % sample.stride == 0
     while np.count_nonzero(here) > most:

@@ -1,4 +1,4 @@
-"""Recording -> base rows: regressor columns and torque, filtered alike, thinned, in windows of bounded memory."""
+"""Recording -> rows: regressor columns and torque, equally filtered and decimated, in windows of bounded memory."""
 
 from __future__ import annotations
 
@@ -12,47 +12,47 @@ import numpy as np
 from ..recording.sampling import Sampling, excerpt, samples
 from ..types import Array, BaseMap, Frozen, Indices, Law, Mask, Recording, Robot, Samples
 from .bandwidth import Band
-from .filters import Decimator, least
+from .filters import Decimator, moving_minimum
 from .motion import Motion, build_motion, margin
 from .regressor import base_rows
 
-WINDOW = 8192  # samples of the uniform grid at a time, at least
-STILL = 5.0  # widths of a reversal: a row is left out where the joint is slower nearby
-REACHES = (1.5, 1.0, 0.75)  # periods of the cut-off on either side of a row that must be free of reversals: the first
-KEPT = 0.7  # that leaves so many of the joint's rows, else the last
+WINDOW = 8192  # smallest number of samples of a window
+STILL = 5.0  # [widths of a reversal] speed below which a joint is near a reversal
+REACHES = (1.5, 1.0, 0.75)  # [periods of the cut-off] candidates for the distance that rows keep from reversals
+KEPT = 0.7  # [1] share of a joint's rows that the first suitable candidate keeps; the last one needs no share
 
 
 @dataclass(frozen=True, eq=False)
 class Task(Frozen):
-    """What the samples are turned into: the same for every recording of one identification."""
+    """Definition of the rows: the same for all recordings of one identification."""
 
     robot: Robot
     laws: tuple[Law, ...]
     base: BaseMap
     band: Band
-    slow: Array  # (n,) [rad/s or m/s] width of a reversal: slower, the direction of motion is not certain
+    slow: Array  # (n,) [rad/s or m/s] width of a reversal: speed below which the direction of motion is uncertain
     reach: tuple[int, ...]  # (n,) samples on either side of a row that must be free of reversals
     recorded_derivatives: bool = False
     instruments: bool = False
 
     @property
     def reverses(self) -> tuple[bool, ...]:
-        """(n,) whether a law of the joint jumps with the direction of motion."""
+        """Whether a law of each of the n joints jumps with the direction of motion."""
         at = {j for law in self.laws if law.effect.reverses for j in law.joints}
         return tuple(j in at for j in range(len(self.robot.joints)))
 
     def seen(self, joint: int) -> Indices:
-        """The base parameters (m,) that the torque of a joint depends on."""
+        """Base parameters (m,) that the torque of a joint depends on."""
         return np.flatnonzero(self.base.sees[joint])
 
     @property
     def parts(self) -> int:
-        """How many samples make one that columns are made of; recorded derivatives are not as smooth as positions."""
+        """Decimation for the columns of bodies; 1 for recorded derivatives, which are not as smooth as positions."""
         return 1 if self.recorded_derivatives else self.band.parts
 
     @property
     def wanted(self) -> list[Indices]:
-        """Per joint, the standard parameters (m,) that stand for them, as `base_rows` wants them."""
+        """Standard parameters (m,) of each joint's columns, the argument `wanted` of `base_rows`."""
         return [self.base.independent[self.seen(j)] for j in range(len(self.robot.joints))]
 
 
@@ -68,15 +68,15 @@ class Rows(NamedTuple):
     torque: Array  # (M, n) [N.m or N], 0 where absent
     slope: Array  # (M, n) [N.m/s or N/s] derivative of the torque
     recorded: Mask  # (n,) whether the joint's torque is recorded at all
-    steady: Mask  # (M, n) no reversal of the joint nearby
-    instruments: list[Array] | None = None  # per joint (M, m) [as columns], the same columns along the desired motion
+    steady: Mask  # (M, n) whether no reversal of the joint is near
+    instruments: list[Array] | None = None  # per joint (M, m) [as columns] columns along the desired motion
 
 
 def read_rows(task: Task, recording: Recording, sampling: Sampling) -> Iterator[Rows]:
-    """All rows of a recording, window by window; the same rows whatever the window.
+    """All rows of a recording, window by window; their values do not depend on the windows.
 
     Columns of the regressor pass the same symmetric FIR low-pass as the torque, and are kept at twice its cut-off.
-    Those of bodies are made of every so manieth sample of a fast recording: positions were low-passed before.
+    Rigid-body columns of fast recordings are computed on a decimated grid, since positions are low-passed before.
 
     Source: parallel filtering: Gautier, IEEE ICRA 1997; Khalil, Dombre, Modeling, Identification and Control of
     Robots, 2002, section 12.6.
@@ -90,9 +90,9 @@ def read_rows(task: Task, recording: Recording, sampling: Sampling) -> Iterator[
 
 
 def torque_rates(task: Task, recording: Recording, sampling: Sampling) -> Iterator[Array]:
-    """(M, n) [N.m/s or N/s] rate of the recorded torque at the rows that `read_rows` gives, window by window.
+    """Derivative (M, n) [N.m/s or N/s] of the recorded torque at the rows of `read_rows`, window by window.
 
-    Central differences of the samples pass the filter of the rows; 0 where no torque is recorded.
+    Central differences of the samples pass the filter of the rows; joints without torque have 0.
     """
     grid, edge = _grid(task), margin(task.band, task.recorded_derivatives)
     for span in sampling.spans:
@@ -104,16 +104,16 @@ def torque_rates(task: Task, recording: Recording, sampling: Sampling) -> Iterat
 
 
 def cut_rows(task: Task, sampling: Sampling, start: int, stop: int) -> Iterator[tuple[Sampling, int]]:
-    """Some of the windows that `read_rows` gives, to the last bit, span by span.
+    """Samplings that give some of the windows of `read_rows`, equal to the last bit, span by span.
 
     Args:
-        task: what the rows are made for.
-        sampling: of the whole recording.
+        task: definition of the rows.
+        sampling: sampling of the whole recording.
         start: first window, counted over all spans.
         stop: window after the last.
 
     Yields:
-        A sampling of one span, and how many windows it gives before the first that is wanted, for their last rows.
+        The sampling of one span, and the number of extra windows at its beginning, which give the lagged rows.
     """
     grid, before = _grid(task), 0
     for span in sampling.spans:
@@ -127,41 +127,41 @@ def cut_rows(task: Task, sampling: Sampling, start: int, stop: int) -> Iterator[
 
 
 def count_windows(task: Task, sampling: Sampling) -> int:
-    """How many windows `read_rows` gives."""
+    """Number of windows of `read_rows`."""
     grid = _grid(task)
     return sum(grid.windows(grid.rows(sampling.length(span))) for span in sampling.spans)
 
 
 class _Grid(NamedTuple):
-    """How samples become rows, and rows windows."""
+    """Grid of rows over samples, and of windows over rows."""
 
     thin: Decimator
-    sparse: Decimator  # the same for every `parts`-th sample
-    parts: int
-    reach: int  # samples beyond the outputs of a window
+    sparse: Decimator  # for every `parts`-th sample
+    parts: int  # decimation for the columns of bodies
+    reach: int  # samples that filters consume
     step: int  # rows of a window
 
     def rows(self, length: int) -> int:
-        """Rows that so many samples give."""
+        """Number of rows of `length` samples."""
         return max(0, (length - self.reach - 1) // self.thin.factor + 1)
 
     def windows(self, rows: int) -> int:
-        """Windows that so many rows are read in."""
+        """Number of windows of some rows."""
         return -(-rows // self.step)
 
     def columns(self, task: Task, motion: Motion) -> list[Array]:
-        """Per joint (M, m); those of bodies are made of sparse samples, such that rows lie where they lie."""
+        """Columns (M, m) of each joint; the decimated samples are aligned with the rows."""
         edge = self.thin.half % self.parts
         sparse = None if self.parts == 1 else (motion[edge : len(motion) - edge : self.parts], self.sparse)
         return base_rows(motion, task.laws, task.wanted, self.thin, sparse)
 
     def samples(self, start: int, stop: int) -> tuple[int, int]:
-        """The samples that rows start..stop need."""
+        """Range of samples, end exclusive, that rows start..stop need."""
         return start * self.thin.factor, (stop - 1) * self.thin.factor + self.reach + 1
 
 
 def consumed(band: Band, recorded_derivatives: bool = False) -> int:
-    """Samples of a stretch that derivatives and low-pass take from its two ends together."""
+    """Number of samples that derivatives and low-pass remove from both ends of a stretch together."""
     return 2 * (margin(band, recorded_derivatives) + len(band.taps) // 2)
 
 
@@ -198,17 +198,19 @@ def _window_rows(task: Task, window: Samples, period: float, grid: _Grid, first:
 
 
 def choose_reach(motions: Sequence[Motion], band: Band, slow: Array) -> tuple[int, ...]:
-    """Per joint, how far from a row no reversal may be: far where few rows are lost by it [samples].
+    """Distance of rows from reversals, per joint [samples]: the largest candidate that keeps enough rows.
 
     Args:
         motions: stretches of the recordings.
-        band: gives the length of the filter.
+        band: band with the length of the filter.
         slow: (n,) [rad/s or m/s] width of a reversal.
     """
     reaches = [min(int(np.ceil(share * band.rate / band.cutoff)), len(band.taps) // 2) for share in REACHES]
     if not motions:
         return (reaches[-1],) * len(slow)
-    kept = [np.concatenate([_moving(motion.v, reach, slow) for motion in motions]).mean(0) for reach in reaches]
+    kept = [
+        np.concatenate([away_from_reversals(motion.v, reach, slow) for motion in motions]).mean(0) for reach in reaches
+    ]
     enough = np.array(kept) >= KEPT  # (reaches, n)
     return tuple(reaches[int(np.argmax(joint))] if joint.any() else reaches[-1] for joint in enough.T)
 
@@ -217,17 +219,24 @@ def _steady(task: Task, motion: Motion) -> Mask:
     far = np.array(task.reach)
     moving = np.empty(motion.v.shape, bool)
     for reach in np.unique(far):
-        moving[:, far == reach] = _moving(motion.v[:, far == reach], int(reach), task.slow[far == reach])
+        here = far == reach
+        moving[:, here] = away_from_reversals(motion.v[:, here], int(reach), task.slow[here])
     return np.asarray(moving | ~np.array(task.reverses))
 
 
-def _moving(v: Array, reach: int, slow: Array) -> Mask:
-    """Where the velocity stays clear of a reversal for so many samples on either side."""
-    return np.asarray(least(np.abs(v), reach) >= STILL * slow)
+def away_from_reversals(v: Array, reach: int, slow: Array) -> Mask:
+    """Mask (N, n) of samples around which the speed stays above `STILL` widths of a reversal.
+
+    Args:
+        v: (N, n) velocity [rad/s or m/s].
+        reach: samples on either side that are looked at.
+        slow: (n,) width of a reversal [rad/s or m/s].
+    """
+    return np.asarray(moving_minimum(np.abs(v), reach) >= STILL * slow)
 
 
 def _instruments(task: Task, window: Samples, period: float, grid: _Grid) -> list[Array]:
-    assert window.q_des is not None, "instruments are asked for only where every joint has q_des"
+    assert window.q_des is not None, "instruments are used only if every joint has q_des"
     desired = window._replace(q=window.q_des)
     motion = build_motion(task.robot, desired, task.band, period, slow=task.slow)
     return grid.columns(task, motion)

@@ -1,1 +1,1 @@
-"""A model and inputs -> motion: the simulated plant, roll-outs from measured states, exciting motions."""
+"""Model and inputs -> motion: simulated plant, roll-outs from measured states, exciting motions."""

@@ -1,7 +1,7 @@
-"""Validation of given models on recordings: torque and roll-out errors per joint, nothing fitted.
+"""Validation of models on recordings: torque and roll-out errors per joint, without any fit.
 
-Every model is judged on the same rows: same band, same filter, and the same rows left out where a joint stands still,
-since dry friction can take any value there.
+Every model is evaluated on the same rows: same band and filter, without the rows in which a joint stands still, since
+dry friction can take any value there.
 """
 
 from .result import ValidatedModel, Validation

@@ -1,4 +1,4 @@
-"""Sentences on what makes figures of a validation unreliable or incomparable."""
+"""Sentences on unreliable or incomparable results of a validation."""
 
 from __future__ import annotations
 
@@ -8,32 +8,32 @@ import numpy as np
 
 from ..errors import shorten
 from ..estimation.fit_quality import LITTLE
-from ..recording_faults import Gross
+from ..recording_faults import RecordingFaults
 from ..recording_faults.result import REFUSE, WARN
 from ..simulation.rollout import RollOut
 from .joints import Candidate
 from .result import ValidatedModel
 
-OF_A_FIT = ("too little data", "excitation")  # faults that matter only where something is fitted
+OF_A_FIT = ("too little data", "excitation")  # kinds of faults that matter only for a fit
 
 
 def joint_flags(candidates: Sequence[Candidate], recorded: Sequence[str]) -> Iterator[str]:
     """A sentence on each model that does not move all joints that the recordings move.
 
     Args:
-        candidates: over the joints that each shares with the recordings.
+        candidates: models over the joints that each shares with the recordings.
         recorded: joints of the recordings.
     """
     for one in candidates:
         if lacking := [joint for joint in recorded if joint not in one.model.robot.joints]:
             yield (
-                f"{one.name} lacks or holds {shorten(lacking)}, which the recordings move: its figures are those of a "
-                f"robot that does not move there; give a model of all recorded joints"
+                f"{one.name} lacks or holds {shorten(lacking)}, which the recordings move: its results are those of a "
+                f"robot at rest there; give a model of all recorded joints"
             )
 
 
 def constant_flags(candidates: Sequence[Candidate]) -> Iterator[str]:
-    """A sentence on each model whose torque constants are not those that the recorded currents were multiplied by."""
+    """A sentence on each model whose torque constants differ from those that converted the recorded currents."""
     for one in candidates:
         stated = np.abs(one.model.robot.actuators.torque_constant)
         for recording in one.recordings:
@@ -42,19 +42,19 @@ def constant_flags(candidates: Sequence[Candidate]) -> Iterator[str]:
             if other.any():
                 names = [recording.joints[j] for j in np.flatnonzero(other)]
                 yield (
-                    f"{one.name} states another torque constant of {shorten(names)} than the one by which the current "
-                    f"in {recording.path or 'the recording'} became torque: its residual contains the difference; "
-                    f"state the same constants for all models"
+                    f"{one.name} states another torque constant of {shorten(names)} than the one that converted the "
+                    f"current in {recording.path or 'the recording'}: its residual contains the difference; state the "
+                    f"same constants for all models"
                 )
                 break
 
 
-def fault_flags(names: Sequence[str], faults: Sequence[Gross]) -> Iterator[str]:
-    """The sentence of each gross fault of the recordings once; the models that show it where not all do.
+def fault_flags(names: Sequence[str], faults: Sequence[RecordingFaults]) -> Iterator[str]:
+    """The sentence of each recording fault, once; with the models that find it unless all do.
 
     Args:
-        names: of the models.
-        faults: gross faults of the recordings, as each model shows them.
+        names: names of the models.
+        faults: recording faults that each model finds.
     """
     shown: dict[tuple[str, tuple[str, ...]], tuple[str, list[str]]] = {}
     for name, found in zip(names, faults, strict=True):
@@ -62,45 +62,45 @@ def fault_flags(names: Sequence[str], faults: Sequence[Gross]) -> Iterator[str]:
             if fault.kind not in OF_A_FIT:
                 shown.setdefault((fault.kind, fault.joints), (fault.sentence, []))[1].append(name)
     for sentence, by in shown.values():
-        yield sentence if len(by) == len(names) else f"judged by {shorten(by)}: {sentence}"
+        yield sentence if len(by) == len(names) else f"found with {shorten(by)}: {sentence}"
 
 
 def row_flags(one: ValidatedModel, lost: Sequence[str]) -> Iterator[str]:
-    """A sentence on a model that predicts torque that is not finite: it has no figure there.
+    """A sentence on a model whose predicted torque is not finite.
 
     Args:
-        one: the model.
-        lost: its joints where a torque is recorded and the predicted one is not finite.
+        one: validated model.
+        lost: joints with recorded torque whose predicted torque is not finite.
     """
     if lost:
         yield (
-            f"{one.name} predicts torque of {shorten(lost)} that is not finite: there is no rms of it; correct the "
+            f"{one.name} predicts a torque of {shorten(lost)} that is not finite, so it has no rms; correct the "
             f"numbers of the model"
         )
 
 
 def row_notes(one: ValidatedModel, lost: Sequence[str]) -> Iterator[str]:
-    """A sentence on each joint whose torque a model hardly predicts, or where no row counts.
+    """A sentence on each joint whose torque is poorly predicted, or that has no rows.
 
     Args:
-        one: the model.
-        lost: its joints that `row_flags` names.
+        one: validated model.
+        lost: joints that `row_flags` names.
     """
     fit = one.fit
     if poor := [f"{joint} (R2 {r2:.2f})" for joint, r2 in zip(fit.joints, fit.held_out_r2, strict=True) if r2 < LITTLE]:
         yield f"{one.name} predicts little of the torque of {shorten(poor)}"
     for joint, rms in zip(fit.joints, fit.held_out_rms, strict=True):
         if np.isnan(rms) and joint not in lost:
-            yield f"no row of {joint} counts: its torque is not recorded, or it stands still throughout"
+            yield f"{joint} has no rows: its torque is not recorded, or it always stands still"
 
 
 def rollout_notes(name: str, found: RollOut, horizon: float) -> Iterator[str]:
-    """A sentence on a simulation that diverges: its errors are infinite.
+    """A sentence on a simulation that diverges, with infinite errors.
 
     Args:
-        name: of the model.
-        found: its roll-out.
-        horizon: of the roll-out [s].
+        name: name of the model.
+        found: roll-out of the model.
+        horizon: horizon of the roll-out [s].
     """
     if np.isinf(found.end(horizon)).any():
         share = np.isinf(found.end(horizon)).any(axis=1).mean()

@@ -1,4 +1,4 @@
-"""Models and recordings -> each model over the joints that it shares with the recordings."""
+"""Restriction of models and recordings to their common joints."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..types import Recording
 
 
 class Candidate(NamedTuple):
-    """A model to be validated, and the recordings over its joints."""
+    """Model to be validated, and the recordings of its joints."""
 
     name: str
     model: Model
@@ -23,15 +23,15 @@ class Candidate(NamedTuple):
 
 
 def share_joints(name: str, model: Model, recordings: Sequence[Recording]) -> Candidate:
-    """A model and recordings over the joints that both have.
+    """Model and recordings of the joints that both have.
 
     Args:
-        name: of the model, for sentences.
-        model: any.
-        recordings: of the same joints.
+        name: name of the model, for messages.
+        model: model to be restricted.
+        recordings: recordings of equal joints.
 
     Raises:
-        OptionError: they have no joint in common.
+        OptionError: model and recordings have no joint in common.
     """
     recorded = same_joints(recordings)
     shared = tuple(joint for joint in model.robot.joints if joint in recorded)
@@ -46,7 +46,7 @@ def share_joints(name: str, model: Model, recordings: Sequence[Recording]) -> Ca
 
 
 def _of_joints(recording: Recording, joints: Sequence[str]) -> Recording:
-    """The recording of some of its joints, in that order."""
+    """Recording of some of its joints, in the given order."""
     kept = [recording.joints.index(joint) for joint in joints]
     columns = {key: c if key == "t" else tuple(c[k] for k in kept) for key, c in recording.columns.items() if c}
     return replace(

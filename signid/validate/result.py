@@ -1,4 +1,4 @@
-"""The result of a validation: per model the fit, the roll-out and the rows that they rest on."""
+"""Result of a validation: fit, roll-out and rows of each model."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from ..types import Array, Frozen, Indices, Input
 class ValidatedModel(Frozen):
     """One model on all recordings: M rows of n joints, NaN where no torque is recorded or the joint stands still."""
 
-    name: str  # its path, or the name that it was given by
-    model: Model  # over the joints of the recordings
+    name: str  # path of the model, or its given name
+    model: Model  # restricted to the joints of the recordings
     fit: Fit  # nothing is fitted: `train_rms` is NaN, `held_out_rms` is the rms on the recordings
-    rollout: RollOut | None  # None where it was not asked for, or no stretch of a recording is long enough
+    rollout: RollOut | None  # None if not requested, or if no stretch of a recording is long enough
     recording: Indices  # (M,) number of the recording
     stretch: Indices  # (M,) number of the stretch without gaps
     t: Array  # (M,) [s]
@@ -27,13 +27,13 @@ class ValidatedModel(Frozen):
 
 @dataclass(frozen=True, eq=False)
 class Validation(Frozen):
-    """Given models against given recordings. `flags` say which figures not to rely on; empty when all is well."""
+    """Comparison of models with recordings. `flags` name unreliable results; empty if there are none."""
 
     models: tuple[ValidatedModel, ...]
     inputs: tuple[Input, ...]  # the recordings
     flags: tuple[str, ...]
     notes: tuple[str, ...]
-    horizon: float  # of the roll-outs [s]
+    horizon: float  # [s] of the roll-outs
     cutoff: float  # [Hz] of the torque
-    position_cutoff: float  # [Hz]
+    position_cutoff: float  # [Hz] of the positions
     seed: int

@@ -1,4 +1,4 @@
-"""A model and the recordings of a session -> filtered rows of measured torque and of the residual."""
+"""Model and recordings of a session -> filtered rows of measured torque and residual."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..types import Array, Indices
 
 
 class Rows(NamedTuple):
-    """M rows of n joints; NaN where no torque is recorded or the joint stands still."""
+    """Filtered rows: M rows of n joints; NaN where no torque is recorded or the joint stands still."""
 
     recording: Indices  # (M,) number of the recording
     stretch: Indices  # (M,) number of the stretch without gaps
@@ -27,12 +27,12 @@ class Rows(NamedTuple):
 def model_rows(model: Model, session: Session) -> tuple[Rows, tuple[str, ...]]:
     """Rows of all recordings of a session, and the joints whose predicted torque is not finite: these have no residual.
 
-    Rows are made piece by piece: memory grows with their rate, twice the cut-off, not with the sampling rate. Which
-    rows of a joint count does not depend on the model.
+    Rows are computed piece by piece: memory grows with their rate, twice the cut-off, not with the sampling rate. The
+    choice of valid rows does not depend on the model.
 
     Args:
-        model: of the session's joints.
-        session: the recordings, as `prepare` gives them.
+        model: model of the session's joints.
+        session: session by `prepare` with the recordings.
 
     Raises:
         RecordingError: every stretch of the recordings is shorter than the filter.
@@ -47,8 +47,8 @@ def model_rows(model: Model, session: Session) -> tuple[Rows, tuple[str, ...]]:
     if not found:
         band = session.task.band
         raise RecordingError(
-            f"no stretch of the recordings is as long as the filter for {band.cutoff:.3g} Hz "
-            f"({len(band.taps) / band.rate:.2g} s); record for longer, or raise the cut-off"
+            f"every stretch of the recordings is shorter than the filter for {band.cutoff:.3g} Hz "
+            f"({len(band.taps) / band.rate:.2g} s); record longer, or raise the cut-off"
         )
     rows = Rows(*(np.concatenate(column) for column in zip(*found, strict=True)))
     measured = np.any([[bool(column) for column in r.columns["tau"]] for r, _ in session.held_out], axis=0)

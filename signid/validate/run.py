@@ -13,7 +13,7 @@ from ..estimation.excitation import ExcitationVerdict
 from ..estimation.fit_quality import fit_rows
 from ..model import Model
 from ..recording import same_joints
-from ..recording_faults import Gross, examine
+from ..recording_faults import RecordingFaults, examine
 from ..regression.prepare import prepare
 from ..regression.session import Options, Session, only_once
 from ..simulation.rollout import RollOut, roll_out
@@ -64,7 +64,7 @@ def validate(
     options = replace(options or Options(), effects=(), instruments=False)
     candidates = [share_joints(name, model, given) for name, model in named.items()]
     sessions = _sessions(candidates, options)
-    validated, faults, notes = list[ValidatedModel](), list[Gross](), list[str]()
+    validated, faults, notes = list[ValidatedModel](), list[RecordingFaults](), list[str]()
     flags = [*joint_flags(candidates, same_joints(given)), *constant_flags(candidates)]
     for k, one in enumerate(candidates):
         if progress is not None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...deadline import need_time, show_step
 from ...model import Model
-from ...regression.filters import Decimator, least
+from ...regression.filters import Decimator, moving_minimum
 from ...regression.motion import Motion
 from ...regression.rows import Task
 from ...types import Array, Frozen, Indices, Mask
@@ -76,8 +76,8 @@ def standstill(motion: Motion, thin: Decimator, seconds: float = REST_TIME) -> A
     assert motion.slow is not None, "a diagnosed motion has the width of a reversal"
     slow = (np.abs(motion.v) < REST_SPEED * motion.slow).astype(np.float64)
     half = max(1, round(seconds / 2 / motion.dt))
-    opened = least(slow, half)
-    return -least(-opened, half + thin.half // 2)
+    opened = moving_minimum(slow, half)
+    return -moving_minimum(-opened, half + thin.half // 2)
 
 
 def build_table(task: Task, model: Model, groups: Sequence[Group], pieces: Sequence[Piece], dry: Array) -> RowTable:

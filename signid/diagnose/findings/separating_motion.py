@@ -2,32 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
-from scipy.ndimage import maximum_filter1d
 
 from ...deadline import time_is_up
 from ...effects import EFFECTS
 from ...effects.base import TorqueLaw
-from ...effects.law import coefficient_count, law_columns
+from ...effects.law import coefficient_count
 from ...effects.naming import law_place
 from ...model import Model
 from ...regression.motion import Motion
-from ...regression.projection import leave
+from ...simulation.excite.discriminate.law_distance import STRUCTURAL, law_distance, wide_columns, with_torque
 from ...simulation.excite.limits import build_limits
 from ...simulation.excite.motions.fourier import Fourier
 from ...simulation.excite.motions.random_motion import random_parameters, sample
 from ...types import Array, Law
-from ..data.motions import torque_of
 
 SEARCH, UNSOUGHT = "the search for motions that separate alternatives", "not searched for: time was up"
 MOTIONS, DURATION, RATE = 6, 8.0, 50.0  # random ones, [s], [Hz]
-INDEPENDENT = 20.0  # [Hz] samples of torque with independent errors
 HARMONICS, AMPLITUDE = 5, (0.3, 0.9)  # least and most share of the limits
-STRUCTURAL = 1e-6  # of a law's sum of squares: less is the same law
-REVERSAL, STILL = 0.01, 5.0  # [rad/s or m/s] width of a reversal, and how many of them are near one
-NEAR = 0.06  # [s] before and after a reversal in which torque does not count
 
 
 def tell_apart(model: Model, law: Law, rival: Law, floor: Array, seed: int) -> str:
@@ -44,7 +36,7 @@ def tell_apart(model: Model, law: Law, rival: Law, floor: Array, seed: int) -> s
     """
     if time_is_up(SEARCH):
         return UNSOUGHT
-    tried = [(*_left(model, law, rival, floor, motion), motion) for motion in _motions(model, seed)]
+    tried = [(*_distance(law, rival, floor, motion), motion) for motion in _motions(model, seed)]
     left, share, motion = max(tried, key=lambda t: t[0])
     if max(s for _, s, _ in tried) < STRUCTURAL:
         if _is_wider(rival, law):
@@ -69,47 +61,16 @@ def _is_wider(rival: Law, law: Law) -> bool:
 def _motions(model: Model, seed: int) -> list[Motion]:
     robot, rng = model.robot, np.random.default_rng(seed)
     limits, t = build_limits(robot), np.arange(int(DURATION * RATE)) / RATE
-    family, out = Fourier(DURATION, HARMONICS, 1 / DURATION), list[Motion]()
+    family = Fourier(DURATION, HARMONICS, 1 / DURATION)
     basis = family.basis(t)
-    for _ in range(MOTIONS):
-        drawn = sample(family, robot.joints, random_parameters(basis, limits, rng, AMPLITUDE), t)
-        slow = np.full(len(robot.joints), REVERSAL)
-        motion = Motion(robot, drawn.t, drawn.q, drawn.v, drawn.a, slow=slow)
-        torque = model.inverse(motion)
-        out.append(replace(motion, recorded=torque, predicted=torque))
-    return out
+    drawn = (random_parameters(basis, limits, rng, AMPLITUDE) for _ in range(MOTIONS))
+    return [with_torque(model, sample(family, robot.joints, x, t)) for x in drawn]
 
 
-def _left(model: Model, law: Law, rival: Law, floor: Array, motion: Motion) -> tuple[float, float]:
-    """Sum of squares over noise that the rival and the usual laws leave of a law's torque, and its share."""
-    n = len(model.robot.joints)
-    torque = np.zeros((len(motion), n))
-    for j, x in torque_of(law, motion).items():
-        torque[:, j] = x
-    columns = [_wide(rival, motion, n)]
-    beside = [effect for effect in EFFECTS if effect.usual and effect is not law.effect]
-    columns += [_wide(Law(effect, (j,)), motion, n) for effect in beside for j in law.joints]
-    weight = _clear(motion) / floor
-    y = (torque * weight).ravel()
-    x = np.concatenate(columns, axis=2) * weight[:, :, None]
-    x = x.reshape(len(y), -1)
-    rest = leave(y, x)
-    left, whole = float(rest @ rest), float(y @ y)
-    return left * INDEPENDENT / RATE, left / whole if whole > 0 else 0.0
-
-
-def _clear(motion: Motion) -> Array:
-    """(N, n) 0 near reversals, where torque counts little, else 1."""
-    sign = np.sign(motion.v)
-    turns = (np.abs(motion.v) < STILL * REVERSAL) | (np.diff(sign, axis=0, append=sign[-1:]) != 0)
-    return np.asarray(1.0 - maximum_filter1d(turns.astype(float), 2 * round(NEAR * RATE) + 1, axis=0))
-
-
-def _wide(law: Law, motion: Motion, n: int) -> Array:
-    rows, columns = law_columns(law, motion)
-    out = np.zeros((len(motion), n, columns.shape[2]))
-    out[:, list(rows)] = columns
-    return out
+def _distance(law: Law, rival: Law, floor: Array, motion: Motion) -> tuple[float, float]:
+    """Distance of two laws while the usual laws are fitted at the joints of the first, and its share."""
+    beside = [Law(effect, (j,)) for effect in EFFECTS if effect.usual and effect is not law.effect for j in law.joints]
+    return law_distance(law, rival, motion, wide_columns(beside, motion), floor)
 
 
 def _widest(model: Model, motion: Motion, joints: tuple[int, ...]) -> int:

@@ -1,7 +1,7 @@
-"""Ways to estimate base parameters, one a file: weighted least squares and what does better where positions are noisy.
+"""Estimators of base parameters, one per file: weighted least squares, and alternatives for noisy positions.
 
-`ESTIMATORS["tls"].estimate` takes what one identification knows, `Given`, and gives an `Estimate`. To add one: write a
-file here and add its name below; or put it into another package behind an entry point `signid.estimators`.
+`ESTIMATORS["tls"].estimate` takes the inputs `Given` of one identification and returns an `Estimate`. To add an
+estimator, write a file here and add its name below, or register it under the entry point `signid.estimators`.
 """
 
 from __future__ import annotations

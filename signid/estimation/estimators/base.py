@@ -1,4 +1,4 @@
-"""What an estimator is, and what it is given."""
+"""Base class and inputs of estimators."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ from ...types import Array, BaseMap, Estimate, Frozen, Progress
 
 @dataclass(frozen=True, eq=False)
 class Given(Frozen):
-    """What one identification knows before base parameters are estimated."""
+    """Inputs of an estimator."""
 
     session: Session
-    factors: Factors  # of the recordings to learn from
-    prior: Array  # (b,) [units of base] values kept where the recordings tell nothing
-    whiten: bool = True
+    factors: Factors  # factors of the training recordings
+    prior: Array  # (b,) [units of base] values of unidentifiable parameters
+    whiten: bool = True  # whether noise is modelled as autoregressive
     weigh: Weigh | None = None  # robust weights of the rows
     progress: Progress | None = None
 
     @property
     def base(self) -> BaseMap:
-        """Which base parameters are asked for."""
+        """Base map of the parameters to estimate."""
         return self.session.task.base
 
     def reduce(self, parts: Sequence[Part], purpose: str, instruments: bool = False) -> Factors:
-        """Factors of parts that stand for the recordings.
+        """Factors of other parts, reduced like the training recordings.
 
         Args:
             parts: recordings in memory, on the uniform grid.
-            purpose: what a person is told.
+            purpose: step that the progress bar shows.
             instruments: whether their desired positions give instruments.
         """
         session = replace(self.session, task=replace(self.session.task, instruments=instruments))
@@ -41,19 +41,19 @@ class Given(Frozen):
 
 
 class Estimator(ABC):
-    """One way from rows to base parameters."""
+    """Method that estimates base parameters from rows."""
 
     name: str
-    title: str  # what an estimate by it says of itself
+    title: str  # value of `Estimate.method`
     source: str
 
     def options(self, options: Options) -> Options:
-        """How it wants recordings to be turned into rows: as asked for, without instruments of their own."""
+        """Options with which recordings are turned into rows: those of the user, without recorded instruments."""
         return replace(options, instruments=False)
 
     @abstractmethod
     def estimate(self, given: Given) -> Estimate:
-        """Base parameters with their covariance.
+        """Estimate base parameters with their covariance.
 
         Raises:
             OptionError: the recordings lack what the estimator needs.

@@ -1,4 +1,4 @@
-"""Recordings with desired positions -> the controller that moved the robot: its gains, and what it adds ahead."""
+"""Recordings with desired positions -> controller that moved the robot: its gains and its feed-forward torque."""
 
 from __future__ import annotations
 
@@ -19,29 +19,29 @@ from ...simulation.plant import track
 from ...simulation.plant.control import BANDWIDTH
 from ...types import Array, Frozen, Mask, Samples, Trajectory
 
-SHARE = 0.5  # of the variance of a joint's torque that a controller must explain, else a usual one stands in
-SLOW, FAST = 2 * np.pi * 0.5, 2 * np.pi * 30.0  # [rad/s] of a position loop
-LOOSE, STIFF = 0.3, 2.0  # [1] damping of a position loop
-NOTHING = 1e-9  # of the largest singular value
+SHARE = 0.5  # [1] smallest share of the torque variance that an estimated controller explains; else a default is used
+SLOW, FAST = 2 * np.pi * 0.5, 2 * np.pi * 30.0  # [rad/s] smallest and largest natural frequency of a position loop
+LOOSE, STIFF = 0.3, 2.0  # [1] smallest and largest damping ratio of a position loop
+RANK = 1e-9  # [1] smallest singular value that counts, over the largest
 
 
 @dataclass(frozen=True, eq=False)
 class Controller(Frozen):
-    """Torque = ahead + stiffness * (desired - q) + damping * (desired speed - v)."""
+    """Controller: torque = feed-forward + stiffness * (desired - q) + damping * (desired speed - v)."""
 
     stiffness: Array  # (n,) [N.m/rad or N/m]
     damping: Array  # (n,) [N.m.s/rad or N.s/m]
-    ahead: tuple[Array, ...]  # per joint (m,) [units of base] what the columns along the desired motion are times
-    note: str = ""  # how it came about
+    ahead: tuple[Array, ...]  # per joint (m,) [units of base] coefficients of the columns along the desired motion
+    note: str = ""  # sentence on how it was found
 
     def feed_forward(self, session: Session, desired: Motion) -> Array:
-        """Torque ahead (N, n) [N.m or N] along a desired motion."""
+        """Feed-forward torque (N, n) [N.m or N] along a desired motion."""
         columns = base_rows(desired, session.task.laws, session.task.wanted)
         return np.column_stack([x @ share for x, share in zip(columns, self.ahead, strict=True)])
 
 
 def stretches(session: Session) -> Iterator[Samples]:
-    """All that is learned from, on the uniform grid; stretches too short for the filters are left out."""
+    """Stretches of the training recordings on the uniform grid, without those too short for the filters."""
     least = 2 * margin(session.task.band) + 2 * len(session.task.band.taps)
     for recording, sampling in session.train:
         for span in sampling.spans:
@@ -50,12 +50,12 @@ def stretches(session: Session) -> Iterator[Samples]:
 
 
 def motion_of(session: Session, q: Array, period: float) -> Motion:
-    """The motion at every sample of a stretch: its ends are mirrored, so that filters reach beyond them.
+    """Motion at every sample of a stretch; for the filters its ends are extended by reflection.
 
     Args:
-        session: gives robot and band.
+        session: session with robot and band.
         q: (N, n) [rad or m].
-        period: of the samples [s].
+        period: sampling period [s].
     """
     band, edge = session.task.band, margin(session.task.band)
     mirrored = np.concatenate([2 * q[:1] - q[edge:0:-1], q, 2 * q[-1:] - q[-2 : -edge - 2 : -1]])
@@ -67,16 +67,17 @@ def motion_of(session: Session, q: Array, period: float) -> Motion:
 def find_controller(
     session: Session, pieces: Sequence[Samples], model: Model, value: Array, gains: tuple[Array, Array] | None = None
 ) -> Controller:
-    """Proportional and derivative gains, and a share of every regressor column along the desired motion ahead.
+    """Estimate proportional and derivative gains, and feed-forward coefficients of all regressor columns.
 
-    Least squares of each joint's torque on position error, speed error and these columns, all filtered alike. Where
-    they explain little of the torque, or gains come out that no loop has, a usual loop with the model ahead stands in.
+    Each joint's torque is fitted by least squares with position error, speed error and the columns along the desired
+    motion, all equally filtered. A default loop with the model as feed-forward is used for joints whose torque is
+    poorly explained or whose gains are implausible.
 
     Args:
-        session: gives robot, laws and band.
+        session: session with robot, laws and band.
         pieces: stretches with desired positions.
-        model: the robot as known so far.
-        value: (b,) [units of base] its base parameters.
+        model: robot as known so far.
+        value: (b,) [units of base] base parameters of the model.
         gains: stiffness (n,) [N.m/rad] and damping (n,) [N.m.s/rad], if they are known.
     """
     piece = max(pieces, key=lambda piece: len(piece.t))
@@ -98,12 +99,12 @@ def find_controller(
 
 class _Fit(NamedTuple):
     gains: Array  # (2,) stiffness and damping
-    ahead: Array  # (m,) [units of base]
-    share: float  # of the torque's variance that is explained
+    ahead: Array  # (m,) [units of base] feed-forward coefficients
+    share: float  # [1] explained share of the torque's variance
 
 
 def _fit_joints(session: Session, piece: Samples, gains: tuple[Array, Array] | None) -> tuple[Motion, list[_Fit]]:
-    """The desired motion of a stretch, and each joint's controller."""
+    """Desired motion of a stretch, and the controller of each joint."""
     t, q, tau, q_des = (x[: PIECE // 4] for x in (piece.t, piece.q, piece.tau, piece.q_des) if x is not None)
     real, asked = (motion_of(session, x, float(t[1] - t[0])) for x in (q, q_des))
     thin = Decimator(session.task.band.taps, session.task.band.factor)
@@ -117,19 +118,20 @@ def _fit_joints(session: Session, piece: Samples, gains: tuple[Array, Array] | N
 
 
 def _fit(rows: Array, gains: Array | None) -> _Fit:
-    """Least squares of the last column on the others, whose first two are errors of position and speed."""
+    """Least-squares fit of the last column by the others; the first two are errors of position and speed."""
     first = 0 if gains is None else 2
     x, y = rows[:, first:-1], rows[:, -1] - (0 if gains is None else rows[:, :2] @ gains)
     size = np.maximum(np.linalg.norm(x, axis=0), 1e-300)
-    solved = least_squares(x / size, y, NOTHING) / size
+    solved = least_squares(x / size, y, RANK) / size
     share = 1 - float(np.var(y - x @ solved)) / max(float(np.var(rows[:, -1])), 1e-300)
     return _Fit(solved[:2] if gains is None else gains, solved[2 - first :], share)
 
 
 def _note(session: Session, good: Mask, shares: Array, speed: Array) -> str:
     joints = session.robot.joints
-    told = ", ".join(f"{joint} {hertz:.2g} Hz" for joint, hertz, ok in zip(joints, speed, good, strict=True) if ok)
+    found = ", ".join(f"{joint} {hertz:.2g} Hz" for joint, hertz, ok in zip(joints, speed, good, strict=True) if ok)
     other = ", ".join(joint for joint, ok in zip(joints, good, strict=True) if not ok)
-    fitted = f"a PD controller with torque ahead explains {shares[good].min(initial=1):.2%} of the torque ({told})"
-    stood = f"no PD controller explains the torque of {other}: a usual one of {BANDWIDTH:g} Hz stands in"
-    return "; ".join(part for part, said in ((fitted, told), (stood, other)) if said)
+    explained = f"{shares[good].min(initial=1):.2%}"
+    fitted = f"a PD controller with feed-forward torque explains {explained} of the torque ({found})"
+    default = f"no PD controller explains the torque of {other}: a default one of {BANDWIDTH:g} Hz is used"
+    return "; ".join(sentence for sentence, names in ((fitted, found), (default, other)) if names)

@@ -1,4 +1,4 @@
-"""The closed loop simulated along the recordings: the motion that the robot would have made, free of encoder noise."""
+"""Simulation of the closed loop along the recordings: motion without encoder noise."""
 
 from __future__ import annotations
 
@@ -20,30 +20,30 @@ from .base import Given
 from .controller import Controller, find_controller, motion_of, stretches
 from .part import part_of
 
-STEP = 1e-3  # [s] of the simulation, at most
-ROUNDS, SETTLED = 8, 0.05  # of simulation and estimate in turn, at most; standard deviations
-EXACT = 1e-6  # of the largest parameter: where there is no noise it changes by no more
+STEP = 1e-3  # [s] largest step of the simulation
+ROUNDS, SETTLED = 8, 0.05  # largest number of rounds; [standard deviations] change at which they have converged
+EXACT = 1e-6  # [1] the same as a share of the largest parameter, for recordings without noise
 
 Gains = tuple[Array, Array] | None
-Solve = Callable[[list[Part]], Estimate]  # recordings with simulated positions in them -> estimate
+Solve = Callable[[list[Part]], Estimate]  # recordings with simulated positions -> estimate
 
 
 @dataclass(frozen=True, eq=False)
-class Follow(Frozen):
-    """A drive: a controller along a desired motion, from a measured state on."""
+class ControllerDrive(Frozen):
+    """Drive of a simulation: a controller along a desired motion, started at a measured state."""
 
     path: Trajectory
-    torque: Array  # (N, n) [N.m or N] ahead
+    torque: Array  # (N, n) [N.m or N] feed-forward
     controller: Controller
-    q: Array  # (n,) [rad or m] to begin with
-    v: Array  # (n,) [rad/s or m/s]
+    q: Array  # (n,) [rad or m] initial position
+    v: Array  # (n,) [rad/s or m/s] initial velocity
 
     def start(self) -> tuple[Array, Array]:
-        """Position and velocity to begin with, (n,) each [rad, rad/s]."""
+        """Initial position and velocity, (n,) each [rad, rad/s]."""
         return self.q, self.v
 
     def plan(self, t: Array) -> Plan:
-        """Desired motion and torque ahead.
+        """Desired motion and feed-forward torque.
 
         Args:
             t: (K,) [s].
@@ -54,28 +54,30 @@ class Follow(Frozen):
 
 
 def loop_options(options: Options, name: str) -> Options:
-    """Rows from positions alone, as nothing else is simulated.
+    """Options for rows from positions alone, since only positions are simulated.
 
     Raises:
-        OptionError: recorded derivatives are asked for.
+        OptionError: recorded derivatives are requested.
     """
     if options.derivatives == "recorded":
-        raise OptionError(f"the estimator {name} simulates positions; take computed derivatives with it, not recorded")
+        raise OptionError(
+            f"the estimator {name} simulates positions and cannot use recorded derivatives; choose computed ones"
+        )
     return replace(options, instruments=False, derivatives="computed")
 
 
 def iterate(given: Given, name: str, key: str, solve: Solve, gains: Gains) -> Estimate:
-    """Simulation of the closed loop with what was found, and estimate from it, in turn until neither changes.
+    """Alternate between simulation of the closed loop and estimation until the estimate converges.
 
     Args:
         given: session and factors.
-        name: of the estimator, for sentences.
-        key: which positions the simulated ones stand for: `q`, or `q_des`.
-        solve: the estimate.
-        gains: stiffness (n,) [N.m/rad] and damping (n,) [N.m.s/rad] of the controller, where they are known.
+        name: name of the estimator, for messages.
+        key: positions that the simulated ones replace: `q` or `q_des`.
+        solve: function that estimates.
+        gains: stiffness (n,) [N.m/rad] and damping (n,) [N.m.s/rad] of the controller, if they are known.
 
     Raises:
-        OptionError: desired positions are not recorded, or the simulated robot does not follow them.
+        OptionError: desired positions are not recorded, or the closed loop cannot be simulated.
     """
     session, pieces = given.session, _pieces(given, name)
     found, controller = estimate(given.factors, given.base, given.prior, given.whiten), None
@@ -92,16 +94,16 @@ def iterate(given: Given, name: str, key: str, solve: Solve, gains: Gains) -> Es
         found = new
         if still or time_is_up(f"the estimator {name}"):
             break
-    note = f"the closed loop was simulated {done + 1} times; it stays within {_astray(pieces, motions)} of the recorded"
+    error = _largest_error(pieces, motions)
+    note = f"the closed loop was simulated {done + 1} times; it stays within {error} of the recorded positions (rms)"
     assert controller is not None, "there is a round"
-    flag = (
-        () if still else (f"the estimator {name} did not settle within {ROUNDS} rounds; its intervals are too narrow",)
-    )
-    return replace(found, notes=(*found.notes, controller.note, f"{note} positions (rms)"), flags=(*found.flags, *flag))
+    flag = f"the estimator {name} did not converge within {ROUNDS} rounds; its intervals are too narrow, use wls or tls"
+    flags = found.flags if still else (*found.flags, flag)
+    return replace(found, notes=(*found.notes, controller.note, note), flags=flags)
 
 
 def _pieces(given: Given, name: str) -> list[Samples]:
-    """Stretches that all have desired positions."""
+    """Training stretches, after a check that all have desired positions."""
     recordings = [recording for recording, _ in given.session.train]
     lacking = [
         joint
@@ -111,16 +113,16 @@ def _pieces(given: Given, name: str) -> list[Samples]:
     ]
     pieces = list(stretches(given.session))
     if lacking or any(piece.q_des is None or not np.isfinite(piece.q_des).all() for piece in pieces):
-        what = f"{lacking[0]} has none" if lacking else "there are none, or they have gaps"
+        fault = f"{lacking[0]} has none" if lacking else "there are none, or they have gaps"
         raise OptionError(
             f"the estimator {name} simulates the closed loop and needs the desired positions q_des_J of every joint; "
-            f"{what}; record them, or choose wls or tls"
+            f"{fault}; record them, or choose wls or tls"
         )
     return pieces
 
 
 def _model(given: Given, found: Estimate) -> tuple[Model, Array]:
-    """A robot that can be simulated, nearest to what was found, and its base parameters."""
+    """Feasible model nearest to an estimate, and its base parameters."""
     fit = fit_consistent(given.base, found, stated_parameters(given.session.task))
     return fitted_model(given.session.task, fit.parameters), fit.base_value
 
@@ -131,23 +133,23 @@ def _run(session: Session, model: Model, controller: Controller, piece: Samples)
     period = float(piece.t[1] - piece.t[0])
     asked, real = (motion_of(session, q, period) for q in (piece.q_des, piece.q))
     path = Trajectory(session.robot.joints, asked.t, asked.q, asked.v, asked.a)
-    drive = Follow(path, controller.feed_forward(session, asked), controller, real.q[0], real.v[0])
+    drive = ControllerDrive(path, controller.feed_forward(session, asked), controller, real.q[0], real.v[0])
     parts = int(np.ceil(period / STEP - 1e-9))
     try:
         moved = simulate(model, drive, len(asked.t) * period, step=period / parts)
     except OptionError as error:
         raise OptionError(
-            f"the closed loop cannot be simulated with the controller that was found ({error}); choose wls or tls"
+            f"the closed loop cannot be simulated with the estimated controller ({error}); choose wls or tls"
         ) from None
     return moved.true_q[::parts][: len(asked.t)]
 
 
 def _settled(new: Estimate, old: Estimate) -> bool:
-    told = np.isfinite(new.std)
-    change = np.abs(new.value - old.value)[told]
-    return bool(np.all(change <= SETTLED * new.std[told] + EXACT * np.abs(new.value).max(initial=0.0)))
+    identifiable = np.isfinite(new.std)
+    change = np.abs(new.value - old.value)[identifiable]
+    return bool(np.all(change <= SETTLED * new.std[identifiable] + EXACT * np.abs(new.value).max(initial=0.0)))
 
 
-def _astray(pieces: list[Samples], motions: list[Array]) -> str:
+def _largest_error(pieces: list[Samples], motions: list[Array]) -> str:
     away = np.concatenate([piece.q - q for piece, q in zip(pieces, motions, strict=True)])
     return f"{np.sqrt(np.mean(away**2, axis=0)).max():.2g} rad or m"

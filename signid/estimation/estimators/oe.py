@@ -1,4 +1,4 @@
-"""Closed-loop output error: simulated torque is fitted to what was recorded."""
+"""Closed-loop output error: the torque of the simulated closed loop is fitted to the recorded one."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from .loop import Gains, iterate, loop_options
 
 
 @dataclass(frozen=True, eq=False)
-class OutputError(Frozen, Estimator):
-    """DIDIM: the robot is simulated in closed loop, and its torque, linear in the parameters, fitted by Gauss-Newton.
+class OutputErrorEstimator(Frozen, Estimator):
+    """DIDIM: Gauss-Newton fit of the torque of the simulated closed loop.
 
-    The simulated motion hardly depends on the parameters, as the controller holds it; so the Jacobian is the regressor
-    along it. Measured positions serve only for the first state.
+    The controller makes the simulated motion nearly independent of the parameters, so the Jacobian is the regressor
+    along this motion. Measured positions only give the initial state.
     """
 
-    gains: Gains = None  # stiffness (n,) [N.m/rad] and damping (n,) [N.m.s/rad]; None: found in the recordings
+    gains: Gains = None  # stiffness (n,) [N.m/rad] and damping (n,) [N.m.s/rad]; None: estimated from the recordings
 
     name, title = "oe", "closed-loop output error"
     source = "Gautier, Janot, Vandanjon, A new closed-loop output error method, IEEE T-CST 21(2), 2013"
 
     def options(self, options: Options) -> Options:
-        """Positions alone; the desired ones drive the simulation."""
+        """Options without recorded derivatives and instruments; desired positions drive the simulation."""
         return loop_options(options, self.name)
 
     def estimate(self, given: Given) -> Estimate:
-        """Simulation with the parameters found, and least squares along its motion, in turn."""
+        """Alternate between simulation with the current parameters and least squares along its motion."""
 
         def solve(parts: list[Part]) -> Estimate:
             found = estimate(given.reduce(parts, "learning along"), given.base, given.prior, given.whiten)
@@ -38,4 +38,4 @@ class OutputError(Frozen, Estimator):
         return iterate(given, self.name, "q", solve, self.gains)
 
 
-PLUGIN = OutputError()
+PLUGIN = OutputErrorEstimator()

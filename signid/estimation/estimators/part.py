@@ -1,4 +1,4 @@
-"""Samples on a uniform grid -> a part of a session, held in memory."""
+"""Samples on a uniform grid -> part of a session, in memory."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from ...types import Samples
 
 
 def part_of(session: Session, piece: Samples) -> Part:
-    """A recording of the session's joints with these samples; derivatives are those of the positions.
+    """Recording of the session's joints with the given samples, without recorded derivatives.
 
     Args:
-        session: gives the robot.
+        session: session with the robot.
         piece: uniform samples without gaps.
     """
     robot = session.robot

@@ -1,4 +1,4 @@
-"""Generalised total least squares: what noise of the positions adds to the columns is taken away."""
+"""Generalised total least squares: the bias by position noise in the regressor columns is removed."""
 
 from __future__ import annotations
 
@@ -16,38 +16,37 @@ from ..least_squares import estimate
 from .base import Estimator, Given
 from .part import part_of
 
-SEED, DRAWS = 0, 4  # of the noise that is added to see what it does
-MOST = 0.5  # share of a column combination's power that may be noise
+SEED, DRAWS = 0, 4  # seed of the simulated position noise, and number of realisations
+MOST = 0.5  # [1] largest noise share of the power of a combination of columns without a flag
 
 
 class TotalLeastSquares(Estimator):
-    """Noise in columns and torque: (G - C) beta = g, C the Gram matrix of the columns' own noise.
+    """Normal equations (G - C) beta = g with the Gram matrix C of the noise in the columns.
 
-    C is found numerically: white noise of the size of the encoders' is added to the positions, and all columns are
-    built anew. As C is known and not only its direction, the smallest generalised eigenvalue of total least squares is
-    1 for the torque noise that is found beside, and its solution is that of these normal equations.
+    C is computed numerically: white noise of the encoders' standard deviation is added to the positions, and all
+    columns are recomputed. Since C is known, not only its direction, total least squares reduces to these equations.
     """
 
     name, title = "tls", "total least squares"
     source = "Van Huffel, Vandewalle, The Total Least Squares Problem, SIAM 1991, chapter 10"
 
     def estimate(self, given: Given) -> Estimate:
-        """Of the rows as they are; flagged where noise is most of what the columns hold."""
-        spoilt, sizes = column_noise(given)
-        found = estimate(given.factors, given.base, given.prior, given.whiten, spoilt)
-        share = _largest_share(given, spoilt, found.noise)
-        told = ", ".join(f"{size:.2g}" for size in sizes)
-        note = f"encoder noise of {told} rad or m was taken from the columns: up to {share:.1%} of their power"
-        flag = f"noise of the positions makes up {share:.0%} of what some columns hold: lower the cut-off for total "
-        flags = (flag + "least squares",) if share > MOST else ()
+        """Estimate with a note on the noise share of the columns, and a flag if it is large."""
+        grams, sizes = column_noise(given)
+        found = estimate(given.factors, given.base, given.prior, given.whiten, grams)
+        share = _largest_share(given, grams, found.noise)
+        listed = ", ".join(f"{size:.2g}" for size in sizes)
+        note = f"encoder noise of {listed} rad or m was removed from the columns: up to {share:.1%} of their power"
+        flag = f"position noise is {share:.0%} of the power of some columns, and the estimate is uncertain; lower the "
+        flags = (flag + "cut-off",) if share > MOST else ()
         return replace(found, method=self.title, notes=(*found.notes, note), flags=flags)
 
 
 def column_noise(given: Given) -> tuple[list[Array], Array]:
-    """What noise of the positions adds to each joint's Gram matrix of columns, and the size of that noise.
+    """Gram matrix of the noise in each joint's columns, and the standard deviation of the position noise.
 
     Args:
-        given: the session and its factors.
+        given: session and its factors.
 
     Returns:
         Per joint (m, m) [products of the units of the columns], and (n,) [rad or m].
@@ -76,11 +75,11 @@ def _rows(task: Task, session: Session, piece: Samples) -> Iterator[Rows]:
     return read_rows(task, recording, sampling)
 
 
-def _largest_share(given: Given, spoilt: Sequence[Array], noise: Array) -> float:
-    """Of noise in the power of a combination of columns, over the combinations that the recordings tell."""
+def _largest_share(given: Given, noise_grams: Sequence[Array], noise: Array) -> float:
+    """Largest noise share of the power of a combination of columns, over the identifiable combinations."""
     b = given.base.rank
     whole, added = np.zeros((2, b, b))
-    for joint, seen, own, sigma in zip(given.factors.joints, given.factors.columns, spoilt, noise, strict=True):
+    for joint, seen, own, sigma in zip(given.factors.joints, given.factors.columns, noise_grams, noise, strict=True):
         at = np.ix_(seen, seen)
         gram = joint.grams[0][-len(seen) - 1 : -1, -len(seen) - 1 : -1]
         whole[at] += gram / sigma**2

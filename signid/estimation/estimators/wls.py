@@ -6,13 +6,13 @@ from .base import Estimator, Given
 
 
 class WeightedLeastSquares(Estimator):
-    """Least squares weighted by each joint's noise; biased where noise of the positions reaches the columns."""
+    """Least squares weighted by each joint's noise; biased if position noise reaches the columns."""
 
     name, title = "wls", "weighted least squares"
     source = "Gautier, Dynamic identification of robots with power model, IEEE ICRA 1997"
 
     def estimate(self, given: Given) -> Estimate:
-        """Of the rows as they are."""
+        """Estimate from the factors, without any correction."""
         return estimate(given.factors, given.base, given.prior, given.whiten)
 
 

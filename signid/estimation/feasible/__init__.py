@@ -1,6 +1,6 @@
-"""From base parameters to standard parameters: those a real robot could have, or those nearest to the description.
+"""Base parameters -> standard parameters: physically feasible ones, or those nearest to the description.
 
-A body is possible where its pseudo-inertia, a matrix of its mass, first moments and inertia, is positive definite.
+A body is feasible if its pseudo-inertia, a matrix of its mass, first moments and inertia, is positive definite.
 """
 
 from .fit import ConsistentFit, fit_consistent

@@ -1,4 +1,4 @@
-"""Symmetric 4x4 matrices as ten numbers whose sum of squares is the matrix's, so that angles and lengths agree."""
+"""Symmetric 4x4 matrices as ten coordinates with the same norm (Frobenius)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ BASIS[np.arange(10), _PAIRS[0], _PAIRS[1]] = BASIS[np.arange(10), _PAIRS[1], _PA
 
 
 def pack(matrix: Array) -> Array:
-    """(..., 10) coordinates of symmetric matrices.
+    """Coordinates (..., 10) of symmetric matrices.
 
     Args:
         matrix: (..., 4, 4) [any].
@@ -23,7 +23,7 @@ def pack(matrix: Array) -> Array:
 
 
 def unpack(packed: Array) -> Array:
-    """(n, 4, 4) symmetric matrices, ten coordinates each.
+    """Symmetric matrices (n, 4, 4) from ten coordinates each.
 
     Args:
         packed: (10 n,) or (n, 10) [any].
@@ -32,7 +32,7 @@ def unpack(packed: Array) -> Array:
 
 
 def congruence(factor: Array) -> Array:
-    """(n, 10, 10) matrices of the maps S -> factor S factor' between packed matrices.
+    """Matrices (n, 10, 10) of the maps S -> factor S factor' between packed matrices.
 
     Args:
         factor: (n, 4, 4) [any].
@@ -43,7 +43,7 @@ def congruence(factor: Array) -> Array:
 
 
 def diagonal(blocks: Array, rest: Array) -> Array:
-    """(10 n + k, 10 n + k) matrix with blocks on its diagonal, then numbers.
+    """Block-diagonal matrix (10 n + k, 10 n + k) of blocks and single entries.
 
     Args:
         blocks: (n, 10, 10) [any].
@@ -57,19 +57,19 @@ def diagonal(blocks: Array, rest: Array) -> Array:
 
 
 def cholesky(matrices: Array) -> Array:
-    """(n, 4, 4) lower factors.
+    """Lower Cholesky factors (n, 4, 4).
 
     Args:
         matrices: (n, 4, 4) [any], positive definite.
 
     Raises:
-        LinAlgError: one of them is not.
+        LinAlgError: a matrix is not positive definite.
     """
     return np.asarray(np.linalg.cholesky(matrices.reshape(-1, 4, 4)), dtype=np.float64)
 
 
 TO_INERTIAL: Array = np.linalg.inv(np.column_stack([pack(pseudo_inertia(e)) for e in np.eye(10)]))
-"""(10, 10) from a packed pseudo-inertia to ten inertial parameters in Pinocchio's order."""
+"""Map (10, 10) from a packed pseudo-inertia to ten inertial parameters in Pinocchio's order."""
 
 IDENTITY = pack(np.eye(4))
-"""(10,) the packed unit matrix."""
+"""Packed identity matrix (10,)."""

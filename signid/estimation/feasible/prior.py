@@ -1,4 +1,4 @@
-"""What was believed before the recordings: bodies that could exist, and the size a coefficient may have."""
+"""Prior of the feasible fit: feasible bodies, and the sizes of coefficients."""
 
 from __future__ import annotations
 
@@ -11,47 +11,46 @@ from ...regression.projection import least_squares
 from ...types import Array, BaseMap, Parameters, pseudo_inertia
 from .packing import TO_INERTIAL, pack
 
-LEAST_MASS = 1e-3  # [kg] a lighter body counts as massless
-LEAST_RADIUS = 3e-3  # [m] of gyration; a thinner body counts as flat
-MASS, RADIUS = 0.05, 0.03  # [kg] [m] of the body that stands in
+LEAST_MASS = 1e-3  # [kg] mass below which a body counts as massless
+LEAST_RADIUS = 3e-3  # [m] radius of gyration below which a body counts as flat
+MASS, RADIUS = 0.05, 0.03  # [kg], [m] mass and radius of gyration of a substitute
 
-
-_SCALE = np.array([0.3] + [0.1] * 3 + [0.01] * 6)  # of a body per kg: 30 % of mass, 10 cm, (10 cm)^2
+_SCALE = np.array([0.3] + [0.1] * 3 + [0.01] * 6)  # [1, m, m2] scale of a body's parameters per kg: 30 %, 10 cm
 
 
 def inertial(parameters: Parameters) -> NDArray[np.bool_]:
-    """(p,) which standard parameters are inertial parameters of a body."""
+    """Mask (p,) of the standard parameters that are inertial parameters of a body."""
     return np.array([label.body is not None for label in parameters.labels], dtype=bool)
 
 
 def positive(parameters: Parameters) -> NDArray[np.bool_]:
-    """(p,) which standard parameters physics allows no negative value."""
+    """Mask (p,) of the standard parameters with a lower bound of zero."""
     return np.array([label.positive for label in parameters.labels], dtype=bool)
 
 
-def believable(base: BaseMap, prior: Parameters) -> tuple[Parameters, tuple[str, ...]]:
-    """The prior made strictly feasible: massless, flat and impossible bodies replaced; a sentence on each.
+def feasible_prior(base: BaseMap, prior: Parameters) -> tuple[Parameters, tuple[str, ...]]:
+    """Strictly feasible prior: massless, flat and infeasible bodies are replaced, with a sentence on each.
 
     Args:
-        base: the map whose labels the prior must have.
+        base: base map with the labels of the prior.
         prior: standard parameters; NaN counts as 0.
 
     Raises:
-        ValueError: when the prior does not have the labels of the base map.
+        ValueError: the prior does not have the labels of the base map.
     """
     if prior.labels != base.labels:
         raise ValueError(
-            f"the prior has {len(prior.labels)} labels other than the {len(base.labels)} of the base map; "
+            f"the {len(prior.labels)} labels of the prior differ from the {len(base.labels)} of the base map; "
             "build both from the same robot and the same laws"
         )
     values = np.nan_to_num(prior.values)
     values[positive(prior)] = np.maximum(values[positive(prior)], 0.0)
     given = values[inertial(prior)].reshape(-1, 10)
     made = np.array([_solid(body) for body in given]).reshape(-1, 10)
-    fault = ("is thinner than 3 mm or could not exist", "has no mass")
+    fault = ("is thinner than 3 mm or infeasible", "has no mass")
     notes = tuple(
         f"body {i + 1} of the description {fault[int(old[0] < LEAST_MASS)]}; "
-        f"one of {new[0]:.3g} kg and {RADIUS * 100:.0f} cm radius of gyration stands in for it"
+        f"one of {new[0]:.3g} kg and {RADIUS * 100:.0f} cm radius of gyration replaces it"
         for i, (old, new) in enumerate(zip(given, made, strict=True))
         if not np.array_equal(old, new)
     )
@@ -60,13 +59,13 @@ def believable(base: BaseMap, prior: Parameters) -> tuple[Parameters, tuple[str,
 
 
 def coefficient_sizes(base: BaseMap, value: Array, prior: Array, std: Array | None = None) -> Array:
-    """(p,) the size each parameter would have, were it alone responsible for the base parameters that it is part of.
+    """Scale (p,) of each parameter: its size if it alone made up the base parameters that it is part of.
 
     Args:
-        base: which combinations of the standard parameters the torque shows.
+        base: base map.
         value: (b,) base parameters [unit of each].
         prior: (p,) standard parameters [unit of each].
-        std: (b,) standard deviations of the base parameters [unit of each]; those of infinite ones do not count.
+        std: (b,) standard deviations of the base parameters [unit of each]; unidentifiable ones (inf) are ignored.
     """
     known = np.abs(value) if std is None else np.where(np.isfinite(std), np.abs(value) + std, 0.0)
     share = np.abs(base.combination)
@@ -76,7 +75,7 @@ def coefficient_sizes(base: BaseMap, value: Array, prior: Array, std: Array | No
 
 
 def _solid(body: Array) -> Array:
-    """The body itself, or the one like it that could exist."""
+    """The body if it is feasible, else a similar feasible one."""
     matrix = pseudo_inertia(body)
     mass = matrix[3, 3] if matrix[3, 3] >= LEAST_MASS else MASS
     centre = matrix[:3, 3] / mass
@@ -90,24 +89,24 @@ def _solid(body: Array) -> Array:
 
 
 def standard_from_base(base: BaseMap, value: Array, prior: Parameters) -> Parameters:
-    """The standard parameters nearest to the prior that reproduce the base parameters exactly, feasible or not.
+    """Standard parameters nearest to the prior that reproduce the base parameters exactly, feasible or not.
 
-    Near is measured in 30 % of a body's mass, 10 cm for its centre, (10 cm)^2 per kg for its inertia, and for a
-    coefficient in its own size.
+    Distances are measured in 30 % of a body's mass, 10 cm for its centre, (10 cm)^2 per kg for its inertia, and in the
+    size of a coefficient.
 
     Args:
-        base: which combinations of the standard parameters the torque shows.
-        value: (b,) base parameters [kg, kg.m, kg.m2 or the unit of the coefficient that leads].
+        base: base map.
+        value: (b,) base parameters [kg, kg.m, kg.m2 or the unit of the leading coefficient].
         prior: standard parameters with the labels of `base`.
 
     Raises:
-        ValueError: when the prior does not have the labels of the base map.
+        ValueError: the prior does not have the labels of the base map.
     """
-    start, _ = believable(base, prior)
+    start, _ = feasible_prior(base, prior)
     size = coefficient_sizes(base, value, start.values)
     size[inertial(start)] = np.outer(start.bodies()[:, 0], _SCALE).ravel()
     x = np.nan_to_num(prior.values)
-    for _ in range(3):  # the second and the third remove the rounding of the first
+    for _ in range(3):  # the second and the third iteration remove rounding errors
         rest = value - base.combination @ x
         x = x + size * least_squares(base.combination * size, rest)
     return Parameters(prior.labels, x)

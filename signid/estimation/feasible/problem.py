@@ -1,4 +1,4 @@
-"""The convex problem behind the feasible fit, in coordinates in which the prior is the identity."""
+"""Convex problem of the feasible fit, in coordinates in which the prior is the identity."""
 
 from __future__ import annotations
 
@@ -11,29 +11,30 @@ from ...types import Array, BaseMap, Estimate, Frozen, Parameters, pseudo_inerti
 from .packing import IDENTITY, TO_INERTIAL, cholesky, congruence, diagonal, unpack
 from .prior import coefficient_sizes, inertial, positive
 
-_LOST = 1e-12  # share of the largest information below which the recordings tell nothing
+_LOST = 1e-12  # [1] smallest information of an identifiable direction, over the largest
 
 
 @dataclass(frozen=True, eq=False)
-class Cone(Frozen):
-    """Minimise ||matrix u - target||^2 + weight * belief(u) over u inside the cone.
+class FeasibleProblem(Frozen):
+    """Minimisation of ||matrix u - target||^2 + weight * penalty(u) over feasible u.
 
-    u (d,) holds, in this order: ten coordinates of S for each of n bodies, P = C S C' the pseudo-inertia and CC' its
-    prior, believed in by tr S - log det S; coefficients that must be positive in their own size, by u - log u; other
-    coefficients from their prior in their own size, by u^2 / 2.
+    The vector u (d,) holds in this order, each part with its penalty:
+    - ten coordinates of S for each of n bodies: tr S - log det S. The pseudo-inertia is C S C', its prior CC';
+    - positive coefficients over their size: u - log u;
+    - other coefficients, less their prior, over their size: u^2 / 2.
     """
 
     matrix: Array  # (r, d) [standard deviations]
     target: Array  # (r,) [standard deviations]
-    weight: float  # of the prior, in squared standard deviations
-    bounds: tuple[int, int]  # where the positive and where the other coefficients begin
-    transform: Array  # (d, d) [unit of each] from u to the standard parameters seen
+    weight: float  # [squared standard deviations] weight of the prior
+    bounds: tuple[int, int]  # indices at which the positive and the other coefficients begin
+    transform: Array  # (d, d) [unit of each] from u to the standard parameters `seen`
     offset: Array  # (d,) [unit of each]
-    seen: NDArray[np.intp]  # (d,) the standard parameters that u stands for
+    seen: NDArray[np.intp]  # (d,) standard parameters of u
     prior: Parameters
 
     def parts(self, u: Array) -> list[Array]:
-        """S of the bodies (n, 4, 4), positive coefficients, other coefficients.
+        """Matrices S of the bodies (n, 4, 4), positive coefficients, other coefficients.
 
         Args:
             u: (d,) [1].
@@ -43,13 +44,13 @@ class Cone(Frozen):
 
     @property
     def start(self) -> Array:
-        """(d,) the prior."""
+        """Point (d,) of the prior."""
         one, two = self.bounds
         rest = len(self.offset) - two
         return np.concatenate([np.tile(IDENTITY, one // 10), np.ones(two - one), np.zeros(rest)])
 
     def standard(self, u: Array) -> Parameters:
-        """All standard parameters; those that no torque shows as in the prior.
+        """All standard parameters; those that the torque does not depend on are the prior's.
 
         Args:
             u: (d,) [1].
@@ -59,7 +60,7 @@ class Cone(Frozen):
         return replace(self.prior, values=values)
 
     def distance(self, u: Array) -> float:
-        """From the estimate, in standard deviations.
+        """Distance from the estimate [standard deviations].
 
         Args:
             u: (d,) [1].
@@ -67,7 +68,7 @@ class Cone(Frozen):
         return float(np.linalg.norm(self.matrix @ u - self.target))
 
     def cost(self, u: Array) -> float:
-        """What is minimised; infinite outside the cone.
+        """Objective; infinite for infeasible points.
 
         Args:
             u: (d,) [1].
@@ -79,19 +80,19 @@ class Cone(Frozen):
             factors = cholesky(bodies)
         except np.linalg.LinAlgError:
             return np.inf
-        belief = np.sum(factors**2) - 2 * np.sum(np.log(np.diagonal(factors, axis1=1, axis2=2)))
-        belief += np.sum(sizes - np.log(sizes)) + np.sum(rest**2) / 2
-        return self.distance(u) ** 2 + self.weight * float(belief)
+        penalty = np.sum(factors**2) - 2 * np.sum(np.log(np.diagonal(factors, axis1=1, axis2=2)))
+        penalty += np.sum(sizes - np.log(sizes)) + np.sum(rest**2) / 2
+        return self.distance(u) ** 2 + self.weight * float(penalty)
 
 
-def pose(base: BaseMap, estimate: Estimate, prior: Parameters, weight: float) -> Cone:
-    """The problem over all of each body, and each coefficient, that torque shows.
+def build_problem(base: BaseMap, estimate: Estimate, prior: Parameters, weight: float) -> FeasibleProblem:
+    """Problem over all ten parameters of each body, and each coefficient, that the torque depends on.
 
     Args:
-        base: which combinations of the standard parameters the torque shows.
+        base: base map.
         estimate: base parameters and their information.
-        prior: strictly feasible.
-        weight: of the prior [squared standard deviations].
+        prior: strictly feasible prior.
+        weight: weight of the prior [squared standard deviations].
     """
     groups = _seen(base, prior)
     seen, bounds = np.concatenate(groups), (len(groups[0]), len(groups[0]) + len(groups[1]))
@@ -104,11 +105,11 @@ def pose(base: BaseMap, estimate: Estimate, prior: Parameters, weight: float) ->
     offset = np.r_[np.zeros(bounds[1]), stated[bounds[1] :]]
     root, columns = information_root(estimate.information), base.combination[:, seen]
     target = root @ (estimate.value - columns @ offset)
-    return Cone(root @ columns @ transform, target, weight, bounds, transform, offset, seen, prior)
+    return FeasibleProblem(root @ columns @ transform, target, weight, bounds, transform, offset, seen, prior)
 
 
 def information_root(information: Array) -> Array:
-    """(r, b) matrix R with R'R = information, without the directions that the recordings do not tell.
+    """Matrix R (r, b) with R'R = information, without unidentifiable directions.
 
     Args:
         information: (b, b) [inverse squared units of the base parameters].
@@ -116,12 +117,12 @@ def information_root(information: Array) -> Array:
     scale = np.sqrt(np.maximum(np.diag(information), 0.0))
     unit = np.where(scale > 0, scale, 1.0)
     values, vectors = np.linalg.eigh(information / np.outer(unit, unit))
-    told = values > _LOST * values.max(initial=0.0)
-    return np.asarray(np.sqrt(values[told])[:, None] * vectors[:, told].T * scale)
+    identifiable = values > _LOST * values.max(initial=0.0)
+    return np.asarray(np.sqrt(values[identifiable])[:, None] * vectors[:, identifiable].T * scale)
 
 
 def _seen(base: BaseMap, prior: Parameters) -> list[NDArray[np.intp]]:
-    """All of the bodies that torque shows, then the positive and then the other coefficients that it shows."""
+    """Standard parameters that the torque depends on: all of a body's, positive coefficients, other coefficients."""
     shown = np.abs(base.combination).max(0, initial=0.0) > 0
     body, bounded = inertial(prior), positive(prior)
     whole = np.repeat(shown[body].reshape(-1, 10).any(1), 10)

@@ -1,6 +1,6 @@
-"""Standard parameters by penalty-based retrieval: global search in a box, physics as a penalty that grows.
+"""Penalty-based retrieval of standard parameters: global search in a box with growing penalties on infeasibility.
 
-It is the classical way (`signid identify --method pbrp`); the default, a convex fit, is in
+This is the classical method (`signid identify --method pbrp`). The default, a convex fit, is in
 `signid.estimation.feasible`.
 """
 

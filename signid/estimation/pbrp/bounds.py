@@ -1,4 +1,4 @@
-"""The box in which standard parameters are searched: around the description, or as a TOML file states it."""
+"""Search box of the standard parameters: around the description, or from a TOML file."""
 
 from __future__ import annotations
 
@@ -14,49 +14,51 @@ from ...errors import OptionError
 from ...toml_json import read_toml
 from ...types import Array, BaseMap, Estimate, Frozen, Parameters, pseudo_inertia
 from ..feasible.packing import TO_INERTIAL, pack
-from ..feasible.prior import believable, coefficient_sizes, inertial, positive
+from ..feasible.prior import coefficient_sizes, feasible_prior, inertial, positive
 
-_MASS = (0.2, 3.0)  # times the mass stated
-_HUGE = 1e100
-_NEAR = 0.05  # [m] that a centre of mass may be off, or twice the radius of gyration where that is more
+_MASS = (0.2, 3.0)  # [1] smallest and largest mass over that of the description
+_HUGE = 1e100  # largest number in a bounds file
+_NEAR = 0.05  # [m] largest shift of a centre of mass, or twice the radius of gyration if that is larger
 _ROWS = {"mass": slice(0, 1), "first_moment": slice(1, 4), "inertia": slice(4, 10)}
 
 
 @dataclass(frozen=True, eq=False)
 class Bounds(Frozen):
-    """Least and largest values of the p standard parameters.
+    """Smallest and largest values of the p standard parameters.
 
     Raises:
-        ValueError: when a bound is not finite or a lower one is above its upper.
+        ValueError: a bound is not finite, or a lower bound is above its upper bound.
     """
 
     lower: Array  # (p,) [unit of each]
     upper: Array  # (p,) [unit of each]
 
     def __post_init__(self) -> None:
-        """Arrays are copied and checked."""
+        """Copy and check the arrays."""
         super().__post_init__()
         if self.lower.shape != self.upper.shape or not np.isfinite([self.lower, self.upper]).all():
-            raise ValueError("bounds are not two vectors of one length of finite numbers; give a box")
+            raise ValueError("the bounds are not two vectors of equal length of finite numbers; give such vectors")
         if (self.lower > self.upper).any():
             i = int(np.argmax(self.lower > self.upper))
-            raise ValueError(f"lower bound {i} is {self.lower[i]:g}, above the upper one {self.upper[i]:g}; swap them")
+            raise ValueError(
+                f"lower bound {i} is {self.lower[i]:g}, above the upper bound {self.upper[i]:g}; swap them"
+            )
 
 
 def bounds_around(base: BaseMap, estimate: Estimate, prior: Parameters) -> Bounds:
-    """A box around the description: 0.2 to 3 times each mass, each centre near the one stated, inertias to match.
+    """Box around the description: 0.2 to 3 times each mass, centres near those of the description, matching inertias.
 
-    Coefficients reach to three times what the base parameters could need of them.
+    The bounds of a coefficient are three times its size in `coefficient_sizes`.
 
     Args:
-        base: which combinations of the standard parameters the torque shows.
+        base: base map.
         estimate: base parameters, for the coefficients.
         prior: standard parameters of the description.
 
     Raises:
-        ValueError: when the prior does not have the labels of the base map.
+        ValueError: the prior does not have the labels of the base map.
     """
-    start, _ = believable(base, prior)
+    start, _ = feasible_prior(base, prior)
     reach = 3 * coefficient_sizes(base, estimate.value, start.values, estimate.std)
     lower, upper = np.where(positive(start), 0.0, -reach), reach
     body = inertial(start)
@@ -66,30 +68,30 @@ def bounds_around(base: BaseMap, estimate: Estimate, prior: Parameters) -> Bound
 
 
 def check_box(box: Bounds, base: BaseMap) -> None:
-    """Whether a box is over the standard parameters of a base map.
+    """Check that a box has the standard parameters of a base map.
 
     Raises:
-        OptionError: it is not.
+        OptionError: their numbers differ.
     """
     if len(box.lower) != len(base.labels):
         raise OptionError(
-            f"the bounds are over {len(box.lower)} parameters; expected the {len(base.labels)} of the map"
+            f"the bounds have {len(box.lower)} parameters; give the {len(base.labels)} standard parameters of the robot"
         )
 
 
 def read_bounds(path: str | Path, links: Sequence[str], default: Bounds) -> Bounds:
-    """The box of a TOML file; what it does not state is as in the default.
+    """Box from a TOML file; bounds that it does not state are those of the default.
 
     `[link.NAME]` holds any of `mass = [lo, hi]` [kg], `first_moment = [[lo, hi], [lo, hi], [lo, hi]]` [kg.m] and
     `inertia`, six pairs Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the link's joint frame [kg.m2].
 
     Args:
-        path: of the file.
+        path: path of the file.
         links: names of the bodies in the order of their parameters.
-        default: a box over all standard parameters, ten per body first.
+        default: box over all standard parameters, first ten per body.
 
     Raises:
-        OptionError: when the file cannot be read, names what does not exist, or states what is no interval.
+        OptionError: the file cannot be read, names an unknown link or quantity, or has an invalid interval.
     """
     try:
         content = read_toml(path)
@@ -99,7 +101,7 @@ def read_bounds(path: str | Path, links: Sequence[str], default: Bounds) -> Boun
         raise OptionError(f"the bounds file {path} is not TOML: {fault}") from None
     sections = content.get("link", {})
     if set(content) - {"link"} or not isinstance(sections, dict):
-        raise OptionError(f"the bounds file {path} has {', '.join(content)}; expected tables [link.NAME] and no more")
+        raise OptionError(f"the bounds file {path} has {', '.join(content)}; expected only tables [link.NAME]")
     lower, upper = default.lower.copy(), default.upper.copy()
     for link, quantities in sections.items():
         first = 10 * _index(link, links, path)
@@ -116,14 +118,16 @@ def read_bounds(path: str | Path, links: Sequence[str], default: Bounds) -> Boun
 def _index(link: str, links: Sequence[str], path: str | Path) -> int:
     if link not in links:
         close = get_close_matches(link, links, n=3, cutoff=0.4) or links
-        raise OptionError(f"the bounds file {path} names a link {link!r} that does not move; choose {', '.join(close)}")
+        raise OptionError(
+            f"the bounds file {path} names {link!r}, which is not a moving link; choose from {', '.join(close)}"
+        )
     return list(links).index(link)
 
 
 def _intervals(quantity: str, stated: Any, where: str) -> tuple[Array, Array]:
     """Lower and upper values of a quantity."""
     if quantity not in _ROWS:
-        raise OptionError(f"{where} is not known; choose from {', '.join(_ROWS)}")
+        raise OptionError(f"{where} is unknown; choose from {', '.join(_ROWS)}")
     rows = range(10)[_ROWS[quantity]]
     pairs = [stated] if quantity == "mass" else stated
     wanted = "a pair [lo, hi]" if quantity == "mass" else f"{len(rows)} pairs [lo, hi]"
@@ -146,10 +150,10 @@ def _is_pair(value: Any) -> bool:
 
 
 def _box(body: Array) -> Array:
-    """(2, 10) least and largest values around a possible body."""
+    """Smallest and largest parameters (2, 10) around a feasible body."""
     matrix = pseudo_inertia(body)
     mass, centre = body[0], body[1:4] / body[0]
-    spread = np.linalg.eigvalsh(matrix[:3, :3] - mass * np.outer(centre, centre))[-1] / mass  # gyration, squared
+    spread = np.linalg.eigvalsh(matrix[:3, :3] - mass * np.outer(centre, centre))[-1] / mass  # [m2]
     near = max(_NEAR, 2 * spread**0.5)
     masses = mass * np.array(_MASS)
     corners = np.multiply.outer(masses, centre + np.multiply.outer([-1, 1], np.full(3, near))).reshape(4, 3)

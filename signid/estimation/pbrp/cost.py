@@ -1,4 +1,4 @@
-"""What a search for standard parameters minimises, in coordinates scaled by the box, and its rounds of penalty."""
+"""Cost of the search for standard parameters, in coordinates scaled by the box, and its rounds of penalty."""
 
 from __future__ import annotations
 
@@ -13,30 +13,30 @@ from .bounds import Bounds
 from .penalty import Physics
 
 SEARCH = "the search for standard parameters"
-_LARGE = 1e3  # squared standard deviations: misfit and penalty together, of a search that has not come far
+_LARGE = 1e3  # [squared standard deviations] cost above which a search that stopped early is repeated
 
 
 @dataclass(frozen=True, eq=False)
 class Cost(Frozen):
-    """|matrix z - target|^2 + rest + weight * violation of physics, z (d,) in the unit cube.
+    """Cost |matrix z - target|^2 + rest + weight * violation of physics, z (d,) in the unit cube.
 
-    The cube stands for the free part of a box: x = lower + (upper - lower) z where a bound leaves room.
+    Free standard parameters are x = lower + (upper - lower) z; those with equal bounds are fixed.
     """
 
     matrix: Array  # (m, d) [standard deviations]
     target: Array  # (m,) [standard deviations]
-    rest: float  # squared standard deviations that no parameters explain
-    free: Indices  # (d,) the standard parameters that z stands for
+    rest: float  # [squared standard deviations] part that no parameters explain
+    free: Indices  # (d,) standard parameters of z
     box: Bounds
     physics: Physics
 
     @property
     def width(self) -> Array:
-        """(d,) of the box [unit of each]."""
+        """Width (d,) of the box [unit of each]."""
         return self.box.upper[self.free] - self.box.lower[self.free]
 
     def standard(self, z: Array) -> Array:
-        """(p,) standard parameters [unit of each].
+        """Standard parameters (p,) [unit of each].
 
         Args:
             z: (d,) [1].
@@ -46,11 +46,11 @@ class Cost(Frozen):
         return x
 
     def problem(self, z: Array, weight: float) -> Problem:
-        """From z on, with a penalty of that weight.
+        """Optimisation problem that starts at z.
 
         Args:
-            z: (d,) [1].
-            weight: of the violation [squared standard deviations].
+            z: (d,) starting point [1].
+            weight: weight of the violation [squared standard deviations].
         """
         width, matrix, target = self.width, self.matrix, self.target
 
@@ -69,14 +69,14 @@ class Cost(Frozen):
 
 
 def cost_over(box: Bounds, physics: Physics, matrix: Array, target: Array, rest: float = 0.0) -> Cost:
-    """The cost |matrix x - target|^2 + rest over the standard parameters x of a box.
+    """Cost |matrix x - target|^2 + rest over the standard parameters x of a box.
 
     Args:
-        box: where to search.
-        physics: what a real robot obeys.
+        box: search box.
+        physics: constraints of physics.
         matrix: (m, p) [standard deviations per unit of each].
         target: (m,) [standard deviations].
-        rest: squared standard deviations that no parameters explain.
+        rest: part that no parameters explain [squared standard deviations].
     """
     free = np.flatnonzero(box.upper > box.lower)
     inside = matrix[:, free] * (box.upper - box.lower)[free]
@@ -84,18 +84,18 @@ def cost_over(box: Bounds, physics: Physics, matrix: Array, target: Array, rest:
 
 
 def descend(cost: Cost, z: Array, weights: Iterable[float], algorithm: str, budget: int, seed: int) -> Optimum:
-    """Rounds of one algorithm, each with a penalty of its own and from where the last one ended.
+    """Rounds of one algorithm; each has its own weight of the penalty and starts where the last one ended.
 
     Args:
-        cost: what to minimise.
-        z: (d,) [1] where to begin.
-        weights: of the penalty [squared standard deviations].
-        algorithm: of NLopt.
+        cost: cost to minimise.
+        z: (d,) starting point [1].
+        weights: weights of the penalty, one per round [squared standard deviations].
+        algorithm: name of an NLopt algorithm.
         budget: evaluations per round.
-        seed: of random numbers.
+        seed: seed of the random generator.
 
     Raises:
-        OptionError: when there is no such algorithm.
+        OptionError: there is no such algorithm.
     """
     found = Optimum(z, np.inf, "failed", 0, algorithm)
     for weight in weights:
@@ -106,7 +106,7 @@ def descend(cost: Cost, z: Array, weights: Iterable[float], algorithm: str, budg
 
 
 def _minimise(problem: Problem, algorithm: str, budget: int, seed: int) -> Optimum:
-    """Some algorithms stop early where costs are large: from there once more, in units of the cost that is left."""
+    """Minimise, and once more in units of the cost reached if it is large: some algorithms stop early then."""
     search = OPTIMISERS["nlopt"].minimise
     found = search(problem, algorithm=algorithm, budget_evaluations=budget, seed=seed)
     left, size, slope = budget - found.evaluations, found.value, problem.gradient

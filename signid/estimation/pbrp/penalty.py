@@ -1,4 +1,4 @@
-"""How much standard parameters violate physics, and which way out."""
+"""Violation of physics by standard parameters, and its gradient."""
 
 from __future__ import annotations
 
@@ -9,27 +9,27 @@ from numpy.typing import NDArray
 
 from ...errors import OptionError
 from ...types import Array, BaseMap, Estimate, Frozen, Parameters, pseudo_inertia
-from ..feasible.prior import believable, coefficient_sizes, inertial, positive
+from ..feasible.prior import coefficient_sizes, feasible_prior, inertial, positive
 
-_MARGIN = 1e-3  # of its size by which a quantity must be inside, so that what the penalty lets through is possible
+_MARGIN = 1e-3  # [1] margin of each constraint over its size, so that parameters without penalty are feasible
 _SECOND = np.array([pseudo_inertia(e)[:3, :3] for e in np.eye(10)])  # (10, 3, 3) of second moments
 _FLAT = _SECOND.reshape(10, 9)
 
 
 @dataclass(frozen=True, eq=False)
 class Physics(Frozen):
-    """What a real robot obeys, each thing in a size of its own.
+    """Constraints of physics, each scaled by a size.
 
-    Masses are positive; so is the inertia about each centre of mass, and its principal moments obey the triangle
-    inequality; some coefficients are not negative; the total mass lies in a range.
+    Masses are positive. The inertia about each centre of mass is positive definite, and its principal moments satisfy
+    the triangle inequality. Some coefficients are not negative. The total mass lies in a range.
     """
 
-    bodies: NDArray[np.intp]  # (nb, 10) places of the inertial parameters
-    positive: NDArray[np.intp]  # (k,) places of the coefficients that must not be negative
-    mass: Array  # (nb,) [kg] sizes
+    bodies: NDArray[np.intp]  # (nb, 10) indices of the inertial parameters
+    positive: NDArray[np.intp]  # (k,) indices of the coefficients that must not be negative
+    mass: Array  # (nb,) [kg] sizes of the masses
     spread: Array  # (nb,) [kg.m2] sizes of the second moments about the centre of mass
     size: Array  # (k,) [unit of each] sizes of the coefficients
-    total: tuple[float, float] | None = None  # [kg]
+    total: tuple[float, float] | None = None  # [kg] range of the total mass
 
     def violation(self, x: Array) -> tuple[float, Array]:
         """Sum of the squared violations, and its gradient (p,).
@@ -49,7 +49,7 @@ class Physics(Frozen):
         return float(mass.sum() + coefficient.sum() + total + moments), slope
 
     def excess(self, x: Array) -> float:
-        """Sum of the squared violations alone, in less than half the time.
+        """Sum of the squared violations without the gradient, in less than half the time.
 
         Args:
             x: (p,) standard parameters [unit of each].
@@ -65,7 +65,7 @@ class Physics(Frozen):
         return float(missing @ missing) + self._total(mass.sum())[0]
 
     def _moments(self, inertials: Array) -> tuple[float, Array]:
-        """Of the moments about the centres of mass: d (nb, 10) the gradient."""
+        """Violation of the second moments about the centres of mass, and its gradient (nb, 10)."""
         mass = np.maximum(inertials[:, 0], _MARGIN * self.mass)
         centre = inertials[:, 1:4] / mass[:, None]
         second = np.tensordot(inertials, _SECOND, 1) - mass[:, None, None] * centre[:, :, None] * centre[:, None, :]
@@ -91,21 +91,21 @@ class Physics(Frozen):
 def physics_of(
     base: BaseMap, estimate: Estimate, prior: Parameters, total: tuple[float, float] | None = None
 ) -> Physics:
-    """What a robot of that kind obeys, in sizes taken from its description.
+    """Constraints of physics for a robot, with sizes from its description.
 
     Args:
-        base: which combinations of the standard parameters the torque shows.
+        base: base map.
         estimate: base parameters, for the sizes of the coefficients.
         prior: standard parameters of the description.
-        total: least and largest sum of the masses of all bodies [kg].
+        total: smallest and largest sum of the masses of all bodies [kg].
 
     Raises:
-        OptionError: the range of the total mass makes no sense.
-        ValueError: when the prior does not have the labels of the base map.
+        OptionError: the range of the total mass is invalid.
+        ValueError: the prior does not have the labels of the base map.
     """
     if total is not None and not 0 <= total[0] <= total[1]:
-        raise OptionError(f"total_mass is {total}; expected (least, largest) in kg, neither negative")
-    start, _ = believable(base, prior)
+        raise OptionError(f"total_mass is {total}; give (smallest, largest) in kg, not negative")
+    start, _ = feasible_prior(base, prior)
     bodies = start.bodies()
     moments = np.array([pseudo_inertia(x)[:3, :3] - np.outer(x[1:4], x[1:4]) / x[0] for x in bodies]).reshape(-1, 3, 3)
     bounded = np.flatnonzero(positive(start) & ~inertial(start))
@@ -120,6 +120,6 @@ def physics_of(
 
 
 def _short(value: Array) -> tuple[Array, Array]:
-    """Square of what is missing to 0, and its derivative."""
+    """Square of the negative part, and its derivative."""
     missing = np.minimum(value, 0.0)
     return missing**2, 2 * missing

@@ -1,4 +1,4 @@
-"""The penalty-based search itself."""
+"""Penalty-based search for standard parameters."""
 
 from __future__ import annotations
 
@@ -16,29 +16,29 @@ from .bounds import Bounds, bounds_around, check_box
 from .cost import SEARCH, Cost, cost_over, descend
 from .penalty import Physics, physics_of
 
-_SHARPEST = 1e4  # standard deviations per width of the box that the search is asked to resolve
-_SETTLED = 1e-2  # gain still in sight over the whole box, in squared standard deviations, at which a run has converged
-_MORE = 6  # rounds that may follow, as long as the result is still impossible or has not settled
-_BUDGET = 2_000  # evaluations of a local algorithm, but:
-_BUDGETS = {"LN_SBPLX": 10_000, "LN_NELDERMEAD": 10_000}
+_SHARPEST = 1e4  # [standard deviations per width of the box] largest sharpness that the search resolves
+_SETTLED = 1e-2  # [squared standard deviations] predicted gain over the whole box at which a run has converged
+_MORE = 6  # largest number of additional rounds, while the result is infeasible or has not converged
+_BUDGET = 2_000  # evaluations of a local algorithm
+_BUDGETS = {"LN_SBPLX": 10_000, "LN_NELDERMEAD": 10_000}  # the same for algorithms that take many small steps
 
 
 @dataclass(frozen=True)
 class Run:
-    """One start of the search and where it ended, judged by the pseudo-inertia test and the gradient."""
+    """Result of one start of the search."""
 
-    cost: float  # chi2, with what is known very sharply eased, plus the last penalty
-    chi2: float  # squared distance from the estimate, in its own information
-    violation: float  # of physics, 0 where there is none
-    weight: float  # of the last penalty [squared standard deviations]
-    feasible: bool
-    converged: bool
+    cost: float  # chi2 with limited sharpness, plus the last penalty
+    chi2: float  # squared distance from the estimate, weighted by its information
+    violation: float  # violation of physics; 0 without any
+    weight: float  # [squared standard deviations] weight of the last penalty
+    feasible: bool  # by Cholesky factors of the pseudo-inertias
+    converged: bool  # by the gradient
     evaluations: int
 
 
 @dataclass(frozen=True, eq=False)
 class Retrieval(Frozen):
-    """The best of the runs."""
+    """Best run, and all runs."""
 
     parameters: Parameters
     best: Run
@@ -50,27 +50,27 @@ class Retrieval(Frozen):
 
     @property
     def cost(self) -> float:
-        """Distance from the estimate, with what is known very sharply eased, plus the last penalty."""
+        """Squared distance from the estimate with limited sharpness, plus the last penalty."""
         return self.best.cost
 
     @property
     def chi2(self) -> float:
-        """Squared distance from the estimate, in its own information."""
+        """Squared distance from the estimate, weighted by its information."""
         return self.best.chi2
 
     @property
     def violation(self) -> float:
-        """Of physics, 0 where there is none."""
+        """Violation of physics; 0 without any."""
         return self.best.violation
 
     @property
     def feasible(self) -> bool:
-        """Whether a real robot could have the parameters; proved by Cholesky factors."""
+        """Whether the parameters are physically feasible, by Cholesky factors of the pseudo-inertias."""
         return self.best.feasible
 
     @property
     def converged(self) -> bool:
-        """Whether no direction in the box promises a better cost."""
+        """Whether the gradient predicts no further gain in the box."""
         return self.best.converged
 
 
@@ -90,38 +90,38 @@ def retrieve(
     budget_global: int = 10_000,
     budget_local: int | None = None,
 ) -> Retrieval:
-    """Standard parameters in a box that reproduce the base parameters and obey physics, as far as a search finds them.
+    """Search a box for standard parameters that reproduce the base parameters and obey physics.
 
-    Each run starts anywhere in the box. Its first round asks only for the base parameters, by a global and then a local
-    algorithm; each later round starts from the last and adds a heavier penalty, `schedule` times its number, on what
-    violates physics. Up to six more rounds follow: of a tenfold penalty while the last is still impossible, of the same
-    one while it has not settled. With gradients (LD_) good up to 7 joints with friction; without (LN_) up to some 30
-    parameters: it stays within its budget and says how it ended.
+    Each run starts at a random point of the box. Its first round fits only the base parameters, by a global and then a
+    local algorithm. Each later round starts from the last one and adds a heavier penalty, `schedule` times its number,
+    on violations of physics. Up to six rounds follow: with a tenfold penalty while the result is infeasible, with the
+    same one while it has not converged. Algorithms with gradients (LD_) are suitable for up to 7 joints with friction,
+    those without (LN_) for up to about 30 parameters. The search stays within its budget and notes how it ended.
 
     Args:
-        base: which combinations of the standard parameters the torque shows.
+        base: base map.
         estimate: base parameters and their information.
-        prior: standard parameters of the description; they give the box and the sizes, not the answer.
-        bounds: the box; around the prior by default.
-        global_algorithm: of NLopt, for the first round.
-        local_algorithm: of NLopt, for every round.
-        runs: starts, of which the best is kept.
-        rounds: of growing penalty.
-        schedule: penalty per round, in squared standard deviations.
-        seed: of the starts and of the global algorithm.
-        total_mass: least and largest sum of the masses of all moving bodies [kg].
+        prior: standard parameters of the description, for the box and the sizes only.
+        bounds: search box; default: around the prior.
+        global_algorithm: NLopt algorithm of the first round.
+        local_algorithm: NLopt algorithm of every round.
+        runs: number of starts, of which the best is kept.
+        rounds: number of rounds of growing penalty.
+        schedule: increase of the penalty per round [squared standard deviations].
+        seed: seed of the starts and of the global algorithm.
+        total_mass: smallest and largest sum of the masses of all moving bodies [kg].
         budget_global: evaluations per run of the global algorithm.
-        budget_local: evaluations per round of the local algorithm; by default 2 000, or 10 000 of those that take many
-            small steps.
+        budget_local: evaluations per round of the local algorithm; default: 2 000, or 10 000 for algorithms that take
+            many small steps.
 
     Raises:
-        OptionError: when an algorithm does not exist, or runs, rounds, bounds or the range of mass make no sense.
-        ValueError: when the prior does not have the labels of the base map.
+        OptionError: an algorithm does not exist, or runs, rounds, bounds or the range of mass are invalid.
+        ValueError: the prior does not have the labels of the base map.
 
     Source: Gaz, Cognetti, Oliva, Robuffo Giordano, De Luca, IEEE RA-L 4(4), 2019, Algorithm 1.
     """
     if runs < 1 or rounds < 1:
-        raise OptionError(f"{runs} runs of {rounds} rounds were asked for; ask for at least 1 of each")
+        raise OptionError(f"runs is {runs} and rounds is {rounds}; give at least 1 of each")
     box = bounds_around(base, estimate, prior) if bounds is None else bounds
     cost = cost_of(base, estimate, box, physics_of(base, estimate, prior, total_mass))
     budget_local = budget_local or _BUDGETS.get(local_algorithm, _BUDGET)
@@ -134,11 +134,11 @@ def retrieve(
         first = descend(cost, rng.uniform(size=len(cost.free)), [0.0], global_algorithm, budget_global, seed + k)
         show_step("searching standard parameters", (k + 1 / 3) / runs)
         ends = [first, descend(cost, first.x, weights, local_algorithm, budget_local, seed + k)]
-        run = _judge(base, estimate, cost, weights[-1], ends)
+        run = _evaluated(base, estimate, cost, weights[-1], ends)
         while not (run.feasible and run.converged) and len(ends) < 2 + _MORE and not time_is_up(SEARCH):
             weight = run.weight if run.feasible else 10 * max(run.weight, schedule)
             ends.append(descend(cost, ends[-1].x, [weight], local_algorithm, budget_local, seed + k))
-            run = _judge(base, estimate, cost, weight, ends)
+            run = _evaluated(base, estimate, cost, weight, ends)
         found.append(_Found(run, ends))
         if time_is_up(SEARCH):
             break
@@ -150,20 +150,20 @@ def retrieve(
 
 class _Found(NamedTuple):
     run: Run
-    ends: list[Optimum]  # of the global algorithm, of the rounds that were asked for, of each that was added
+    ends: list[Optimum]  # of the global algorithm, of the regular rounds, of each additional round
 
 
 def cost_of(base: BaseMap, estimate: Estimate, box: Bounds, physics: Physics) -> Cost:
-    """Squared distance from an estimate, with what is known very sharply eased, plus the penalty.
+    """Cost of a search: squared distance from an estimate with limited sharpness, plus the penalty.
 
     Args:
-        base: which combinations of the standard parameters the torque shows.
+        base: base map.
         estimate: base parameters and their information.
-        box: of the standard parameters.
-        physics: what they obey.
+        box: box of the standard parameters.
+        physics: constraints of physics.
 
     Raises:
-        OptionError: the box is over other parameters.
+        OptionError: the box has other parameters.
     """
     check_box(box, base)
     root, width = information_root(estimate.information), box.upper - box.lower
@@ -173,8 +173,8 @@ def cost_of(base: BaseMap, estimate: Estimate, box: Bounds, physics: Physics) ->
     return cost_over(box, physics, rotated @ base.combination, rotated @ estimate.value)
 
 
-def _judge(base: BaseMap, estimate: Estimate, cost: Cost, weight: float, ends: list[Optimum]) -> Run:
-    """What came out, by tests of our own."""
+def _evaluated(base: BaseMap, estimate: Estimate, cost: Cost, weight: float, ends: list[Optimum]) -> Run:
+    """Result of a run, with feasibility and convergence tested independently of NLopt's status."""
     z = ends[-1].x
     x, last = cost.standard(z), cost.problem(z, weight)
     assert last.gradient is not None, "a cost has one"
@@ -196,7 +196,7 @@ def _notes(found: _Found, cost: Cost, labels: tuple[Label, ...]) -> tuple[str, .
     at_edge = (ends[-1].x == 1.0) | ((ends[-1].x == 0.0) & ~np.isin(cost.free, cost.physics.positive))
     edge = [labels[i].name for i in cost.free[at_edge]]
     notes = [
-        f"{name} of NLopt gave up on this problem; the search went on from where it had come to"
+        f"NLopt's {name} failed on this problem; the search continued from its last point"
         for name in dict.fromkeys(
             end.algorithm for end in ends[: 1 if run.converged else None] if end.status == "failed"
         )
@@ -205,8 +205,8 @@ def _notes(found: _Found, cost: Cost, labels: tuple[Label, ...]) -> tuple[str, .
         spent = f"the search did not converge within {run.evaluations} evaluations"
         notes.append(f"{spent}; try another --local-algorithm, or --method convex")
     if not run.feasible:
-        notes.append("no real robot could have these parameters: the search found none in the box that one could")
+        notes.append("the parameters are infeasible: the search found no feasible ones in the box; widen it")
     if edge:
         more = " ..." if len(edge) > 5 else ""
-        notes.append(f"on an edge of the box, which may be too narrow: {', '.join(edge[:5])}{more}")
+        notes.append(f"parameters at a bound of the box, which may be too narrow: {', '.join(edge[:5])}{more}")
     return tuple(notes)

@@ -1,4 +1,4 @@
-"""Recordings as factors: all that identification needs of them, in a small file, cut into parts and added again."""
+"""Recordings reduced to factors: a small file with all that identification needs; factors of parts can be added."""
 
 from ...recording.formats.npz import is_factor_file
 from .add import add_up

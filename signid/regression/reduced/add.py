@@ -1,4 +1,4 @@
-"""Factors of one task, added: those of several days, or the parts of one recording."""
+"""Sum of the factors of one task: of several recordings, or of the parts of one."""
 
 from __future__ import annotations
 
@@ -16,37 +16,37 @@ from ..factors import Node, cascade, total
 from ..rows import Task
 from .reduce import WHOLE, Reduced
 
-SAME = 1e-9  # relative: by which what two machines computed of one task may differ
+SAME = 1e-9  # [1] relative tolerance between tasks that two machines computed
 
 
 def add_up(parts: Sequence[Reduced]) -> Reduced:
-    """The factors of all recordings as those of one; held-out ones add to held-out ones.
+    """Sum of factors: as if all recordings were reduced together; held-out factors add to held-out factors.
 
-    Factors can be added where their task is the same: robot, held joints, laws, base parameters, band, widths of
-    reversals, lags. `reduce(..., like=...)` makes it so. Parts of the same recordings must be complete.
+    The factors must have the same task: robot, held joints, laws, base parameters, band, widths of reversals, lags.
+    `reduce(..., like=...)` ensures this. Parts of the same recordings must be complete.
 
     Args:
-        parts: at least one.
+        parts: factors to add, at least one.
 
     Raises:
-        OptionError: they do not belong together, or a part is missing or given twice.
+        OptionError: the tasks differ, or a part is missing or given twice.
     """
     if not parts:
-        raise OptionError("no factors were given; at least one file of them is needed")
+        raise OptionError("no factors were given; give at least one file of factors")
     for other in parts[1:]:
         if differs := _difference(parts[0], other):
             raise OptionError(
-                f"the factors of {_told(parts[0])} and of {_told(other)} cannot be added: {differs}; "
+                f"the factors of {_names(parts[0])} and of {_names(other)} cannot be added: {differs}; "
                 f"reduce one of them like the other (--like)"
             )
     whole = fold(_sum, [_joined(found) for found in _sets(parts)])
-    learned = dict.fromkeys(file for part in parts for file in part.inputs)
+    files = dict.fromkeys(file for part in parts for file in part.inputs)
     notes = dict.fromkeys(note for part in parts for note in part.notes)
-    return replace(whole, inputs=tuple(learned), notes=tuple(notes))
+    return replace(whole, inputs=tuple(files), notes=tuple(notes))
 
 
 def _joined(parts: Sequence[Reduced]) -> Reduced:
-    """The parts of the same recordings as a whole: to the last bit what one machine makes of them."""
+    """Sum of the parts of the same recordings, equal to the last bit to the factors of the whole."""
     if len(parts) == 1:
         return parts[0]
     ordered = sorted(parts, key=lambda part: part.share)
@@ -65,15 +65,15 @@ def _sum(one: Reduced, other: Reduced) -> Reduced:
 
 
 def _difference(one: Reduced, other: Reduced) -> str:
-    """What two tasks differ in, in words; "" where they are the same."""
-    for what, of in (("robot or its held joints", _robot), ("laws", _laws), ("base parameters", _base)):
-        if not _close(of(one.task), of(other.task)):
-            return f"their {what} differ"
+    """Sentence on the first difference of two tasks; "" if they are the same."""
+    for name, key in (("robot or its held joints", _robot), ("laws", _laws), ("base parameters", _base)):
+        if not _close(key(one.task), key(other.task)):
+            return f"their {name} differ"
     if -1 not in (one.lags, other.lags) and one.lags != other.lags:
         return "one was reduced for white noise"
     if not _close(_filter(one.task), _filter(other.task)):
         bands = " and ".join(f"{each.task.band.cutoff:.3g} Hz" for each in (one, other))
-        return f"their filters differ (cut-offs {bands}, and what follows from the noise of each)"
+        return f"their filters differ (cut-offs {bands}, or the noise levels that set them)"
     return ""
 
 
@@ -107,7 +107,7 @@ def _filter(task: Task) -> tuple[Any, ...]:
 
 
 def _sets(parts: Sequence[Reduced]) -> list[list[Reduced]]:
-    """The parts by the recordings that they are of, each set complete, no recording in two of them."""
+    """Parts grouped by their recordings, after a check that each group is complete and no recording is in two."""
     sets: dict[tuple[Input, ...], list[Reduced]] = {}
     for part in parts:
         sets.setdefault(part.inputs, []).append(part)
@@ -124,15 +124,15 @@ def _sets(parts: Sequence[Reduced]) -> list[list[Reduced]]:
 
 
 def _check_complete(parts: Sequence[Reduced]) -> None:
-    of, name, given = parts[0].share[1], _told(parts[0]), sorted(part.share[0] for part in parts)
+    of, name, given = parts[0].share[1], _names(parts[0]), sorted(part.share[0] for part in parts)
     if any(part.share[1] != of for part in parts):
-        raise OptionError(f"{name} was cut in two ways; give the parts of one")
+        raise OptionError(f"{name} was cut in two different ways; give the parts of one of them")
     if twice := [k for k in given if given.count(k) > 1]:
-        what = name if of == 1 else f"part {twice[0]} of {of} of {name}"
-        raise OptionError(f"{what} was given twice; give each once")
+        repeated = name if of == 1 else f"part {twice[0]} of {of} of {name}"
+        raise OptionError(f"{repeated} was given twice; give each once")
     if missing := [str(k) for k in range(1, of + 1) if k not in given]:
-        raise OptionError(f"of the {of} parts of {name}, {shorten(missing)} is missing; give all of them")
+        raise OptionError(f"part {shorten(missing)} of the {of} parts of {name} is missing; give all of them")
 
 
-def _told(part: Reduced) -> str:
+def _names(part: Reduced) -> str:
     return shorten([file.path or "a recording" for file in part.inputs], 2)

@@ -1,4 +1,4 @@
-"""The file of factors: a NumPy archive of arrays with a header that says what they are, hashed as a whole."""
+"""File of factors: a NumPy archive of arrays with a JSON header and a hash of all arrays."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from ..rows import Task
 from .reduce import WHOLE, Reduced
 
 SCHEMA = "signid.factors/1"
-LARGEST = 2**30  # bytes of all arrays
+LARGEST = 2**30  # [bytes] largest size of all arrays, a limit for damaged and malicious files
 BASE = ("combination", "sees", "singular_values", "independent")
 BAND = ("per_joint", "velocity_noise", "torque_floor")
 MOTION = ("lower", "upper", "velocity", "acceleration")
@@ -38,10 +38,10 @@ FLAGS = ("recorded_derivatives", "instruments")
 
 
 def encode_factors(reduced: Reduced) -> bytes:
-    """What a file of factors holds; the same factors give the same bytes.
+    """Content of a file of factors; equal factors give equal bytes.
 
     Args:
-        reduced: as `reduce` gives it.
+        reduced: factors by `reduce`.
     """
     task, band, base = reduced.task, reduced.task.band, reduced.task.base
     arrays: dict[str, Any] = {f"base_{name}": np.asarray(getattr(base, name)) for name in BASE}
@@ -77,15 +77,15 @@ def encode_factors(reduced: Reduced) -> bytes:
 
 
 def load_factors(path: str | Path, robot: Robot) -> Reduced:
-    """The factors in a file.
+    """Read the factors in a file.
 
     Args:
-        path: as `signid reduce` writes it.
-        robot: that the recordings are of, with the joints held that were held then.
+        path: file that `signid reduce` wrote.
+        robot: robot of the recordings, with the same joints held.
 
     Raises:
-        RobotError: it is another robot, or other joints of it are held.
-        OptionError: the file cannot be read, is damaged, or of another version.
+        RobotError: the factors are of another robot, or of other held joints.
+        OptionError: the file cannot be read, is damaged, or has another version.
     """
     header, arrays = _read(Path(path))
     try:
@@ -95,8 +95,8 @@ def load_factors(path: str | Path, robot: Robot) -> Reduced:
         if not known or _digest(moving) != header["robot"]["sha256"]:
             name = header["robot"]["name"]
             raise RobotError(
-                f"{path} holds factors of {name}, which is not {robot.name} as it is given here; "
-                f"give the description, --joints, --lock and torque constants that they were made with"
+                f"{path} holds factors of {name}, which differs from {robot.name} as given here; "
+                f"give the description, --joints, --lock and torque constants of the reduction"
             )
         task = _task(header, arrays, moving)
         train, held_out = (
@@ -114,12 +114,12 @@ def load_factors(path: str | Path, robot: Robot) -> Reduced:
         return found
     except SignidError:
         raise
-    except Exception as error:  # whatever is wrong with what the header holds
+    except Exception as error:  # any fault of the header's content
         raise _damaged(path) from error
 
 
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Header and arrays of a file, if it is whole."""
+    """Header and arrays of an undamaged file."""
     try:
         with ZipFile(path) as archive:
             if sum(member.file_size for member in archive.infolist()) > LARGEST:
@@ -131,8 +131,10 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     except SignidError:
         raise
     except MemoryError:
-        raise OptionError(f"{path} holds more than memory can; factors are far smaller, it cannot be used") from None
-    except Exception as error:  # the system's, numpy's, those of zip archives, and of what their headers hold
+        raise OptionError(
+            f"{path} expands to more than {LARGEST >> 30} GiB, and factors are far smaller; reduce the recordings again"
+        ) from None
+    except Exception as error:  # errors of the system, of numpy, of zip archives and of the header's content
         if isinstance(error, OSError) and error.strerror:
             raise OptionError(f"cannot read factors from {path}: {error.strerror}") from None
         raise _damaged(path) from error
@@ -144,7 +146,9 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
 
 
 def _damaged(path: str | Path) -> OptionError:
-    return OptionError(f"{path} is no file of factors as `signid reduce` writes it, or is damaged; reduce again")
+    return OptionError(
+        f"{path} is not a file of factors as `signid reduce` writes it, or is damaged; reduce the recordings again"
+    )
 
 
 def _hash(arrays: Mapping[str, Any]) -> str:
@@ -156,7 +160,7 @@ def _hash(arrays: Mapping[str, Any]) -> str:
 
 
 def _digest(robot: Robot) -> str:
-    """Of all that rows take from a robot: the description, held joints and torque constants."""
+    """Hash of everything in a robot that rows depend on: description, held joints and torque constants."""
     digest = sha256(f"{robot.sha256} {robot.joints}".encode())
     for array in (robot.rest, robot.drive, robot.actuators.torque_constant):
         digest.update(np.ascontiguousarray(array).tobytes())
@@ -176,7 +180,7 @@ def _arrays(factors: Factors) -> dict[str, Any]:
 
 
 def _factors(part: str, arrays: Mapping[str, Any], task: Task) -> Factors:
-    """Factors of the shapes that the task asks for."""
+    """Factors of one part, checked against the shapes of the task."""
     lags = len(arrays[f"{part}_0_grams"]) - 1
     like, totals = reduce_rows(task, (), lags), arrays[f"{part}_totals"]
     joints = []
@@ -190,14 +194,14 @@ def _factors(part: str, arrays: Mapping[str, Any], task: Task) -> Factors:
 
 
 def _sample(part: str, arrays: Mapping[str, Array], task: Task, seen: Sequence[Indices]) -> RowSample | None:
-    """Sample of rows; None in files of earlier versions."""
+    """Sample of rows; None for files of earlier versions."""
     if f"{part}_sample_stride" not in arrays:
         return None
     found: dict[str, Any] = {key: arrays[f"{part}_sample_{key}"] for key in SAMPLE}
     wide, rows = (len(found["number"]), len(task.robot.joints)), found["columns"]
     whole = all(found[key].shape == wide for key in SAMPLE[1:-1])
     if not whole or rows.shape != (wide[0], sum(map(len, seen))) or found["number"].dtype.kind != "i":
-        raise ValueError("a sample of rows has another shape than its task")
+        raise ValueError("a sample of rows does not have the shape of its task")
     found = {key: x.astype(np.float64) if x.dtype.kind == "f" else x for key, x in found.items()}
     period = task.band.factor / task.band.rate
     return RowSample(period=period, stride=int(arrays[f"{part}_sample_stride"]), **found)
@@ -205,26 +209,26 @@ def _sample(part: str, arrays: Mapping[str, Array], task: Task, seen: Sequence[I
 
 def _same_shape(array: Array, other: Array) -> Array:
     if array.shape != other.shape or array.dtype != other.dtype:
-        raise ValueError("an array has another shape than its task")
+        raise ValueError("an array does not have the shape of its task")
     return array
 
 
 def _task(header: Mapping[str, Any], arrays: Mapping[str, Any], robot: Robot) -> Task:
     laws = tuple(Law(EFFECTS[name], tuple(joints)) for name, joints in header["laws"])
-    told = header["base"]
+    stated = header["base"]
     base = BaseMap(
         labels(robot, laws),
-        expressions=tuple(map(str, told["expressions"])),
-        units=tuple(map(str, told["units"])),
-        condition=float(told["condition"]),
+        expressions=tuple(map(str, stated["expressions"])),
+        units=tuple(map(str, stated["units"])),
+        condition=float(stated["condition"]),
         **{name: arrays[f"base_{name}"] for name in BASE},
     )
-    told, n = header["band"], len(robot.joints)
+    stated, n = header["band"], len(robot.joints)
     band = Band(
-        float(told["rate"]),
-        int(told["factor"]),
-        bool(told["filtered"]),
-        beyond=float(told["beyond"]),
+        float(stated["rate"]),
+        int(stated["factor"]),
+        bool(stated["filtered"]),
+        beyond=float(stated["beyond"]),
         **{name: arrays[f"band_{name}"] for name in BAND},
     )
     reach = tuple(int(x) for x in header["reach"])
@@ -234,5 +238,5 @@ def _task(header: Mapping[str, Any], arrays: Mapping[str, Any], robot: Robot) ->
     )
     names = len(base.expressions) == len(base.units) == base.rank
     if shapes != [(base.rank, len(base.labels)), (n, base.rank), (n,), (n,), (n,)] or not (whole and names):
-        raise ValueError("what it holds does not fit together")
+        raise ValueError("the arrays do not fit the header")
     return Task(robot, laws, base, band, arrays["slow"], reach, *(header[name] is True for name in FLAGS))

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...recording.sampling import samples
-from ...regression.filters import least
+from ...regression.filters import moving_minimum
 from ...regression.motion import Motion, build_motion, margin
 from ...regression.regressor import base_rows
 from ...regression.rows import Task
@@ -222,4 +222,6 @@ def _recorded(motion: Motion) -> Array:
 
 
 def _steady(task: Task, motion: Motion, reach: int) -> Mask:
-    return np.asarray((least(np.abs(motion.v), reach) >= REVERSAL_WIDTHS * task.slow) | ~np.array(task.reverses))
+    return np.asarray(
+        (moving_minimum(np.abs(motion.v), reach) >= REVERSAL_WIDTHS * task.slow) | ~np.array(task.reverses)
+    )

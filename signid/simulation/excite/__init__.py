@@ -1,8 +1,8 @@
-"""Motions that excite: what a robot should do, so that its dynamics can be told.
+"""Exciting motions, which make the dynamics of a robot identifiable.
 
-`excite` seeks the motion that tells the base parameters best within the limits and clear of the robot's own links;
-`separate` the one along which two laws differ most, or the finding that none does; `random_motion` seeks nothing. All
-begin and end at rest. `build_limits` gives the limits of the description, to be changed as wanted.
+`excite` searches for the motion with most information on the base parameters, within the limits and without
+self-collision. `separate` searches for the motion along which two laws differ most, or finds that there is none. Both
+begin and end at rest. `random_motion` does not search. `build_limits` gives the limits of the description.
 """
 
 from .design import excite

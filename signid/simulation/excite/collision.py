@@ -1,4 +1,4 @@
-"""How near a robot's own links come to one another, by coal through Pinocchio."""
+"""Distances between the links of a robot, by coal through Pinocchio."""
 
 from __future__ import annotations
 
@@ -16,30 +16,30 @@ from ...robot.meshes import find_mesh
 from ...types import Array, Frozen, Robot
 from .limits import Limits
 
-POSTURES = 200  # random ones that pairs of links are judged on
-SPARED = 0.25  # of what a pair usually has beyond the clearance
-ALWAYS = 0.5  # pairs too near in more of them belong together: their shapes overlap by design
+POSTURES = 200  # random postures for statistics of the distances
+SPARED = 0.25  # [1] largest extra clearance of a pair, over its median distance beyond the clearance
+ALWAYS = 0.5  # [1] share of the postures in which a pair is too near, above which its shapes overlap by design
 
 
 class _Near(NamedTuple):
-    lack: float  # [1] of the clearance, more than 1 where shapes overlap
-    slope: Array  # (nv,) [1/rad] of it
+    lack: float  # [1] missing share of the clearance, more than 1 if shapes overlap
+    slope: Array  # (nv,) [1/rad] its derivative
 
 
 @dataclass(frozen=True, eq=False)
 class Collision(Frozen):
-    """The shapes of a robot, meshes as their convex hulls, and the pairs that could meet."""
+    """Collision shapes of a robot, meshes as convex hulls, and the pairs that can collide."""
 
     robot: Robot
-    geometry: Any  # pin.GeometryModel with those pairs
+    geometry: Any  # pin.GeometryModel with these pairs
     usual: Array  # (pairs,) [m] median distance over random postures
 
     def distance(self, q: Array) -> Array:
-        """Smallest distance at each of q (N, n) [rad or m], (N,) [m], negative where links overlap."""
+        """Smallest distance (N,) [m] at each of q (N, n) [rad or m], negative if links overlap."""
         return np.asarray(self.distances(q).min(axis=1))
 
     def distances(self, q: Array) -> Array:
-        """Of every pair at each of q (N, n) [rad or m], (N, pairs) [m]."""
+        """Distances (N, pairs) [m] at each of q (N, n) [rad or m]."""
         model, data, placed = self.robot.model, self.robot.model.createData(), self.geometry.createData()
         out = np.empty((len(q), len(self.geometry.collisionPairs)))
         for i, where in enumerate(configuration(self.robot, q)):
@@ -48,17 +48,17 @@ class Collision(Frozen):
         return out
 
     def penalty(self, q: Array, clearance: float, spare: float) -> tuple[float, Array]:
-        """Mean square of what each pair lacks of its clearance, relative, and its slope.
+        """Mean square of the missing share of each pair's clearance, and its derivative.
 
-        Links that are always near one another are spared a quarter of their usual distance at most.
+        The extra clearance of a pair is at most a quarter of its median distance, for links that are always near.
 
         Args:
             q: (N, n) [rad or m] positions.
-            clearance: that is needed [m].
-            spare: more of it that is wanted [m].
+            clearance: required distance [m].
+            spare: extra distance that is desired [m].
 
         Returns:
-            The mean, and (N, n) [1/rad or 1/m].
+            The mean [1], and its derivative (N, n) [1/rad or 1/m].
         """
         model, data, placed = self.robot.model, self.robot.model.createData(), self.geometry.createData()
         wanted = clearance + np.clip(SPARED * (self.usual - clearance), 0, spare)
@@ -71,13 +71,13 @@ class Collision(Frozen):
         return total / len(q), slope / len(q)
 
     def _near(self, model: Any, data: Any, placed: Any, wanted: Array, where: Array) -> Iterator[_Near]:
-        ready = False
+        computed = False
         for k, found in enumerate(placed.distanceResults):
             if found.min_distance >= wanted[k]:
                 continue
-            if not ready:
+            if not computed:
                 pin.computeJointJacobians(model, data, where)
-                ready = True
+                computed = True
             pair, slope = self.geometry.collisionPairs[k], np.zeros(model.nv)
             ends = (pair.first, found.getNearestPoint1(), -1.0), (pair.second, found.getNearestPoint2(), 1.0)
             for shape, point, sign in ends:
@@ -88,28 +88,28 @@ class Collision(Frozen):
 
 
 def build_collision(robot: Robot, limits: Limits, clearance: float, seed: int = 0) -> tuple[Collision | None, str]:
-    """The shapes of a robot with the pairs that could meet; None, and why, where nothing is known of them.
+    """Collision shapes of a robot with the pairs that can collide; None and the reason if there are none.
 
-    Left out: shapes of one link, of links joined by one joint that moves, and pairs nearer than the clearance in more
-    than half of 200 random postures, whose shapes overlap by design.
+    Pairs of one link and of links joined by one moving joint are left out. So are pairs nearer than the clearance in
+    more than half of 200 random postures: their shapes overlap by design.
 
     Args:
-        robot: its URDF is read anew for the collision elements.
-        limits: between which postures are drawn.
-        clearance: nearer is too near [m].
-        seed: of the postures.
+        robot: robot whose URDF has the collision elements.
+        limits: limits of the random postures.
+        clearance: smallest allowed distance [m].
+        seed: seed of the postures.
     """
     if robot.kind != "urdf":
-        return None, f"self-collision was not checked: shapes are read from a URDF, not from {robot.kind.upper()}"
+        return None, f"self-collision was not checked: shapes are read from a URDF only, this is {robot.kind.upper()}"
     try:
         geometry = pin.buildGeomFromUrdfString(robot.model, _placed(robot), pin.GeometryType.COLLISION)
         for item in geometry.geometryObjects:
             item.geometry = _convex(item.geometry)
-    except Exception as error:  # Pinocchio's are of no family
+    except Exception as error:  # Pinocchio's exceptions have no common base class
         return None, f"self-collision was not checked: {' '.join(str(error).split())[:200]}"
     pairs = _pairs(robot, geometry)
     if not pairs:
-        return None, f"self-collision was not checked: {robot.name} has no two shapes that could meet"
+        return None, f"self-collision was not checked: {robot.name} has no two shapes that can collide"
     _keep(geometry, pairs)
     q = np.random.default_rng(seed).uniform(limits.lower, limits.upper, (POSTURES, len(robot.joints)))
     found = Collision(robot, geometry, np.zeros(len(pairs))).distances(q)
@@ -121,10 +121,10 @@ def build_collision(robot: Robot, limits: Limits, clearance: float, seed: int = 
 
 
 def _placed(robot: Robot) -> str:
-    """The URDF with the paths of the meshes that it collides with.
+    """URDF with absolute paths of its collision meshes.
 
     Raises:
-        RobotError: there is no such mesh.
+        RobotError: a mesh is not found.
     """
     from lxml import etree
 
@@ -145,7 +145,7 @@ def _keep(geometry: Any, pairs: list[tuple[int, int]]) -> None:
 
 
 def _convex(shape: Any) -> Any:
-    """The shape itself, or the hull of a mesh: signed distances need convex shapes."""
+    """The shape, or the convex hull of a mesh: signed distances need convex shapes."""
     if not hasattr(shape, "buildConvexRepresentation"):
         return shape
     shape.buildConvexRepresentation(False)
@@ -153,9 +153,9 @@ def _convex(shape: Any) -> Any:
 
 
 def _pairs(robot: Robot, geometry: Any) -> list[tuple[int, int]]:
-    """Shapes on links between which at least two joints move."""
+    """Pairs of shapes on links that are at least two moving joints apart."""
     model, moves = robot.model, np.asarray(np.any(robot.drive, axis=1))
-    body = [0]  # per joint, the first of the joints that it stands still with
+    body = [0]  # per joint, the first of the joints that are fixed to it
     for i in range(1, model.njoints):
         joint = model.joints[i]
         moving = moves[joint.idx_v : joint.idx_v + joint.nv].any()
@@ -167,7 +167,7 @@ def _pairs(robot: Robot, geometry: Any) -> list[tuple[int, int]]:
 
 
 def _approach(model: Any, data: Any, joint: int, point: Array, normal: Array) -> Array:
-    """(nv,) velocity along the normal of a point that a joint carries, per joint velocity."""
+    """Derivative (nv,) of the velocity along a normal, at a point that a joint carries, by the joint velocities."""
     jacobian = np.reshape(pin.getJointJacobian(model, data, joint, pin.LOCAL_WORLD_ALIGNED), (6, model.nv))
     arm = point - data.oMi[joint].translation
     return np.asarray(normal @ jacobian[:3] + np.cross(arm, normal) @ jacobian[3:])

@@ -1,4 +1,4 @@
-"""What a search makes small: the criterion and penalties on limits, with their slope along a family of motions."""
+"""Cost of a motion: criterion and penalties on limits, with their gradient over a family of motions."""
 
 from __future__ import annotations
 
@@ -12,56 +12,56 @@ from ...types import Array, Frozen
 from .criterion import Criterion
 from .motions.family import Family
 from .motions.random_motion import column_sizes
-from .problem import Setting
+from .problem import ExcitationProblem
 
-STEPS = np.array([1e-6, 1e-6, 1e-3])  # of position, velocity and acceleration, for slopes of the regressor
-REVERSAL = 0.03  # of the velocity limit: slower, friction's direction is in proportion, so that it has a slope
+STEPS = np.array([1e-6, 1e-6, 1e-3])  # [rad, rad/s, rad/s2] steps of the regressor's numerical derivatives
+REVERSAL = 0.03  # [1] speed over its limit below which the direction of friction is smoothed, for a gradient
 
 
 @dataclass(frozen=True, eq=False)
 class Cost(Frozen):
-    """Cost of a motion by z (n * d,) [1], its parameters relative: a position about the middle, then what moves."""
+    """Cost of a motion with scaled parameters z (n * d,) [1]: mean position relative to the middle, then the rest."""
 
-    setting: Setting
+    problem: ExcitationProblem
     criterion: Criterion
     family: Family
-    t: Array  # (N,) [s] instants at which motions are judged
-    penalty: float  # on the mean square of what exceeds a limit, relative
-    spare: float  # [m] between links beyond the clearance
+    t: Array  # (N,) [s] samples at which the cost is computed
+    penalty: float  # [1] weight of the mean square relative excess over a limit
+    spare: float  # [m] extra distance between links, beyond the clearance
 
     @cached_property
     def basis(self) -> Array:
-        """(3, N, d) [1, 1/s, 1/s2]."""
+        """Basis (3, N, d) [1, 1/s, 1/s2] at the samples."""
         return self.family.basis(self.t)
 
     @cached_property
     def sizes(self) -> Array:
-        """(n, d) [rad or m] of each parameter at z = 1."""
-        sizes = column_sizes(self.basis, self.setting.limits)
-        sizes[:, 0] = self.setting.limits.half
+        """Parameters (n, d) [rad or m] at z = 1."""
+        sizes = column_sizes(self.basis, self.problem.limits)
+        sizes[:, 0] = self.problem.limits.half
         return sizes
 
     def parameters(self, z: Array) -> Array:
-        """(n, d) [rad or m] from z (n * d,) [1]."""
+        """Parameters (n, d) [rad or m] from z (n * d,) [1]."""
         x = z.reshape(self.sizes.shape) * self.sizes
-        x[:, 0] += self.setting.limits.middle
+        x[:, 0] += self.problem.limits.middle
         return x
 
     def relative(self, x: Array) -> Array:
-        """(n * d,) [1] from x (n, d) [rad or m]."""
+        """Scaled parameters z (n * d,) [1] from x (n, d) [rad or m]."""
         y = x.copy()
-        y[:, 0] -= self.setting.limits.middle
+        y[:, 0] -= self.problem.limits.middle
         return (y / self.sizes).ravel()
 
     def value(self, z: Array) -> float:
         """Cost of z (n * d,) [1]."""
         states = self.basis @ self.parameters(z).T
         rows = self._rows(states)
-        cost = self.criterion(self.setting.information(rows) / len(self.t))[0]
+        cost = self.criterion(self.problem.information(rows) / len(self.t))[0]
         return cost + self.penalty * (self._excess(states)[0] + self._overload(rows)[0] + self._contact(states)[0])
 
     def value_and_slope(self, z: Array) -> tuple[float, Array]:
-        """Cost of z (n * d,) [1], and its slope (n * d,) [1]: rows by differences at every instant."""
+        """Cost of z (n * d,) [1], and its gradient (n * d,) [1] by differences of the rows at every sample."""
         n, count = self.sizes.shape[0], len(self.t)
         states = self.basis @ self.parameters(z).T
         near = np.repeat(states[:, None], 1 + 3 * n, axis=1)  # (3, 1 + 3 n, N, n)
@@ -70,13 +70,13 @@ class Cost(Frozen):
                 near[k, 1 + k * n + j, :, j] += STEPS[k]
         shifted = self._rows(near.reshape(3, -1, n))
         rows = [x[:count] for x in shifted]
-        cost, slope = self.criterion(self.setting.information(rows) / count)
+        cost, slope = self.criterion(self.problem.information(rows) / count)
         excess, by_state = self._excess(states)
         overload, by_load = self._overload(rows)
         contact, by_place = self._contact(states)
         by_state = self.penalty * by_state
         by_state[0] += self.penalty * by_place
-        for x, x0, seen, load in zip(shifted, rows, self.setting.base.sees, by_load, strict=True):
+        for x, x0, seen, load in zip(shifted, rows, self.problem.base.sees, by_load, strict=True):
             weight = 2 / count * x0 @ slope[np.ix_(seen, seen)] + self.penalty * load
             moved = np.einsum("sim,im->si", x.reshape(-1, count, x.shape[1]), weight)
             change = (moved[1:] - moved[0]).reshape(3, n, count) / STEPS[:, None, None]
@@ -85,31 +85,31 @@ class Cost(Frozen):
         return cost + self.penalty * (excess + overload + contact), by_parameter.ravel()
 
     def _rows(self, states: Array) -> list[Array]:
-        """Rows of states (3, M, n), those of one instant after another."""
+        """Rows of states (3, M, n), whose times repeat the samples."""
         t = np.resize(self.t, states.shape[1])
-        return self.setting.rows(t, states[0], states[1], states[2], slow=REVERSAL * self.setting.limits.velocity)
+        return self.problem.rows(t, states[0], states[1], states[2], slow=REVERSAL * self.problem.limits.velocity)
 
     def _excess(self, states: Array) -> tuple[float, Array]:
-        """Mean square over position, velocity and acceleration limits; slope (3, N, n)."""
-        limits = self.setting.limits
+        """Mean square excess over position, velocity and acceleration limits; gradient (3, N, n)."""
+        limits = self.problem.limits
         share = limits.shares(*states)
         over = share - np.clip(share, -1, 1)
         return float(np.sum(over**2)) / len(self.t), 2 * over / limits.allowed[:, None] / len(self.t)
 
     def _overload(self, rows: Sequence[Array]) -> tuple[float, list[Array]]:
-        """Mean square over torque limits; slope (N, m_j) per joint."""
-        total, slopes, setting = 0.0, [], self.setting
-        for j, (x, seen) in enumerate(zip(rows, setting.base.sees, strict=True)):
-            per_row = setting.value[seen] * setting.size[seen] * setting.noise[j]
-            share = x @ per_row / (setting.limits.torque[j] * setting.limits.margin)
+        """Mean square excess over torque limits; gradient (N, m_j) per joint."""
+        total, slopes, problem = 0.0, [], self.problem
+        for j, (x, seen) in enumerate(zip(rows, problem.base.sees, strict=True)):
+            per_row = problem.value[seen] * problem.size[seen] * problem.noise[j]
+            share = x @ per_row / (problem.limits.torque[j] * problem.limits.margin)
             over = share - np.clip(share, -1, 1)
             total += float(np.sum(over**2)) / len(self.t)
-            scale = 2 / (setting.limits.torque[j] * setting.limits.margin) / len(self.t)
+            scale = 2 / (problem.limits.torque[j] * problem.limits.margin) / len(self.t)
             slopes.append(np.outer(over * scale, per_row))
         return total, slopes
 
     def _contact(self, states: Array) -> tuple[float, Array]:
-        """Mean square of what lacks of the clearance; slope (N, n)."""
-        if self.setting.collision is None:
+        """Mean square of the missing share of the clearance; gradient (N, n)."""
+        if self.problem.collision is None:
             return 0.0, np.zeros(states.shape[1:])
-        return self.setting.collision.penalty(states[0], self.setting.clearance, self.spare)
+        return self.problem.collision.penalty(states[0], self.problem.clearance, self.spare)

@@ -1,4 +1,4 @@
-"""How much a motion tells, from its information matrix."""
+"""Optimality criteria of an information matrix."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ import numpy as np
 
 from ...types import Array
 
-FLOOR = 1e-13  # of the largest eigenvalue: smaller ones are not told from zero
-SHARP = 4  # power by which the extreme eigenvalues are made smooth
+FLOOR = 1e-13  # [1] smallest eigenvalue over the largest; smaller ones are zero up to rounding
+SHARP = 4  # power of the power means that smooth the extreme eigenvalues
 
 Criterion = Callable[[Array], tuple[float, Array]]
-"""Information (b, b) [1] -> cost, to be made small, and its slope (b, b)."""
+"""Information (b, b) [1] -> cost to minimise, and its gradient (b, b)."""
 
 
 def determinant(information: Array) -> tuple[float, Array]:
-    """Mean log of the principal standard deviations, and its slope (b, b) [1]: D-optimality.
+    """D-optimality: mean log of the principal standard deviations, and its gradient (b, b) [1].
 
     Args:
         information: (b, b) [1] of scaled parameters.
@@ -28,7 +28,7 @@ def determinant(information: Array) -> tuple[float, Array]:
 
 
 def condition(information: Array) -> tuple[float, Array]:
-    """Log of the regressor's condition number, its extremes smoothed, and its slope (b, b) [1].
+    """Log of the regressor's condition number, with smoothed extremes, and its gradient (b, b) [1].
 
     Args:
         information: (b, b) [1] of scaled parameters.

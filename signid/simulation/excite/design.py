@@ -1,4 +1,4 @@
-"""Model -> exciting motion."""
+"""Model -> optimal exciting motion."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from ...model import Model
 from ...types import Array, Progress, Trajectory
 from .cost import Cost
 from .criterion import CRITERIA
-from .feasible import Safe, grid, make_safe
+from .feasible import FeasibleMotion, grid, make_feasible
 from .limits import Limits, build_limits
 from .motions.family import FAMILIES
 from .motions.random_motion import at_rate, check_duration, random_parameters, sample
-from .problem import Setting
-from .result import Excitation, tell_spent
-from .search import GRID, SPARE, Budget, Found, search, settle
-from .setup import make_ready, usual_laws
+from .problem import ExcitationProblem
+from .result import Excitation, budget_notes
+from .search import GRID, SPARE, Budget, Found, enforce_limits, search
+from .setup import build_problem, usual_laws
 
-RANDOM = "random"  # the kind that is drawn, not sought
-CLEARANCE = 0.01  # [m] between links
-WAVES = 500  # of the fastest harmonic, at most
-PER_PERIOD = 12  # instants of the search per period of the fastest harmonic
-KEPT = 0.95  # of the motion found; less is flagged
-PENALTY = 100.0  # on what exceeds a limit: log of a standard deviation per mean square share
+RANDOM = "random"  # kind of motion without a search
+CLEARANCE = 0.01  # [m] smallest distance between links
+WAVES = 500  # largest number of periods of the fastest harmonic
+PER_PERIOD = 12  # samples of the search per period of the fastest harmonic
+KEPT = 0.95  # [1] scale of the motion that keeps all limits, below which it is flagged
+PENALTY = 100.0  # [1] on the mean square excess over a limit; the criterion is the log of a standard deviation
 
 
 @ends_in_time
@@ -49,25 +49,26 @@ def excite(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Excitation:
-    """A motion, at rest at both ends, that tells the base parameters of bodies and laws best within the limits.
+    """Optimal exciting motion: most information on the base parameters of bodies and laws within the limits.
 
-    Torque errors count in proportion to each joint's torque limit (1 %; of its rms torque in random motions where it
-    has none). Limits are obeyed on a grid of 1 ms, distances between links on one of 5 ms.
+    The motion is at rest at both ends. The assumed torque noise is 1 % of each joint's torque limit; for joints without
+    a limit, 1 % of the rms torque along random motions. Limits are obeyed on a grid of 1 ms, distances between links on
+    one of 5 ms. The search amplifies rounding errors: another processor may give another motion that is about as good.
 
     Args:
-        model: robot, inertials and laws as known so far: they give torque.
-        kind: "fourier", "spline", or "random": a Fourier series drawn once and scaled to the limits, without a search.
+        model: robot, inertials and laws as known so far; they give the torque.
+        kind: "fourier", "spline", or "random": one random Fourier series, scaled to the limits, without a search.
         criterion: "determinant" of the information (D-optimality) or "condition" number of the base regressor.
-        duration: of the motion [s].
-        harmonics: of the base frequency; splines get as much freedom.
-        base_frequency: [Hz]; one period in the duration, if None.
-        limits: as `build_limits` makes them; those of the description, if None.
-        effects: laws at every joint whose coefficients are to be told as well.
+        duration: duration of the motion [s].
+        harmonics: number of harmonics of the base frequency; a spline gets as many degrees of freedom.
+        base_frequency: base frequency [Hz]; None: one period in the duration.
+        limits: limits by `build_limits`; None: limits of the description.
+        effects: laws at every joint whose coefficients are to be identified as well.
         clearance: smallest distance between links [m].
-        rate: of the samples of the result [Hz].
+        rate: sampling rate of the result [Hz].
         budget: evaluations of each stage of the search.
-        seed: of all random numbers.
-        progress: told what is being done and the share of it that is done.
+        seed: seed of all random numbers.
+        progress: function that is called with the current step and the share of it that is done.
 
     Raises:
         OptionError: an option is unknown, a limit leaves no motion, or the duration is shorter than a period.
@@ -76,83 +77,86 @@ def excite(
     _check(kind, criterion, rate, duration, harmonics, frequency)
     family = FAMILIES["fourier" if kind == RANDOM else kind](duration, harmonics, frequency)
     limits = limits or build_limits(model.robot)
-    setting, notes = make_ready(model, usual_laws(model, effects), family, duration, limits, clearance, seed)
+    problem, notes = build_problem(model, usual_laws(model, effects), family, limits, clearance, seed)
     instants = int(np.ceil(PER_PERIOD * harmonics * frequency * duration))
-    cost = Cost(setting, CRITERIA[criterion], family, np.linspace(0, duration, instants + 1), PENALTY, SPARE)
+    cost = Cost(problem, CRITERIA[criterion], family, np.linspace(0, duration, instants + 1), PENALTY, SPARE)
     budget = budget or Budget.usual(len(model.robot.joints))
-    safe, found = (_draw if kind == RANDOM else _find)(cost, budget, duration, seed, progress)
-    small = f"the motion found was scaled to {safe.share:.0%} to obey torque limits and distances between links"
-    fine = sample(family, model.robot.joints, safe.x, grid(duration))
-    trajectory = sample(family, model.robot.joints, safe.x, at_rate(duration, rate))
-    worth = judge(setting, trajectory)
+    feasible, found = (_random if kind == RANDOM else _optimised)(cost, budget, seed, progress)
+    small = (
+        f"the optimised motion was scaled to {feasible.share:.0%} to obey torque limits and distances between links, "
+        f"and is no longer optimal; try another seed or a larger budget"
+    )
+    fine = sample(family, model.robot.joints, feasible.x, grid(duration))
+    trajectory = sample(family, model.robot.joints, feasible.x, at_rate(duration, rate))
+    precision = predict_precision(problem, trajectory)
     return Excitation(
         trajectory=trajectory,
         kind=kind,
         criterion=criterion,
-        value=worth.log_det if criterion == "determinant" else worth.condition,
-        log_det=worth.log_det,
-        condition=worth.condition,
-        expressions=setting.base.expressions,
-        std=worth.std,
-        relative_std=worth.std / np.where(setting.value, np.abs(setting.value), np.nan),
-        noise=setting.noise,
-        use=setting.use(fine),
-        distance=safe.distance,
+        value=precision.log_det if criterion == "determinant" else precision.condition,
+        log_det=precision.log_det,
+        condition=precision.condition,
+        expressions=problem.base.expressions,
+        std=precision.std,
+        relative_std=precision.std / np.where(problem.value, np.abs(problem.value), np.nan),
+        noise=problem.noise,
+        use=problem.use(fine),
+        distance=feasible.distance,
         seed=seed,
         evaluations=found.evaluations,
-        notes=(*model.robot.notes, *limits.notes, *notes, *tell_spent(found.evaluations if found.spent else 0)),
-        flags=(small,) if safe.share < KEPT and kind != RANDOM else (),
+        notes=(*model.robot.notes, *limits.notes, *notes, *budget_notes(found.evaluations if found.spent else 0)),
+        flags=(small,) if feasible.share < KEPT and kind != RANDOM else (),
     )
 
 
 def _check(kind: str, criterion: str, rate: float, duration: float, harmonics: int, frequency: float) -> None:
     if kind not in (kinds := (*FAMILIES.names, RANDOM)):
-        raise OptionError(f"there is no kind of motion {kind!r}; choose from {', '.join(kinds)}")
+        raise OptionError(f"there is no kind {kind!r} of motion; choose from {', '.join(kinds)}")
     if criterion not in CRITERIA:
         raise OptionError(f"there is no criterion {criterion!r}; choose from {', '.join(CRITERIA)}")
     check_duration(duration, harmonics, frequency)
     if (waves := duration * frequency * harmonics) > WAVES:
         raise OptionError(
-            f"{duration:g} s hold {waves:.0f} waves of the fastest harmonic; at most {WAVES} can be searched: "
+            f"{duration:g} s are {waves:.0f} periods of the fastest harmonic, more than {WAVES}; "
             f"give a shorter duration, fewer harmonics or a lower base frequency"
         )
     if not rate > 0:
-        raise OptionError(f"the rate is {rate:g} Hz; a positive one is needed")
+        raise OptionError(f"the rate is {rate:g} Hz; give a positive one")
 
 
-def _draw(cost: Cost, budget: Budget, duration: float, seed: int, progress: Progress | None) -> tuple[Safe, Found]:
-    """A random motion within all limits."""
-    fine = cost.family.basis(np.arange(0, duration, GRID))
-    x = random_parameters(fine, cost.setting.limits, np.random.default_rng(seed))
-    return make_safe(cost.setting, cost.family, duration, x), Found(x, 1, spent=False)
+def _random(cost: Cost, budget: Budget, seed: int, progress: Progress | None) -> tuple[FeasibleMotion, Found]:
+    """Random motion within all limits."""
+    fine = cost.family.basis(np.arange(0, cost.family.duration, GRID))
+    x = random_parameters(fine, cost.problem.limits, np.random.default_rng(seed))
+    return make_feasible(cost.problem, cost.family, x), Found(x, 1, spent=False)
 
 
-def _find(cost: Cost, budget: Budget, duration: float, seed: int, progress: Progress | None) -> tuple[Safe, Found]:
-    """The best motion within all limits; settled once more where it had to shrink, on twice as many instants."""
+def _optimised(cost: Cost, budget: Budget, seed: int, progress: Progress | None) -> tuple[FeasibleMotion, Found]:
+    """Best motion within all limits; if it had to shrink, its last stage is repeated with twice as many instants."""
     found = search(cost, budget, seed, progress)
-    safe = make_safe(cost.setting, cost.family, duration, found.x)
-    if safe.share == 1:
-        return safe, found
-    dense = replace(cost, t=np.linspace(0, duration, 2 * len(cost.t) - 1), spare=2 * cost.spare)
-    again = settle(dense, found.x, budget, progress)
-    other = make_safe(cost.setting, cost.family, duration, again.x)
-    best = min(safe, other, key=lambda end: cost.value(cost.relative(end.x)))
+    feasible = make_feasible(cost.problem, cost.family, found.x)
+    if feasible.share == 1:
+        return feasible, found
+    dense = replace(cost, t=np.linspace(0, cost.family.duration, 2 * len(cost.t) - 1), spare=2 * cost.spare)
+    again = enforce_limits(dense, found.x, budget, progress)
+    other = make_feasible(cost.problem, cost.family, again.x)
+    best = min(feasible, other, key=lambda end: cost.value(cost.relative(end.x)))
     spent = found.spent or again.spent
     return best, Found(again.x, found.evaluations + again.evaluations, spent)
 
 
-class Worth(NamedTuple):
-    """What a motion tells."""
+class Precision(NamedTuple):
+    """Predicted precision of base parameters."""
 
-    log_det: float  # of the scaled information
-    condition: float  # of the scaled base regressor
-    std: Array  # (b,) [units of base]
+    log_det: float  # log of the determinant of the scaled information
+    condition: float  # condition number of the scaled base regressor
+    std: Array  # (b,) [units of base] standard deviations
 
 
-def judge(setting: Setting, trajectory: Trajectory) -> Worth:
-    """What samples of a trajectory tell of the base parameters."""
-    rows = setting.rows(trajectory.t, trajectory.q, trajectory.v, trajectory.a)
-    values, vectors = np.linalg.eigh(setting.information(rows))
+def predict_precision(problem: ExcitationProblem, trajectory: Trajectory) -> Precision:
+    """Predict the precision of the base parameters from samples of a trajectory."""
+    rows = problem.rows(trajectory.t, trajectory.q, trajectory.v, trajectory.a)
+    values, vectors = np.linalg.eigh(problem.information(rows))
     values = np.maximum(values, 1e-300)
-    std = np.sqrt(np.sum(vectors**2 / values, axis=1)) / setting.size
-    return Worth(float(np.sum(np.log(values))), float(np.sqrt(values[-1] / values[0])), std)
+    std = np.sqrt(np.sum(vectors**2 / values, axis=1)) / problem.size
+    return Precision(float(np.sum(np.log(values))), float(np.sqrt(values[-1] / values[0])), std)

@@ -1,4 +1,4 @@
-"""What a motion may not exceed."""
+"""Limits of a motion."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ import numpy as np
 from ...errors import OptionError
 from ...types import Array, Frozen, Mask, Robot
 
-MARGIN = 0.95  # share of every limit that a motion may use
-RANGE = (np.pi, 0.5)  # [rad], [m] either way where no position limit is stated
-SPEED = (2.0, 0.25)  # [rad/s], [m/s] where no velocity limit is stated
-RISE = 0.25  # [s] in which the velocity limit is reached, where no acceleration limit is given
+MARGIN = 0.95  # [1] share of every limit that a motion may use
+RANGE = (np.pi, 0.5)  # [rad], [m] default position limit on either side of zero
+SPEED = (2.0, 0.25)  # [rad/s], [m/s] default velocity limit
+RISE = 0.25  # [s] time to reach the velocity limit at the default acceleration limit
 
 Given = float | Sequence[float] | Array | None
 
 
 @dataclass(frozen=True, eq=False)
 class Limits(Frozen):
-    """Of n joints; a motion uses at most the share `margin` of each."""
+    """Limits of n joints; a motion uses at most the share `margin` of each."""
 
     lower: Array  # (n,) [rad or m]
     upper: Array  # (n,) [rad or m]
@@ -36,16 +36,16 @@ class Limits(Frozen):
 
     @property
     def half(self) -> Array:
-        """Half the range that may be used, (n,) [rad or m]."""
+        """Half of the usable position range, (n,) [rad or m]."""
         return self.margin * (self.upper - self.lower) / 2
 
     @property
     def allowed(self) -> Array:
-        """(3, n) [rad or m, and per s, per s2] what may be used: half the range, velocity and acceleration."""
+        """Usable limits (3, n) [rad or m, and per s, per s2]: half of the range, velocity and acceleration."""
         return np.array([self.half, self.margin * self.velocity, self.margin * self.acceleration])
 
     def shares(self, q: Array, v: Array, a: Array) -> Array:
-        """Share of what may be used that each sample uses, signed: (3, N, n) [1].
+        """Signed shares (3, N, n) [1] of the usable limits for each sample.
 
         Args:
             q: (N, n) [rad or m] positions.
@@ -65,13 +65,13 @@ def build_limits(
     torque: Given = None,
     margin: float = MARGIN,
 ) -> Limits:
-    """The description's limits, or those given: a number for all joints or one for each.
+    """Limits of the description, or the given ones: one number for all joints, or one for each.
 
-    Where the description has none: positions reach half a turn (0.5 m) either way of zero, velocities 2 rad/s
-    (0.25 m/s), torque has no limit. Acceleration is limited to what reaches the velocity limit in 0.25 s.
+    Defaults if the description has none: half a turn (0.5 m) on either side of zero, 2 rad/s (0.25 m/s), no torque
+    limit. The default acceleration limit reaches the velocity limit in 0.25 s.
 
     Args:
-        robot: gives n joints.
+        robot: robot with n joints.
         lower: (n,) or one number [rad or m].
         upper: (n,) or one number [rad or m].
         velocity: (n,) or one number [rad/s or m/s].
@@ -80,10 +80,10 @@ def build_limits(
         margin: share of every limit that a motion may use [1].
 
     Raises:
-        OptionError: a limit leaves no motion, or their number is not that of the joints.
+        OptionError: a limit leaves no motion, or the number of limits is not that of the joints.
     """
     if not 0 < margin <= 1:
-        raise OptionError(f"the margin is {margin:g}; a share of the limits above 0 and at most 1 is needed")
+        raise OptionError(f"the margin is {margin:g}; give a share of the limits above 0 and at most 1")
     notes: list[str] = []
     span = np.where(robot.prismatic, RANGE[1], RANGE[0])
     low, up = _given(robot, "lower", lower, robot.lower), _given(robot, "upper", upper, robot.upper)
@@ -93,10 +93,10 @@ def build_limits(
     speed = _given(robot, "velocity", velocity, robot.velocity_limit)
     free = ~np.isfinite(speed)
     speed = np.where(free, np.where(robot.prismatic, SPEED[1], SPEED[0]), speed)
-    notes += _note(robot, bare, "no position limit is stated: half a turn (0.5 m) either way is used")
+    notes += _note(robot, bare, "no position limit is stated: half a turn (0.5 m) on either side of zero is used")
     notes += _note(robot, free, f"no velocity limit is stated: {SPEED[0]:g} rad/s ({SPEED[1]:g} m/s) is used")
     if acceleration is None:
-        notes.append(f"accelerations are limited to what reaches the velocity limit in {RISE:g} s")
+        notes.append(f"the acceleration limit is the one that reaches the velocity limit in {RISE:g} s")
     rise = _given(robot, "acceleration", acceleration, speed / RISE)
     effort = _given(robot, "torque", torque, robot.effort_limit)
     notes += _note(robot, ~np.isfinite(effort), "no torque limit is stated")

@@ -1,4 +1,4 @@
-"""What a search for a motion hands back."""
+"""Results of searches for a motion."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ import numpy as np
 
 from ...types import Array, Frozen, Law, Trajectory
 
-ENOUGH = 100.0  # lambda at which the right one of two hypotheses was always found
+ENOUGH = 100.0  # [1] lambda at which the right one of two hypotheses was always found
 
 
 @dataclass(frozen=True, eq=False)
 class Use(Frozen):
-    """Largest share of each limit that a motion uses, per joint: 1 is the limit itself, 0 where there is none."""
+    """Largest share of each limit that a motion uses, per joint: 1 is the limit itself, 0 means no limit."""
 
     position: Array  # (n,) [1] distance from the middle of the range over half the range
     velocity: Array  # (n,) [1]
@@ -22,29 +22,29 @@ class Use(Frozen):
 
     @property
     def largest(self) -> float:
-        """Of all limits and joints."""
+        """Largest share of all limits and joints."""
         return float(max(np.max(getattr(self, name)) for name in ("position", "velocity", "acceleration", "torque")))
 
 
 @dataclass(frozen=True, eq=False)
 class Excitation(Frozen):
-    """An exciting motion, and what it is predicted to tell.
+    """Exciting motion, and the predicted precision of the parameters.
 
-    Predictions are for torque sampled at the trajectory's rate with independent errors of standard deviation `noise`.
+    The prediction assumes torque at the trajectory's rate with independent errors of standard deviation `noise`.
     """
 
     trajectory: Trajectory
-    kind: str  # family of motions
+    kind: str  # family of motions, or "random"
     criterion: str
-    value: float  # of the criterion: log det of the scaled information, or the condition number
-    log_det: float  # of the information of the base parameters, each in units of its column's reference size
-    condition: float  # of the base regressor, rows over noise, columns over their reference size
+    value: float  # value of the criterion: log det of the scaled information, or the condition number
+    log_det: float  # log det of the information of base parameters, scaled by their reference sizes
+    condition: float  # condition number of the base regressor, rows over noise, columns over their reference size
     expressions: tuple[str, ...]  # b formulas of the base parameters, laws included
     std: Array  # (b,) [units of base] predicted standard deviations
-    relative_std: Array  # (b,) [1] over the size that the model states, NaN where it states none
-    noise: Array  # (n,) [N.m or N] that is assumed
+    relative_std: Array  # (b,) [1] over the values of the model, NaN where these are zero
+    noise: Array  # (n,) [N.m or N] assumed standard deviation of the torque
     use: Use
-    distance: float | None  # [m] smallest between links that could meet; None where nothing could, or nothing is known
+    distance: float | None  # [m] smallest distance between links; None if self-collision was not checked
     seed: int
     evaluations: int
     notes: tuple[str, ...] = ()
@@ -53,28 +53,31 @@ class Excitation(Frozen):
 
 @dataclass(frozen=True, eq=False)
 class Separation(Frozen):
-    """A motion that tells two hypotheses apart, or the finding that none does."""
+    """Motion that distinguishes two laws, or the finding that none does."""
 
     trajectory: Trajectory
     laws: tuple[Law, Law]
-    distances: tuple[float, float]  # lambda [1]: first seen with the second fitted, second seen with the first fitted
-    shares: tuple[float, float]  # [1] of either law's torque, less what the nuisance explains, that the other leaves
-    median: float  # [1] of the smaller distance over the pool of random motions
-    structural: bool  # no motion of the pool tells them apart
-    noise: Array  # (n,) [N.m or N] that is assumed
+    distances: tuple[float, float]  # lambda [1]: first law true and second fitted, second true and first fitted
+    shares: tuple[float, float]  # [1] lambda over the true law's own sum of squares
+    median: float  # [1] median of the smaller distance over the pool of random motions
+    structural: bool  # whether no motion of the pool distinguishes the laws
+    noise: Array  # (n,) [N.m or N] assumed standard deviation of the torque
     use: Use
-    distance: float | None  # [m] smallest between links that could meet
+    distance: float | None  # [m] smallest distance between links; None if self-collision was not checked
     seed: int
     notes: tuple[str, ...] = ()
     flags: tuple[str, ...] = ()
 
     @property
     def enough(self) -> bool:
-        """Whether this motion tells them apart beyond doubt, whichever is true."""
+        """Whether this motion reliably distinguishes the laws, whichever is true."""
         return min(self.distances) >= ENOUGH
 
 
-def tell_spent(motions: int) -> tuple[str, ...]:
-    """A note on a search that its budget ended, and how many motions it judged; none for 0."""
-    told = f"the search ended with its budget after {motions} motions, not at an optimum: others may tell more"
-    return (told,) if motions else ()
+def budget_notes(motions: int) -> tuple[str, ...]:
+    """Note on a search that ended with its budget after some evaluated motions; empty for 0."""
+    note = (
+        f"the search ended with its budget after {motions} motions, not at an optimum: other motions may be more "
+        f"informative"
+    )
+    return (note,) if motions else ()

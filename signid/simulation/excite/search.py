@@ -1,4 +1,4 @@
-"""The search for a motion: random ones, local searches from several of them, and the best of these to its end."""
+"""Search for a motion: random motions, local searches from the best of them, and a long one from the best result."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ from .cost import Cost
 from .motions.random_motion import fit_inside, random_parameters
 
 SEARCH = "the search for a motion"
-GRID = 0.01  # [s] on which motions are scaled to their limits
-ALGORITHM = "LD_SLSQP"  # goes on at kinks (contact, reversals), where LD_LBFGS gives up
-BOX = 2.5  # of z: parameters alone meet a limit at 1
-SPARE = 0.02  # [m] more clearance than is needed: a search looks at few instants
-FEW = 6  # joints
-FIRM = 30.0  # times the penalty in the last stage
+GRID = 0.01  # [s] grid on which motions are scaled to their limits
+ALGORITHM = "LD_SLSQP"  # continues at kinks of the cost (contact, reversals), where LD_LBFGS fails
+BOX = 2.5  # [1] bound of z; a parameter alone meets a limit at 1
+SPARE = 0.02  # [m] extra clearance, since the search uses few samples
+FEW = 6  # joints up to which the default budget is larger
+FIRM = 30.0  # [1] factor on the penalty in the last stage
 
 
 @dataclass(frozen=True)
 class Budget:
-    """How many motions each stage of a search may judge."""
+    """Evaluations of each stage of a search."""
 
     pool: int = 60  # random motions
-    starts: int = 4  # the best of them are searched from,
-    short: int = 80  # each so long;
-    long: int = 500  # the best result further
-    firm: int = 150  # and at last with firm limits
+    starts: int = 4  # local searches from the best of these
+    short: int = 80  # evaluations of each of them
+    long: int = 500  # evaluations of the search from the best result
+    firm: int = 150  # evaluations of the last stage, with firm limits
 
     @classmethod
     def usual(cls, joints: int) -> Budget:
-        """About half a minute for six joints or seven: fewer joints are judged faster."""
+        """Default budget for a number of joints: about half a minute for six or seven."""
         return cls(starts=8, long=700) if joints <= FEW else cls()
 
     @property
@@ -42,58 +42,58 @@ class Budget:
 
 @dataclass(frozen=True, eq=False)
 class Found(Frozen):
-    """Parameters that a search ended with."""
+    """Result of a search."""
 
-    x: Array  # (n, d) [rad or m]
+    x: Array  # (n, d) [rad or m] parameters
     evaluations: int
-    spent: bool  # whether a budget ended it, before it arrived at an optimum
+    spent: bool  # whether the budget ended the search before an optimum
 
 
 def search(cost: Cost, budget: Budget, seed: int, progress: Progress | None = None) -> Found:
-    """The best motion found; penalties are firm at the end, so that it nearly obeys the limits.
+    """Search for the motion of least cost; the last stage has firm penalties, so that limits are nearly obeyed.
 
-    Local searches from the best random motions are the global stage: NLopt's GN_CRS2_LM found nothing better than the
-    best of 60 random motions in 500 evaluations, in 63 dimensions.
+    The global stage are local searches from the best random motions. In 63 dimensions and 500 evaluations NLopt's
+    GN_CRS2_LM found nothing better than the best of 60 random motions.
 
     Args:
-        cost: of a motion.
-        budget: of each stage.
-        seed: of random motions.
-        progress: told what is being done.
+        cost: cost of a motion.
+        budget: evaluations of each stage.
+        seed: seed of the random motions.
+        progress: function that is called with the current step and the share of it that is done.
 
     Source: multi-start as in Rinnooy Kan, Timmer, Mathematical Programming 39, 1987.
     """
     watched = _Watched(cost, budget, progress)
-    rng, limits = np.random.default_rng(seed), cost.setting.limits
+    rng, limits = np.random.default_rng(seed), cost.problem.limits
     fine = cost.family.basis(np.arange(0, cost.t[-1], GRID))
     pool = [np.clip(cost.relative(random_parameters(fine, limits, rng)), -BOX, BOX) for _ in range(budget.pool)]
     ranked = sorted(pool, key=watched.value)
     tried = [watched.improve(z, budget.short, "searching") for z in ranked[: budget.starts]]
     best = watched.improve(min(tried, key=lambda end: end.value).x, budget.long, "improving")
-    settled = settle(cost, cost.parameters(best.x), budget, progress)
+    settled = enforce_limits(cost, cost.parameters(best.x), budget, progress)
     spent = settled.spent or best.status == "budget"
     return Found(settled.x, watched.count + settled.evaluations, spent)
 
 
-def settle(cost: Cost, x: Array, budget: Budget, progress: Progress | None = None) -> Found:
-    """A motion moved to where it obeys firm penalties.
+def enforce_limits(cost: Cost, x: Array, budget: Budget, progress: Progress | None = None) -> Found:
+    """Last stage of a search: minimise the cost with firm penalties.
 
     Args:
-        cost: of a motion.
-        x: (n, d) [rad or m] its parameters.
-        budget: of the stage `firm`.
-        progress: told what is being done.
+        cost: cost of a motion.
+        x: (n, d) [rad or m] parameters of the starting point.
+        budget: evaluations, of which the stage `firm` is used.
+        progress: function that is called with the current step and the share of it that is done.
     """
     firm = replace(cost, penalty=FIRM * cost.penalty)
     watched = _Watched(firm, budget, progress, budget.total - budget.firm)
     best = watched.improve(np.clip(cost.relative(x), -BOX, BOX), budget.firm, "settling")
     fine = cost.family.basis(np.arange(0, cost.t[-1], GRID))
-    x = fit_inside(fine, cost.setting.limits, cost.parameters(best.x))
+    x = fit_inside(fine, cost.problem.limits, cost.parameters(best.x))
     return Found(x, watched.count, best.status == "budget")
 
 
 class _Watched:
-    """A cost that tells how far the search is, and remembers its last slope."""
+    """Cost that counts evaluations, reports progress and caches the last value."""
 
     def __init__(self, cost: Cost, budget: Budget, progress: Progress | None, before: int = 0) -> None:
         self.cost, self.budget, self.progress = cost, budget, progress
@@ -101,7 +101,7 @@ class _Watched:
         self.last: tuple[bytes, float] = b"", np.inf
 
     def improve(self, z: Array, evaluations: int, stage: str) -> Optimum:
-        """The best point of a local search from z (d,) [1]."""
+        """Best point of a local search from z (d,) [1]."""
         box, self.stage, self.last = np.full(len(z), BOX), stage, (b"", np.inf)
         problem = Problem(self.value, -box, box, z, self.slope, SEARCH)
         return OPTIMISERS["nlopt"].minimise(problem, algorithm=ALGORITHM, budget_evaluations=evaluations)
@@ -114,7 +114,7 @@ class _Watched:
         return self.last[1] if self.last[0] == z.tobytes() else self.cost.value(z)
 
     def slope(self, z: Array) -> Array:
-        """(d,) [1] of the cost at z (d,) [1]."""
+        """Gradient (d,) [1] of the cost at z (d,) [1]."""
         value, slope = self.cost.value_and_slope(z)
         self.last = z.tobytes(), value
         return slope

@@ -1,8 +1,8 @@
-"""Forward dynamics with laws: a plant, what moves it, and what is recorded of it.
+"""Forward dynamics with laws: plant, drives and sensors.
 
-A `signid.model.Model` is moved by a drive: `track`, a controller that follows a motion, or `Torques` that are given.
-`simulate` gives what a perfect logger would write, `record` what real encoders and amplifiers make of it (`Sensors`).
-Every law of `signid.effects` can act. Friction holds a joint at rest exactly.
+A drive moves a `signid.model.Model`: `track`, a controller that follows a motion, or given `Torques`. `simulate` gives
+the signals of a perfect logger, `record` those of real encoders and amplifiers (`Sensors`). All laws of
+`signid.effects` can act. Dry friction holds a joint exactly at rest.
 """
 
 from .control import Torques, track

@@ -1,4 +1,4 @@
-"""A model's rigid bodies as the simulator steps them: every coordinate one number, elastic joints in two."""
+"""Rigid bodies of a model in simulator coordinates: one per joint, and one more per elastic joint."""
 
 from __future__ import annotations
 
@@ -21,32 +21,32 @@ BOUNDED = {"RUBX": pin.JointModelRX, "RUBY": pin.JointModelRY, "RUBZ": pin.Joint
 
 @dataclass(frozen=True, eq=False)
 class Bodies(Frozen):
-    """c coordinates: one a joint, one more for the deflection of each elastic joint.
+    """Bodies with c coordinates: one per joint, and the deflection of each elastic joint.
 
-    Model position = drive @ coordinates + rest. Where every coordinate is a model's own, drive is the identity.
+    Model position = drive @ coordinates + rest. If the coordinates are those of the model, drive is the identity.
     """
 
-    model: Any  # a pin.Model of its own, with the rotors' armature
+    model: Any  # pin.Model with the rotors' armature
     motor: Indices  # (n,) coordinate of each joint
-    soft: Indices  # (k,) joints that are elastic
+    soft: Indices  # (k,) elastic joints
     flex: Indices  # (k,) coordinates of their deflections
     drive: Array  # (nv, c) [1]
     rest: Array  # (nv,) [rad or m]
     tip: int  # joint of the model that carries the last link
-    centre: Array  # (3,) of mass of the last link, in that joint's frame [m]
+    centre: Array  # (3,) centre of mass of the last link, in that joint's frame [m]
 
     @property
     def plain(self) -> bool:
-        """Whether coordinates are the model's own."""
+        """Whether the coordinates are those of the model."""
         nv, count = self.drive.shape
         return nv == count and np.array_equal(self.drive, np.eye(nv)) and not self.rest.any()
 
 
 def build_bodies(model: Model) -> Bodies:
-    """The bodies of a model, reshaped by its body laws, each joint with a transmission law parted in two.
+    """Bodies of a model with its body laws; each joint with a transmission law is split into motor and link side.
 
     Raises:
-        OptionError: a transmission law stands at a joint that others follow, or whose motor has no armature.
+        OptionError: a transmission law acts at a joint that others follow, or whose motor has no armature.
     """
     robot, whole, elastic = model.robot, model.bodies(), model.of(TransmissionLaw)
     soft = [law.joints[0] for law in elastic]
@@ -81,18 +81,20 @@ def _check(robot: Robot, model: Any, elastic: Sequence[Law]) -> None:
     for law in elastic:
         joint, rows = robot.joints[law.joints[0]], np.flatnonzero(robot.drive[:, law.joints[0]])
         if len(rows) > 1:
-            raise OptionError(f"{law.effect.name} at {joint}: other joints follow it; simulate it without that law")
+            raise OptionError(
+                f"{law.effect.name} cannot act at {joint}, since other joints follow it; simulate without that law"
+            )
         if not model.armature[rows[0]] > 0:
             raise OptionError(
                 f"{law.effect.name} at {joint} needs the inertia of the motor: add armature@{joint}:inertia=0.1, "
                 f"or state it in an actuators file"
             )
     if len({law.joints for law in elastic}) < len(elastic):
-        raise OptionError("two transmission laws stand at one joint; give at most one of them a joint")
+        raise OptionError("two transmission laws act at one joint; give at most one per joint")
 
 
 def _without_held(robot: Robot, model: Any) -> tuple[Any, Indices]:
-    """The model without the joints that are held, and the rows that are left of it."""
+    """Model without held joints, and the velocity indices of the remaining joints."""
     spans = [(i, j.idx_v, j.nv) for i, j in enumerate(list(model.joints)[1:], 1)]
     held = [i for i, row, nv in spans if not robot.drive[row : row + nv].any()]
     rows = np.array([r for i, row, nv in spans if i not in held for r in range(row, row + nv)], dtype=np.intp)
@@ -104,7 +106,7 @@ def _without_held(robot: Robot, model: Any) -> tuple[Any, Indices]:
 
 
 def _part(model: Any, soft: Sequence[int]) -> tuple[Any, list[int], list[int]]:
-    """The model with a joint more behind each of some rows, motor before and link after; the rows of both."""
+    """Model with an additional joint behind each of some joints, and the indices of the motor and the flex joints."""
     new, ids = pin.Model(), [0]
     new.gravity = model.gravity
     motor, flex = [0] * model.nv, dict[int, int]()
@@ -126,7 +128,7 @@ def _part(model: Any, soft: Sequence[int]) -> tuple[Any, list[int], list[int]]:
 
 
 def _bounded(joint: Any) -> Any:
-    """The same joint with its angle as configuration, where that was cosine and sine."""
+    """The joint with its angle as configuration, if that was cosine and sine."""
     if joint.nq == joint.nv:
         return joint
     name = joint.shortname().removeprefix("JointModel")

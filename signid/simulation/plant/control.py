@@ -1,4 +1,4 @@
-"""What moves a simulated robot: a controller that follows a motion, or torque that was recorded."""
+"""Drives of a simulated robot: a controller that follows a motion, or given torque."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ from ...robot import configuration
 from ...robot.dynamics import mass_matrices
 from ...types import Array, Frozen, Trajectory
 
-BANDWIDTH, DAMPING = 6.0, 0.9  # [Hz] and [1] of the position loop, where no gains are given
-PLACES = 10  # of a motion, that the inertia felt is taken from
-MASSLESS = 1e-12  # share of the largest inertia below which there is none
+BANDWIDTH, DAMPING = 6.0, 0.9  # [Hz], [1] default natural frequency and damping ratio of the position loop
+PLACES = 10  # positions of a motion at which the inertia is computed
+MASSLESS = 1e-12  # [1] inertia over the largest one, below which a joint moves no mass
 
 
 class Drive(Protocol):
-    """What decides on torque, over K instants of n joints."""
+    """Source of the torque command of n joints."""
 
     def start(self) -> tuple[Array, Array]:
-        """Position and velocity to begin with, (n,) each [rad, rad/s]."""
+        """Initial position and velocity, (n,) each [rad, rad/s]."""
         ...
 
     def plan(self, t: Array) -> Plan:
-        """What is known of the instants t (K,) [s] beforehand."""
+        """Plan of the command at instants t (K,) [s]."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class Plan(Frozen):
-    """Command = torque + stiffness * (desired - q) + damping * (speed - v)."""
+    """Plan of a command: torque + stiffness * (desired - q) + damping * (speed - v)."""
 
     torque: Array  # (K, n) [N.m or N]
     desired: Array  # (K, n) [rad or m]
@@ -46,20 +46,20 @@ class Plan(Frozen):
 
 @dataclass(frozen=True, eq=False)
 class Tracking(Frozen):
-    """Proportional and derivative control about a motion, with the known bodies' torque ahead."""
+    """Proportional and derivative control about a motion, with feed-forward torque of the known bodies."""
 
-    known: Model  # whose rigid bodies and rotors the controller knows
+    known: Model  # model of the controller: rigid bodies and rotors
     trajectory: Trajectory
     stiffness: Array  # (n,) [N.m/rad or N/m]
     damping: Array  # (n,) [N.m.s/rad or N.s/m]
     feed_forward: float = 1.0  # share of the known torque [1]
 
     def start(self) -> tuple[Array, Array]:
-        """The first desired position and velocity, (n,) each [rad, rad/s]."""
+        """First desired position and velocity, (n,) each [rad, rad/s]."""
         return self.trajectory.q[0], self.trajectory.v[0]
 
     def plan(self, t: Array) -> Plan:
-        """The motion and the torque ahead.
+        """Desired motion and feed-forward torque.
 
         Args:
             t: (K,) [s].
@@ -73,19 +73,19 @@ class Tracking(Frozen):
 
 @dataclass(frozen=True, eq=False)
 class Torques(Frozen):
-    """Torque that is given, whatever the robot does; held from one instant to the next."""
+    """Given torque without feedback, held from one instant to the next."""
 
     t: Array  # (N,) [s]
     torque: Array  # (N, n) [N.m or N]
-    q: Array  # (n,) to begin with [rad or m]
-    v: Array  # (n,) to begin with [rad/s or m/s]
+    q: Array  # (n,) initial position [rad or m]
+    v: Array  # (n,) initial velocity [rad/s or m/s]
 
     def start(self) -> tuple[Array, Array]:
-        """Position and velocity to begin with, (n,) each [rad, rad/s]."""
+        """Initial position and velocity, (n,) each [rad, rad/s]."""
         return self.q, self.v
 
     def plan(self, t: Array) -> Plan:
-        """The torque at instants, by linear interpolation.
+        """Torque at instants, by linear interpolation.
 
         Args:
             t: (K,) [s].
@@ -104,27 +104,30 @@ def track(
     gains: tuple[Array, Array] | None = None,
     feed_forward: float = 1.0,
 ) -> Tracking:
-    """A controller for a motion; without gains, each joint answers like a mass on a damped spring.
+    """Controller that follows a motion; the default gains make each joint a damped oscillator.
 
     Args:
-        known: the model whose bodies and rotors the controller knows.
+        known: model of the controller: rigid bodies and rotors.
         trajectory: motion of all n joints.
         bandwidth: natural frequency of the position loop [Hz].
-        damping: of the position loop, 1 where it does not overshoot.
-        gains: stiffness (n,) [N.m/rad] and damping (n,) [N.m.s/rad] instead.
-        feed_forward: share of the known torque that is applied ahead.
+        damping: damping ratio of the position loop, 1 for critical damping.
+        gains: stiffness (n,) [N.m/rad] and damping (n,) [N.m.s/rad], instead of the default ones.
+        feed_forward: share of the known torque that is applied as feed-forward.
 
     Raises:
         InputError: the trajectory is of other joints.
-        OptionError: a gain is negative.
+        OptionError: a gain is negative, or bandwidth or damping are invalid.
     """
     robot = known.robot
     if trajectory.joints != robot.joints:
-        raise InputError(f"the motion is of {', '.join(trajectory.joints)}; {robot.name} has {', '.join(robot.joints)}")
+        raise InputError(
+            f"the motion is of {', '.join(trajectory.joints)}, but {robot.name} has {', '.join(robot.joints)}; "
+            f"give a motion of these joints"
+        )
     if not (bandwidth > 0 and damping >= 0):
-        raise OptionError(f"bandwidth {bandwidth:g} Hz and damping {damping:g}; both must be positive")
+        raise OptionError(f"the bandwidth is {bandwidth:g} Hz and the damping {damping:g}; give positive numbers")
     if gains is None:
-        inertia, w = _felt_inertia(known, trajectory), 2 * np.pi * bandwidth
+        inertia, w = _effective_inertia(known, trajectory), 2 * np.pi * bandwidth
         gains = inertia * w**2, 2 * damping * inertia * w
     stiffness, rate = (np.broadcast_to(np.asarray(x, float), (len(robot.joints),)) for x in gains)
     if not (np.all(stiffness >= 0) and np.all(rate >= 0)):
@@ -133,7 +136,7 @@ def track(
 
 
 def sampled(trajectory: Trajectory, t: Array) -> tuple[Array, Array, Array]:
-    """Position, velocity and acceleration (K, n) of a trajectory; before and after it the robot rests [rad, rad/s].
+    """Position, velocity and acceleration (K, n) of a trajectory [rad, rad/s, rad/s2]; outside of it the robot rests.
 
     Args:
         trajectory: N instants.
@@ -153,10 +156,10 @@ def _bodies(model: Model) -> Model:
     return Model(model.robot, model.inertials, tuple(model.of(BodyLaw)))
 
 
-def _felt_inertia(known: Model, trajectory: Trajectory) -> Array:
-    """(n,) [kg.m2 or kg] that a joint's motor feels while the others give way: harmonic mean along a motion.
+def _effective_inertia(known: Model, trajectory: Trajectory) -> Array:
+    """Effective inertia (n,) [kg.m2 or kg] of each joint with the others free: harmonic mean along a motion.
 
-    Gains in proportion to it stay stable where axes of joints come to lie on one line and inertias nearly cancel.
+    Gains proportional to it stay stable where joint axes are aligned and inertias nearly cancel.
     """
     few = trajectory.q[:: max(1, len(trajectory.q) // PLACES)]
     robot, bodies = known.robot, known.bodies()
@@ -167,7 +170,7 @@ def _felt_inertia(known: Model, trajectory: Trajectory) -> Array:
     if weak.any():
         joint = robot.joints[int(np.abs(directions[weak.argmax(), :, 0]).argmax())]
         raise OptionError(
-            f"joint {joint} of {robot.name} moves nothing that has mass; state the inertials of its links, or its "
-            f"armature in an actuators file, or hold it with --lock"
+            f"joint {joint} of {robot.name} moves no mass; state the inertials of its links, or its armature in an "
+            f"actuators file, or hold it with --lock"
         )
     return np.asarray(1 / np.linalg.inv(mass).diagonal(axis1=1, axis2=2).mean(0))

@@ -1,4 +1,4 @@
-"""Forward dynamics of bodies by Pinocchio, of one copy of a robot or of many at once."""
+"""Forward dynamics of bodies by Pinocchio, for one or several copies of a robot."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from ...robot.dynamics import mass_matrices, point_jacobian
 from ...types import Array
 from .bodies import Bodies
 
-THREADS = 1  # of abaInParallel: where other programs run, its threads wait for each other for milliseconds
+THREADS = 1  # threads of abaInParallel; on a loaded machine several threads wait for each other for milliseconds
 
 
 class Dynamics:
-    """What Pinocchio computes of B copies of the same bodies in different states; it owns the models' data."""
+    """Pinocchio's dynamics for B copies of the same bodies in different states; it owns the models' data."""
 
     def __init__(self, bodies: Bodies, copies: int) -> None:
         self.bodies, self.model, self.data = bodies, bodies.model, bodies.model.createData()
@@ -24,7 +24,9 @@ class Dynamics:
         self.bare = bodies.model.copy()
         self.bare.armature = np.zeros(bodies.model.nv)
         self.bare_data, self.plain = self.bare.createData(), bodies.plain
-        self.below = np.tri(bodies.model.nv, k=-1, dtype=bool)  # what Pinocchio leaves out of symmetric matrices
+        self.below = np.tri(
+            bodies.model.nv, k=-1, dtype=bool
+        )  # entries that Pinocchio leaves out of symmetric matrices
         self.pool = pin.ModelPool(self.model, THREADS) if copies > 1 and self.plain else None
 
     def accelerate(self, q: Array, v: Array, force: Array, armature: Array | None = None) -> Array:
@@ -33,8 +35,8 @@ class Dynamics:
         Args:
             q: (B, c) [rad or m].
             v: (B, c) [rad/s or m/s].
-            force: (B, c) that acts along the coordinates [N.m or N].
-            armature: (B, c) to be added for this call [kg.m2 or kg].
+            force: (B, c) force along the coordinates [N.m or N].
+            armature: (B, c) armature added in this call [kg.m2 or kg].
         """
         if not self.plain:
             return self._project(q, v, force, armature)
@@ -55,7 +57,7 @@ class Dynamics:
 
         Args:
             q: (B, c) [rad or m].
-            armature: (B, c) to be added [kg.m2 or kg].
+            armature: (B, c) armature added in this call [kg.m2 or kg].
         """
         if not self.plain:
             return _regular(np.linalg.inv, self._mass(q, armature))
@@ -94,7 +96,7 @@ class Dynamics:
         return np.asarray(np.einsum("bcc->bc", self._mass(q)) - rotors)
 
     def jacobian(self, q: Array) -> Array:
-        """Jacobian (B, 3, n) of the last link's centre of mass, one column a joint [m/rad or 1].
+        """Jacobian (B, 3, n) of the last link's centre of mass, one column per joint [m/rad or 1].
 
         Args:
             q: (B, c) [rad or m].
@@ -104,13 +106,13 @@ class Dynamics:
         return np.array(rows)[:, :, self.bodies.motor]
 
     def _mass(self, q: Array, armature: Array | None = None) -> Array:
-        """(B, c, c) over the coordinates [kg.m2 or kg]."""
+        """Mass matrix (B, c, c) over the coordinates [kg.m2 or kg]."""
         drive = self.bodies.drive
         mass = mass_matrices(self.model, self.data, q @ drive.T + self.bodies.rest, drive)
         return mass if armature is None else mass + armature[:, None] * np.eye(len(drive.T))
 
     def _project(self, q: Array, v: Array, force: Array, armature: Array | None) -> Array:
-        """Where joints move others: the bodies' equations of motion over the coordinates."""
+        """Accelerations from the equations of motion over the coordinates, for coupled joints."""
         drive, model, data = self.bodies.drive, self.model, self.data
         states = zip(q @ drive.T + self.bodies.rest, v @ drive.T, strict=True)
         bias = np.array([pin.nonLinearEffects(model, data, *state).copy() for state in states]).reshape(len(q), -1)
@@ -122,6 +124,6 @@ def _regular(compute: Callable[..., Array], *given: Array) -> Array:
         return compute(*given)
     except np.linalg.LinAlgError:
         raise RobotError(
-            "the mass matrix is singular in some pose: a link without inertia, or inertials that no body has; give the "
-            "links possible inertials, or the joints an armature"
+            "the mass matrix is singular in some pose: a link has no inertia, or infeasible inertials; give the links "
+            "feasible inertials, or the joints an armature"
         ) from None

@@ -1,4 +1,4 @@
-"""One effect at all the joints where it acts, evaluated together while the simulator steps."""
+"""Laws of one effect at several joints, evaluated together in a simulation step."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from ...effects.trial import Trial
 from ...types import Array, Law
 from .state import Moment, MomentView
 
-GIVES, HALVINGS = 1.0, 50  # [rad or m] the most that a joint gives way, and steps towards how much it does
+LARGEST, HALVINGS = 1.0, 50  # [rad or m] largest initial deflection, and bisection steps to find it
 
 
 class Term:
-    """Laws of one effect at different joints, its parameters side by side."""
+    """Laws of one effect at different joints, with arrays of parameters."""
 
     def __init__(self, laws: Sequence[Law], moment: Moment) -> None:
         bodies = moment.dynamics.bodies
@@ -28,7 +28,7 @@ class Term:
             index = bodies.flex[[bodies.soft.tolist().index(j) for j in joints]]
         else:
             index = bodies.motor[list(joints)]
-            if effect.scope == "robot":  # these act on the links, behind what is elastic
+            if effect.scope == "robot":  # these act on the links, behind elastic joints
                 soft = bodies.soft
         everywhere = not len(soft) and np.array_equal(index, np.arange(len(moment.joints)))
         self.view = moment if everywhere else MomentView(moment, index, joints, soft, bodies.flex)
@@ -42,7 +42,7 @@ class Term:
         self.coefficients = list(coefficients.T if several else coefficients[0])
 
     def add(self, total: Array) -> None:
-        """Add the torque that the laws take to the coordinates.
+        """Add the torque of the laws to a total.
 
         Args:
             total: (R, B, c) [N.m or N], changed.
@@ -55,14 +55,14 @@ class Term:
         if len(view.soft):
             total[..., view.flex] += torque[..., view.soft]
 
-    def settle(self, state: Array) -> None:
-        """Let what is elastic give way to the load of the moment, by bisection.
+    def deflect(self, state: Array) -> None:
+        """Set the deflections of elastic joints in balance with the load, by bisection.
 
         Args:
             state: (B, c) positions, changed [rad or m].
         """
         load = self.view.load
-        low, high = np.full(load.shape, -GIVES), np.full(load.shape, GIVES)
+        low, high = np.full(load.shape, -LARGEST), np.full(load.shape, LARGEST)
         for _ in range(HALVINGS):
             middle = (low + high) / 2
             trial = Trial(middle, np.zeros_like(middle), load=load, inertia=self.view.inertia)
@@ -71,15 +71,15 @@ class Term:
         state[self.view.at] = (low + high) / 2
 
     def begin(self) -> None:
-        """Forget, and start anew from the moment's state."""
+        """Initialise the memory from the current state."""
         if self.memory:
             self.z = of_kind(self.effect, TorqueLaw).begin(self._state(self.view.v[0]), **self.shape)
 
     def remember(self, v: Array) -> None:
-        """Carry the memory over a step.
+        """Advance the memory by a step.
 
         Args:
-            v: (B, c) that the step was taken with [rad/s or m/s].
+            v: (B, c) velocity of the step [rad/s or m/s].
         """
         self.z = of_kind(self.effect, TorqueLaw).advance(self.z, self._state(self.view.cut(v)), **self.shape)
 
@@ -101,11 +101,11 @@ class Term:
 
 
 def build_terms(laws: Sequence[Law], moment: Moment) -> tuple[Term, ...]:
-    """Terms of the laws that act while a robot moves; those of one effect at different joints together.
+    """Terms of torque and transmission laws; laws of one effect at different joints share a term.
 
     Args:
-        laws: any laws; those of bodies and of recordings have no term.
-        moment: that they will be evaluated at.
+        laws: laws of any kind; body laws and recording laws have no term.
+        moment: states at which the terms are evaluated.
     """
     groups: list[list[Law]] = []
     for law in (law for law in laws if isinstance(law.effect, TorqueLaw | TransmissionLaw)):

@@ -1,4 +1,4 @@
-"""Dry friction: it opposes motion, or holds a joint at rest, exactly."""
+"""Dry friction that opposes motion, or holds a joint exactly at rest."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ import pinocchio as pin
 
 from ...types import Array, Mask
 
-ITERATIONS, TOLERANCE = 200, 1e-10
-GUESSES = 12  # of which joints are held, before Pinocchio's solver decides
+ITERATIONS, TOLERANCE = 200, 1e-10  # largest number of iterations, and absolute tolerance, of Pinocchio's solver
+GUESSES = 12  # guesses of the held joints before Pinocchio's solver is used
 
 
 class DryFriction:
-    """Velocity after a step when friction lies in a box [low, high] and opposes motion.
+    """Velocity after a step with friction in a box [low, high] that opposes motion.
 
-    Source: maximum dissipation; one robot by Pinocchio's projected Gauss-Seidel (Carpentier, Le Lidec, Montaut, From
-    Compliant to Rigid Contact Simulation, RSS 2024), many by guessing at once which of their joints are held.
+    Source: maximum dissipation. One robot is solved by Pinocchio's projected Gauss-Seidel (Carpentier, Le Lidec,
+    Montaut, From Compliant to Rigid Contact Simulation, RSS 2024), several by guesses of their held joints.
     """
 
     def __init__(self, count: int) -> None:
@@ -26,12 +26,12 @@ class DryFriction:
         self.solver, self.result, self.settings = pin.PGSConstraintSolver(count), pin.PGSSolverResult(), _settings()
 
     def __call__(self, free: Array, low: Array, high: Array, mobility: Array) -> Array:
-        """Velocities (K, c), exactly zero where friction holds [rad/s or m/s].
+        """Velocities (K, c), exactly zero for held joints [rad/s or m/s].
 
         Args:
             free: (K, c) velocity after the step without friction [rad/s or m/s].
-            low: (K, c) least friction [N.m or N].
-            high: (K, c) most friction [N.m or N].
+            low: (K, c) smallest friction [N.m or N].
+            high: (K, c) largest friction [N.m or N].
             mobility: (K, c, c) velocity that a torque adds in the step [rad/(N.m.s) or m/(N.s)].
         """
         if len(free) == 1:
@@ -55,10 +55,10 @@ class DryFriction:
 
 
 def _guess(free: Array, low: Array, high: Array, mobility: Array) -> tuple[Array, Mask]:
-    """Velocity (K, c), and the rows (K,) whose guess did not settle.
+    """Velocity (K, c), and the rows (K,) whose guess did not converge.
 
-    A joint is held (0), or slides forward (1) or backward (-1); held ones whose friction leaves the box slide, sliding
-    ones that friction would drive are held.
+    A joint is held (0), or slides forward (1) or backward (-1). Held joints whose friction leaves the box slide.
+    Sliding joints that friction would drive are held.
     """
     dry, unit = high > low, np.eye(free.shape[1])
     way = np.where(dry, 0, 1)
@@ -79,7 +79,7 @@ def _guess(free: Array, low: Array, high: Array, mobility: Array) -> tuple[Array
 
 
 def _settings() -> pin.PGSSolverSettings:
-    """To rounding errors."""
+    """Solver settings for a precision near rounding errors."""
     chosen = pin.PGSSolverSettings()
     chosen.max_iterations = ITERATIONS
     chosen.absolute_complementarity_tol = chosen.absolute_feasibility_tol = TOLERANCE

@@ -1,4 +1,4 @@
-"""Files that a simulation is driven by: motions that are asked for, and torque that was recorded."""
+"""Input files of a simulation: desired motions and recorded torque."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from ...recording.source import Source, open_source
 from ...types import Array, Recording, Robot, Trajectory
 from .control import Torques
 
-FEWEST = 4  # rows of a motion
-START = 0.05  # [s] of a recording that its first velocity is taken from
+FEWEST = 4  # smallest number of rows of a motion
+START = 0.05  # [s] beginning of a recording that gives the initial velocity
 
 
 def read_motion(source: Source, robot: Robot) -> Trajectory:
-    """A motion that is asked for, of the joints that it has columns of: t, q_J, where they are dq_J and ddq_J.
+    """Read a desired motion with columns t, q_J and optionally dq_J and ddq_J, of some joints.
 
-    Without them, velocities and accelerations are those of a cubic spline. Time counts from the first row.
+    Missing velocities and accelerations are those of a cubic spline. Time starts at 0 in the first row.
 
     Args:
-        source: a file, or arrays by column name [s, rad or m, rad/s or m/s, rad/s2 or m/s2].
-        robot: gives the joints.
+        source: file, or arrays by column name [s, rad or m, rad/s or m/s, rad/s2 or m/s2].
+        robot: robot with the joints.
 
     Raises:
         RecordingError: the file or its columns cannot be used; the sentence says why.
@@ -31,7 +31,7 @@ def read_motion(source: Source, robot: Robot) -> Trajectory:
     found = assign_columns(opened, None, robot)
     joints = [j for j in range(len(robot.joints)) if found.column("q", j)]
     if not found.column("t", 0) or not joints:
-        raise RecordingError(f"{opened.name} is no motion: it needs columns t and q_J, such as q_{robot.joints[0]}")
+        raise RecordingError(f"{opened.name} is not a motion; give columns t and q_J, such as q_{robot.joints[0]}")
 
     def read(kind: str) -> Array | None:
         names = [found.column(kind, j) for j in joints]
@@ -51,20 +51,22 @@ def read_motion(source: Source, robot: Robot) -> Trajectory:
 
 
 def recorded_torques(recording: Recording) -> Torques:
-    """The torque of a recording, to be played back from its first position and velocity on.
+    """Torque of a recording, to be played back from its initial position and velocity.
 
-    Where torque is missing, it is interpolated. Time counts from the first row.
+    Missing torque is interpolated. Time starts at 0 in the first row.
 
     Raises:
         RecordingError: a joint has no torque, or its sign is lost.
     """
     name = recording.path or "the recording"
     if not recording.signed.all():
-        raise RecordingError(f"{name} holds torque without its sign; what is to be played back needs signs")
+        raise RecordingError(
+            f"{name} has torque without its sign, which cannot be played back; recover the signs first"
+        )
     samples = recording.read()
     have = np.isfinite(samples.tau)
     if lacking := [joint for joint, seen in zip(recording.joints, have.T, strict=True) if not seen.any()]:
-        raise RecordingError(f"{name} has no torque of {', '.join(lacking)}; add it, or leave out the joint's position")
+        raise RecordingError(f"{name} has no torque of {', '.join(lacking)}; add it, or remove the joint's position")
     _check(name, samples.t, np.nan_to_num(samples.tau), samples.q[:1])
     t = samples.t - samples.t[0]
     torque = np.column_stack([np.interp(t, t[h], x[h]) for h, x in zip(have.T, samples.tau.T, strict=True)])
@@ -82,7 +84,7 @@ def _check(name: str, t: Array, *values: Array) -> None:
     for x in (t[:, None], *values):
         if not np.isfinite(x).all():
             row = int(np.flatnonzero(~np.isfinite(x).all(1))[0]) + 1
-            raise RecordingError(f"{name} has no finite number in row {row}; complete it, or leave that row out")
+            raise RecordingError(f"{name} has a missing or infinite number in row {row}; complete or remove that row")
     if not np.all(np.diff(t) > 0):
         row = int(np.flatnonzero(np.diff(t) <= 0)[0]) + 2
-        raise RecordingError(f"{name}: time does not increase in row {row}; sort the rows by t, one for each moment")
+        raise RecordingError(f"{name}: time does not increase in row {row}; sort the rows by t, one per instant")

@@ -1,4 +1,4 @@
-"""A robot with laws, moved on by one step at a time: Pinocchio's forward dynamics, friction that can hold."""
+"""Simulation of a robot with laws, step by step: Pinocchio's forward dynamics, and dry friction that can hold."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from .dynamics import Dynamics
 from .effect_terms import build_terms
 from .friction import DryFriction
 from .state import Moment
-from .stiffness import TRIAL, feel
+from .stiffness import TRIAL, measure_stiffness
 
 INTEGRATORS = ("semi-implicit", "rk4")
-MOST = 200  # sub-steps
-CAREFUL = 4  # sub-steps where a joint stops or reverses inside a step of Runge and Kutta
+MOST = 200  # largest number of sub-steps
+CAREFUL = 4  # sub-steps of a Runge-Kutta step in which a joint stops or reverses
 
 
 class Plant:
-    """B copies of a model in motion: q, v and a (B, n) of the motors, link (B, n) positions behind what is elastic.
+    """B copies of a model in motion: q, v and a (B, n) of the motors, link (B, n) positions behind elastic joints.
 
-    Each step is semi-implicit (velocity first, laws that are stiff taken at the end of the step), or of Runge and
-    Kutta's fourth order with the torque held; where dry friction stops a joint, the step is semi-implicit.
+    A step is semi-implicit (velocity first, stiff laws evaluated at the end of the step), or by the Runge-Kutta method
+    of fourth order with constant torque. If dry friction stops a joint, the step is semi-implicit.
     """
 
     def __init__(
         self, model: Model, step: float, copies: int = 1, integrator: str = "semi-implicit", substeps: int = 0
     ) -> None:
         if integrator not in INTEGRATORS:
-            raise OptionError(f"integrator {integrator!r} is none of {', '.join(INTEGRATORS)}")
+            raise OptionError(f"there is no integrator {integrator!r}; choose from {', '.join(INTEGRATORS)}")
         self.bodies, self.step, self.integrator = build_bodies(model), step, integrator
         self.dynamics = Dynamics(self.bodies, copies)
         self.moment = Moment(self.dynamics, copies)
@@ -41,14 +41,14 @@ class Plant:
         self.remembering = [term for term in self.terms if term.memory]
         self.dry = any(term.effect.reverses for term in self.terms)
         self.friction = DryFriction(self.bodies.drive.shape[1])
-        felt = feel(self, model.robot)
-        self.substeps = substeps or felt.substeps(step, implicit=integrator == "semi-implicit")
+        stiffness = measure_stiffness(self, model.robot)
+        self.substeps = substeps or stiffness.substeps(step, implicit=integrator == "semi-implicit")
         if not 0 < self.substeps <= MOST:
             raise OptionError(
-                f"steps of {step:g} s would be parted into {self.substeps}, at most {MOST} are made; "
-                f"give shorter steps, or take integrator 'semi-implicit' where a law is stiff"
+                f"steps of {step:g} s need {self.substeps} sub-steps, and at most {MOST} are allowed; "
+                f"give shorter steps, or use the integrator 'semi-implicit' for stiff laws"
             )
-        self.stiff = felt.stiff(step / self.substeps)
+        self.stiff = stiffness.stiff(step / self.substeps)
         count = self.bodies.drive.shape[1]
         self.direct = np.array_equal(self.bodies.motor, np.arange(count))
         self.state = self.speed = self.before = np.zeros((copies, count))
@@ -56,7 +56,7 @@ class Plant:
         self.both[1] = -1
 
     def start(self, q: Array, v: Array) -> None:
-        """Put the robot somewhere, what is elastic in balance with the load.
+        """Set the state of the robot; elastic joints are in balance with the load.
 
         Args:
             q: (B, n) [rad or m].
@@ -70,14 +70,14 @@ class Plant:
         self.moment.set(0.0, self.step, self.state[None], self.speed[None], np.sign(self.speed)[None])
         for term in self.terms:
             if term.transmission:
-                term.settle(self.state)
+                term.deflect(self.state)
             term.begin()
 
     def advance(self, t: float | Array, torque: Array) -> None:
-        """One step under the torque of the motors, which is held.
+        """Simulate one step with constant motor torque.
 
         Args:
-            t: () at its beginning, the same for all copies, or (B,) [s].
+            t: time () or (B,) at the beginning of the step [s].
             torque: (B, n) [N.m or N].
         """
         force, dt = torque, self.step / self.substeps
@@ -103,7 +103,7 @@ class Plant:
 
     @property
     def link(self) -> Array:
-        """Positions (B, n) of the links, behind what is elastic [rad or m]."""
+        """Positions (B, n) of the links, behind elastic joints [rad or m]."""
         if self.direct:
             return self.state
         found = self._joints(self.state).copy()
@@ -114,11 +114,11 @@ class Plant:
         return signal if self.direct else np.asarray(signal[:, self.bodies.motor])
 
     def resist(self, t: float | Array, dt: float, q: Array, v: Array, direction: Array) -> Array:
-        """Torque (R, B, c) of all laws for R trials [N.m or N]; q and v may have one row for all of them.
+        """Torque (R, B, c) of all laws for R trials [N.m or N]; q and v may have one row for all trials.
 
         Args:
-            t: () of all copies, or (B,) [s].
-            dt: that the coming step takes [s].
+            t: time () or (B,) [s].
+            dt: duration of the coming step [s].
             q: (R, B, c) [rad or m].
             v: (R, B, c) [rad/s or m/s].
             direction: (R, B, c) [1].
@@ -136,14 +136,14 @@ class Plant:
         self._take(dt, self.state + dt * after, after, after)
 
     def _take(self, dt: float, q: Array, v: Array, mean: Array) -> None:
-        """The state after a step of that mean velocity."""
+        """Set the state after a step; `mean` is the mean velocity in it."""
         self.moment.changed(self.speed, v, dt)
         self.state, self.speed = q, v
         for term in self.remembering:
             term.remember(mean)
 
     def _sliding(self, t: float | Array, dt: float, force: Array) -> Array | None:
-        """Velocity after a step in which no joint stands or stops; None where one does."""
+        """Velocity after a step in which all joints slide; None if a joint stands or stops."""
         v, direction = self.speed, np.sign(self.speed)
         if self.dry and not v.all():
             return None
@@ -159,10 +159,10 @@ class Plant:
         return after
 
     def _boxed(self, t: float | Array, dt: float, force: Array) -> Array:
-        """Velocity after a step in which friction lies between what it is forward and backward."""
+        """Velocity after a step with friction between its values for backward and forward motion."""
         q, v = self.state, self.speed
         low, high, armature = self._box(t, dt)
-        friction = np.where(v > 0, high, low)  # where a joint stands, the solver decides
+        friction = np.where(v > 0, high, low)  # the solver corrects it for a joint at rest
         after: Array = v + dt * self.dynamics.accelerate(q, v, force - friction, armature)
         stops = (high > low) & (after * v <= 0)
         if stops.any():
@@ -173,7 +173,7 @@ class Plant:
         return after
 
     def _box(self, t: float | Array, dt: float) -> tuple[Array, Array, Array | None]:
-        """Least and most torque of the laws, and the armature that makes stiff ones implicit, (B, c) each."""
+        """Smallest and largest torque of the laws, and the armature that makes stiff laws implicit, (B, c) each."""
         v = self.speed
         if self.stiff:
             q, speeds, direction = self._trials(np.where(v >= 0, 1.0, -1.0))
@@ -184,7 +184,7 @@ class Plant:
         high, low = total[0], total[1]
         here = np.where(v >= 0, high, low)
         dry = high >= low
-        if not dry.all():  # friction would drive: taken as it is in this direction
+        if not dry.all():  # where friction would drive, its value in this direction is used
             high, low = np.where(dry, high, here), np.where(dry, low, here)
         if not self.stiff:
             return low, high, None
@@ -192,7 +192,7 @@ class Plant:
         return low + (shifted - here), high + (shifted - here), armature
 
     def _trials(self, direction: Array) -> tuple[Array, Array, Array]:
-        """The state, and it moved a little in velocity and in position: q, v, direction (3, B, c)."""
+        """Trials q, v, direction (3, B, c): the state, with a small change of velocity, and of position."""
         q, v = np.empty((2, 3, *self.state.shape))
         q[:], v[:] = self.state, self.speed
         v[1] += TRIAL
@@ -200,17 +200,19 @@ class Plant:
         return q, v, np.repeat(direction[None], 3, axis=0)
 
     def _implicit(self, dt: float, here: Array, moved: Array) -> tuple[Array, Array]:
-        """Torque (B, c) and armature (B, c) of laws that are taken at the end of the step."""
+        """Torque (B, c) and armature (B, c) of laws that are evaluated at the end of the step."""
         damping, stiffness = np.maximum(0, (moved - here) / TRIAL)
         armature = dt * damping
         if not stiffness.any():
             return here, armature
         mobility = np.einsum("bjj->bj", self.dynamics.mobility(self.state))
-        excess = np.maximum(0, stiffness - 1 / (dt**2 * mobility))  # below, steps are stable and keep the energy
+        excess = np.maximum(
+            0, stiffness - 1 / (dt**2 * mobility)
+        )  # below it explicit steps are stable and conserve energy
         return here + dt * self.speed * excess, armature + dt**2 * excess
 
     def _runge_kutta(self, t: float | Array, dt: float, force: Array) -> None:
-        """The classic fourth order; parted, semi-implicit steps of copies in which a joint stops or stands."""
+        """Classic Runge-Kutta step; semi-implicit sub-steps for copies in which a joint stops or stands."""
         q, v, *_ = start = self._now()
         slopes, shares = [(v, self._slope(t, 0.0, q, v, force))], (0.5, 0.5, 1.0)
         for share in shares:

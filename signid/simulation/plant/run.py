@@ -1,4 +1,4 @@
-"""Plant, drives and what is recorded: the loop."""
+"""Simulation loop: drives, plant and recorded signals."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from ...types import Array, Frozen, Law
 from .control import Drive
 from .plant import Plant
 
-Progress = Callable[[str, float], None]  # what is being done, share of it that is done
-MOST_STEPS = 5e6
-MOST_SPEED = 1e4  # [rad/s or m/s] beyond which a robot has flown apart
+Progress = Callable[[str, float], None]  # (current step, share of it that is done)
+MOST_STEPS = 5e6  # largest number of steps
+MOST_SPEED = 1e4  # [rad/s or m/s] speed from which on a simulation has diverged
 
 
 @dataclass(frozen=True, eq=False)
 class Simulation(Frozen):
-    """What was recorded of n joints at K instants, before sensors spoil it, and what truly happened."""
+    """Ideal recorded signals of n joints at K instants, and the true motion."""
 
     joints: tuple[str, ...]
     t: Array  # (K,) [s]
@@ -32,7 +32,7 @@ class Simulation(Frozen):
     true_q: Array  # (K, n) of the motors [rad or m]
     true_v: Array  # (K, n) of the motors [rad/s or m/s]
     true_a: Array  # (K, n) of the motors [rad/s2 or m/s2]
-    link_q: Array  # (K, n) of the links, behind what is elastic [rad or m]
+    link_q: Array  # (K, n) of the links, behind elastic joints [rad or m]
     applied: Array  # (K, n) torque of the motors [N.m or N]
 
 
@@ -46,21 +46,21 @@ def simulate(
     substeps: int = 0,
     progress: Progress | None = None,
 ) -> Simulation:
-    """A model moved by a drive: every law acts, the record is as a perfect logger would write it each step.
+    """Simulate a model with all its laws, moved by a drive; signals are recorded without error at each step.
 
-    Recorded torque and acceleration belong to the same moment.
+    Recorded torque and acceleration belong to the same instant.
 
     Args:
         model: rigid bodies and laws of any kind.
-        drive: a controller, or torque that is given.
-        duration: [s].
-        step: of the controller and of the record [s].
+        drive: controller, or given torque.
+        duration: duration [s].
+        step: step of the controller and of the recorded signals [s].
         integrator: `semi-implicit` or `rk4`.
-        substeps: into which each step is parted; 0: as the stiffest law asks.
-        progress: told how far it is.
+        substeps: sub-steps per step; 0: as many as the stiffest law needs.
+        progress: function that is called with the current step and the share of it that is done.
 
     Raises:
-        OptionError: a duration, a step or a law cannot be simulated.
+        OptionError: the duration, the step or a law cannot be simulated, or the simulation diverges.
     """
     return simulate_many(
         model, [drive], duration, step=step, integrator=integrator, substeps=substeps, progress=progress
@@ -77,10 +77,10 @@ def simulate_many(
     substeps: int = 0,
     progress: Progress | None = None,
 ) -> list[Simulation]:
-    """Copies of a model, one for each drive, moved at the same time; as `simulate` otherwise.
+    """Simulate copies of a model at the same time, one for each drive; otherwise like `simulate`.
 
     Raises:
-        OptionError: a duration, a step or a law cannot be simulated.
+        OptionError: the duration, the step or a law cannot be simulated, or a simulation diverges.
     """
     t = instants(duration, step)
     plant = Plant(model, step, len(drives), integrator, substeps)
@@ -105,26 +105,29 @@ def simulate_many(
                 progress("simulating", k / len(t))
     _check(plant, float(t[-1]))
     late = 0.5 if integrator == "rk4" else (plant.substeps - 1) / (2 * plant.substeps)  # steps
-    for row in (3, 5, 6):  # what is held through a step belongs to a moment so much later than its beginning
+    for row in (3, 5, 6):  # signals that are constant in a step belong to this later instant
         log[row, 1:] += late * (log[row, :-1] - log[row, 1:])
-    return [_told(model, t, step, log[:, :, b], desired[:, b], reading) for b in range(len(drives))]
+    return [_recorded(model, t, step, log[:, :, b], desired[:, b], reading) for b in range(len(drives))]
 
 
 def instants(duration: float, step: float) -> Array:
-    """When steps begin, (K,) [s].
+    """Instants (K,) [s] at which steps begin.
 
     Raises:
         OptionError: there is none, or there are too many.
     """
     if not (np.isfinite(duration) and 0 < step <= duration):
-        raise OptionError(f"{duration:g} s in steps of {step:g} s cannot be simulated; give at least a step")
+        raise OptionError(f"{duration:g} s in steps of {step:g} s cannot be simulated; give at least one step")
     if duration / step > MOST_STEPS:
-        raise OptionError(f"{duration / step:.3g} steps were asked for; at most {MOST_STEPS:.0e} are made at once")
+        raise OptionError(
+            f"the simulation has {duration / step:.3g} steps, more than {MOST_STEPS:.0e}; give a shorter duration or "
+            f"longer steps"
+        )
     return np.asarray(np.arange(round(duration / step)) * step, dtype=np.float64)
 
 
 def _seen(reading: Sequence[Law], q: Array) -> Array:
-    """Positions (B, n) that the encoders tell."""
+    """Positions (B, n) that the encoders measure."""
     for law in reading:
         j = list(law.joints)
         q = q.copy()
@@ -133,10 +136,10 @@ def _seen(reading: Sequence[Law], q: Array) -> Array:
 
 
 def apply_actuators(acting: Sequence[Law], command: Array) -> Array:
-    """Torque (..., n) that the amplifiers give [N.m or N].
+    """Torque (..., n) that the motors apply [N.m or N].
 
     Args:
-        acting: laws of actuators.
+        acting: actuator laws.
         command: (..., n) [N.m or N].
     """
     for law in acting:
@@ -151,11 +154,11 @@ def apply_actuators(acting: Sequence[Law], command: Array) -> Array:
 def _check(plant: Plant, t: float) -> None:
     if not np.all(np.abs(plant.v) < MOST_SPEED):
         raise OptionError(
-            f"the robot flew apart within {t:.3g} s; take shorter steps, softer gains, or torque that it can follow"
+            f"the simulation diverged within {t:.3g} s; use shorter steps, lower gains, or torque that fits the robot"
         )
 
 
-def _told(model: Model, t: Array, step: float, log: Array, desired: Array, reading: Sequence[Law]) -> Simulation:
+def _recorded(model: Model, t: Array, step: float, log: Array, desired: Array, reading: Sequence[Law]) -> Simulation:
     recorded = log[5].copy()
     for law in reading:
         j = list(law.joints)

@@ -1,4 +1,4 @@
-"""What a logger makes of a simulation: columns of a recording, as encoders, amplifiers and a bus would give them."""
+"""Simulation -> recording: columns with the errors of encoders, amplifiers and a logger."""
 
 from __future__ import annotations
 
@@ -11,46 +11,49 @@ from ...errors import OptionError
 from ...types import Array, Mask, Robot
 from .run import Simulation
 
-CORNER = 3.0  # [Hz] of coloured noise
-BURST = 4.0  # rows that are lost together, on average
-LATE = 0.4  # of a period, the most that a moment of sampling is off
-STAMP = 9  # decimals of time [s]: a logger's clock counts nanoseconds
+CORNER = 3.0  # [Hz] corner frequency of coloured noise
+BURST = 4.0  # mean number of consecutive rows that are lost
+LATE = 0.4  # [periods] largest error of a sampling time
+STAMP = 9  # decimals of time [s]: the clock of a logger counts nanoseconds
 
 
 @dataclass(frozen=True)
 class Sensors:
-    """How a robot is logged; without any of it, exactly and at every step."""
+    """Errors of sensors and logger; by default every step is recorded without error."""
 
-    rate: float | None = None  # of the log [Hz]
-    encoder_bits: float | None = None  # counts per turn, or per metre of a prismatic joint, are 2**bits
-    noise: float = 0.0  # white torque noise, standard deviation over the joint's rms torque [1]
-    coloured_noise: float = 0.0  # the same behind a first-order low-pass at 3 Hz [1]
-    jitter: float = 0.0  # standard deviation of the moments of sampling, over the period [1]
-    drop_outs: float = 0.0  # share of the rows that are lost, in bursts [1]
-    unsigned: bool = False  # torque without its sign
+    rate: float | None = None  # [Hz] of the log; None: every step
+    encoder_bits: float | None = None  # 2**bits counts per turn, or per metre of a prismatic joint
+    noise: float = 0.0  # [1] white torque noise, standard deviation over the joint's rms torque
+    coloured_noise: float = 0.0  # [1] the same behind a first-order low-pass at 3 Hz
+    jitter: float = 0.0  # [1] standard deviation of the sampling times, over the period
+    drop_outs: float = 0.0  # [1] share of the rows that are lost, in bursts
+    unsigned: bool = False  # whether torque is recorded without its sign
 
     def every(self, step: float) -> int:
-        """How many steps [s] lie between two rows.
+        """Number of steps between two rows.
+
+        Args:
+            step: step of the simulation [s].
 
         Raises:
-            OptionError: the log falls between the steps, or a number makes no sense.
+            OptionError: the rate does not divide the rate of the steps, or a number is invalid.
         """
         shares = {"noise": self.noise, "coloured noise": self.coloured_noise, "jitter": self.jitter}
         for name, value in shares.items():
             if not 0 <= value < np.inf:
                 raise OptionError(f"{name} is {value:g}; give a share of 0 or more")
         if not 0 <= self.drop_outs < 1:
-            raise OptionError(f"drop-outs are {self.drop_outs:g}; give the share of rows that is lost, below 1")
+            raise OptionError(f"drop-outs are {self.drop_outs:g}; give the share of lost rows, from 0 to below 1")
         if self.encoder_bits is not None and not 1 <= self.encoder_bits <= 52:
-            raise OptionError(f"an encoder of {self.encoder_bits:g} bits makes no sense; give 1 to 52")
+            raise OptionError(f"the encoder has {self.encoder_bits:g} bits; give 1 to 52")
         if self.rate is None:
             return 1
         if not (0 < self.rate < np.inf and 0 < step < np.inf):
-            raise OptionError(f"a log at {self.rate:g} Hz of steps of {step:g} s cannot be; give positive numbers")
+            raise OptionError(f"the log has {self.rate:g} Hz and steps of {step:g} s; give positive, finite numbers")
         every = max(1, round(1 / (self.rate * step)))
         if abs(every * self.rate * step - 1) > 1e-9:
             raise OptionError(
-                f"a log at {self.rate:g} Hz falls between the steps of {step:g} s; "
+                f"a log at {self.rate:g} Hz does not fit steps of {step:g} s; "
                 f"give a rate such as {1 / (every * step):.12g} Hz, or other steps"
             )
         return every
@@ -59,20 +62,20 @@ class Sensors:
 def record(
     robot: Robot, simulation: Simulation, sensors: Sensors | None = None, *, desired: bool = True, seed: int = 0
 ) -> dict[str, Array]:
-    """The columns of a recording: t, then q_J, tau_J (or abs_tau_J) and q_des_J by the names of joints.
+    """Columns of a recording: t, then q_J, tau_J (or abs_tau_J) and q_des_J by the names of joints.
 
-    The moments of sampling may be off; the times written are those moments. All signals are read at one moment,
+    Sampling times may have jitter, and t has the true sampling times. All signals of a row are sampled at one instant,
     between steps by interpolation: cubic for positions, linear for torque.
 
     Args:
-        robot: that was simulated.
+        robot: simulated robot.
         simulation: K steps of n joints.
-        sensors: what spoils it; nothing, if None.
-        desired: whether desired positions are written.
-        seed: of noise, encoder zeros, moments and losses.
+        sensors: errors of the sensors; None: no errors.
+        desired: whether desired positions are recorded.
+        seed: seed of noise, encoder zeros, sampling times and losses.
 
     Raises:
-        OptionError: the log falls between the steps, or a number makes no sense.
+        OptionError: the rate does not divide the rate of the steps, or a number is invalid.
     """
     sensors = sensors or Sensors()
     step = float(simulation.t[1] - simulation.t[0]) if len(simulation.t) > 1 else 1.0
@@ -92,7 +95,7 @@ def record(
 def _sampled(
     simulation: Simulation, every: int, jitter: float, rng: np.random.Generator
 ) -> tuple[Array, Array, Array, Array]:
-    """Moments, positions, torques and desired positions; jitter in s."""
+    """Sampling times, positions, torques and desired positions; jitter in s."""
     s, rows = simulation, slice(None, None, every)
     if not jitter:
         return s.t[rows], s.q[rows], s.tau[rows], s.desired[rows]
@@ -103,7 +106,7 @@ def _sampled(
 
 
 def _counted(q: Array, bits: float | None, prismatic: Mask, rng: np.random.Generator) -> Array:
-    """Positions as counts tell them, zero somewhere between two counts."""
+    """Quantised positions with a random zero between two counts."""
     if bits is None:
         return q
     count = np.where(prismatic, 1.0, 2 * np.pi) / 2**bits
@@ -113,7 +116,7 @@ def _counted(q: Array, bits: float | None, prismatic: Mask, rng: np.random.Gener
 
 def _noise(size: Array, rows: int, period: float, sensors: Sensors, rng: np.random.Generator) -> Array:
     """Torque noise (rows, n) for rms torques (n,); coloured noise is stationary from the first row on."""
-    from scipy.signal import lfilter  # takes long to import
+    from scipy.signal import lfilter  # slow to import
 
     white, coloured = rng.standard_normal((2, rows, len(size)))
     keep = float(np.exp(-2 * np.pi * CORNER * period))
@@ -123,7 +126,7 @@ def _noise(size: Array, rows: int, period: float, sensors: Sensors, rng: np.rand
 
 
 def _kept(rows: int, lost: float, rng: np.random.Generator) -> Mask:
-    """Which rows arrive: runs of arrivals and losses in turn; the first and the last arrive.
+    """Mask of the rows that are not lost: alternating runs; the first and the last row are never lost.
 
     Source: Gilbert, Capacity of a burst-noise channel, Bell System Technical Journal 39(5), 1960.
     """

@@ -1,4 +1,4 @@
-"""What laws see while the simulator steps: trial values of one moment, of B copies of a robot."""
+"""States at which laws are evaluated in a simulation step: trials of one instant, for B copies of a robot."""
 
 from __future__ import annotations
 
@@ -13,27 +13,27 @@ NONE = np.empty(0, dtype=np.intp)
 
 
 class Unknown:
-    """What no law may ask for while a step is computed."""
+    """Quantities of a view that are unknown in a simulation step."""
 
     @property
     def torque(self) -> Array:
-        """No law of a torque may ask for it (..., c) [N.m or N].
+        """Motor torque (..., c) [N.m or N], unknown in a step.
 
         Raises:
             AttributeError: always.
         """
-        raise AttributeError("the motor's torque is not known while a step is computed")
+        raise AttributeError("the motor torque is unknown in a simulation step; write the law without it")
 
     recorded = torque
 
     def __getitem__(self, i: Any) -> View:
-        raise TypeError("a moment has no samples to choose from")
+        raise TypeError("a moment is a single sample and cannot be indexed")
 
 
 class Moment(Unknown):
-    """R trials of B states of c coordinates; what is costly is computed when a law asks for it.
+    """R trials of B states of c coordinates; costly quantities are computed on first use.
 
-    It is itself the view of a law that acts on all coordinates.
+    It also is the view of a law that acts on all coordinates.
     """
 
     soft, flex, at = NONE, NONE, ...
@@ -49,23 +49,23 @@ class Moment(Unknown):
         self._jacobian: Array | None = None
 
     def rest(self) -> None:
-        """Forget how velocity changed."""
+        """Set the acceleration to zero."""
         still = np.zeros_like(self.inertia)
         self.changed(still, still, 1.0)
 
     def changed(self, before: Array, after: Array, dt: float) -> None:
-        """How velocity changed in the step before.
+        """Store the change of velocity in the last step, from which the acceleration follows.
 
         Args:
             before: (B, c) [rad/s or m/s].
             after: (B, c) [rad/s or m/s].
-            dt: of that step [s].
+            dt: duration of that step [s].
         """
         self._step = before, after, dt
 
     @property
     def a(self) -> Array:
-        """Acceleration (B, c) of the step before [rad/s2 or m/s2]."""
+        """Acceleration (B, c) of the last step [rad/s2 or m/s2]."""
         before, after, dt = self._step
         return (after - before) / dt
 
@@ -78,11 +78,11 @@ class Moment(Unknown):
         return signal
 
     def set(self, t: float | Array, dt: float, q: Array, v: Array, direction: Array) -> None:
-        """The trials, their first one being the state.
+        """Set the trials; the first one is the state.
 
         Args:
-            t: () of all copies, or (B,) [s].
-            dt: that the coming step takes [s].
+            t: time () or (B,) [s].
+            dt: duration of the coming step [s].
             q: (R, B, c) [rad or m].
             v: (R, B, c) [rad/s or m/s].
             direction: (R, B, c) [1].
@@ -92,21 +92,21 @@ class Moment(Unknown):
 
     @property
     def load(self) -> Array:
-        """Rigid-body torque (B, c) of the state, at the acceleration of the step before [N.m or N]."""
+        """Rigid-body torque (B, c) of the state, at the acceleration of the last step [N.m or N]."""
         if self._load is None:
             self._load = self.dynamics.load(self.q[0], self.v[0], self.a)
         return self._load
 
     @property
     def jacobian(self) -> Array:
-        """Jacobian (B, 3, n) of the last link's centre of mass, one column a joint [m/rad or 1]."""
+        """Jacobian (B, 3, n) of the last link's centre of mass, one column per joint [m/rad or 1]."""
         if self._jacobian is None:
             self._jacobian = self.dynamics.jacobian(self.q[0])
         return self._jacobian
 
 
 class MomentView(Unknown):
-    """Some coordinates of a moment; with `soft`, positions are those of the links behind elastic joints."""
+    """View of some coordinates of a moment; with `soft`, positions are those of the links behind elastic joints."""
 
     def __init__(self, whole: Moment, index: Indices, joints: tuple[int, ...], soft: Indices, flex: Indices) -> None:
         self.whole, self.joints = whole, joints
@@ -116,7 +116,7 @@ class MomentView(Unknown):
         self.soft, self.flex = soft, flex
 
     def cut(self, signal: Array) -> Array:
-        """The coordinates (..., m) of a signal.
+        """Coordinates (..., m) of a signal.
 
         Args:
             signal: (..., c) [any unit].
@@ -148,7 +148,7 @@ class MomentView(Unknown):
         return self.cut(self.whole.a)
 
     @property
-    def load(self) -> Array:  # an elastic joint's motor carries what its link does
+    def load(self) -> Array:  # the motor of an elastic joint carries the load of its link
         return np.asarray(self.whole.load[self.at])
 
     @property

@@ -1,4 +1,4 @@
-"""How stiff the laws of a plant are, felt in states all over its range."""
+"""Stiffness of the laws of a plant, measured at random states over its range."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from .dynamics import Dynamics
 from .effect_terms import Term
 from .state import Moment
 
-STATES = 60
-TRIAL = 1e-6  # [rad, rad/s] by which a law is moved to feel its stiffness and damping
-SLACK = 4.0  # laws may be stiffer than felt
-GENTLE = 0.4  # share of the inertia below which a law is taken at the beginning of the step
-RINGING, DECAY = 0.3, 0.5  # [1] largest step times frequency, and times rate of decay, of explicit steps
+STATES = 60  # random states
+TRIAL = 1e-6  # [rad, rad/s] step of the numerical derivatives of the laws
+SLACK = 4.0  # [1] safety factor: laws may be stiffer than at the random states
+GENTLE = 0.4  # [1] load of the laws over the inertia, below which steps are explicit
+RINGING, DECAY = 0.3, 0.5  # [1] largest step times frequency, and times decay rate, of explicit steps
 
 
-class Loaded(Protocol):
-    """A plant whose laws are felt."""
+class ProbedPlant(Protocol):
+    """Plant whose laws are measured."""
 
     bodies: Bodies
     dynamics: Dynamics
@@ -42,30 +42,30 @@ class Loaded(Protocol):
 
 
 class Stiffness(NamedTuple):
-    """The most that laws resist more, per unit of velocity and of position, and the least inertia, (c,) each."""
+    """Largest derivatives of the laws' torque by velocity and position, and smallest inertia, (c,) each."""
 
     damping: Array  # (c,) [N.m.s/rad]
     spring: Array  # (c,) [N.m/rad]
     inertia: Array  # (c,) [kg.m2]
 
     def stiff(self, dt: float) -> bool:
-        """Whether a step of dt [s] must take the laws at its end."""
+        """Whether a step of dt [s] must evaluate the laws at its end."""
         load = SLACK * (dt * self.damping + dt**2 * self.spring)
         return bool((load > GENTLE * self.inertia).any())
 
     def substeps(self, step: float, implicit: bool) -> int:
-        """Into how many a step [s] is parted: for accuracy when springs ring, for stability when not implicit."""
+        """Number of sub-steps of a step [s], for accuracy with oscillating springs, and stability if explicit."""
         rate = RINGING**-1 * np.sqrt(self.spring / self.inertia)
         if implicit:
             return int(np.clip(np.ceil(step * rate.max()), 1, 10))
         return int(max(1, np.ceil(step * max(rate.max(), (self.damping / self.inertia).max() / DECAY))))
 
 
-def feel(plant: Loaded, robot: Robot, seed: int = 0) -> Stiffness:
-    """The stiffness of a plant's laws from trials at random states, slow and fast.
+def measure_stiffness(plant: ProbedPlant, robot: Robot, seed: int = 0) -> Stiffness:
+    """Measure the stiffness of a plant's laws at random states, slow and fast.
 
     Raises:
-        OptionError: no bodies could move so.
+        OptionError: the mass matrix is not positive definite.
     """
     rng, bodies, copies = np.random.default_rng(seed), plant.bodies, len(plant.moment.inertia)
     count = bodies.drive.shape[1]
@@ -87,16 +87,16 @@ def feel(plant: Loaded, robot: Robot, seed: int = 0) -> Stiffness:
     return Stiffness(damping, spring, inertia)
 
 
-def _mobility(plant: Loaded, q: Array, robot: str) -> Array:
-    """The inverse (c, c) of the mass matrix at q (1, c), of bodies that can be."""
+def _mobility(plant: ProbedPlant, q: Array, robot: str) -> Array:
+    """Inverse (c, c) of the mass matrix at q (1, c), if that is positive definite."""
     try:
         found = plant.dynamics.mobility(q)[0]
-        possible = bool(np.isfinite(found).all()) and np.linalg.eigvalsh(found)[0] > 0
+        feasible = bool(np.isfinite(found).all()) and np.linalg.eigvalsh(found)[0] > 0
     except np.linalg.LinAlgError:
-        possible = False
-    if not possible:
+        feasible = False
+    if not feasible:
         raise OptionError(
-            f"no bodies can move as those of {robot} would: their mass matrix is not positive; give every joint mass "
+            f"the bodies of {robot} are infeasible: their mass matrix is not positive definite; give every joint mass "
             "or an armature, and a payload or a correction of a link smaller first moments"
         )
     return np.asarray(found)

@@ -1,7 +1,7 @@
-"""Validation by simulation: a model over short windows of a recording.
+"""Validation by simulation of a model over short windows of a recording.
 
-From the measured state, under the recorded torque, for some tenths of a second: how far does the simulated robot stray
-from the recorded one? Longer would tell little, as any error of the state grows.
+A window starts at the measured state and applies the recorded torque for some tenths of a second. Longer windows are
+less informative, since any error of the state grows.
 """
 
 from .result import RollOut

@@ -1,4 +1,4 @@
-"""A model over the joints that recordings have."""
+"""Restriction of a model to the joints of recordings."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ...types import Law, Recording
 
 
 def restrict_joints(model: Model, recordings: Sequence[Recording]) -> tuple[Model, tuple[str, ...]]:
-    """The model with the joints held that the recordings lack, as identification holds them, and what that costs.
+    """Hold the joints that recordings lack, as identification does; with notes on the laws that are left out.
 
     Raises:
         RecordingError: the recordings have a joint that the model lacks or holds.
@@ -23,12 +23,12 @@ def restrict_joints(model: Model, recordings: Sequence[Recording]) -> tuple[Mode
     beyond = [joint for joint in joints if joint not in robot.joints]
     if beyond:
         raise RecordingError(
-            f"the recordings have {', '.join(beyond)}, which the model of {robot.name} lacks or holds fixed; "
+            f"the recordings have {', '.join(beyond)}, which the model of {robot.name} lacks or holds; "
             f"give a model of these joints"
         )
     if joints != tuple(joint for joint in robot.joints if joint in joints):
         raise RecordingError(
-            f"the recordings list the joints in another order than the model of {robot.name}; read them for its robot"
+            f"the recordings have another order of joints than the model of {robot.name}; read them for its robot"
         )
     if joints == robot.joints:
         return model, ()

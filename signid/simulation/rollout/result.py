@@ -1,4 +1,4 @@
-"""What a roll-out tells: how far a simulated model strays from the robot, per joint and horizon."""
+"""Result of a roll-out: position errors of a simulated model, per joint and horizon."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from ...types import Array, Frozen, Indices
 
 @dataclass(frozen=True, eq=False)
 class RollOut(Frozen):
-    """W short simulations of n joints from measured states under recorded torque, followed over S samples.
+    """W short simulations of n joints and S samples, from measured states under recorded torque.
 
-    `error` is simulated minus measured position: NaN at a joint whose torque is not recorded, infinite where the
-    simulated robot flew apart.
+    `error` is simulated minus measured position. It is NaN for a joint without recorded torque, and infinite if the
+    simulation diverged.
     """
 
     joints: tuple[str, ...]
-    unit: tuple[str, ...]  # rad or m, one a joint
+    unit: tuple[str, ...]  # rad or m, one per joint
     horizons: tuple[float, ...]  # [s]
-    t: Array  # (S,) since the start of a window [s]
-    recording: Indices  # (W,) that a window is out of
-    start: Array  # (W,) of the windows [s]
+    t: Array  # (S,) [s] time since the start of a window
+    recording: Indices  # (W,) number of the recording of each window
+    start: Array  # (W,) [s] start of each window
     error: Array  # (W, S, n) [rad or m]
-    step: float  # of the simulation [s]
+    step: float  # [s] of the simulation
     notes: tuple[str, ...] = ()
 
     def end(self, horizon: float) -> Array:
@@ -42,34 +42,30 @@ class RollOut(Frozen):
         return _rms(self.end(horizon), axis=0)
 
     def median(self, horizon: float) -> Array:
-        """Median (n,) [rad or m] over windows of the size of the error at a horizon [s]; few bad windows leave it."""
+        """Median (n,) [rad or m] over windows of the absolute error at a horizon [s], robust against few windows."""
         return np.asarray(np.median(np.abs(self.end(horizon)), axis=0))
 
-    def along(self, horizon: float) -> Array:
-        """Root mean square (W, n) [rad or m] of the error of each window up to a horizon [s]."""
-        return _rms(self.error[:, : self._last(horizon) + 1], axis=1)
-
-    def along_rms(self, horizon: float) -> Array:
-        """Root mean square (n,) [rad or m] of the error over windows and up to a horizon [s]."""
-        return _rms(self.along(horizon), axis=0)
-
     def document(self, before: RollOut, horizon: float | None = None) -> dict[str, Any]:
-        """What diagnosis.json says of a model beside the one before it, at a horizon [s], the longest without one.
+        """JSON object for diagnosis.json: errors of the original model and of this one, at the longest horizon.
+
+        Args:
+            before: roll-out of the original model.
+            horizon: other horizon [s].
 
         Raises:
-            OptionError: the two are of different joints or windows.
+            OptionError: the roll-outs have different joints or windows.
         """
         if self.joints != before.joints or not np.array_equal(self.start, before.start):
-            raise OptionError("two roll-outs of different joints or windows were given; roll both models out alike")
+            raise OptionError("the roll-outs have different joints or windows; use the same recordings for both models")
         horizon = max(self.horizons) if horizon is None else horizon
-        told = {"before_rms": before.rms(horizon), "after_rms": self.rms(horizon)}
-        numbers = {key: [float(x) if np.isfinite(x) else None for x in rms] for key, rms in told.items()}
+        errors = {"before_rms": before.rms(horizon), "after_rms": self.rms(horizon)}
+        numbers = {key: [float(x) if np.isfinite(x) else None for x in rms] for key, rms in errors.items()}
         return {"horizon": horizon, **numbers, "unit": list(self.unit)}
 
     def _last(self, horizon: float) -> int:
         place = round(horizon / float(self.t[0])) - 1
         if not 0 <= place < len(self.t):
-            raise OptionError(f"horizon {horizon:g} s; choose one from {self.t[0]:.4g} to {self.t[-1]:.4g} s")
+            raise OptionError(f"the horizon is {horizon:g} s; choose one from {self.t[0]:.4g} to {self.t[-1]:.4g} s")
         return place
 
 

@@ -1,4 +1,4 @@
-"""A model simulated over short windows of recordings, from measured states under recorded torque."""
+"""Simulation of a model over short windows of recordings, from measured states under recorded torque."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from ...types import Array, Recording
 from ..plant.plant import Plant
 from .joints import restrict_joints
 from .result import RollOut
-from .windows import Windows, cut_windows
+from .windows import WindowLayout, Windows, cut_windows
 
-COUNT, STEP = 48, 1e-3  # windows, and [s]
-FAR = 1e3  # [rad or m] that no joint strays: the simulated robot flew apart
-BEYOND = 1e6  # [rad, m, rad/s or m/s] from where on its numbers would soon overflow
+COUNT, STEP = 48, 1e-3  # default number of windows, and largest step [s]
+FAR = 1e3  # [rad or m] error from which on a simulation has diverged
+BEYOND = 1e6  # [rad, m, rad/s or m/s] state from which on a simulation is stopped before it overflows
 
 
 def roll_out(
@@ -35,24 +35,25 @@ def roll_out(
     integrator: str = "semi-implicit",
     beside: Model | None = None,
 ) -> RollOut:
-    """How far a model strays from a robot within short horizons: from measured states, under recorded torque.
+    """Errors of a model that is simulated over short horizons, from measured states under recorded torque.
 
-    Windows as long as the longest horizon start evenly over the recordings, which share them by their lengths; all are
-    simulated at once. What the model's recording laws did is undone, its actuator laws act. A joint whose torque is
-    not recorded follows its measured motion.
+    Windows have the length of the longest horizon and evenly spaced starts. Their number in each recording is
+    proportional to its length, and all are simulated at once. The model's recording laws are undone, and its actuator
+    laws act. A joint without recorded torque follows its measured motion.
 
     Args:
-        model: any; joints that the recordings lack are held as identification holds them.
-        recordings: one, or several of the same joints and rate; of a session what it holds out, in its band.
-        horizons: [s].
-        windows: how many; they overlap where the recordings are short.
-        band: of the filter on positions; None: as the recordings themselves suggest.
-        step: of the simulation, at most [s].
-        integrator: `semi-implicit`, positions centred between velocities, or `rk4`.
-        beside: another model of the same joints that is rolled out over the same windows.
+        model: any model; joints that the recordings lack are held as in identification.
+        recordings: one or several recordings of the same joints and rate, or a session, whose held-out part and band
+            are used.
+        horizons: horizons [s].
+        windows: number of windows; they overlap if the recordings are short.
+        band: band of the filter on positions; None: chosen from the recordings.
+        step: largest step of the simulation [s].
+        integrator: `semi-implicit`, with positions centred between velocities, or `rk4`.
+        beside: other model of the same joints that is simulated over the same windows.
 
     Raises:
-        OptionError: a horizon, a number of windows or a step cannot be used, or a recording's torque has no sign.
+        OptionError: a horizon, the number of windows or the step is invalid, or a recording's torque has no sign.
         RecordingError: a recording cannot be used, or no stretch of it is long enough.
     """
     each = _each(recordings)
@@ -66,9 +67,8 @@ def roll_out(
         band = choose_band([longest_piece(part) for part in parts], common_rate(parts, "roll out each by itself"))
     lengths = np.array([sampling.duration for _, sampling in parts])
     counts = np.maximum(1, np.rint(windows * lengths / lengths.sum())).astype(int).tolist()
-    cuts = [
-        cut_windows(model, part, band, max(horizons), k, step, beside) for part, k in zip(parts, counts, strict=True)
-    ]
+    layouts = [WindowLayout(max(horizons), count, step) for count in counts]
+    cuts = [cut_windows(model, part, band, each, beside) for part, each in zip(parts, layouts, strict=True)]
     errors = [_simulate(model, cut, integrator) for cut in cuts]
     samples_each = min(error.shape[1] for error in errors)
     robot, first = model.robot, cuts[0]
@@ -93,12 +93,14 @@ def _each(given: Recording | Sequence[Recording] | Session) -> list[Recording]:
 
 def _check(recordings: Sequence[Recording], horizons: Sequence[float], windows: int, step: float) -> None:
     if not recordings:
-        raise OptionError("no recording was given; at least one is needed")
+        raise OptionError("no recording was given; give at least one")
     if not (len(horizons) and all(np.isfinite(h) and h > 0 for h in horizons)):
-        told = ", ".join(f"{h:g} s" for h in horizons) or "none"
-        raise OptionError(f"horizons {told}; give one or more that are longer than 0 s, such as 0.2 and 0.5")
+        listed = ", ".join(f"{h:g} s" for h in horizons) or "none"
+        raise OptionError(f"the horizons are {listed}; give one or more longer than 0 s, such as 0.2 and 0.5")
     if windows < 1 or not step > 0:
-        raise OptionError(f"{windows} windows in steps of {step:g} s; give at least one window and a positive step")
+        raise OptionError(
+            f"there are {windows} windows in steps of {step:g} s; give at least one window and a positive step"
+        )
     unsigned = {j for r in recordings for j, s in zip(r.joints, r.signed, strict=True) if not s}
     if unsigned:
         raise OptionError(f"the torque of {', '.join(sorted(unsigned))} has no sign; a roll-out needs signed torque")
@@ -107,34 +109,39 @@ def _check(recordings: Sequence[Recording], horizons: Sequence[float], windows: 
 def _simulate(model: Model, windows: Windows, integrator: str) -> Array:
     """Simulated minus measured position (W, S, n) [rad or m] after each sample."""
     plant = Plant(model, windows.step, len(windows.t), integrator)
-    half = 0.0 if integrator == "rk4" else windows.step / plant.substeps / 2  # [s] positions are ahead of velocities
+    half = (
+        0.0 if integrator == "rk4" else windows.step / plant.substeps / 2
+    )  # [s] by which positions are ahead of velocities
     ahead = windows.q + half * windows.v
     plant.start(ahead[:, 0], windows.v[:, 0])
     plant.speed[:, plant.bodies.flex] = windows.flex[1]
     plant.state[:, plant.bodies.flex] = windows.flex[0] + half * windows.flex[1]
     _remember(plant, windows)
-    blind, error = plant.bodies.motor[~windows.told], np.full_like(windows.q[:, 1:], np.nan)
-    gone = np.zeros((len(windows.t), 1), dtype=bool)
+    blind, error = plant.bodies.motor[~windows.measured], np.full_like(windows.q[:, 1:], np.nan)
+    diverged = np.zeros((len(windows.t), 1), dtype=bool)
     with np.errstate(all="ignore"):
         for k, torque in enumerate(windows.torque.swapaxes(0, 1), 1):
             plant.advance(windows.t + (k - 1) * windows.step, torque)
             still = (np.abs(plant.state) < BEYOND) & (np.abs(plant.speed) < BEYOND)
-            gone |= ~still.all(axis=1, keepdims=True)
-            if gone.any():
-                plant.state, plant.speed = np.where(gone, 0.0, plant.state), np.where(gone, 0.0, plant.speed)
+            diverged |= ~still.all(axis=1, keepdims=True)
+            if diverged.any():
+                plant.state, plant.speed = np.where(diverged, 0.0, plant.state), np.where(diverged, 0.0, plant.speed)
             i, rest = divmod(k, windows.parts)
             if rest == 0:
-                error[:, i - 1] = np.where(gone, np.inf, plant.q - half * plant.v - windows.q[:, i])
-                plant.state, plant.speed = plant.state.copy(), plant.speed.copy()  # the step's acceleration stays
-                plant.state[:, blind] = ahead[:, i, ~windows.told]
-                plant.speed[:, blind] = windows.v[:, i, ~windows.told]
+                error[:, i - 1] = np.where(diverged, np.inf, plant.q - half * plant.v - windows.q[:, i])
+                plant.state, plant.speed = (
+                    plant.state.copy(),
+                    plant.speed.copy(),
+                )  # the arrays that give the step's acceleration stay unchanged
+                plant.state[:, blind] = ahead[:, i, ~windows.measured]
+                plant.speed[:, blind] = windows.v[:, i, ~windows.measured]
     error = np.where(np.abs(error) < FAR, error, np.inf)
-    error[..., ~windows.told] = np.nan
+    error[..., ~windows.measured] = np.nan
     return error
 
 
 def _remember(plant: Plant, windows: Windows) -> None:
-    """Run memories along the motion before the windows."""
+    """Advance the memories of laws along the motion before the windows."""
     for term in plant.remembering:
         j = list(term.view.joints)
         for v in windows.before.swapaxes(0, 1):

@@ -1,8 +1,9 @@
-"""Windows all over a recording: where they start, how the robot moved in them, and under which torque."""
+"""Windows of a recording: starts, measured motion and torque."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,43 +18,47 @@ from ...regression.session import Part
 from ...types import Array, Frozen, Mask
 from ..plant.run import apply_actuators
 
-BEFORE, AFTER = 1.0, 0.1  # [s] of motion that memories are run along, and that records reach ahead at most
+BEFORE, AFTER = 1.0, 0.1  # [s] motion before a window for laws with memory; largest shift of signals by recording laws
 
 
 @dataclass(frozen=True, eq=False)
 class Windows(Frozen):
-    """W windows of S samples, each of them some steps long, of n joints: what truly was by the model's own laws."""
+    """W windows of S samples of n joints: true motion and torque according to the model's laws."""
 
-    t: Array  # (W,) at which they start [s]
-    period: float  # of the recording [s]
-    step: float  # of the simulation [s]
-    parts: int  # steps a sample
+    t: Array  # (W,) start [s]
+    period: float  # [s] of the recording
+    step: float  # [s] of the simulation
+    parts: int  # steps per sample
     q: Array  # (W, S + 1, n) [rad or m]
     v: Array  # (W, S + 1, n) [rad/s or m/s]
     torque: Array  # (W, S * parts, n) mean over each step [N.m or N]
     flex: Array  # (2, W, k) deflection and its rate of each elastic joint at the start [rad or m, rad/s or m/s]
-    before: Array  # (W, L, n) velocities up to the start, of which memories are left [rad/s or m/s]
-    told: Mask  # (n,) whether the joint's torque is recorded
+    before: Array  # (W, L, n) velocities up to the start, for laws with memory [rad/s or m/s]
+    measured: Mask  # (n,) whether the joint's torque is recorded
 
 
-def cut_windows(
-    model: Model, part: Part, band: Band, length: float, count: int, step: float, beside: Model | None = None
-) -> Windows:
-    """Windows that start evenly over what can be used of a recording, apart from each other where it is long enough.
+class WindowLayout(NamedTuple):
+    """Length and number of windows, and step of the simulation."""
+
+    length: float  # [s] of a window
+    windows: int
+    step: float  # [s] largest step of the simulation
+
+
+def cut_windows(model: Model, part: Part, band: Band, layout: WindowLayout, beside: Model | None = None) -> Windows:
+    """Windows with evenly spaced starts over the usable stretches of a recording; they overlap if it is short.
 
     Args:
-        model: whose laws say what is recorded, and what is remembered.
-        part: a recording and its sampling.
-        band: gives the filter on positions.
-        length: of a window [s].
-        count: of windows.
-        step: the longest one [s].
-        beside: another model whose memories the windows leave room for.
+        model: model whose recording laws are undone and whose laws with memory need the motion before a window.
+        part: recording and its sampling.
+        band: band of the filter on positions.
+        layout: length and number of the windows, and step of the simulation.
+        beside: second model for which the windows leave enough room.
 
     Raises:
         RecordingError: no stretch of the recording is long enough.
     """
-    recording, sampling = part
+    (recording, sampling), (length, count, step) = part, layout
     period = sampling.period
     stride, parts = max(1, int(step / period * (1 + 1e-9))), max(1, int(np.ceil(period / step * (1 - 1e-9))))
     size = stride * max(1, round(length / (stride * period)))
@@ -66,7 +71,7 @@ def cut_windows(
     if not places:
         longest = max(sampling.length(span) for span in sampling.spans) * period
         raise RecordingError(
-            f"{recording.path or 'the recording'}: windows of {length:g} s take {whole * period:.3g} s without a gap, "
+            f"{recording.path or 'the recording'}: windows of {length:g} s need {whole * period:.3g} s without a gap, "
             f"filters included, but the longest stretch lasts {longest:.3g} s; choose shorter horizons"
         )
     motions = [
@@ -85,19 +90,19 @@ def cut_windows(
         torque=_means(torque[:, inside], stride, parts),
         flex=np.stack([_deflections(model, m, lead) for m in motions], axis=1),
         before=v[:, lead - before : lead],
-        told=np.array([bool(c) for c in recording.columns["tau"]]),
+        measured=np.array([bool(c) for c in recording.columns["tau"]]),
     )
 
 
 def _reach(model: Model, period: float) -> tuple[int, int]:
-    """Samples before a window that memories are run along, and that records reach ahead."""
+    """Samples that laws with memory need before a window, and samples by which recording laws shift signals."""
     remembers = any(law.effect.memory or isinstance(law.effect, TransmissionLaw) for law in model.laws)
     before = int(np.ceil(BEFORE / period)) if remembers else 0
     return before, int(np.ceil(AFTER / period)) if model.of(RecordingLaw) else 0
 
 
 def _places(sampling: Sampling, whole: int, count: int) -> list[tuple[Span, int]]:
-    """Spans and samples in them at which windows of so many samples begin, evenly over all that can."""
+    """Spans and their samples at which windows begin, evenly spaced over all possible starts."""
     rooms = [(span, sampling.length(span) - whole + 1) for span in sampling.spans]
     rooms = [(span, room) for span, room in rooms if room > 0]
     ends = np.cumsum([room for _, room in rooms])
@@ -109,7 +114,7 @@ def _places(sampling: Sampling, whole: int, count: int) -> list[tuple[Span, int]
 
 
 def _acted(model: Model, motion: Motion) -> Motion:
-    """Positions and torque as they were; where no torque is recorded, what the motion takes by the model."""
+    """Motion with recording and actuator laws applied; missing torque is the one that the model predicts."""
     motion = model.acted(motion)
     assert motion.recorded is not None, "windows carry torque"
     torque = apply_actuators(model.of(ActuatorLaw), motion.recorded)
@@ -121,7 +126,7 @@ def _acted(model: Model, motion: Motion) -> Motion:
 
 
 def _deflections(model: Model, motion: Motion, k: int) -> Array:
-    """Deflection and rate (2, k) of the elastic joints at a sample, after the motion before it."""
+    """Deflections and their rates (2, k) of the elastic joints at sample k."""
     elastic = model.of(TransmissionLaw)
     if not elastic:
         return np.empty((2, 0))
@@ -140,7 +145,7 @@ def _deflections(model: Model, motion: Motion, k: int) -> Array:
 
 
 def _means(torque: Array, stride: int, parts: int) -> Array:
-    """Of torque (W, N, n) that is linear between samples: over strides, or over parts of one."""
+    """Mean torque of each step, for torque (W, N, n) that is linear between samples."""
     if stride > 1:
         middle = (torque[:, 1:] + torque[:, :-1]) / 2
         return np.asarray(middle.reshape(len(torque), -1, stride, torque.shape[2]).mean(axis=2))

@@ -24,7 +24,7 @@ from .signs import signs_document
 if TYPE_CHECKING:
     from ....check import Check
     from ....inspect import Inspection
-    from ....recording_faults import Gross
+    from ....recording_faults import RecordingFaults
 
 Document = dict[str, Any]
 _NUMBERS = re.compile(r"\[\n *(?:(?:[-+.\deE]+|null),?\n *)+\]")  # one per line; strings have no line ends
@@ -190,7 +190,7 @@ def _excitation(found: ExcitationVerdict) -> Document:
     }
 
 
-def _gross(found: Gross) -> Document:
+def _gross(found: RecordingFaults) -> Document:
     columns = (found.joints, found.explained, found.factor, found.lag, found.signs, found.order)
     return {
         "joints": [

@@ -24,7 +24,7 @@ from .signs import signs_tables
 if TYPE_CHECKING:
     from ....check import Check
     from ....inspect import Inspection
-    from ....recording_faults import Gross
+    from ....recording_faults import RecordingFaults
 
 WIDE = 4  # maximum number of columns of law parameters
 VERDICTS = {"right": "green", "cannot tell": "yellow", "wrong": "red"}
@@ -91,7 +91,7 @@ def check_tables(found: Check) -> list[RenderableType]:
     ]
 
 
-def _gross(found: Gross) -> Table:
+def _gross(found: RecordingFaults) -> Table:
     """Share of the torque that the description explains, and verdicts on sign and order, per joint."""
     table = new_table("joint", "explained>", "factor>", "sign", "order")
     columns = (found.joints, found.explained, found.factor, found.signs, found.order)

@@ -1,88 +1,133 @@
-"""How far two laws are from each other along a motion, whatever else is fitted beside them."""
+"""T-optimality distance of two laws along a motion, with nuisance columns fitted besides."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from ....effects.law import law_columns
+from ....effects.law import law_columns, law_torque
 from ....model import Model
 from ....regression.motion import Motion
 from ....regression.projection import leave
-from ....types import Array, Frozen, Law, Trajectory
-from ..problem import DIRECTION, Setting
+from ....regression.rows import away_from_reversals
+from ....types import Array, Frozen, Law, Mask, Trajectory
+from ..problem import DIRECTION, ExcitationProblem
+
+INDEPENDENT = 20.0  # [Hz] rate of torque samples with independent errors, after filters
+NEAR = 0.06  # [s] before and after a reversal in which torque does not count
+STRUCTURAL = 1e-6  # [1] share of a law's sum of squares below which the laws are equal up to rounding and linearisation
 
 
 class Distance(NamedTuple):
-    """Both ways: the first law seen while the second is fitted, and the other way round."""
+    """Distance of two laws, for either of them being the true one."""
 
-    seen: tuple[float, float]  # lambda [1]
-    shares: tuple[float, float]  # [1] of the law's own sum of squares over noise
+    seen: tuple[float, float]  # lambda [1]: first law true and second fitted, second true and first fitted
+    shares: tuple[float, float]  # [1] of the true law's own sum of squares over noise
 
 
 @dataclass(frozen=True, eq=False)
-class Rivals(Frozen):
-    """Two laws, and what is fitted beside either of them."""
+class LawPair(Frozen):
+    """Two laws, and the nuisance that is fitted besides either of them."""
 
-    setting: Setting  # its laws and bodies are what is fitted beside
+    problem: ExcitationProblem  # its laws and bodies are the nuisance
     first: Law
     second: Law
     bodies: bool  # whether the bodies' base parameters are fitted too
-    weight: float  # independent samples per sample
 
     def distance(self, trajectory: Trajectory) -> Distance:
-        """Along a uniformly sampled trajectory; shapes that a law does not state are fitted on their grid.
-
-        Source: T-optimality, Atkinson, Fedorov, Biometrika 62(1), 1975.
-        """
-        motion = _motion(self.setting.model, trajectory)
-        beside = self._beside(motion, trajectory)
-        there = self._left(motion, beside, self.first, self.second)
-        back = self._left(motion, beside, self.second, self.first)
+        """Distance along a uniformly sampled trajectory."""
+        motion = with_torque(self.problem.model, trajectory)
+        nuisance, noise = self._nuisance(motion, trajectory), self.problem.noise
+        there = law_distance(self.first, self.second, motion, nuisance, noise)
+        back = law_distance(self.second, self.first, motion, nuisance, noise)
         return Distance((there[0], back[0]), (there[1], back[1]))
 
-    def _left(self, motion: Motion, beside: Array, true: Law, fitted: Law) -> tuple[float, float]:
-        """Sum of squares of the true law that the other leaves, and its share."""
-        effect = true.effect
-        numbers = {**effect.example, **true.parameters}
-        law = Law(effect, true.joints, numbers)
-        torque = self._rows(law, motion) @ np.array(effect.coefficients(numbers))
-        whole = float(torque @ torque)
-        left = min(_rest(torque, np.column_stack([beside, self._rows(f, motion)])) for f in _shaped(fitted, motion))
-        return self.weight * left, left / whole if whole > 0 else 0.0
+    def _nuisance(self, motion: Motion, trajectory: Trajectory) -> Array:
+        """(N, n, k) columns that are fitted besides either law [N.m or N per unit of each]."""
+        if not self.bodies:
+            return wide_columns(self.problem.laws, motion)
+        rows = self.problem.rows(trajectory.t, trajectory.q, trajectory.v, trajectory.a)
+        out = np.zeros((*motion.q.shape, self.problem.base.rank))
+        for j, (x, seen) in enumerate(zip(rows, self.problem.base.sees, strict=True)):
+            out[:, j, seen] = x * self.problem.noise[j]
+        return out
 
-    def _rows(self, law: Law, motion: Motion) -> Array:
-        """(N n, k) columns of a law over noise."""
+
+def law_distance(law: Law, rival: Law, motion: Motion, nuisance: Array, noise: Array) -> tuple[float, float]:
+    """Sum of squares over noise of a law's torque that a rival and the nuisance cannot explain, and its share.
+
+    If one of the laws jumps with the direction of a joint's motion, samples near its reversals do not count, as in
+    identification: dry friction is uncertain there. Parameters that the law does not state take the example values of
+    its effect. Shapes that the rival does not state are tried on their grid.
+
+    Args:
+        law: law taken as true.
+        rival: law whose coefficients are fitted.
+        motion: N uniform samples, with the predicted torque.
+        nuisance: (N, n, k) columns that are fitted besides [N.m or N per unit of each].
+        noise: (n,) standard deviation of the torque [N.m or N].
+
+    Returns:
+        The sum of squares [1] for independent samples at 20 Hz, and its share [1] of the law's own.
+
+    Source: T-optimality, Atkinson, Fedorov, Biometrika 62(1), 1975.
+    """
+    weight = _certain(motion, {j for one in (law, rival) if one.effect.reverses for j in one.joints}) / noise
+    stated = Law(law.effect, law.joints, {**law.effect.example, **law.parameters})
+    rows, torque = law_torque(stated, motion)
+    wide = np.zeros_like(motion.q)
+    wide[:, list(rows)] = torque
+    y = (wide * weight).ravel()
+    whole = float(y @ y)
+    candidates = (np.concatenate([nuisance, wide_columns([one], motion)], axis=2) for one in _shaped(rival, motion))
+    left = min(_sum_of_squares(leave(y, (x * weight[:, :, None]).reshape(len(y), -1))) for x in candidates)
+    return INDEPENDENT * motion.dt * left, left / whole if whole > 0 else 0.0
+
+
+def wide_columns(laws: Sequence[Law], motion: Motion) -> Array:
+    """Columns (N, n, k) of laws over all joints [N.m or N per unit of each], zero where a law does not act.
+
+    Args:
+        laws: laws with their shapes.
+        motion: N samples of n joints.
+    """
+    parts = [np.zeros((*motion.q.shape, 0))]
+    for law in laws:
         rows, columns = law_columns(law, motion)
-        out = np.zeros((len(motion), len(self.setting.noise), columns.shape[2]))
+        out = np.zeros((*motion.q.shape, columns.shape[2]))
         out[:, list(rows)] = columns
-        return (out / self.setting.noise[:, None]).reshape(-1, columns.shape[2])
-
-    def _beside(self, motion: Motion, trajectory: Trajectory) -> Array:
-        """(N n, k) columns that are fitted beside either law."""
-        if self.bodies:
-            found = self.setting.rows(trajectory.t, trajectory.q, trajectory.v, trajectory.a)
-            whole = np.zeros((len(motion), len(self.setting.noise), self.setting.base.rank))
-            for j, (x, seen) in enumerate(zip(found, self.setting.base.sees, strict=True)):
-                whole[:, j, seen] = x
-            return whole.reshape(-1, self.setting.base.rank)
-        columns = [self._rows(law, motion) for law in self.setting.laws]
-        return np.concatenate(columns, axis=1) if columns else np.zeros((self.setting.noise.size * len(motion), 0))
+        parts.append(out)
+    return np.concatenate(parts, axis=2)
 
 
-def _motion(model: Model, trajectory: Trajectory) -> Motion:
-    """The motion with the torque that the model predicts, for laws that act on it."""
+def with_torque(model: Model, trajectory: Trajectory) -> Motion:
+    """Motion with the torque that a model predicts, for laws that act on torque."""
     t, q, v, a = trajectory.t, trajectory.q, trajectory.v, trajectory.a
     slow = np.full(q.shape[1], DIRECTION)
     torque = model.inverse(Motion(model.robot, t, q, v, a, slow=slow))
     return Motion(model.robot, t, q, v, a, recorded=torque, predicted=torque, slow=slow)
 
 
+def nuisance_laws(laws: Sequence[Law], first: Law, second: Law) -> tuple[Law, ...]:
+    """The laws that are neither of the two."""
+    rivals = {(law.effect.name, law.joints) for law in (first, second)}
+    return tuple(law for law in laws if (law.effect.name, law.joints) not in rivals)
+
+
+def _certain(motion: Motion, joints: Collection[int]) -> Mask:
+    """Mask (N, n) of samples that are not near a reversal of some joints; a reversal may lie between two samples."""
+    sign, at = np.sign(motion.v), list(joints)
+    speed = np.where(np.diff(sign, axis=0, append=sign[-1:]) != 0, 0.0, motion.v)
+    certain = np.ones(motion.v.shape, dtype=bool)
+    certain[:, at] = away_from_reversals(speed[:, at], round(NEAR / motion.dt), np.full(len(at), DIRECTION))
+    return certain
+
+
 def _shaped(law: Law, motion: Motion) -> Iterator[Law]:
-    """The law as it stands, or with every shape that is worth trying."""
+    """The law as it stands if it states its shape, else the law with each shape on the grid of its effect."""
     if law.effect.shape(law.parameters).keys() == law.effect.parameters.keys() - law.effect.linear().keys():
         yield law
     else:
@@ -90,13 +135,5 @@ def _shaped(law: Law, motion: Motion) -> Iterator[Law]:
             yield Law(law.effect, law.joints, shape)
 
 
-def _rest(torque: Array, columns: Array) -> float:
-    """Sum of squares that the columns leave of a torque."""
-    left = leave(torque, columns)
-    return float(left @ left)
-
-
-def beside_laws(laws: Sequence[Law], first: Law, second: Law) -> tuple[Law, ...]:
-    """The laws that are neither of the two."""
-    rivals = {(law.effect.name, law.joints) for law in (first, second)}
-    return tuple(law for law in laws if (law.effect.name, law.joints) not in rivals)
+def _sum_of_squares(x: Array) -> float:
+    return float(x @ x)

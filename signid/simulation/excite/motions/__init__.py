@@ -1,1 +1,1 @@
-"""Families of periodic motions, and random members of them."""
+"""Families of motions, and random motions."""

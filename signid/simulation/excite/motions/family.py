@@ -1,4 +1,4 @@
-"""What a family of motions is: every joint moves along the same basis functions of time."""
+"""Family of motions: all joints move along the same basis functions of time."""
 
 from __future__ import annotations
 
@@ -10,15 +10,20 @@ from ....types import Array
 
 
 class Family(Protocol):
-    """Position, velocity and acceleration are linear in the parameters x (n, d): q(t) = basis(t)[0] @ x.T."""
+    """Motions that are linear in the parameters x (n, d): q(t) = basis(t)[0] @ x.T, alike velocity, acceleration."""
+
+    @property
+    def duration(self) -> float:
+        """Duration of the motion [s]."""
+        ...
 
     @property
     def size(self) -> int:
-        """How many parameters d a joint has."""
+        """Number d of parameters of a joint."""
         ...
 
     def basis(self, t: Array) -> Array:
-        """(3, N, d) [1, 1/s, 1/s2] of position, velocity and acceleration at t (N,) [s]; column 0 is the constant."""
+        """Basis (3, N, d) [1, 1/s, 1/s2] of position, velocity, acceleration at t (N,) [s]; column 0 is constant."""
         ...
 
 

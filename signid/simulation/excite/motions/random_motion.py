@@ -1,4 +1,4 @@
-"""Random motions."""
+"""Random motions within limits."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from ..limits import Limits, build_limits
 from .family import Family
 from .fourier import Fourier
 
-MANY = 40  # harmonics at most
-FREQUENCY, HARMONICS = 0.1, 5  # [Hz] lowest, and how many, of motions that only move a robot
-AMPLITUDE = (0.3, 0.8)  # [1] least and most of what the limits allow to these
+MANY = 40  # largest number of harmonics
+FREQUENCY, HARMONICS = 0.1, 5  # [Hz] lowest frequency and number of harmonics of `rest_to_rest_motion`
+AMPLITUDE = (0.3, 0.8)  # [1] smallest and largest share of the limits that it uses
 
 
 def random_motion(
@@ -26,28 +26,28 @@ def random_motion(
     limits: Limits | None = None,
     seed: int = 0,
 ) -> Trajectory:
-    """A Fourier series with coefficients uniform in [-0.5, 0.5], shifted to begin at its start position.
+    """Random Fourier series with coefficients uniform in [-0.5, 0.5], shifted to its start position.
 
-    All joints are scaled alike, so that the largest excursion from the start is the one given, or less where a limit of
-    position, velocity or acceleration asks for it. The start is zero, or as near to it as the limits allow. Velocity is
+    All joints are scaled by one factor: the largest excursion from the start is the given one, or less if a limit of
+    position, velocity or acceleration requires it. The start is zero, or as near to it as the limits allow. Velocity is
     not zero at the ends.
 
     Args:
-        robot: whose joints move.
-        excursion: largest of all joints [rad or m].
-        harmonics: of the series.
-        frequency: the lowest [Hz].
-        duration: of the motion [s].
-        rate: of its samples [Hz].
-        limits: the description's, if None.
-        seed: of the coefficients.
+        robot: robot whose joints move.
+        excursion: largest excursion of all joints [rad or m].
+        harmonics: number of harmonics.
+        frequency: lowest frequency [Hz].
+        duration: duration of the motion [s].
+        rate: sampling rate [Hz].
+        limits: limits by `build_limits`; None: limits of the description.
+        seed: seed of the coefficients.
 
     Raises:
-        OptionError: a number that must be positive is not.
+        OptionError: an argument that must be positive is not.
     """
     for name, value in {"excursion": excursion, "harmonics": harmonics, "frequency": frequency, "rate": rate}.items():
         if not value > 0:
-            raise OptionError(f"{name} is {value:g}; a positive number is needed")
+            raise OptionError(f"{name} is {value:g}; give a positive number")
     limits, n = limits or build_limits(robot), len(robot.joints)
     family = Fourier(duration, harmonics, frequency, at_rest=False)
     t = np.arange(int(duration * rate + 1.5)) / rate
@@ -64,16 +64,16 @@ def random_motion(
 def random_parameters(
     basis: Array, limits: Limits, rng: np.random.Generator, amplitude: tuple[float, float] = (1.0, 1.0)
 ) -> Array:
-    """Parameters x (n, d) of a random motion of a family, [rad or m], scaled to its limits but torque's.
+    """Parameters x (n, d) [rad or m] of a random motion of a family, within all limits except torque.
 
-    Every joint uses a share, uniform in `amplitude`, of what its position, velocity and acceleration limits allow to
-    its random shape, about a random centre.
+    Every joint moves about a random centre with a random shape. Its size is a share, uniform in `amplitude`, of the
+    largest that its position, velocity and acceleration limits allow.
 
     Args:
-        basis: (3, N, d) [1, 1/s, 1/s2] of the family.
-        limits: of n joints.
-        rng: random numbers.
-        amplitude: least and most share [1].
+        basis: (3, N, d) [1, 1/s, 1/s2] basis of the family.
+        limits: limits of n joints.
+        rng: random generator.
+        amplitude: smallest and largest share [1].
     """
     n, d = len(limits.lower), basis.shape[2]
     x = np.zeros((n, d))
@@ -86,13 +86,13 @@ def random_parameters(
 
 
 def fit_inside(basis: Array, limits: Limits, x: Array) -> Array:
-    """The nearest parameters that obey position, velocity and acceleration limits: (n, d) [rad or m].
+    """Parameters (n, d) [rad or m] scaled and shifted to obey position, velocity and acceleration limits.
 
-    Every joint is scaled by itself where it has to be, and shifted where its range asks for it.
+    Every joint is scaled and shifted separately, and only as far as needed.
 
     Args:
-        basis: (3, N, d) [1, 1/s, 1/s2] of the family.
-        limits: of n joints.
+        basis: (3, N, d) [1, 1/s, 1/s2] basis of the family.
+        limits: limits of n joints.
         x: (n, d) [rad or m] parameters.
     """
     scaled = x.copy()
@@ -104,56 +104,56 @@ def fit_inside(basis: Array, limits: Limits, x: Array) -> Array:
 
 
 def column_sizes(basis: Array, limits: Limits) -> Array:
-    """The size (n, d) [rad or m] at which each parameter alone meets a limit.
+    """Values (n, d) [rad or m] at which each parameter alone meets a limit.
 
     Args:
-        basis: (3, N, d) [1, 1/s, 1/s2] of the family.
-        limits: of n joints.
+        basis: (3, N, d) [1, 1/s, 1/s2] basis of the family.
+        limits: limits of n joints.
     """
     peak = np.maximum(np.abs(basis).max(1), 1e-300)  # (3, d)
     return np.asarray((limits.allowed[:, :, None] / peak[:, None]).min(0))
 
 
 def check_duration(duration: float, harmonics: int, frequency: float) -> None:
-    """Refuse motions that cannot be.
+    """Check the duration and the harmonics of a motion.
 
     Raises:
-        OptionError: the duration holds no whole period of the base frequency, or there is no harmonic.
+        OptionError: the duration is shorter than a period of the base frequency, or the number of harmonics is invalid.
     """
     if not (duration > 0 and frequency > 0 and np.isfinite(duration * frequency)):
-        raise OptionError(f"duration {duration:g} s and base frequency {frequency:g} Hz must both be positive")
+        raise OptionError(f"the duration is {duration:g} s and the base frequency {frequency:g} Hz; give positive ones")
     if duration * frequency < 1 - 1e-9:
         raise OptionError(
-            f"{duration:g} s are less than one period of the base frequency {frequency:g} Hz; "
+            f"{duration:g} s are shorter than one period of the base frequency {frequency:g} Hz; "
             f"give a duration of at least {1 / frequency:.4g} s, or a base frequency of at least {1 / duration:.4g} Hz"
         )
     if not 1 <= harmonics <= MANY:
-        raise OptionError(f"{harmonics} harmonics were asked for; give 1 to {MANY}")
+        raise OptionError(f"the number of harmonics is {harmonics}; give 1 to {MANY}")
 
 
 def sample(family: Family, joints: tuple[str, ...], x: Array, t: Array) -> Trajectory:
-    """The motion of parameters x (n, d) [rad or m] at t (N,) [s]."""
+    """Motion of parameters x (n, d) [rad or m] at t (N,) [s]."""
     q, v, a = family.basis(t) @ x.T
     return Trajectory(joints, t, q, v, a)
 
 
 def at_rate(duration: float, rate: float) -> Array:
-    """(N,) [s] instants from 0 to the duration [s] at most, at a rate [Hz]."""
+    """Instants (N,) [s] from 0 to at most the duration [s], at a rate [Hz]."""
     return np.asarray(np.arange(int(duration * rate + 1e-9) + 1) / rate)
 
 
 def _room(basis: Array, limits: Limits, x: Array) -> Array:
-    """(n,) factor by which the moving part of x may be scaled until a limit is met."""
+    """Factors (n,) by which the moving part of x may be scaled until a limit is met."""
     q, v, a = basis[:, :, 1:] @ x[:, 1:].T
     peaks = np.array([np.ptp(q, axis=0) / 2, *np.abs([v, a]).max(1)]) / limits.allowed
     return np.asarray(1 / np.maximum(peaks.max(0), 1e-300))
 
 
-def draw_motion(robot: Robot, duration: float, step: float, seed: int) -> Trajectory:
-    """A Fourier series at random within the limits but torque's, from rest to rest, told at every step [s].
+def rest_to_rest_motion(robot: Robot, duration: float, step: float, seed: int) -> Trajectory:
+    """Random Fourier series from rest to rest, within all limits except torque, sampled at a step [s].
 
     Raises:
-        OptionError: it would be shorter than a step.
+        OptionError: the duration is shorter than a step.
     """
     t = np.asarray(np.arange(round(duration / step) + 1) * step, dtype=np.float64)
     frequency = max(FREQUENCY, 1 / duration)

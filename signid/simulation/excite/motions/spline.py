@@ -1,4 +1,4 @@
-"""Clamped B-splines."""
+"""Clamped B-splines as a family of motions."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from scipy.interpolate import BSpline
 
 from ....types import Array
 
-DEGREE = 5  # velocity, acceleration, jerk and its rate are continuous
+DEGREE = 5  # all derivatives up to the fourth are continuous
 
 
 @dataclass(frozen=True)
 class Spline:
-    """q(t) = sum over i of B_i(t) x_i, quintic, uniform knots, a quarter of the fastest harmonic's period apart.
+    """Quintic spline q(t) = sum over i of B_i(t) x_i; knots are a quarter of the fastest harmonic's period apart.
 
-    The first three control points are equal and the last three as well, so that it starts and ends at rest. Column 0
-    is the position at the start, to which the others add.
+    The first three control points are equal, and so are the last three: the motion starts and ends at rest. Column 0 is
+    the start position, to which the others add.
 
     Source: de Boor, A Practical Guide to Splines, 2001, chapter IX.
     """
@@ -29,7 +29,7 @@ class Spline:
 
     @property
     def pieces(self) -> int:
-        """Between knots."""
+        """Number of intervals between knots."""
         return max(4, int(np.ceil(4 * self.harmonics * self.frequency * self.duration - 1e-9)))
 
     @property
@@ -37,7 +37,7 @@ class Spline:
         return self.pieces + DEGREE - 4
 
     def basis(self, t: Array) -> Array:
-        """(3, N, d) [1, 1/s, 1/s2] at t (N,) [s]."""
+        """Basis (3, N, d) [1, 1/s, 1/s2] at t (N,) [s]."""
         t = np.clip(np.asarray(t, float), 0.0, self.duration)
         return np.array([self._spline.derivative(k)(t) if k else self._spline(t) for k in range(3)])
 
