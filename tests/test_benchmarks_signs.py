@@ -14,7 +14,7 @@ from benchmarks.signs.row import Row, Target
 from benchmarks.signs.simulated import logged
 from benchmarks.signs.trial import Puzzle, forget, identify, planted, tell
 from benchmarks.signs.truth import Truth, judge, measured
-from benchmarks.told import finite
+from benchmarks.summary import finite
 from signid.regression.session import Options
 from signid.signs.result import Proof, Signs, Told, Trace
 

@@ -28,7 +28,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from ..one_thread import one_thread
-from ..told import finite
+from ..summary import finite
 from .cases import SIZES, SUITES, Case, cases, quick, sample
 from .judge import Verdict, judge
 from .robots import ROBOTS

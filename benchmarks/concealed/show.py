@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from rich.table import Table
 
-from ..told import frame
+from ..summary import frame
 from .judge import Verdict
 from .summary import PRINTED, Bin, Cell, Target, by_robot, by_size, cells, confusion, errors, reliability
 

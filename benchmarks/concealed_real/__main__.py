@@ -21,7 +21,7 @@ from typing import Any
 from rich.console import Console
 
 from ..one_thread import one_thread
-from ..told import finite
+from ..summary import finite
 from .run import Row, run
 from .sets import SETS
 from .show import line, tables

@@ -7,7 +7,7 @@ from typing import Any
 
 from rich.table import Table
 
-from ..told import frame
+from ..summary import frame
 from .summary import Cell, cells, reliability, totals, worse
 
 OUTCOMES = ("first", "flag", "list", "missed", "silent", "refused", "crash")

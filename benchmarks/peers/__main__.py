@@ -23,7 +23,7 @@ import numpy as np
 from rich.console import Console
 
 from ..one_thread import one_thread
-from ..told import finite
+from ..summary import finite
 from .ask import Peer
 from .faults import Arm, cases
 from .handed import describe

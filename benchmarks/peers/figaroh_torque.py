@@ -78,7 +78,7 @@ def predict(folder: Path) -> dict[str, Any]:
         factor = min(MOST, int(PASSED / (job["t"][1] - job["t"][0]) / job["cutoff"]))
         found.solve(decimate=factor > 1, decimation_factor=max(factor, 1), plotting=False, wls=True)
         seconds = time.process_time() - start
-    motion = (job[f"judged_{key}"] for key in "qva")
+    motion = (job[f"held_out_{key}"] for key in "qva")
     rows = build_regressor_reduced(build_regressor_basic(robot, *motion, found.identif_config), found._idx_eliminated)
     predicted = (rows[:, found._base_indices] @ found.phi_base).reshape(len(places), -1).T
     np.save(folder / "predicted.npy", predicted)

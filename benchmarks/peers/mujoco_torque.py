@@ -116,7 +116,7 @@ def predict(folder: Path) -> dict[str, Any]:
     begin = parameters(spec, model, joints, rows)
     found = sysid.optimize(begin, residual, optimizer="mujoco", verbose=False, max_iters=ITERATIONS)[0]
     seconds = time.process_time() - start
-    np.save(folder / "predicted.npy", predicted(found, *(job[f"judged_{key}"] for key in "qva")))
+    np.save(folder / "predicted.npy", predicted(found, *(job[f"held_out_{key}"] for key in "qva")))
     return {"seconds": seconds, "note": f"{found.size} parameters, {len(some)} rows"}
 
 

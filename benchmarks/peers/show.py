@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from rich.table import Table
 
-from ..told import frame
+from ..summary import frame
 from .row import Heard, Row
 from .said import Said
 

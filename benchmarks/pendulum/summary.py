@@ -10,7 +10,7 @@ from rich.table import Table
 
 from signid.types import TWO_SIDED
 
-from ..told import frame
+from ..summary import frame
 from .signs import Signs
 from .trial import Array, Trial
 

@@ -24,7 +24,7 @@ from rich.table import Table
 from signid.errors import SignidError
 
 from ..one_thread import one_thread
-from ..told import finite
+from ..summary import finite
 from . import bullet, constants, hobby, paper, real, show, simulated, speed, verdicts
 from .row import Row, Verdict
 from .summary import reliability, summarise

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 from rich.table import Table
 
-from ..told import frame
+from ..summary import frame
 from .coefficients import IDENTIFIABLE, PUBLISHED, QUOTED, Arm, coefficients, entries, identifiable
 from .constants import Kind
 from .hobby import Report

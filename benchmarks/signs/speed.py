@@ -18,7 +18,7 @@ from signid.signs.tree.beam import WIDTH
 from signid.signs.tree.condition import condition_order
 from signid.types import Indices
 
-from ..told import frame
+from ..summary import frame
 from . import paper, real
 from .beam import beam
 from .row import Row, Verdict
