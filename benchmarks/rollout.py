@@ -36,7 +36,7 @@ from signid.simulation.rollout import RollOut, roll_out
 from signid.simulation.rollout.windows import Windows, cut_windows
 from signid.types import Recording
 
-from .real.data import JUDGED, LINK_SIDE, ROBOTS, UNLOADED, data, recording, ur10e, ur10e_recording
+from .real.data import HELD_OUT, LINK_SIDE, ROBOTS, UNLOADED, data, recording, ur10e, ur10e_recording
 
 HORIZONS = (0.2, 0.5)  # simulated time [s]
 STEPS = (("rk4", 2.5e-4), ("rk4", 1e-3), ("semi-implicit", 1e-3), ("semi-implicit", 2e-3), ("semi-implicit", 5e-3))
@@ -74,7 +74,7 @@ def three_r() -> Case:
 
 def real() -> Iterator[Case]:
     """A UR10e and an EMPS with a second recording held out, a Panda with its last 30 % held out."""
-    train, held_out = ur10e_recording(UNLOADED[1]), ur10e_recording(JUDGED)
+    train, held_out = ur10e_recording(UNLOADED[1]), ur10e_recording(HELD_OUT)
     found = signid.identify(ur10e(), [train], held_out=[held_out])
     yield Case("UR10e, 50 s", held_out, {"URDF": bare(found.model), "identified": found.model})
     robot, options = signid.load_robot(data() / "panda_gaz2019" / "panda.urdf"), Options(effects=LINK_SIDE)
