@@ -22,7 +22,7 @@ from rich.table import Table
 
 from signid.model import Model, load_model
 from signid.recording import read_recording
-from signid.recording_faults import Gross, examine
+from signid.recording_faults import Finding, examine
 from signid.regression.prepare import prepare
 
 from ..concealed.cases import Case, cases
@@ -49,22 +49,24 @@ class Row:
     seconds: float
 
 
-def examined(model: Model, logs: Sequence[Columns]) -> tuple[Gross | None, str, float]:
+def examined(model: Model, logs: Sequence[Columns]) -> tuple[Sequence[Finding] | None, str, float]:
     """Findings (or the error that refuses the recordings) and processor time [s]."""
     start = time.process_time()
     try:
         recordings = [read_recording(columns, model.robot) for columns in logs]
         session = prepare(model.robot, recordings, recordings)
-        return examine(model, session), "", time.process_time() - start
+        return examine(model, session).findings, "", time.process_time() - start
     except ValueError as error:
         return None, str(error), time.process_time() - start
 
 
-def outcome(found: Gross | None, error: str, kind: str, about: tuple[str, ...]) -> tuple[str, tuple[str, ...]]:
+def outcome(
+    found: Sequence[Finding] | None, error: str, kind: str, about: tuple[str, ...]
+) -> tuple[str, tuple[str, ...]]:
     """Outcome for a planted fault, and the kinds and joints of all findings."""
     if found is None:
         return ("found" if kind in error or (kind == "too little data" and "short" in error) else "other"), (error,)
-    flagged = [f for f in found.findings if f.severity != "note" and f.kind not in ("excitation", "torque limit")]
+    flagged = [f for f in found if f.severity != "note" and f.kind not in ("excitation", "torque limit")]
     kinds = tuple(f"{f.kind} {' '.join(f.joints)}" for f in flagged)
     if any(f.kind == kind and (not about or f.joints == about) for f in flagged):
         return "found" if len(flagged) == 1 else "more", kinds
