@@ -49,7 +49,7 @@ def read_body(path: Path) -> Body:
 
 def truth_lines(body: Body) -> Iterator[str]:
     """Lines of truth.toml: recording conditions, then true parameters of each joint and link in SI units."""
-    yield "# What is true of the arm in recording.parquet and held_out.parquet; robot.urdf says otherwise on purpose."
+    yield "# True parameters of the arm in recording.parquet and held_out.parquet; robot.urdf differs on purpose."
     yield "# Link 3 is 10 % heavier than robot.urdf states (mass and inertia, same centre); it states no drives."
     yield "[made]"
     yield 'by = "python -m benchmarks.record_3r"'
