@@ -1,4 +1,4 @@
-"""Arms whose drives are known, for recordings by MuJoCo: what they truly are, and as signid sees them."""
+"""Robot arms with known drives for MuJoCo recordings: true base parameters and signid robots."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Arm:
-    """A robot, its drives and where it moves."""
+    """Robot, drives and centre of motion."""
 
     robot: str
-    joints: int  # the first of the file; the others are held at zero
-    rate: float  # Hz
-    centre: tuple[float, ...]  # rad
+    joints: int  # number of leading joints used; the others are held at zero
+    rate: float  # recording rate [Hz]
+    centre: tuple[float, ...]  # centre of the motion [rad]
     drives: Drives
 
 
@@ -59,24 +59,24 @@ ARMS = (
 
 
 def load(arm: Arm) -> Robot:
-    """The robot as signid sees it, surplus joints held."""
+    """Load the robot in signid with surplus joints held."""
     return load_robot(arm.robot, joints=[str(j + 1) for j in range(arm.joints)])
 
 
 def truth(arm: Arm, session: Session) -> Array:
-    """(b,) [units of base] from the URDF's inertials and the drives of the plant."""
+    """True base parameters (b,) [units of base] from the URDF's inertials and the plant's drives."""
     task = session.task
     return base_parameters(task.robot, task.base, task.laws, arm.drives)
 
 
 def base_parameters(robot: Robot, base: BaseMap, laws: Sequence[Law], drives: Drives) -> Array:
-    """(b,) [units of base] of a robot whose description and drives (n,) are true.
+    """Base parameters (b,) [units of base] of a robot with exact description and drives (n,).
 
     Args:
-        robot: whose inertials are those of its description.
-        base: of the robot with the laws.
-        laws: each linear in one number of the drives, at one joint.
-        drives: of all joints.
+        robot: robot with the inertials of its description.
+        base: base map of the robot with the laws.
+        laws: single-joint laws, each linear in one drive parameter.
+        drives: drive parameters of all joints.
     """
     bodies = [robot.model.inertias[i + 1].toDynamicParameters() for i in range(len(robot.links))]
     numbers = [float(getattr(drives, law.effect.name)[law.joints[0]]) for law in laws]

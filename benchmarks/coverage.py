@@ -1,6 +1,6 @@
-"""Do 95 % intervals hold the truth in 95 % of recordings? `python -m benchmarks.coverage [--quick] [--json FILE]`.
+"""Coverage of 95 % confidence intervals on simulated robots: `python -m benchmarks.coverage [--quick] [--json FILE]`.
 
-Robots are simulated by MuJoCo along 20 motions, each logged ten times with other noise, and identified by signid.
+MuJoCo simulates each robot along 20 motions. Each motion is logged ten times with independent noise and identified.
 """
 
 from __future__ import annotations
@@ -32,17 +32,20 @@ from .plants.mujoco_ import Body, Track, draw_motion, log, simulate
 
 Array = NDArray[np.float64]
 
-MOTIONS, DRAWS, DURATION, BITS = 20, 10, 20.0, 17  # motions, recordings of each, s, bits a turn
-NOISES = {"white": (0.05, 0.0), "white, 3 Hz": (0.05, 0.025)}  # shares of each joint's rms torque
-LOW_NOISE = {"1 % white": (0.01, 0.0)}  # small errors of the model show against it
-HELD = {"held 2 ms, 1 %": (0.01, 0.0), "held 2 ms, 0.1 %": (0.001, 0.0)}  # each torque is held for HOLD rows
-HOLD, HELD_RATE, HELD_MOTIONS = 2, 1000.0, 10  # rows, Hz, motions of one recording each
-TARGET = (93.0, 97.0)  # %
-HELD_TARGET = 90.0  # %, lower bound only: the model has an error, and wider intervals are correct
+MOTIONS, DRAWS, DURATION, BITS = 20, 10, 20.0, 17  # motions, recordings per motion, duration [s], encoder bits per turn
+NOISES = {
+    "white": (0.05, 0.0),
+    "white, 3 Hz": (0.05, 0.025),
+}  # white and coloured noise over each joint's rms torque [1]
+LOW_NOISE = {"1 % white": (0.01, 0.0)}  # low enough to reveal small model errors
+HELD = {"held 2 ms, 1 %": (0.01, 0.0), "held 2 ms, 0.1 %": (0.001, 0.0)}  # zero-order hold of the torque over HOLD rows
+HOLD, HELD_RATE, HELD_MOTIONS = 2, 1000.0, 10  # rows, rate [Hz], motions with one recording each
+TARGET = (93.0, 97.0)  # accepted coverage [%]
+HELD_TARGET = 90.0  # lower bound on coverage [%]; no upper bound, because the model error justifies wider intervals
 
 
 class Trial(NamedTuple):
-    """One recording's estimate against the truth."""
+    """Error of the estimate from one recording."""
 
     z: Array  # (b,) [1] error over its standard deviation
     cutoff: float  # Hz
@@ -51,7 +54,7 @@ class Trial(NamedTuple):
 
 @dataclass(frozen=True)
 class Row:
-    """One robot under one noise; percentages of intervals that hold the truth."""
+    """Results of one robot under one noise; shares of intervals that contain the true value [%]."""
 
     robot: str
     noise: str
@@ -63,35 +66,35 @@ class Row:
     worst: float
     worst_parameter: str
     rms_z: float
-    median_bias: float  # |median of z|, in the median over parameters
+    median_bias: float  # median over parameters of |median of z|
     largest_bias: float
-    without_width: float  # % of intervals whose variance is not a positive number; they hold nothing
-    cutoff: float  # Hz, median
+    without_width: float  # intervals with a variance that is not positive and finite [%]; they count as misses
+    cutoff: float  # median [Hz]
     highest_order: int
     seconds: float
 
     @property
     def holds(self) -> bool:
-        """Whether the mean over all parameters, and over those of the drives, is within the target."""
+        """Whether mean coverage is within the target, over all parameters and over those of the drives."""
         if self.noise in HELD:
             return self.coverage >= HELD_TARGET
         return all(TARGET[0] <= share <= TARGET[1] for share in (self.coverage, self.drives))
 
 
 def record(arm: Arm, robot: Robot, motions: int = MOTIONS) -> list[Track]:
-    """What truly happens along each motion."""
+    """Simulate the noise-free track of each motion."""
     body = Body(robot.document, robot.joints)
     return [simulate(body, arm.drives, draw_motion(arm.centre, k), DURATION, arm.rate) for k in range(motions)]
 
 
 def hold(track: Track) -> Track:
-    """Zero-order hold of the recorded torque over HOLD rows: half a row late on average."""
+    """Hold the recorded torque over HOLD rows (zero order); the mean delay is half a row."""
     first = np.arange(len(track.t)) // HOLD * HOLD
     return track._replace(tau=track.tau[first])
 
 
 def identify(robot: Robot, columns: dict[str, Array]) -> tuple[Session, Estimate]:
-    """Least squares from a whole recording, by signid's own pipeline and defaults."""
+    """Estimate base parameters by least squares from a whole recording, with signid's defaults."""
     recording = read_recording(columns, robot)
     session = prepare(robot, [recording], held_out=[recording])
     return session, estimate(session.reduce(session.train), session.task.base)
@@ -100,7 +103,7 @@ def identify(robot: Robot, columns: dict[str, Array]) -> tuple[Session, Estimate
 def trials(
     arm: Arm, robot: Robot, tracks: Sequence[Track], noise: tuple[float, float], draws: int = DRAWS
 ) -> Iterator[tuple[Session, Trial]]:
-    """Each motion with each draw of the noise."""
+    """Yield one trial for each motion and noise draw."""
     for k, track in enumerate(tracks):
         for draw in range(draws):
             session, found = identify(robot, log(track, 1000 * k + draw, BITS, *noise))
@@ -108,8 +111,8 @@ def trials(
             yield session, Trial(z, session.task.band.cutoff, found.orders)
 
 
-def judge(arm: Arm, robot: Robot, tracks: Sequence[Track], noise: str, draws: int = DRAWS) -> Row:
-    """Coverage of one robot under one noise."""
+def evaluate(arm: Arm, robot: Robot, tracks: Sequence[Track], noise: str, draws: int = DRAWS) -> Row:
+    """Compute the coverage of one robot under one noise."""
     start = time.perf_counter()
     done = list(trials(arm, robot, tracks, (NOISES | LOW_NOISE | HELD)[noise], draws))
     base = done[0][0].task.base
@@ -138,12 +141,12 @@ def judge(arm: Arm, robot: Robot, tracks: Sequence[Track], noise: str, draws: in
 
 
 def show(rows: Sequence[Row]) -> Table:
-    """The rows as a table to read."""
+    """Format the rows as a table."""
     table = Table(
         box=SIMPLE_HEAD,
         pad_edge=False,
         collapse_padding=True,
-        title=f"truth inside nominal 95 % intervals, % (target {TARGET[0]:g} to {TARGET[1]:g}; held: {HELD_TARGET:g})",
+        title=f"coverage of nominal 95 % intervals, % (target {TARGET[0]:g} to {TARGET[1]:g}; held: {HELD_TARGET:g})",
     )
     for name in ("robot", "noise", "runs", "b", "all", "inertial", "drives", "worst", "rms z", "Hz"):
         table.add_column(name, justify="left" if name in ("robot", "noise") else "right", no_wrap=True)
@@ -156,15 +159,15 @@ def show(rows: Sequence[Row]) -> Table:
 
 
 def main() -> None:
-    """Run the cells asked for, print the table, write the numbers; a full run exits with 1 when a cell misses."""
+    """Run the selected cells, print the table and write the numbers; a full run exits with 1 when a cell misses."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.coverage", description=__doc__)
     parser.add_argument(
-        "--quick", action="store_true", help="the 3R arm unless another is named, three recordings a motion"
+        "--quick", action="store_true", help="the 3R arm unless --robot is given, three recordings per motion"
     )
-    parser.add_argument("--low-noise", action="store_true", help="also 1 %% of white noise alone")
-    parser.add_argument("--held", action="store_true", help="also torque that is held for 2 ms, recorded at 1 kHz")
-    parser.add_argument("--robot", choices=[arm.robot for arm in ARMS], help="one robot alone")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers there")
+    parser.add_argument("--low-noise", action="store_true", help="add 1 %% white noise alone")
+    parser.add_argument("--held", action="store_true", help="add torque held for 2 ms, recorded at 1 kHz")
+    parser.add_argument("--robot", choices=[arm.robot for arm in ARMS], help="run only this robot")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers to FILE as JSON")
     options = parser.parse_args()
     only = options.robot or ("3r" if options.quick else None)
     console, rows = Console(), []
@@ -173,15 +176,15 @@ def main() -> None:
         tracks = record(arm, robot)
         for noise in [*NOISES, *(LOW_NOISE if options.low_noise else ())]:
             with console.status(f"{arm.robot}, {noise} noise"):
-                rows.append(judge(arm, robot, tracks, noise, 3 if options.quick else DRAWS))
+                rows.append(evaluate(arm, robot, tracks, noise, 3 if options.quick else DRAWS))
         if options.held:
             held = [hold(track) for track in record(replace(arm, rate=HELD_RATE), robot, HELD_MOTIONS)]
-            rows += [judge(arm, robot, held, noise, 1) for noise in HELD]
+            rows += [evaluate(arm, robot, held, noise, 1) for noise in HELD]
     console.print(show(rows))
     for row in rows:
-        told = f"{row.robot}, {row.noise}: worst {row.worst:.0f} % at {row.worst_parameter}"
-        none = f"; {row.without_width:.2g} % of the intervals have no width" if row.without_width else ""
-        console.print(told + none, highlight=False, soft_wrap=True)
+        summary = f"{row.robot}, {row.noise}: worst {row.worst:.0f} % at {row.worst_parameter}"
+        invalid = f"; {row.without_width:.2g} % of the intervals have no valid variance" if row.without_width else ""
+        console.print(summary + invalid, highlight=False, soft_wrap=True)
     if options.json:
         machine = {"python": platform.python_version(), "mujoco": mujoco.__version__, "processor": platform.machine()}
         options.json.write_text(

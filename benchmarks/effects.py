@@ -1,6 +1,6 @@
-"""Every law's numbers out of simulated recordings: `python -m benchmarks.effects [--seeds 5 6 7] [--seconds 16]`.
+"""Recovery of each law's parameters from simulated data: `python -m benchmarks.effects [--seeds 5 6 7] [--seconds 16]`.
 
-The arm of the tests with viscous and Coulomb friction at every joint, 0.5 % torque noise, 12 Hz.
+The test arm has viscous and Coulomb friction at every joint, 0.5 % torque noise and a 12 Hz cut-off.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from rich.table import Table
 from signid.effects import EFFECTS
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-HEADINGS = ("effect", "parameter", "seed", "planted", "recovered", "error, %", "share of what is allowed")
+HEADINGS = ("effect", "parameter", "seed", "planted", "recovered", "error, %", "share of what is allowed")  # JSON keys
 
 
 def rows(seeds: Sequence[int], seconds: float, names: Sequence[str]) -> Iterator[dict[str, Any]]:
-    """One row a parameter and seed."""
+    """Yield one row per parameter and seed."""
     tests = import_module("recover")
     for effect in (EFFECTS[name] for name in names):
         for seed in seeds:
@@ -38,20 +38,20 @@ def rows(seeds: Sequence[int], seconds: float, names: Sequence[str]) -> Iterator
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print the table; 1 when a number is farther off than allowed."""
+    """Print the table; return 1 if an error exceeds its tolerance."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.effects", description=__doc__)
     parser.add_argument("--seeds", type=int, nargs="+", default=[5, 6, 7])
     parser.add_argument("--seconds", type=float, default=16.0)
     parser.add_argument("--effects", nargs="+", default=list(EFFECTS.names))
     parser.add_argument("--json", type=Path)
-    given = parser.parse_args(arguments)
-    found = list(rows(given.seeds, given.seconds, given.effects))
+    options = parser.parse_args(arguments)
+    found = list(rows(options.seeds, options.seconds, options.effects))
     table = Table(*HEADINGS, box=SIMPLE_HEAD)
     for row in found:
         table.add_row(*(f"{x:.4g}" if isinstance(x, float) else str(x) for x in row.values()))
     Console(width=120).print(table)
-    if given.json:
-        given.json.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    if options.json:
+        options.json.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     return int(any(row[HEADINGS[-1]] > 1 for row in found))
 
 

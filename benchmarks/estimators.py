@@ -1,6 +1,6 @@
-"""Which estimator is biased by noise of the encoders? `python -m benchmarks.estimators [--quick] [--json FILE]`.
+"""Bias of estimators under encoder noise: `python -m benchmarks.estimators [--quick] [--json FILE]`.
 
-Robots are simulated by MuJoCo; their positions are logged with more and more noise, and identified by every estimator.
+MuJoCo simulates the robots. Positions are logged at increasing noise levels and identified by every estimator.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ from .plants.mujoco_ import Body, Motion, Track, draw_motion, log, simulate
 
 Array = NDArray[np.float64]
 
-DURATION, TORQUE = 20.0, 0.02  # s, share of rms torque that is white noise
-MOTIONS, QUICK = 6, 2  # recordings a row
-FIRM, LOOSE = 8.0, 2.0  # Hz, position loops that follow closely and loosely
-FINE = 24  # bits a turn of an encoder whose noise is white
-WIDE = MappingProxyType({"3r": 8.0, "ur10": 5.0})  # Hz, at which noise that the default cut-off would not let through
-# bits a turn, standard deviation of white noise [rad]
+DURATION, TORQUE = 20.0, 0.02  # duration [s], white torque noise over rms torque [1]
+MOTIONS, QUICK = 6, 2  # recordings per row
+FIRM, LOOSE = 8.0, 2.0  # bandwidth of a stiff and of a soft position loop [Hz]
+FINE = 24  # bits per turn of an encoder with negligible quantisation
+WIDE = MappingProxyType({"3r": 8.0, "ur10": 5.0})  # cut-off above the default [Hz], passes more encoder noise
+# encoder bits per turn, standard deviation of white position noise [rad]
 NOISES: Mapping[str, tuple[int, float]] = MappingProxyType(
     {
         "17 bits": (17, 0.0),
@@ -47,7 +47,7 @@ NOISES: Mapping[str, tuple[int, float]] = MappingProxyType(
         "1e-3 rad": (FINE, 1e-3),
     }
 )
-LOOSELY = ("12 bits", "1e-3 rad")  # under which the loose loop is tried, too
+LOOSELY = ("12 bits", "1e-3 rad")  # noises that are also run with the soft loop
 ESTIMATORS: Mapping[str, tuple[str | None, bool]] = MappingProxyType(
     {
         "wls": ("wls", False),
@@ -62,38 +62,38 @@ ESTIMATORS: Mapping[str, tuple[str | None, bool]] = MappingProxyType(
 
 @dataclass(frozen=True)
 class Row:
-    """One estimator under one noise at one cut-off, over the recordings."""
+    """Results of one estimator under one noise at one cut-off, over all recordings."""
 
     robot: str
-    loop: float  # Hz, of the controller
+    loop: float  # bandwidth of the controller [Hz]
     noise: str
-    cutoff: float  # Hz, median
-    chosen: bool  # by signid, not by us
+    cutoff: float  # median [Hz]
+    chosen: bool  # cut-off chosen by signid, not set
     estimator: str
     recordings: int
     refused: int
     flagged: int
-    error: float  # % of torque: rms over motions of what the parameters' error does to torque, over the torque
-    bias: float  # % the same of the mean error over the recordings
-    coverage: float  # % of 95 % intervals that hold the truth
-    wider: float  # median interval over that of wls
-    slower: float  # time over that of wls
+    error: float  # torque error caused by the parameter errors over torque, rms over motions [%]
+    bias: float  # the same for the mean parameter error over the recordings [%]
+    coverage: float  # 95 % intervals that contain the true value [%]
+    wider: float  # median interval width over that of wls [1]
+    slower: float  # time over that of wls [1]
 
 
 def columns(track: Track, motion: Motion, seed: int, noise: tuple[int, float]) -> dict[str, Array]:
-    """What is logged, with desired positions."""
+    """Logged columns with noise, desired positions included."""
     bits, size = noise
-    made = log(track, seed, bits, TORQUE)
+    logged = log(track, seed, bits, TORQUE)
     rng = np.random.default_rng([seed, 2])
     desired = motion.at(track.t)[0]
     for j in range(desired.shape[1]):
-        made[f"q_{j + 1}"] = made[f"q_{j + 1}"] + size * rng.standard_normal(len(desired))
-        made[f"q_des_{j + 1}"] = desired[:, j]
-    return made
+        logged[f"q_{j + 1}"] = logged[f"q_{j + 1}"] + size * rng.standard_normal(len(desired))
+        logged[f"q_des_{j + 1}"] = desired[:, j]
+    return logged
 
 
 def recordings(arm: Arm, robot: Robot, noise: tuple[int, float], count: int, loop: float = FIRM) -> Iterator[Recording]:
-    """Motions, each logged once."""
+    """Yield one recording per motion."""
     body = Body(robot.document, robot.joints)
     for k in range(count):
         motion = draw_motion(arm.centre, k)
@@ -102,26 +102,26 @@ def recordings(arm: Arm, robot: Robot, noise: tuple[int, float], count: int, loo
 
 
 def run(
-    robot: Robot, recording: Recording, judge: Recording, name: str, cutoff: float | None
+    robot: Robot, recording: Recording, held_out: Recording, name: str, cutoff: float | None
 ) -> tuple[Identification, float]:
-    """Identification by one estimator, and its time [s]."""
+    """Identify with one estimator; also return its time [s]."""
     estimator, robust = ESTIMATORS[name]
     options = Options(cutoff=cutoff, robust=robust)
     start = time.perf_counter()
-    found = identify(robot, [recording], held_out=[judge], method="wls", estimator=estimator, options=options)
+    found = identify(robot, [recording], held_out=[held_out], method="wls", estimator=estimator, options=options)
     return found, time.perf_counter() - start
 
 
-def judge(arm: Arm, robot: Robot, noise: str, cutoff: float | None, count: int, loop: float = FIRM) -> Iterator[Row]:
-    """All estimators under one noise at one cut-off."""
+def evaluate(arm: Arm, robot: Robot, noise: str, cutoff: float | None, count: int, loop: float = FIRM) -> Iterator[Row]:
+    """Evaluate all estimators under one noise at one cut-off."""
     logs = list(recordings(arm, robot, NOISES[noise], count, loop))
-    token = next(recordings(arm, robot, (FINE, 0.0), 1))
+    noise_free = next(recordings(arm, robot, (FINE, 0.0), 1))
     width, pace = np.zeros(0), np.zeros(0)
     for name in ESTIMATORS:
         done: list[tuple[Identification, float]] = []
         for recording in logs:
             try:
-                done.append(run(robot, recording, token, name, cutoff))
+                done.append(run(robot, recording, noise_free, name, cutoff))
             except SignidError as error:
                 print(f"{arm.robot} {noise} {name}: {error}")
         if not done:
@@ -152,7 +152,7 @@ def judge(arm: Arm, robot: Robot, noise: str, cutoff: float | None, count: int, 
 
 
 def _weight(found: Identification) -> tuple[Array, float]:
-    """Gram matrix (b, b) of the columns along the noise-free held-out motion, each joint's torque to its rms, and n."""
+    """Gram matrix (b, b) of the noise-free held-out columns, joint torques scaled to unit rms; number of joints."""
     factors = found.session.reduce(found.session.held_out, lags=0)
     weight, joints = np.zeros((found.base.rank,) * 2), 0
     for joint, seen in zip(factors.joints, factors.columns, strict=True):
@@ -164,7 +164,7 @@ def _weight(found: Identification) -> tuple[Array, float]:
 
 
 def show(rows: list[Row]) -> Table:
-    """The rows as a table to read."""
+    """Format the rows as a table."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
     for name in (
         "robot",
@@ -190,21 +190,21 @@ def show(rows: list[Row]) -> Table:
 
 
 def main() -> None:
-    """Run every row asked for, print the table, write the numbers."""
+    """Run the selected rows, print the table and write the numbers."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.estimators", description=__doc__)
-    parser.add_argument("--quick", action="store_true", help=f"{QUICK} recordings a row instead of {MOTIONS}")
-    parser.add_argument("--robot", choices=list(WIDE), help="one robot alone")
-    parser.add_argument("--noise", choices=list(NOISES), help="one noise alone")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers there")
+    parser.add_argument("--quick", action="store_true", help=f"{QUICK} recordings per row instead of {MOTIONS}")
+    parser.add_argument("--robot", choices=list(WIDE), help="run only this robot")
+    parser.add_argument("--noise", choices=list(NOISES), help="run only this noise")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers to FILE as JSON")
     options = parser.parse_args()
     rows: list[Row] = []
     for arm in (arm for arm in ARMS if arm.robot in WIDE and options.robot in (None, arm.robot)):
         robot, count = load(arm), QUICK if options.quick else MOTIONS
         for noise in (noise for noise in NOISES if options.noise in (None, noise)):
             for cutoff in (None, WIDE[arm.robot]):
-                rows += judge(arm, robot, noise, cutoff, count)
+                rows += evaluate(arm, robot, noise, cutoff, count)
         for noise in (noise for noise in LOOSELY if options.noise in (None, noise)):
-            rows += judge(arm, robot, noise, WIDE[arm.robot], count, LOOSE)
+            rows += evaluate(arm, robot, noise, WIDE[arm.robot], count, LOOSE)
     Console(width=110).print(show(rows))
     if options.json:
         machine = {"python": platform.python_version(), "mujoco": mujoco.__version__, "processor": platform.machine()}

@@ -1,10 +1,10 @@
-"""How much more an exciting motion tells than random ones: `python -m benchmarks.excite [--json FILE]`.
+"""Precision from an exciting motion compared with random motions: `python -m benchmarks.excite [--json FILE]`.
 
-Panda and UR5, 20 s, limits of their URDFs less 5 %, links at least 1 cm apart, torque noise 1 % of each joint's limit.
-The rivals are the best of 100 random Fourier motions, each joint scaled to its own limits about a random centre, each
-motion then shrunk until its torques and distances are allowed: of the same harmonics as the exciting motion, and of the
-usual five. All start and end at rest. What counts is the ratio of predicted standard deviations of the base parameters,
-friction, offset and armature included.
+Panda and UR5, 20 s, URDF limits less 5 %, links at least 1 cm apart, torque noise 1 % of each joint's limit. The
+baseline is the best of 100 random Fourier motions, with the harmonics of the exciting motion and with the usual five.
+Each joint of a random motion is scaled to its limits about a random centre; the motion is then shrunk until torques
+and distances are feasible. All motions start and end at rest. The figure of merit is the ratio of predicted standard
+deviations of the base parameters, with friction, offset and armature.
 """
 
 from __future__ import annotations
@@ -35,45 +35,45 @@ from signid.simulation.excite.setup import build_problem, usual_laws
 from .one_thread import one_thread
 
 JOINTS = {"panda": [f"panda_joint{i}" for i in range(1, 8)], "ur5": None}
-DURATION, RATE, GRID = 20.0, 100.0, 0.01  # [s], [Hz], [s] on which random motions are scaled
-USUAL = 5  # harmonics
-RATIO, SECONDS = 0.6, 60.0  # at most
+DURATION, RATE, GRID = 20.0, 100.0, 0.01  # duration [s], rate [Hz], time step for scaling random motions [s]
+USUAL = 5  # harmonics of a common excitation motion
+RATIO, SECONDS = 0.6, 60.0  # upper bounds: ratio of standard deviations [1], design time [s]
 
 
 @dataclass(frozen=True)
 class Row:
-    """One exciting motion against the best of many random ones."""
+    """Exciting motion compared with the best of many random motions."""
 
     robot: str
     rivals: str
     best_by: str
-    geometric_mean: float  # of the ratios of standard deviations
+    geometric_mean: float  # ratio of standard deviations [1]
     median: float
     worst: float
-    log_det: tuple[float, float]  # exciting, random
+    log_det: tuple[float, float]  # exciting, random motion
     condition: tuple[float, float]
 
 
 @dataclass(frozen=True)
 class Run:
-    """What one search did."""
+    """Statistics of one search."""
 
     robot: str
     parameters: int
     seconds: float
     evaluations: int
-    largest_use: float  # of all limits, on a grid of 1 ms
-    distance: float | None  # [m] between links, on a grid of 5 ms
+    largest_use: float  # largest share of a limit in use [1], on a 1 ms grid
+    distance: float | None  # smallest distance between links [m], on a 5 ms grid
 
 
 def load(name: str) -> Model:
-    """The robot as its URDF states it, its gripper held."""
+    """Load the robot with its URDF parameters and held gripper."""
     robot = load_robot(name, joints=JOINTS[name])
     return Model(robot, stated_inertials(robot), stated_laws(robot))
 
 
 def draw(model: Model, harmonics: int, like: int, count: int) -> list[Precision]:
-    """What random motions of so many harmonics tell, in the units of an exciting motion of `like` harmonics."""
+    """Evaluate random motions with `harmonics`, in the units of an exciting motion with `like` harmonics."""
     limits, family = build_limits(model.robot), Fourier(DURATION, harmonics, 1 / DURATION)
     same = Fourier(DURATION, like, 1 / DURATION)
     problem, _ = build_problem(model, usual_laws(model, EFFECT_NAMES), same, limits, CLEARANCE, 0)
@@ -86,7 +86,7 @@ def draw(model: Model, harmonics: int, like: int, count: int) -> list[Precision]
 
 
 def compare(robot: str, found: Excitation, rivals: str, worths: Sequence[Precision]) -> Iterator[Row]:
-    """Against the best random motion by each criterion."""
+    """Compare with the best random motion by each criterion."""
     best = {
         "determinant": max(worths, key=lambda worth: worth.log_det),
         "condition": min(worths, key=lambda worth: worth.condition),
@@ -98,65 +98,65 @@ def compare(robot: str, found: Excitation, rivals: str, worths: Sequence[Precisi
         yield Row(robot, rivals, name, *numbers, (found.log_det, worth.log_det), (found.condition, worth.condition))
 
 
-def judge_all(rows: Sequence[Row], runs: Sequence[Run]) -> Iterator[tuple[str, bool]]:
-    """Each target with whether it is met."""
+def check_targets(rows: Sequence[Row], runs: Sequence[Run]) -> Iterator[tuple[str, bool]]:
+    """Yield each target and whether it is met."""
     for run in runs:
         worst = max(row.geometric_mean for row in rows if row.robot == run.robot)
         yield (
             f"{run.robot}: standard deviations {worst:.3f} of the best random ones (at most {RATIO:g})",
             worst <= RATIO,
         )
-        yield f"{run.robot}: {run.largest_use:.3f} of the limits are used (at most 1)", run.largest_use <= 1
+        yield f"{run.robot}: {run.largest_use:.3f} of the limits in use (at most 1)", run.largest_use <= 1
         apart = run.distance is not None and run.distance >= CLEARANCE
         yield f"{run.robot}: links stay {run.distance or np.nan:.4f} m apart (at least {CLEARANCE:g})", apart
         yield f"{run.robot}: {run.seconds:.1f} s (at most {SECONDS:g})", run.seconds <= SECONDS
 
 
 def show(rows: Sequence[Row], runs: Sequence[Run]) -> Table:
-    """The numbers as a table to read."""
-    table = Table(title="standard deviations, exciting over best random motion")
+    """Format the numbers as a table."""
+    table = Table(title="standard deviation ratio, exciting over best random motion")
     for name in ("robot", "random motions", "best by", "geometric mean", "median", "worst", "log det", "condition"):
         table.add_column(name, justify="right" if name in ("geometric mean", "median", "worst") else "left")
     for row in rows:
         numbers = (f"{x:.3f}" for x in (row.geometric_mean, row.median, row.worst))
         pairs = (f"{a:.1f} / {b:.1f}" for a, b in (row.log_det, row.condition))
         table.add_row(row.robot, row.rivals, row.best_by, *numbers, *pairs)
-    table.caption = "; ".join(f"{r.robot}: {r.parameters} parameters, {r.evaluations} motions judged" for r in runs)
+    table.caption = "; ".join(f"{r.robot}: {r.parameters} parameters, {r.evaluations} motions evaluated" for r in runs)
     return table
 
 
 def main() -> None:
-    """Measure, print the table, write the numbers; exit 1 when a target is missed."""
+    """Measure, print the table and write the numbers; exit with 1 when a target is missed."""
     one_thread()
     parser = argparse.ArgumentParser(prog="python -m benchmarks.excite", description=__doc__)
-    parser.add_argument("--robot", choices=list(JOINTS), action="append", help="only this one")
-    parser.add_argument("--count", type=int, default=100, help="random motions of each sort (100)")
-    parser.add_argument("--harmonics", type=int, default=10, help="of the exciting motion (10)")
+    parser.add_argument("--robot", choices=list(JOINTS), action="append", help="run only this robot (repeatable)")
+    parser.add_argument("--count", type=int, default=100, help="number of random motions of each kind (100)")
+    parser.add_argument("--harmonics", type=int, default=10, help="harmonics of the exciting motion (10)")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers there")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers to FILE as JSON")
     options = parser.parse_args()
     console, rows, runs = Console(), list[Row](), list[Run]()
     for name in options.robot or JOINTS:
         model = load(name)
         with console.status(name):
-            begun = time.perf_counter()
+            start = time.perf_counter()
             found = excite(model, duration=DURATION, rate=RATE, harmonics=options.harmonics, seed=options.seed)
-            seconds = time.perf_counter() - begun
+            seconds = time.perf_counter() - start
             runs.append(Run(name, len(found.std), seconds, found.evaluations, found.use.largest, found.distance))
             for harmonics in dict.fromkeys((options.harmonics, USUAL)):
                 worths = draw(model, harmonics, options.harmonics, options.count)
                 rows += compare(name, found, f"{options.count} of {harmonics} harmonics", worths)
     console.print(show(rows, runs))
-    verdicts = list(judge_all(rows, runs))
-    for sentence, met in verdicts:
+    targets = list(check_targets(rows, runs))
+    for sentence, met in targets:
         console.print(sentence, style="" if met else "red", highlight=False)
     if options.json:
         machine = {"python": platform.python_version(), "pinocchio": pin.__version__, "numpy": np.__version__}
         numbers = {"rows": [asdict(row) for row in rows], "runs": [asdict(run) for run in runs]}
         options.json.write_text(
-            json.dumps({"machine": machine, **numbers, "targets": dict(verdicts)}, indent=1), encoding="utf-8"
+            json.dumps({"machine": machine, **numbers, "targets": dict(targets)}, indent=1), encoding="utf-8"
         )
-    raise SystemExit(0 if all(met for _, met in verdicts) else 1)
+    raise SystemExit(0 if all(met for _, met in targets) else 1)
 
 
 if __name__ == "__main__":

@@ -1,10 +1,10 @@
-"""What a fleet costs: `python -m benchmarks.fleet [--sessions 8] [--minutes 5] [--turns 2] [--json FILE]`.
+"""Cost of fleets: `python -m benchmarks.fleet [--sessions 8] [--minutes 5] [--turns 2] [--json FILE]`.
 
-Sessions of the 3R arm (20 s at 250 Hz, drives that the simulation does not know) are diagnosed by 1, 2 and 4 processes
-and by a Dask cluster of two, in turns; the best turn of each counts, and every way must leave the same bytes. Then what
-factors save: a recording at 1 kHz of the 3R and of the Panda (7 joints) identified from samples and from its file of
-factors, whole and in parts, which must give the same answer. From these figures follows, on paper, what 10,000 robots
-cost that record an hour a day. Times are processor times of one thread, but for those of the scaling.
+Sessions of the 3R arm (20 s at 250 Hz, drives missing in the simulation) are diagnosed by 1, 2 and 4 processes and by a
+Dask cluster with two workers, in turns. The best turn of each counts, and all outputs must be equal byte for byte. Then
+a 1 kHz recording of the 3R and of the Panda (7 joints) is identified from samples and from its factors file, whole and
+in parts, with equal results. The cost of 10,000 robots that record one hour per day is extrapolated from these figures.
+Times are processor times of one thread, except for the scaling table.
 """
 
 from __future__ import annotations
@@ -34,42 +34,42 @@ from signid.types import Robot
 
 from .one_thread import one_thread
 
-FREQUENCIES = (0.07, 0.13, 0.29, 0.41, 0.67)  # Hz
+FREQUENCIES = (0.07, 0.13, 0.29, 0.41, 0.67)  # of the motion [Hz]
 PANDA = tuple(f"panda_joint{k}" for k in range(1, 8))
 ROBOTS = {"3r": None, "panda": PANDA}
-RATE, BITS, NOISE = 1000.0, 17, 0.02  # Hz, bits a turn, share of each joint's rms torque
+RATE, BITS, NOISE = 1000.0, 17, 0.02  # rate [Hz], encoder bits per turn, torque noise over each joint's rms torque [1]
 WAYS = {"1 process": 1, "2 processes": 2, "4 processes": 4}
 CLUSTER, PARTS = "Dask, 2 workers", 4
-FLEET, DAY = 10_000, 3600.0  # robots, and seconds that each records a day
-SAME = 1e-12
+FLEET, DAY = 10_000, 3600.0  # robots, recorded time per robot and day [s]
+SAME = 1e-12  # tolerated relative difference between results
 
 
 @dataclass(frozen=True)
 class Reduction:
-    """A recording, its factors, and what an answer from either costs."""
+    """File sizes of a recording and its factors, and times of identification from either."""
 
     robot: str
     samples: int
     recording: int  # bytes of the Parquet file
     factors: int  # bytes
     report: int  # bytes of report.html
-    reading: float  # s to reduce it
-    samples_seconds: float  # s to identify from samples
-    factors_seconds: float  # s to identify from the file of factors
-    squares_seconds: float  # s of that without the fit of possible inertials
-    difference: float  # of the answers, over the largest number
-    parts_difference: float  # the same for the sum of its parts
+    reading: float  # time to reduce the recording [s]
+    samples_seconds: float  # identification from samples [s]
+    factors_seconds: float  # identification from the factors file [s]
+    squares_seconds: float  # the same without the physically consistent fit [s]
+    difference: float  # between the two results, over the largest value [1]
+    parts_difference: float  # the same for the sum of the factors of all parts [1]
 
 
 class Taken(NamedTuple):
-    """What a way took [s]."""
+    """Times of one way of execution [s]."""
 
     wall: float
-    processor: float  # of the processes that it began; those of Dask end later
+    processor: float  # of the child processes; not measured for Dask, whose workers end later
 
 
 def write(path: Path, robot: Robot, seconds: float, rate: float, seed: int) -> None:
-    """A recording of the robot with drives that its description does not state, quantised and noisy."""
+    """Write a quantised and noisy recording of the robot with drives missing in its description."""
     t, n = np.arange(round(seconds * rate)) / rate, len(robot.joints)
     rng, w = np.random.default_rng(seed), 2 * np.pi * np.array(FREQUENCIES)
     waves = rng.uniform(0.05, 0.3, (n, len(w))) * np.exp(1j * rng.uniform(0, 2 * np.pi, (n, len(w))))
@@ -84,20 +84,20 @@ def write(path: Path, robot: Robot, seconds: float, rate: float, seed: int) -> N
 
 
 def measure(name: str, minutes: float, folder: Path, turns: int) -> Reduction:
-    """One recording, from samples and from factors."""
+    """Measure identification of one recording from samples and from factors."""
     robot, path = signid.load_robot(name, joints=ROBOTS[name]), folder / f"{name}.parquet"
     write(path, robot, 60 * minutes, RATE, 0)
 
-    def learn() -> Any:
+    def from_recording() -> Any:
         return signid.identify(robot, [signid.read_recording(path, robot)])
 
-    def shrink() -> Reduced:
+    def reduce_recording() -> Reduced:
         return reduce(robot, [signid.read_recording(path, robot)])
 
     file = folder / f"{name}.npz"
-    reading, reduced = best(shrink, turns)
+    reading, reduced = best(reduce_recording, turns)
     file.write_bytes(encode_factors(reduced))
-    from_samples, whole = best(learn, turns)
+    from_samples, whole = best(from_recording, turns)
     from_factors, again = best(lambda: signid.identify(robot, load_factors(file, robot)), 5 * turns)
     squares, _ = best(lambda: signid.identify(robot, load_factors(file, robot), method="wls"), 5 * turns)
     recording = signid.read_recording(path, robot)
@@ -108,7 +108,7 @@ def measure(name: str, minutes: float, folder: Path, turns: int) -> Reduction:
 
 
 def best(job: Callable[[], Any], turns: int) -> tuple[float, Any]:
-    """Least processor time of so many turns [s], and what the last one gave."""
+    """Least processor time over `turns` [s] and the last result."""
     seconds, found = [], None
     for _ in range(turns):
         start = time.process_time()
@@ -118,20 +118,20 @@ def best(job: Callable[[], Any], turns: int) -> tuple[float, Any]:
 
 
 def difference(one: Any, other: Any) -> float:
-    """Largest difference of parameters and fit, over the largest value of its kind."""
+    """Largest difference of parameters and fit, over the largest value of the same kind."""
     pairs = [(found.base_value, found.estimate.value, found.fit.held_out_rms) for found in (one, other)]
     return max(float(np.abs(a - b).max() / np.abs(b).max()) for a, b in zip(*pairs, strict=True))
 
 
 def scale(sessions: int, turns: int, folder: Path) -> tuple[dict[str, Taken], bool]:
-    """Least time of every way, and whether all left the same bytes."""
+    """Least time of each way, and whether all outputs are equal byte for byte."""
     robot, rows = signid.load_robot("3r"), ["robot,recording,name"]
     for k in range(sessions):
         write(folder / f"{k}.parquet", robot, 20.0, 250.0, k)
         rows.append(f"3r,{k}.parquet,arm {k}")
     manifest = folder / "manifest.csv"
     manifest.write_text("\n".join(rows), encoding="utf-8")
-    seconds, left = dict[str, Taken](), list[dict[str, bytes]]()
+    seconds, outputs = dict[str, Taken](), list[dict[str, bytes]]()
     with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as cluster:
         for turn in range(turns):
             for way in (*WAYS, CLUSTER):
@@ -143,86 +143,88 @@ def scale(sessions: int, turns: int, folder: Path) -> tuple[dict[str, Taken], bo
                 found = signid.fleet(manifest, out, **where)
                 now = Taken(time.perf_counter() - start.wall, _children() - start.processor)
                 seconds[way] = Taken(*map(min, now, seconds.get(way, now)))
-                assert all(one.done for one in found.outcomes), "every session can be diagnosed"
-                left.append({p.relative_to(out).as_posix(): p.read_bytes() for p in out.rglob("*") if p.is_file()})
-    return seconds, all(files == left[0] for files in left)
+                assert all(one.done for one in found.outcomes), "a session was not diagnosed"
+                outputs.append({p.relative_to(out).as_posix(): p.read_bytes() for p in out.rglob("*") if p.is_file()})
+    return seconds, all(files == outputs[0] for files in outputs)
 
 
 def _children() -> float:
-    """Processor time of all processes that this one has seen end [s]."""
+    """Processor time of all ended child processes [s]."""
     used = os.times()
     return used.children_user + used.children_system
 
 
 def diagnosis_seconds(folder: Path, turns: int) -> float:
-    """Processor time of one of those diagnoses, without the start of a process [s]."""
+    """Processor time of one diagnosis without process start [s]."""
     model = signid.load_model("3r")
     recording = signid.read_recording(folder / "0.parquet", model.robot)
     return best(lambda: signid.diagnose(model, [recording]), turns)[0]
 
 
 def on_paper(rows: Sequence[Reduction], diagnosis: float) -> Iterator[tuple[str, str, str]]:
-    """What the fleet costs a day: quantity, and its value for each robot measured."""
+    """Yield the extrapolated daily cost of the fleet: quantity and its value for each measured robot."""
 
-    def told(value: Callable[[Reduction], str]) -> tuple[str, str]:
+    def cells(value: Callable[[Reduction], str]) -> tuple[str, str]:
         first, second = (value(row) for row in rows)
         return first, second
 
     samples = DAY * RATE
     tera, giga, hours = FLEET * 1e-12, FLEET * 1e-9, FLEET / 3600
-    yield "samples, as Parquet [TB]", *told(lambda r: f"{tera * samples * r.recording / r.samples:.2f}")
-    yield "factors that are shipped instead [GB]", *told(lambda r: f"{giga * r.factors:.2f}")
-    yield "ratio", *told(lambda r: f"{samples * r.recording / r.samples / r.factors:.0f}")
-    yield "reducing, where samples are [core-hours]", *told(lambda r: f"{hours * samples * r.reading / r.samples:.0f}")
-    yield "every robot identified from factors [core-hours]", *told(lambda r: f"{hours * r.factors_seconds:.2f}")
+    yield "samples, as Parquet [TB]", *cells(lambda r: f"{tera * samples * r.recording / r.samples:.2f}")
+    yield "factors shipped instead [GB]", *cells(lambda r: f"{giga * r.factors:.2f}")
+    yield "ratio", *cells(lambda r: f"{samples * r.recording / r.samples / r.factors:.0f}")
+    yield "reduction at the robot [core-hours]", *cells(lambda r: f"{hours * samples * r.reading / r.samples:.0f}")
+    yield "identification from factors, all robots [core-hours]", *cells(lambda r: f"{hours * r.factors_seconds:.2f}")
     whole = f"{hours * diagnosis:.1f}"
-    yield "20 s of each diagnosed (3r) [core-hours]", whole, "-"
-    yield "report.html of each, if wanted [GB]", *told(lambda r: f"{giga * r.report:.0f}")
+    yield "diagnosis of 20 s per robot (3r) [core-hours]", whole, "-"
+    yield "report.html of each robot (optional) [GB]", *cells(lambda r: f"{giga * r.report:.0f}")
 
 
 def show(seconds: dict[str, Taken], sessions: int, rows: Sequence[Reduction], diagnosis: float) -> Iterator[Table]:
-    """Three tables: scaling, factors, the fleet on paper."""
+    """Yield three tables: scaling, factors, extrapolated fleet."""
     one = seconds["1 process"]
     lines = [
         (way, f"{taken.wall:.1f}", f"{one.wall / taken.wall:.2f}", "-" if way == CLUSTER else f"{taken.processor:.1f}")
         for way, taken in seconds.items()
     ]
-    heads = ("way", "s", "times as fast as 1 process", "processor time [s]")
-    yield table(f"{sessions} sessions diagnosed, start of processes included", heads, lines)
+    heads = ("execution", "s", "speed-up over 1 process", "processor time [s]")
+    yield table(f"{sessions} sessions diagnosed, with process start", heads, lines)
     lines = [
         ("Parquet [MB]", *(f"{r.recording / 1e6:.1f}" for r in rows)),
         ("factors [kB]", *(f"{r.factors / 1e3:.0f}" for r in rows)),
         ("reduce [s]", *(f"{r.reading:.2f}" for r in rows)),
         ("identify from samples [s]", *(f"{r.samples_seconds:.2f}" for r in rows)),
         ("identify from factors [s]", *(f"{r.factors_seconds:.3f}" for r in rows)),
-        ("the same by least squares alone (wls) [s]", *(f"{r.squares_seconds:.3f}" for r in rows)),
-        ("times as fast from factors", *(f"{r.samples_seconds / r.factors_seconds:.0f}" for r in rows)),
-        ("difference of the answers", *(f"{r.difference:.0e}" for r in rows)),
+        ("the same with least squares only (wls) [s]", *(f"{r.squares_seconds:.3f}" for r in rows)),
+        ("speed-up from factors", *(f"{r.samples_seconds / r.factors_seconds:.0f}" for r in rows)),
+        ("difference of the results", *(f"{r.difference:.0e}" for r in rows)),
         (f"the same, in {PARTS} parts", *(f"{r.parts_difference:.0e}" for r in rows)),
     ]
     names = ("", *(row.robot for row in rows))
     yield table(f"a recording of {rows[0].samples / RATE / 60:g} minutes at 1 kHz, processor times", names, lines)
-    yield table(f"on paper: {FLEET:,} robots, an hour a day each at 1 kHz; a day", names, on_paper(rows, diagnosis))
+    yield table(
+        f"extrapolated: {FLEET:,} robots, one hour per day each at 1 kHz; per day", names, on_paper(rows, diagnosis)
+    )
 
 
 def table(title: str, heads: Sequence[str], lines: Iterable[Sequence[str]]) -> Table:
-    """Rows of text, numbers to the right."""
-    made = Table(title=title)
+    """Table of text cells; all columns but the first are right-aligned."""
+    result = Table(title=title)
     for k, head in enumerate(heads):
-        made.add_column(head, justify="right" if k else "left")
+        result.add_column(head, justify="right" if k else "left")
     for line in lines:
-        made.add_row(*map(escape, line))
-    return made
+        result.add_row(*map(escape, line))
+    return result
 
 
 def main() -> None:
-    """Measure, print the tables, write the numbers; exit 1 when two ways give two answers."""
+    """Measure, print the tables and write the numbers; exit with 1 when results differ."""
     one_thread()
     parser = argparse.ArgumentParser(prog="python -m benchmarks.fleet", description=__doc__)
-    parser.add_argument("--sessions", type=int, default=8, help="that are diagnosed")
-    parser.add_argument("--minutes", type=float, default=5.0, help="of the long recordings")
-    parser.add_argument("--turns", type=int, default=2, help="of everything")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers there")
+    parser.add_argument("--sessions", type=int, default=8, help="number of diagnosed sessions")
+    parser.add_argument("--minutes", type=float, default=5.0, help="duration of the long recordings [min]")
+    parser.add_argument("--turns", type=int, default=2, help="repetitions of each measurement")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers to FILE as JSON")
     options, console = parser.parse_args(), Console()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -231,9 +233,7 @@ def main() -> None:
         rows = [measure(robot, options.minutes, folder, options.turns) for robot in ROBOTS]
     console.print(*show(seconds, options.sessions, rows, diagnosis), sep="\n")
     worst = max(max(row.difference, row.parts_difference) for row in rows)
-    console.print(
-        f"every way left {'the same' if same else 'OTHER'} bytes; largest difference {worst:.0e} ({SAME:g} allowed)"
-    )
+    console.print(f"outputs {'are equal' if same else 'DIFFER'}; largest difference {worst:.0e} (at most {SAME:g})")
     if options.json:
         numbers = {
             "seconds": {way: taken._asdict() for way, taken in seconds.items()},

@@ -1,8 +1,8 @@
-"""Do intervals hold between recordings of one real robot? `python -m benchmarks.intervals_real [--json FILE]`.
+"""Agreement of intervals between recordings of one real robot: `python -m benchmarks.intervals_real [--json FILE]`.
 
-Every recording of a robot in SIGNID_DATA is identified by itself. Two of them differ in noise, motion, day and
-temperature, not in the robot: 95 % of the differences of a parameter ought to lie within 1.96 joint standard
-deviations. `noise alone` is the same with the discrepancy, delay and drift of friction left out of the covariance.
+Each recording of a robot in SIGNID_DATA is identified on its own. Two recordings differ in noise, motion, day and
+temperature but not in the robot, so 95 % of the parameter differences should lie within 1.96 joint standard deviations.
+`noise alone` is the same without discrepancy, delay and friction drift in the covariance.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from .real.data import data, ur10e
 
 Array = NDArray[np.float64]
 
-TARGET = 93.0  # % of the differences
+TARGET = 93.0  # lower bound on the share of differences within their intervals [%]
 FRICTION = ("viscous_friction", "coulomb_friction")
 
 
@@ -83,30 +83,30 @@ SETS = (
 
 @dataclass(frozen=True)
 class Row:
-    """One robot; shares are of differences within their intervals [%]."""
+    """Results of one robot; shares of differences within their intervals [%]."""
 
     robot: str
     recordings: int  # accepted
     refused: int
     pairs: int
-    base: float  # of the least-squares estimate: all base parameters
-    friction: float  # viscous and Coulomb alone
-    consistent: float  # of the values after the physically consistent fit
+    base: float  # least-squares estimate, all base parameters
+    friction: float  # least-squares estimate, viscous and Coulomb friction only
+    consistent: float  # physically consistent fit, all base parameters
     consistent_friction: float
-    noise_base: float  # of the estimate, with noise alone in the covariance
+    noise_base: float  # least-squares estimate, noise alone in the covariance
     noise_friction: float
-    wider: float  # median of the standard deviation over that of noise alone [1]
-    seconds: float  # of one recording, processor time
+    wider: float  # median ratio of the standard deviation to that of noise alone [1]
+    seconds: float  # processor time per recording
 
     @property
     def holds(self) -> bool:
-        """Whether every share reaches the target; a robot with one usable recording has none."""
+        """Whether every share reaches the target; true without a pair of usable recordings."""
         shares = (self.base, self.friction, self.consistent, self.consistent_friction)
         return self.pairs == 0 or min(shares) >= TARGET
 
 
-def judge(group: Set) -> Row:
-    """Shares of one robot."""
+def evaluate(group: Set) -> Row:
+    """Compute the shares of one robot."""
     start = time.process_time()
     robot, found = group.robot(), list[Identification]()
     for name in group.recordings:
@@ -136,13 +136,13 @@ def judge(group: Set) -> Row:
 
 
 def share(pairs: Sequence[tuple[int, int]], values: Sequence[Array], stds: Sequence[Array], which: Array) -> float:
-    """Share of differences within 1.96 joint standard deviations [%]; infinite standard deviations are left out.
+    """Share of differences within 1.96 joint standard deviations [%], without infinite standard deviations.
 
     Args:
-        pairs: of recordings.
-        values: per recording (b,) [units of base].
-        stds: per recording (b,) [units of base].
-        which: (b,) mask of parameters.
+        pairs: indices of the two recordings of each pair.
+        values: estimates of each recording (b,) [units of base].
+        stds: standard deviations of each recording (b,) [units of base].
+        which: mask of parameters (b,).
     """
     z = [np.abs(values[i] - values[k])[which] / np.hypot(stds[i], stds[k])[which] for i, k in pairs]
     known = [np.isfinite(np.hypot(stds[i], stds[k]))[which] for i, k in pairs]
@@ -152,7 +152,7 @@ def share(pairs: Sequence[tuple[int, int]], values: Sequence[Array], stds: Seque
 
 
 def noise_alone(found: Identification) -> Array:
-    """(b,) standard deviations [units of base] due to noise alone."""
+    """Standard deviations (b,) [units of base] due to noise alone."""
     factors = replace(found.session.reduce(found.session.train), sample=None)
     return estimate(factors, found.base).std
 
@@ -167,7 +167,7 @@ def _friction(found: Identification) -> Array:
 
 
 def show(rows: Sequence[Row]) -> Table:
-    """The rows as a table to read."""
+    """Format the rows as a table."""
     table = Table(
         box=SIMPLE_HEAD,
         pad_edge=False,
@@ -187,14 +187,14 @@ def show(rows: Sequence[Row]) -> Table:
 
 
 def main() -> int:
-    """Every set, the table, and 1 where a target is missed."""
+    """Evaluate every set and print the table; return 1 when a target is missed."""
     one_thread()
     parser = argparse.ArgumentParser(prog="python -m benchmarks.intervals_real", description=__doc__)
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers there")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers to FILE as JSON")
     options = parser.parse_args()
     if not os.environ.get("SIGNID_DATA"):
-        sys.exit("SIGNID_DATA is unset: real recordings are not part of the repository")
-    rows = [judge(group) for group in SETS]
+        sys.exit("SIGNID_DATA is not set; real recordings are not in the repository; set it to their folder")
+    rows = [evaluate(group) for group in SETS]
     Console(width=160).print(show(rows))
     if options.json:
         options.json.write_text(json.dumps([asdict(row) for row in rows], indent=1) + "\n", encoding="utf-8")

@@ -1,11 +1,11 @@
-"""Every law against robots that know nothing of signid: `python -m benchmarks.laws [--plant bullet] [--json FILE]`.
+"""Comparison of each law with independent simulators: `python -m benchmarks.laws [--plant bullet] [--json FILE]`.
 
-The arm 3r moves in MuJoCo (or Bullet) with one law planted, written anew in the plant. Its exact positions at 4 kHz
-make a motion; what the recorded torque has beyond the rigid bodies and rotors is compared with what signid's law says
-of that motion, both through the same 15 Hz low-pass. `slope` is the size that the plant shows over the one planted,
-`left` the rms that the law does not explain, over the law's own; rows nearer than 0.1 s to a joint (or a sum of two)
-slower than 0.05 rad/s are set aside for laws that jump there, since joints stick.
-The plant's link_inertia keeps the inertia about the centre of mass, the law that about the joint.
+The 3r arm moves in MuJoCo (or Bullet) with one planted law, implemented independently in the plant. From its exact
+positions at 4 kHz, the recorded torque minus rigid bodies and rotors is compared with the torque of signid's law, both
+through the same 15 Hz low-pass. `slope` is the size in the plant over the planted size; `left` is the rms residual over
+the rms of the law. Laws that jump at zero velocity are compared without rows within 0.1 s of a joint velocity (or a sum
+of two) below 0.05 rad/s, because joints stick there.
+The plant's link_inertia keeps the inertia about the centre of mass; signid's law keeps that about the joint.
 """
 
 from __future__ import annotations
@@ -37,23 +37,23 @@ from .plants.bodies import Body, Drives
 from .plants.control import Track, draw_motion
 from .plants.faults import Fault
 
-SECONDS, RATE, CUTOFF = 20.0, 4000.0, 15.0  # s, Hz, Hz
-SLOW, AWAY = 0.05, 0.1  # rad/s, s
+SECONDS, RATE, CUTOFF = 20.0, 4000.0, 15.0  # duration [s], rate [Hz], low-pass [Hz]
+SLOW, AWAY = 0.05, 0.1  # excluded near reversals: velocities below [rad/s], within [s]
 CENTRE = (0.0, 0.3, 0.5)  # rad
-ROTORS, RUBBING = (0.12, 0.10, 0.03), 3.0  # kg.m2; N.m below laws that only change friction
+ROTORS, RUBBING = (0.12, 0.10, 0.03), 3.0  # rotor inertia [kg.m2]; Coulomb friction for laws that modulate it [N.m]
 ON_FRICTION = ("position_friction", "friction_drift")
 OTHER = {
     "torque_saturation": {"limit": 4.0},
     "joint_elasticity": {"stiffness": 1500.0},
     "joint_coupling": {"inertia": 0.02},
 }
-JUMPING = ("joint_coupling",)  # with the sum of two velocities
-SLOPE, LEFT = 0.02, 0.05  # what is allowed
+JUMPING = ("joint_coupling",)  # discontinuous in the sum of two velocities
+SLOPE, LEFT = 0.02, 0.05  # tolerances: |slope - 1|, residual over law [1]
 LOOSE = {"backlash": (0.05, 0.25), "time_delay": (0.02, 0.1), "torque_lag": (0.02, 0.1), "base_tilt": (0.03, 0.05)}
 
 
 class Row(NamedTuple):
-    """What a plant shows of one law."""
+    """Comparison of one law with the plant."""
 
     effect: str
     joint: str | None
@@ -62,13 +62,13 @@ class Row(NamedTuple):
 
     @property
     def right(self) -> bool:
-        """Whether both are within what is allowed."""
+        """Whether slope and residual are within the tolerances."""
         slope, left = LOOSE.get(self.effect, (SLOPE, LEFT))
         return abs(self.slope - 1) <= slope and self.left <= left
 
 
 def planted(effect: Effect, robot: Robot) -> Fault:
-    """The law at the arm's second joint, with usual values."""
+    """The law at the arm's second joint with example values."""
     joint = {"robot": None, "any": None, "tip": robot.joints[-1]}.get(effect.scope, robot.joints[1])
     values: dict[str, float | str] = {**effect.example, **OTHER.get(effect.name, {})}
     if effect.scope == "pair":
@@ -77,7 +77,7 @@ def planted(effect: Effect, robot: Robot) -> Fault:
 
 
 def compare(name: str, effect: Effect) -> Row:
-    """Record the law in a plant, and see it in the record."""
+    """Simulate the law in a plant and compare the recorded torque with signid's law."""
     robot = load_robot("3r")
     fault = planted(effect, robot)
     rubbing = RUBBING if effect.name in ON_FRICTION else 0.0
@@ -91,18 +91,21 @@ def compare(name: str, effect: Effect) -> Row:
     recorded = motion.recorded if motion.recorded is not None else motion.load
     extra = recorded - sum((_full(other, motion) for other in known), motion.load)
     taps = lowpass(RATE, CUTOFF)
-    seen, told = smooth(extra, taps), smooth(_full(law, motion), taps)
+    seen, predicted = smooth(extra, taps), smooth(_full(law, motion), taps)
     if effect.name in JUMPING or "sign(" in effect.equation:
         near = _near(motion)[len(taps) // 2 : len(motion) - len(taps) // 2]
-        seen, told = np.where(near, 0.0, seen), np.where(near, 0.0, told)
-    size = float(np.sum(told**2))
+        seen, predicted = np.where(near, 0.0, seen), np.where(near, 0.0, predicted)
+    size = float(np.sum(predicted**2))
     return Row(
-        effect.name, fault.joint, float(np.sum(seen * told)) / size, float(np.sum((seen - told) ** 2) / size) ** 0.5
+        effect.name,
+        fault.joint,
+        float(np.sum(seen * predicted)) / size,
+        float(np.sum((seen - predicted) ** 2) / size) ** 0.5,
     )
 
 
 def _motion(known: Model, track: Track) -> Motion:
-    """Exact positions, differentiated where they stand."""
+    """Motion from exact positions by central differences."""
     step, inner = 1 / RATE, slice(1, -1)
     q = track.q
     v, a = (q[2:] - q[:-2]) / (2 * step), (q[2:] - 2 * q[1:-1] + q[:-2]) / step**2
@@ -118,7 +121,7 @@ def _full(law: Law, motion: Motion) -> Array:
 
 
 def _near(motion: Motion) -> np.ndarray:
-    """(N, n) whether a joint, or the sum of any two, is slower than SLOW within AWAY [s]."""
+    """Mask (N, n) of rows within AWAY [s] of a joint velocity, or a sum of two, below SLOW."""
     v = motion.v
     slow = np.abs(v) < SLOW
     for j, k in combinations(range(v.shape[1]), 2):
@@ -127,7 +130,7 @@ def _near(motion: Motion) -> np.ndarray:
 
 
 def compare_all(name: str, only: list[str]) -> Iterator[Row]:
-    """A row for each law that the plant can have."""
+    """Yield a row for each law that the plant supports."""
     for effect in EFFECTS:
         if only and effect.name not in only or name == "pybullet_" and effect.name in ("joint_elasticity", "backlash"):
             continue
@@ -135,7 +138,7 @@ def compare_all(name: str, only: list[str]) -> Iterator[Row]:
 
 
 def main() -> None:
-    """Print the table; exit 1 where a law is not what the plant shows."""
+    """Print the table; exit with 1 when a law differs from the plant."""
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.laws", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

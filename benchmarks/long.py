@@ -1,8 +1,8 @@
-"""Do time and memory behave on long recordings? `python -m benchmarks.long [--samples N ...] [--json FILE]`.
+"""Time and memory on long recordings: `python -m benchmarks.long [--samples N ...] [--json FILE]`.
 
-The 3R arm at 1 kHz, from 0.3 to 10 million samples in one Parquet file: a motion of 100 s, its torque by Pinocchio
-plus drives, repeated with other noise each time. Each file is identified by a process of its own, with all defaults;
-its time and the most memory it ever held are those of the whole process, start and reading included.
+The 3R arm at 1 kHz, from 0.3 to 36 million samples in one Parquet file: a motion of 100 s with torque by Pinocchio plus
+drives, repeated with independent noise. Each file is identified in a separate process with all defaults. Time and peak
+memory are those of the whole process, start and reading included.
 """
 
 from __future__ import annotations
@@ -32,30 +32,30 @@ import signid
 from signid.regression.motion import Motion
 from signid.types import Robot
 
+from .measure_command import peak
 from .one_thread import ONE_THREAD
-from .watched import peak
 
 Array = NDArray[np.float64]
 
-ROBOT, RATE, PERIOD = "3r", 1000.0, 100.0  # Hz, s
+ROBOT, RATE, PERIOD = "3r", 1000.0, 100.0  # robot, rate [Hz], period of the motion [s]
 SAMPLES = (300_000, 1_000_000, 3_000_000, 10_000_000, 36_000_000)
 DRIVES = {"armature": (0.12, 0.1, 0.03), "viscous_friction": (0.6, 0.5, 0.2), "coulomb_friction": (0.9, 0.8, 0.3)}
-FREQUENCIES = (0.07, 0.13, 0.29, 0.41, 0.67)  # Hz, whole numbers of waves in a period
-BITS, NOISE = 17, 0.02  # bits a turn; share of each joint's rms torque
+FREQUENCIES = (0.07, 0.13, 0.29, 0.41, 0.67)  # of the motion [Hz]; whole cycles per period
+BITS, NOISE = 17, 0.02  # encoder bits per turn; torque noise over each joint's rms torque [1]
 ROW_GROUP = 2**18
-MEMORY, SLOPE = 1000.0, 1.05  # targets: MB at most; d log(time) / d log(samples) between the longest two at most
+MEMORY, SLOPE = 1000.0, 1.05  # upper bounds: memory [MB]; d log(time) / d log(samples) between the longest two [1]
 
 
 @dataclass(frozen=True)
 class Row:
-    """One recording identified."""
+    """Results of one recording."""
 
     samples: int
-    megabytes: float  # of the file
+    megabytes: float  # file size
     seconds: float
-    memory: float  # MB, most ever held
-    error: float  # of the drives' true parameters, largest relative
-    held_out_r2: float  # of the worst joint
+    memory: float  # peak [MB]
+    error: float  # largest relative error of the drive parameters [1]
+    held_out_r2: float  # smallest over joints
 
     @property
     def rate(self) -> float:
@@ -64,7 +64,7 @@ class Row:
 
 
 def move(robot: Robot) -> tuple[Array, Array]:
-    """One period: positions and torque without noise, (N, 3) each [rad], [N.m]."""
+    """Noise-free positions and torque over one period, (N, 3) each [rad], [N.m]."""
     t, n = np.arange(round(PERIOD * RATE)) / RATE, len(robot.joints)
     rng, w = np.random.default_rng(0), 2 * np.pi * np.array(FREQUENCIES)
     waves = rng.uniform(0.1, 0.4, (n, len(w))) * np.exp(1j * rng.uniform(0, 2 * np.pi, (n, len(w))))
@@ -75,14 +75,14 @@ def move(robot: Robot) -> tuple[Array, Array]:
 
 
 def write(path: Path, samples: int, joints: Sequence[str], q: Array, torque: Array) -> None:
-    """A recording of so many samples, written a period at a time: the same motion again, with other noise.
+    """Write a recording period by period: the same motion with independent noise in each period.
 
     Args:
-        path: of the Parquet file.
-        samples: how many.
-        joints: (n,) their names.
-        q: (N, n) [rad or m] one period.
-        torque: (N, n) [N.m or N] without noise.
+        path: Parquet file to write.
+        samples: number of samples.
+        joints: joint names (n,).
+        q: positions over one period (N, n) [rad or m].
+        torque: noise-free torque (N, n) [N.m or N].
     """
     names = ["t", *(f"{kind}_{joint}" for kind in ("q", "tau") for joint in joints)]
     step, size = 2 * np.pi / 2**BITS, NOISE * np.sqrt(np.mean(torque**2, axis=0))
@@ -102,7 +102,7 @@ def write(path: Path, samples: int, joints: Sequence[str], q: Array, torque: Arr
 
 
 def identify(path: Path) -> dict[str, float]:
-    """What a process of its own does, and what it found."""
+    """Identify a recording: work of the separate process, and its results."""
     robot = signid.load_robot(ROBOT)
     found = signid.identify(robot, [signid.read_recording(path, robot)])
     values = dict(zip((label.name for label in found.parameters.labels), found.parameters.values, strict=True))
@@ -112,49 +112,51 @@ def identify(path: Path) -> dict[str, float]:
 
 
 def measure(path: Path, samples: int) -> Row:
-    """Write a recording, identify it in a process of its own, remove it."""
+    """Write a recording, identify it in a separate process and remove it."""
     q, torque = move(signid.load_robot(ROBOT))
     write(path, samples, [str(j + 1) for j in range(q.shape[1])], q, torque)
     start = time.perf_counter()
     command = [sys.executable, "-m", "benchmarks.long", "--identify", str(path)]
-    answer = subprocess.run(command, env={**os.environ, **ONE_THREAD}, stdout=subprocess.PIPE, check=True).stdout
+    output = subprocess.run(command, env={**os.environ, **ONE_THREAD}, stdout=subprocess.PIPE, check=True).stdout
     seconds, size = time.perf_counter() - start, path.stat().st_size / 1e6
     path.unlink()
-    return Row(samples, size, seconds, **json.loads(answer))
+    return Row(samples, size, seconds, **json.loads(output))
 
 
 def slopes(rows: Sequence[Row]) -> list[float]:
-    """Change of log(time) over change of log(samples) from each row to the next; 1 is linear."""
+    """Log-log slope of time over samples from each row to the next (1: linear)."""
     time_, count = np.log([row.seconds for row in rows]), np.log([row.samples for row in rows])
     return [float(x) for x in np.diff(time_) / np.diff(count)]
 
 
-def judge(rows: Sequence[Row]) -> Iterator[tuple[str, bool]]:
-    """Each target with whether it is met."""
+def check_targets(rows: Sequence[Row]) -> Iterator[tuple[str, bool]]:
+    """Yield each target and whether it is met."""
     worst = max(row.memory for row in rows)
-    yield f"most memory: {worst:.0f} MB (at most {MEMORY:g})", worst <= MEMORY
+    yield f"peak memory: {worst:.0f} MB (at most {MEMORY:g})", worst <= MEMORY
     if len(rows) > 1:
         slope = slopes(rows)[-1]
         yield f"log-log slope of time at the end: {slope:.2f} (at most {SLOPE:g}; 1 is linear)", slope <= SLOPE
 
 
 def show(rows: Sequence[Row]) -> Table:
-    """The rows as a table to read."""
+    """Format the rows as a table."""
     table = Table(title=f"{ROBOT} at {RATE:g} Hz, one Parquet file, all defaults, one thread")
     for name in ("samples", "file, MB", "time, s", "s / million", "slope", "peak, MB", "friction"):
         table.add_column(name, justify="right", no_wrap=True)
     for row, slope in zip(rows, [None, *slopes(rows)], strict=True):
-        told = [f"{row.samples / 1e6:g} M", f"{row.megabytes:.0f}", f"{row.seconds:.1f}", f"{row.rate:.2f}"]
+        size = [f"{row.samples / 1e6:g} M", f"{row.megabytes:.0f}", f"{row.seconds:.1f}", f"{row.rate:.2f}"]
         found = [f"{row.memory:.0f}", f"{100 * row.error:.2f} %"]
-        table.add_row(*told, "" if slope is None else f"{slope:.2f}", *found)
+        table.add_row(*size, "" if slope is None else f"{slope:.2f}", *found)
     return table
 
 
 def main() -> None:
-    """Measure, print the table, write the numbers; exit 1 when a target is missed."""
+    """Measure, print the table and write the numbers; exit with 1 when a target is missed."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.long", description=__doc__)
-    parser.add_argument("--samples", type=int, nargs="+", default=SAMPLES, help="how long each recording is, ascending")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers there")
+    parser.add_argument(
+        "--samples", type=int, nargs="+", default=SAMPLES, help="lengths of the recordings [samples], ascending"
+    )
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers to FILE as JSON")
     parser.add_argument("--identify", type=Path, metavar="FILE", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.identify:
@@ -166,14 +168,14 @@ def main() -> None:
             with console.status(f"{samples:,} samples"):
                 rows.append(measure(Path(folder) / "recording.parquet", samples))
     console.print(show(rows))
-    verdicts = list(judge(rows))
-    for sentence, met in verdicts:
+    targets = list(check_targets(rows))
+    for sentence, met in targets:
         console.print(sentence, style="" if met else "red", highlight=False)
     if options.json:
         machine = {"python": platform.python_version(), "pinocchio": pin.__version__, "polars": pl.__version__}
-        numbers = {"machine": machine, "rows": [asdict(row) for row in rows], "targets": dict(verdicts)}
+        numbers = {"machine": machine, "rows": [asdict(row) for row in rows], "targets": dict(targets)}
         options.json.write_text(json.dumps(numbers, indent=1), encoding="utf-8")
-    raise SystemExit(0 if all(met for _, met in verdicts) else 1)
+    raise SystemExit(0 if all(met for _, met in targets) else 1)
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
-"""Where does the time go? `python -m benchmarks.profile [--minutes 1 60] [--robots panda g1] [--json FILE]`.
+"""Processor time by stage: `python -m benchmarks.profile [--minutes 1 60] [--robots panda g1] [--json FILE]`.
 
-Robots of 7 and of 29 joints, recorded at 1 kHz: five harmonics within the limits, repeated each minute with other
-noise; torque by Pinocchio, with friction that the description does not state. `signid identify` and `signid diagnose`
-run twice each in a process of their own: as they are, for time and memory, and under cProfile, for the shares. A
-function that no stage names counts for the stages that call it, by the time that it takes for each.
+Robots with 7 and 29 joints are recorded at 1 kHz: five harmonics within the limits, repeated each minute with
+independent noise; torque by Pinocchio, with friction missing in the description. `signid identify` and `signid
+diagnose` run twice in separate processes: plainly for time and memory, and under cProfile for the shares. The time of a
+function without a stage is attributed to the stages of its callers, in proportion to the time that each causes.
 
 Source: attribution to callers: Graham, Kessler, McKusick, gprof: a call graph execution profiler, ACM SIGPLAN 1982.
 """
@@ -33,16 +33,16 @@ from signid.regression.motion import Motion
 from signid.types import Robot
 
 from .long import ONE_THREAD, RATE, write
-from .told import frame
+from .summary import frame
 
 Array = NDArray[np.float64]
 Function = tuple[str, int, str]  # file, line, name
 
 ROBOTS, MINUTES, COMMANDS = ("panda", "g1"), (1.0, 60.0), ("identify", "diagnose")
-PERIOD, WAVES, SLOWEST, FASTEST = 60.0, 5, 6, 54  # s, waves a joint, and how often they fit into the period
-REACH = 0.8  # of the room between limits; 2 rad either side where there are none
-VISCOUS, COULOMB = 0.3, 0.5  # N.m.s/rad, N.m
-ROUNDS = 60  # of attribution, more than any chain of calls is deep
+PERIOD, WAVES, SLOWEST, FASTEST = 60.0, 5, 6, 54  # period [s], waves per joint, least and most cycles per period
+REACH = 0.8  # share of the joint range [1]; joints without limits use +-2 rad
+VISCOUS, COULOMB = 0.3, 0.5  # friction of every joint [N.m.s/rad], [N.m]
+ROUNDS = 60  # iterations of the attribution, above the depth of any call chain
 START, REST = "start, imports", "other"
 COMMON = {
     "_bootstrap>:_find_and_load": START,
@@ -69,7 +69,7 @@ STAGES = {
     "diagnose": {
         **COMMON,
         "diagnose/run.py:_prepare": "preparation",
-        "recording_faults/examine.py:examine": "gross faults",
+        "recording_faults/examine.py:examine": "recording faults",
         "diagnose/run.py:_build": "rows",
         "diagnose/search/iterate.py:explain": "search",
         "diagnose/findings/alternatives.py:settle": "search",
@@ -86,31 +86,31 @@ STAGES = {
 
 @dataclass(frozen=True)
 class Case:
-    """One command on one recording."""
+    """Results of one command on one recording."""
 
     command: str
     robot: str
     joints: int
     minutes: float
-    seconds: float  # of processor time, without a profiler
-    memory: float  # MB, most ever held
-    profiled: float  # s of processor time under cProfile
-    stages: Mapping[str, float]  # s, scaled to `seconds`
+    seconds: float  # processor time without profiler
+    memory: float  # peak [MB]
+    profiled: float  # processor time under cProfile [s]
+    stages: Mapping[str, float]  # time of each stage [s], scaled to `seconds`
 
     @property
     def name(self) -> str:
-        """Over its column."""
+        """Column heading."""
         return f"{self.robot}, {self.minutes:g} min"
 
 
 def load(name: str) -> Robot:
-    """A robot without its fingers."""
+    """Load a robot with its fingers held."""
     robot = signid.load_robot(name)
     return signid.load_robot(name, joints=[joint for joint in robot.joints if "finger" not in joint])
 
 
 def move(robot: Robot, seed: int = 0) -> tuple[Array, Array]:
-    """One period: positions and torque without noise, (N, n) each [rad or m], [N.m or N]."""
+    """Noise-free positions and torque over one period, (N, n) each [rad or m], [N.m or N]."""
     t, n, rng = np.arange(round(PERIOD * RATE)) / RATE, len(robot.joints), np.random.default_rng(seed)
     lower = np.where(np.isfinite(robot.lower), robot.lower, -2.0)
     upper = np.where(np.isfinite(robot.upper), robot.upper, 2.0)
@@ -125,26 +125,27 @@ def move(robot: Robot, seed: int = 0) -> tuple[Array, Array]:
 
 
 def run(command: str, robot: str, recording: Path, profile: bool) -> tuple[dict[str, float], Path]:
-    """What a process of its own took, and where what cProfile saw is, if that was asked for."""
-    told = recording.with_suffix(f".{command}{'.profile' if profile else ''}.json")
+    """Run a command in a separate process; return its numbers and the path of the cProfile output."""
+    numbers_file = recording.with_suffix(f".{command}{'.profile' if profile else ''}.json")
     result = recording.with_suffix(f".{command}")
-    asked = [command, robot, str(recording), "-o", str(result)]
-    watched = [sys.executable, "-m", "benchmarks.watched", str(told), *["--profile"] * profile, *asked]
+    arguments = [command, robot, str(recording), "-o", str(result)]
+    wrapper = [sys.executable, "-m", "benchmarks.measure_command", str(numbers_file), *["--profile"] * profile]
+    environment = {**os.environ, **ONE_THREAD}
     done = subprocess.run(
-        watched, env={**os.environ, **ONE_THREAD}, capture_output=True, text=True, encoding="utf-8", check=True
+        [*wrapper, *arguments], env=environment, capture_output=True, text=True, encoding="utf-8", check=True
     )
-    numbers = json.loads(told.read_text(encoding="utf-8"))
+    numbers = json.loads(numbers_file.read_text(encoding="utf-8"))
     if numbers["code"] not in (0, 3):
-        raise SystemExit(f"signid {' '.join(asked)} ended with code {numbers['code']:g}: {done.stderr}")
-    return numbers, told.with_name(f"{told.name}.prof")
+        raise SystemExit(f"signid {' '.join(arguments)} ended with code {numbers['code']:g}: {done.stderr}")
+    return numbers, numbers_file.with_name(f"{numbers_file.name}.prof")
 
 
 def attribute(stats: Mapping[Function, Any], stages: Mapping[str, str]) -> dict[str, float]:
-    """Seconds of each stage: its own functions' and those of all that they call and that has no stage itself.
+    """Time of each stage [s]: its own functions and all called functions without a stage.
 
     Args:
-        stats: of `pstats.Stats`: by function, its own time, callers and the time that each of them caused.
-        stages: by the end of a function's file and its name.
+        stats: `stats` of `pstats.Stats`: own time and callers of each function, with the time caused by each caller.
+        stages: stage names by the end of a function's path and its name.
     """
     own = {function: stage for function in stats if (stage := _stage(function, stages))}
     shares: dict[Function, dict[str, float]] = {function: {own.get(function, REST): 1.0} for function in stats}
@@ -158,7 +159,7 @@ def attribute(stats: Mapping[Function, Any], stages: Mapping[str, str]) -> dict[
 
 
 def _inherited(callers: Mapping[Function, Any], shares: Mapping[Function, Any], which: int = 3) -> dict[str, float]:
-    """Of all callers' stages, each caller counted by the time (3: all, 2: own) that it causes."""
+    """Stage shares of all callers, weighted by the caused time (3: cumulative, 2: own)."""
     weights = {caller: max(edge[which], 1e-12) for caller, edge in callers.items()}
     total, found = sum(weights.values()), Counter[str]()
     for caller, weight in weights.items():
@@ -172,30 +173,30 @@ def _stage(function: Function, stages: Mapping[str, str]) -> str:
 
 
 def measure(command: str, name: str, recording: Path, minutes: float) -> Case:
-    """One command on one recording, twice."""
-    plain, (watched, file) = run(command, name, recording, False)[0], run(command, name, recording, True)
+    """Run one command on one recording twice, without and with the profiler."""
+    plain, (profiled, file) = run(command, name, recording, False)[0], run(command, name, recording, True)
     found = attribute(pstats.Stats(str(file)).stats, STAGES[command])  # type: ignore[attr-defined]
-    found[START] = found.get(START, 0.0) + watched["started"]
+    found[START] = found.get(START, 0.0) + profiled["started"]
     scale = plain["seconds"] / sum(found.values())
     stages = {
         stage: scale * found[stage] for stage in dict.fromkeys((*STAGES[command].values(), REST)) if stage in found
     }
     size = len(load(name).joints)
-    return Case(command, name, size, minutes, plain["seconds"], plain["memory"], watched["seconds"], stages)
+    return Case(command, name, size, minutes, plain["seconds"], plain["memory"], profiled["seconds"], stages)
 
 
 def show(command: str, cases: Sequence[Case]) -> Table:
-    """Stages down, cases across: seconds and shares."""
+    """Table of seconds and shares: one row per stage, one column per case."""
     table = frame(f"signid {command}: processor time, one thread", ["", *(case.name for case in cases)])
     for stage in dict.fromkeys(stage for case in cases for stage in case.stages):
-        table.add_row(stage, *(_told(case.stages.get(stage, 0.0), case.seconds) for case in cases))
+        table.add_row(stage, *(_share(case.stages.get(stage, 0.0), case.seconds) for case in cases))
     table.add_section()
     table.add_row("all", *(f"{case.seconds:.2f} s      " for case in cases))
-    table.add_row("most memory", *(f"{case.memory:.0f} MB     " for case in cases))
+    table.add_row("peak memory", *(f"{case.memory:.0f} MB     " for case in cases))
     return table
 
 
-def _told(seconds: float, whole: float) -> str:
+def _share(seconds: float, whole: float) -> str:
     return f"{seconds:.2f} s {100 * seconds / whole:3.0f} %"
 
 
@@ -213,16 +214,16 @@ def _cases(options: argparse.Namespace, folder: Path, console: Console) -> Itera
 
 
 def main() -> None:
-    """Record, run, print a table for each command, write the numbers."""
+    """Record, run, print a table for each command and write the numbers."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.profile", description=__doc__)
-    parser.add_argument("--minutes", type=float, nargs="+", default=MINUTES, help="how long recordings are")
-    parser.add_argument("--robots", nargs="+", default=ROBOTS, help="by name; their fingers are held")
+    parser.add_argument("--minutes", type=float, nargs="+", default=MINUTES, help="durations of the recordings [min]")
+    parser.add_argument("--robots", nargs="+", default=ROBOTS, help="names of the robots; fingers are held")
     parser.add_argument("--commands", nargs="+", default=COMMANDS, choices=COMMANDS)
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers there")
-    parser.add_argument("--folder", type=Path, help="where recordings, results and profiles stay, to be used again")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers to FILE as JSON")
+    parser.add_argument("--folder", type=Path, help="keep recordings, results and profiles there and reuse them")
     options, console = parser.parse_args(), Console()
-    with tempfile.TemporaryDirectory() as passing:
-        folder = options.folder or Path(passing)
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = options.folder or Path(temporary)
         folder.mkdir(parents=True, exist_ok=True)
         cases = list(_cases(options, folder, console))
     for command in options.commands:

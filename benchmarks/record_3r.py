@@ -1,6 +1,6 @@
-"""Records the 3R arm in MuJoCo, and writes down what is true of it: `python -m benchmarks.record_3r`.
+"""Record the 3R arm in MuJoCo and write its true parameters: `python -m benchmarks.record_3r`.
 
-The same seeds give the same numbers each time.
+Results are reproducible: the seeds are fixed.
 """
 
 from __future__ import annotations
@@ -17,39 +17,39 @@ from .plants.mujoco_ import STEP, Body, Drives, draw_motion, inertials, log, sim
 
 FOLDER = Path(__file__).parents[1] / "robots" / "3r"
 JOINTS = 3
-HEAVIER = {"link_3": 1.1}  # mass and inertia of the last link, as a share of what the URDF states
+HEAVIER = {"link_3": 1.1}  # factor on the URDF's mass and inertia of the last link [1]
 DRIVES = Drives(
     armature=(0.12, 0.10, 0.03),
     viscous_friction=(0.60, 0.50, 0.20),
     coulomb_friction=(0.90, 0.80, 0.30),
     torque_offset=(0.05, -0.12, 0.04),
 )
-CENTRE = (0.0, 0.3, 0.5)  # rad, of the motions
-RATE, BITS, NOISE = 250.0, 17, 0.02  # Hz, bits a turn, share of each joint's rms torque
+CENTRE = (0.0, 0.3, 0.5)  # centre of the motions [rad]
+RATE, BITS, NOISE = 250.0, 17, 0.02  # rate [Hz], encoder bits per turn, torque noise over each joint's rms torque [1]
 RECORDINGS = {"recording": (24.0, 1), "held_out": (12.0, 2)}  # file -> duration [s], seed of motion and of noise
 UNITS = {"armature": "kg.m2", "viscous_friction": "N.m.s/rad", "coulomb_friction": "N.m", "torque_offset": "N.m"}
-ROWS, COLUMNS = (0, 0, 1, 0, 1, 2), (0, 1, 1, 2, 2, 2)  # of a symmetric matrix, as Pinocchio lists them
+ROWS, COLUMNS = (0, 0, 1, 0, 1, 2), (0, 1, 1, 2, 2, 2)  # entries of a symmetric matrix in Pinocchio's order
 
 
 def record(folder: Path = FOLDER) -> None:
-    """Write recording.parquet, held_out.parquet and truth.toml beside the robot.urdf in a folder."""
+    """Write recording.parquet, held_out.parquet and truth.toml next to robot.urdf in a folder."""
     body = read_body(folder / "robot.urdf")
     for name, (duration, seed) in RECORDINGS.items():
         track = simulate(body, DRIVES, draw_motion(CENTRE, seed), duration, RATE)
         columns = log(track, seed, BITS, NOISE)
         table = pl.DataFrame({key: np.round(x, 6 if key.startswith("q") else 5) for key, x in columns.items()})
         table.write_parquet(folder / f"{name}.parquet", compression="zstd", compression_level=15)
-    (folder / "truth.toml").write_text("\n".join(tell(body)) + "\n", encoding="utf-8")
+    (folder / "truth.toml").write_text("\n".join(truth_lines(body)) + "\n", encoding="utf-8")
 
 
 def read_body(path: Path) -> Body:
-    """The arm of the URDF, its last link heavier than the URDF states."""
+    """The URDF's arm with a heavier last link."""
     return Body(path.read_text(encoding="utf-8"), tuple(f"joint_{j + 1}" for j in range(JOINTS)), HEAVIER)
 
 
-def tell(body: Body) -> Iterator[str]:
-    """The lines of truth.toml: how it was recorded, then what is true of each joint and link, in SI units."""
-    yield "# What is true of the arm in recording.parquet and held_out.parquet; robot.urdf says otherwise on purpose."
+def truth_lines(body: Body) -> Iterator[str]:
+    """Lines of truth.toml: recording conditions, then true parameters of each joint and link in SI units."""
+    yield "# True parameters of the arm in recording.parquet and held_out.parquet; robot.urdf differs on purpose."
     yield "# Link 3 is 10 % heavier than robot.urdf states (mass and inertia, same centre); it states no drives."
     yield "[made]"
     yield 'by = "python -m benchmarks.record_3r"'

@@ -1,9 +1,9 @@
-"""How many steps a second: `python -m benchmarks.simulate [--rounds 7] [--json FILE]`.
+"""Simulation speed in steps per second: `python -m benchmarks.simulate [--rounds 7] [--json FILE]`.
 
-The seven joints of the Panda follow a motion under PD control with the bodies' torque ahead, at 1 kHz. The floor is a
-bare loop around Pinocchio's forward dynamics with the same controller and no law at all; beside it MuJoCo's own step
-with its own friction, damping and armature, called from Python as the others are. All take turns in every round on one
-thread, so that what else the machine does falls on all alike; ratios are medians over the rounds.
+The seven joints of the Panda follow a motion under PD control with rigid-body feed-forward at 1 kHz. The baseline
+("floor") is a bare loop around Pinocchio's forward dynamics with the same controller and no laws. MuJoCo's own step
+with friction, damping and armature is called from Python for comparison. All run in turn in every round on one thread,
+so that the load of the machine affects all alike; ratios are medians over the rounds.
 """
 
 from __future__ import annotations
@@ -34,17 +34,17 @@ from signid.types import Array, Law, Trajectory
 from .plants.bodies import Body, bare as bare_urdf
 
 JOINTS = tuple(f"panda_joint{i}" for i in range(1, 8))
-CENTRE = (0.0, -0.3, 0.0, -2.0, 0.0, 1.8, 0.0)  # rad
-STEP, STEPS = 1e-3, 4000  # s, and steps a turn
+CENTRE = (0.0, -0.3, 0.0, -2.0, 0.0, 1.8, 0.0)  # centre of the motion [rad]
+STEP, STEPS = 1e-3, 4000  # time step [s], steps per run
 ARMATURE = 0.1  # kg.m2
 LAWS = ("coulomb_friction", "viscous_friction", "torque_offset", "stribeck_friction", "load_friction")
 COPIES = (16, 64, 256)
-LIMIT = 5.0  # times the floor, with armature and four laws more at every joint
+LIMIT = 5.0  # upper bound on time over the floor with armature and four more laws at every joint [1]
 FLOOR, MUJOCO = "bare loop around pin.aba", "MuJoCo, friction + damping + armature"
 
 
 def scene() -> tuple[Model, Plan, Array]:
-    """The arm with its rotors, what its controller knows beforehand, and the times (N,) [s]."""
+    """The arm with rotors, the controller's plan and the times (N,) [s]."""
     robot = load_robot("panda", joints=JOINTS)
     armature = tuple(Law(EFFECTS["armature"], (j,), {"inertia": ARMATURE}) for j in range(len(JOINTS)))
     model = Model(robot, stated_inertials(robot), armature)
@@ -56,12 +56,12 @@ def scene() -> tuple[Model, Plan, Array]:
 
 
 def command(plan: Plan, k: int, q: Array, v: Array) -> Array:
-    """Torque (n,) or (B, n) [N.m] that every contestant computes each step."""
+    """Controller torque (n,) or (B, n) [N.m], computed at each step."""
     return plan.torque[k] + plan.stiffness * (plan.desired[k] - q) + plan.damping * (plan.speed[k] - v)
 
 
 def bare(model: Model, plan: Plan) -> Callable[[], int]:
-    """The floor, ready to run: it returns how many steps it made."""
+    """Return a function that runs the baseline and returns its number of steps."""
     inside = model.robot.model
     held = [inside.getJointId(name) for name in inside.names[1:] if name not in JOINTS]
     arm = pin.buildReducedModel(inside, held, pin.neutral(inside))
@@ -77,12 +77,12 @@ def bare(model: Model, plan: Plan) -> Callable[[], int]:
     return run
 
 
-def ours(model: Model, plan: Plan, laws: int, copies: int, integrator: str) -> Callable[[], int]:
-    """A plant with so many laws at every joint, and so many copies of it."""
+def signid_plant(model: Model, plan: Plan, laws: int, copies: int, integrator: str) -> Callable[[], int]:
+    """Return a function that runs signid's plant with the first `laws` of LAWS at every joint, in parallel copies."""
     law = [Law(EFFECTS[name], (j,), EFFECTS[name].example) for name in LAWS[:laws] for j in range(len(JOINTS))]
     whole = Model(model.robot, model.inertials, (*model.laws, *law))
     plant = Plant(whole, STEP, copies, integrator)
-    shift = np.linspace(0, 0.5, copies)[:, None]  # every copy starts, and moves, somewhere else
+    shift = np.linspace(0, 0.5, copies)[:, None]  # distinct positions of the copies [rad]
     steps = STEPS // (1 if copies == 1 else 8) // (4 if integrator == "rk4" else 1)
 
     def run() -> int:
@@ -94,8 +94,8 @@ def ours(model: Model, plan: Plan, laws: int, copies: int, integrator: str) -> C
     return run
 
 
-def theirs(model: Model, plan: Plan) -> Callable[[], int]:
-    """MuJoCo with the laws that it has of its own."""
+def mujoco_step(model: Model, plan: Plan) -> Callable[[], int]:
+    """Return a function that runs MuJoCo with its built-in friction, damping and armature."""
     arm = mujoco.MjModel.from_xml_string(bare_urdf(Body(model.robot.document, JOINTS)))
     arm.opt.timestep, arm.opt.integrator = STEP, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     arm.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_LIMIT | mujoco.mjtDisableBit.mjDSBL_CONTACT
@@ -113,10 +113,14 @@ def theirs(model: Model, plan: Plan) -> Callable[[], int]:
 
 
 def contestants() -> dict[str, Callable[[], int]]:
-    """Everything that is timed, by name; the floor first."""
+    """All timed functions by name, the baseline first."""
     model, plan, _ = scene()
-    make = partial(ours, model, plan)
-    found = {FLOOR: bare(model, plan), MUJOCO: theirs(model, plan), "signid, armature": make(0, 1, "semi-implicit")}
+    make = partial(signid_plant, model, plan)
+    found = {
+        FLOOR: bare(model, plan),
+        MUJOCO: mujoco_step(model, plan),
+        "signid, armature": make(0, 1, "semi-implicit"),
+    }
     for k in range(1, len(LAWS) + 1):
         found[f"  + {LAWS[k - 1]}"] = make(k, 1, "semi-implicit")
     found["signid, all of these, rk4"] = make(len(LAWS), 1, "rk4")
@@ -125,23 +129,23 @@ def contestants() -> dict[str, Callable[[], int]]:
 
 
 def measure(rounds: int) -> dict[str, dict[str, float]]:
-    """Steps a second (best) and how many times as long as the floor a step takes (median), by name."""
+    """Steps per second (best) and time per step over the floor's (median), by name."""
     runs = contestants()
-    taken: dict[str, list[float]] = {name: [] for name in runs}
+    times: dict[str, list[float]] = {name: [] for name in runs}
     for _ in range(rounds):
         for name, run in runs.items():
             start = time.perf_counter()
             steps = run()
-            taken[name].append((time.perf_counter() - start) / steps)
-    floor = np.array(taken[FLOOR])
+            times[name].append((time.perf_counter() - start) / steps)
+    floor = np.array(times[FLOOR])
     return {
         name: {"steps_per_second": float(1 / min(t)), "times_the_floor": float(np.median(np.array(t) / floor))}
-        for name, t in taken.items()
+        for name, t in times.items()
     }
 
 
 def main() -> None:
-    """Print the table; exit 1 where armature and four laws more take longer than the limit."""
+    """Print the table; exit with 1 when armature and four more laws exceed the limit."""
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.simulate", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -155,7 +159,7 @@ def main() -> None:
         table.add_row(name, f"{speed:,.0f}", f"{row['times_the_floor']:.2f}", f"{speed * STEP:,.0f}")
     Console(width=100).print(table)
     ratio = found[f"  + {LAWS[3]}"]["times_the_floor"]
-    Console(width=100).print(f"armature and four laws more: {ratio:.1f} times the floor; at most {LIMIT:g} is aimed at")
+    Console(width=100).print(f"armature and four more laws: {ratio:.1f} times the floor (at most {LIMIT:g})")
     if chosen.json:
         about: dict[str, Any] = {"python": platform.python_version(), "pinocchio": pin.__version__}
         chosen.json.write_text(

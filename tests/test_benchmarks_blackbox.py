@@ -1,4 +1,4 @@
-"""The benchmark against black boxes: rows that validate, residual fits on toy data, figures, means, peers' data."""
+"""Black-box benchmark: validation rows, residual fits on toy data, figures, means and data for peers."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import signid
 from benchmarks.blackbox import residual_fit
 from benchmarks.blackbox.peers import bridge, uniform
 from benchmarks.blackbox.rows import Table, one_rate
-from benchmarks.blackbox.run import BASE, Judged, Score, figures, judge
+from benchmarks.blackbox.run import BASE, Score, SetResult, evaluate, figures
 from benchmarks.blackbox.show import geometric, set_table, summary, totals
 from benchmarks.blackbox.task import Answer, Task
 from benchmarks.concealed_real.sets import columns_of
@@ -27,17 +27,17 @@ NOISE = 0.05
 
 
 def toy(rows: int, seed: int, size: float = 1.0) -> Table:
-    """Rows of one joint whose residual is a hidden function of its position, beside noise."""
+    """Rows of one joint with a residual that is a hidden function of its position plus noise."""
     rng = np.random.default_rng(seed)
     motion = rng.uniform(-2, 2, (rows, 3))
     rest = size * np.sin(2 * motion[:, :1]) + NOISE * rng.standard_normal((rows, 1))
     return Table(motion, rest, rest + 5 * motion[:, :1])
 
 
-def task(learned: list[Table], judged: Table) -> Task:
+def task(training: list[Table], held_out: Table) -> Task:
     robot = SimpleNamespace(prismatic=np.array([False]))
-    fields: dict[str, Any] = {"learned": learned, "judged": judged, "name": "toy", "joints": ("j",), "cutoff": 5.0}
-    return cast(Task, SimpleNamespace(**fields, least_squares=SimpleNamespace(robot=robot)))
+    fields: dict[str, Any] = {"training": training, "held_out": held_out, "name": "toy", "cutoff": 5.0}
+    return cast(Task, SimpleNamespace(**fields, joints=("j",), least_squares=SimpleNamespace(robot=robot)))
 
 
 def rms(x: np.ndarray) -> float:
@@ -48,7 +48,7 @@ def needs_trees() -> None:
     pytest.importorskip("sklearn", reason="scikit-learn is not installed; pip install 'signid[bench]'")
 
 
-def test_whole_blocks_of_each_recording_validate() -> None:
+def test_validation_rows_are_whole_blocks_of_each_recording() -> None:
     check = residual_fit.validates([toy(300, 0), toy(30, 1)])
     assert len(check) == 330 and 0.15 < check[:300].mean() < 0.25 and 0.15 < check[300:].mean() < 0.25
     assert np.count_nonzero(np.diff(check[:300].astype(int))) == 6  # three blocks, none at an end
@@ -58,35 +58,35 @@ def test_whole_blocks_of_each_recording_validate() -> None:
 def test_a_black_box_learns_a_hidden_function(method: Any) -> None:
     needs_trees()
     one = task([toy(900, 0), toy(600, 1)], toy(400, 2))
-    assert rms(method(one).residual) < 0.3 * rms(one.judged.rest)
+    assert rms(method(one).residual) < 0.3 * rms(one.held_out.rest)
 
 
-def test_a_black_box_leaves_noise_alone_and_keeps_missing_rows() -> None:
+def test_a_black_box_does_not_fit_noise_and_keeps_missing_rows() -> None:
     needs_trees()
-    learned, judged = [toy(900, 0, 0.0), toy(600, 1, 0.0)], toy(400, 2, 0.0)
-    learned[0].rest[:50], judged.rest[:7] = np.nan, np.nan
+    training, held_out = [toy(900, 0, 0.0), toy(600, 1, 0.0)], toy(400, 2, 0.0)
+    training[0].rest[:50], held_out.rest[:7] = np.nan, np.nan
     for method in (residual_fit.boosted, residual_fit.gaussian):
-        found = method(task(learned, judged)).residual
-        assert np.array_equal(np.isnan(found), np.isnan(judged.rest))
-        assert rms(found) < 1.05 * rms(judged.rest)
+        found = method(task(training, held_out)).residual
+        assert np.array_equal(np.isnan(found), np.isnan(held_out.rest))
+        assert rms(found) < 1.05 * rms(held_out.rest)
 
 
-def test_too_few_rows_teach_nothing() -> None:
+def test_too_few_rows_give_no_fit() -> None:
     needs_trees()
     one = task([toy(residual_fit.LEAST // 2, 0)], toy(100, 1))
-    assert np.array_equal(residual_fit.boosted(one).residual, one.judged.rest)
-    assert np.array_equal(residual_fit.gaussian(one).residual, one.judged.rest)
+    assert np.array_equal(residual_fit.boosted(one).residual, one.held_out.rest)
+    assert np.array_equal(residual_fit.gaussian(one).residual, one.held_out.rest)
 
 
 def test_all_methods_are_judged_on_the_same_rows() -> None:
-    judged = toy(100, 0)
-    short, lost = judged.rest.copy(), np.full_like(judged.rest, np.nan)
+    held_out = toy(100, 0)
+    short, lost = held_out.rest.copy(), np.full_like(held_out.rest, np.nan)
     short[:40] = np.nan
-    answers = {BASE: Answer(judged.rest, 1.0), "short": Answer(2 * short, 2.0), "lost": Answer(lost, 3.0), "no": "why"}
-    found = judge(task([], judged), answers)
+    answers = {BASE: Answer(held_out.rest, 1.0), "short": Answer(2 * short, 2.0), "lost": Answer(lost, 3.0)}
+    found = evaluate(task([], held_out), answers | {"no": "why"})
     assert found.rows == (60,)
     base, other, nothing, missing = found.scores
-    assert base.rms[0] == pytest.approx(rms(judged.rest[40:])) and other.rms[0] == pytest.approx(2 * base.rms[0])
+    assert base.rms[0] == pytest.approx(rms(held_out.rest[40:])) and other.rms[0] == pytest.approx(2 * base.rms[0])
     assert not nothing.rms and "no finite torque" in nothing.note
     assert not missing.rms and missing.note == "why"
 
@@ -101,8 +101,9 @@ def test_figures() -> None:
 
 def test_means_are_geometric_and_relative_to_least_squares() -> None:
     scores = (Score(BASE, (1.0, 2.0), (0.9, 0.9), 1.0), Score("better", (0.5, 1.0), (0.9, 0.9), 2.0))
-    one = Judged("one", ("a", "b"), ("N.m", "N.m"), (10, 12), 5.0, (*scores, Score("partly", (0.5, 8.0), (1.0, 0.0))))
-    two = replace(one, name="two", scores=(*scores, Score("partly", note="refused: a reason")))
+    scores = (*scores, Score("partly", (0.5, 8.0), (1.0, 0.0)))
+    one = SetResult("one", ("a", "b"), ("N.m", "N.m"), (10, 12), 5.0, scores)
+    two = replace(one, name="two", scores=(*scores[:2], Score("partly", note="refused: a reason")))
     found = {x.method: x for x in totals([one, two])}
     assert found[BASE].ratio == 1 and found["better"].ratio == pytest.approx(0.5)
     assert (found["better"].better, found["better"].joints, found["better"].seconds) == (4, 4, 4.0)
@@ -112,7 +113,7 @@ def test_means_are_geometric_and_relative_to_least_squares() -> None:
     assert set_table(two).row_count == 3 and summary(list(found.values())).row_count == 3
 
 
-def test_recordings_get_one_rate() -> None:
+def test_recordings_are_resampled_to_one_rate() -> None:
     robot = robot_from_text(PENDULUM, "urdf", "pendulum")
     fast, slow = (np.arange(0, 4, step) for step in (0.002, 0.005))
     given = [signid.read_recording({"t": t, "q": np.sin(t)[:, None], "tau": t[:, None]}, robot) for t in (fast, slow)]
@@ -123,7 +124,7 @@ def test_recordings_get_one_rate() -> None:
     assert one_rate(robot, given[:1]) == given[:1]
 
 
-def test_peers_get_even_samples_and_bridges_without_jumps() -> None:
+def test_peers_get_uniform_samples_and_smooth_bridges() -> None:
     t = np.array([0.0, 0.1, 0.35, 0.4, 0.5])
     q, tau = uniform({"t": t, "q": 2 * t[:, None], "tau": np.where(t == 0.1, np.nan, t)[:, None]}, 0.1)
     assert q[:, 0] == pytest.approx([0.0, 0.2, 0.4, 0.6, 0.8]) and tau[:, 0] == pytest.approx([0, 0.1, 0.2, 0.3, 0.4])

@@ -1,4 +1,4 @@
-"""The parts of the blind benchmark: faults are as large as said, answers stay hidden, and verdicts are told rightly."""
+"""Parts of the blind benchmark: sizes of faults, hidden answers and evaluation of diagnoses."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ pytest.importorskip("mujoco", reason="MuJoCo is not installed; pip install 'sign
 import signid  # noqa: E402
 from benchmarks.concealed import motion, size, work  # noqa: E402
 from benchmarks.concealed.cases import ABSENT, FAMILIES, SIZES, SUITES, Case, cases, quick, sample  # noqa: E402
-from benchmarks.concealed.judge import Verdict, judge  # noqa: E402
+from benchmarks.concealed.evaluate import Evaluation, evaluate  # noqa: E402
 from benchmarks.concealed.numbers import EACH, TOGETHER, error  # noqa: E402
 from benchmarks.concealed.robots import ROBOTS, described, mistaken  # noqa: E402
 from benchmarks.concealed.scene import Scene, rms  # noqa: E402
@@ -32,11 +32,11 @@ JOINTS = ["joint_1", "joint_2", "joint_3"]
 
 @pytest.fixture(scope="module")
 def scene() -> Scene:
-    """The arm along one motion."""
+    """Scene of the arm along one motion."""
     return Scene(described("3r"), (motion.draw(ROBOTS["3r"], np.random.default_rng(3)),))
 
 
-def test_every_law_has_a_case_and_every_robot_health() -> None:
+def test_every_law_has_a_case_and_every_robot_a_healthy_session() -> None:
     found = cases(SUITES, USUAL, SIZES, range(3))
     assert {effect for case in found for effect in case.effects} == set(EFFECTS) | set(FOREIGN) == set(LAWS)
     assert len({case.name for case in found}) == len({case.number for case in found}) == len(found)
@@ -50,7 +50,7 @@ def test_every_law_has_a_case_and_every_robot_health() -> None:
 
 
 @pytest.mark.parametrize("effect", sorted(set(LAWS) - {"backlash", "torque_sign", "channel_swap"}))
-def test_a_fault_is_as_large_as_asked_for(effect: str, scene: Scene) -> None:
+def test_a_fault_reaches_its_size(effect: str, scene: Scene) -> None:
     fault, found = size.plant(effect, "joint_2", 0.05, scene, np.random.default_rng(5))
     asked = 0.05 * (size.PUSH if effect == "external_contact" else 1)
     assert found == pytest.approx(asked, rel=0.02)
@@ -61,7 +61,7 @@ def test_a_fault_is_as_large_as_asked_for(effect: str, scene: Scene) -> None:
     "effect",
     ("spring", "armature", "base_tilt", "link_inertia", "torque_lag", "joint_coupling", "joint_elasticity", "backlash"),
 )
-def test_the_plant_shows_a_fault_as_large_as_asked_for(effect: str, scene: Scene) -> None:
+def test_the_simulated_fault_reaches_its_size(effect: str, scene: Scene) -> None:
     fault, _ = size.plant(effect, "joint_2", 0.05, scene, np.random.default_rng(6))
     track = simulate(scene.body, scene.rotors, scene.motions[0], motion.PERIOD, 500, [fault])
     v = np.gradient(track.q, track.t, axis=0)
@@ -72,13 +72,13 @@ def test_the_plant_shows_a_fault_as_large_as_asked_for(effect: str, scene: Scene
     assert found == pytest.approx(0.05, rel=0.35 if effect == "joint_elasticity" else 0.2)  # a soft gear rings
 
 
-def test_a_soft_gear_that_is_twice_as_large_is_half_as_stiff() -> None:
+def test_doubling_elasticity_halves_the_stiffness() -> None:
     fault = scaled(Fault("joint_elasticity", "joint_1", {"stiffness": 100.0}), 2.0)
     assert fault.numbers["stiffness"] == 50
     assert scaled(Fault("spring", "a", {"stiffness": 2.0, "rest": 0.1}), 3.0).numbers == {"stiffness": 6, "rest": 0.1}
 
 
-def test_a_description_that_is_wrong_is_a_little_wrong() -> None:
+def test_a_wrong_description_has_small_errors() -> None:
     stated = described("ur5")
     true = mistaken(stated, 0.05, np.random.default_rng(0))
     masses = [
@@ -100,7 +100,7 @@ def test_soft_dry_friction_creeps(scene: Scene) -> None:
     assert left[1] > 1.5 * left[0]
 
 
-def test_a_session_tells_nothing_of_its_answer(tmp_path: Path) -> None:
+def test_a_session_does_not_reveal_its_answer(tmp_path: Path) -> None:
     case = Case("exact", "1r", ("coulomb_friction",), 0.05, 0)
     folder = work.make(case, tmp_path)
     assert sorted(path.name for path in folder.iterdir()) == sorted(
@@ -130,17 +130,17 @@ def cause(effect: str, joint: str | None, p: float = 0.99, **more: Any) -> dict[
     return {**found, **more}
 
 
-def document(*findings: Mapping[str, Any], verdict: str = "named", left: Sequence[str] = ()) -> dict[str, Any]:
-    """What a diagnosis says, with what it leaves unexplained."""
-    unexplained = [{"joint": joint, "depends_on": "velocity", "share": 0.5} for joint in left]
-    return {"verdict": verdict, "findings": list(findings), "unexplained": unexplained, "fit": {"after": FIT}}
+def document(*findings: Mapping[str, Any], verdict: str = "named", unexplained: Sequence[str] = ()) -> dict[str, Any]:
+    """Document of a diagnosis with joints of unexplained torque."""
+    rest = [{"joint": joint, "depends_on": "velocity", "share": 0.5} for joint in unexplained]
+    return {"verdict": verdict, "findings": list(findings), "unexplained": rest, "fit": {"after": FIT}}
 
 
-def tell(case: Case, said: Mapping[str, Any], *faults: tuple[str, str | None, dict[str, Any]]) -> Verdict:
-    """The verdict on a document, where these faults are concealed."""
+def evaluation(case: Case, diagnosis: Mapping[str, Any], *faults: tuple[str, str | None, dict[str, Any]]) -> Evaluation:
+    """Evaluate a document against concealed faults."""
     hidden = [{"effect": e, "joint": j, "parameters": p, "size": case.size} for e, j, p in faults]
     joints = JOINTS[: int(case.robot[0])]
-    return judge({**case.told(), "faults": hidden, "joints": joints}, {"document": said, "cpu": 0.5})
+    return evaluate({**case.document(), "faults": hidden, "joints": joints}, {"document": diagnosis, "cpu": 0.5})
 
 
 SINGLE = Case("exact", "3r", ("spring",), 0.05, 0)
@@ -148,7 +148,7 @@ SPRING = ("spring", "joint_2", {"stiffness": 10.0, "rest": 0.0})
 
 
 @pytest.mark.parametrize(
-    ("said", "outcome", "sure", "spurious"),
+    ("diagnosis", "outcome", "sure", "spurious"),
     [
         (document(cause("spring", "joint_2")), "right", False, 0),
         (document(cause("spring", "joint_2"), cause("backlash", "joint_1")), "right", False, 1),
@@ -156,57 +156,64 @@ SPRING = ("spring", "joint_2", {"stiffness": 10.0, "rest": 0.0})
         (document(cause("spring", "joint_3")), "wrong", True, 0),
         (document(cause("spring", "joint_3", 0.8)), "wrong", False, 0),
         (document(cause("armature", "joint_2", 0.6, alternatives=[cause("spring", "joint_2")])), "stated", False, 0),
-        (document(verdict="unknown", left=["joint_2"]), "lead", False, 0),
-        (document(verdict="unknown", left=["joint_1"]), "unknown", False, 0),
-        (document(cause("spring", "joint_2"), verdict="unknown", left=["joint_1"]), "lead", False, 0),
+        (document(verdict="unknown", unexplained=["joint_2"]), "lead", False, 0),
+        (document(verdict="unknown", unexplained=["joint_1"]), "unknown", False, 0),
+        (document(cause("spring", "joint_2"), verdict="unknown", unexplained=["joint_1"]), "lead", False, 0),
         (document(verdict="nothing_missing"), "missed", False, 0),
     ],
 )
-def test_one_fault_is_judged(said: dict[str, Any], outcome: str, sure: bool, spurious: int) -> None:
-    verdict = tell(SINGLE, said, SPRING)
-    assert (verdict.outcome, verdict.sure, verdict.spurious) == (outcome, sure, spurious)
-    assert verdict.after == pytest.approx(1.02)
+def test_evaluation_of_one_fault(diagnosis: dict[str, Any], outcome: str, sure: bool, spurious: int) -> None:
+    found = evaluation(SINGLE, diagnosis, SPRING)
+    assert (found.outcome, found.sure, found.spurious) == (outcome, sure, spurious)
+    assert found.after == pytest.approx(1.02)
 
 
-def test_other_suites_are_judged() -> None:
+def test_evaluation_of_other_suites() -> None:
     healthy = replace(SINGLE, suite="none", effects=())
-    assert tell(healthy, document(verdict="nothing_missing")).outcome == "right"
-    assert tell(healthy, document(cause("spring", "joint_1"))).outcome == "alarm"
-    assert tell(healthy, document(verdict="unknown", left=["joint_1"])).outcome == "alarm"
+    assert evaluation(healthy, document(verdict="nothing_missing")).outcome == "right"
+    assert evaluation(healthy, document(cause("spring", "joint_1"))).outcome == "alarm"
+    assert evaluation(healthy, document(verdict="unknown", unexplained=["joint_1"])).outcome == "alarm"
     both = document(cause("spring", "joint_2"), cause("time_delay", None))
     late = ("time_delay", None, {"delay": 0.01})
     pair = replace(SINGLE, suite="pairs")
-    assert [tell(pair, both, SPRING, x).outcome for x in (late, ("armature", "joint_1", {}))] == ["both", "one"]
-    assert tell(replace(SINGLE, suite="foreign"), document(cause("spring", "joint_2")), ("soft_stop", "joint_2", {}))
+    assert [evaluation(pair, both, SPRING, x).outcome for x in (late, ("armature", "joint_1", {}))] == ["both", "one"]
+    assert evaluation(
+        replace(SINGLE, suite="foreign"), document(cause("spring", "joint_2")), ("soft_stop", "joint_2", {})
+    )
     absent, wave = replace(SINGLE, suite="absent"), ("velocity_wave", "joint_2", {})
-    unknown = document(verdict="unknown", left=["joint_2"])
-    assert tell(absent, unknown, wave).outcome == "right"
-    assert tell(absent, document(cause("spring", "joint_2")), wave).outcome == "wrong"
+    unknown = document(verdict="unknown", unexplained=["joint_2"])
+    assert evaluation(absent, unknown, wave).outcome == "right"
+    assert evaluation(absent, document(cause("spring", "joint_2")), wave).outcome == "wrong"
     crossed = ("crossed_torque", "joint_1", {"partner": "joint_2"})
-    assert tell(absent, unknown, crossed).outcome == "unknown"
+    assert evaluation(absent, unknown, crossed).outcome == "unknown"
     removed = replace(SINGLE, suite="removed", skip=("time_delay",))
-    assert tell(removed, document(cause("torque_lag", None)), late).outcome == "twin"
-    assert tell(removed, unknown, SPRING).outcome == "right"
+    assert evaluation(removed, document(cause("torque_lag", None)), late).outcome == "twin"
+    assert evaluation(removed, unknown, SPRING).outcome == "right"
 
 
-def test_pairs_of_joints_and_lonely_joints_are_told_either_way() -> None:
+def test_pairs_of_joints_and_single_joints_match_either_name() -> None:
     fault = ("channel_swap", "joint_1", {"partner": "joint_2"})
     swapped = replace(SINGLE, effects=("channel_swap",))
     for joint, partner in (("joint_1", "joint_2"), ("joint_2", "joint_1")):
         named = cause("channel_swap", joint, parameters={"partner": {"value": partner}})
-        assert tell(swapped, document(named), fault).outcome == "right"
+        assert evaluation(swapped, document(named), fault).outcome == "right"
     other = cause("channel_swap", "joint_1", parameters={"partner": "joint_3"})
-    assert tell(swapped, document(other), fault).outcome == "wrong"
-    lonely = replace(SINGLE, robot="1r")
+    assert evaluation(swapped, document(other), fault).outcome == "wrong"
+    single = replace(SINGLE, robot="1r")
     assert (
-        tell(lonely, document(cause("time_delay", "joint_1")), ("time_delay", None, {"delay": 0.01})).outcome == "right"
+        evaluation(single, document(cause("time_delay", "joint_1")), ("time_delay", None, {"delay": 0.01})).outcome
+        == "right"
     )
-    assert tell(lonely, document(cause("base_tilt", None)), ("payload", "joint_1", {})).outcome == "twin"
-    assert tell(SINGLE, document(cause("payload", "joint_3")), ("encoder_offset", "joint_3", {})).outcome == "twin"
-    assert tell(SINGLE, document(cause("payload", "joint_3")), ("encoder_offset", "joint_2", {})).outcome == "wrong"
+    assert evaluation(single, document(cause("base_tilt", None)), ("payload", "joint_1", {})).outcome == "twin"
+    assert (
+        evaluation(SINGLE, document(cause("payload", "joint_3")), ("encoder_offset", "joint_3", {})).outcome == "twin"
+    )
+    assert (
+        evaluation(SINGLE, document(cause("payload", "joint_3")), ("encoder_offset", "joint_2", {})).outcome == "wrong"
+    )
 
 
-def test_numbers_are_held_against_the_truth() -> None:
+def test_errors_of_parameters() -> None:
     true = {"level": 2.0, "velocity": 0.1}
     assert error("stribeck_friction", {"level": {"value": 2.2}, "velocity": 0.1}, true, 3) == pytest.approx(0.05)
     wave = {"amplitude": {"value": -1.0}, "phase": {"value": np.pi}}
@@ -216,33 +223,38 @@ def test_numbers_are_held_against_the_truth() -> None:
     assert np.isnan(error("payload", body, body, 1)) and np.isnan(error("link_inertia", body, body, 6))
 
 
-def test_verdicts_add_up() -> None:
+def test_statistics_of_evaluations() -> None:
     found = document(cause("spring", "joint_2", parameters={"stiffness": {"value": 10.4}}))
-    right, missed = tell(SINGLE, found, SPRING), tell(SINGLE, document(verdict="nothing_missing"), SPRING)
-    wrong = tell(SINGLE, document(cause("armature", "joint_2", 0.97)), SPRING)
-    verdicts = [*[right] * 40, missed, wrong]
-    assert confusion(verdicts) == [("exact", "spring", "armature", 1), ("exact", "spring", "nothing", 1)]
-    bins = {one.low: (one.names, one.right) for one in reliability(verdicts)}
+    right, missed = evaluation(SINGLE, found, SPRING), evaluation(SINGLE, document(verdict="nothing_missing"), SPRING)
+    wrong = evaluation(SINGLE, document(cause("armature", "joint_2", 0.97)), SPRING)
+    evaluations = [*[right] * 40, missed, wrong]
+    assert confusion(evaluations) == [("exact", "spring", "armature", 1), ("exact", "spring", "nothing", 1)]
+    bins = {one.low: (one.names, one.right) for one in reliability(evaluations)}
     assert bins[0.99] == (40, 40) and bins[0.95] == (1, 0)
-    told = {target.words: target for target in targets(verdicts)}
-    first = told["exact, 3 joints and more, 5%: effect and joint first"]
+    found_targets = {target.words: target for target in targets(evaluations)}
+    first = found_targets["exact, 3 joints and more, 5%: effect and joint first"]
     assert (first.share, first.of, first.met) == (pytest.approx(40 / 42), 42, False)
-    assert told["wrong and sure (P > .95)"].met is False
-    assert told["exact, median error of numbers at 5 %, plain laws: worst is spring"].share == pytest.approx(0.04)
-    assert told["false alarms"].met is None and told["residual after, over the noise floor: median"].met
+    assert found_targets["wrong and sure (P > .95)"].met is False
+    assert found_targets["exact, median parameter error at 5 %, plain laws: worst is spring"].share == pytest.approx(
+        0.04
+    )
+    assert (
+        found_targets["false alarms"].met is None
+        and found_targets["residual of the extended model over the noise floor: median"].met
+    )
 
 
-def test_what_was_diagnosed_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_diagnoses_are_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     calls = []
-    said = document(cause("viscous_friction", "joint_1"))
-    monkeypatch.setattr(work, "diagnose_session", lambda folder, skip: calls.append((folder, skip)) or said)
+    diagnosis = document(cause("viscous_friction", "joint_1"))
+    monkeypatch.setattr(work, "diagnose_session", lambda folder, skip: calls.append((folder, skip)) or diagnosis)
     monkeypatch.setattr(work, "make", lambda case, cache: cache / "sessions" / case.name)
     case = replace(SINGLE, skip=("spring",))
     assert work.process(case, tmp_path, True, False) == work.process(case, tmp_path, True, False) == ""
     assert calls == [(tmp_path / "sessions" / case.name, ("spring",))]
     (tmp_path / "answers").mkdir()
     (tmp_path / "answers" / f"{case.name}.json").write_text("{}")
-    ((answer, result),) = work.judged([case, SINGLE], tmp_path)
-    assert answer == {} and result["document"] == said and result["cpu"] >= 0
+    ((answer, result),) = work.results([case, SINGLE], tmp_path)
+    assert answer == {} and result["document"] == diagnosis and result["cpu"] >= 0
     monkeypatch.setattr(work, "make", lambda case, cache: 1 / 0)
     assert work.process(SINGLE, tmp_path, True, False).startswith(f"{SINGLE.key}: ZeroDivisionError")

@@ -1,4 +1,4 @@
-"""The judge of known changes of real robots separates right from twin, part and wrong; flags, numbers, the control."""
+"""Evaluation of known changes of real robots: right, twin, part and wrong names; flags, parameters, control."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import pytest
 
-from benchmarks.concealed_real import judge
+from benchmarks.concealed_real import evaluate
 from benchmarks.concealed_real.case import Truth
-from benchmarks.concealed_real.judge import Answer, already_named, flagged
+from benchmarks.concealed_real.evaluate import Answer, already_named, flagged
 from benchmarks.concealed_real.names import EXACT, PART, TWIN, Arm, Candidate, relation
 
 ARM = Arm(("a", "b", "c"))
@@ -31,7 +31,7 @@ def test_a_name_is_right_only_at_its_joint() -> None:
     assert relation(cause("base_tilt", 0, 1, 2), tilt, ARM) == EXACT
 
 
-def test_twins_are_those_that_no_motion_separates() -> None:
+def test_twins_cannot_be_distinguished_by_motion() -> None:
     load, link = Truth(("payload",), (2,)), Truth(("link_inertia",), (1,))
     assert relation(cause("link_inertia", 2), load, ARM) == TWIN
     assert relation(cause("encoder_offset", 2), load, ARM) == TWIN
@@ -46,7 +46,7 @@ def test_twins_are_those_that_no_motion_separates() -> None:
     assert relation(cause("torque_offset", 0), Truth(("base_tilt",), None), replace(ONE, slides=True)) == TWIN
 
 
-def test_a_pair_is_one_in_either_order() -> None:
+def test_a_pair_matches_in_either_order() -> None:
     swap = Truth(("channel_swap",), (0, 1))
     assert relation(cause("channel_swap", 1, 0), swap, ARM) == EXACT
     assert relation(cause("channel_swap", 1, 2), swap, ARM) == ""
@@ -78,7 +78,7 @@ def test_outcomes() -> None:
     rival = replace(other, rivals=(Candidate("coulomb_friction", (1,), 0.1),))
 
     def outcome(*named: Candidate, verdict: str = "named") -> str:
-        return judge.judge(Answer(verdict, named), COULOMB, NOTHING, ARM).outcome
+        return evaluate.evaluate(Answer(verdict, named), COULOMB, NOTHING, ARM).outcome
 
     assert outcome(right, other) == "first"
     assert outcome(other, right) == outcome(rival) == outcome(other, replace(right, cause=False)) == "list"
@@ -87,23 +87,25 @@ def test_outcomes() -> None:
     assert outcome(verdict="refused") == "refused"
     assert outcome(verdict="crash") == "crash"
     refused = Answer("refused", (), ("the torque of b has the wrong sign: negate the column",))
-    assert judge.judge(refused, Truth(("torque_sign",), (1,), fault="sign"), NOTHING, ARM).outcome == "flag"
+    assert evaluate.evaluate(refused, Truth(("torque_sign",), (1,), fault="sign"), NOTHING, ARM).outcome == "flag"
 
 
-def test_what_the_control_says_is_neither_wrong_nor_first() -> None:
+def test_causes_of_the_control_are_neither_wrong_nor_first() -> None:
     old, right, new = cause("spring", 0), cause("coulomb_friction", 1, p=0.8), cause("backlash", 2)
-    found = judge.judge(Answer("named", (old, right, new)), COULOMB, Answer("named", (old,)), ARM)
+    found = evaluate.evaluate(Answer("named", (old, right, new)), COULOMB, Answer("named", (old,)), ARM)
     assert (found.outcome, found.first_new, found.right, found.probability) == ("list", True, True, 0.8)
     assert found.sure == ("backlash c P 0.999",)
-    found = judge.judge(Answer("named", (old, replace(new, probability=0.98))), COULOMB, Answer("named", (old,)), ARM)
+    found = evaluate.evaluate(
+        Answer("named", (old, replace(new, probability=0.98))), COULOMB, Answer("named", (old,)), ARM
+    )
     assert (found.first_new, found.sure) == (False, ())
-    part = judge.judge(Answer("named", (cause("asymmetric_friction", 1),)), COULOMB, NOTHING, ARM)
+    part = evaluate.evaluate(Answer("named", (cause("asymmetric_friction", 1),)), COULOMB, NOTHING, ARM)
     assert (part.outcome, part.relation, part.sure) == ("list", PART, ())
 
 
-def test_a_number_is_what_is_added_or_the_whole_where_the_simulation_states_it() -> None:
-    def numbers(name: Candidate) -> list[judge.Number]:
-        return list(judge.judge(Answer("named", (name,)), COULOMB, NOTHING, ARM).numbers)
+def test_a_parameter_is_compared_with_the_change_or_the_total_if_stated() -> None:
+    def numbers(name: Candidate) -> list[evaluate.Number]:
+        return list(evaluate.evaluate(Answer("named", (name,)), COULOMB, NOTHING, ARM).numbers)
 
     (added,) = numbers(cause("coulomb_friction", 1, level=0.75))
     assert added.truth == 0.8 and added.within
@@ -113,11 +115,11 @@ def test_a_number_is_what_is_added_or_the_whole_where_the_simulation_states_it()
     assert not numbers(cause("coulomb_friction", 1, level=1.1))[0].within
     assert not numbers(cause("coulomb_friction", 0, level=0.8))
     load = Truth(("payload",), (2,), {"mass": -1.0}, last=True)
-    said = Answer("named", (cause("link_inertia", 2, mass=-0.9),))
-    assert [x.within for x in judge.judge(said, load, NOTHING, ARM).numbers] == [True]
+    answer = Answer("named", (cause("link_inertia", 2, mass=-0.9),))
+    assert [x.within for x in evaluate.evaluate(answer, load, NOTHING, ARM).numbers] == [True]
 
 
-def test_the_control_knows_a_law_that_contains_the_truth() -> None:
+def test_the_control_names_a_law_that_contains_the_truth() -> None:
     assert already_named(Answer("named", (cause("asymmetric_friction", 1),)), COULOMB, ARM)
     assert already_named(Answer("named", (cause("coulomb_friction", 1),)), COULOMB, ARM)
     assert not already_named(Answer("named", (cause("coulomb_friction", 0), cause("spring", 1))), COULOMB, ARM)

@@ -1,4 +1,4 @@
-"""Known changes of real robots: each has its effect; rows are judged, counted and printed."""
+"""Known changes of real robots: effect of each change; evaluation, counts and tables of rows."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ ROBOT = Path(__file__).parents[1] / "robots" / "3r"
 
 @pytest.fixture(scope="module")
 def model() -> Model:
-    """The arm of the examples, with a law of each kind at its second joint."""
+    """Model of the example arm with a law of each kind at its second joint."""
     stated = load_model(ROBOT / "robot.urdf")
     sizes = {"coulomb_friction": "level", "viscous_friction": "coefficient", "armature": "inertia"}
     laws = [Law(EFFECTS[effect], (j,), {key: 0.3 + j}) for effect, key in sizes.items() for j in range(3)]
@@ -47,7 +47,7 @@ def setup(model: Model, log: Recording) -> Setup:
     return Setup(model, log, log, 5.0, residual(model, log, 5.0))
 
 
-def test_laws_are_removed_and_scaled_where_it_is_said(model: Model) -> None:
+def test_laws_are_removed_and_scaled_at_the_given_joint(model: Model) -> None:
     bare = changes.without(model, "coulomb_friction", 1)
     assert len(bare.laws) == len(model.laws) - 1
     assert not [law for law in bare.laws if law.effect.name == "coulomb_friction" and law.joints == (1,)]
@@ -57,7 +57,7 @@ def test_laws_are_removed_and_scaled_where_it_is_said(model: Model) -> None:
     assert np.allclose(levels, [0.3, 1.3 / 3, 2.3])
 
 
-def test_a_tilt_is_taken_back_by_its_law(model: Model, log: Recording) -> None:
+def test_the_law_of_a_tilt_compensates_it(model: Model, log: Recording) -> None:
     leaning = changes.tilted(model, TILT, 0.0)
     law = Law(EFFECTS["base_tilt"], (0, 1, 2), {"x": -TILT, "y": 0.0})
     upright = replace(leaning, laws=(*leaning.laws, law))
@@ -66,7 +66,7 @@ def test_a_tilt_is_taken_back_by_its_law(model: Model, log: Recording) -> None:
     assert np.any(np.abs(rms(residual(leaning, log, 5.0)) - plain) > 1e-3 * plain)
 
 
-def test_columns_are_changed_and_nothing_else(log: Recording) -> None:
+def test_changes_affect_their_columns_only(log: Recording) -> None:
     columns = columns_of(log)
     tau = columns["tau"]
     late, early = (changes.shifted(columns, k)["tau"] for k in (3, -3))
@@ -77,7 +77,7 @@ def test_columns_are_changed_and_nothing_else(log: Recording) -> None:
     assert np.array_equal(columns["tau"], columns_of(log)["tau"])
 
 
-def test_what_a_robot_with_a_payload_records_is_what_its_simulation_predicts(model: Model, log: Recording) -> None:
+def test_the_recording_with_a_payload_matches_its_simulation(model: Model, log: Recording) -> None:
     load = payloads.load_of(model)
     carried = payloads.carrying(log, model, load, 5.0)
     bare = payloads.carrying(log, model, None, 5.0)
@@ -88,7 +88,7 @@ def test_what_a_robot_with_a_payload_records_is_what_its_simulation_predicts(mod
     assert np.allclose(rms(residual(with_load, carried, 5.0) - plain), 0, atol=0.01 * rms(lacking - plain).max())
 
 
-def test_every_change_changes_what_is_left(setup: Setup) -> None:
+def test_every_change_changes_the_residual(setup: Setup) -> None:
     cases = list(all_cases(setup))
     kinds = {case.kind for case in cases}
     assert {"law removed", "law of wrong size", "payload carried", "payload gone", "link +20 %", "base tilted"} <= kinds
@@ -98,13 +98,13 @@ def test_every_change_changes_what_is_left(setup: Setup) -> None:
         assert ratios(residual(case.model, case.b, setup.cutoff), before).max() > 1e-4, case.what
 
 
-def test_ratios_are_of_the_change_to_what_is_left() -> None:
+def test_ratios_are_of_change_to_residual() -> None:
     control = np.outer(np.sign(np.sin(1 + np.arange(100.0))), [1.0, -2.0])
     assert np.allclose(ratios(control + [0.5, 0.0], control), [0.5, 0.0])
     assert np.allclose(ratios_apart(2 * control, control), np.sqrt(3))
 
 
-def test_worse_is_beyond_the_spread_of_blocks() -> None:
+def test_worse_means_above_the_standard_error_of_blocks() -> None:
     rng = np.random.default_rng(0)
     given = rng.normal(size=(2000, 2))
     slightly = given * [1.0, 1.3]
@@ -118,7 +118,7 @@ def test_worse_is_beyond_the_spread_of_blocks() -> None:
 
 @pytest.fixture(scope="module")
 def rows(tmp_path_factory: pytest.TempPathFactory) -> list[Row]:
-    """A set of simulated recordings in the place of real ones: its control, and one torque that is negated."""
+    """Rows of a set of simulated recordings: the control and one negated torque."""
     folder = tmp_path_factory.mktemp("data") / "arm"
     folder.mkdir()
     (folder / "robot.urdf").write_text((ROBOT / "robot.urdf").read_text())
@@ -130,7 +130,7 @@ def rows(tmp_path_factory: pytest.TempPathFactory) -> list[Row]:
         return list(rows_of(one, ("torque sign",), None))
 
 
-def test_rows_are_judged_counted_and_shown(rows: list[Row]) -> None:
+def test_rows_are_evaluated_counted_and_shown(rows: list[Row]) -> None:
     control, sign = rows
     assert control["kind"] == "control" and sign["kind"] == "torque sign"
     assert sign["fair"] and sign["outcome"] in ("first", "flag")
@@ -147,7 +147,7 @@ def test_rows_are_judged_counted_and_shown(rows: list[Row]) -> None:
     json.dumps(rows)
 
 
-def test_parts_of_a_real_set_share_no_sample(data: Path) -> None:
+def test_parts_of_a_real_set_are_disjoint(data: Path) -> None:
     one = sets.SETS["tx40"]
     robot = one.robot()
     spans = [sets.read(one, robot, part).read().t[[0, -1]] for part in (*one.a, one.b, one.c)]

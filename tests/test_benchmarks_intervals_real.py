@@ -1,4 +1,4 @@
-"""Intervals on real recordings: parameters of one robot agree between its recordings as often as they say."""
+"""Agreement of parameter intervals between real recordings of one robot."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from benchmarks.intervals_real import SETS, TARGET, Row, judge, share, show
+from benchmarks.intervals_real import SETS, TARGET, Row, evaluate, share, show
 
 
-def test_a_share_counts_differences_within_joint_intervals() -> None:
+def test_share_counts_differences_within_joint_intervals() -> None:
     values, stds = [np.array([0.0, 0.0, 0.0]), np.array([1.0, 3.0, 9.0])], [np.array([1.0, 1.0, np.inf])] * 2
     every = np.ones(3, bool)
     assert share([(0, 1)], values, stds, every) == 50.0
@@ -19,7 +19,7 @@ def test_a_share_counts_differences_within_joint_intervals() -> None:
     assert np.isnan(share([], values, stds, every))
 
 
-def test_a_row_misses_where_one_share_is_too_small() -> None:
+def test_a_row_with_one_small_share_misses_the_target() -> None:
     numbers = dict.fromkeys(("noise_base", "noise_friction", "wider", "seconds"), 1.0)
     good = dict.fromkeys(("base", "friction", "consistent", "consistent_friction"), 95.0)
     assert Row("arm", 2, 0, 1, **good, **numbers).holds
@@ -33,7 +33,7 @@ def test_a_row_misses_where_one_share_is_too_small() -> None:
 
 @pytest.mark.parametrize("group", [group for group in SETS if group.name != "pendulum"], ids=lambda group: group.name)
 def test_recordings_of_a_real_robot_agree(group: object, data: Path) -> None:
-    row = judge(group)  # type: ignore[arg-type]
+    row = evaluate(group)  # type: ignore[arg-type]
     assert row.pairs >= 1 and row.refused == 0
     assert min(row.base, row.friction, row.consistent, row.consistent_friction) >= TARGET
     assert min(row.noise_base, row.noise_friction) < TARGET  # noise alone does not explain the differences

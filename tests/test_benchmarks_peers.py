@@ -1,4 +1,4 @@
-"""The benchmark beside the peers: what signid's rows say of short recordings, and how a peer's report is read."""
+"""Comparison with peers: signid's results on short recordings, and evaluation of a peer's report."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ pytest.importorskip("mujoco", reason="MuJoCo is not installed; pip install 'sign
 
 from benchmarks.peers.ask import Peer  # noqa: E402
 from benchmarks.peers.faults import ENCODER, TORQUE, Arm, Case, cases, motion, record  # noqa: E402
-from benchmarks.peers.handed import describe, hand_over  # noqa: E402
-from benchmarks.peers.row import Heard, Row, hear  # noqa: E402
-from benchmarks.peers.said import Said, say  # noqa: E402
+from benchmarks.peers.findings import Result, diagnose  # noqa: E402
+from benchmarks.peers.job_files import describe, hand_over  # noqa: E402
+from benchmarks.peers.row import PeerResult, Row, compare  # noqa: E402
 from benchmarks.peers.show import tables  # noqa: E402
 from benchmarks.plants.mujoco_ import STEP, simulate  # noqa: E402
 
@@ -31,24 +31,24 @@ def arm() -> Arm:
 
 @pytest.fixture(scope="module")
 def known(arm: Arm) -> Mapping[str, Case]:
-    """Every case by its name."""
+    """Cases by name."""
     return {case.name: case for case in cases(arm)}
 
 
 @pytest.fixture(scope="module")
-def said(arm: Arm, known: Mapping[str, Case], tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Said]:
-    """What signid says of three of them."""
+def results(arm: Arm, known: Mapping[str, Case], tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Result]:
+    """Results of signid for three cases."""
     folder = tmp_path_factory.mktemp("arm")
     describe(arm, folder)
     names = (CLEAN, PAYLOAD, GAIN)
     return {
-        name: say(known[name], folder, *(record(arm, known[name], k, (TRAIN, TEST)[k]) for k in (0, 1)))
+        name: diagnose(known[name], folder, *(record(arm, known[name], k, (TRAIN, TEST)[k]) for k in (0, 1)))
         for name in names
     }
 
 
 def test_there_are_nine_faults_and_a_healthy_robot(arm: Arm, known: Mapping[str, Case]) -> None:
-    faulty = [case for case in known.values() if case.effect and not case.told]
+    faulty = [case for case in known.values() if case.effect and not case.declared]
     assert len(faulty) == 9 and next(iter(known)) == CLEAN and not known[CLEAN].faults
     assert all(case.words for case in faulty)
     assert sum(len(case.faults) == len(arm.body.joints) for case in faulty) == 3  # friction of all joints
@@ -64,16 +64,16 @@ def test_recordings_differ_by_the_fault_alone(arm: Arm, known: Mapping[str, Case
     assert ENCODER < 1e-3 < TORQUE
 
 
-def test_the_healthy_robot_lacks_nothing(said: Mapping[str, Said]) -> None:
-    row = said[CLEAN]
+def test_the_healthy_robot_is_clean(results: Mapping[str, Result]) -> None:
+    row = results[CLEAN]
     assert row.right and row.outcome == "clean" and row.verdict == "nothing_missing" and not row.findings
 
 
 @pytest.mark.parametrize(("name", "effect", "joint", "share"), [
     (PAYLOAD, "payload", "wrist_3_joint", 0.01), (GAIN, "torque_gain", "shoulder_lift_joint", 0.02)
 ])  # fmt: skip
-def test_a_fault_is_named(said: Mapping[str, Said], name: str, effect: str, joint: str, share: float) -> None:
-    row = said[name]
+def test_a_fault_is_named(results: Mapping[str, Result], name: str, effect: str, joint: str, share: float) -> None:
+    row = results[name]
     first = row.findings[0]
     assert row.right and (first.effect, first.joint, first.right, row.joints) == (effect, joint, True, 1)
     assert first.truth is not None and first.value == pytest.approx(first.truth, rel=share)
@@ -81,7 +81,7 @@ def test_a_fault_is_named(said: Mapping[str, Said], name: str, effect: str, join
     assert row.after < 0.5 * row.before and row.seconds > 0
 
 
-def test_the_job_holds_what_the_peers_need(arm: Arm, known: Mapping[str, Case], tmp_path: Path) -> None:
+def test_the_job_contains_all_inputs_of_the_peers(arm: Arm, known: Mapping[str, Case], tmp_path: Path) -> None:
     one, other = (record(arm, known[CLEAN], seed, 2.0) for seed in (0, 1))
     hand_over(arm, one, other, 1.0, tmp_path)
     job = dict(np.load(tmp_path / "job.npz"))
@@ -93,7 +93,7 @@ def test_the_job_holds_what_the_peers_need(arm: Arm, known: Mapping[str, Case], 
     assert np.abs(torque - moved.tau[:4000]).max() < 1e-6  # the loop is the plant's
 
 
-def test_a_report_is_read_against_the_healthy_robots() -> None:
+def test_a_report_is_compared_with_that_of_the_healthy_robot() -> None:
     case = Case("offset", "encoder_offset", (), ("encoder",))
     healthy = {
         "rmse": 1.0,
@@ -105,20 +105,22 @@ def test_a_report_is_read_against_the_healthy_robots() -> None:
         "joints": {"a": 1.1, "b": 1.3},
         "insights": ["Condition number 99 is fine.", "4 are poor: z."],
     }
-    assert hear(case, answer, healthy) == Heard(answer, (), ("b",), 2.0, False)
+    assert compare(case, answer, healthy) == PeerResult(answer, (), ("b",), 2.0, False)
     blunt = {**answer, "insights": [*answer["insights"], "The encoder of b reads too much."]}
-    assert hear(case, blunt, healthy).named and len(hear(case, blunt, healthy).new) == 1
+    assert compare(case, blunt, healthy).named and len(compare(case, blunt, healthy).new) == 1
     bound = {"cost": 2.0, "insights": ["Parameter a (1) is at its lower bound (1)."]}
-    assert hear(case, bound, {"cost": 1.0, "insights": ["Parameter b (2) is at its lower bound (2)."]}).new == ()
-    assert hear(case, {"failed": "no"}, healthy) == Heard({"failed": "no"})
+    assert compare(case, bound, {"cost": 1.0, "insights": ["Parameter b (2) is at its lower bound (2)."]}).new == ()
+    assert compare(case, {"failed": "no"}, healthy) == PeerResult({"failed": "no"})
 
 
-def test_without_peers_the_tables_say_so(known: Mapping[str, Case], said: Mapping[str, Said], tmp_path: Path) -> None:
+def test_without_peers_the_tables_say_so(
+    known: Mapping[str, Case], results: Mapping[str, Result], tmp_path: Path
+) -> None:
     peer = Peer("figaroh_report.py", [], tmp_path)
     assert peer.ask(tmp_path) is None and peer.version == ""
     peer.close()
     console = Console(width=160, record=True, quiet=False)
-    rows = [Row(known[name], said[name], Heard(None), Heard(None)) for name in said]
+    rows = [Row(known[name], results[name], PeerResult(None), PeerResult(None)) for name in results]
     with console.capture() as shown:
         console.print(*tables(rows, ("", "")))
     assert shown.get().count("not installed") == 2 * (1 + len(rows)) and "payload, wrist_3_joint" in shown.get()

@@ -1,4 +1,4 @@
-"""The pendulum in Bullet: it swings as it should, and is identified with and without the signs of its torque."""
+"""Pendulum in Bullet: physics of the simulation, identification with and without torque signs."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_bullet_has_the_inertia_of_the_urdf(pendulum: Pendulum) -> None:
 
 
 def test_every_step_obeys_the_equation_of_motion(pendulum: Pendulum) -> None:
-    """A step's torque moves the pendulum from k to k + 1: the second difference about k is its acceleration."""
+    """Torque of step k moves the pendulum from k to k + 1; the second difference about k is its acceleration."""
     t = np.arange(0, 4, STEP)
     track = pendulum.swing(1.2 * np.sin(6 * t), 7.2 * np.cos(6 * t))
     acceleration = np.diff(track.q, 2) / STEP**2
@@ -45,8 +45,8 @@ def test_every_step_obeys_the_equation_of_motion(pendulum: Pendulum) -> None:
     assert acceleration * INERTIA + GRAVITY * np.sin(track.q[1:-1]) == pytest.approx(track.tau[1:-1], abs=1e-6)
 
 
-def test_it_swings_freely_as_the_analytic_pendulum() -> None:
-    """From rest at 2 rad, for 20 s: no energy is lost; the step's own error shrinks with the step."""
+def test_free_swing_matches_the_analytic_pendulum() -> None:
+    """From rest at 2 rad for 20 s: no energy is lost; the integration error decreases with the step."""
     sine, w = np.sin(1.0), np.sqrt(GRAVITY / INERTIA)
     for step in (1e-3, 2.5e-4):
         swinging = Pendulum(step)
@@ -59,7 +59,7 @@ def test_it_swings_freely_as_the_analytic_pendulum() -> None:
         assert np.ptp(energy) < 1e-5 * GRAVITY * (step / 1e-3) ** 2 + 1e-7 * GRAVITY
 
 
-def test_the_filter_halves_its_corner_and_delays_nothing() -> None:
+def test_the_filter_halves_its_corner_without_delay() -> None:
     t = np.arange(0, 50, PERIOD)
     for corner in filter(None, WAYS.values()):
         wave = np.sin(2 * np.pi * corner * t)
@@ -70,8 +70,8 @@ def test_the_filter_halves_its_corner_and_delays_nothing() -> None:
 
 
 @pytest.mark.parametrize("way", WAYS)
-def test_coefficients_are_found_with_and_without_signs(true: Track, way: str) -> None:
-    """From 17 bits and 2 % of noise: m g d to 0.3 %, I + m d2 to 2 %."""
+def test_coefficients_are_identified_with_and_without_signs(true: Track, way: str) -> None:
+    """With 17 bits and 2 % noise: m g d to 0.3 %, I + m d2 to 2 %."""
     robot, logged = load_robot("1r"), log(true, SEED)
     restored, signs = restore(logged, true)
     assert signs.segments == signs.right == SEARCHED
@@ -84,16 +84,16 @@ def test_coefficients_are_found_with_and_without_signs(true: Track, way: str) ->
         assert (std > 0).all()
 
 
-def test_without_noise_the_bias_of_each_way_shows(true: Track) -> None:
-    """Central differences make inertia 0.1 % too large; nine-point ones do not."""
+def test_bias_of_each_method_without_noise(true: Track) -> None:
+    """Central differences overestimate inertia by 0.1 %; nine-point differences do not."""
     robot, clean = load_robot("1r"), log(true, SEED, bits=40, noise=0.0)
     off = {way: abs(estimate(robot, clean, corner)[0][1] / INERTIA - 1) for way, corner in WAYS.items()}
     assert off["signid's own"] < 1e-4
     assert all(5e-4 < off[way] < 3e-3 for way, corner in WAYS.items() if corner)
 
 
-def test_the_best_signs_are_those_of_a_plain_search() -> None:
-    """Against least squares for each choice of signs; the overall sign makes inertia positive."""
+def test_the_best_signs_match_a_plain_search() -> None:
+    """Compare with least squares for each choice of signs; the overall sign makes inertia positive."""
     rng = np.random.default_rng(3)
     columns, spans = rng.standard_normal((60, 2)), [slice(k, k + 12) for k in range(0, 60, 12)]
     sign = np.repeat([1.0, -1.0, -1.0, 1.0, -1.0], 12)
@@ -112,7 +112,7 @@ def test_the_best_signs_are_those_of_a_plain_search() -> None:
     assert got.value == pytest.approx(rms[1])
 
 
-def test_segments_are_the_longest_runs_beyond_the_quantile() -> None:
+def test_segments_are_the_longest_runs_above_the_quantile() -> None:
     t = np.arange(0, 3 / FUNDAMENTAL, PERIOD)
     magnitude = np.abs(np.sin(2 * np.pi * t))  # 60 half waves
     spans = segments(magnitude)
@@ -121,8 +121,8 @@ def test_segments_are_the_longest_runs_beyond_the_quantile() -> None:
     assert sorted(spans, key=lambda span: span.start) == spans
 
 
-def test_signs_are_not_there_for_free(true: Track) -> None:
-    """Signs predicted by wrong coefficients are wrong where it matters."""
+def test_wrong_coefficients_predict_wrong_signs(true: Track) -> None:
+    """Signs from wrong coefficients are wrong above the quantile as well."""
     columns = np.column_stack([np.sin(true.q), np.gradient(np.gradient(true.q, PERIOD), PERIOD)])[KEPT]
     wrong = predict(columns, TRUTH * [1, -1]) != np.sign(true.tau[KEPT])
     assert wrong.mean() > 0.05

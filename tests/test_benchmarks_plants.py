@@ -1,4 +1,4 @@
-"""Faults in the MuJoCo plant are what their formulas say, to 0.02 % of the joint's torque away from reversals."""
+"""Faults in the MuJoCo plant match their formulas to 0.02 % of the joint's torque away from reversals."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ PLANTS = Path(__file__).parents[1] / "benchmarks" / "plants"
 
 @pytest.fixture(scope="module")
 def clean() -> Track:
-    """The arm without a fault."""
+    """Track of the arm without fault."""
     return simulate(ARM, DRIVES, MOTION, DURATION, FULL)
 
 
 @pytest.mark.parametrize("effect", LAWS)
-def test_the_torque_that_is_left_is_the_law(effect: str) -> None:
+def test_residual_torque_equals_the_law(effect: str) -> None:
     fault, formula = LAWS[effect]
     x, tau = see(simulate(ARM, DRIVES, MOTION, DURATION, FULL, [fault]))
     left = tau - x.load - drives(x)
@@ -40,7 +40,7 @@ def test_the_torque_that_is_left_is_the_law(effect: str) -> None:
     assert worst(left - planted, x, tau) < EXACT * (5 if effect == "external_contact" else 1)  # it jumps
 
 
-def test_laws_with_time_go_by_the_sessions_clock() -> None:
+def test_time_dependent_laws_use_session_time() -> None:
     fault, formula = LAWS["friction_drift"]
     x, tau = see(simulate(ARM, DRIVES, MOTION, 1.0, FULL, [fault], start=3.0))
     assert x.t[0] == 3 + STEP
@@ -49,8 +49,8 @@ def test_laws_with_time_go_by_the_sessions_clock() -> None:
     assert worst(left, x, tau) < EXACT
 
 
-def test_bristles_of_lugre_bend_yield_and_damp() -> None:
-    """Along the recorded motion dz/dt = v - stiffness |v| z / g(v), by implicit steps ten times as fine."""
+def test_lugre_friction_matches_its_differential_equation() -> None:
+    """Implicit integration of dz/dt = v - stiffness |v| z / g(v) along the motion, with ten times finer steps."""
     p = {"level": 0.5, "static": 0.8, "velocity": 0.1, "stiffness": 50.0, "damping": 0.1}
     x, tau = see(simulate(ARM, DRIVES, MOTION, DURATION, FULL, [plant("lugre_friction", **p)]))
     z, torque, fine = 0.0, np.zeros_like(x.t), STEP / 10
@@ -66,7 +66,7 @@ def test_bristles_of_lugre_bend_yield_and_damp() -> None:
 
 
 def heavier(**added: float) -> pin.Model:
-    """The arm as Pinocchio has it, with a mass and its moments added to the last link."""
+    """Pinocchio model of the arm with a mass and its moments added to the last link."""
     model = pin.buildModelFromXML(ARM.urdf)
     mass, moment = added["mass"], np.array([added[f"first_moment_{axis}"] for axis in "xyz"])
     centre = moment / mass
@@ -74,7 +74,7 @@ def heavier(**added: float) -> pin.Model:
     return model
 
 
-def test_a_payload_is_a_point_unless_its_inertia_is_given() -> None:
+def test_a_payload_without_inertia_is_a_point_mass() -> None:
     point = simulate(ARM, DRIVES, MOTION, DURATION, FULL, [plant("payload", None, **CARRIED)])
     x, tau = see(point, heavier(**CARRIED))
     assert worst(tau - x.load - drives(x), x, tau) < EXACT
@@ -87,7 +87,7 @@ def test_a_payload_is_a_point_unless_its_inertia_is_given() -> None:
     assert worst(tau - x.load - drives(x), x, tau) < EXACT
 
 
-def test_a_corrected_link_keeps_its_inertia_about_a_centre_that_moves() -> None:
+def test_a_corrected_link_keeps_its_inertia_about_the_moved_centre() -> None:
     fault = plant("link_inertia", mass=-0.2, first_moment_x=-0.06, first_moment_y=0.01, first_moment_z=0.02)
     model = pin.buildModelFromXML(ARM.urdf)
     old = model.inertias[2]
@@ -97,13 +97,13 @@ def test_a_corrected_link_keeps_its_inertia_about_a_centre_that_moves() -> None:
     assert worst(tau - x.load - drives(x), x, tau) < EXACT
 
 
-def test_gravity_turns_with_the_base() -> None:
+def test_base_tilt_rotates_gravity() -> None:
     track = simulate(ARM, DRIVES, MOTION, DURATION, FULL, [plant("base_tilt", None, x=0.05, y=-0.04)])
     x, tau = see(track, turn=Rotation.from_rotvec([0.05, -0.04, 0]).as_matrix())
     assert worst(tau - x.load - drives(x), x, tau) < EXACT
 
 
-def test_what_is_only_written_down_wrongly(clean: Track) -> None:
+def test_recording_faults(clean: Track) -> None:
     def recorded(*faults: Fault) -> Track:
         track = simulate(ARM, DRIVES, MOTION, DURATION, FULL, faults)
         np.testing.assert_array_equal(track.q, clean.q)
@@ -125,14 +125,14 @@ def test_what_is_only_written_down_wrongly(clean: Track) -> None:
     assert np.max(np.abs(0.02 * slope + smooth[1:-1] - tau[1:-1])[3:]) < 2e-2 * np.max(np.abs(tau))
 
 
-def test_the_loop_sees_the_encoders_offset(clean: Track) -> None:
+def test_the_encoder_offset_acts_on_the_position_loop(clean: Track) -> None:
     track = simulate(ARM, DRIVES, MOTION, DURATION, FULL, [plant("encoder_offset", offset=0.02)])
     assert np.max(np.abs(track.q[4000:] - clean.q[4000:])) < 5e-3  # recorded as asked for, truly elsewhere
     x, tau = see(Track(track.t, track.q - [0, 0.02, 0], track.tau))
     assert worst(tau - x.load - drives(x), x, tau) < EXACT
 
 
-def test_a_weak_motor_gives_its_limit_and_the_request_is_written_down(clean: Track) -> None:
+def test_saturation_limits_the_torque_and_records_the_command(clean: Track) -> None:
     limit = 0.9 * float(np.max(np.abs(clean.tau[:, 0])))
     x, tau = see(simulate(ARM, DRIVES, MOTION, DURATION, FULL, [plant("torque_saturation", 0, limit=limit)]))
     assert 0.02 < np.mean(np.abs(tau[:, 0]) > 1.01 * limit) < 0.9
@@ -140,7 +140,7 @@ def test_a_weak_motor_gives_its_limit_and_the_request_is_written_down(clean: Tra
     assert worst(wrong, x, tau) < 5 * EXACT
 
 
-def test_a_log_counts_trembles_and_loses_as_asked(clean: Track) -> None:
+def test_log_quantises_jitters_and_loses_rows(clean: Track) -> None:
     still = Track(clean.t, clean.q, np.ones_like(clean.tau))
     columns = log(still, 4, bits=12, white=0.1, rate=500)
     steps = np.diff(columns["q_2"]) / (2 * np.pi / 2**12)
@@ -162,7 +162,7 @@ def test_a_log_counts_trembles_and_loses_as_asked(clean: Track) -> None:
     np.testing.assert_array_equal(log(clean, 6, rate=500, lost=0.1)["q_1"], lost["q_1"])
 
 
-def test_the_vocabulary_is_the_one_in_which_faults_are_named() -> None:
+def test_faults_have_the_names_of_signids_effects() -> None:
     assert set(EFFECTS) == {effect.name for effect in NAMED}
     for effect in NAMED:
         assert (
@@ -184,7 +184,7 @@ def test_the_vocabulary_is_the_one_in_which_faults_are_named() -> None:
         ("payload", None, {**CARRIED, "inertia_xx": 0.1}),
     ],
 )
-def test_what_no_plant_could_mean_is_refused(effect: str, joint: str | None, parameters: dict[str, float]) -> None:
+def test_invalid_faults_are_refused(effect: str, joint: str | None, parameters: dict[str, float]) -> None:
     with pytest.raises(ValueError):
         Fault(effect, joint, parameters)
 
@@ -197,18 +197,18 @@ def test_what_no_plant_could_mean_is_refused(effect: str, joint: str | None, par
             plant("link_inertia", 0, mass=-20.0, first_moment_x=0.0, first_moment_y=0.0, first_moment_z=0.0),
             "no|without",
         ),
-        (plant("payload", None, **CARRIED, **dict.fromkeys(INERTIA, -0.1)), "inertia that no body has"),
+        (plant("payload", None, **CARRIED, **dict.fromkeys(INERTIA, -0.1)), "physically inconsistent inertia"),
         (plant("joint_elasticity", 2, stiffness=1e8), "too fast"),
         (Fault("torque_sign", "joint_9", {}), "the joints are joint_1, joint_2, joint_3"),
         (plant("channel_swap", partner="joint_2"), "joint_2 twice"),
     ],
 )
-def test_what_cannot_be_is_refused(fault: Fault, sentence: str) -> None:
+def test_impossible_faults_are_refused(fault: Fault, sentence: str) -> None:
     with pytest.raises(ValueError, match=sentence):
         simulate(ARM, DRIVES, MOTION, 1.0, 1000, [fault])
 
 
-def test_plants_know_nothing_of_signid() -> None:
+def test_plants_do_not_import_signid() -> None:
     for path in PLANTS.glob("*.py"):
         for node in ast.walk(ast.parse(path.read_text())):
             names = [a.name for a in node.names] if isinstance(node, ast.Import) else []

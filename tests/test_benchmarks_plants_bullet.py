@@ -1,4 +1,4 @@
-"""The Bullet plant moves as the MuJoCo plant does, with the same faults."""
+"""Agreement of the Bullet and MuJoCo plants with the same faults."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def alike(body: Body, drives: Drives, motion: Any, duration: float, faults: list
 
 
 @pytest.mark.parametrize("effects", BOTH, ids="-".join)
-def test_bullet_moves_as_mujoco_does(effects: tuple[str, ...]) -> None:
+def test_bullet_agrees_with_mujoco(effects: tuple[str, ...]) -> None:
     alike(ARM, DRIVES, MOTION, 1.2, [LAWS[effect][0] for effect in effects])
 
 
@@ -57,7 +57,7 @@ def test_bullet_moves_as_mujoco_does(effects: tuple[str, ...]) -> None:
     ],
     ids=lambda fault: fault.effect,
 )
-def test_bullet_has_the_same_bodies_and_recorders(fault: Fault) -> None:
+def test_bullet_has_the_same_bodies_and_recording_faults(fault: Fault) -> None:
     alike(Body(ARM.urdf, ARM.joints, {"link_3": 1.1}), DRIVES, MOTION, 0.6, [fault])
 
 
@@ -65,14 +65,14 @@ def test_bullet_has_the_same_bodies_and_recorders(fault: Fault) -> None:
     ("name", "joints", "centre"),
     [("ur5", 6, (0.0, -1.2, 1.2, -0.5, 0.5, 0.0)), ("panda", 7, (0.0, -0.3, 0.0, -1.8, 0.0, 1.8, 0.5))],
 )
-def test_bullet_moves_known_robots_as_mujoco_does(name: str, joints: int, centre: tuple[float, ...]) -> None:
+def test_bullet_agrees_with_mujoco_on_known_robots(name: str, joints: int, centre: tuple[float, ...]) -> None:
     robot = load_robot(name)
     body, whole = Body(robot.document, robot.joints[:joints]), np.ones(joints)
     drives = Drives(0.1 * whole, 0.5 * whole, 0.5 * whole, 0 * whole)
     alike(body, drives, draw_motion(centre, 1), 0.4, [plant("fluid_drag", None, coefficient=3.0)])
 
 
-def test_bullet_holds_at_rest_exactly_and_says_what_it_cannot() -> None:
+def test_bullet_holds_at_rest_exactly_and_refuses_unsupported_faults() -> None:
     limp = Fault("torque_saturation", "joint_1", {"limit": 0.0})
     stuck = Fault("coulomb_friction", "joint_1", {"level": 1.01 * WEIGHT})
     still = np.zeros((2, 1))

@@ -1,4 +1,4 @@
-"""A pendulum in MuJoCo at rest, in a soft joint and in a loose one: against the physics of one body on paper."""
+"""Pendulum in MuJoCo at rest, with elasticity and with backlash, compared with closed-form physics."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from benchmarks.plants.mujoco_ import simulate  # noqa: E402
 
 
 def at_rest(q: float, *faults: Fault, drives: Drives = BARE) -> tuple[float, float]:
-    """Where the pendulum stands in the end, and the torque that its motor gives there [rad, N.m]."""
+    """Final position of the pendulum and motor torque there [rad, N.m]."""
     still = np.zeros((2, 1))
     track = simulate(PENDULUM, drives, Table(np.array([0.0, 2.0]), still + q, still, still), 2.0, 100, faults)
     return float(track.q[-1, 0]), float(track.tau[-1, 0])
 
 
 @pytest.mark.parametrize("angle", [0.4, 1.5, -2.0])
-def test_the_pendulum_weighs_what_it_carries(angle: float) -> None:
+def test_static_torque_of_the_pendulum(angle: float) -> None:
     carried = {"mass": 0.8, "first_moment_x": 0.1, "first_moment_y": 0.3, "first_moment_z": -0.6}
     q, tau = at_rest(angle)
     assert tau == pytest.approx(WEIGHT * np.sin(q), abs=1e-6)
@@ -47,8 +47,8 @@ def test_dry_friction_holds_a_motor_without_torque() -> None:
     assert abs(at_rest(np.pi / 2, limp, Fault("coulomb_friction", "joint_1", {"level": 0.95 * WEIGHT}))[0] - 1.57) > 0.1
 
 
-def test_a_soft_joint_rings_at_its_resonance() -> None:
-    """A push sets the link ringing behind a motor that is too heavy to follow; the motor's torque shows it."""
+def test_an_elastic_joint_oscillates_at_its_resonance() -> None:
+    """A push makes the link oscillate behind a heavy motor; the motor's torque shows the oscillation."""
     stiffness, still, rotor = 4000.0, np.zeros((2, 1)), 300.0
     push = {"force_x": 200.0, "force_y": 0.0, "force_z": 0.0, "start": 0.1, "end": 0.13}
     faults = [
@@ -63,8 +63,8 @@ def test_a_soft_joint_rings_at_its_resonance() -> None:
     assert measured == pytest.approx(np.sqrt((stiffness + WEIGHT) / INERTIA_1R), rel=0.01)
 
 
-def test_a_loose_joint_lets_the_motor_through_its_gap() -> None:
-    """Slowly past the lowest point, the motor carries nothing until it has crossed the gap."""
+def test_a_joint_with_backlash_moves_freely_through_its_gap() -> None:
+    """Slowly past the lowest point, the motor torque is zero until the gap is crossed."""
     gap, t, w = 0.08, np.linspace(0, 40, 401), np.pi / 40
     x = w * t[:, None]
     table = Table(t, -0.3 * np.cos(x), 0.3 * w * np.sin(x), 0.3 * w**2 * np.cos(x))

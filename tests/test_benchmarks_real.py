@@ -1,4 +1,4 @@
-"""The benchmark on real recordings: what it asks, and one robot in full."""
+"""Benchmark on real recordings: targets, tables and one complete robot."""
 
 from __future__ import annotations
 
@@ -18,53 +18,53 @@ from signid.model import Model
 
 
 def repeat(name: str, first: str, value: float, std: float) -> Repeat:
-    """A recording that names something, and a number."""
+    """Diagnosis of a recording with one cause and one parameter."""
     return Repeat("arm", "nothing", name, "named", first, first, 1.0, {"number": (value, std)}, 1.0)
 
 
-def test_a_number_is_within_its_share() -> None:
-    """Nearness is a share of what is wanted."""
+def test_within_uses_a_relative_tolerance() -> None:
+    """The tolerance is relative to the wanted value."""
     assert within("mass", 2.9, 2.805, 0.05).met
     assert not within("mass", 2.6, 2.805, 0.05).met
 
 
 def test_a_row_without_targets_does_not_hold() -> None:
-    """A refusal that nobody asked for is a miss."""
+    """A refusal without target is a miss."""
     row = Row("arm", "payload", "refused", (), (), {}, {}, ("too little",), 0.0, 1.0)
     assert not row.holds
-    assert Row("arm", "payload", "named", (), (Target("told", "1"),), {}, {}, (), 5.0, 1.0).holds
+    assert Row("arm", "payload", "named", (), (Target("shown", "1"),), {}, {}, (), 5.0, 1.0).holds
 
 
 def test_recordings_agree_within_their_intervals() -> None:
-    """The same cause, and numbers no further apart than they are uncertain."""
+    """Same cause, and parameters that agree within their uncertainty."""
     same = [repeat("one", "load", 1.0, 0.1), repeat("two", "load", 1.15, 0.1)]
     assert agree(same).holds
     assert not agree([*same, repeat("three", "lag", 1.1, 0.1)]).same_first
     assert agree([*same, repeat("three", "load", 3.0, 0.1)]).within == {"number": False}
 
 
-def test_tables_say_what_is_missed() -> None:
-    """Every table can be printed."""
+def test_tables_mark_missed_targets() -> None:
+    """All tables can be printed."""
     row = Row("arm", "payload", "named", (), (Target("mass", "1 kg", "2 kg", False),), {}, {"j": 1.0}, (), 5.0, 1.0)
     rows = [repeat("one", "load", 1.0, 0.1), repeat("two", "lag", 9.0, 0.1)]
     console = Console(width=160, record=True, file=open("/dev/null", "w"))  # noqa: SIM115
     console.print(show_rows([row]), show_targets([row]), show_left([row]), show_repeats([rows], [agree(rows)]))
-    told = console.export_text()
-    assert "NOT MET" in told and "apart: number" in told
+    text = console.export_text()
+    assert "NOT MET" in text and "apart: number" in text
 
 
-def test_blocks_part_a_recording(data: Path, tmp_path: Path) -> None:
-    """Every third block is kept apart, and no sample is in two."""
+def test_blocks_split_a_recording(data: Path, tmp_path: Path) -> None:
+    """Every third block is held out, and blocks are disjoint."""
     robot = signid.load_robot(data / "emps_janot" / "emps.urdf")
     whole = signid.read_recording(data / "emps_janot" / "emps_train.csv.gz", robot)
-    learn, judge = blocks(whole, robot, 4.0, 3, tmp_path)
-    assert (len(learn), len(judge)) == (4, 2)
-    ends = sorted((block.read().t[0], block.read().t[-1]) for block in (*learn, *judge))
+    train, held_out = blocks(whole, robot, 4.0, 3, tmp_path)
+    assert (len(train), len(held_out)) == (4, 2)
+    ends = sorted((block.read().t[0], block.read().t[-1]) for block in (*train, *held_out))
     assert all(a[1] < b[0] for a, b in zip(ends[:-1], ends[1:], strict=True))
 
 
-def test_laws_are_left_out_and_summed(data: Path) -> None:
-    """A simulation without its friction, and what the drive has in both directions."""
+def test_laws_are_removed_and_summed(data: Path) -> None:
+    """Model without friction, and total drive parameters in both directions."""
     robot = signid.load_robot("emps")
     train = signid.read_recording(data / "emps_janot" / "emps_train.csv.gz", robot)
     model: Model = signid.identify(robot, [train]).model
@@ -75,7 +75,7 @@ def test_laws_are_left_out_and_summed(data: Path) -> None:
 
 
 def test_the_drive_is_asymmetric(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The whole way on the smallest robot: named, as published, better on the pulses."""
+    """Complete run on the smallest robot: cause named, published parameters, better on the pulses."""
     monkeypatch.setenv("SIGNID_DATA", str(data))
     (row,) = others.emps()
     assert row.findings[0].effect == "asymmetric_friction"

@@ -1,4 +1,4 @@
-"""The parts of the benchmark on lost signs: what is right is told to be right, and what is wrong, wrong."""
+"""Evaluation of recovered torque signs: right and wrong signs, targets and statistics."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import pytest
 
 import signid
 from benchmarks.plants.control import Track
-from benchmarks.signs import coefficients, constants, summary, verdicts
+from benchmarks.signs import coefficients, constants, summary, targets
 from benchmarks.signs.row import Row, Target
 from benchmarks.signs.simulated import logged
-from benchmarks.signs.trial import Puzzle, forget, identify, planted, tell
-from benchmarks.signs.truth import Truth, judge, measured
-from benchmarks.told import finite
+from benchmarks.signs.trial import Puzzle, build_row, forget, identify, planted
+from benchmarks.signs.truth import Truth, evaluate, measured
+from benchmarks.summary import finite
 from signid.regression.session import Options
 from signid.signs.result import SignProof, Signs, SignSegment, Trace
 
@@ -24,17 +24,17 @@ TRUTH = Truth(T, TORQUE, TORQUE)
 
 
 def fake(torque: np.ndarray, flags: tuple[str, ...] = (), confidence: float = 0.9995) -> Signs:
-    """Signs without a mistake: one segment between two changes of sign, of every joint."""
-    told = []
+    """Correct signs: one segment between two sign changes, for every joint."""
+    parts = []
     for joint, own in enumerate(torque.T):
         ends = [0, *(np.flatnonzero(np.diff(np.sign(own))) + 1).tolist(), len(own)]
         for a, b in zip(ends[:-1], ends[1:], strict=True):
-            told.append(SignSegment(0, joint, T[a], T[b - 1], int(np.sign(own[(a + b) // 2])), confidence))
+            parts.append(SignSegment(0, joint, T[a], T[b - 1], int(np.sign(own[(a + b) // 2])), confidence))
     return Signs(
         joints=("a", "b"),
         hidden=tuple(range(torque.shape[1])),
         method="exact",
-        segments=tuple(told),
+        segments=tuple(parts),
         threshold=np.array([0.1, 0.3]),
         proof=SignProof(True, 0.0, 7),
         flags=flags,
@@ -47,41 +47,41 @@ def fake(torque: np.ndarray, flags: tuple[str, ...] = (), confidence: float = 0.
 
 
 def row(**changes: object) -> Row:
-    """A row that holds."""
-    score = judge(fake(TORQUE), [TRUTH])
+    """Row that meets its target."""
+    score = evaluate(fake(TORQUE), [TRUTH])
     shares, distances, seconds = (1.0, 1.0), (0.0, 1.0, 0.0, 0.0, 0.0), (0.1, 0.2)
     found = (*shares, 5, *distances, (1.0, 2.0), (1.0, 1.0), *seconds, True, 0.0, 3, (), score.judged)
     plain = Row("g", "c", "exact", 10, 10, 0, *found)  # type: ignore[arg-type]
     return replace(plain, **changes)  # type: ignore[arg-type]
 
 
-def test_signs_without_a_mistake_are_all_right() -> None:
-    score = judge(fake(TORQUE), [TRUTH])
+def test_correct_signs_are_all_right() -> None:
+    score = evaluate(fake(TORQUE), [TRUTH])
     assert (score.right, score.mixed) == (score.segments, 0)
     assert score.samples == score.small == 1
 
 
-def test_a_wrong_segment_and_wrong_samples_are_seen() -> None:
+def test_a_wrong_segment_and_wrong_samples_are_detected() -> None:
     signs = fake(TORQUE)
     first, *others = signs.segments
     turned = signs.traces[0].signs.copy()
     turned[:100, 0] *= -1
     traces = (replace(signs.traces[0], signs=turned),)
-    score = judge(replace(signs, segments=(first._replace(sign=-first.sign), *others), traces=traces), [TRUTH])
+    score = evaluate(replace(signs, segments=(first._replace(sign=-first.sign), *others), traces=traces), [TRUTH])
     assert score.right == score.segments - 1
     assert not score.judged[0].right
     assert score.samples == pytest.approx(1 - 100 / 2000)
     assert score.small < 1
 
 
-def test_a_segment_with_both_signs_is_judged_by_its_majority() -> None:
+def test_a_segment_with_both_signs_counts_by_its_majority() -> None:
     signs = fake(TORQUE)
     both = SignSegment(0, 0, 1.0, 2.2, 1, 0.9)
-    (judged,) = judge(replace(signs, segments=(both,)), [TRUTH]).judged
+    (judged,) = evaluate(replace(signs, segments=(both,)), [TRUTH]).judged
     assert judged.mixed and judged.right
 
 
-def test_noise_does_not_make_the_truth_of_samples() -> None:
+def test_noise_does_not_change_the_truth_of_samples() -> None:
     noisy = TORQUE + 0.2 * np.random.default_rng(0).standard_normal(TORQUE.shape)
     still = np.outer(T > 4, [1.0, 1.0]) * np.clip(T - 4, 0, 3)[:, None]
     truth = measured(T, still, noisy)
@@ -89,7 +89,7 @@ def test_noise_does_not_make_the_truth_of_samples() -> None:
     assert truth.moving is not None and np.allclose(T[truth.moving][[0, -1]], [4, 7], atol=0.11)
 
 
-def test_a_row_is_held_against_its_target() -> None:
+def test_a_row_is_compared_with_its_target() -> None:
     target = Target(segments=1.0, samples=0.99, off=0.01, ratio=1.3, error=1e-3, seconds=2.0)
     assert row(target=target).holds
     for name, value in {
@@ -104,26 +104,26 @@ def test_a_row_is_held_against_its_target() -> None:
     assert row().worse == 2
 
 
-def test_alarms_and_confidence_are_counted() -> None:
+def test_flags_and_confidence_are_counted() -> None:
     wrong, flagged = row(right=9), row(ratio=5.0, flags=("impure",))
     group = summary.gather("g", [row(), wrong, flagged, row(flags=("close",))])
     assert (group.runs, group.wrong, group.alarms, group.false_alarms) == (4, 2, 1, 1)
-    assert not verdicts.alarm([group]).met
+    assert not targets.alarm([group]).met
     judged = row().judged
     bad = row(judged=(judged[0]._replace(right=False), *judged[1:]))
     *_, sure = summary.reliability([bad, flagged])
     assert (sure.segments, sure.right) == (len(judged), len(judged) - 1)
-    assert not verdicts.of_bins([sure]).met
+    assert not targets.of_bins([sure]).met
 
 
-def test_the_printed_coefficients_that_are_wrong() -> None:
+def test_wrong_printed_coefficients() -> None:
     wrong = [entry.name for entry in coefficients.entries() if entry.wrong]
     assert wrong == [f"pi{k}" for k in (1, 2, 4, 6, 7, 8, 9, 10, 11, 12)]
     assert all(entry.why.startswith("L + d for L - d") for entry in coefficients.entries() if entry.wrong)
-    assert verdicts.of_table().met
+    assert targets.of_table().met
 
 
-def test_base_parameters_of_the_arms_become_the_coefficients() -> None:
+def test_base_parameters_map_to_the_coefficients() -> None:
     arm = signid.load_robot("3r")
     base = signid.inspect(arm, effects=()).base
     found = coefficients.arm_map(base) @ planted(arm)(base, ())
@@ -135,7 +135,7 @@ def test_base_parameters_of_the_arms_become_the_coefficients() -> None:
     assert np.allclose(coefficients.pendulum_map(base) @ planted(pendulum)(base, ()), coefficients.TRUE_1R, atol=1e-12)
 
 
-def test_a_puzzle_solved_without_mistake_is_as_good_as_signs() -> None:
+def test_correct_signs_match_the_signed_identification() -> None:
     robot = signid.load_robot("1r")
     q = np.column_stack([1.2 * np.sin(2 * np.pi * 0.25 * T) + 0.3 * np.sin(2 * np.pi * 0.4 * T)])
     a = np.gradient(np.gradient(q[:, 0], T), T)
@@ -148,13 +148,15 @@ def test_a_puzzle_solved_without_mistake_is_as_good_as_signs() -> None:
     )
     found, seconds = identify(puzzle, *puzzle.read(unsigned=False))
     one = fake(torque)
-    got = tell(puzzle, "exact", replace(found, signs=replace(one, traces=one.traces * 2)), seconds, Target(ratio=1.0))
+    got = build_row(
+        puzzle, "exact", replace(found, signs=replace(one, traces=one.traces * 2)), seconds, Target(ratio=1.0)
+    )
     assert got.perfect and got.holds
     assert (got.parameters, got.off, got.ratio) == (3, 0, 1)
     assert got.held_out == got.held_out_known
 
 
-def test_coarse_torque_has_whole_steps() -> None:
+def test_quantised_torque_has_whole_steps() -> None:
     columns = logged(Track(T, TORQUE, TORQUE), 0, 0.02, step=0.3)
     steps = np.unique(np.diff(np.unique(columns["tau_1"])).round(9))
     assert len(steps) == 1 and steps[0] == pytest.approx(0.3 * np.sqrt(0.5), rel=0.02)
@@ -174,12 +176,12 @@ def test_some_joints_keep_their_signs() -> None:
 
 def test_currents_are_torques_over_their_constants() -> None:
     columns = logged(Track(T, TORQUE, TORQUE), 0, 0.02)
-    told = constants.currents(columns, np.array([2.0, 4.0]))
-    assert set(told) == {"t", "q_1", "q_2", "abs_current_1", "abs_current_2"}
-    assert np.allclose(told["abs_current_2"] * 4, np.abs(columns["tau_2"]))
+    parts = constants.currents(columns, np.array([2.0, 4.0]))
+    assert set(parts) == {"t", "q_1", "q_2", "abs_current_1", "abs_current_2"}
+    assert np.allclose(parts["abs_current_2"] * 4, np.abs(columns["tau_2"]))
 
 
-def test_a_description_that_is_off_has_other_masses() -> None:
+def test_a_wrong_description_has_other_masses() -> None:
     robot = signid.load_robot("3r")
     heavy = constants.heavier(robot, np.array([1.0, 2.0, 0.5]))
     ratio = [b.mass / a.mass for a, b in list(zip(robot.model.inertias, heavy.model.inertias, strict=True))[2:]]
@@ -193,8 +195,8 @@ def test_constants_are_counted() -> None:
     (kind,) = constants.summarise([one, lost])
     assert (kind.arms, kind.refused, kind.constants, kind.inside) == (2, 1, 2, 1)
     assert (kind.median, kind.largest, kind.seconds) == pytest.approx((0.155, 0.3, 2.0))
-    assert all(verdict.met is None for verdict in verdicts.of_constants([kind]))
+    assert all(one.met is None for one in targets.of_constants([kind]))
 
 
-def test_json_has_no_word_for_what_is_no_number() -> None:
+def test_non_finite_numbers_become_null() -> None:
     assert finite({"a": [np.nan, (1.0, float("inf"))], "b": "c"}) == {"a": [None, [1.0, None]], "b": "c"}

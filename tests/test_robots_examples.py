@@ -1,4 +1,4 @@
-"""Every example in robots/ runs, and finds what is true."""
+"""Every example in robots/ runs and identifies the true values."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def test_example(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.parametrize("path", ASKING, ids=lambda path: path.parent.name)
-def test_an_example_without_its_recordings_says_how_to_get_them(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_example_without_recordings_names_the_download_command(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SIGNID_DATA", str(path))
     with pytest.raises(SystemExit, match=f"signid data {path.parent.name} gets them"):
         runpy.run_path(str(path), run_name="__main__")

@@ -1,4 +1,4 @@
-"""Every robot that can be loaded by name is loaded, and its affine map from joints to model is checked."""
+"""Every named robot can be loaded, and its affine map from joints to model is correct."""
 
 from __future__ import annotations
 
@@ -64,15 +64,15 @@ def test_robot(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", sorted(UNMOVED))
-def test_robots_without_a_moving_joint_get_one_sentence(name: str) -> None:
+def test_robots_without_a_moving_joint_are_refused_in_one_sentence(name: str) -> None:
     with pytest.raises(RobotError, match="moving joint") as caught:
         load_robot(name)
     assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("path", MOVED, ids=lambda path: path.stem)
-def test_the_model_is_that_of_the_file(path: Path) -> None:
-    """What is sent to Pinocchio is the file without geometry: the same joints, placements and bodies come out."""
+def test_the_model_matches_the_file(path: Path) -> None:
+    """Pinocchio gets the file without geometry and returns the same joints, placements and bodies."""
     robot, whole = loaded(path), pin.buildModelFromUrdf(str(path))
     assert list(robot.model.names) == list(whole.names)
     assert [j.shortname() for j in robot.model.joints] == [j.shortname() for j in whole.joints]
@@ -85,7 +85,7 @@ def test_the_model_is_that_of_the_file(path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["panda", "pr2", "tiago_pro", "baxter"])  # Pinocchio's own mimics need leaders first
-def test_mimic_joints_give_the_torque_of_the_mimic_model(name: str) -> None:
+def test_mimic_joints_have_the_torque_of_the_mimic_model(name: str) -> None:
     robot = load_robot(name)
     assert robot.model.nv > len(robot.joints)
     reduced = pin.buildModelFromUrdf(robot.path, mimic=True)
@@ -108,7 +108,7 @@ def test_mimic_joints_give_the_torque_of_the_mimic_model(name: str) -> None:
     np.testing.assert_allclose(robot.drive.T @ pin.rnea(robot.model, data, *state), expected, atol=1e-12 * scale)
 
 
-def test_the_fingers_of_the_panda_move_as_one() -> None:
+def test_the_fingers_of_the_panda_are_one_joint() -> None:
     robot = load_robot("panda")
     assert robot.joints[-1] == "panda_finger_joint1" and len(robot.joints) == 8
     fingers = [robot.model.joints[robot.model.getJointId(f"panda_finger_joint{i}")].idx_v for i in (1, 2)]
@@ -117,8 +117,8 @@ def test_the_fingers_of_the_panda_move_as_one() -> None:
 
 
 @pytest.mark.parametrize("name", ["panda", "romeo", "talos_full", "tiago_pro"])
-def test_power_is_the_same_in_joints_and_in_the_model(name: str) -> None:
-    """Joint torque times joint velocity is the rate of energy, taken by central differences."""
+def test_power_is_equal_in_joints_and_model(name: str) -> None:
+    """Joint torque times joint velocity equals the rate of energy, by central differences."""
     robot = load_robot(name)
     rng, h = np.random.default_rng(5), 1e-5
     q, v, a = rng.normal(size=(3, len(robot.joints)))

@@ -1,4 +1,4 @@
-"""The tutorials run, in whatever folder one stands, and what they say of the arm is true."""
+"""The tutorials run in any folder, and their statements about the arm are true."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ TUTORIALS = ("identify_my_arm", "no_torque_sign", "wrong_simulation")
 
 
 @pytest.fixture
-def told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Any:
-    """Runs a tutorial in an empty folder: its names, and what it printed."""
+def run_tutorial(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Any:
+    """Function that runs a tutorial in an empty folder and returns its variables and printed text."""
 
-    def go(name: str) -> tuple[dict[str, Any], str]:
+    def run_in_folder(name: str) -> tuple[dict[str, Any], str]:
         monkeypatch.chdir(tmp_path)
         return runpy.run_path(str(HERE / f"{name}.py")), capsys.readouterr().out
 
-    return go
+    return run_in_folder
 
 
-def test_identify_my_arm(told: Any, tmp_path: Path) -> None:
-    names, printed = told("identify_my_arm")
+def test_identify_my_arm(run_tutorial: Any, tmp_path: Path) -> None:
+    names, printed = run_tutorial("identify_my_arm")
     result, truth = names["result"], tomllib.loads((HERE / "truth.toml").read_text())
     assert not result.flags and not names["checked"].flags and result.fit.held_out_r2.min() > 0.997
     for joint, numbers in names["friction"].items():
@@ -46,23 +46,25 @@ def test_identify_my_arm(told: Any, tmp_path: Path) -> None:
     assert arm.actuators.coulomb_friction[0] == pytest.approx(names["friction"]["joint_1"]["level"], rel=1e-6)
 
 
-def test_no_torque_sign(told: Any, tmp_path: Path) -> None:
-    names, printed = told("no_torque_sign")
+def test_no_torque_sign(run_tutorial: Any, tmp_path: Path) -> None:
+    names, printed = run_tutorial("no_torque_sign")
     assert len(names["right"]) > 30 and all(names["right"])
     assert f"{len(names['right'])} of {len(names['right'])} segments have their true sign" in printed
     assert names["signs"].is_certain() and names["signs"].proof.optimal
     assert names["change"].max() < 1, "standard deviations"
     assert np.allclose(names["result"].fit.held_out_r2, names["signed"].fit.held_out_r2, atol=1e-3)
-    assert any("is not decided" in flag for flag in names["short"].flags), "two seconds are too little, and it says so"
+    assert any("is not decided" in flag for flag in names["short"].flags), (
+        "two seconds are too short, and a flag says so"
+    )
     assert list(tmp_path.iterdir()) == []
 
 
-def test_wrong_simulation(told: Any, tmp_path: Path) -> None:
-    names, printed = told("wrong_simulation")
+def test_wrong_simulation(run_tutorial: Any, tmp_path: Path) -> None:
+    names, printed = run_tutorial("wrong_simulation")
     assert any("joint_3 does not follow" in flag for flag in names["checked"].flags)
     pair = r"\n  (spring|counterbalance) of joint_3.* probability (.*)\n    or (\w+), probability (.*?): (.*)"
     first = re.search(pair, printed)
-    assert first and {first[1], first[3]} == {"spring", "counterbalance"}, "the first recording cannot decide"
+    assert first and {first[1], first[3]} == {"spring", "counterbalance"}, "the first recording cannot distinguish them"
     assert max(float(first[2]), float(first[4])) < 0.9 and "signid excite ROBOT --separate" in first[5]
     assert names["apart"].enough
     surely = names["surely"]
@@ -84,7 +86,7 @@ def test_wrong_simulation(told: Any, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", TUTORIALS)
-def test_it_is_short_and_the_commands_that_it_names_exist(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_tutorial_is_short_and_its_commands_exist(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     text = (HERE / f"{name}.py").read_text()
     assert 60 <= len(text.splitlines()) <= 120
     assert all(word in text for word in ("# Step 1.", "# With your own robot", "columns.toml", "actuators.toml"))

@@ -1,1 +1,1 @@
-"""Physical models, peers and black boxes on the same rows of real recordings that took no part in any fit."""
+"""Physical models, peers and black boxes on the same held-out rows of real recordings."""

@@ -1,8 +1,8 @@
-"""Physical models against black boxes: `python -m benchmarks.blackbox [--sets S ...] [--json FILE]`, with SIGNID_DATA.
+"""Physical models and black boxes on real data: `python -m benchmarks.blackbox [--sets S ...] [--json FILE]`.
 
-Parts A and B of each real set are learned from; part C takes no part in any fit. All methods are judged on the same
-filtered rows of C: rms and R2 of each joint. `diagnose` identifies A and B and diagnoses both again, `diagnose, B`
-identifies A and diagnoses B. figaroh and mujoco.sysid run in their own Python; without it they have a dash.
+Needs SIGNID_DATA. Parts A and B of each real set are training data; part C is held out. All methods are evaluated on
+the same filtered rows of C: rms and R2 of each joint. `diagnose` identifies A and B and diagnoses both; `diagnose, B`
+identifies A and diagnoses B. figaroh and mujoco.sysid run in their own Python; without it their rows show a dash.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from signid.errors import SignidError
 from ..concealed_real.sets import SETS
 from ..one_thread import one_thread
 from ..peers.ask import Peer
-from ..told import finite
+from ..summary import finite
 from . import methods, residual_fit
 from .peers import ask
-from .run import BASE, Judged, run
+from .run import BASE, SetResult, run
 from .show import set_table, summary, totals
 from .task import Method
 
@@ -47,38 +47,42 @@ NAMES: dict[str, Method] = {
 
 
 def parse() -> argparse.Namespace:
-    """The command line."""
+    """Parse the command line."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.blackbox", description=__doc__)
     own = [*NAMES, *PEERS]
     known = [path for path in os.environ.get("SIGNID_PEER_PYTHON", "").split(os.pathsep) if path]
     parser.add_argument("--sets", nargs="+", choices=SETS, default=list(SETS), metavar="SET", help=", ".join(SETS))
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures here, each set when it finishes")
-    parser.add_argument("--limit", type=float, default=LIMIT, metavar="S", help=f"of a diagnosis (default {LIMIT:g})")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to FILE as JSON after each set")
+    parser.add_argument(
+        "--limit", type=float, default=LIMIT, metavar="S", help=f"time limit of a diagnosis (default {LIMIT:g})"
+    )
     parser.add_argument("--skip", nargs="+", choices=own, default=[], metavar="METHOD", help=", ".join(own))
-    parser.add_argument("--peer-python", action="append", default=known, metavar="PATH", help="repeatable")
+    parser.add_argument(
+        "--peer-python", action="append", default=known, metavar="PATH", help="interpreter with a peer (repeatable)"
+    )
     options = parser.parse_args()
     for path in options.peer_python:
         if not Path(path).is_file():
-            parser.error(f"there is no Python at {path}; give the interpreter of the environment that has a peer")
+            parser.error(f"{path} does not exist; give the Python interpreter of an environment with a peer")
     if BASE in options.skip:
         parser.error(f"{BASE} cannot be skipped: the other methods are compared with it")
     return options
 
 
 def main() -> int:
-    """Every set, its table, and the summary."""
+    """Run every set; print its table and the summary."""
     one_thread()
     options, console = parse(), Console(width=240)
     if not os.environ.get("SIGNID_DATA"):
-        sys.exit("SIGNID_DATA is unset: real recordings are not part of the repository")
-    if sentence := residual_fit.missing():
-        sys.exit(sentence)
-    found: list[Judged] = []
+        sys.exit("SIGNID_DATA is not set; real recordings are not in the repository; set it to their folder")
+    if problem := residual_fit.missing():
+        sys.exit(problem)
+    found: list[SetResult] = []
     with ExitStack() as stack:
-        asked = _methods(options, stack)
+        selected = _methods(options, stack)
         for name in options.sets:
             try:
-                found.append(run(SETS[name], asked))
+                found.append(run(SETS[name], selected))
             except SignidError as error:
                 console.print(f"{name}: {error}", soft_wrap=True, highlight=False, markup=False)
                 continue
@@ -90,21 +94,21 @@ def main() -> int:
 
 
 def _methods(options: argparse.Namespace, stack: ExitStack) -> dict[str, Method]:
-    """Methods by their names, peers after least squares; peers end with the stack."""
-    asked = {key: x for key, x in NAMES.items() if key not in options.skip}
-    asked |= {key: partial(x, limit=options.limit) for key, x in DIAGNOSES.items() if key in asked}
+    """Selected methods by name, with peers after least squares; peers end with the stack."""
+    selected = {key: x for key, x in NAMES.items() if key not in options.skip}
+    selected |= {key: partial(x, limit=options.limit) for key, x in DIAGNOSES.items() if key in selected}
     for name, script in PEERS.items():
         if name not in options.skip:
             folder = Path(stack.enter_context(TemporaryDirectory()))
             peer = Peer(script, [*options.peer_python, sys.executable], folder)
             stack.callback(peer.close)
-            asked[name] = partial(ask, peer=peer, name=name)
+            selected[name] = partial(ask, peer=peer, name=name)
     order = ["description", BASE, *PEERS, *NAMES]
-    return dict(sorted(asked.items(), key=lambda x: order.index(x[0])))
+    return dict(sorted(selected.items(), key=lambda x: order.index(x[0])))
 
 
-def _write(path: Path, found: Sequence[Judged]) -> None:
-    """Write the whole file or nothing."""
+def _write(path: Path, found: Sequence[SetResult]) -> None:
+    """Write the file atomically."""
     document = {"sets": [asdict(x) for x in found], "totals": [asdict(x) for x in totals(found)]}
     part = path.with_name(f"{path.name}.part")
     part.write_text(json.dumps(finite(document), indent=1, allow_nan=False) + "\n", encoding="utf-8")

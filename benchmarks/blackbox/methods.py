@@ -1,4 +1,4 @@
-"""Methods that give a signid model: the description, least squares, `identify`, and `diagnose`'s extended model."""
+"""Methods with a signid model: the description, least squares, `identify` and the extended model of `diagnose`."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from ..concealed_real.run import ONCE, attempt
 from .rows import table
 from .task import Answer, Fitted, Task, UnavailableError, identified, together
 
-LIMIT = 60.0  # [s] of one diagnosis
+LIMIT = 60.0  # time limit of one diagnosis [s]
 
 
 def least_squares(robot: Robot, recordings: Sequence[Recording]) -> Fitted:
-    """Weighted least squares of base parameters, viscous and Coulomb friction, offsets and rotors.
+    """Estimate base parameters, viscous and Coulomb friction, offsets and rotors by weighted least squares.
 
-    signid's own regressor and filter, one weight a joint, no instruments, no physical constraints.
+    Uses signid's regressor and filter, one weight per joint, no instruments and no physical constraints.
 
     Args:
-        robot: as described.
-        recordings: to learn from.
+        robot: robot of the description.
+        recordings: training recordings.
     """
     start = time.process_time()
     found = identified(robot, recordings, method="wls", options=signid.Options(instruments=False, whiten=False))
@@ -33,87 +33,87 @@ def least_squares(robot: Robot, recordings: Sequence[Recording]) -> Fitted:
 
 
 def description(task: Task) -> Answer:
-    """The description and the friction that it states, nothing fitted.
+    """Predict with the description and its friction, without fit.
 
     Args:
-        task: the data.
+        task: data of the set.
     """
-    return _judged(task, task.described, 0.0)
+    return _answer(task, task.described, 0.0)
 
 
 def least_squares_answer(task: Task) -> Answer:
-    """The least squares that the set was built with.
+    """Return the least-squares fit of the task.
 
     Args:
-        task: the data.
+        task: data of the set.
     """
-    return Answer(task.judged.rest, task.fitted.seconds)
+    return Answer(task.held_out.rest, task.fitted.seconds)
 
 
 def identify(task: Task) -> Answer:
-    """`signid identify` with its defaults, on A and B.
+    """Run `signid identify` with its defaults on A and B.
 
     Args:
-        task: the data.
+        task: data of the set.
     """
     start = time.process_time()
     model = identified(task.robot, together(task)).model
-    return _judged(task, model, time.process_time() - start)
+    return _answer(task, model, time.process_time() - start)
 
 
 def identify_first(task: Task) -> Answer:
-    """`signid identify` with its defaults, on A alone: the model that is diagnosed.
+    """Run `signid identify` with its defaults on A alone, the model of `diagnose`.
 
     Args:
-        task: the data.
+        task: data of the set.
     """
     start = time.process_time()
     model = identified(task.robot, list(task.a)).model
-    return _judged(task, model, time.process_time() - start)
+    return _answer(task, model, time.process_time() - start)
 
 
 def diagnose(task: Task, limit: float = LIMIT) -> Answer:
-    """The extended model of `signid diagnose`: A is identified, B diagnosed.
+    """Predict with the extended model of `signid diagnose`: A identified, B diagnosed.
 
-    Laws of a single event are left out, as they say nothing about another recording.
+    Laws of a single event are omitted, because they do not apply to another recording.
 
     Args:
-        task: the data.
-        limit: of the diagnosis [s].
+        task: data of the set.
+        limit: time limit of the diagnosis [s].
 
     Raises:
-        UnavailableError: the diagnosis refused, crashed, or was stopped.
+        UnavailableError: the diagnosis refused, crashed or was stopped.
     """
     return _diagnosed(task, list(task.a), [task.b], limit)
 
 
 def diagnose_all(task: Task, limit: float = LIMIT) -> Answer:
-    """The extended model of `signid diagnose`: A and B are identified, and diagnosed again, as others learn from both.
+    """Predict with the extended model of `signid diagnose`: A and B identified and diagnosed.
 
     Args:
-        task: the data.
-        limit: of the diagnosis [s].
+        task: data of the set.
+        limit: time limit of the diagnosis [s].
 
     Raises:
-        UnavailableError: the diagnosis refused, crashed, or was stopped.
+        UnavailableError: the diagnosis refused, crashed or was stopped.
     """
     both = together(task)
     return _diagnosed(task, both, both, limit)
 
 
-def _diagnosed(task: Task, known: Sequence[Recording], asked: Sequence[Recording], limit: float) -> Answer:
-    """The model that some recordings give, extended by what others ask for."""
+def _diagnosed(task: Task, known: Sequence[Recording], diagnosed: Sequence[Recording], limit: float) -> Answer:
+    """Identify a model from `known` and extend it by the diagnosis of `diagnosed`."""
     start = time.process_time()
     model = identified(task.robot, known).model
-    found = attempt(model, asked, limit)
+    found = attempt(model, diagnosed, limit)
     seconds = time.process_time() - start
     if found.diagnosis is None:
         raise UnavailableError(f"{found.answer.verdict}: {' '.join(found.answer.sentences)}")
     extended = found.diagnosis.model
     kept = tuple(law for law in extended.laws if not set(law.parameters) >= ONCE)
     names = dict.fromkeys(x.law.effect.name for x in found.diagnosis.causes)
-    return _judged(task, replace(extended, laws=kept), seconds, ", ".join(names) or found.answer.verdict)
+    return _answer(task, replace(extended, laws=kept), seconds, ", ".join(names) or found.answer.verdict)
 
 
-def _judged(task: Task, model: Model, seconds: float, note: str = "") -> Answer:
+def _answer(task: Task, model: Model, seconds: float, note: str = "") -> Answer:
     return Answer(table(model, task.c, task.cutoff).rest, seconds, note)

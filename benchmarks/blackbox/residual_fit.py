@@ -1,4 +1,4 @@
-"""Black boxes for the residual of least squares: boosted trees and Gaussian processes on positions and derivatives."""
+"""Black-box models of the least-squares residual: boosted trees and Gaussian processes on q, v and a."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from .rows import Array, Table
 from .task import Answer, Task, UnavailableError
 
 Mask = NDArray[np.bool_]
-BLOCKS, EVERY = 15, 5  # blocks in time of a recording; each fifth validates
-TREES, PATIENCE, LEAF = 2000, 30, 20  # trees at most; so many without gain end the search; rows of a leaf at least
-POINTS, LENGTHS = 500, (0.05, 1e3)  # rows of a Gaussian process; bounds of its lengths, in deviations of a feature
-LEAST = 60  # rows below which nothing is learned
+BLOCKS, EVERY = 15, 5  # time blocks per recording; every fifth is validation data
+TREES, PATIENCE, LEAF = 2000, 30, 20  # most trees; trees without gain before early stopping; fewest rows per leaf
+POINTS, LENGTHS = 500, (0.05, 1e3)  # rows of a Gaussian process; bounds of length scales [feature standard deviations]
+LEAST = 60  # fewest rows for a fit
 SEED = 0
 
 
 def missing() -> str:
-    """The sentence on scikit-learn where it is not installed; empty where it is."""
+    """Error message if scikit-learn is not installed, otherwise an empty string."""
     try:
         import sklearn  # noqa: F401
     except ImportError:
@@ -30,49 +30,49 @@ def missing() -> str:
 
 
 def validates(tables: Sequence[Table]) -> Mask:
-    """(M,) whether a row validates: whole blocks in time of each recording, so that neighbours stay together.
+    """Mask (M,) of validation rows: whole time blocks of each recording.
 
     Args:
-        tables: of recordings, M rows together.
+        tables: rows of the recordings, M in total.
     """
     blocks = [np.arange(len(x.rest)) * BLOCKS // max(len(x.rest), 1) for x in tables]
     return np.concatenate([x % EVERY == EVERY // 2 for x in blocks])
 
 
 def boosted(task: Task) -> Answer:
-    """Gradient-boosted trees on q, v, a of all joints, one ensemble a joint, as many as validate best.
+    """Fit gradient-boosted trees on q, v, a of all joints: one ensemble per joint, size chosen by validation.
 
     Args:
-        task: the data.
+        task: data of the set.
 
     Raises:
         UnavailableError: scikit-learn is missing.
     """
     _need()
     start = time.process_time()
-    check, used = validates(task.learned), []
-    added = np.zeros_like(task.judged.rest)
-    x, y, new = (*_stacked(task.learned), task.judged.motion)
+    check, used = validates(task.training), []
+    added = np.zeros_like(task.held_out.rest)
+    x, y, new = (*_stacked(task.training), task.held_out.motion)
     for j in range(y.shape[1]):
         own = np.isfinite(y[:, j])
         count, predicted = boost(x[own], y[own, j], check[own], new)
         added[:, j] = predicted
         used.append(count)
-    note = f"{min(used)} to {max(used)} trees a joint"
-    return Answer(task.judged.rest - added, time.process_time() - start, note)
+    note = f"{min(used)} to {max(used)} trees per joint"
+    return Answer(task.held_out.rest - added, time.process_time() - start, note)
 
 
 def boost(x: Array, y: Array, check: Mask, new: Array) -> tuple[int, Array]:
-    """Trees fitted to rows that do not validate, as many as validate best; then as many fitted to all rows.
+    """Choose the number of trees by validation, then fit this number to all rows.
 
     Args:
-        x: (M, k) features.
-        y: (M,) [N.m or N] residual.
-        check: (M,) whether a row validates.
-        new: (N, k) features to predict for.
+        x: features (M, k).
+        y: residual (M,) [N.m or N].
+        check: mask of validation rows (M,).
+        new: features of the prediction (N, k).
 
     Returns:
-        Number of trees, 0 where none helps, and (N,) [N.m or N] prediction.
+        Number of trees (0 without improvement) and prediction (N,) [N.m or N].
     """
     from sklearn.ensemble import HistGradientBoostingRegressor as Trees
 
@@ -81,41 +81,41 @@ def boost(x: Array, y: Array, check: Mask, new: Array) -> tuple[int, Array]:
     fixed = {"min_samples_leaf": LEAF, "random_state": SEED}
     search = Trees(max_iter=TREES, early_stopping=True, n_iter_no_change=PATIENCE, scoring="loss", **fixed)
     search.fit(x[~check], y[~check], X_val=x[check], y_val=y[check])
-    count = int(np.argmax(search.validation_score_))  # the first is that of a constant
+    count = int(np.argmax(search.validation_score_))  # the first score is that of a constant
     return count, Trees(max_iter=count, early_stopping=False, **fixed).fit(x, y).predict(new) if count else np.zeros(
         len(new)
     )
 
 
 def gaussian(task: Task) -> Answer:
-    """Gaussian processes on q, v, a of the joint itself: squared-exponential kernel, a length each, white noise.
+    """Fit Gaussian processes on q, v, a of each joint: squared-exponential kernel, one length per feature, white noise.
 
-    With q, v, a of all joints and as many rows they were worse on a UR10e and a TX40.
+    Features of all joints with the same number of rows were worse on a UR10e and a TX40.
 
     Args:
-        task: the data.
+        task: data of the set.
 
     Raises:
         UnavailableError: scikit-learn is missing.
     """
     _need()
     start = time.process_time()
-    added = np.zeros_like(task.judged.rest)
-    x, y, new = (*_stacked(task.learned), task.judged.motion)
+    added = np.zeros_like(task.held_out.rest)
+    x, y, new = (*_stacked(task.training), task.held_out.motion)
     for j in range(y.shape[1]):
         own = np.isfinite(y[:, j])
         features = np.arange(j, x.shape[1], y.shape[1])
         added[:, j] = interpolate(x[own][:, features], y[own, j], new[:, features])
-    return Answer(task.judged.rest - added, time.process_time() - start, f"at most {POINTS} rows a joint")
+    return Answer(task.held_out.rest - added, time.process_time() - start, f"at most {POINTS} rows per joint")
 
 
 def interpolate(x: Array, y: Array, new: Array) -> Array:
-    """(N,) [N.m or N] mean of a Gaussian process about zero.
+    """Predict the mean (N,) [N.m or N] of a zero-mean Gaussian process.
 
     Args:
-        x: (M, k) features.
-        y: (M,) [N.m or N] residual.
-        new: (N, k) features to predict for.
+        x: features (M, k).
+        y: residual (M,) [N.m or N].
+        new: features of the prediction (N, k).
     """
     from sklearn.gaussian_process import GaussianProcessRegressor
     from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
@@ -127,7 +127,7 @@ def interpolate(x: Array, y: Array, new: Array) -> Array:
     spread[spread == 0] = 1.0
     kernel = ConstantKernel(0.5) * RBF(np.ones(x.shape[1]), LENGTHS) + WhiteKernel(0.5)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # a length at its bound is no failure
+        warnings.simplefilter("ignore")  # a length scale at its bound is acceptable
         process = GaussianProcessRegressor(kernel, random_state=SEED).fit((x[some] - centre) / spread, y[some] / size)
     return np.asarray(size * process.predict((new - centre) / spread))
 
@@ -137,5 +137,5 @@ def _stacked(tables: Sequence[Table]) -> tuple[Array, Array]:
 
 
 def _need() -> None:
-    if sentence := missing():
-        raise UnavailableError(sentence)
+    if problem := missing():
+        raise UnavailableError(problem)

@@ -25,23 +25,23 @@ Array = NDArray[np.float64]
 
 
 class Table(NamedTuple):
-    """M rows of one recording; NaN where a row does not count."""
+    """M rows of one recording; NaN in excluded rows."""
 
-    motion: Array  # (M, 3 n) q, v, a of all joints, through the filter of the rows
+    motion: Array  # (M, 3 n) q, v, a of all joints, filtered like the rows
     rest: Array  # (M, n) [N.m or N] measured - predicted
     torque: Array  # (M, n) [N.m or N] measured
 
 
 def table(model: Model, recording: Recording, cutoff: float) -> Table:
-    """Rows of a recording in a band.
+    """Filtered rows of a recording.
 
     Args:
-        model: the simulation; its recording laws change the motion, so features come from a model without any.
-        recording: of its joints.
-        cutoff: [Hz].
+        model: simulation model; for features, one without recording laws, which change the motion.
+        recording: recording of the model's joints.
+        cutoff: cut-off of the filter [Hz].
 
     Raises:
-        RecordingError: no stretch is as long as the filter.
+        RecordingError: every stretch is shorter than the filter.
     """
     rows = filtered(model, recording, cutoff)
     moved = (np.hstack([x.motion.q, x.motion.v, x.motion.a]) for x in rows.pieces)
@@ -49,15 +49,15 @@ def table(model: Model, recording: Recording, cutoff: float) -> Table:
 
 
 def filtered(model: Model, recording: Recording, cutoff: float) -> Rows:
-    """Rows of a recording in a band, with the motions and the filter that they are made of.
+    """Filtered rows of a recording with their motions and filter.
 
     Args:
         model: the simulation.
-        recording: of its joints.
-        cutoff: [Hz].
+        recording: recording of the model's joints.
+        cutoff: cut-off of the filter [Hz].
 
     Raises:
-        RecordingError: no stretch is as long as the filter.
+        RecordingError: every stretch is shorter than the filter.
     """
     own = restrict_joints(model, [recording])[0]
     session = prepare(own.robot, [recording], [recording], replace(Options(effects=()), cutoff=cutoff))
@@ -65,13 +65,13 @@ def filtered(model: Model, recording: Recording, cutoff: float) -> Rows:
 
 
 def one_rate(robot: Robot, recordings: Sequence[Recording]) -> list[Recording]:
-    """The recordings at the lowest of their sampling rates; unchanged where they have one rate.
+    """Resample recordings at the lowest of their sampling rates; unchanged if the rates are equal.
 
-    Positions and torques are interpolated linearly: the rates are many times the band of the rows.
+    Linear interpolation suffices, because the rates are far above the cut-off of the rows.
 
     Args:
-        robot: of the recordings.
-        recordings: with positions and torques.
+        robot: robot of the recordings.
+        recordings: recordings with positions and torques.
     """
     moving = hold(robot, resting(robot, but=same_joints(recordings)))
     periods = [survey(recording, moving).period for recording in recordings]

@@ -1,4 +1,4 @@
-"""Run the methods on a set, and judge all on the rows of C that all of them predict."""
+"""Run the methods on a set and evaluate them on the rows of C that all of them predict."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True)
 class Score:
-    """A method on a set; no figures where it could not be run."""
+    """Figures of a method on a set; empty if it could not run."""
 
     method: str
     rms: tuple[float, ...] = ()  # [N.m or N] per joint
     r2: tuple[float, ...] = ()
     seconds: float = 0.0  # processor time
-    note: str = ""  # the reason where it could not be run
+    note: str = ""  # the reason if it could not run
 
 
 @dataclass(frozen=True)
-class Judged:
-    """All methods on the rows of one set."""
+class SetResult:
+    """Figures of all methods on one set."""
 
     name: str
     joints: tuple[str, ...]
@@ -43,30 +43,30 @@ class Judged:
     scores: tuple[Score, ...]
 
 
-def run(one: RealSet, asked: Mapping[str, Method]) -> Judged:
-    """All methods on a set; a refusal or a crash of one is a dash with the reason.
+def run(one: RealSet, selected: Mapping[str, Method]) -> SetResult:
+    """Run all methods on a set; an error of one method becomes its note.
 
     Args:
-        one: the set.
-        asked: methods by their names.
+        one: set of recordings.
+        selected: methods by name.
 
     Raises:
         SignidError: the set cannot be read, or least squares cannot be fitted.
     """
     task = build(one, methods.least_squares)
-    found: dict[str, Answer | str] = {name: _answer(method, task) for name, method in asked.items()}
-    return judge(task, found)
+    found: dict[str, Answer | str] = {name: _answer(method, task) for name, method in selected.items()}
+    return evaluate(task, found)
 
 
-def judge(task: Task, found: Mapping[str, Answer | str]) -> Judged:
-    """Figures of each method on the rows that all of them predict.
+def evaluate(task: Task, found: Mapping[str, Answer | str]) -> SetResult:
+    """Compute the figures of each method on the rows that all of them predict.
 
     Args:
-        task: the data.
-        found: answers, or the reason why there is none.
+        task: data of the set.
+        found: answers, or the reasons for missing ones.
     """
     answers = {name: x for name, x in found.items() if isinstance(x, Answer)}
-    torque, base = task.judged.torque, np.isfinite(task.judged.rest)
+    torque, base = task.held_out.torque, np.isfinite(task.held_out.rest)
     finite = {name: np.isfinite(x.residual) & base for name, x in answers.items() if x.residual.shape == base.shape}
     finite = {name: own for name, own in finite.items() if own.any(axis=0)[base.any(axis=0)].all()}
     counts = np.logical_and.reduce([base, *finite.values()])
@@ -80,23 +80,23 @@ def judge(task: Task, found: Mapping[str, Answer | str]) -> Judged:
             scores.append(Score(name, *figures(answer.residual, torque, counts), answer.seconds, answer.note))
     robot = task.least_squares.robot
     unit = tuple("N" if prismatic else "N.m" for prismatic in robot.prismatic)
-    return Judged(task.name, task.joints, unit, tuple(counts.sum(axis=0).tolist()), task.cutoff, tuple(scores))
+    return SetResult(task.name, task.joints, unit, tuple(counts.sum(axis=0).tolist()), task.cutoff, tuple(scores))
 
 
 def figures(residual: Array, torque: Array, counts: np.ndarray) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Rms [N.m or N] and R2 per joint over the rows that count.
+    """Rms [N.m or N] and R2 per joint over the included rows.
 
     Args:
-        residual: (M, n) [N.m or N].
-        torque: (M, n) [N.m or N] measured.
-        counts: (M, n) whether a row counts.
+        residual: residual (M, n) [N.m or N].
+        torque: measured torque (M, n) [N.m or N].
+        counts: mask of included rows (M, n).
     """
     rms, r2 = [], []
     for rest, measured, own in zip(residual.T, torque.T, counts.T, strict=True):
-        left = float(np.mean(rest[own] ** 2)) if own.any() else np.nan
+        square = float(np.mean(rest[own] ** 2)) if own.any() else np.nan
         power = float(np.var(measured[own])) if own.any() else np.nan
-        rms.append(float(np.sqrt(left)))
-        r2.append(1 - left / power if power > 0 else np.nan)
+        rms.append(float(np.sqrt(square)))
+        r2.append(1 - square / power if power > 0 else np.nan)
     return tuple(rms), tuple(r2)
 
 

@@ -1,4 +1,4 @@
-"""One table a set, and one summary line a method."""
+"""Tables of each set, and a summary with one line per method."""
 
 from __future__ import annotations
 
@@ -8,29 +8,29 @@ from dataclasses import dataclass
 import numpy as np
 from rich.table import Table
 
-from ..told import frame
-from .run import BASE, Judged, Score
+from ..summary import frame
+from .run import BASE, Score, SetResult
 
 
 @dataclass(frozen=True)
 class Total:
-    """A method over all sets."""
+    """Figures of a method over all sets."""
 
     method: str
-    ratio: float  # geometric mean over joints of rms relative to least squares
-    shared: float  # the same over the joints that every method that ran at all has
+    ratio: float  # geometric mean over joints of rms relative to least squares [1]
+    shared: float  # the same over the joints that all methods have in common
     better: int  # joints with a smaller rms than least squares
     joints: int
     sets: int
     seconds: float  # processor time
 
 
-def ratios(one: Judged, score: Score) -> list[float]:
-    """Rms relative to least squares, per joint; NaN where either has none.
+def ratios(one: SetResult, score: Score) -> list[float]:
+    """Rms relative to least squares per joint; NaN without figures.
 
     Args:
-        one: the set.
-        score: of the method.
+        one: results of the set.
+        score: figures of the method.
     """
     base = next((x.rms for x in one.scores if x.method == BASE), ())
     if not base or not score.rms:
@@ -42,17 +42,17 @@ def geometric(values: Iterable[float]) -> float:
     """Geometric mean of the positive finite values; NaN without any.
 
     Args:
-        values: ratios.
+        values: positive ratios.
     """
     own = [x for x in values if np.isfinite(x) and x > 0]
     return float(np.exp(np.mean(np.log(own)))) if own else np.nan
 
 
-def totals(sets: Sequence[Judged]) -> list[Total]:
-    """One line a method, in the order of the first set.
+def totals(sets: Sequence[SetResult]) -> list[Total]:
+    """One total per method, in the order of the first set.
 
     Args:
-        sets: judged.
+        sets: results of the sets.
     """
     names = list(dict.fromkeys(x.method for one in sets for x in one.scores))
     each = {name: _all(sets, name) for name in names}
@@ -68,17 +68,17 @@ def totals(sets: Sequence[Judged]) -> list[Total]:
     return found
 
 
-def set_table(one: Judged) -> Table:
-    """Rms and R2 per joint of every method on a set.
+def set_table(one: SetResult) -> Table:
+    """Table of rms and R2 per joint for every method on a set.
 
     Args:
-        one: the set.
+        one: results of the set.
     """
     names = ("method", *one.joints, "relative", "s", "")
     units = "/".join(dict.fromkeys(one.unit))
     least, most = min(one.rows), max(one.rows)
     rows = f"{most}" if least == most else f"{least} to {most}"
-    table = frame(f"{one.name}: held-out rms [{units}] and (R2), {rows} rows a joint, {one.cutoff:.3g} Hz", names)
+    table = frame(f"{one.name}: held-out rms [{units}] and (R2), {rows} rows per joint, {one.cutoff:.3g} Hz", names)
     table.columns[-1].justify, table.columns[-1].no_wrap = "left", False
     for score in one.scores:
         mean = geometric(ratios(one, score))
@@ -88,7 +88,7 @@ def set_table(one: Judged) -> Table:
     return table
 
 
-def _all(sets: Sequence[Judged], name: str) -> np.ndarray:
+def _all(sets: Sequence[SetResult], name: str) -> np.ndarray:
     values = list[float]()
     for one in sets:
         score = next((x for x in one.scores if x.method == name), Score(name))
@@ -97,10 +97,10 @@ def _all(sets: Sequence[Judged], name: str) -> np.ndarray:
 
 
 def summary(found: Sequence[Total]) -> Table:
-    """One line a method.
+    """Table with one line per method.
 
     Args:
-        found: over all sets.
+        found: totals over all sets.
     """
     names = ("method", "rms over least squares", "joints of all", "better joints", "joints", "sets", "s")
     table = frame("geometric mean over joints", names)

@@ -1,4 +1,4 @@
-"""The data of a set, and what a method hands in."""
+"""Data of a set, and the answer of a method."""
 
 from __future__ import annotations
 
@@ -17,35 +17,35 @@ from .rows import Array, Table, one_rate, table
 
 
 class UnavailableError(SignidError):
-    """A method cannot be run here; the sentence says why."""
+    """A method cannot run here; the message states the reason."""
 
 
 @dataclass(frozen=True)
 class Answer:
     """Residual of a method on the rows of C."""
 
-    residual: Array  # (M, n) [N.m or N]; NaN where a row does not count
+    residual: Array  # (M, n) [N.m or N]; NaN in excluded rows
     seconds: float  # processor time of its fit
     note: str = ""
 
 
 @dataclass(frozen=True)
 class Fitted:
-    """A model and the band of its fit."""
+    """A fitted model and its cut-offs."""
 
     model: Model
-    cutoff: float  # [Hz] of rows
-    position_cutoff: float  # [Hz]
-    period: float  # [s] of sampling
+    cutoff: float  # [Hz] rows
+    position_cutoff: float  # [Hz] positions
+    period: float  # [s] sampling
     seconds: float  # processor time
 
 
 @dataclass(frozen=True)
 class Task:
-    """Parts A and B to learn from, C to judge by, and least squares on A and B, which fixes the band."""
+    """Training parts A and B, held-out part C, and least squares on A and B, which fixes the cut-off."""
 
     name: str
-    robot: Robot  # as described
+    robot: Robot  # robot of the description
     a: tuple[Recording, ...]
     b: Recording
     c: Recording
@@ -53,32 +53,32 @@ class Task:
 
     @property
     def least_squares(self) -> Model:
-        """The model of least squares."""
+        """Model of least squares."""
         return self.fitted.model
 
     @property
     def cutoff(self) -> float:
-        """Of all rows [Hz], chosen from A and B."""
+        """Cut-off of all rows [Hz], chosen from A and B."""
         return self.fitted.cutoff
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """The joints that move."""
+        """Names of the moving joints."""
         return self.least_squares.robot.joints
 
     @property
     def described(self) -> Model:
-        """The description with the friction that it states."""
+        """Model of the description with its friction."""
         robot = self.robot
         return Model(robot, stated_inertials(robot), stated_laws(robot))
 
     @cached_property
-    def learned(self) -> list[Table]:
+    def training(self) -> list[Table]:
         """Rows of A and B with the residual of least squares."""
         return [table(self.least_squares, x, self.cutoff) for x in together(self)]
 
     @cached_property
-    def judged(self) -> Table:
+    def held_out(self) -> Table:
         """Rows of C with the residual of least squares."""
         return table(self.least_squares, self.c, self.cutoff)
 
@@ -87,10 +87,10 @@ Method = Callable[[Task], Answer]
 
 
 def build(one: RealSet, fit: Callable[[Robot, Sequence[Recording]], Fitted]) -> Task:
-    """Read the parts of a set and fit least squares.
+    """Read the parts of a set and fit by least squares.
 
     Args:
-        one: the set.
+        one: set of recordings.
         fit: robot, recordings -> least squares.
     """
     robot = one.robot()
@@ -103,21 +103,21 @@ def together(task: Task) -> list[Recording]:
     """A and B at one sampling rate.
 
     Args:
-        task: the data.
+        task: data of the set.
     """
     return one_rate(task.robot, [*task.a, task.b])
 
 
 def identified(robot: Robot, recordings: Sequence[Recording], **options: object) -> Identification:
-    """Identify from all rows of some recordings.
+    """Identify from all rows of the recordings.
 
-    `identify` needs a recording to judge by. It gets the last of them without its first sample, not C: the fit that it
-    reports is not used.
+    `identify` needs a held-out recording. It gets the last training recording without its first sample; the reported
+    fit is not used.
 
     Args:
-        robot: as described.
-        recordings: to learn from.
-        options: of `signid.identify`.
+        robot: robot of the description.
+        recordings: training recordings.
+        options: arguments of `signid.identify`.
     """
     columns = columns_of(recordings[-1])
     last = rebuilt(robot, columns_of(recordings[-1], start=float(columns["t"][1])))

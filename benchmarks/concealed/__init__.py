@@ -1,1 +1,1 @@
-"""Parts of `benchmarks.concealed`: concealed physics, and the judge of a diagnosis."""
+"""Blind benchmark of diagnosis: robots with concealed faults, and evaluation of the findings."""

@@ -1,16 +1,16 @@
-"""Physics concealed from the diagnosis: `python -m benchmarks.concealed [--only SUITE ...] [--quick] [--json FILE]`.
+"""Diagnosis of concealed faults: `python -m benchmarks.concealed [--only SUITE ...] [--quick] [--json FILE]`.
 
-Robots with something wrong move in MuJoCo (`--plant bullet`: in Bullet); what the simulation knows of them and their
-recordings go to `CACHE/sessions/NAME` (robot.urdf, actuators.toml, recording_1.parquet ...), what is wrong to
-`CACHE/answers/NAME.json`, which the diagnosis never opens, and what it says to `CACHE/diagnoses/NAME.json`.
+Robots with planted faults move in MuJoCo (`--plant bullet`: in Bullet). Their description and recordings are written to
+`CACHE/sessions/NAME` (robot.urdf, actuators.toml, recording_1.parquet ...), the faults to `CACHE/answers/NAME.json`,
+which the diagnosis never reads, and the diagnosis to `CACHE/diagnoses/NAME.json`.
 
-    python -m benchmarks.concealed --make-only --only exact none --robots 3r ur5 --cache DIR     sessions alone
-    python -m benchmarks.concealed --only exact --sizes 0.05 --sample 50 --cache DIR             a part, quickly
-    python -m benchmarks.concealed --judge-only --cache DIR                                      judge what is there
+    python -m benchmarks.concealed --make-only --only exact none --robots 3r ur5 --cache DIR     record sessions only
+    python -m benchmarks.concealed --only exact --sizes 0.05 --sample 50 --cache DIR             random subset of cases
+    python -m benchmarks.concealed --judge-only --cache DIR                                      evaluate cached results
 
-Suites: exact (inertials as stated), hard (5 % wrong, and dry friction that creeps), none (healthy, half of them hard),
-pairs (two at 5 %), foreign (laws that the library has in other words), absent (laws that it has not), removed (the
-library without the effect). `--base 100` draws other seeds than those that something was tuned on.
+Suites: exact (inertials as stated), hard (5 % failures inertials, creeping dry friction), none (healthy, half of them
+hard), pairs (two faults at 5 %), foreign (laws that the library describes by similar effects), absent (laws missing in
+the library), removed (library without the effect). `--base 100` draws seeds that were not used for tuning.
 """
 
 from __future__ import annotations
@@ -28,43 +28,45 @@ from rich.console import Console
 from rich.progress import Progress
 
 from ..one_thread import one_thread
-from ..told import finite
+from ..summary import finite
 from .cases import SIZES, SUITES, Case, cases, quick, sample
-from .judge import Verdict, judge
+from .evaluate import Evaluation, evaluate
 from .robots import ROBOTS
 from .show import tables, targets_table
 from .summary import Target, by_robot, by_size, cells, confusion, reliability, targets
-from .work import judged, process_all
+from .work import process_all, results
 
 USUAL = ("1r", "3r", "ur5", "panda", "kinova", "xarm7")
 
 
 def parse() -> argparse.Namespace:
-    """The command line."""
+    """Parse the command line."""
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.concealed", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--only", nargs="+", choices=SUITES, default=SUITES, metavar="SUITE", help="some suites")
+    parser.add_argument("--only", nargs="+", choices=SUITES, default=SUITES, metavar="SUITE", help="suites to run")
     parser.add_argument("--robots", nargs="+", choices=tuple(ROBOTS), default=USUAL, metavar="ROBOT")
-    parser.add_argument("--effects", nargs="+", default=[], metavar="EFFECT", help="cases with one of these alone")
+    parser.add_argument(
+        "--effects", nargs="+", default=[], metavar="EFFECT", help="run only cases with one of these effects"
+    )
     parser.add_argument("--sizes", nargs="+", type=float, choices=SIZES, default=SIZES, metavar="SIZE")
-    parser.add_argument("--seeds", type=int, default=3, help="of every cell, by default %(default)s")
+    parser.add_argument("--seeds", type=int, default=3, help="seeds per cell (%(default)s)")
     parser.add_argument("--base", type=int, default=0, help="the first seed")
-    parser.add_argument("--sample", type=int, metavar="N", help="that many of the cases, at random")
+    parser.add_argument("--sample", type=int, metavar="N", help="run N random cases")
     parser.add_argument("--quick", action="store_true", help="a small fixed subset")
     parser.add_argument("--plant", choices=("mujoco", "bullet"), default="mujoco")
-    parser.add_argument("--workers", type=int, default=2, help="processes at once, by default %(default)s")
-    parser.add_argument("--cache", type=Path, metavar="DIR", help="keep sessions and diagnoses there")
-    parser.add_argument("--make-only", action="store_true", help="record, and diagnose nothing")
-    parser.add_argument("--judge-only", action="store_true", help="diagnose nothing anew")
-    parser.add_argument("--list", action="store_true", help="name every session that was not judged right")
-    parser.add_argument("--again", action="store_true", help="diagnose anew what was diagnosed before")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers there")
+    parser.add_argument("--workers", type=int, default=2, help="number of parallel processes (%(default)s)")
+    parser.add_argument("--cache", type=Path, metavar="DIR", help="keep sessions and diagnoses in DIR")
+    parser.add_argument("--make-only", action="store_true", help="record sessions without diagnosis")
+    parser.add_argument("--judge-only", action="store_true", help="evaluate existing diagnoses only")
+    parser.add_argument("--list", action="store_true", help="list every session that is not named right")
+    parser.add_argument("--again", action="store_true", help="repeat existing diagnoses")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers to FILE as JSON")
     return parser.parse_args()
 
 
 def chosen(options: argparse.Namespace) -> list[Case]:
-    """The cases that are asked for."""
+    """Select the cases of the options."""
     if options.quick:
         return quick()
     seeds = range(options.base, options.base + options.seeds)
@@ -73,49 +75,51 @@ def chosen(options: argparse.Namespace) -> list[Case]:
     return found if options.sample is None else sample(found, options.sample, options.base)
 
 
-def told(verdicts: Sequence[Verdict], found: Sequence[Target]) -> dict[str, object]:
-    """All numbers, as JSON has them."""
+def document(evaluations: Sequence[Evaluation], found: Sequence[Target]) -> dict[str, object]:
+    """All numbers as a JSON document."""
     machine = {"python": platform.python_version(), "processor": platform.machine()}
     return {
         "machine": machine,
         "targets": [{**asdict(target), "met": target.met} for target in found],
-        "cells": [cell._asdict() for by in (by_size, by_robot) for cell in cells(verdicts, by)],
-        "confusion": confusion(verdicts),
-        "reliability": [one._asdict() for one in reliability(verdicts)],
-        "sessions": [asdict(verdict) for verdict in verdicts],
+        "cells": [cell._asdict() for by in (by_size, by_robot) for cell in cells(evaluations, by)],
+        "confusion": confusion(evaluations),
+        "reliability": [one._asdict() for one in reliability(evaluations)],
+        "sessions": [asdict(one) for one in evaluations],
     }
 
 
 def record(wanted: Sequence[Case], cache: Path, options: argparse.Namespace, console: Console) -> int:
-    """Record and diagnose; how often something went wrong."""
-    wrong = 0
+    """Record and diagnose; return the number of failed cases."""
+    failures = 0
     with Progress(console=Console(stderr=True), disable=not sys.stderr.isatty()) as progress:
         for reason in process_all(wanted, cache, options.workers, progress, not options.make_only, options.again):
             console.print(reason, style="red", highlight=False, soft_wrap=True)
-            wrong += 1
-    return wrong
+            failures += 1
+    return failures
 
 
 def main() -> None:
-    """Record, diagnose, judge, print; exit 1 when a target is missed or a case could not be tried."""
+    """Record, diagnose, evaluate and print; exit with 1 when a target is missed or a case failed."""
     one_thread()
     options, console = parse(), Console(width=150)
-    with tempfile.TemporaryDirectory() as spare:
-        cache, wanted = options.cache or Path(spare), chosen(options)
-        wrong = 0 if options.judge_only else record(wanted, cache, options, console)
+    with tempfile.TemporaryDirectory() as temporary:
+        cache, wanted = options.cache or Path(temporary), chosen(options)
+        failures = 0 if options.judge_only else record(wanted, cache, options, console)
         if options.make_only:
-            sys.exit(bool(wrong))
-        verdicts = [judge(answer, result) for answer, result in judged(wanted, cache)]
-    found = list(targets(verdicts))
-    for table in (*tables(verdicts), targets_table(found)):
+            sys.exit(bool(failures))
+        evaluations = [evaluate(answer, result) for answer, result in results(wanted, cache)]
+    found = list(targets(evaluations))
+    for table in (*tables(evaluations), targets_table(found)):
         console.print(table)
-    for v in verdicts if options.list else ():
+    for v in evaluations if options.list else ():
         if v.outcome not in ("right", "both") or v.spurious:
             console.print(f"{v.name} {v.key}: {v.outcome}, {v.first}, {v.spurious} spurious", highlight=False)
-    console.print(f"{len(verdicts)} of {len(wanted)} sessions judged", highlight=False)
+    console.print(f"{len(evaluations)} of {len(wanted)} sessions evaluated", highlight=False)
     if options.json:
-        options.json.write_text(json.dumps(finite(told(verdicts, found)), indent=1, allow_nan=False), encoding="utf-8")
-    sys.exit(bool(wrong) or any(target.met is False for target in found))
+        options.json.write_text(
+            json.dumps(finite(document(evaluations, found)), indent=1, allow_nan=False), encoding="utf-8"
+        )
+    sys.exit(bool(failures) or any(target.met is False for target in found))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What is concealed in which robot: every case of every suite, each known by a name that tells nothing."""
+"""Cases of all suites: robots with concealed faults and anonymous names."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from ..plants.faults import EFFECTS
 from .shapes import UNSIZED
 
-FAMILIES: Mapping[str, tuple[str, ...]] = {  # foreign laws, and the effects that say the same in other words
+FAMILIES: Mapping[str, tuple[str, ...]] = {  # foreign laws, and the library's effects that count as right
     "tustin_friction": ("stribeck_friction",),
     "lugre_friction": ("presliding_friction", "stribeck_friction", "coulomb_friction"),
     "double_ripple": ("torque_ripple",),
@@ -21,7 +21,7 @@ FAMILIES: Mapping[str, tuple[str, ...]] = {  # foreign laws, and the effects tha
     "soft_stop": ("cable_torque", "spring"),
     "root_load_friction": ("load_friction",),
 }
-ABSENT: Mapping[str, tuple[str, ...]] = {  # laws of no library, and what they depend on
+ABSENT: Mapping[str, tuple[str, ...]] = {  # laws missing in the library, and their variables
     "torque_in_time": ("time",),
     "velocity_wave": ("velocity",),
     "skewed_friction": ("velocity", "position"),
@@ -30,10 +30,10 @@ ABSENT: Mapping[str, tuple[str, ...]] = {  # laws of no library, and what they d
 }
 PAIRWISE = ("joint_coupling", "channel_swap", "crossed_torque")  # need two joints
 SUITES = ("exact", "hard", "none", "pairs", "foreign", "absent", "removed")
-SIZES = (0.02, 0.05, 0.15)
-MEDIUM = (0.05, 0.15)  # of foreign and absent laws
-PAIR, PAIRS = 0.05, 12  # size of either of two, and pairs a robot and seed
-HEALTHY = 6  # a robot and seed; every other one hard
+SIZES = (0.02, 0.05, 0.15)  # torque of a fault over the joint's torque, rms [1]
+MEDIUM = (0.05, 0.15)  # sizes of foreign and absent laws [1]
+PAIR, PAIRS = 0.05, 12  # size of each of two faults [1], pairs per robot and seed
+HEALTHY = 6  # healthy sessions per robot and seed, every second one hard
 QUICK: Mapping[str, tuple[str, ...]] = {
     "exact": (
         *("viscous_friction", "coulomb_friction", "armature", "torque_offset", "spring", "counterbalance"),
@@ -45,12 +45,12 @@ QUICK: Mapping[str, tuple[str, ...]] = {
     "absent": ("velocity_wave",),
 }
 REMOVED = tuple(name for name in EFFECTS if name not in UNSIZED)
-HARD_ERROR = 0.05  # of masses; inertias twice, centres 5 mm
+HARD_ERROR = 0.05  # relative error of masses [1]; inertias twice as much, centres 5 mm
 
 
 @dataclass(frozen=True)
 class Case:
-    """One session to be made and diagnosed."""
+    """One session to record and diagnose."""
 
     suite: str
     robot: str
@@ -58,52 +58,52 @@ class Case:
     size: float
     seed: int
     hard: bool = False
-    skip: tuple[str, ...] = ()  # effects that the library is without
+    skip: tuple[str, ...] = ()  # effects removed from the library
     plant: str = "mujoco"
 
     @property
     def key(self) -> str:
-        """In words."""
+        """Readable name."""
         hard = "hard" if self.hard else "exact"
         return "/".join([self.suite, self.robot, "+".join(self.effects), f"{self.size:g}", str(self.seed), hard])
 
     @property
     def name(self) -> str:
-        """Of its folder; it tells nothing."""
+        """Anonymous name of its folder."""
         return sha256(f"{self.key}/{self.plant}/{self.skip}".encode()).hexdigest()[:12]
 
     @property
     def number(self) -> int:
-        """Seeds all that is random about it."""
+        """Seed of the random generator."""
         return int(self.name, 16)
 
-    def told(self) -> dict[str, object]:
-        """As JSON has it."""
+    def document(self) -> dict[str, object]:
+        """JSON document."""
         return {**asdict(self), "key": self.key, "name": self.name}
 
 
 def cases(
     suites: Sequence[str], robots: Sequence[str], sizes: Sequence[float], seeds: Sequence[int], plant: str = "mujoco"
 ) -> list[Case]:
-    """All cases of some suites."""
-    made = {"exact": _single, "hard": _single, "none": _healthy, "pairs": _pairs}
+    """List all cases of the suites."""
+    makers = {"exact": _single, "hard": _single, "none": _healthy, "pairs": _pairs}
     found: list[Case] = []
     for suite in suites:
         for robot in robots:
             for seed in seeds:
-                found += [replace(case, plant=plant) for case in made.get(suite, _others)(suite, robot, sizes, seed)]
+                found += [replace(case, plant=plant) for case in makers.get(suite, _others)(suite, robot, sizes, seed)]
     return [case for case in found if _possible(case)]
 
 
 def quick() -> list[Case]:
-    """The same few cases every time, of the arm of three joints at 15 %, and two healthy ones."""
+    """Fixed subset of cases of the three-joint arm at 15 %, and two healthy ones."""
     found = cases(tuple(QUICK), ("3r",), SIZES[-1:], (0,))
     healthy = cases(("none",), ("3r",), SIZES, (0,))[:2]
     return [*(case for case in found if set(case.effects) & set(QUICK[case.suite])), *healthy]
 
 
 def sample(found: Sequence[Case], number: int, seed: int) -> list[Case]:
-    """So many of the cases at random, in their order."""
+    """Random subset of the cases, in their order."""
     chosen = np.random.default_rng(seed).permutation(len(found))[:number]
     return [found[k] for k in sorted(chosen.tolist())]
 
@@ -120,7 +120,7 @@ def _healthy(suite: str, robot: str, sizes: Sequence[float], seed: int) -> Itera
 
 
 def _pairs(suite: str, robot: str, sizes: Sequence[float], seed: int) -> Iterator[Case]:
-    """Any two effects of the library; the same draw for every robot would try fewer."""
+    """Random pairs of effects, drawn separately for each robot to cover more pairs."""
     draw = int(sha256(f"{robot}/{seed}".encode()).hexdigest()[:12], 16)
     rng, names = np.random.default_rng(draw), np.array(REMOVED)
     for _ in range(PAIRS):
@@ -139,7 +139,7 @@ def _others(suite: str, robot: str, sizes: Sequence[float], seed: int) -> Iterat
 
 
 def _possible(case: Case) -> bool:
-    """Whether the robot has the joints, and the plant the parts."""
+    """Whether robot and plant support the case."""
     lonely = case.robot == "1r" and set(case.effects) & set(PAIRWISE)
     gears = case.plant == "bullet" and set(case.effects) & {"backlash", "joint_elasticity"}
     return not lonely and not gears and not (case.plant == "bullet" and case.hard)

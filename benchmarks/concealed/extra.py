@@ -1,4 +1,4 @@
-"""What a fault takes of the motors along a session's motions: torque that the healthy robot would not need."""
+"""Additional motor torque caused by a fault along the motions of a session."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from .scene import RATE, Scene
 
 Array = NDArray[np.float64]
 
-AMPLE = 1e6  # N.m of dry friction about which levels are looked at
+AMPLE = 1e6  # dry friction that keeps the levels of faults positive [N.m]
 RIGID = ("payload", "link_inertia", "base_tilt")
 DRIVES = ("viscous_friction", "coulomb_friction", "torque_offset", "armature")
 RECORDING = ("torque_gain", "torque_lag", "time_delay", "torque_sign", "channel_swap")
 
 
 def extra(scene: Scene, fault: Fault) -> Array:
-    """(N, n) [N.m] that the motors must add, or that is written down, because of a fault.
+    """Additional motor or recorded torque (N, n) [N.m] caused by a fault.
 
     Raises:
-        ValueError: for a fault that has to be simulated to be seen.
+        ValueError: for a fault that requires simulation.
     """
     effect = fault.effect
     if effect in (*LEVELS, *TORQUES, *MEMORIES, *FOREIGN):
@@ -37,7 +37,7 @@ def extra(scene: Scene, fault: Fault) -> Array:
             return law(scene, fault)
     own = OTHERS.get(effect)
     if own is None:
-        raise ValueError(f"{effect} shows only where it is simulated")
+        raise ValueError(f"the torque of {effect} requires simulation")
     return own(scene, fault)
 
 

@@ -1,4 +1,4 @@
-"""Motions of the recordings: Fourier series that return every eight seconds."""
+"""Motions of the recordings: Fourier series with a period of eight seconds."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from .robots import Place
 
 Array = NDArray[np.float64]
 
-PERIOD, PERIODS = 8.0, 2  # s, and how many a recording has
-ORDERS = np.array([1, 2, 3, 5, 8, 12])  # of the harmonics
-SPEED = 2.2  # rad/s at most
-ASIDE, SMALLER = 0.3, 0.7  # rad that a motion's centre differs by, and the least share of the reach that it uses
+PERIOD, PERIODS = 8.0, 2  # period [s], periods per recording
+ORDERS = np.array([1, 2, 3, 5, 8, 12])  # orders of the harmonics
+SPEED = 2.2  # largest joint speed [rad/s]
+ASIDE, SMALLER = 0.3, 0.7  # largest shift of a motion's centre [rad], smallest used share of the reach [1]
 
 
 class Fourier(NamedTuple):
@@ -33,7 +33,7 @@ class Fourier(NamedTuple):
 
 
 def draw(place: Place, rng: np.random.Generator) -> Fourier:
-    """A random motion about the place, as large as its reach or the speed allows."""
+    """Draw a random motion about the place, scaled to the limit of reach or speed."""
     n = len(place.centre)
     sine, cosine = rng.standard_normal((2, len(ORDERS), n)) / np.sqrt(ORDERS)[:, None]
     q, v, _ = Fourier(sine, cosine, np.zeros(n)).at(np.arange(0, PERIOD, 0.01))

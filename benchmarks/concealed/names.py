@@ -1,4 +1,4 @@
-"""Whether a name is the right one: effects at joints, pairs of joints, and twins that no motion separates."""
+"""Comparison of named effects and joints with the truth, including twins that no motion distinguishes."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 from .cases import FAMILIES
 
-MUTUAL = ("joint_coupling", "channel_swap")  # told from either joint
-ALONE = (  # one and the same on a single joint
+MUTUAL = ("joint_coupling", "channel_swap")  # named at either of two joints
+ALONE = (  # equivalent on a single joint
     {"counterbalance", "base_tilt", "encoder_offset", "payload", "link_inertia"},
     {"quadratic_friction", "fluid_drag"},
 )
@@ -19,16 +19,16 @@ LAST = {"payload", "link_inertia", "encoder_offset"}
 
 
 class Truth(NamedTuple):
-    """What is concealed."""
+    """A concealed fault."""
 
-    effects: tuple[str, ...]  # any of which is right
+    effects: tuple[str, ...]  # effects that count as right
     joints: tuple[str | None, ...]
     partner: str | None
     parameters: Mapping[str, Any]
 
 
 def truths(answer: Mapping[str, Any]) -> list[Truth]:
-    """What an answer conceals; of a foreign law, the family that it is of."""
+    """Concealed faults of an answer; a foreign law is represented by its family."""
     found = []
     for fault in answer["faults"]:
         effect, joint, partner = fault["effect"], fault["joint"], fault["parameters"].get("partner")
@@ -42,7 +42,7 @@ def truths(answer: Mapping[str, Any]) -> list[Truth]:
 
 
 def is_right(name: Mapping[str, Any], truth: Truth) -> bool:
-    """Whether a finding or an alternative is what is concealed; a pair may be told from either joint."""
+    """Whether a finding or alternative matches the truth; a pair may be named at either joint."""
     if name["effect"] not in truth.effects or name["joint"] not in truth.joints:
         return False
     given = name.get("parameters", {}).get("partner")
@@ -51,12 +51,12 @@ def is_right(name: Mapping[str, Any], truth: Truth) -> bool:
 
 
 def contains(name: Mapping[str, Any], truth: Truth) -> bool:
-    """Whether a law is a part of the one that is named at its joint."""
+    """Whether the true law is part of the named one at the same joint."""
     return truth.effects[0] in WHOLE.get(name["effect"], ()) and name["joint"] in truth.joints
 
 
 def is_twin(name: Mapping[str, Any], truth: Truth, joints: Sequence[str]) -> bool:
-    """Whether no motion tells a name from what is concealed."""
+    """Whether no motion distinguishes the named effect from the truth."""
     (effect, *_), (joint, *_) = truth.effects, truth.joints
     both, same = {name["effect"], effect}, name["joint"] in truth.joints
     if len(joints) == 1 and any(both <= group for group in ALONE):
@@ -67,6 +67,6 @@ def is_twin(name: Mapping[str, Any], truth: Truth, joints: Sequence[str]) -> boo
 
 
 def is_lead(document: Mapping[str, Any], truth: Truth) -> bool:
-    """Whether what is left unexplained points at the joint: most of it, or any where the whole robot is meant."""
-    left = sorted(document["unexplained"], key=lambda x: -float(x["share"]))
-    return bool(left) and (None in truth.joints or left[0]["joint"] in truth.joints)
+    """Whether the largest unexplained residual is at a true joint, or any residual for a fault of the whole robot."""
+    unexplained = sorted(document["unexplained"], key=lambda x: -float(x["share"]))
+    return bool(unexplained) and (None in truth.joints or unexplained[0]["joint"] in truth.joints)

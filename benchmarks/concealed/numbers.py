@@ -1,4 +1,4 @@
-"""How far the numbers of a law that was named rightly are from those that were planted."""
+"""Errors of the parameters of a correctly named law."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-EACH: Mapping[str, tuple[str, ...]] = {  # mean of the relative errors of these
+EACH: Mapping[str, tuple[str, ...]] = {  # parameters whose relative errors are averaged
     "viscous_friction": ("coefficient",),
     "coulomb_friction": ("level",),
     "asymmetric_friction": ("viscous_positive", "viscous_negative", "coulomb_positive", "coulomb_negative"),
@@ -33,27 +33,29 @@ EACH: Mapping[str, tuple[str, ...]] = {  # mean of the relative errors of these
     "torque_saturation": ("limit",),
     "fluid_drag": ("coefficient",),
 }
-TOGETHER: Mapping[str, Mapping[str, float]] = {  # length of the difference over that of the truth, in these units
+TOGETHER: Mapping[
+    str, Mapping[str, float]
+] = {  # vectors: length of the difference over that of the truth, in these units
     "payload": {"mass": 0.1, "first_moment_x": 1.0, "first_moment_y": 1.0, "first_moment_z": 1.0},
     "base_tilt": {"x": 1.0, "y": 1.0},
     "external_contact": {"force_x": 1.0, "force_y": 1.0, "force_z": 1.0},
 }
-UNSIGNED = ("position_friction", "torque_ripple")  # an amplitude below zero is another phase
-ROUGH = (  # laws whose numbers are harder to tell
+UNSIGNED = ("position_friction", "torque_ripple")  # a negative amplitude is a phase shift
+ROUGH = (  # laws with less accurate parameters
     *("load_friction", "stribeck_friction", "position_friction", "external_contact", "friction_drift"),
     *("joint_elasticity", "backlash", "presliding_friction"),
 )
-SEEN = 3  # joints that see all numbers of a body or a push
+SEEN = 3  # joints needed to identify all parameters of a body or a push
 
 
 def error(effect: str, found: Mapping[str, Any], true: Mapping[str, Any], joints: int) -> float:
-    """Relative error of a law's numbers; NaN where motion does not tell them all, or they are not given.
+    """Relative error of a law's parameters; NaN if some are unidentifiable or missing.
 
     Args:
-        effect: its name.
-        found: as a finding has them, `{"value": ...}` by key.
-        true: by key.
-        joints: how many the robot has.
+        effect: name of the effect.
+        found: parameters of a finding, `{"value": ...}` by key.
+        true: true parameters by key.
+        joints: number of joints.
     """
     if effect == "counterbalance":
         pairs = [_wave(found), (float(true["amplitude"]), float(true["phase"]))]

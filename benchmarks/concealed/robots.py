@@ -1,4 +1,4 @@
-"""The robots of the blind benchmark, as a description without looks, and where they move."""
+"""Robots of the blind benchmark: descriptions without visuals, and ranges of motion."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from ..plants.bodies import Body, bare
 
 Array = NDArray[np.float64]
 
-MASS, CENTRE, INERTIA = 1.0, 0.1, 2.0  # [1, m, 1] errors of inertials, times what they are wrong by
-LEAST = 0.3  # of an inertia that is wrong, as a share of what is stated
+MASS, CENTRE, INERTIA = 1.0, 0.1, 2.0  # errors of mass [1], centre [m] and inertia [1] per unit of `error`
+LEAST = 0.3  # smallest factor on a stated mass or inertia [1]
 
 
 class Place(NamedTuple):
-    """Where a robot moves: the middle of its motions, and how far from there at most."""
+    """Centre and largest amplitude of a robot's motions."""
 
     centre: tuple[float, ...]  # (n,) [rad]
     reach: float  # rad
@@ -31,14 +31,14 @@ ROBOTS: Mapping[str, Place] = {
     "3r": Place((0.0, 0.4, 0.6), 1.0),
     "ur5": Place((0.0, -1.2, 1.2, -0.6, 0.9, 0.3), 0.9),
     "panda": Place((0.0, -0.3, 0.0, -1.8, 0.3, 1.6, 0.4), 0.6),
-    "kinova": Place((0.0, 2.6, 1.8, 0.3, 2.2, 0.4), 0.9),  # a light wrist, as xarm7
+    "kinova": Place((0.0, 2.6, 1.8, 0.3, 2.2, 0.4), 0.9),  # light wrist, like xarm7
     "xarm7": Place((0.0, -0.5, 0.2, 1.2, 0.3, 0.8, 0.3), 0.7),
     "z1": Place((0.0, 1.2, -1.2, 0.2, 0.3, 0.4), 0.7),
 }
 
 
 def described(name: str) -> Body:
-    """What is stated of a robot: its arm alone, hands welded on, no looks and no drives."""
+    """Stated description of a robot: arm with welded hand, without visuals and drives."""
     robot = load_robot(name)
     body = Body(robot.document, robot.joints[: len(ROBOTS[name].centre)])
     root = ElementTree.fromstring(bare(body))
@@ -49,7 +49,7 @@ def described(name: str) -> Body:
 
 
 def mistaken(body: Body, error: float, rng: np.random.Generator) -> Body:
-    """The robot as it truly is where its description is wrong: every mass, centre and inertia differs a little."""
+    """True robot of a wrong description: every mass, centre and inertia is perturbed."""
     root = ElementTree.fromstring(body.urdf)
     for link in root.findall("link"):
         part = link.find("inertial")

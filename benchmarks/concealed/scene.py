@@ -1,4 +1,4 @@
-"""A robot along the motions of its session, before anything is wrong: what its joints do and what that takes."""
+"""Healthy robot along the motions of its session: joint motion and torque."""
 
 from __future__ import annotations
 
@@ -17,73 +17,73 @@ from .motion import PERIOD, PERIODS, Fourier
 
 Array = NDArray[np.float64]
 
-RATE = 50.0  # Hz at which the motions are looked at
-DURATION = PERIODS * PERIOD  # s of a recording
-ROTOR, FRICTION = 0.25, 0.05  # rotor inertia per mean inertia; viscous and dry friction, each per torque
-LIGHT = 0.02  # of the largest joint torque: joints with less are measured by this
+RATE = 50.0  # sampling rate of the motions [Hz]
+DURATION = PERIODS * PERIOD  # duration of a recording [s]
+ROTOR, FRICTION = 0.25, 0.05  # rotor over mean joint inertia [1]; viscous and dry friction each over torque [1]
+LIGHT = 0.02  # lower bound on a joint's torque scale over the largest one [1]
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A robot and the motions that are asked of it, one after the other."""
+    """A robot and its sequence of reference motions."""
 
     body: Body
     motions: tuple[Fourier, ...]
 
     @cached_property
     def t(self) -> Array:
-        """(N,) [s] of the session."""
+        """Times of the session (N,) [s]."""
         return np.arange(round(len(self.motions) * DURATION * RATE)) / RATE
 
     @cached_property
     def asked(self) -> tuple[Array, Array, Array]:
-        """Position, velocity, acceleration, (N, n) each [rad, rad/s, rad/s2]."""
+        """Desired position, velocity and acceleration, (N, n) each [rad, rad/s, rad/s2]."""
         parts = [motion.at(t) for motion, t in zip(self.motions, self.split(self.t), strict=True)]
         return tuple(np.vstack(x) for x in zip(*parts, strict=True))  # type: ignore[return-value]
 
     @cached_property
     def inertia(self) -> Array:
-        """(n,) [kg.m2] diagonal of the links' mass matrix, on average."""
+        """Mean diagonal of the links' mass matrix (n,) [kg.m2]."""
         model = build(self.body, Drives.none(len(self.body.joints)))
         return mean_inertia(model, self.body.joints, self.asked[0][:: round(RATE)])
 
     @cached_property
     def rotors(self) -> Drives:
-        """The drives without friction."""
+        """Drives without friction."""
         return replace(Drives.none(len(self.body.joints)), armature=tuple(ROTOR * self.inertia))
 
     @cached_property
     def bodies(self) -> Array:
-        """(N, n) [N.m] that links and rotors take."""
+        """Torque of links and rotors (N, n) [N.m]."""
         return self.inverse(*self.asked)
 
     @cached_property
     def scale(self) -> Array:
-        """(n,) [N.m] rms of each joint's torque, or what stands for it where there is almost none."""
+        """Rms torque of each joint with a lower bound (n,) [N.m]."""
         size = rms(self.bodies)
         return np.maximum(size, LIGHT * size.max())
 
     @cached_property
     def drives(self) -> Drives:
-        """Rotors, and the friction that every joint has."""
+        """Drives with rotors and friction at every joint."""
         speed = rms(self.asked[1])
         viscous, coulomb = FRICTION * self.scale / speed, FRICTION * self.scale
         return replace(self.rotors, viscous_friction=tuple(viscous), coulomb_friction=tuple(coulomb))
 
     @cached_property
     def whole(self) -> Array:
-        """(N, n) [N.m] that the motors give, friction included."""
+        """Motor torque including friction (N, n) [N.m]."""
         v = self.asked[1]
         return self.bodies + self.drives.viscous_friction * v + self.drives.coulomb_friction * np.sign(v)
 
     def inverse(self, q: Array, v: Array, a: Array, faults: Sequence[Fault] = ()) -> Array:
-        """(N, n) [N.m] that links and rotors take along (N, n) [rad, rad/s, rad/s2], some of them wrong."""
+        """Torque of links and rotors (N, n) [N.m] with faults along a motion (N, n) [rad, rad/s, rad/s2]."""
         model = build(self.body, self.rotors, frictionless=True, faults=faults)
         return inverse(model, self.body.joints, q, v, a)
 
     @cached_property
     def jacobians(self) -> Array:
-        """(N, 3, n) [m] of the last link's centre of mass."""
+        """Jacobians (N, 3, n) [m] of the last link's centre of mass."""
         model = build(self.body, self.rotors)
         data, at = mujoco.MjData(model), dofs(model, self.body.joints)
         tip, full = int(model.joint(self.body.joints[-1]).bodyid[0]), np.zeros((3, model.nv))
@@ -97,14 +97,14 @@ class Scene:
         return found
 
     def split(self, x: Array) -> list[Array]:
-        """Rows of the session (N, ...) as rows of each motion."""
+        """Split rows of the session (N, ...) into rows of each motion."""
         return np.split(x, len(self.motions))
 
     def rate(self, x: Array) -> Array:
-        """(N, ...) by which rows change per second, motion by motion."""
+        """Time derivative of rows (N, ...), motion by motion."""
         return np.concatenate([np.gradient(part, 1 / RATE, axis=0) for part in self.split(x)])
 
 
 def rms(x: Array) -> Array:
-    """Over the rows."""
+    """Root mean square over rows."""
     return np.asarray(np.sqrt(np.mean(np.square(x), axis=0)))

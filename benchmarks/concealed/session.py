@@ -1,4 +1,4 @@
-"""A session as the diagnosis finds it, and the answer as only the judge does."""
+"""Recording of a session for the diagnosis, and its concealed answer for the evaluation."""
 
 from __future__ import annotations
 
@@ -25,24 +25,24 @@ from .size import plant
 
 Array = NDArray[np.float64]
 
-MOTIONS, RATE, BITS = 4, 125.0, 17  # recordings of a session, Hz of their rows, bits a turn of the encoders
-NOISE, COLOURED = (0.01, 0.05), 0.4  # white noise per torque, from and to; coloured noise per white
-PARTS = ("viscous_friction", "coulomb_friction", "asymmetric_friction")  # stand for the friction that is stated
+MOTIONS, RATE, BITS = 4, 125.0, 17  # recordings per session, rate [Hz], encoder bits per turn
+NOISE, COLOURED = (0.01, 0.05), 0.4  # range of white noise over torque [1]; coloured over white noise [1]
+PARTS = ("viscous_friction", "coulomb_friction", "asymmetric_friction")  # replace the stated friction
 MODULATED = {"position_friction": "amplitude", "friction_drift": "change"}
-MARGIN = 1.05  # of dry friction over what takes some of it away
-LOST = 1.5  # rad that a robot may be off its motion
-ATTEMPTS = 12
+MARGIN = 1.05  # dry friction over the largest reduction by a fault [1]
+LOST = 1.5  # largest tracking error [rad]
+ATTEMPTS = 12  # draws of a fault that the robot can follow
 
 
 def make(case: Case, cache: Path) -> Path:
-    """The folder of the session, made unless it is there: robot.urdf, actuators.toml, recording_1.parquet ...
+    """Folder of a session, created if missing: robot.urdf, actuators.toml, recording_1.parquet ...
 
     Args:
-        case: what is concealed.
-        cache: sessions go to `sessions/NAME`, answers to `answers/NAME.json`.
+        case: case with concealed faults.
+        cache: folder with `sessions/NAME` and `answers/NAME.json`.
 
     Raises:
-        RuntimeError: when the robot does not follow its motions, however the fault is drawn.
+        RuntimeError: when the robot follows its motions with none of the drawn faults.
     """
     folder, answer = cache / "sessions" / case.name, cache / "answers" / f"{case.name}.json"
     if answer.is_file():
@@ -50,18 +50,18 @@ def make(case: Case, cache: Path) -> Path:
     for attempt in range(ATTEMPTS):
         rng = np.random.default_rng([case.number, attempt])
         try:
-            told = _record(case, folder, rng)
+            concealed = _record(case, folder, rng)
         except (ValueError, ArithmeticError) as error:
             reason = error
             continue
         answer.parent.mkdir(parents=True, exist_ok=True)
-        answer.write_text(json.dumps({**case.told(), **told}, indent=1), encoding="utf-8")
+        answer.write_text(json.dumps({**case.document(), **concealed}, indent=1), encoding="utf-8")
         return folder
     raise RuntimeError(f"{case.key}: {reason}")
 
 
 def _record(case: Case, folder: Path, rng: np.random.Generator) -> dict[str, Any]:
-    """Move the robot and write all that is seen; what is not seen is given back."""
+    """Simulate the robot and write the visible files; return the concealed facts."""
     place, stated = ROBOTS[case.robot], described(case.robot)
     true = mistaken(stated, HARD_ERROR, rng) if case.hard else stated
     scene = Scene(true, tuple(draw(place, rng) for _ in range(MOTIONS)))
@@ -88,7 +88,7 @@ def _record(case: Case, folder: Path, rng: np.random.Generator) -> dict[str, Any
 
 
 def _known(scene: Scene, faults: Sequence[Fault]) -> Drives:
-    """What the simulation knows: all friction but what is concealed, and enough of it where a fault takes some away."""
+    """Stated drives: friction without the concealed one, and enough of it where a fault reduces it."""
     viscous, coulomb = (list(x) for x in (scene.drives.viscous_friction, scene.drives.coulomb_friction))
     for fault in faults:
         if fault.effect in MODULATED and fault.joint:
@@ -103,10 +103,10 @@ def _known(scene: Scene, faults: Sequence[Fault]) -> Drives:
 
 
 def _follow(case: Case, scene: Scene, drives: Drives, faults: Sequence[Fault]) -> list[Track]:
-    """The robot along all motions.
+    """Simulate the robot along all motions.
 
     Raises:
-        ArithmeticError: when it does not follow.
+        ArithmeticError: when the robot leaves its motion.
     """
     tracks = []
     for k, motion in enumerate(scene.motions):
@@ -124,7 +124,7 @@ def _follow(case: Case, scene: Scene, drives: Drives, faults: Sequence[Fault]) -
 
 
 def actuators_file(drives: Drives, joints: Sequence[str]) -> str:
-    """Its text: rotors and friction, where there are any."""
+    """Text of actuators.toml with non-zero rotors and friction."""
     lines = []
     for j, joint in enumerate(joints):
         values = {key: getattr(drives, key)[j] for key in ("armature", "viscous_friction", "coulomb_friction")}

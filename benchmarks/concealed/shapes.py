@@ -1,4 +1,4 @@
-"""Random faults of every kind, of any size: what makes their size is a number that is scaled later."""
+"""Random faults of every kind; their size is scaled afterwards."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from ..plants.faults import Fault
 from .scene import DURATION, Scene, rms
 
 Values = Mapping[str, float | str]
-GLOBAL = ("base_tilt", "external_contact", "fluid_drag", "time_delay", "torque_lag")  # their joint is None
+GLOBAL = ("base_tilt", "external_contact", "fluid_drag", "time_delay", "torque_lag")  # effects without joint
 SPREAD = (*GLOBAL, "payload", "link_inertia", "encoder_offset")  # measured over all joints
 UNSIZED = ("torque_sign", "channel_swap")
 
 
 class Draw:
-    """Numbers of a fault at joint j of a scene."""
+    """Random parameters of a fault at joint j of a scene."""
 
     def __init__(self, scene: Scene, j: int, rng: np.random.Generator) -> None:
         self.scene, self.j, self.rng = scene, j, rng
@@ -27,43 +27,43 @@ class Draw:
         self.end = DURATION * len(scene.motions)
 
     def within(self, low: float, high: float) -> float:
-        """Anywhere between."""
+        """Uniform random number."""
         return float(self.rng.uniform(low, high))
 
     @property
     def side(self) -> float:
-        """One or minus one."""
+        """Random sign."""
         return float(self.rng.choice([-1.0, 1.0]))
 
     @property
     def turn(self) -> float:
-        """An angle [rad]."""
+        """Random angle [rad]."""
         return self.within(-np.pi, np.pi)
 
     def partner(self) -> str:
-        """A neighbour's name."""
+        """Name of a neighbouring joint."""
         joints = self.scene.body.joints
         return joints[self.j - 1 if self.j else 1]
 
     def direction(self, n: int) -> list[float]:
-        """A unit vector."""
+        """Random unit vector."""
         x = self.rng.standard_normal(n)
         return [float(y) for y in x / np.linalg.norm(x)]
 
     def asymmetric(self) -> Values:
-        """Both directions differ by a factor of two to six."""
+        """Friction with a ratio of two to six between the directions."""
         more, other = (1 + x * self.within(0.35, 0.7) for x in (self.side, self.side))
         viscous, level = self.torque / self.speed, self.torque
         both = {"viscous_positive": viscous * more, "viscous_negative": viscous * (2 - more)}
         return {**both, "coulomb_positive": level * other, "coulomb_negative": level * (2 - other)}
 
     def body(self, aside: float, ahead: float) -> Values:
-        """A kilogram, some centimetres from the joint's axis and some ahead along it."""
+        """Body of 1 kg, some centimetres off the joint's axis and ahead along it."""
         x, y, z = (self.within(-aside, aside) for _ in range(3))
         return {"mass": 1.0, "first_moment_x": x, "first_moment_y": y, "first_moment_z": z + ahead}
 
     def coupling(self) -> Values:
-        """The drives of two neighbours that turn each other."""
+        """Coupled drives of two neighbouring joints."""
         partner = self.partner()
         k = self.scene.body.joints.index(partner)
         inertia = self.within(0, 0.5) * min(self.scene.rotors.armature[self.j], self.scene.rotors.armature[k])
@@ -71,20 +71,20 @@ class Draw:
         return {"partner": partner, "inertia": inertia, "viscous": rubbing[0] / self.speed, "coulomb": rubbing[1]}
 
     def contact(self) -> Values:
-        """A push of about a second in one of the motions."""
+        """Push of about one second in one of the motions."""
         force, start = self.direction(3), self.within(1.5, DURATION - 3)
         start += DURATION * int(self.rng.integers(len(self.scene.motions)))
         times = {"start": start, "end": start + self.within(0.7, 1.5)}
         return {**dict(zip(("force_x", "force_y", "force_z"), force, strict=True)), **times}
 
     def lugre(self) -> Values:
-        """Bristles of a twentieth of the travel."""
+        """LuGre friction with a bristle deflection of 5 % of the travel."""
         level, stiffness = self.torque, self.torque / (0.05 * self.travel)
         rest = {"velocity": 0.2 * self.speed, "stiffness": stiffness, "damping": 0.002 * stiffness}
         return {"level": level, "static": 1.4 * level, **rest}
 
     def ripple(self, low: float, high: float) -> Values:
-        """A wave over the position."""
+        """Sine wave over the position."""
         return {"amplitude": self.torque, "frequency": self.within(low, high), "phase": self.turn}
 
 
@@ -134,19 +134,19 @@ LAWS: Mapping[str, Callable[[Draw], Values]] = {
     "crossed_torque": lambda d: {"partner": d.partner(), "amplitude": d.torque, "frequency": 3.0},
 }
 
-SHAPE = tuple(  # numbers that do not grow with the fault
+SHAPE = tuple(  # parameters independent of the size of the fault
     "velocity distance frequency phase rest centre start end time free torque partner".split()
 )
 
 
 def draw(effect: str, scene: Scene, joint: str, rng: np.random.Generator) -> Fault:
-    """A fault of any size at a joint, or of the whole robot."""
+    """Draw a fault of arbitrary size at a joint or of the whole robot."""
     values = LAWS[effect](Draw(scene, scene.body.joints.index(joint), rng))
     return Fault(effect, None if effect in GLOBAL else joint, values)
 
 
 def scaled(fault: Fault, factor: float) -> Fault:
-    """The same fault, so many times as large."""
+    """Scale a fault by a factor."""
     fixed = SHAPE if fault.effect != "friction_drift" else (*SHAPE, "time_constant")
     if fault.effect == "joint_elasticity":
         factor = 1 / factor

@@ -1,4 +1,4 @@
-"""Verdicts as tables to read."""
+"""Tables of the evaluations."""
 
 from __future__ import annotations
 
@@ -7,25 +7,27 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from rich.table import Table
 
-from ..told import frame
-from .judge import Verdict
+from ..summary import frame
+from .evaluate import Evaluation
 from .summary import PRINTED, Bin, Cell, Target, by_robot, by_size, cells, confusion, errors, reliability
 
-WORDS = {True: ("met", ""), False: ("NOT MET", "red"), None: ("not tried", "dim")}
+WORDS = {True: ("met", ""), False: ("NOT MET", "red"), None: ("not run", "dim")}
 OUTCOMES = ("right", "both", "one", "stated", "twin", "lead", "unknown", "missed", "none", "wrong", "alarm")
 
 
-def tables(verdicts: Sequence[Verdict]) -> Iterator[Table]:
-    """All there is to tell but the targets."""
-    yield _cells(cells(verdicts, by_size))
-    yield _cells(cells(verdicts, by_robot))
-    table = frame("what was not right: concealed, and named first", ("suite", "concealed", "named", "times"), left=3)
-    for suite, effect, first, n in confusion(verdicts):
+def tables(evaluations: Sequence[Evaluation]) -> Iterator[Table]:
+    """Yield all tables except the targets."""
+    yield _cells(cells(evaluations, by_size))
+    yield _cells(cells(evaluations, by_robot))
+    table = frame(
+        "wrong outcomes: concealed effect and first named cause", ("suite", "concealed", "named", "times"), left=3
+    )
+    for suite, effect, first, n in confusion(evaluations):
         table.add_row(suite, effect, first, str(n))
     yield table
-    yield _bins(reliability(verdicts))
-    yield _errors(verdicts)
-    yield _times(verdicts)
+    yield _bins(reliability(evaluations))
+    yield _errors(evaluations)
+    yield _times(evaluations)
 
 
 def _cells(found: Sequence[Cell]) -> Table:
@@ -38,7 +40,7 @@ def _cells(found: Sequence[Cell]) -> Table:
 
 
 def _bins(bins: Sequence[Bin]) -> Table:
-    table = frame("stated probability of causes", ("P", "names", "said", "right", ""))
+    table = frame("stated probability of causes", ("P", "names", "mean P", "right", ""))
     for one in bins:
         share = [f"{one.said:.3f}", f"{one.right / one.names:.3f}"] if one.names else ["", ""]
         table.add_row(
@@ -47,31 +49,33 @@ def _bins(bins: Sequence[Bin]) -> Table:
     return table
 
 
-def _errors(verdicts: Sequence[Verdict]) -> Table:
+def _errors(evaluations: Sequence[Evaluation]) -> Table:
     kinds = [(suite, size) for suite in ("exact", "hard") for size in (PRINTED, None)]
     names = [f"{suite}, {'all sizes' if size is None else f'{size:.0%}'}" for suite, size in kinds]
-    table = frame("errors of numbers, median and 90 %", ("effect", *names))
-    columns = [errors(verdicts, *kind) for kind in kinds]
+    table = frame("parameter errors, median and 90 % quantile", ("effect", *names))
+    columns = [errors(evaluations, *kind) for kind in kinds]
     for effect in sorted(set().union(*columns)):
-        told = [column.get(effect, []) for column in columns]
-        table.add_row(effect, *(f"{np.median(x):.1%} {np.quantile(x, 0.9):.1%} of {len(x)}" if x else "" for x in told))
+        values = [column.get(effect, []) for column in columns]
+        table.add_row(
+            effect, *(f"{np.median(x):.1%} {np.quantile(x, 0.9):.1%} of {len(x)}" if x else "" for x in values)
+        )
     return table
 
 
-def _times(verdicts: Sequence[Verdict]) -> Table:
-    names = ("joints", "sessions", "CPU, s: median", "most", "left / floor: median", "90 %")
-    table = frame("time, and what is left", names)
-    for n in sorted({v.joints for v in verdicts}):
-        some = [v for v in verdicts if v.joints == n]
-        cpu, left = ([getattr(v, key) for v in some] for key in ("cpu", "after"))
-        ratios = [f"{np.nanquantile(left, q):.3f}" if not np.isnan(left).all() else "" for q in (0.5, 0.9)]
+def _times(evaluations: Sequence[Evaluation]) -> Table:
+    names = ("joints", "sessions", "CPU, s: median", "most", "residual / floor: median", "90 %")
+    table = frame("processor time and residual", names)
+    for n in sorted({v.joints for v in evaluations}):
+        some = [v for v in evaluations if v.joints == n]
+        cpu, residuals = ([getattr(v, key) for v in some] for key in ("cpu", "after"))
+        ratios = [f"{np.nanquantile(residuals, q):.3f}" if not np.isnan(residuals).all() else "" for q in (0.5, 0.9)]
         table.add_row(str(n), str(len(some)), f"{np.median(cpu):.2f}", f"{max(cpu):.2f}", *ratios)
     return table
 
 
 def targets_table(found: Sequence[Target]) -> Table:
-    """What was asked for, and what came of it."""
-    table = frame("targets", ("", "", "got", "asked", "of"), left=2)
+    """Table of targets and results."""
+    table = frame("targets", ("", "", "result", "target", "of"), left=2)
     for target in found:
         word, style = WORDS[target.met]
         small = target.bound <= 1

@@ -1,4 +1,4 @@
-"""Faults of the size that is asked for: rms of their torque over that of the joint, or of all joints."""
+"""Faults of a given size: rms torque of the fault over that of the joint or of all joints."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from .motion import PERIOD
 from .scene import Scene, rms
 from .shapes import SPREAD, UNSIZED, draw, scaled
 
-ATTEMPTS, TURNS, CLOSE, CLOSE_ENOUGH = 6, 8, 0.01, 0.15  # draws, steps of scaling, errors of size
-PUSH = 2.0  # of a contact, which is short: its torque while it lasts, over the size
-NOTHING, HALF = 1e-6, 0.5  # sizes that do not grow, and what must be reached of the size asked for
-TILT, ASTRAY = 0.5, 0.3  # rad at most
-LOG = 500.0  # Hz of a trial
-SMOOTH = 25  # rows of a trial over which torque is averaged
+ATTEMPTS, TURNS, CLOSE, CLOSE_ENOUGH = 6, 8, 0.01, 0.15  # draws, scaling steps, tolerances of the size [1]
+PUSH = 2.0  # torque of a contact while it lasts, over the size [1]
+NOTHING, HALF = 1e-6, 0.5  # size treated as zero, smallest accepted share of the requested size [1]
+TILT, LARGEST_OFFSET = 0.5, 0.3  # upper bounds on base tilt and encoder offset [rad]
+LOG = 500.0  # rate of a trial simulation [Hz]
+SMOOTH = 25  # half width of the torque average in a trial [rows]
 
 
 def plant(effect: str, joint: str, size: float, scene: Scene, rng: np.random.Generator) -> tuple[Fault, float]:
-    """A random fault of an effect, and the size that it has, as near as may be to the one asked for.
+    """Draw a fault of an effect and scale it to a size; return it with the size reached.
 
     Raises:
-        ValueError: when none of many draws can be made so large.
+        ValueError: when no draw reaches the size.
     """
     for _ in range(ATTEMPTS):
         fault = draw(effect, scene, joint, rng)
@@ -37,11 +37,11 @@ def plant(effect: str, joint: str, size: float, scene: Scene, rng: np.random.Gen
             continue
         if found is not None:
             return found
-    raise ValueError(f"no {effect} at {joint} makes {size:.0%} of torque")
+    raise ValueError(f"no {effect} at {joint} reaches {size:.0%} of the torque")
 
 
 def measure(scene: Scene, fault: Fault) -> float:
-    """Rms torque of a fault over the joint's, or over that of all joints; of a contact, while it lasts."""
+    """Rms torque of a fault over that of the joint or of all joints; for a contact, while it lasts."""
     torque, j = extra(scene, fault), 0 if fault.joint is None else scene.body.joints.index(fault.joint)
     if fault.effect == "external_contact":
         torque = torque[(scene.t >= fault.numbers["start"]) & (scene.t <= fault.numbers["end"])]
@@ -56,28 +56,28 @@ def measure(scene: Scene, fault: Fault) -> float:
 def _sized(scene: Scene, fault: Fault, size: float) -> tuple[Fault, float] | None:
     if fault.effect == "torque_saturation":
         return _clipped(scene, fault, size)
-    judge: Callable[[Scene, Fault], float] = _tried if fault.effect == "backlash" else measure
+    size_of: Callable[[Scene, Fault], float] = _tried if fault.effect == "backlash" else measure
     if fault.effect == "backlash":
         fault = scaled(fault, size)
     turns, close = (3, CLOSE_ENOUGH) if fault.effect == "backlash" else (TURNS, CLOSE)
-    found = judge(scene, fault)
+    found = size_of(scene, fault)
     for _ in range(turns):
         if found < NOTHING:
             return None
         if abs(found / size - 1) < close:
             break
         fault = scaled(fault, float(np.clip(size / max(found, 1e-12), 1e-4, 1e4)))
-        found = judge(scene, fault)
-    if fault.effect == "encoder_offset" and abs(fault.numbers["offset"]) > ASTRAY:
-        fault = scaled(fault, ASTRAY / abs(fault.numbers["offset"]))
-        found = judge(scene, fault)
+        found = size_of(scene, fault)
+    if fault.effect == "encoder_offset" and abs(fault.numbers["offset"]) > LARGEST_OFFSET:
+        fault = scaled(fault, LARGEST_OFFSET / abs(fault.numbers["offset"]))
+        found = size_of(scene, fault)
     if fault.effect == "base_tilt" and np.hypot(fault.numbers["x"], fault.numbers["y"]) > TILT:
         return None
     return (fault, found) if found > HALF * size else None
 
 
 def _clipped(scene: Scene, fault: Fault, size: float) -> tuple[Fault, float] | None:
-    """Between no limit and none left, by halves."""
+    """Bisect the limit of a torque saturation."""
     low, high = 0.0, 1.0
     for _ in range(30):
         middle = (low + high) / 2
@@ -88,7 +88,7 @@ def _clipped(scene: Scene, fault: Fault, size: float) -> tuple[Fault, float] | N
 
 
 def _tried(scene: Scene, fault: Fault) -> float:
-    """The size of a fault that must be simulated: torque with it, less what the motion takes that came of it."""
+    """Size of a fault by simulation: simulated torque minus inverse dynamics of the simulated motion."""
     j = scene.body.joints.index(str(fault.joint))
     drives, motion = scene.rotors, scene.motions[0]
     track = simulate(scene.body, drives, motion, PERIOD, LOG, [fault])

@@ -1,4 +1,4 @@
-"""Verdicts in numbers: cells, confusion, reliability, and the targets."""
+"""Statistics of the evaluations: cells, confusion, reliability and targets."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from typing import NamedTuple
 import numpy as np
 
 from .cases import SUITES
-from .judge import Verdict
+from .evaluate import Evaluation
 from .numbers import ROUGH
 
-EDGES = (0.0, 0.5, 0.8, 0.95, 0.99, 1.0)
-ENOUGH = 30  # names in a bin that is judged
-DOUBT = 2.0  # standard deviations that a bin may be off
-LARGE, SMALLEST, PRINTED, SLOWEST = 3, 0.05, 0.05, 7  # joints; sizes; joints of the robots whose time counts
+EDGES = (0.0, 0.5, 0.8, 0.95, 0.99, 1.0)  # of the probability bins [1]
+ENOUGH = 30  # fewest names for the test of a bin
+TOLERANCE = 2.0  # tolerated deviation of a bin [standard deviations]
+LARGE, SMALLEST, PRINTED, SLOWEST = 3, 0.05, 0.05, 7  # fewest joints; sizes [1]; fewest joints for the time target
 IN_LIBRARY = ("exact", "hard", "none", "pairs")
 
 
@@ -31,51 +31,51 @@ class Cell(NamedTuple):
 
     @property
     def number(self) -> int:
-        """Of sessions."""
+        """Number of sessions."""
         return self.outcomes.total()
 
 
 class Bin(NamedTuple):
-    """Causes whose stated probability is within a bin."""
+    """Causes with a probability within a bin."""
 
     low: float
     high: float
     names: int
-    said: float  # mean
+    said: float  # mean probability
     right: int
 
     @property
     def holds(self) -> bool | None:
-        """Whether as many were right as was said, give or take chance; None where there are too few."""
+        """Whether the share of right causes agrees with the probability within chance; None with too few causes."""
         if self.names < ENOUGH:
             return None
-        return abs(self.right / self.names - self.said) <= DOUBT * math.sqrt(
+        return abs(self.right / self.names - self.said) <= TOLERANCE * math.sqrt(
             max(self.said * (1 - self.said), 0.01) / self.names
         )
 
 
 @dataclass(frozen=True)
 class Target:
-    """What is asked for, and what came of it."""
+    """A target and its result."""
 
     words: str
-    share: float  # or another number; NaN without any session
+    share: float  # share or another number; NaN without sessions
     bound: float
     of: int
-    most: bool = False  # whether the bound must not be passed
+    most: bool = False  # the bound is an upper one
 
     @property
     def met(self) -> bool | None:
-        """None where nothing was tried."""
+        """Whether the target is met; None without sessions."""
         if not self.of or math.isnan(self.share):
             return None
         return self.share <= self.bound + 1e-12 if self.most else self.share >= self.bound - 1e-12
 
 
-def cells(verdicts: Iterable[Verdict], by: Callable[[Verdict], str]) -> list[Cell]:
-    """By suite, healthy robots that are hard apart, and by something else."""
-    groups: dict[tuple[str, str], list[Verdict]] = {}
-    for v in verdicts:
+def cells(evaluations: Iterable[Evaluation], by: Callable[[Evaluation], str]) -> list[Cell]:
+    """Group by suite (hard healthy robots separately) and by a key."""
+    groups: dict[tuple[str, str], list[Evaluation]] = {}
+    for v in evaluations:
         suite = "none, hard" if v.suite == "none" and v.hard else v.suite
         groups.setdefault((suite, by(v)), []).append(v)
     return [
@@ -85,32 +85,32 @@ def cells(verdicts: Iterable[Verdict], by: Callable[[Verdict], str]) -> list[Cel
 
 
 def _place(suite: str) -> tuple[int, str]:
-    """Of a suite among the others."""
+    """Sort key of a suite."""
     return SUITES.index(suite.partition(",")[0]), suite
 
 
-def by_size(v: Verdict) -> str:
-    """Robots of one joint apart."""
+def by_size(v: Evaluation) -> str:
+    """Key: number of joints and size."""
     joints = "one joint" if v.joints == 1 else f"{LARGE} joints and more"
     return f"{joints}, {v.size:.0%}" if v.size else joints
 
 
-def by_robot(v: Verdict) -> str:
-    """Its name."""
+def by_robot(v: Evaluation) -> str:
+    """Key: name of the robot."""
     return v.robot
 
 
-def confusion(verdicts: Iterable[Verdict]) -> list[tuple[str, str, str, int]]:
-    """Suite, what was concealed, what was named first instead, how often."""
+def confusion(evaluations: Iterable[Evaluation]) -> list[tuple[str, str, str, int]]:
+    """Counts of wrong outcomes: suite, concealed effect, first named cause, number."""
     suites = ("exact", "hard", "foreign", "absent", "removed", "none")
-    wrong = [v for v in verdicts if v.suite in suites and v.outcome != "right"]
+    wrong = [v for v in evaluations if v.suite in suites and v.outcome != "right"]
     counted = Counter((v.suite, v.effect or "nothing", v.first) for v in wrong)
     return [(*key, n) for key, n in sorted(counted.items(), key=lambda x: (suites.index(x[0][0]), -x[1], x[0]))]
 
 
-def reliability(verdicts: Iterable[Verdict]) -> list[Bin]:
-    """Of the causes named where all that is concealed is in the library."""
-    names = [name for v in verdicts if v.suite in IN_LIBRARY for name in v.names]
+def reliability(evaluations: Iterable[Evaluation]) -> list[Bin]:
+    """Bins of the causes in suites whose effects are all in the library."""
+    names = [name for v in evaluations if v.suite in IN_LIBRARY for name in v.names]
     found = []
     for low, high in zip(EDGES[:-1], EDGES[1:], strict=True):
         some = [(p, ok) for p, ok in names if low <= p < high or high == 1.0 <= p]
@@ -119,60 +119,68 @@ def reliability(verdicts: Iterable[Verdict]) -> list[Bin]:
     return found
 
 
-def errors(verdicts: Iterable[Verdict], suite: str = "exact", size: float | None = PRINTED) -> dict[str, list[float]]:
-    """Relative errors of the numbers of each effect that was named rightly, at a size or any."""
+def errors(
+    evaluations: Iterable[Evaluation], suite: str = "exact", size: float | None = PRINTED
+) -> dict[str, list[float]]:
+    """Relative parameter errors of each correctly named effect, at one size or any."""
     found: dict[str, list[float]] = {}
-    for v in verdicts:
+    for v in evaluations:
         if v.suite == suite and size in (None, v.size):
             for effect, error in v.errors:
                 found.setdefault(effect, []).append(error)
     return found
 
 
-def targets(verdicts: Sequence[Verdict]) -> Iterator[Target]:
-    """Each target with what came of it."""
-    large = [v for v in verdicts if v.joints >= LARGE]
+def targets(evaluations: Sequence[Evaluation]) -> Iterator[Target]:
+    """Yield each target with its result."""
+    large = [v for v in evaluations if v.joints >= LARGE]
     for suite, bounds in (("exact", (0.95, 0.98, 0.98)), ("hard", (0.90, 0.95, 0.95))):
         for size, bound in zip((0.02, 0.05, 0.15), bounds, strict=True):
             some = [v for v in large if v.suite == suite and v.size == size]
             yield _share(f"{suite}, 3 joints and more, {size:.0%}: effect and joint first", some, "right", bound=bound)
-    single = [v for v in verdicts if v.suite == "exact" and v.joints == 1]
-    yield _share("exact, one joint: truth among what is stated", single, "right", "stated", bound=0.97)
+    single = [v for v in evaluations if v.suite == "exact" and v.joints == 1]
+    yield _share("exact, one joint: truth among findings and alternatives", single, "right", "stated", bound=0.97)
     some = [v for v in large if v.suite == "hard" and v.size >= SMALLEST]
     yield _share("hard, 5 % and more: truth first, or unknown with the right lead", some, "right", "lead", bound=0.97)
-    yield _most("false alarms", [v for v in verdicts if v.suite == "none"], lambda v: v.outcome == "alarm", 0.01)
-    alone = [v for v in verdicts if v.suite in IN_LIBRARY]
+    yield _most("false alarms", [v for v in evaluations if v.suite == "none"], lambda v: v.outcome == "alarm", 0.01)
+    alone = [v for v in evaluations if v.suite in IN_LIBRARY]
     yield _most("wrong and sure (P > .95)", alone, lambda v: v.sure, 0.01)
-    yield _share("pairs: both named", [v for v in verdicts if v.suite == "pairs"], "both", bound=0.93)
-    yield _share("foreign: family and joint", [v for v in verdicts if v.suite == "foreign"], "right", bound=0.90)
-    yield _share("absent: unknown at the joint", [v for v in verdicts if v.suite == "absent"], "right", bound=0.90)
-    yield from _numbers(verdicts)
-    for one in reliability(verdicts):
+    yield _share("pairs: both named", [v for v in evaluations if v.suite == "pairs"], "both", bound=0.93)
+    yield _share("foreign: family and joint", [v for v in evaluations if v.suite == "foreign"], "right", bound=0.90)
+    yield _share("absent: unknown at the joint", [v for v in evaluations if v.suite == "absent"], "right", bound=0.90)
+    yield from _numbers(evaluations)
+    for one in reliability(evaluations):
         if one.high == 1.0:
             yield Target("names with P > .99 that are right", one.right / max(one.names, 1), 0.98, one.names)
         elif one.holds is not None:
-            words = f"names with P from {one.low:g} to {one.high:g}: as said, give or take chance"
+            words = f"names with P from {one.low:g} to {one.high:g}: share of right ones agrees within chance"
             yield Target(words, float(one.holds), 1.0, one.names)
 
 
-def _numbers(verdicts: Sequence[Verdict]) -> Iterator[Target]:
-    for words, rough, bound in (("plain laws", False, 0.05), ("laws hard to tell", True, 0.15)):
-        medians = [(float(np.median(x)), name) for name, x in errors(verdicts).items() if (name in ROUGH) == rough]
+def _numbers(evaluations: Sequence[Evaluation]) -> Iterator[Target]:
+    for words, rough, bound in (("plain laws", False, 0.05), ("less accurate laws", True, 0.15)):
+        medians = [(float(np.median(x)), name) for name, x in errors(evaluations).items() if (name in ROUGH) == rough]
         worst, name = max(medians, default=(math.nan, ""))
         yield Target(
-            f"exact, median error of numbers at 5 %, {words}: worst is {name}", worst, bound, len(medians), True
+            f"exact, median parameter error at 5 %, {words}: worst is {name}", worst, bound, len(medians), True
         )
-    left = [v.after for v in verdicts if v.suite in ("exact", "hard", "pairs") and not math.isnan(v.after)]
-    yield Target("residual after, over the noise floor: median", _quantile(left, 0.5), 1.08, len(left), True)
-    slow = [v.cpu for v in verdicts if v.joints >= SLOWEST]
+    residuals = [v.after for v in evaluations if v.suite in ("exact", "hard", "pairs") and not math.isnan(v.after)]
+    yield Target(
+        "residual of the extended model over the noise floor: median",
+        _quantile(residuals, 0.5),
+        1.08,
+        len(residuals),
+        True,
+    )
+    slow = [v.cpu for v in evaluations if v.joints >= SLOWEST]
     yield Target("CPU of a diagnosis of seven joints, s: 95 % quantile", _quantile(slow, 0.95), 3.0, len(slow), True)
 
 
-def _share(words: str, some: Sequence[Verdict], *outcomes: str, bound: float) -> Target:
+def _share(words: str, some: Sequence[Evaluation], *outcomes: str, bound: float) -> Target:
     return Target(words, sum(v.outcome in outcomes for v in some) / max(len(some), 1), bound, len(some))
 
 
-def _most(words: str, some: Sequence[Verdict], bad: Callable[[Verdict], bool], bound: float) -> Target:
+def _most(words: str, some: Sequence[Evaluation], bad: Callable[[Evaluation], bool], bound: float) -> Target:
     return Target(words, sum(map(bad, some)) / max(len(some), 1), bound, len(some), True)
 
 

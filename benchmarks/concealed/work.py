@@ -1,4 +1,4 @@
-"""Sessions made and diagnosed, several at once; what is found is kept, so that it can be judged again."""
+"""Recording and diagnosis of sessions in parallel; results are kept for later evaluation."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from .session import make
 
 
 def diagnose_session(folder: Path, skip: Sequence[str] = ()) -> dict[str, Any]:
-    """What signid says of the recordings in a folder; nothing else is looked at.
+    """Diagnose the recordings in a folder without access to the answers.
 
     Args:
-        folder: robot.urdf, actuators.toml beside it, and recording_1.parquet and so on.
-        skip: effects that the library is without.
+        folder: folder with robot.urdf, actuators.toml, recording_1.parquet and so on.
+        skip: effects removed from the library.
     """
     import signid
     from signid.output.report import diagnosis_document
@@ -33,16 +33,16 @@ def diagnose_session(folder: Path, skip: Sequence[str] = ()) -> dict[str, Any]:
 
 
 def process(case: Case, cache: Path, diagnose: bool, again: bool) -> str:
-    """Make a session, and diagnose it unless that was done; what went wrong, "" if nothing."""
+    """Record and diagnose a session unless done; return the error, or an empty string."""
     try:
         folder, result = make(case, cache), cache / "diagnoses" / f"{case.name}.json"
         if not diagnose or (result.is_file() and not again):
             return ""
         start, wall = time.process_time(), time.perf_counter()
         found = diagnose_session(folder, case.skip)
-        took = {"cpu": time.process_time() - start, "wall": time.perf_counter() - wall}
+        times = {"cpu": time.process_time() - start, "wall": time.perf_counter() - wall}
         result.parent.mkdir(parents=True, exist_ok=True)
-        result.write_text(json.dumps({"document": found, **took}), encoding="utf-8")
+        result.write_text(json.dumps({"document": found, **times}), encoding="utf-8")
     except Exception as error:  # one case must not end the others
         return f"{case.key}: {type(error).__name__}: {error} ({traceback.extract_tb(error.__traceback__)[-1].name})"
     return ""
@@ -51,18 +51,18 @@ def process(case: Case, cache: Path, diagnose: bool, again: bool) -> str:
 def process_all(
     cases: Sequence[Case], cache: Path, workers: int, progress: Progress, diagnose: bool = True, again: bool = False
 ) -> Iterator[str]:
-    """Every case once, most at once as there are workers; what went wrong."""
+    """Process every case in parallel; yield the errors."""
     bar = progress.add_task("diagnose" if diagnose else "record", total=len(cases))
     with ProcessPoolExecutor(workers) as pool:
         job = partial(process, cache=cache, diagnose=diagnose, again=again)
         for done in as_completed([pool.submit(job, case) for case in cases]):
             progress.advance(bar)
-            if wrong := done.result():
-                yield wrong
+            if error := done.result():
+                yield error
 
 
-def judged(cases: Sequence[Case], cache: Path) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
-    """Answer and finding of every case that was diagnosed."""
+def results(cases: Sequence[Case], cache: Path) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
+    """Yield answer and diagnosis of every diagnosed case."""
     for case in cases:
         answer, result = (cache / kind / f"{case.name}.json" for kind in ("answers", "diagnoses"))
         if answer.is_file() and result.is_file():

@@ -1,1 +1,1 @@
-"""Diagnosis of known changes on real robots: names, numbers, and prediction of unseen recordings."""
+"""Diagnosis of known changes on real robots: names, parameters and prediction of held-out recordings."""

@@ -1,8 +1,8 @@
-"""Known changes on real robots: `python -m benchmarks.concealed_real [--sets S ...] [--json FILE]`, with SIGNID_DATA.
+"""Diagnosis of known changes on real robots: `python -m benchmarks.concealed_real [--sets S ...] [--json FILE]`.
 
-Part A of each set is identified. One known change is made to the model, or to the recording B, which is diagnosed.
-Recording C compares the extended model with the given one. A case is fair if its torque is at least as large as the
-residual of the unchanged model on B, and if the control (nothing changed) does not name the change already.
+Needs SIGNID_DATA. Part A of each set is identified. One known change is made to the model or to the recording B, which
+is diagnosed. The extended and the given model are compared on the held-out recording C. A case is fair if its torque is
+at least as large as the residual of the unchanged model on B, and if the control (no change) does not name the change.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from typing import Any
 from rich.console import Console
 
 from ..one_thread import one_thread
-from ..told import finite
+from ..summary import finite
 from .run import Row, run
 from .sets import SETS
 from .show import line, tables
@@ -31,14 +31,14 @@ WAIT = 1.0  # between polls of the processes [s]
 
 
 def parse() -> argparse.Namespace:
-    """The command line."""
+    """Parse the command line."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.concealed_real", description=__doc__)
     parser.add_argument("--sets", nargs="+", choices=SETS, default=list(SETS), metavar="SET", help=", ".join(SETS))
-    parser.add_argument("--cases", nargs="+", default=[], metavar="KIND", help="kinds of changes")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the rows here, each when it finishes")
+    parser.add_argument("--cases", nargs="+", default=[], metavar="KIND", help="kinds of changes (default: all)")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the rows to FILE as JSON after each case")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes; each runs one set at a time")
     parser.add_argument("--limit", type=float, metavar="S", help="time limit of a diagnosis")
-    parser.add_argument("--show", type=Path, metavar="FILE", help="only print the tables of such a file")
+    parser.add_argument("--show", type=Path, metavar="FILE", help="print the tables of an existing JSON file")
     return parser.parse_args()
 
 
@@ -51,7 +51,7 @@ def main() -> int:
         console.print(*tables(rows))
         return 0
     if not os.environ.get("SIGNID_DATA"):
-        sys.exit("SIGNID_DATA is unset: real recordings are not part of the repository")
+        sys.exit("SIGNID_DATA is not set; real recordings are not in the repository; set it to their folder")
     rows = []
     for row in _rows(options.sets, options.cases, options.limit, options.jobs):
         rows.append(row)
@@ -63,7 +63,7 @@ def main() -> int:
 
 
 def _write(path: Path, rows: Sequence[Row]) -> None:
-    """Write the whole file or nothing."""
+    """Write the file atomically."""
     text = json.dumps({"rows": finite(rows), "totals": totals(rows)}, indent=1) + "\n"
     part = path.with_name(f"{path.name}.part")
     part.write_text(text, encoding="utf-8")

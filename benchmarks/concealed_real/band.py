@@ -1,4 +1,4 @@
-"""Residuals of a model in a given band, the size of a change there, and the comparison on an unseen recording."""
+"""Residuals of a model in a given band, size of a change there, and comparison on a held-out recording."""
 
 from __future__ import annotations
 
@@ -16,31 +16,31 @@ from signid.simulation.rollout.joints import restrict_joints
 from signid.types import Recording
 
 Array = NDArray[np.float64]
-BLOCKS, LEAST = 20, 4  # blocks in time of a recording, and the fewest for a standard error
-ROUNDING = 1e-9  # share of the mean square
+BLOCKS, LEAST = 20, 4  # time blocks per recording, fewest blocks for a standard error
+ROUNDING = 1e-9  # tolerance over the mean square [1]
 
 
 @dataclass(frozen=True)
 class Worse:
-    """Both models at one joint of an unseen recording."""
+    """Both models at one joint of a held-out recording."""
 
     joint: str
     given: float  # rms [N.m or N]
     extended: float
     error: float  # standard error of the difference of mean squares, as a share of the given mean square [1]
-    worse: bool  # by more than that
+    worse: bool  # the extended model is worse by more than the standard error
 
 
 def residual(model: Model, recording: Recording, cutoff: float | None) -> Array:
-    """(M, n) [N.m or N] measured - predicted in a band; NaN where a row does not count.
+    """Residual (M, n) [N.m or N], measured - predicted, in a band; NaN in excluded rows.
 
     Args:
-        model: the simulation.
-        recording: of its joints.
-        cutoff: [Hz]; None: chosen from the recording.
+        model: simulation model.
+        recording: recording of the model's joints.
+        cutoff: cut-off [Hz]; None: chosen from the recording.
 
     Raises:
-        RecordingError: no stretch is as long as the filter.
+        RecordingError: every stretch is shorter than the filter.
     """
     own = restrict_joints(model, [recording])[0]
     options = replace(Options(effects=()), cutoff=cutoff)
@@ -50,39 +50,39 @@ def residual(model: Model, recording: Recording, cutoff: float | None) -> Array:
 
 
 def rms(x: Array) -> Array:
-    """(n,) root mean square of the rows that count; NaN where none does."""
+    """Root mean square (n,) over included rows; NaN without rows."""
     count = np.isfinite(x).sum(axis=0)
     return np.asarray(np.sqrt(np.nansum(x**2, axis=0) / np.where(count > 0, count, np.nan)))
 
 
 def ratios(changed: Array, control: Array) -> Array:
-    """(n,) rms of the torque that a change makes over the rms residual of the control [1].
+    """Rms torque of a change over the rms residual of the control (n,) [1].
 
     Args:
-        changed: (M, n) residual with the change.
-        control: (M, n) residual without it, of the same rows.
+        changed: residual with the change (M, n).
+        control: residual of the same rows without the change (M, n).
     """
     return np.nan_to_num(rms(changed - control) / rms(control))
 
 
 def ratios_apart(changed: Array, control: Array) -> Array:
-    """(n,) the same for two recordings whose rows cannot be compared: rms of the excess residual [1].
+    """Rms excess residual over the rms residual of the control (n,) [1], for different recordings.
 
     Args:
-        changed: (M, n) residual on the one.
-        control: (N, n) residual on the other.
+        changed: residual on the changed recording (M, n).
+        control: residual on the control recording (N, n).
     """
-    ours, plain = rms(changed), rms(control)
-    return np.nan_to_num(np.sqrt(np.maximum(ours**2 - plain**2, 0.0)) / plain)
+    total, plain = rms(changed), rms(control)
+    return np.nan_to_num(np.sqrt(np.maximum(total**2 - plain**2, 0.0)) / plain)
 
 
 def compare(given: Array, extended: Array, joints: Sequence[str]) -> list[Worse]:
     """Compare mean squares per joint, with a standard error from blocks in time.
 
     Args:
-        given: (M, n) residual of the given model.
-        extended: (M, n) residual of the extended model, same rows.
-        joints: n names.
+        given: residual of the given model (M, n).
+        extended: residual of the extended model on the same rows (M, n).
+        joints: joint names (n,).
     """
     found = []
     for j, joint in enumerate(joints):

@@ -1,4 +1,4 @@
-"""A case: a simulation, recordings, the change that was made, and the expected answer."""
+"""A case: simulation, recordings, known change and expected answer."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ Joints = tuple[int, ...]
 
 @dataclass(frozen=True)
 class Truth:
-    """The change, as a diagnosis should name it."""
+    """Expected findings for the change."""
 
-    effects: tuple[str, ...]  # any of which is right
+    effects: tuple[str, ...]  # effects that count as right
     joints: Joints | None  # None: any
-    numbers: Mapping[str, float] = field(default_factory=dict)  # to be added to the simulation
-    totals: Mapping[str, float] = field(default_factory=dict)  # together with what the simulation states
-    std: float = 0.0  # of these numbers; 0 where the change is exact
-    fault: str = ""  # recording fault that a flag or a refusal may name: sign, swap, late, early or gain
-    last: bool = False  # payload and link_inertia of the last joint are the same, with their numbers
+    numbers: Mapping[str, float] = field(default_factory=dict)  # parameters to be added to the simulation
+    totals: Mapping[str, float] = field(default_factory=dict)  # parameters including those of the simulation
+    std: float = 0.0  # standard deviation of these parameters; 0 for an exact change
+    fault: str = ""  # recording fault of an accepted flag or refusal: sign, swap, late, early or gain
+    last: bool = False  # payload and link_inertia of the last joint are equivalent
 
 
 @dataclass(frozen=True)
@@ -34,6 +34,6 @@ class Case:
     b: Recording
     c: Recording
     truth: Truth
-    complete: Model | None = None  # for physics that nature concealed: a model that includes it
-    before: Recording | None = None  # the same rows without the change, where they are not those of the control
-    other: bool = False  # B is another recording than the control's, rows cannot be compared
+    complete: Model | None = None  # for physics missing by nature: a model that includes it
+    before: Recording | None = None  # the same rows without the change, if they differ from the control's
+    other: bool = False  # B differs from the control's recording, so rows cannot be compared

@@ -17,13 +17,13 @@ from .payloads import carrying, load_of
 from .sets import columns_of
 
 LAWS = ("coulomb_friction", "viscous_friction", "armature", "torque_offset")
-SMALLER, HEAVIER = 3.0, 1.2
-TILT = float(np.radians(3.0))
-LATE, GAIN, OFFSET = 3, 1.15, 0.05  # samples, 1, rad or m
+SMALLER, HEAVIER = 3.0, 1.2  # divisor of a friction level, factor on a link's inertials [1]
+TILT = float(np.radians(3.0))  # base tilt [rad]
+LATE, GAIN, OFFSET = 3, 1.15, 0.05  # delay [samples], torque gain [1], encoder offset [rad or m]
 
 
 def all_cases(setup: Setup) -> Iterator[Case]:
-    """All cases: laws, bodies, recordings.
+    """Yield all cases: laws, bodies, recordings.
 
     Args:
         setup: model and recordings of the set.
@@ -34,7 +34,7 @@ def all_cases(setup: Setup) -> Iterator[Case]:
 
 
 def laws(setup: Setup) -> Iterator[Case]:
-    """Remove each kind of law at the joint with its largest share of torque; state one Coulomb level too small."""
+    """Remove each kind of law at the joint with its largest share of torque; reduce one Coulomb level."""
     size = _torque(setup)
     for effect in LAWS:
         own = {law.joints[0]: law for law in setup.model.laws if law.effect.name == effect}
@@ -53,7 +53,7 @@ def laws(setup: Setup) -> Iterator[Case]:
 
 
 def bodies(setup: Setup) -> Iterator[Case]:
-    """A payload gone and one carried, a link that is too heavy in the model, a tilted base."""
+    """Remove and add a payload, make a link of the model too heavy, tilt the base."""
     model, last = setup.model, len(setup.model.robot.joints) - 1
     load, body = load_of(model), own_body(model.robot, last)
     truth = Truth(("payload",), (last,), {"mass": -float(load[0])}, last=True)
@@ -74,7 +74,7 @@ def bodies(setup: Setup) -> Iterator[Case]:
 
 
 def recordings(setup: Setup) -> Iterator[Case]:
-    """Delay, lead, gain, encoder offset, sign and channel swap, the same in B and C."""
+    """Apply delay, lead, gain, encoder offset, sign and channel swap to B and C."""
     n, step = len(setup.model.robot.joints), float(np.median(np.diff(columns_of(setup.b)["t"])))
     for samples, word in ((LATE, "late"), (-LATE, "early")):
         truth = Truth(("time_delay",), tuple(range(n)), {"delay": samples * step}, fault=word)
@@ -110,11 +110,11 @@ def _at(setup: Setup, what: str, joint: int | None) -> str:
 
 
 def _largest(setup: Setup, changed: Mapping[int, Model]) -> int:
-    """The key of the model with the largest change."""
+    """Key of the model with the largest change."""
     sizes = {key: float(np.max(setup.ratios(model))) for key, model in changed.items()}
     return max(sizes, key=lambda key: sizes[key])
 
 
 def _torque(setup: Setup) -> Array:
-    """(n,) [N.m or N] rms of the recorded torque."""
+    """Rms of the recorded torque (n,) [N.m or N]."""
     return rms(columns_of(setup.b)["tau"])

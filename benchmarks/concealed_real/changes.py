@@ -1,4 +1,4 @@
-"""Primitive changes of models and recordings, and the setup that they are applied to."""
+"""Elementary changes of models and recordings, and the setup of a set."""
 
 from __future__ import annotations
 
@@ -15,37 +15,39 @@ from signid.types import Law, Recording
 from .band import Array, ratios, residual
 from .sets import columns_of, rebuilt
 
-DEFAULT_BAND = 8.0  # Hz
+DEFAULT_BAND = 8.0  # cut-off if the control has none [Hz]
 Columns = Mapping[str, Array]
 Change = Callable[[Columns], Columns]
 
 
 @dataclass(frozen=True)
 class Setup:
-    """The model identified from A, and the recordings B to diagnose and C to judge by."""
+    """Model identified from A, diagnosed recording B and held-out recording C."""
 
     model: Model
     b: Recording
     c: Recording
-    cutoff: float | None  # of the control's diagnosis [Hz]
-    residual: Array  # (M, n) of the model on B in that band [N.m or N]
-    std: Mapping[tuple[str, int], float] = field(default_factory=dict)  # of identified laws, by effect and joint
+    cutoff: float | None  # cut-off of the control's diagnosis [Hz]
+    residual: Array  # residual of the model on B in this band (M, n) [N.m or N]
+    std: Mapping[tuple[str, int], float] = field(
+        default_factory=dict
+    )  # standard deviations of identified laws by effect and joint
 
     @property
     def band(self) -> float:
-        """The cut-off, or a default where the control has none [Hz]."""
+        """Cut-off [Hz], by default DEFAULT_BAND."""
         return self.cutoff or DEFAULT_BAND
 
     def ratios(self, model: Model, b: Recording | None = None) -> Array:
-        """(n,) rms of the torque that a change makes over the rms residual of the control [1]."""
+        """Rms torque of a change over the rms residual of the control (n,) [1]."""
         return ratios(residual(model, b or self.b, self.cutoff), self.residual)
 
 
 def identified_std(found: Identification) -> dict[tuple[str, int], float]:
-    """Standard deviations of the laws that are base parameters by themselves, by effect and joint.
+    """Standard deviations by effect and joint of laws that are single base parameters.
 
     Args:
-        found: the identification of A.
+        found: identification of A.
     """
     base, laws = found.base, found.session.task.laws
     stds = {}
@@ -58,12 +60,12 @@ def identified_std(found: Identification) -> dict[tuple[str, int], float]:
 
 
 def without(model: Model, effect: str, joint: int | None = None) -> Model:
-    """The model without a law at a joint, or at any.
+    """Remove a law at one joint or at all.
 
     Args:
-        model: a simulation.
-        effect: of the law.
-        joint: its joint; None: all.
+        model: simulation model.
+        effect: effect of the law.
+        joint: joint of the law; None: all.
     """
     return replace(
         model, laws=tuple(x for x in model.laws if x.effect.name != effect or joint not in (None, *x.joints))
@@ -71,13 +73,13 @@ def without(model: Model, effect: str, joint: int | None = None) -> Model:
 
 
 def scaled_law(model: Model, effect: str, joint: int, factor: float) -> Model:
-    """The model with the numbers of a law at a joint multiplied.
+    """Scale the parameters of a law at a joint.
 
     Args:
-        model: a simulation.
-        effect: of the law.
-        joint: its joint.
-        factor: of all its numbers.
+        model: simulation model.
+        effect: effect of the law.
+        joint: joint of the law.
+        factor: factor on all parameters.
     """
 
     def one(law: Law) -> Law:
@@ -89,12 +91,12 @@ def scaled_law(model: Model, effect: str, joint: int, factor: float) -> Model:
 
 
 def with_body(model: Model, body: int, added: Array) -> Model:
-    """The model with ten inertial parameters added to a body.
+    """Add ten inertial parameters to a body.
 
     Args:
-        model: a simulation.
-        body: 0-based.
-        added: (10,) in Pinocchio's order [kg, kg.m, kg.m2].
+        model: simulation model.
+        body: index of the body, 0-based.
+        added: inertial parameters (10,) in Pinocchio's order [kg, kg.m, kg.m2].
     """
     inertials = model.inertials.copy()
     inertials[body] += added
@@ -102,12 +104,12 @@ def with_body(model: Model, body: int, added: Array) -> Model:
 
 
 def tilted(model: Model, x: float, y: float) -> Model:
-    """The model as if its base were turned about its own x and y.
+    """Tilt the base about its own x and y.
 
     Args:
-        model: a simulation.
-        x: [rad].
-        y: [rad].
+        model: simulation model.
+        x: rotation about x [rad].
+        y: rotation about y [rad].
     """
     bodies = model.robot.model.copy()
     bodies.gravity.linear = pin.exp3(np.array([x, y, 0.0])).T @ bodies.gravity.linear
@@ -115,23 +117,23 @@ def tilted(model: Model, x: float, y: float) -> Model:
 
 
 def shifted(columns: Columns, samples: int) -> Columns:
-    """Torques recorded so many samples late, or early where negative; the ends repeat the nearest.
+    """Delay the torques by samples (negative: advance) and repeat the end values.
 
     Args:
-        columns: of a recording.
-        samples: by which torque is late.
+        columns: columns of a recording.
+        samples: delay of the torque.
     """
     tau = columns["tau"]
     return {**columns, "tau": tau[np.clip(np.arange(len(tau)) - samples, 0, len(tau) - 1)]}
 
 
 def times(columns: Columns, joint: int, factor: float) -> Columns:
-    """The torque of a joint multiplied.
+    """Scale the torque of a joint.
 
     Args:
-        columns: of a recording.
-        joint: 0-based.
-        factor: [1].
+        columns: columns of a recording.
+        joint: index of the joint, 0-based.
+        factor: factor on the torque [1].
     """
     tau = columns["tau"].copy()
     tau[:, joint] *= factor
@@ -139,12 +141,12 @@ def times(columns: Columns, joint: int, factor: float) -> Columns:
 
 
 def plus(columns: Columns, joint: int, offset: float) -> Columns:
-    """The position of a joint, and the desired one, with an offset.
+    """Add an offset to the measured and desired position of a joint.
 
     Args:
-        columns: of a recording.
-        joint: 0-based.
-        offset: [rad or m].
+        columns: columns of a recording.
+        joint: index of the joint, 0-based.
+        offset: added offset [rad or m].
     """
     found = dict(columns)
     for key in {"q", "q_des"} & columns.keys():
@@ -154,11 +156,11 @@ def plus(columns: Columns, joint: int, offset: float) -> Columns:
 
 
 def swapped(columns: Columns, pair: tuple[int, int]) -> Columns:
-    """The torques of two joints exchanged.
+    """Exchange the torques of two joints.
 
     Args:
-        columns: of a recording.
-        pair: 0-based joints.
+        columns: columns of a recording.
+        pair: indices of the joints, 0-based.
     """
     tau = columns["tau"].copy()
     tau[:, list(pair)] = tau[:, list(pair[::-1])]
@@ -166,11 +168,11 @@ def swapped(columns: Columns, pair: tuple[int, int]) -> Columns:
 
 
 def recorded(recording: Recording, model: Model, change: Change) -> Recording:
-    """A recording whose columns are changed.
+    """Apply a change to the columns of a recording.
 
     Args:
-        recording: of the model's joints.
-        model: gives the robot.
-        change: of its columns.
+        recording: recording of the model's joints.
+        model: model of the robot.
+        change: change of the columns.
     """
     return rebuilt(model.robot, change(columns_of(recording)))

@@ -1,4 +1,4 @@
-"""How a named law relates to the truth: exact, a twin that no motion separates, or a part."""
+"""Relation of a named law to the truth: exact, a twin that no motion distinguishes, or a part."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ ALIKE = ({"torque_offset", "asymmetric_friction"}, {"time_delay", "torque_lag"})
 FIRST = {"armature", "link_inertia"}
 LAST = {"payload", "link_inertia", "encoder_offset"}
 SLIDES = ({"base_tilt", "torque_offset"}, {"armature", "payload"})  # equivalent on a single prismatic joint
-WHOLE = {"asymmetric_friction": ("viscous_friction", "coulomb_friction", "torque_offset")}  # the laws that it contains
+WHOLE = {"asymmetric_friction": ("viscous_friction", "coulomb_friction", "torque_offset")}  # contained laws
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A finding, or an alternative of one."""
+    """A finding or an alternative."""
 
     effect: str
     joints: Joints
@@ -29,25 +29,25 @@ class Candidate:
     cause: bool = True
     value: Mapping[str, float] = field(default_factory=dict)
     std: Mapping[str, float] = field(default_factory=dict)
-    stated: Mapping[str, float] = field(default_factory=dict)  # stated by the simulation, for numbers that it states
+    stated: Mapping[str, float] = field(default_factory=dict)  # values that the simulation states
     rivals: tuple[Candidate, ...] = ()
 
 
 @dataclass(frozen=True)
 class Arm:
-    """The joints, as far as they decide which laws are twins."""
+    """Properties of the joints that decide which laws are twins."""
 
     joints: tuple[str, ...]
     slides: bool = False  # a single prismatic joint
 
 
 def relation(name: Candidate, truth: Truth, arm: Arm) -> str:
-    """Exact, twin, or part (a part of the truth, or a law that contains it); empty: unrelated.
+    """Relation: exact, twin, part (of the truth, or a containing law) or empty (unrelated).
 
     Args:
-        name: a finding or an alternative.
-        truth: the change.
-        arm: the joints.
+        name: finding or alternative.
+        truth: known change.
+        arm: joints of the robot.
     """
     anywhere = truth.joints is None or name.effect in ("base_tilt", "payload") or len(arm.joints) == 1
     same = anywhere or set(name.joints) == set(truth.joints or ())
@@ -64,8 +64,8 @@ def contains(name: Candidate, truth: Truth, arm: Arm) -> bool:
 
     Args:
         name: a finding.
-        truth: the change.
-        arm: the joints.
+        truth: known change.
+        arm: joints of the robot.
     """
     inner = {x for effect in truth.effects for x in (effect, *_slides(effect, arm))}
     place = truth.joints is None or len(arm.joints) == 1 or set(name.joints) == set(truth.joints)
@@ -77,7 +77,7 @@ def _slides(effect: str, arm: Arm) -> set[str]:
 
 
 def _twins(both: set[str], name: Candidate, truth: Truth, same: bool, arm: Arm) -> bool:
-    """Whether no motion separates two effects (design 3.6)."""
+    """Whether no motion distinguishes two effects."""
     if len(arm.joints) == 1 and (
         any(both <= group for group in ALONE) or arm.slides and any(both <= group for group in SLIDES)
     ):
@@ -91,11 +91,11 @@ def _twins(both: set[str], name: Candidate, truth: Truth, same: bool, arm: Arm) 
 
 
 def label(name: Candidate, arm: Arm) -> str:
-    """Effect, joints and probability of a finding in short.
+    """Short text with effect, joints and probability of a finding.
 
     Args:
-        name: the finding.
-        arm: the joints.
+        name: finding.
+        arm: joints of the robot.
     """
     everywhere = len(name.joints) > 2
     place = "all" if everywhere else " ".join(arm.joints[j] for j in name.joints)

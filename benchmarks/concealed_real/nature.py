@@ -1,4 +1,4 @@
-"""Physics that the default model of a set lacks by nature, with the published truth."""
+"""Physics missing in the default model of a set, with the published truth."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ from .changes import Setup
 from .sets import RealSet, data, read
 
 KIND = "nature"
-PAYLOAD = 2.805  # kg, weighed by the authors
-COUPLING = {"inertia": 0.00964, "viscous": 0.616, "coulomb": 1.95}  # published, kg.m2, N.m.s/rad, N.m
+PAYLOAD = 2.805  # mass weighed by the authors [kg]
+COUPLING = {"inertia": 0.00964, "viscous": 0.616, "coulomb": 1.95}  # published [kg.m2], [N.m.s/rad], [N.m]
 DIRECTIONS = ("asymmetric_friction", "armature")
 FRICTION = ("viscous_friction", "coulomb_friction", "asymmetric_friction", "stribeck_friction")
 
 
 def concealed(one: RealSet, setup: Setup, a: list[Recording]) -> Iterator[Case]:
-    """The cases of a set; most sets have none.
+    """Yield the cases of a set; most sets have none.
 
     Args:
-        one: the set.
-        setup: its model and recordings.
-        a: the identified recordings.
+        one: set of recordings.
+        setup: model and recordings of the set.
+        a: identified recordings.
     """
     if one.name in CASES:
         yield CASES[one.name](one, setup, a)
 
 
 def _payload(one: RealSet, setup: Setup, a: list[Recording]) -> Case:
-    b, c = (read(one, setup.model.robot, one.more[key]) for key in ("loaded", "loaded, judged"))
+    b, c = (read(one, setup.model.robot, one.more[key]) for key in ("loaded", "loaded, held out"))
     truth = Truth(("payload",), (len(setup.model.robot.joints) - 1,), {"mass": PAYLOAD}, last=True)
     return Case(KIND, f"{PAYLOAD} kg payload", setup.model, b, c, truth, other=True)
 

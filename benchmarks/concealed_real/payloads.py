@@ -1,4 +1,4 @@
-"""A body at the last link, in a model or in the torque of a recording."""
+"""Payload at the last link, in a model or in the torque of a recording."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from .band import Array
 from .changes import with_body
 from .sets import rebuilt
 
-SHARE, PLACE, RADIUS = 0.1, (0.05, 0.02, 0.1), 0.05  # of the robot's mass; centre and radius of the body [m]
-WIDER = 3.0  # band of the accelerations over that of the diagnosis
+SHARE, PLACE, RADIUS = 0.1, (0.05, 0.02, 0.1), 0.05  # mass over the robot's mass [1], centre [m], radius [m]
+WIDER = 3.0  # cut-off of the accelerations over that of the diagnosis [1]
 
 
 def load_of(model: Model) -> Array:
-    """(10,) inertial parameters of a ball, about the last joint's frame: a tenth of the robot's mass, stated or found.
+    """Inertial parameters (10,) about the last joint's frame of a ball with a tenth of the robot's mass.
 
     Args:
-        model: a simulation.
+        model: simulation model; the smaller of its stated and identified masses counts.
     """
     stated = stated_inertials(model.robot)[-1]
     place = np.array(PLACE) if len(model.robot.joints) > 1 else stated[1:4] / stated[0]
@@ -35,13 +35,13 @@ def load_of(model: Model) -> Array:
 
 
 def carrying(recording: Recording, model: Model, load: Array | None, cutoff: float) -> Recording:
-    """The recording with the torque of a body at the last link added, without the ends where acceleration is unknown.
+    """Add the torque of a body at the last link to a recording; cut the ends, where acceleration is unknown.
 
     Args:
-        recording: without the body.
-        model: of the robot.
-        load: (10,) inertial parameters of the body; None: the same rows without it.
-        cutoff: of the diagnosis [Hz].
+        recording: recording without the body.
+        model: model of the robot.
+        load: inertial parameters of the body (10,); None: the same rows without the body.
+        cutoff: cut-off of the diagnosis [Hz].
     """
     session = prepare(model.robot, [recording], [recording], Options(effects=(), cutoff=WIDER * cutoff))
     given, sampling = session.held_out[0]

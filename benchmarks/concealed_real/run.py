@@ -1,4 +1,4 @@
-"""Run the cases of a set: identify A, change the model or B, diagnose, judge, and compare both models on C."""
+"""Run the cases of a set: identify A, change the model or B, diagnose, evaluate, and compare both models on C."""
 
 from __future__ import annotations
 
@@ -23,24 +23,24 @@ from .band import Array, compare, ratios, ratios_apart, residual, rms
 from .case import Case
 from .cases import all_cases
 from .changes import Setup, identified_std
-from .judge import SURE, Answer, already_named, answer_of, judge
+from .evaluate import SURE, Answer, already_named, answer_of, evaluate
 from .names import Arm, label
 from .nature import KIND, concealed
 from .sets import RealSet, columns_of, read
 
 CONTROL = "control"
-BEYOND = 2.0  # processor time, over the limit, at which a diagnosis is stopped from outside
+BEYOND = 2.0  # processor time over the time limit at which a diagnosis is aborted [1]
 ONCE = {"start", "end"}  # parameters of laws that describe a single event
 Row = dict[str, Any]
 
 
 class OutOfTimeError(Exception):
-    """A diagnosis exceeded its time limit by far."""
+    """A diagnosis far exceeded its time limit."""
 
 
 @dataclass(frozen=True)
 class Attempt:
-    """A diagnosis, or the reason why there is none."""
+    """A diagnosis, or the reason for its absence."""
 
     answer: Answer
     seconds: float  # processor time
@@ -48,10 +48,10 @@ class Attempt:
 
 
 def run(one: RealSet, kinds: Collection[str], limit: float | None) -> Iterator[Row]:
-    """Rows of a set as they finish; a set that cannot start or go on gives a row with the reason.
+    """Yield the rows of a set as they finish; a failing set yields a row with the reason.
 
     Args:
-        one: the set.
+        one: set of recordings.
         kinds: kinds of cases; empty: all.
         limit: time limit of a diagnosis [s]; None: none.
     """
@@ -60,14 +60,14 @@ def run(one: RealSet, kinds: Collection[str], limit: float | None) -> Iterator[R
     except Exception as error:  # one set must not end the others
         outcome = "refused" if isinstance(error, SignidError) else "crash"
         failed = {"set": one.name, "kind": "set", "what": "cannot go on", "outcome": outcome}
-        yield {**failed, "sentences": [_sentence(error)], "seconds": 0.0}
+        yield {**failed, "sentences": [_message(error)], "seconds": 0.0}
 
 
 def rows_of(one: RealSet, kinds: Collection[str], limit: float | None) -> Iterator[Row]:
-    """The control first, then each case of a set.
+    """Yield the control, then each case of a set.
 
     Args:
-        one: the set.
+        one: set of recordings.
         kinds: kinds of cases; empty: all.
         limit: time limit of a diagnosis [s]; None: none.
     """
@@ -88,11 +88,11 @@ def rows_of(one: RealSet, kinds: Collection[str], limit: float | None) -> Iterat
 
 
 def attempt(model: Model, recordings: Sequence[Recording], limit: float | None) -> Attempt:
-    """A diagnosis with its processor time; a refusal or a crash is a result.
+    """Diagnose and measure processor time; a refusal or a crash is a result.
 
     Args:
-        model: the simulation.
-        recordings: that are diagnosed.
+        model: simulation model.
+        recordings: diagnosed recordings.
         limit: time limit [s]; None: none.
     """
     start = time.process_time()
@@ -102,13 +102,13 @@ def attempt(model: Model, recordings: Sequence[Recording], limit: float | None) 
     except SignidError as error:
         return Attempt(Answer("refused", (), (str(error),)), time.process_time() - start)
     except Exception as error:  # a crash of one case must not end the benchmark
-        return Attempt(Answer("crash", (), (_sentence(error),)), time.process_time() - start)
+        return Attempt(Answer("crash", (), (_message(error),)), time.process_time() - start)
     return Attempt(answer_of(diagnosis), time.process_time() - start, diagnosis)
 
 
 @contextmanager
 def _stopped(limit: float | None) -> Iterator[None]:
-    """Raise inside the block when its processor time is far beyond the limit."""
+    """Raise inside the block when its processor time is far above the limit."""
 
     def stop(number: int, frame: FrameType | None) -> None:
         raise OutOfTimeError(f"stopped after {BEYOND * (limit or 0):g} s of processor time")
@@ -125,7 +125,7 @@ def _stopped(limit: float | None) -> Iterator[None]:
         signal.signal(signal.SIGPROF, before)
 
 
-def _sentence(error: Exception) -> str:
+def _message(error: Exception) -> str:
     frame = traceback.extract_tb(error.__traceback__)[-1]
     return f"{type(error).__name__}: {error} ({frame.name})"
 
@@ -138,12 +138,14 @@ def _control(one: RealSet, setup: Setup, found: Attempt, arm: Arm) -> Row:
         "sure": [label(x, arm) for x in answer.candidates if x.cause and x.probability > SURE],
         "residual_share": dict(zip(arm.joints, share.tolist(), strict=True)),
     }
-    return _common(one, CONTROL, "nothing changed", found, arm) | row | _unseen(setup.model, setup.c, found)
+    return _common(one, CONTROL, "nothing changed", found, arm) | row | _held_out(setup.model, setup.c, found)
 
 
 def _row(one: RealSet, setup: Setup, case: Case, found: Attempt, control: Attempt, arm: Arm) -> Row:
     reused = found is control
-    verdict = judge(found.answer, case.truth, replace(control.answer, candidates=()) if reused else control.answer, arm)
+    evaluation = evaluate(
+        found.answer, case.truth, replace(control.answer, candidates=()) if reused else control.answer, arm
+    )
     sizes = _bound(setup, case)
     largest = int(np.argmax(sizes))
     known = case.kind != KIND and already_named(control.answer, case.truth, arm)
@@ -153,17 +155,17 @@ def _row(one: RealSet, setup: Setup, case: Case, found: Attempt, control: Attemp
         "known": known,
         "fair": float(sizes[largest]) >= 1 and not known,
         "numbers_asked": len(case.truth.numbers),
-        **asdict(verdict),
-        "numbers": [{**asdict(number), "within": number.within} for number in verdict.numbers],
+        **asdict(evaluation),
+        "numbers": [{**asdict(number), "within": number.within} for number in evaluation.numbers],
     }
     if reused:
         row["sure"] = []  # the truth about the rest of the model is not known
-    unseen = _unseen(case.model, case.c, found)
-    return _common(one, case.kind, case.what, found, arm) | row | unseen | {"undone": _undone(setup, case, found)}
+    held_out = _held_out(case.model, case.c, found)
+    return _common(one, case.kind, case.what, found, arm) | row | held_out | {"undone": _undone(setup, case, found)}
 
 
 def _undone(setup: Setup, case: Case, found: Attempt) -> list[Row]:
-    """The given model and the truth itself on recording C: joints that are worse there no answer could mend."""
+    """Compare the given model with the truth on C: no diagnosis can improve joints that are worse here."""
     if found.diagnosis is None or case.kind == KIND:
         return []
     cutoff = found.diagnosis.cutoff
@@ -171,12 +173,12 @@ def _undone(setup: Setup, case: Case, found: Attempt) -> list[Row]:
         given, truth = residual(case.model, case.c, cutoff), residual(setup.model, setup.c, cutoff)
     except (SignidError, ValueError, ArithmeticError):
         return []
-    same = given.shape == truth.shape  # recordings that end earlier have other rows
+    same = given.shape == truth.shape  # shorter recordings have other rows
     return [asdict(one) for one in compare(given, truth, setup.model.robot.joints)] if same else []
 
 
 def _bound(setup: Setup, case: Case) -> Array:
-    """(n,) rms of the torque that the change makes over the rms that the control leaves [1]; 0 without rows."""
+    """Rms torque of the change over the rms residual of the control (n,) [1]; 0 without rows."""
     try:
         changed = residual(case.model, case.b, setup.cutoff)
         if case.other:
@@ -204,8 +206,8 @@ def _common(one: RealSet, kind: str, what: str, found: Attempt, arm: Arm) -> Row
     }
 
 
-def _unseen(given: Model, c: Recording, found: Attempt) -> Row:
-    """Both models on recording C, in the band of the diagnosis."""
+def _held_out(given: Model, c: Recording, found: Attempt) -> Row:
+    """Compare both models on the held-out recording C in the band of the diagnosis."""
     if found.diagnosis is None:
         return {"unseen": []}
     extended, cutoff = found.diagnosis.model, found.diagnosis.cutoff
@@ -214,6 +216,6 @@ def _unseen(given: Model, c: Recording, found: Attempt) -> Row:
         before, after = (residual(model, c, cutoff) for model in (given, extended))
     except SignidError as error:
         return {"unseen": [], "unseen_refused": str(error)}
-    except Exception as error:  # an extended model that cannot be evaluated is a result
-        return {"unseen": [], "unseen_crash": _sentence(error)}
+    except Exception as error:  # a failing evaluation of the extended model is a result
+        return {"unseen": [], "unseen_crash": _message(error)}
     return {"unseen": [asdict(one) for one in compare(before, after, extended.robot.joints)]}

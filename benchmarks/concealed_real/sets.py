@@ -1,4 +1,4 @@
-"""The sets of real recordings: one robot each, and three parts without common samples."""
+"""Sets of real recordings: one robot each, and three disjoint parts."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Part:
 
 @dataclass(frozen=True)
 class RealSet:
-    """A robot's files: A is identified, B is diagnosed, C judges the extended model."""
+    """Files of a robot: A is identified, B is diagnosed, C is held out."""
 
     name: str
     folder: str
@@ -35,16 +35,16 @@ class RealSet:
     b: Part
     c: Part
     actuators: Path | None = None
-    more: Mapping[str, Part] = field(default_factory=dict)  # for physics that nature concealed
+    more: Mapping[str, Part] = field(default_factory=dict)  # parts for physics missing by nature
 
     def robot(self) -> Robot:
-        """The robot of the description."""
+        """Load the robot of the description."""
         path = data() / self.folder / self.urdf
         return signid.load_robot(path, actuators=self.actuators)
 
 
 def thirds(file: str, edges: Sequence[tuple[float, float]]) -> tuple[tuple[Part, ...], Part, Part]:
-    """Three blocks in time of one recording, with gaps between them."""
+    """Split one recording into three time blocks with gaps between them."""
     a, b, c = (Part(file, *edge) for edge in edges)
     return (a,), b, c
 
@@ -60,7 +60,7 @@ TABLE = (
         Part(f"{UR10E}12_40sec_12harm"),
         Part(f"{UR10E}12_50sec_12harm"),
         actuators=ROBOTS / "ur10e" / "actuators.toml",
-        more={"loaded": Part(LOADED, end=30.0), "loaded, judged": Part(LOADED, start=30.5)},
+        more={"loaded": Part(LOADED, end=30.0), "loaded, held out": Part(LOADED, start=30.5)},
     ),
     RealSet(
         "emps",
@@ -108,16 +108,16 @@ SETS = {one.name: one for one in TABLE}
 
 
 def data() -> Path:
-    """The folder of recordings."""
+    """Folder of the recordings."""
     return Path(os.environ["SIGNID_DATA"])
 
 
 def read(one: RealSet, robot: Robot, part: Part) -> Recording:
-    """A part of a set in memory, currents converted to torques.
+    """Read a part of a set; currents are converted to torques.
 
     Args:
-        one: the set.
-        robot: its robot.
+        one: set of recordings.
+        robot: robot of the set.
         part: file and times.
     """
     whole = signid.read_recording(data() / one.folder / f"{part.file}.csv.gz", robot)
@@ -125,12 +125,12 @@ def read(one: RealSet, robot: Robot, part: Part) -> Recording:
 
 
 def columns_of(recording: Recording, start: float = -np.inf, end: float = np.inf) -> dict[str, np.ndarray]:
-    """Arrays (N,) and (N, n) of a recording between two times, by the name of the signal.
+    """Arrays (N,) and (N, n) of a recording between two times, by signal.
 
     Args:
-        recording: of n joints.
-        start: [s].
-        end: [s], excluded.
+        recording: recording of n joints.
+        start: first time [s].
+        end: end time, excluded [s].
     """
     found = recording.read()
     inside = (found.t >= start) & (found.t < end)
@@ -139,10 +139,10 @@ def columns_of(recording: Recording, start: float = -np.inf, end: float = np.inf
 
 
 def rebuilt(robot: Robot, columns: Mapping[str, np.ndarray]) -> Recording:
-    """A recording from arrays.
+    """Build a recording from arrays.
 
     Args:
-        robot: of n joints.
+        robot: robot with n joints.
         columns: t (N,), q (N, n), tau (N, n) and so on.
     """
     return signid.read_recording(dict(columns), robot)

@@ -1,4 +1,4 @@
-"""Print rows as tables."""
+"""Tables of the rows."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 from rich.table import Table
 
-from ..told import frame
+from ..summary import frame
 from .summary import Cell, cells, reliability, totals, worse
 
 OUTCOMES = ("first", "flag", "list", "missed", "silent", "refused", "crash")
@@ -15,26 +15,26 @@ Row = dict[str, Any]
 
 
 def line(row: Row) -> str:
-    """One line for a finished case.
+    """One line of text for a finished case.
 
     Args:
-        row: of the case.
+        row: row of the case.
     """
     fair = "" if "fair" not in row else f"bound {row['bound']:.2g} at {row['bound_joint']}"
     if "fair" in row and not row["fair"]:
         fair += ", named by the control" if row["known"] else ", too small"
     text = "; ".join(row.get("causes", [])[:3]) or "; ".join(row["sentences"][:1])
     lost = sum(x["worse"] for x in row.get("unseen", []))
-    unseen = f", {lost} of {len(row['unseen'])} worse" if row.get("unseen") else ""
-    parts = (row["set"], row["kind"], row["what"], row["outcome"], fair, text, f"{row['seconds']:.1f} s{unseen}")
+    worse_joints = f", {lost} of {len(row['unseen'])} worse" if row.get("unseen") else ""
+    parts = (row["set"], row["kind"], row["what"], row["outcome"], fair, text, f"{row['seconds']:.1f} s{worse_joints}")
     return " | ".join(parts)
 
 
 def tables(rows: Sequence[Row]) -> Iterator[Table]:
-    """Cases, counts, reliability, and joints that the extended model predicts worse.
+    """Yield tables of cases, counts, reliability and joints that the extended model predicts worse.
 
     Args:
-        rows: all.
+        rows: all rows.
     """
     yield _cases(rows)
     yield _counts("fair cases by kind of change", cells(rows, lambda row: str(row["kind"])))
@@ -43,7 +43,7 @@ def tables(rows: Sequence[Row]) -> Iterator[Table]:
     for name, number, mean, right in reliability(rows):
         table.add_row(name, str(number), f"{mean:.3f}", f"{right:.3f}")
     yield table
-    table = frame("worse on recording C", ("set", "case", "", "joint", "rms, times", "error of its square"), left=4)
+    table = frame("worse on recording C", ("set", "case", "", "joint", "rms ratio", "std error of the square"), left=4)
     for robot, kind, what, joint, ratio, error in worse(rows):
         table.add_row(robot, kind, what, joint, f"{ratio:.3f}", f"{error:.3f}")
     yield table

@@ -1,4 +1,4 @@
-"""Shares of the rows, by kind of change and by set, and the figures that have targets."""
+"""Shares of the rows by kind of change and by set, and figures with targets."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 from .run import CONTROL
 
 Row = dict[str, Any]
-EDGES = (0.0, 0.5, 0.9, 0.99, 0.999, 1.0 + 1e-12)
+EDGES = (0.0, 0.5, 0.9, 0.99, 0.999, 1.0 + 1e-12)  # of the probability bins [1]
 
 
 @dataclass(frozen=True)
@@ -31,27 +31,27 @@ class Cell:
     name: str
     cases: int
     fair: int
-    outcomes: dict[str, int]  # of the fair ones
-    first_new: int  # fair, named first among the new causes
-    sure: int  # fair, with a new cause that is wrong and sure
+    outcomes: dict[str, int]  # of fair cases
+    first_new: int  # fair cases with the truth first among the new causes
+    sure: int  # fair cases with a wrong and sure new cause
     within: Share
 
 
 def changed(rows: Sequence[Row]) -> list[Row]:
-    """The rows of cases.
+    """Select the rows of cases.
 
     Args:
-        rows: all.
+        rows: all rows.
     """
     return [row for row in rows if row["kind"] not in (CONTROL, "set")]
 
 
 def cell(name: str, rows: Sequence[Row]) -> Cell:
-    """Counts over some cases.
+    """Count outcomes over cases.
 
     Args:
-        name: of the cell.
-        rows: its cases.
+        name: name of the cell.
+        rows: cases of the cell.
     """
     fair = [row for row in rows if row["fair"]]
     outcomes = dict(Counter(row["outcome"] for row in fair))
@@ -62,21 +62,21 @@ def cell(name: str, rows: Sequence[Row]) -> Cell:
 
 
 def cells(rows: Sequence[Row], key: Callable[[Row], str]) -> list[Cell]:
-    """Counts by a key, in the order of the rows.
+    """Count outcomes by a key, in the order of the rows.
 
     Args:
-        rows: all.
-        key: of a row.
+        rows: all rows.
+        key: key of a row.
     """
     cases = changed(rows)
     return [cell(name, [r for r in cases if key(r) == name]) for name in dict.fromkeys(map(key, cases))]
 
 
 def totals(rows: Sequence[Row]) -> dict[str, str]:
-    """The figures that have targets, as text.
+    """Figures with targets, as text (names are JSON keys).
 
     Args:
-        rows: all.
+        rows: all rows.
     """
     cases = changed(rows)
     fair = [row for row in cases if row["fair"]]
@@ -85,7 +85,7 @@ def totals(rows: Sequence[Row]) -> dict[str, str]:
         return str(Share(sum(row["outcome"] in outcomes for row in these), len(these)))
 
     numbers = cell("", cases).within
-    unseen = [joint for row in rows for joint in row.get("unseen", [])]
+    held_out = [joint for row in rows for joint in row.get("unseen", [])]
     undone = [joint for row in rows for joint in row.get("undone", [])]
     alone = [joint for row in rows if row["kind"] == CONTROL for joint in row.get("unseen", [])]
     return {
@@ -96,7 +96,9 @@ def totals(rows: Sequence[Row]) -> dict[str, str]:
         "numbers within their intervals (90 %)": str(numbers),
         "refused": share(rows, "refused"),
         "crashed": share(rows, "crash"),
-        "joints no worse on an unseen recording (98 %)": str(Share(sum(not x["worse"] for x in unseen), len(unseen))),
+        "joints no worse on an unseen recording (98 %)": str(
+            Share(sum(not x["worse"] for x in held_out), len(held_out))
+        ),
         "the same, of the change itself undone": str(Share(sum(not x["worse"] for x in undone), len(undone))),
         "the same, nothing changed": str(Share(sum(not x["worse"] for x in alone), len(alone))),
         "processor time": f"{sum(row['seconds'] for row in rows):.0f} s",
@@ -105,25 +107,25 @@ def totals(rows: Sequence[Row]) -> dict[str, str]:
 
 
 def reliability(rows: Sequence[Row]) -> list[tuple[str, int, float, float]]:
-    """Bins of the probability of the first new cause: name, number, mean probability, share that is right.
+    """Bins of the probability of the first new cause: name, number, mean probability, share of right ones.
 
     Args:
-        rows: all.
+        rows: all rows.
     """
     found = []
     for low, high in zip(EDGES, EDGES[1:], strict=False):
         some = [row for row in changed(rows) if row["probability"] and low <= row["probability"] < high]
         if some:
-            said, right = (sum(row[key] for row in some) / len(some) for key in ("probability", "right"))
-            found.append((f"{low:g} to {min(high, 1):g}", len(some), said, right))
+            mean, right = (sum(row[key] for row in some) / len(some) for key in ("probability", "right"))
+            found.append((f"{low:g} to {min(high, 1):g}", len(some), mean, right))
     return found
 
 
 def worse(rows: Sequence[Row]) -> list[tuple[str, str, str, str, float, float]]:
-    """Joints that the extended model predicts worse: set, kind, case, joint, ratio of rms, error of its square.
+    """Joints that the extended model predicts worse: set, kind, case, joint, rms ratio, standard error of the square.
 
     Args:
-        rows: all.
+        rows: all rows.
     """
     return [
         (row["set"], row["kind"], row["what"], x["joint"], x["extended"] / x["given"], x["error"])

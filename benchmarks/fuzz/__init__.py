@@ -1,1 +1,1 @@
-"""Parts of `benchmarks.fuzz`: readers of files, and files that they begin from."""
+"""Fuzzing of file readers: readers under test and seed files."""

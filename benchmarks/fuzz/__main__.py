@@ -1,9 +1,8 @@
-"""Does any file crash a reader? `python -m benchmarks.fuzz [--inputs 20000] [--readers URDF CSV ...] [--json FILE]`.
+"""Fuzz all file readers: `python -m benchmarks.fuzz [--inputs 20000] [--readers URDF CSV ...] [--json FILE]`.
 
-Each reader of `readers.py` is given so many files (xacro, which starts a process for each, a hundredth of
-them) in a process of its own: damaged by atheris (libFuzzer), which is led by the lines of signid that a file reaches.
-A fault is an exception that is no SignidError, more than SECONDS for one file, or more than MEMORY.
-Needs `pip install atheris`.
+Each reader of `readers.py` runs in a separate process on `--inputs` files (xacro: a hundredth, because it starts a
+process per file). atheris (libFuzzer) mutates the files, guided by code coverage of signid. A fault is an exception
+other than SignidError, more than SECONDS for one file, or more than MEMORY. Needs `pip install atheris`.
 """
 
 from __future__ import annotations
@@ -27,28 +26,32 @@ from rich.table import Table
 
 from ..one_thread import ONE_THREAD
 
-SECONDS, MEMORY, LENGTH = 60, 3000, 20_000  # [s], [MB], bytes of a file, or of the longest to begin from
-SLOW = 100  # times fewer files of readers that start processes
+SECONDS, MEMORY, LENGTH = (
+    60,
+    3000,
+    20_000,
+)  # time per file [s], memory [MB], largest file unless a seed is larger [byte]
+SLOW = 100  # divisor on the number of files for readers that start processes
 
 
 @dataclass(frozen=True)
 class Row:
-    """One reader."""
+    """Result of one reader."""
 
     reader: str
     inputs: int
     minutes: float
-    memory: int  # MB, most ever held
-    fault: str  # "" where there was none
+    memory: int  # peak [MB]
+    fault: str  # "" without fault
 
 
 def attack(name: str, folder: Path, inputs: int) -> None:
-    """What a process of its own does; it does not return.
+    """Fuzz one reader; runs in a separate process and does not return.
 
     Args:
-        name: of the reader.
-        folder: where files to begin from, and those that are damaged, lie.
-        inputs: how many.
+        name: name of the reader.
+        folder: folder for seed files and mutated files.
+        inputs: number of files.
     """
     import atheris
 
@@ -56,8 +59,8 @@ def attack(name: str, folder: Path, inputs: int) -> None:
         from .readers import TOKENS, readers
     (reader,) = (each for each in readers() if each.name == name)
     corpus, place, words = folder / "corpus", folder / "files", folder / "words"
-    for made in (corpus, place):
-        made.mkdir()
+    for subfolder in (corpus, place):
+        subfolder.mkdir()
     for k, seed in enumerate(reader.seeds):
         (corpus / str(k)).write_bytes(seed)
     words.write_text(
@@ -73,7 +76,7 @@ def attack(name: str, folder: Path, inputs: int) -> None:
 
 
 def measure(name: str, inputs: int, keep: Path | None) -> Row:
-    """One reader in a process of its own; a file that makes a fault is kept."""
+    """Fuzz one reader in a separate process; copy a faulty file to `keep`."""
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-m", "benchmarks.fuzz", "--attack", name, folder, "--inputs", str(inputs)]
         start = time.perf_counter()
@@ -85,24 +88,24 @@ def measure(name: str, inputs: int, keep: Path | None) -> Row:
             errors="replace",
             encoding="utf-8",
         )
-        minutes, told = (time.perf_counter() - start) / 60, done.stdout + done.stderr
-        numbers = {key: int(value) for key, value in re.findall(r"stat::(\w+):\s+(\d+)", told)}
-        fault = "" if done.returncode == 0 else _fault(told)
-        for made in Path(folder).glob("fault-*") if keep else ():
-            (keep / f"{name.replace(' ', '_')}-{made.name}").write_bytes(made.read_bytes())
+        minutes, output = (time.perf_counter() - start) / 60, done.stdout + done.stderr
+        numbers = {key: int(value) for key, value in re.findall(r"stat::(\w+):\s+(\d+)", output)}
+        fault = "" if done.returncode == 0 else _fault(output)
+        for file in Path(folder).glob("fault-*") if keep else ():
+            (keep / f"{name.replace(' ', '_')}-{file.name}").write_bytes(file.read_bytes())
     return Row(name, numbers.get("number_of_executed_units", 0), minutes, numbers.get("peak_rss_mb", 0), fault)
 
 
-def _fault(told: str) -> str:
-    """The line that says what went wrong."""
+def _fault(output: str) -> str:
+    """Extract the line that describes the fault."""
     lines = [
-        line for line in told.splitlines() if re.match(r"[\w.]*(Error|Exception|Interrupt)\b|==.*(ERROR|ALARM)", line)
+        line for line in output.splitlines() if re.match(r"[\w.]*(Error|Exception|Interrupt)\b|==.*(ERROR|ALARM)", line)
     ]
-    return (lines or told.strip().splitlines() or ["unknown"])[0][:200]
+    return (lines or output.strip().splitlines() or ["unknown"])[0][:200]
 
 
 def show(rows: Sequence[Row]) -> Table:
-    """The rows as a table to read."""
+    """Format the rows as a table."""
     table = Table(title="files given to each reader")
     for name in ("reader", "files", "minutes", "peak, MB", "fault"):
         table.add_column(name, justify="left" if name in ("reader", "fault") else "right")
@@ -112,16 +115,16 @@ def show(rows: Sequence[Row]) -> Table:
 
 
 def main() -> None:
-    """Attack every reader, print the table; exit 1 at a fault."""
+    """Fuzz every reader and print the table; exit with 1 on a fault."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.fuzz", description=__doc__)
-    parser.add_argument("--inputs", type=int, default=20_000, help="files for each reader")
-    parser.add_argument("--readers", nargs="+", metavar="NAME", help="only these")
-    parser.add_argument("--keep", type=Path, metavar="FOLDER", help="write files that make a fault there")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers there")
+    parser.add_argument("--inputs", type=int, default=20_000, help="number of files per reader")
+    parser.add_argument("--readers", nargs="+", metavar="NAME", help="run only these readers")
+    parser.add_argument("--keep", type=Path, metavar="FOLDER", help="copy files that cause a fault there")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers to FILE as JSON")
     parser.add_argument("--attack", nargs=2, metavar=("NAME", "FOLDER"), help=argparse.SUPPRESS)
     options = parser.parse_args()
     if find_spec("atheris") is None:
-        raise SystemExit("atheris is not installed; pip install atheris (Linux and macOS)")
+        raise SystemExit("atheris is not installed; run `pip install atheris` (Linux and macOS)")
     if options.attack:
         attack(options.attack[0], Path(options.attack[1]), options.inputs)
     from .readers import readers

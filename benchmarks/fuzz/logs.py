@@ -1,4 +1,4 @@
-"""Small logs of the robot 1r to begin from: ROS bags and MCAP by the library rosbags, and a LeRobot dataset."""
+"""Seed logs of the robot 1r: ROS bags and MCAP by the library rosbags, and a LeRobot dataset."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ TABLE, DESCRIPTION = "data/chunk-000/file-000.parquet", "meta/info.json"
 
 
 def bag1(kind: str, squeeze: str = "") -> bytes:
-    """A bag of ROS 1 with messages of one type, in chunks that may be compressed."""
+    """ROS 1 bag with messages of one type; `squeeze` names the chunk compression."""
     store = _store(Stores.ROS1_NOETIC)
     with tempfile.TemporaryDirectory() as folder:
         writer = Writer1(path := Path(folder) / "r.bag")
@@ -37,7 +37,7 @@ def bag1(kind: str, squeeze: str = "") -> bytes:
 
 
 def bag2(kind: str, mcap: bool = False, squeeze: str = "") -> Mapping[str, bytes]:
-    """A bag of ROS 2 with messages of one type: its files by name."""
+    """Files by name of a ROS 2 bag with messages of one type."""
     store = _store(Stores.ROS2_HUMBLE)
     with tempfile.TemporaryDirectory() as folder:
         form = StoragePlugin.MCAP if mcap else StoragePlugin.SQLITE3
@@ -52,7 +52,7 @@ def bag2(kind: str, mcap: bool = False, squeeze: str = "") -> Mapping[str, bytes
 
 
 def dataset() -> Mapping[str, bytes]:
-    """Two episodes of a LeRobot dataset: its files by name."""
+    """Files by name of a LeRobot dataset with two episodes."""
     number = np.arange(2 * ROWS) % ROWS
     values = {"observation.state": np.sin(number / 5), "observation.effort": np.cos(number / 5), "action": number / 9}
     columns = {name: pl.Series(value[:, None], dtype=pl.Array(pl.Float32, 1)) for name, value in values.items()}

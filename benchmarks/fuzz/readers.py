@@ -1,4 +1,4 @@
-"""Every reader of files as a function of bytes, with files to begin from; whatever it refuses is a SignidError."""
+"""File readers as functions of bytes, with seed files; a reader refuses a file with a SignidError."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ COLUMNS = 't = "time"\nq_1 = "pos"\ntau_joint_1 = """eff"""\n'
 BOUNDS = "[link.link_1]\nmass = [0.1, 2]\nfirst_moment = [[0, 1], [0, 1], [0, 1.5]]\n[link.link_2]\nmass = [1, 2]\n"
 MANIFEST = b"""robot,recording,held_out,name,time,task
 3r,a.csv;b.csv,c.csv,"arm, 7",2026-03-31T12:00+02:00,identify\n1r,a.csv,,,,\n"""
-TOKENS = (  # that mutations put in
+TOKENS = (  # inserted by mutations
     b"nan", b"inf", b"-1e999", b"1e300", b"-0", b"0x7fffffffffffffff", b"9" * 5000, b"[" * 5000, b"{" * 3000, b"\0",
     b"\r", b"\xff\xfe", b'"', b"<a>" * 300, b"<!DOCTYPE r [<!ENTITY a SYSTEM 'file:///etc/passwd'>]>", b"&a;", b"--",
     b"${9**9**9}", b"$(find nothing)", b"$(env HOME)", b"../../../../../../etc/passwd", b",,,,", b";", b"\t", b"#",
@@ -59,32 +59,32 @@ TOKENS = (  # that mutations put in
 
 @dataclass(frozen=True)
 class Reader:
-    """A file's name, what it may hold, and how it is read."""
+    """File name, seed contents and read function."""
 
     name: str
     file: str
     seeds: Sequence[bytes]
     read: Callable[[Path], object]
-    wrap: Callable[[bytes], bytes] = bytes  # makes damage show that a checksum would hide
-    beside: Mapping[str, bytes] = field(default_factory=dict)  # whole files that are read with it
+    wrap: Callable[[bytes], bytes] = bytes  # encloses mutated content, so that no checksum rejects it
+    beside: Mapping[str, bytes] = field(default_factory=dict)  # intact files read with it
     slow: bool = False  # starts a process for each file
 
     def __call__(self, content: bytes, folder: Path) -> bool:
-        """Whether the file can be used; what is neither read nor refused raises."""
+        """Whether the file is accepted; exceptions other than SignidError pass through."""
         for name, held in {**self.beside, self.file: self.wrap(content)}.items():
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             (folder / name).write_bytes(held)
         try:
             self.read(folder / self.file)
         except SignidError as error:
-            assert str(error).strip(), "a refusal without words"
+            assert str(error).strip(), "error without message"
             return False
         return True
 
 
 @cache
 def readers() -> tuple[Reader, ...]:
-    """Every one."""
+    """All readers."""
     table = b"t,q_1,tau_1,dq_1\n" + b"".join(b"%g,%g,%g,1\n" % (0.1 * k, np.sin(0.1 * k), k) for k in range(60))
     semicolon = table.replace(b",", b";").replace(b".", b",")
     motion = table.replace(b"tau_1", b"ddq_1")
@@ -140,16 +140,16 @@ def _header() -> bytes:
 
 
 def _headed(content: bytes) -> bytes:
-    """The factors with another header; their digest is that of the arrays, so damage shows."""
+    """Factors with another header; the digest covers the arrays only, so a mutated header is read."""
     with np.load(io.BytesIO(_factors()), allow_pickle=False) as archive:
         arrays = {name: archive[name] for name in archive.files}
-    written = io.BytesIO()
-    np.savez(written, **{**arrays, "header": np.frombuffer(content, np.uint8)})
-    return written.getvalue()
+    file = io.BytesIO()
+    np.savez(file, **{**arrays, "header": np.frombuffer(content, np.uint8)})
+    return file.getvalue()
 
 
 def _expanded(path: Path) -> None:
-    sandbox.SECONDS = 3  # programs without end would take all the time there is
+    sandbox.SECONDS = 3  # limits endless programs [s]
     signid.load_robot(path)
 
 
@@ -187,11 +187,11 @@ def _small_urdf() -> str:
 
 @cache
 def _saved() -> tuple[bytes, bytes]:
-    """A model.json and a diagnosis.json beside it."""
+    """A model.json and its diagnosis.json."""
     law = {"effect": "spring", "joint": "joint_1", "parameters": {"stiffness": 1.0, "rest": 0.1}}
     model = {**signid.load_model("1r").document(), "effects": [law]}
-    told = {key: {"value": value, "std": 0.1, "unit": "N.m"} for key, value in law["parameters"].items()}
-    finding = {**law, "parameters": told, "role": "cause", "probability": 0.9}
+    values = {key: {"value": value, "std": 0.1, "unit": "N.m"} for key, value in law["parameters"].items()}
+    finding = {**law, "parameters": values, "role": "cause", "probability": 0.9}
     diagnosis = {"schema": "signid.diagnosis/1", "verdict": "named", "findings": [finding]}
     return json.dumps(model).encode(), json.dumps(diagnosis).encode()
 
@@ -208,7 +208,7 @@ def _array(values: np.ndarray) -> bytes:
 
 
 def _zipped(content: bytes) -> bytes:
-    """An archive whose q_1 has this content."""
+    """Archive with this content as q_1."""
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w") as archive:
         for name in ("t", "tau_1"):

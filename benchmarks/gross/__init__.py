@@ -1,1 +1,1 @@
-"""Parts of `benchmarks.gross`: faults that are planted in the columns of recordings."""
+"""Detection of recording faults that are planted in the columns of recordings."""

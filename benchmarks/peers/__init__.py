@@ -1,1 +1,1 @@
-"""Parts of `benchmarks.peers`: faults, the recordings that have them, and what signid and its peers say of these."""
+"""Comparison with figaroh and mujoco.sysid: injected faults, recordings and findings."""

@@ -1,4 +1,4 @@
-"""What all peers do in their own Python: a folder on each line that comes in, a line of JSON that goes out."""
+"""Protocol of the peers in their own Python: a folder per input line, a line of JSON per answer."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import Any
 
 
-def answer_each(package: str, told: Callable[[Path], dict[str, Any]]) -> None:
-    """The version of a package, then what is told of each folder, until there is nothing more to ask."""
-    answers, sys.stdout = sys.stdout, sys.stderr  # what the library prints is no answer
+def answer_each(package: str, run: Callable[[Path], dict[str, Any]]) -> None:
+    """Print the version of a package, then the answer for each input folder until the input ends."""
+    answers, sys.stdout = sys.stdout, sys.stderr  # output of the library must not mix with the answers
     print(json.dumps({"version": version(package)}), file=answers, flush=True)
     for line in sys.stdin:
         try:
-            answer = told(Path(line.strip()))
+            answer = run(Path(line.strip()))
         except Exception as error:  # one job must not end the others
             answer = {"failed": f"{type(error).__name__}: {error}"}
         print(json.dumps(answer), file=answers, flush=True)

@@ -1,4 +1,4 @@
-"""A peer in an environment of its own, asked one job after the other."""
+"""Communication with a peer in its own environment."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from typing import Any
 
 
 class Peer:
-    """A program that answers each line on its input, the name of a folder, with a line of JSON."""
+    """Process that answers each input line, the name of a folder, with a line of JSON."""
 
     def __init__(self, script: str, pythons: Sequence[str], folder: Path) -> None:
-        """Start it with the first of some Pythons that has what it needs; without any, nobody answers.
+        """Start the script with the first suitable Python; without one, `ask` returns None.
 
         Args:
-            script: a file beside this one.
-            pythons: paths.
-            folder: where it may leave what it likes.
+            script: file next to this one.
+            pythons: paths of Python interpreters.
+            folder: working folder of the process.
         """
         self.version, self._process = "", None
         for python in pythons:
@@ -31,16 +31,16 @@ class Peer:
             process.communicate()
 
     def ask(self, folder: Path) -> dict[str, Any] | None:
-        """What it says of a job; None where nobody answers."""
+        """Answer for a job; None without a running process."""
         process = self._process
         if process is None or process.stdin is None or process.stdout is None:
             return None
         print(folder, file=process.stdin, flush=True)
         line = process.stdout.readline()
-        return dict(json.loads(line)) if line else {"failed": "it ended without an answer"}
+        return dict(json.loads(line)) if line else {"failed": "the process ended without an answer"}
 
     def close(self) -> None:
-        """End it."""
+        """End the process."""
         if self._process is not None:
             self._process.communicate()
             self._process = None

@@ -1,4 +1,4 @@
-"""Nine faults of a UR10, and its recordings with each: MuJoCo moves the arm, the controller knows of no fault."""
+"""Nine faults of a UR10 and recordings with each, simulated in MuJoCo; the controller ignores the faults."""
 
 from __future__ import annotations
 
@@ -12,47 +12,47 @@ from ..plants.faults import Fault
 from ..plants.mujoco_ import simulate
 from ..regressor.job import HARMONICS, RATE, REACH, Array, drives, load
 
-ENCODER, TORQUE = 1e-4, 0.02  # rad, and share of a joint's deviation: white noise
+ENCODER, TORQUE = 1e-4, 0.02  # white noise of position [rad], and of torque over its standard deviation [1]
 ONE = "shoulder_lift_joint"
-TILT, MASS, OUT, LATE, OFFSET, GAIN = np.deg2rad(3.0), 1.5, 0.1, 0.010, 0.02, 0.9  # rad, kg, m, s, rad, 1
-SLOW, LOAD, ASIDE = 0.05, 0.1, 0.3  # rad/s of Stribeck's curve; of the load; of Coulomb friction, one way
-DROP = 0.6  # of Coulomb friction
-SIGNS = "signs"  # no effect, but what is found where torque has none
+TILT, MASS, OUT, LATE, OFFSET, GAIN = np.deg2rad(3.0), 1.5, 0.1, 0.010, 0.02, 0.9  # [rad], [kg], [m], [s], [rad], [1]
+SLOW, LOAD, ASIDE = 0.05, 0.1, 0.3  # Stribeck velocity [rad/s], load friction [1], asymmetry over Coulomb friction [1]
+DROP = 0.6  # Stribeck level over Coulomb friction [1]
+SIGNS = "signs"  # pseudo-effect of torque without signs
 
 
 @dataclass(frozen=True)
 class Case:
-    """One fault, and the words by which a tool would have named it."""
+    """One fault and the words that count as naming it."""
 
     name: str
-    effect: str  # as signid calls it; "" where nothing is wrong
+    effect: str  # signid's name; "" for the healthy robot
     faults: tuple[Fault, ...] = ()
     words: tuple[str, ...] = ()
-    unsigned: bool = False  # whether torque loses its sign
-    told: bool = False  # and whether that is said; only signid can be told
+    unsigned: bool = False  # torque is recorded without sign
+    declared: bool = False  # missing signs are declared to the tool, which only signid supports
 
     @property
     def joints(self) -> tuple[str | None, ...]:
-        """Where it is."""
+        """Joints of the faults."""
         return tuple(fault.joint for fault in self.faults)
 
 
 @dataclass(frozen=True, eq=False)
 class Arm:
-    """The robot as everybody is told it is."""
+    """Description and drives that all tools receive."""
 
     body: Body
     drives: Drives
 
     @classmethod
     def ur10(cls) -> Arm:
-        """The arm of the base-parameter job, with the same drives."""
+        """Arm and drives of the base-parameter benchmark."""
         robot = load("ur10")
         return cls(Body(robot.document, robot.joints), drives(robot))
 
 
 def cases(arm: Arm) -> tuple[Case, ...]:
-    """Nothing wrong, then each fault; friction and delay are those of all joints."""
+    """The healthy robot, then each fault; friction and delay act on all joints."""
 
     def each(effect: str, **numbers: float | Array) -> tuple[Fault, ...]:
         n = len(arm.body.joints)
@@ -79,22 +79,22 @@ def cases(arm: Arm) -> tuple[Case, ...]:
         Case("load-dependent friction 0.1", "load_friction", each("load_friction", coefficient=LOAD), ("load",)),
         Case("Coulomb 30 % more one way", "asymmetric_friction", aside, ("asymmetr", "direction", "one way")),
         Case("sign lost", SIGNS, (), unsigned, unsigned=True),
-        Case("sign lost, and told so", SIGNS, (), unsigned, unsigned=True, told=True),
+        Case("sign lost, declared", SIGNS, (), unsigned, unsigned=True, declared=True),
     )
 
 
 def motion(arm: Arm, seed: int) -> Motion:
-    """Five harmonics of 0.1 Hz, random phases: the motion of the base-parameter job."""
+    """Motion of the base-parameter benchmark: five harmonics of 0.1 Hz with random phases."""
     n, order = len(arm.body.joints), np.arange(1, HARMONICS + 1)
     sines, cosines = np.random.default_rng(seed).standard_normal((2, n, HARMONICS))
     size = REACH / np.sum(np.hypot(sines, cosines), axis=1)
-    rate = np.zeros((2, 10, n))  # the series of plants has ten
+    rate = np.zeros((2, 10, n))  # the plants' Fourier motion has ten harmonics
     rate[:, :HARMONICS] = (np.stack([sines, -cosines]) * size[:, None] * 2 * np.pi * 0.1 * order).swapaxes(1, 2)
     return Motion(rate[0], rate[1], np.zeros(n))
 
 
 def record(arm: Arm, case: Case, seed: int, duration: float) -> Moved:
-    """What is written down along a motion [s, rad, N.m]; noise of the same seed, whatever is wrong."""
+    """Recording along a motion [s, rad, N.m]; the noise seed is the same for all faults."""
     moved = simulate(arm.body, arm.drives, motion(arm, seed), duration, RATE, case.faults)
     rng = np.random.default_rng([seed, 7])
     q = moved.q + ENCODER * rng.standard_normal(moved.q.shape)

@@ -1,9 +1,9 @@
-"""Base parameters and what its report says of them by figaroh 1.0.2, run by its own Python: `python figaroh_report.py`.
+"""Base parameters and report of figaroh 1.0.2, run by its own Python: `python figaroh_report.py`.
 
-Each line on standard input names a folder with job.npz and robot.urdf; the answer is a line of JSON. As its UR10
-example has it: a subclass that hands over the recording (with the ends masked, where filters have not settled), the
-second motion as validation data, weighted least squares; friction, rotors and offsets are part of the model, and what
-is true of them is told. The cut-off is the one with the smallest error on the healthy robot.
+Each line on standard input names a folder with job.npz and robot.urdf; the answer is a line of JSON. The job follows
+figaroh's UR10 example: a subclass provides the recording (ends masked, where filters have not settled), the second
+motion is validation data, the estimator is weighted least squares. The model has friction, rotors and offsets with
+their true values stated. The cut-off has the smallest error on the healthy robot.
 """
 
 from __future__ import annotations
@@ -17,29 +17,29 @@ from typing import Any
 
 import numpy as np
 import yaml
-from answers import answer_each  # beside this file, which is run by itself
+from answers import answer_each  # next to this file, which runs as a script
 from figaroh.data.trajectory import JOINT_TORQUE, TrajectoryData
 from figaroh.identification.base_identification import BaseIdentification
 from figaroh.tools.load_robot import load_robot
 
-CUTOFF, ORDER, DECIMATION = 8.0, 4, 10  # Hz of positions; of the filter; rows a row
-EDGE = 2.0  # s at either end, where filters have not settled
+CUTOFF, ORDER, DECIMATION = 8.0, 4, 10  # cut-off of positions [Hz], filter order, decimation factor
+EDGE = 2.0  # masked time at both ends [s]
 
 
 class Identification(BaseIdentification):
-    """A recording in two arrays."""
+    """Identification from arrays."""
 
     job: dict[str, Any] = {}
 
     def load_trajectory_data(self, data_source: str | None = None) -> TrajectoryData:
-        """The recording, or the second one where a source is named."""
+        """Return the first recording, or the second one if a source is named."""
         t, q, tau = (self.job[("test_" if data_source else "") + key] for key in ("t", "q", "tau"))
         inside = (t >= t[0] + EDGE) & (t <= t[-1] - EDGE)
         return TrajectoryData(t, self.job["joints"].tolist(), q, tau, JOINT_TORQUE, "N.m", mask=inside)
 
 
 def settings(job: dict[str, Any]) -> dict[str, Any]:
-    """The unified configuration."""
+    """Unified configuration of figaroh."""
     drives = {"viscous": job["damping"].tolist(), "static": job["frictionloss"].tolist()}
     joints, n = job["joints"].tolist(), len(job["joints"])
     mechanics = {
@@ -65,7 +65,7 @@ def settings(job: dict[str, Any]) -> dict[str, Any]:
 
 
 def identify(folder: Path) -> tuple[Any, float]:
-    """One job, and the seconds that it took."""
+    """Run one job; also return its processor time [s]."""
     job = Identification.job = dict(np.load(folder / "job.npz"))
     with tempfile.NamedTemporaryFile("w", suffix=".yaml", encoding="utf-8") as file:
         yaml.safe_dump(settings(job), file)
@@ -80,8 +80,8 @@ def identify(folder: Path) -> tuple[Any, float]:
     return found, time.process_time() - start
 
 
-def told(folder: Path) -> dict[str, Any]:
-    """What the report of one job says."""
+def report(folder: Path) -> dict[str, Any]:
+    """Figures and insights of the report of one job."""
     found, seconds = identify(folder)
     errors = found.result["validation_metrics"]
     return {
@@ -94,10 +94,10 @@ def told(folder: Path) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Answer until there is nothing more to ask."""
+    """Answer until the input ends."""
     logging.disable(logging.CRITICAL)
     warnings.filterwarnings("ignore")
-    answer_each("figaroh", told)
+    answer_each("figaroh", report)
 
 
 if __name__ == "__main__":

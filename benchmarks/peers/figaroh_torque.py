@@ -1,8 +1,8 @@
 """Torque of a held-out motion by figaroh 1.0.2, run by its own Python: `python figaroh_torque.py`.
 
 Each line on standard input names a folder with job.npz and robot.urdf; predicted.npy is written there. figaroh filters,
-differentiates and decimates the recordings itself, in the band that it is given. It fits base parameters with friction,
-rotors and offsets by weighted least squares. These predict the torque of the motion in the job.
+differentiates and decimates the recordings in the given band. It fits base parameters with friction, rotors and offsets
+by weighted least squares and predicts the torque of the held-out motion.
 """
 
 from __future__ import annotations
@@ -16,22 +16,22 @@ from typing import Any
 
 import numpy as np
 import yaml
-from answers import answer_each  # beside this file, which is run by itself
+from answers import answer_each  # next to this file, which runs as a script
 from figaroh.data.trajectory import JOINT_FORCE, JOINT_TORQUE, TrajectoryData
 from figaroh.identification.base_identification import BaseIdentification
 from figaroh.tools.load_robot import load_robot
 from figaroh.tools.regressor import build_regressor_basic, build_regressor_reduced
 
-ORDER, MOST, PASSED = 4, 10, 0.4  # of the filter; decimation; share of the decimated rate that its filter passes
+ORDER, MOST, PASSED = 4, 10, 0.4  # filter order, largest decimation, passband over the decimated rate [1]
 
 
 class Identification(BaseIdentification):
-    """Recordings in arrays, with the samples masked between and at their ends."""
+    """Identification from arrays, with masked samples between the recordings and at their ends."""
 
     job: dict[str, Any] = {}
 
     def load_trajectory_data(self, data_source: str | None = None) -> TrajectoryData:
-        """The recordings, one after the other."""
+        """Return the concatenated recordings."""
         job, kinds = self.job, np.where(self.job["prismatic"], JOINT_FORCE, JOINT_TORQUE).tolist()
         units = np.where(job["prismatic"], "N", "N.m").tolist()
         names = job["joints"].tolist()
@@ -39,7 +39,7 @@ class Identification(BaseIdentification):
 
 
 def settings(job: dict[str, Any]) -> dict[str, Any]:
-    """The unified configuration."""
+    """Unified configuration of figaroh."""
     joints, n = job["joints"].tolist(), len(job["joints"])
     mechanics = {
         "reduction_ratios": [1.0] * n,
@@ -62,7 +62,7 @@ def settings(job: dict[str, Any]) -> dict[str, Any]:
 
 
 def predict(folder: Path) -> dict[str, Any]:
-    """One job."""
+    """Run one job."""
     job = Identification.job = dict(np.load(folder / "job.npz"))
     with tempfile.NamedTemporaryFile("w", suffix=".yaml", encoding="utf-8") as file:
         yaml.safe_dump(settings(job), file)
@@ -78,7 +78,7 @@ def predict(folder: Path) -> dict[str, Any]:
         factor = min(MOST, int(PASSED / (job["t"][1] - job["t"][0]) / job["cutoff"]))
         found.solve(decimate=factor > 1, decimation_factor=max(factor, 1), plotting=False, wls=True)
         seconds = time.process_time() - start
-    motion = (job[f"judged_{key}"] for key in "qva")
+    motion = (job[f"held_out_{key}"] for key in "qva")
     rows = build_regressor_reduced(build_regressor_basic(robot, *motion, found.identif_config), found._idx_eliminated)
     predicted = (rows[:, found._base_indices] @ found.phi_base).reshape(len(places), -1).T
     np.save(folder / "predicted.npy", predicted)
@@ -86,7 +86,7 @@ def predict(folder: Path) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Answer until there is nothing more to ask."""
+    """Answer until the input ends."""
     logging.disable(logging.CRITICAL)
     warnings.filterwarnings("ignore")
     answer_each("figaroh", predict)

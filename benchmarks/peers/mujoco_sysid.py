@@ -1,9 +1,9 @@
 """Rotors and friction by mujoco.sysid, run by its own Python: `python mujoco_sysid.py`.
 
-Each line on standard input names a folder with job.npz and robot.urdf; the answer is a line of JSON. As its README has
-it: parameters with modifiers on the MjSpec, the loop of the robot with its commands, Gauss-Newton on all sensors,
-intervals, the automated insights of its report. Everything but the fault is told: bodies, controller, the step and the
-settings of the plant, which is MuJoCo too; the fit starts at the true rotors and frictions.
+Each line on standard input names a folder with job.npz and robot.urdf; the answer is a line of JSON. The job follows
+the README of mujoco.sysid: parameters with modifiers on the MjSpec, control loop with commands, Gauss-Newton on all
+sensors, intervals, automated insights of the report. Everything except the fault is known: bodies, controller, time
+step and solver settings of the plant, which is MuJoCo too. The fit starts at the true rotors and friction.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from answers import answer_each  # beside this file, which is run by itself
+from answers import answer_each  # next to this file, which runs as a script
 from mujoco import sysid
 from mujoco.sysid.report.sections.insights import AutomatedInsights
 
 KEYS = ("armature", "damping", "frictionloss")
-STIFF = (0.9999, 0.9999, 0.001, 0.5, 2)  # friction that holds, as the plant's
-LOW, HIGH, ITERATIONS = 0.05, 5.0, 60  # bounds, of the told values; steps of Gauss-Newton
+STIFF = (0.9999, 0.9999, 0.001, 0.5, 2)  # solimp of stiff dry friction, equal to the plant's
+LOW, HIGH, ITERATIONS = 0.05, 5.0, 60  # bounds over the true values [1], most Gauss-Newton steps
 
 
 def assign(key: str, joint: str) -> Any:
-    """What writes a parameter into the model; damping is a polynomial there."""
+    """Return a function that writes a parameter into the specification; damping is a polynomial there."""
 
     def write(spec: Any, parameter: Any) -> None:
         at, value = spec.joint(joint), float(parameter.value[0])
@@ -39,7 +39,7 @@ def assign(key: str, joint: str) -> Any:
 
 
 def build(job: dict[str, Any], urdf: str) -> Any:
-    """The arm as it is told, with the loop that follows its commands and sensors of positions and torques."""
+    """Build the arm with control loop and sensors of positions and torques."""
     spec = mujoco.MjSpec.from_string(urdf)
     step = float(job["step"])
     spec.option.timestep, spec.option.integrator = step, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
@@ -60,7 +60,7 @@ def build(job: dict[str, Any], urdf: str) -> Any:
 
 
 def parameters(job: dict[str, Any]) -> Any:
-    """Three of each joint, bounded, starting where they truly are."""
+    """Three bounded parameters per joint, starting at the true values."""
     found = sysid.ParameterDict()
     for i, joint in enumerate(job["joints"].tolist()):
         for key in KEYS:
@@ -71,20 +71,20 @@ def parameters(job: dict[str, Any]) -> Any:
 
 
 def driving(job: dict[str, Any]) -> Any:
-    """Residuals of the torque that drove each step: MuJoCo's sensor has the velocity before it, its loop that after."""
+    """Residual of the torque of each step; the sensor uses the velocity before the step, the loop that after it."""
     transform, n = sysid.SignalTransform(), len(job["joints"])
 
-    def residual(params: Any, said: Any, seen: Any, model: Any, whole: bool, state: Any = None, **rest: Any) -> Any:
-        data, v = said.data.copy(), np.vstack([job["loop_v"], state[:, 1 + n : 1 + 2 * n]])
+    def residual(params: Any, own: Any, seen: Any, model: Any, whole: bool, state: Any = None, **rest: Any) -> Any:
+        data, v = own.data.copy(), np.vstack([job["loop_v"], state[:, 1 + n : 1 + 2 * n]])
         data[:, 1::2] -= job["loop_damper"] * np.diff(v, axis=0)
-        told = sysid.TimeSeries(said.times, data, said.signal_mapping)
-        return transform.apply(params, told, seen, model, whole, **rest)
+        corrected = sysid.TimeSeries(own.times, data, own.signal_mapping)
+        return transform.apply(params, corrected, seen, model, whole, **rest)
 
     return residual
 
 
 def fit(folder: Path) -> dict[str, Any]:
-    """One job."""
+    """Run one job."""
     job = dict(np.load(folder / "job.npz"))
     start = time.process_time()
     spec = build(job, (folder / "robot.urdf").read_text(encoding="utf-8"))
@@ -94,7 +94,9 @@ def fit(folder: Path) -> dict[str, Any]:
     control = sysid.TimeSeries(np.arange(len(job["loop_command"])) * step, job["loop_command"])
     rows = job["t"] < control.times[-1]
     seen = np.stack([job["q"], job["tau"]], axis=2)[rows].reshape(np.count_nonzero(rows), -1)
-    sensors = sysid.TimeSeries.from_names(job["t"][rows] + step, seen, model)  # of a step's end, as its own
+    sensors = sysid.TimeSeries.from_names(
+        job["t"][rows] + step, seen, model
+    )  # time of a step's end, like MuJoCo's sensors
     data = sysid.ModelSequences("arm", spec, "motion", first, control, sensors)
     residual = sysid.build_residual_fn(models_sequences=[data], modify_residual=driving(job), n_threads=1)
     found, result = sysid.optimize(params, residual, optimizer="mujoco", verbose=False, max_iters=ITERATIONS)
@@ -114,7 +116,7 @@ def fit(folder: Path) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Answer until there is nothing more to ask."""
+    """Answer until the input ends."""
     logging.disable(logging.WARNING)
     answer_each("mujoco", fit)
 

@@ -1,9 +1,9 @@
 """Torque of a held-out motion by mujoco.sysid, run by its own Python: `python mujoco_torque.py`.
 
-Each line on standard input names a folder with job.npz and robot.urdf; predicted.npy is written there. Parameters are
-those of mujoco.sysid: all inertial parameters of each body (its pseudo-inertia, within its bounds about the
-description), armature, damping, frictionloss and a bias of each torque, by its Gauss-Newton. The controller of a real
-robot is not known, so nothing is simulated: residuals are recorded torque minus mj_inverse along the recorded motion.
+Each line on standard input names a folder with job.npz and robot.urdf; predicted.npy is written there. mujoco.sysid
+fits by Gauss-Newton all inertial parameters of each body (pseudo-inertia, within its bounds about the description),
+armature, damping, frictionloss and a bias of each torque. The controller of a real robot is unknown, so nothing is
+simulated: residuals are recorded torque minus mj_inverse along the recorded motion.
 """
 
 from __future__ import annotations
@@ -16,19 +16,24 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from answers import answer_each  # beside this file, which is run by itself
+from answers import answer_each  # next to this file, which runs as a script
 from mujoco import sysid
 
 KEYS = ("armature", "damping", "frictionloss")
-STIFF = (0.9999, 0.9999, 0.001, 0.5, 2)  # friction that holds, as in benchmarks.plants
-STEP, SAMPLES, ITERATIONS = 1e-3, 800, 30  # s; samples to fit, evenly spaced; steps of Gauss-Newton
-SIZE = {"armature": 0.1, "damping": 0.5, "frictionloss": 0.5, "bias": 0.2}  # start, of rms torque over rms motion
-LIGHT = 1e-2, 1e-5  # kg, kg.m2: least of a body, since MuJoCo takes none without mass
-MOST, LEAST = 20.0, 1e-4  # bounds, of the start
+STIFF = (0.9999, 0.9999, 0.001, 0.5, 2)  # solimp of stiff dry friction, as in benchmarks.plants
+STEP, SAMPLES, ITERATIONS = 1e-3, 800, 30  # time step [s], evenly spaced samples of the fit, most Gauss-Newton steps
+SIZE = {
+    "armature": 0.1,
+    "damping": 0.5,
+    "frictionloss": 0.5,
+    "bias": 0.2,
+}  # initial values over rms torque / rms motion [1]
+LIGHT = 1e-2, 1e-5  # least mass [kg] and inertia [kg.m2] of a body; MuJoCo requires positive ones
+MOST, LEAST = 20.0, 1e-4  # bounds over the initial value [1]
 
 
 def build(urdf: str, joints: list[str]) -> Any:
-    """The arm without contacts, limits and joint springs."""
+    """Build the arm without joint limits and with stiff dry friction."""
     spec = mujoco.MjSpec.from_string(urdf)
     spec.option.timestep = STEP
     spec.compiler.boundmass, spec.compiler.boundinertia = LIGHT
@@ -40,7 +45,7 @@ def build(urdf: str, joints: list[str]) -> Any:
 
 
 def assign(key: str, joint: str) -> Any:
-    """The function that writes a parameter into the specification; damping is a polynomial there."""
+    """Return a function that writes a parameter into the specification; damping is a polynomial there."""
 
     def write(spec: Any, parameter: Any) -> None:
         at, value = spec.joint(joint), float(parameter.value[0])
@@ -53,7 +58,7 @@ def assign(key: str, joint: str) -> Any:
 
 
 def assign_inertia(body: str) -> Any:
-    """The function that writes a pseudo-inertia; its axes are no numbers after mujoco.sysid 4.0.0 wrote it."""
+    """Return a function that writes a pseudo-inertia and resets iquat, which mujoco.sysid 4.0.0 sets to NaN."""
 
     def write(spec: Any, parameter: Any) -> None:
         sysid.apply_body_inertia(spec, body, parameter)
@@ -63,7 +68,7 @@ def assign_inertia(body: str) -> Any:
 
 
 def parameters(spec: Any, model: Any, joints: list[str], rows: dict[str, Any]) -> Any:
-    """Ten of each moving body, and four of each joint whose start is a share of the joint's torque."""
+    """Ten parameters per moving body and four per joint, with initial values in proportion to the joint's torque."""
     found = sysid.ParameterDict()
     for i, name in enumerate(joints):
         body = spec.joint(name).parent.name
@@ -79,7 +84,7 @@ def parameters(spec: Any, model: Any, joints: list[str], rows: dict[str, Any]) -
 
 
 def torque(model: Any, places: Any, q: Any, v: Any, a: Any) -> Any:
-    """(N, n) torque of motors along a motion."""
+    """Motor torque (N, n) [N.m or N] along a motion."""
     data, out = mujoco.MjData(model), np.empty_like(q)
     for k in range(len(q)):
         data.qpos[places], data.qvel[places], data.qacc[places] = q[k], v[k], a[k]
@@ -89,14 +94,14 @@ def torque(model: Any, places: Any, q: Any, v: Any, a: Any) -> Any:
 
 
 def predict(folder: Path) -> dict[str, Any]:
-    """One job."""
+    """Run one job."""
     job = dict(np.load(folder / "job.npz"))
     joints = job["joints"].tolist()
     start = time.process_time()
     spec = build((folder / "robot.urdf").read_text(encoding="utf-8"), joints)
     model = spec.compile()
     if model.nv != len(joints):
-        raise ValueError(f"MuJoCo reads {model.nv} joints from the description")
+        raise ValueError(f"MuJoCo reads {model.nv} joints instead of {len(joints)} from the description")
     places = np.array([model.joint(name).dofadr[0] for name in joints])
     some = np.linspace(0, len(job["row_q"]) - 1, min(SAMPLES, len(job["row_q"]))).astype(int)
     rows = {key: job[f"row_{key}"][some] for key in ("q", "v", "a", "tau")}
@@ -113,15 +118,15 @@ def predict(folder: Path) -> dict[str, Any]:
             columns.append(((predicted(params, *(rows[k] for k in "qva")) - rows["tau"]) / size).ravel())
         return [np.reshape(np.column_stack(columns), (-1, *np.shape(x)[1:]))], None, None
 
-    begin = parameters(spec, model, joints, rows)
-    found = sysid.optimize(begin, residual, optimizer="mujoco", verbose=False, max_iters=ITERATIONS)[0]
+    initial = parameters(spec, model, joints, rows)
+    found = sysid.optimize(initial, residual, optimizer="mujoco", verbose=False, max_iters=ITERATIONS)[0]
     seconds = time.process_time() - start
-    np.save(folder / "predicted.npy", predicted(found, *(job[f"judged_{key}"] for key in "qva")))
+    np.save(folder / "predicted.npy", predicted(found, *(job[f"held_out_{key}"] for key in "qva")))
     return {"seconds": seconds, "note": f"{found.size} parameters, {len(some)} rows"}
 
 
 def main() -> None:
-    """Answer until there is nothing more to ask."""
+    """Answer until the input ends."""
     logging.disable(logging.WARNING)
     if not hasattr(sysid, "ParameterDict"):
         sys.exit("mujoco.sysid lacks its dependencies; run pip install 'mujoco[sysid]'")

@@ -1,4 +1,4 @@
-"""One case, and what the three say of it."""
+"""Results of the three tools on one case."""
 
 from __future__ import annotations
 
@@ -10,70 +10,70 @@ from typing import Any
 
 from .ask import Peer
 from .faults import Arm, Case, record
-from .handed import hand_over
-from .said import Said, say
+from .findings import Result, diagnose
+from .job_files import hand_over
 
 Answer = dict[str, Any]
 
-DECLARED = 1.2  # times the healthy robot's validation error of a joint: a limit that a user may set
+DECLARED = 1.2  # error limit of a joint over its validation error on the healthy robot [1]
 
 
 @dataclass(frozen=True)
-class Heard:
-    """What a peer says of one case; nothing where it is not installed or cannot be told."""
+class PeerResult:
+    """Result of a peer on one case; without answer if the peer is not installed or not applicable."""
 
     answer: Answer | None
-    new: tuple[str, ...] = ()  # lines of its report that the healthy robot has not, but for numbers and names
-    beyond: tuple[str, ...] = ()  # joints whose validation error is beyond the limit
-    ratio: float | None = None  # of its cost or error over that of the healthy robot
-    named: bool = False  # whether a new line has a word for the cause
+    new: tuple[str, ...] = ()  # report lines absent for the healthy robot, numbers and names aside
+    beyond: tuple[str, ...] = ()  # joints with a validation error above the limit
+    ratio: float | None = None  # cost or error over that of the healthy robot [1]
+    named: bool = False  # a new line contains a word for the cause
 
 
 @dataclass(frozen=True)
 class Row:
-    """One case."""
+    """Results on one case."""
 
     case: Case
-    signid: Said
-    figaroh: Heard
-    mujoco: Heard
+    signid: Result
+    figaroh: PeerResult
+    mujoco: PeerResult
 
 
 def measure(
     arm: Arm, cases: Sequence[Case], peers: tuple[Peer, Peer], durations: tuple[float, float, float], folder: Path
 ) -> Iterator[Row]:
-    """Record each case, hand it to all three, and hold the peers' answers against those on the first, healthy one.
+    """Record each case, run all three tools, and compare the peers' answers with those on the healthy robot.
 
     Args:
-        arm: the robot.
-        cases: the first is healthy.
+        arm: robot.
+        cases: cases, the healthy robot first.
         peers: figaroh and mujoco.sysid.
-        durations: of the two recordings, and of what is simulated in closed loop [s].
-        folder: for what is handed over; the description is there.
+        durations: durations of the two recordings and of the closed-loop simulation [s].
+        folder: folder of the job files, with the description.
     """
     first: tuple[Answer | None, ...] = ()
     for case in cases:
         train, test = (record(arm, case, seed, duration) for seed, duration in enumerate(durations[:2]))
         hand_over(arm, train, test, durations[2], folder)
-        answers = tuple(None if case.told else peer.ask(folder) for peer in peers)
+        answers = tuple(None if case.declared else peer.ask(folder) for peer in peers)
         first = first or answers
-        heard = (hear(case, *pair) for pair in zip(answers, first, strict=True))
-        yield Row(case, say(case, folder, train, test), *heard)
+        compared = (compare(case, *pair) for pair in zip(answers, first, strict=True))
+        yield Row(case, diagnose(case, folder, train, test), *compared)
 
 
-def hear(case: Case, answer: Answer | None, healthy: Answer | None) -> Heard:
-    """An answer held against that on the healthy robot."""
+def compare(case: Case, answer: Answer | None, healthy: Answer | None) -> PeerResult:
+    """Compare an answer with that on the healthy robot."""
     if answer is None or healthy is None or "failed" in answer or "failed" in healthy:
-        return Heard(answer)
+        return PeerResult(answer)
     known = {_kind(line) for line in healthy["insights"]}
     new = tuple(line for line in answer["insights"] if _kind(line) not in known)
     limits = {name: DECLARED * x for name, x in healthy.get("joints", {}).items()}
     beyond = tuple(name for name, limit in limits.items() if not answer["joints"][name] <= limit)
     size = "cost" if "cost" in answer else "rmse"
     named = any(word in line.lower() for line in new for word in case.words)
-    return Heard(answer, new, beyond, answer[size] / healthy[size], named)
+    return PeerResult(answer, new, beyond, answer[size] / healthy[size], named)
 
 
 def _kind(line: str) -> str:
-    """A line without its numbers, and without the parameters that it lists."""
+    """Report line without numbers and listed parameters."""
     return re.sub(r"[-+]?\d[\d.e+-]*", "#", re.sub(r"(Parameter) \S+", r"\1", line).partition(":")[0])

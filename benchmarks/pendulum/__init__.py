@@ -1,1 +1,1 @@
-"""Parts of `benchmarks.pendulum`: a pendulum in Bullet, with and without the signs of its torque."""
+"""Identification of a pendulum in Bullet with and without the signs of its torque."""

@@ -1,6 +1,6 @@
-"""Which sign the torque of one joint had, where only its absolute value was logged: every choice is tried.
+"""Exhaustive search for the torque signs of one joint with logged absolute torque.
 
-Two coefficients make the torque, so a choice of signs costs a product with a table of two numbers per segment.
+The torque is linear in two coefficients, so each choice of signs costs one product with two numbers per segment.
 """
 
 from __future__ import annotations
@@ -14,42 +14,42 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-QUANTILE = 0.1  # of |torque|: below it a torque may change its sign
-SHORTEST, SEARCHED = 5, 16  # samples of a segment at least, segments at most; the longest are taken
+QUANTILE = 0.1  # quantile of |torque| below which the sign may change [1]
+SHORTEST, SEARCHED = 5, 16  # fewest samples per segment, most segments (the longest)
 
 
 class Choice(NamedTuple):
-    """The best signs of the segments, and the coefficients that go with them."""
+    """Best signs of the segments and their coefficients."""
 
     value: Array  # (2,) [N.m, kg.m2]
     signs: Array  # (S,) [1]
     rms: float  # N.m, of the residual
-    next_rms: float  # N.m, of the second best signs; nan where there are no others
+    next_rms: float  # residual of the second best signs [N.m]; nan without alternatives
 
 
 @dataclass(frozen=True)
 class Signs:
-    """How often the signs were right."""
+    """Counts and shares of correct signs."""
 
-    segments: int  # searched
-    mixed: int  # of them, those in which the true sign changes
-    right: int  # of them, those whose sign is the true one throughout
-    samples: float  # %, of all samples by the model's prediction
-    away: float  # %, of those whose true torque is beyond the QUANTILE
+    segments: int  # number of searched segments
+    mixed: int  # segments with a change of the true sign
+    right: int  # segments with the true sign throughout
+    samples: float  # correct samples by the model's prediction [%]
+    away: float  # the same for samples with true torque above the QUANTILE [%]
     rms: float  # N.m, of the residual
     next_rms: float  # N.m, of the second best signs
 
     @property
     def holds(self) -> bool:
-        """Whether each segment that has a sign got it, and each sample away from zero torque."""
+        """Whether all unmixed segments and all samples above the QUANTILE have their true sign."""
         return self.right + self.mixed == self.segments and self.away == 100
 
 
 def segments(magnitude: Array) -> list[slice]:
-    """The longest runs of |torque| above its QUANTILE, in the order of time.
+    """Longest runs of |torque| above its QUANTILE, in order of time.
 
     Args:
-        magnitude: (N,) [N.m].
+        magnitude: absolute torque (N,) [N.m].
     """
     above = np.concatenate([[0], magnitude > np.quantile(magnitude, QUANTILE), [0]])
     starts, stops = (np.flatnonzero(np.diff(above) == step) for step in (1, -1))
@@ -59,18 +59,18 @@ def segments(magnitude: Array) -> list[slice]:
 
 
 def search(columns: Array, magnitude: Array, spans: Sequence[slice]) -> Choice:
-    """The signs with the smallest residual of least squares on the segments, and inertia positive.
+    """Find the signs with the smallest least-squares residual on the segments and positive inertia.
 
     Args:
-        columns: (N, 2) [1, rad/s2] sine of the position, acceleration.
-        magnitude: (N,) [N.m].
-        spans: S segments, each of one sign.
+        columns: sine of the position and acceleration (N, 2) [1, rad/s2].
+        magnitude: absolute torque (N,) [N.m].
+        spans: segments, each of one sign.
     """
     gram = sum(columns[span].T @ columns[span] for span in spans)
     products = np.array([columns[span].T @ magnitude[span] for span in spans])
     square = sum(float(magnitude[span] @ magnitude[span]) for span in spans)
     count = sum(span.stop - span.start for span in spans)
-    choices = np.arange(2 ** (len(spans) - 1))[:, None] >> np.arange(len(spans)) & 1  # the last segment's sign stays
+    choices = np.arange(2 ** (len(spans) - 1))[:, None] >> np.arange(len(spans)) & 1  # the last segment's sign is fixed
     sums = (1.0 - 2.0 * choices) @ products
     explained = np.sum(np.linalg.solve(np.linalg.cholesky(gram), sums.T) ** 2, axis=0)
     best, *others = np.argsort(-explained)[:2]
@@ -81,18 +81,18 @@ def search(columns: Array, magnitude: Array, spans: Sequence[slice]) -> Choice:
 
 
 def predict(columns: Array, value: Array) -> Array:
-    """Signs (N,) [1] of the torque that coefficients (2,) [N.m, kg.m2] give on columns (N, 2) [1, rad/s2]."""
+    """Signs (N,) [1] of the torque from columns (N, 2) [1, rad/s2] and coefficients (2,) [N.m, kg.m2]."""
     return np.where(columns @ value < 0, -1.0, 1.0)
 
 
-def judge(choice: Choice, spans: Sequence[slice], columns: Array, torque: Array) -> Signs:
-    """Against what truly was.
+def evaluate(choice: Choice, spans: Sequence[slice], columns: Array, torque: Array) -> Signs:
+    """Compare chosen signs with the true ones.
 
     Args:
-        choice: for the segments.
-        spans: S segments.
-        columns: (N, 2) [1, rad/s2].
-        torque: (N,) [N.m] with its true sign.
+        choice: signs of the segments.
+        spans: segments.
+        columns: sine of the position and acceleration (N, 2) [1, rad/s2].
+        torque: torque with its true sign (N,) [N.m].
     """
     true = np.where(torque < 0, -1.0, 1.0)
     same = predict(columns, choice.value) == true

@@ -1,4 +1,4 @@
-"""What was found of the pendulum over all motions, as tables."""
+"""Statistics over all motions of the pendulum, as tables."""
 
 from __future__ import annotations
 
@@ -10,26 +10,26 @@ from rich.table import Table
 
 from signid.types import TWO_SIDED
 
-from ..told import frame
+from ..summary import frame
 from .signs import Signs
 from .trial import Array, Trial
 
 COEFFICIENTS = "m g d", "I + m d2"  # N.m, kg.m2
-TARGET = 1.0  # %, rms error of a coefficient by any way, with and without signs
+TARGET = 1.0  # upper bound on the rms error of a coefficient [%]
 
 
 @dataclass(frozen=True)
 class Row:
-    """One coefficient found in one way, over all motions."""
+    """Statistics of one coefficient and one method over all motions."""
 
     way: str
     signed: bool
     coefficient: str
     true: float
     mean: float
-    rms_error: float  # %
-    interval: float  # %, half of a nominal 95 % interval, median
-    inside: float  # %, of the intervals that hold the truth
+    rms_error: float  # [%]
+    interval: float  # median half width of the nominal 95 % interval [%]
+    inside: float  # intervals that contain the true value [%]
 
     @property
     def holds(self) -> bool:
@@ -38,7 +38,7 @@ class Row:
 
 
 def summarise(done: Sequence[Trial], truth: Array) -> Iterator[Row]:
-    """A row for each way, with and without signs, and each coefficient."""
+    """Yield a row for each method, with and without signs, and each coefficient."""
     for way, known in dict.fromkeys((trial.way, trial.signed) for trial in done):
         some = [trial for trial in done if (trial.way, trial.signed) == (way, known)]
         value, std = np.array([trial.value for trial in some]), np.array([trial.std for trial in some])
@@ -57,19 +57,19 @@ def summarise(done: Sequence[Trial], truth: Array) -> Iterator[Row]:
 
 
 def show_rows(rows: Sequence[Row]) -> Table:
-    """What was found, beside what is true."""
+    """Table of identified and true coefficients."""
     names = ("filter", "signs", "coefficient", "true", "found", "error", "95 %", "inside")
     table = frame("error and half interval in % of true", names, left=5)
     for row in rows:
         shares = [f"{row.rms_error:.3f}", f"{row.interval:.3f}", f"{row.inside:.0f} %"]
-        told = [row.way, "logged" if row.signed else "found", row.coefficient]
-        table.add_row(*told, f"{row.true:.5g}", f"{row.mean:.5g}", *shares, style="" if row.holds else "red")
+        labels = [row.way, "logged" if row.signed else "found", row.coefficient]
+        table.add_row(*labels, f"{row.true:.5g}", f"{row.mean:.5g}", *shares, style="" if row.holds else "red")
     return table
 
 
 def show_signs(signs: Mapping[str, Sequence[Signs]]) -> Table:
-    """How often the signs were right, over one or many recordings."""
-    names = ("recordings", "segments", "mixed", "right", "samples", "beyond 10 %", "rival")
+    """Table of correct signs over one or many recordings."""
+    names = ("recordings", "segments", "mixed", "right", "samples", "above 10 %", "second rms / rms")
     table = frame("signs from |torque| alone", names)
     for name, some in signs.items():
         counts = [str(sum(getattr(got, key) for got in some)) for key in ("segments", "mixed", "right")]

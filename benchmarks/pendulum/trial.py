@@ -1,4 +1,4 @@
-"""One motion of the pendulum, identified in each way, with the signs of its torque and with those that were found."""
+"""Identification of one motion of the pendulum by each method, with logged and with restored torque signs."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from signid.regression.session import Options
 from signid.types import Robot
 
 from .bullet import FUNDAMENTAL, GRAVITY, PERIOD, Track
-from .signs import Signs, judge, predict, search, segments
+from .signs import Signs, evaluate, predict, search, segments
 
 Array = NDArray[np.float64]
 
 KEPT = slice(round(1 / FUNDAMENTAL / PERIOD), round(4 / FUNDAMENTAL / PERIOD))  # the middle three of five periods
-ORDER, CORNER = 16, 0.35 * np.pi  # of the low-pass; the corner in rad/sample, or in Hz
-WIDE = CORNER / (2 * np.pi * PERIOD)  # Hz
+ORDER, CORNER = 16, 0.35 * np.pi  # order of the low-pass; corner in rad/sample or in Hz
+WIDE = CORNER / (2 * np.pi * PERIOD)  # corner in rad/sample converted to [Hz]
 WAYS = {"0.35 pi rad/sample": WIDE, "0.35 pi Hz": CORNER, "signid's own": None}  # corner [Hz]
-LOGS = ("1dof_experiment_easy1", "1dof_experiment_easy2", "1dof_experiment1")  # of SIGNID_DATA, without noise
-TRUTH = np.array([24.525, 1.67085])  # N.m, kg.m2, of the logs
+LOGS = ("1dof_experiment_easy1", "1dof_experiment_easy2", "1dof_experiment1")  # noise-free logs in SIGNID_DATA
+TRUTH = np.array([24.525, 1.67085])  # true coefficients of the logs [N.m], [kg.m2]
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One motion identified in one way."""
+    """Coefficients from one motion by one method."""
 
     motion: int
     way: str
@@ -41,34 +41,34 @@ class Trial:
 
 
 def smooth(signal: Array, corner: float) -> Array:
-    """Butterworth of order 16 forth and back (N,): no delay, half amplitude at the corner [Hz]."""
+    """Filter (N,) with a Butterworth of order 16 forward and backward: no delay, half amplitude at the corner [Hz]."""
     return np.asarray(sosfiltfilt(butter(ORDER, corner, fs=1 / PERIOD, output="sos"), signal))
 
 
 def derive(track: Track, corner: float) -> dict[str, Array]:
-    """Columns of a recording: central differences, acceleration and torque filtered alike, the position as it is."""
+    """Columns of a recording: central differences, equally filtered acceleration and torque, unfiltered position."""
     velocity = np.gradient(track.q, PERIOD)
     acceleration = smooth(np.gradient(velocity, PERIOD), corner)
     return {"t": track.t, "q_1": track.q, "dq_1": velocity, "ddq_1": acceleration, "tau_1": smooth(track.tau, corner)}
 
 
 def restore(track: Track, true: Track) -> tuple[Track, Signs]:
-    """The log with the signs that its |torque| alone tells, and how often they are the true ones."""
+    """Restore the torque signs of a log from its |torque|, and evaluate them."""
     acceleration = derive(track, WIDE)["ddq_1"]
     columns, magnitude = np.column_stack([np.sin(track.q), acceleration]), np.abs(track.tau)
     spans = segments(magnitude[KEPT])
     choice = search(columns[KEPT], magnitude[KEPT], spans)
     signed = Track(track.t, track.q, predict(columns, choice.value) * magnitude)
-    return signed, judge(choice, spans, columns[KEPT], true.tau[KEPT])
+    return signed, evaluate(choice, spans, columns[KEPT], true.tau[KEPT])
 
 
 def estimate(robot: Robot, track: Track, corner: float | None) -> tuple[Array, Array]:
-    """Coefficients and their standard deviations, (2,) each [N.m, kg.m2], by signid from the middle periods.
+    """Coefficients and standard deviations, (2,) each [N.m, kg.m2], identified by signid from the middle periods.
 
     Args:
-        robot: robots/1r.
-        track: as logged, with signs.
-        corner: of the filter [Hz], and signid filters no further; None: all by signid.
+        robot: robot robots/1r.
+        track: logged track with signs.
+        corner: corner of the filter [Hz], without further filtering by signid; None: signid's filters.
     """
     if corner is None:
         columns, options = {"t": track.t, "q_1": track.q, "tau_1": track.tau}, Options(effects=())
@@ -82,7 +82,7 @@ def estimate(robot: Robot, track: Track, corner: float | None) -> tuple[Array, A
 
 
 def trials(robot: Robot, motion: int, signed: Track, restored: Track) -> Iterator[Trial]:
-    """One motion in every way, with the signs logged and with those found."""
+    """Yield trials of one motion by every method, with logged and with restored signs."""
     for way, corner in WAYS.items():
         for known, track in ((True, signed), (False, restored)):
             value, std = estimate(robot, track, corner)
@@ -90,10 +90,10 @@ def trials(robot: Robot, motion: int, signed: Track, restored: Track) -> Iterato
 
 
 def read_log(path: Path) -> tuple[Array, Signs]:
-    """Coefficients (2,) [N.m, kg.m2] from the |torque| of a log without noise, and how often its signs were right."""
+    """Coefficients (2,) [N.m, kg.m2] from the |torque| of a noise-free log, and evaluation of its signs."""
     table = pl.read_csv(path)
     columns, torque = table.select("sin_q_1", "ddq_1").to_numpy(), table["tau_1"].to_numpy()
     spans = segments(np.abs(torque))
     choice = search(columns, np.abs(torque), spans)
     signed = predict(columns, choice.value) * np.abs(torque)
-    return np.linalg.lstsq(columns, signed, rcond=None)[0], judge(choice, spans, columns, torque)
+    return np.linalg.lstsq(columns, signed, rcond=None)[0], evaluate(choice, spans, columns, torque)

@@ -1,4 +1,4 @@
-"""The URDF as a plant loads it: looks left out, joints welded that do not move, bodies added that are planted."""
+"""URDF for a plant: visuals removed, unused joints welded, planted bodies added."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Drives:
-    """What the joints add to the bodies, n values each [kg.m2, N.m.s/rad, N.m, N.m]; offsets as the motor must add."""
+    """Drive parameters, n values each [kg.m2, N.m.s/rad, N.m, N.m]; offsets are torques that the motor adds."""
 
     armature: Sequence[float]
     viscous_friction: Sequence[float]
@@ -25,22 +25,22 @@ class Drives:
 
     @classmethod
     def none(cls, n: int) -> Drives:
-        """Of n joints that neither rub nor have rotors."""
+        """Drives of n joints without friction and rotors."""
         zero = (0.0,) * n
         return cls(zero, zero, zero, zero)
 
 
 @dataclass(frozen=True)
 class Body:
-    """A URDF as a simulator reads it: joints that are not named are welded, some links are heavier than stated."""
+    """URDF with the names of its moving joints and mass factors of links; all other joints are welded."""
 
-    urdf: str  # the text
+    urdf: str  # text of the URDF
     joints: tuple[str, ...]
-    heavier: Mapping[str, float] = field(default_factory=dict)  # link -> factor on its mass and its inertia
+    heavier: Mapping[str, float] = field(default_factory=dict)  # link -> factor on mass and inertia [1]
 
 
 def drive(drives: Drives, joints: Sequence[str], faults: Iterable[Fault]) -> Drives:
-    """The drives with the faults among these that are more of what a drive has anyway."""
+    """Add the faults that change a drive parameter to the drives."""
     names = {
         "armature": ("armature", "inertia"),
         "viscous_friction": ("viscous_friction", "coefficient"),
@@ -56,7 +56,7 @@ def drive(drives: Drives, joints: Sequence[str], faults: Iterable[Fault]) -> Dri
 
 
 def bare(body: Body, faults: Iterable[Fault] = ()) -> str:
-    """The URDF without its looks, with the joints welded that do not move and the planted bodies on their links."""
+    """URDF without visuals, with welded joints and planted bodies."""
     root = ElementTree.fromstring(body.urdf.encode())
     for link in root.iter("link"):
         for part in (*link.findall("visual"), *link.findall("collision")):
@@ -73,7 +73,7 @@ def bare(body: Body, faults: Iterable[Fault] = ()) -> str:
 
 
 def tilted(gravity: Array, faults: Iterable[Fault]) -> Array:
-    """Gravity (3,) [m/s2] as the tilted base sees it: the transpose of the rotation by the vector (x, y, 0)."""
+    """Gravity (3,) [m/s2] in the frame of the tilted base: transposed rotation by the vector (x, y, 0)."""
     for fault in faults:
         if fault.effect == "base_tilt":
             vector = np.array([fault.numbers["x"], fault.numbers["y"], 0.0])
@@ -86,7 +86,7 @@ def tilted(gravity: Array, faults: Iterable[Fault]) -> Array:
 
 
 def _moved(root: ElementTree.Element, joint: str) -> ElementTree.Element:
-    """The link that a joint moves."""
+    """Child link of a joint."""
     child = root.find(f"joint[@name='{joint}']/child")
     link = root.find(f"link[@name='{child.get('link')}']") if child is not None else None
     if link is None:
@@ -95,16 +95,16 @@ def _moved(root: ElementTree.Element, joint: str) -> ElementTree.Element:
 
 
 def _burden(link: ElementTree.Element, fault: Fault) -> None:
-    """Rewrite the link's inertial with the fault's mass, first moment and inertia added.
+    """Add the fault's mass, first moment and inertia to the link's inertial.
 
-    Unless its inertia is given (about the joint's frame), a payload is a point, and a corrected link keeps its
-    inertia about its centre of mass, wherever that moves.
+    Without a given inertia (about the joint's frame), a payload is a point mass, and a corrected link keeps its inertia
+    about the moved centre of mass.
     """
     mass, centre, inertia = _inertial(link)
     more, *moment = (fault.numbers[key] for key in BODY)
     total = mass + more
     if total <= 0:
-        raise ValueError(f"{fault.effect} leaves link {link.get('name')} without mass")
+        raise ValueError(f"{fault.effect} leaves link {link.get('name')} without positive mass")
     moved = (mass * centre + moment) / total
     if INERTIA[0] in fault.parameters:
         xx, xy, yy, xz, yz, zz = (fault.numbers[key] for key in INERTIA)
@@ -115,17 +115,17 @@ def _burden(link: ElementTree.Element, fault: Fault) -> None:
         inertia = about - total * _spread(moved)
     least = np.linalg.eigvalsh(inertia)
     if least[0] < 0 or least[0] + least[1] < least[2] * (1 - 1e-9):
-        raise ValueError(f"{fault.effect} leaves link {link.get('name')} with an inertia that no body has")
+        raise ValueError(f"{fault.effect} leaves link {link.get('name')} with a physically inconsistent inertia")
     _write(link, total, moved, inertia)
 
 
 def _spread(c: Array) -> Array:
-    """(3, 3) [m2] inertia of a unit mass at c (3,) [m]."""
+    """Inertia (3, 3) [m2] of a unit mass at c (3,) [m]."""
     return np.asarray(c @ c * np.eye(3) - np.outer(c, c))
 
 
 def _inertial(link: ElementTree.Element) -> tuple[float, Array, Array]:
-    """Mass [kg], centre (3,) [m], inertia about the centre (3, 3) [kg.m2], both along the link's axes."""
+    """Mass [kg], centre (3,) [m] and inertia about it (3, 3) [kg.m2] along the link's axes."""
     part = link.find("inertial")
     if part is None:
         return 0.0, np.zeros(3), np.zeros((3, 3))

@@ -1,4 +1,4 @@
-"""Motions that are asked for, the loop that follows them, and what comes of it; no simulator."""
+"""Reference motions, controller gains and tracks, independent of the simulator."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from scipy.interpolate import BPoly
 
 Array = NDArray[np.float64]
 
-STEP = 2.5e-4  # s, of the simulation
-COMMAND = 4  # steps between two values of the feed-forward
-BANDWIDTH, DAMPING = 2 * np.pi * 8.0, 0.9  # rad/s and 1, of the position loop
-KNOWN = 0.9  # share of the dynamics that the feed-forward knows
-HARMONICS, FUNDAMENTAL = 10, 0.1  # of a motion: their number, and the first [Hz]
-SPEED, ACCELERATION, RANGE = 1.5, 5.0, 1.0  # rad/s, rad/s2, rad that a motion keeps within
+STEP = 2.5e-4  # time step of the simulation [s]
+COMMAND = 4  # steps between two feed-forward values
+BANDWIDTH, DAMPING = 2 * np.pi * 8.0, 0.9  # bandwidth [rad/s] and damping ratio [1] of the position loop
+KNOWN = 0.9  # share of the dynamics in the feed-forward [1]
+HARMONICS, FUNDAMENTAL = 10, 0.1  # number of harmonics, fundamental frequency [Hz]
+SPEED, ACCELERATION, RANGE = 1.5, 5.0, 1.0  # limits of a motion [rad/s], [rad/s2], [rad]
 
 
 class Reference(Protocol):
-    """Any motion that can be asked for."""
+    """Protocol of reference motions."""
 
     def at(self, t: Array) -> tuple[Array, Array, Array]:
         """Position, velocity, acceleration, (N, n) each [rad, rad/s, rad/s2] at times (N,) [s]."""
 
 
 class Motion(NamedTuple):
-    """Positions as Fourier series, n joints: sums of sine / frequency - cosine / frequency about a centre."""
+    """Fourier motion of n joints: sums of sine / frequency - cosine / frequency about a centre."""
 
     sine: Array  # (HARMONICS, n) [rad/s]
     cosine: Array  # (HARMONICS, n) [rad/s]
@@ -44,7 +44,7 @@ class Motion(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """A motion by its rows, any rate: between them polynomials that keep all three; at rest before and after."""
+    """Motion from rows at any rate, interpolated by polynomials that match q, v and a; at rest before and after."""
 
     t: Array  # (M,) [s]
     q: Array  # (M, n) [rad]
@@ -60,7 +60,7 @@ class Table:
 
 
 class Track(NamedTuple):
-    """What the robot itself would tell without noise; without faults of recording, what truly happened."""
+    """Noise-free signals of the robot, after recording faults if any are planted."""
 
     t: Array  # (N,) [s]
     q: Array  # (N, n) [rad]
@@ -70,14 +70,14 @@ class Track(NamedTuple):
 def draw_motion(
     centre: Sequence[float], seed: int, speed: float = SPEED, acceleration: float = ACCELERATION, reach: float = RANGE
 ) -> Motion:
-    """A random motion as large as speed [rad/s], acceleration [rad/s2] and range [rad] allow.
+    """Draw a random motion, scaled up to the limits of speed [rad/s], acceleration [rad/s2] and range [rad].
 
     Args:
-        centre: (n,) [rad].
-        seed: of the series' coefficients.
-        speed: of each joint at most.
-        acceleration: of each joint at most.
-        reach: from the centre at most.
+        centre: centre of the motion (n,) [rad].
+        seed: seed of the series coefficients.
+        speed: largest speed of each joint.
+        acceleration: largest acceleration of each joint.
+        reach: largest distance from the centre.
     """
     order = np.arange(1, HARMONICS + 1)[:, None]
     sine, cosine = np.random.default_rng(seed).standard_normal((2, HARMONICS, len(centre))) / order**1.2
@@ -89,17 +89,17 @@ def draw_motion(
 
 
 def clock(start: float, duration: float, rate: float) -> tuple[Array, int]:
-    """Times of all steps (N,) [s], and how many steps lie between two rows of the log.
+    """Times of all steps (N,) [s] and number of steps per row of the log.
 
     Raises:
-        ValueError: when the log would fall between the steps.
+        ValueError: when the log period is not a multiple of the step.
     """
     every = round(1 / (rate * STEP))
     if abs(every * rate * STEP - 1) > 1e-9:
-        raise ValueError(f"a log at {rate:g} Hz falls between the steps of {STEP:g} s")
+        raise ValueError(f"a log at {rate:g} Hz is not a multiple of the step of {STEP:g} s")
     return start + np.arange(round(duration / STEP) + 1) * STEP, every
 
 
 def gains(inertia: Array, bandwidth: float = BANDWIDTH) -> tuple[Array, Array]:
-    """Stiffness and damping of the position loop, (n,) each [N.m/rad, N.m.s/rad], for inertia (n,) [kg.m2]."""
+    """Gains of the position loop, (n,) each [N.m/rad, N.m.s/rad], for inertia (n,) [kg.m2]."""
     return inertia * bandwidth**2, 2 * DAMPING * inertia * bandwidth

@@ -1,6 +1,6 @@
-"""What can be wrong with a robot: the words in which faults are planted, for every plant the same.
+"""Vocabulary of planted faults, shared by all plants.
 
-Effects and their parameters are named as signid names what it finds; foreign laws are physics that it does not know.
+Effects and parameters have signid's names; foreign laws have no counterpart in signid.
 """
 
 from __future__ import annotations
@@ -9,8 +9,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
-BODY = ("mass", "first_moment_x", "first_moment_y", "first_moment_z")  # kg, kg.m about the joint's frame
-INERTIA = ("inertia_xx", "inertia_xy", "inertia_yy", "inertia_xz", "inertia_yz", "inertia_zz")  # kg.m2, all or none
+BODY = ("mass", "first_moment_x", "first_moment_y", "first_moment_z")  # [kg], [kg.m] about the joint's frame
+INERTIA = ("inertia_xx", "inertia_xy", "inertia_yy", "inertia_xz", "inertia_yz", "inertia_zz")  # [kg.m2], all or none
 
 EFFECTS: Mapping[str, tuple[str, ...]] = {
     "viscous_friction": ("coefficient",),
@@ -45,7 +45,7 @@ EFFECTS: Mapping[str, tuple[str, ...]] = {
     "channel_swap": ("partner",),
 }
 
-FOREIGN: Mapping[str, tuple[str, ...]] = {  # no effect of signid; torques.py has the laws
+FOREIGN: Mapping[str, tuple[str, ...]] = {  # not among signid's effects; laws in torques.py
     "tustin_friction": ("level", "velocity"),
     "lugre_friction": ("level", "static", "velocity", "stiffness", "damping"),
     "double_ripple": ("amplitude", "second", "frequency", "phase"),
@@ -61,50 +61,50 @@ FOREIGN: Mapping[str, tuple[str, ...]] = {  # no effect of signid; torques.py ha
     "crossed_torque": ("partner", "amplitude", "frequency"),
 }
 
-GLOBAL = ("base_tilt", "external_contact", "fluid_drag")  # of the whole robot: their joint is None
-ANY = ("payload", "time_delay", "torque_lag")  # of one joint (or what it moves), or None: the last link, all joints
+GLOBAL = ("base_tilt", "external_contact", "fluid_drag")  # effects of the whole robot; joint is None
+ANY = ("payload", "time_delay", "torque_lag")  # effects of one joint or link; None: last link, or all joints
 
 
 @dataclass(frozen=True)
 class Fault:
-    """One thing that is wrong; parameters in SI units, `partner` a joint's name."""
+    """One planted fault; parameters in SI units, `partner` is a joint's name."""
 
     effect: str
     joint: str | None
     parameters: Mapping[str, float | str]
 
     def __post_init__(self) -> None:
-        """Refuse what no plant could mean.
+        """Validate effect, parameters and joint.
 
         Raises:
-            ValueError: for an unknown effect, a missing or surplus parameter, or a joint where none or one belongs.
+            ValueError: for an unknown effect, a missing or surplus parameter, or a missing or surplus joint.
         """
         wanted = {**EFFECTS, **FOREIGN}.get(self.effect)
         if wanted is None:
-            raise ValueError(f"no plant knows {self.effect!r}; known are {', '.join((*EFFECTS, *FOREIGN))}")
+            raise ValueError(f"unknown effect {self.effect!r}; known are {', '.join((*EFFECTS, *FOREIGN))}")
         given, inertia = set(self.parameters), set(INERTIA if wanted is BODY else ())
         if given != set(wanted) and given != set(wanted) | inertia:
             raise ValueError(f"{self.effect} takes {', '.join(wanted) or 'no parameters'}, not {', '.join(given)}")
         if self.effect not in ANY and (self.joint is None) != (self.effect in GLOBAL):
-            raise ValueError(f"{self.effect} acts on {'no joint' if self.joint else 'a joint'} of its own")
+            raise ValueError(f"{self.effect} {'takes no joint' if self.joint else 'needs a joint'}")
         object.__setattr__(self, "parameters", MappingProxyType(dict(self.parameters)))
 
     @property
     def numbers(self) -> dict[str, float]:
-        """The parameters that are numbers."""
+        """Numerical parameters."""
         return {key: float(value) for key, value in self.parameters.items() if key != "partner"}
 
     @property
     def partner(self) -> str:
-        """The other joint's name."""
+        """Name of the other joint."""
         return str(self.parameters["partner"])
 
 
 def check(faults: Iterable[Fault], joints: Sequence[str]) -> None:
-    """Refuse faults of joints that the robot does not have.
+    """Validate the joints of faults.
 
     Raises:
-        ValueError: for such a joint, or a joint that is its own partner.
+        ValueError: for an unknown joint, or a joint that is its own partner.
     """
     for fault in faults:
         named = [joint for joint in (fault.joint, fault.parameters.get("partner")) if joint is not None]

@@ -1,4 +1,4 @@
-"""The planted laws that step with the robot, gathered for all of its joints."""
+"""Planted laws that are evaluated at each simulation step, for all joints."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ Array = NDArray[np.float64]
 
 
 class Laws:
-    """Friction levels and torques of n joints from one step to the next."""
+    """Friction levels and torques of n joints at each step."""
 
     def __init__(self, faults: Sequence[Fault], joints: Sequence[str], levels: Sequence[float], step: float) -> None:
-        """Only the faults count that are laws of this kind.
+        """Collect the laws of this kind from all faults.
 
         Args:
-            faults: all that is planted.
-            joints: n names.
-            levels: (n,) [N.m] of the dry friction that the joints have anyway.
-            step: [s].
+            faults: all planted faults.
+            joints: joint names (n,).
+            levels: dry friction of the drives (n,) [N.m].
+            step: time step [s].
         """
         self._joints, self._own, self._step = tuple(joints), np.array(levels, dtype=float), step
         self._levels = [(self._at(f.joint), LEVELS[f.effect], f.numbers) for f in faults if f.effect in LEVELS]
@@ -34,7 +34,7 @@ class Laws:
         ]
         held = [f for f in faults if f.effect in MEMORIES]
         self._memories = [(self._at(f.joint), MEMORIES[f.effect], f.numbers) for f in held]
-        self._held = [(0.0, 0.0) for _ in held]  # state and torque of each
+        self._held = [(0.0, 0.0) for _ in held]  # state and torque of each law with memory
         self._drags = [f.numbers["coefficient"] for f in faults if f.effect == "fluid_drag"]
         self._pushes = [
             (p["start"], p["end"], np.array([p["force_x"], p["force_y"], p["force_z"]]))
@@ -45,20 +45,20 @@ class Laws:
 
     @property
     def any(self) -> bool:
-        """Whether there is anything that must step."""
+        """Whether any law must be evaluated at each step."""
         return bool(self._levels or self._torques or self._crossed or self._memories or self.tip)
 
     def at(self, t: float, q: Array, v: Array, load: Array) -> tuple[Array, Array]:
-        """What the motors must add, and the level of dry friction about it, (n,) each [N.m].
+        """Torque that the motors must add, and the level of dry friction, (n,) each [N.m].
 
         Args:
-            t: [s].
-            q: (n,) [rad].
-            v: (n,) [rad/s].
-            load: (n,) [N.m] that the bodies ask for.
+            t: time [s].
+            q: positions (n,) [rad].
+            v: velocities (n,) [rad/s].
+            load: rigid-body torque (n,) [N.m].
 
         Raises:
-            ValueError: where friction would drive the joint.
+            ValueError: for a negative friction level, which would drive the joint.
         """
         moments = [Moment(t, *x) for x in zip(q.tolist(), v.tolist(), load.tolist(), strict=True)]
         torque, level = np.zeros(len(moments)), self._own.copy()
@@ -73,16 +73,16 @@ class Laws:
         if level.min() < 0:
             j = int(level.argmin())
             raise ValueError(
-                f"friction would drive {self._joints[j]} at {t:.4g} s: its level would be {level[j]:.4g} N.m; "
-                "give the joint more coulomb_friction, or the fault less"
+                f"friction would drive {self._joints[j]} at {t:.4g} s (level {level[j]:.4g} N.m); "
+                "increase the joint's coulomb_friction or reduce the fault"
             )
         return torque, level
 
     def advance(self, v: Array) -> None:
-        """Laws with memory live through a step.
+        """Advance the laws with memory by one step.
 
         Args:
-            v: (n,) [rad/s], the mean over the step.
+            v: mean velocities over the step (n,) [rad/s].
         """
         self._held = [
             law(z, float(v[j]), self._step, **numbers)
@@ -90,7 +90,7 @@ class Laws:
         ]
 
     def force(self, t: float, w: Array) -> Array:
-        """(3,) [N] that the last link's centre of mass exerts on the world, moving at w (3,) [m/s]."""
+        """Force (3,) [N] of the last link's centre of mass on the world, at velocity w (3,) [m/s]."""
         force = sum((c * float(np.linalg.norm(w)) * w for c in self._drags), np.zeros(3))
         return force + sum((push for start, end, push in self._pushes if start <= t <= end), np.zeros(3))
 

@@ -1,6 +1,6 @@
-"""A robot in MuJoCo that follows a given motion in closed loop and logs itself as a real robot would.
+"""Closed-loop simulation and logging of a robot in MuJoCo.
 
-Nothing of signid is used: MuJoCo's own parser reads the URDF, its own dynamics move the robot.
+Independent of signid: MuJoCo parses the URDF and computes the dynamics.
 """
 
 from __future__ import annotations
@@ -36,24 +36,24 @@ def simulate(
     soft: bool = False,
     bandwidth: float = BANDWIDTH,
 ) -> Track:
-    """The robot along a motion: PD control with a feed-forward that knows 90 % of the dynamics and no friction.
+    """Simulate PD control along a motion, with feed-forward of 90 % of the dynamics without friction.
 
-    Torque and acceleration belong to the same moment: a step's torque moves the robot from k to k + 1, and the
-    second difference of the positions k - 1, k, k + 1 is the acceleration of that very step.
+    Torque and acceleration are simultaneous: the torque of a step moves the robot from k to k + 1, and the
+    second difference of the positions k - 1, k, k + 1 is the acceleration of this step.
 
     Args:
         body: rigid bodies.
-        drives: n joints.
-        motion: n joints.
-        duration: [s].
-        rate: of the log [Hz]; 1 / STEP shows every step.
-        faults: what is wrong; the controller knows nothing of it.
-        start: the session's time at the first row [s], for motion and laws alike.
-        soft: whether dry friction creeps as it does in MuJoCo unless told otherwise, instead of holding.
-        bandwidth: of the position loop [rad/s].
+        drives: drive parameters of n joints.
+        motion: reference motion of n joints.
+        duration: duration [s].
+        rate: rate of the log [Hz]; 1 / STEP logs every step.
+        faults: planted faults, unknown to the controller.
+        start: time of the first row [s], for motion and laws.
+        soft: dry friction creeps with MuJoCo's default solver parameters instead of holding.
+        bandwidth: bandwidth of the position loop [rad/s].
 
     Raises:
-        ValueError: for a log between the steps, and for faults that cannot be.
+        ValueError: when the log period is not a multiple of the step, or for impossible faults.
     """
     check(faults, body.joints)
     t, every = clock(start, duration, rate)
@@ -62,18 +62,18 @@ def simulate(
     stiffness, damping = gains(mean_inertia(known, body.joints, desired[:: max(len(t) // 20, 1)]), bandwidth)
     forward = _feed_forward(known, body.joints, motion, t)
     command = forward + stiffness * desired + damping * velocity
-    astray = misplaced(body.joints, faults)
-    command -= stiffness * astray
+    encoder_error = misplaced(body.joints, faults)
+    command -= stiffness * encoder_error
     model = build(body, drives, (stiffness, damping), faults=faults, soft=soft)
     true = drive(drives, body.joints, faults)
     laws = Laws(faults, body.joints, true.coulomb_friction, STEP)
     load = forward[0] / KNOWN - np.array(drives.armature) * acceleration[0]
-    between = gears(model, body, faults)
-    loose = [gear for gear in between if gear.free]
-    first = _begin(model, body, between, desired[0] - astray, velocity[0], load)
+    gearing = gears(model, body, faults)
+    backlash = [gear for gear in gearing if gear.free]
+    first = _begin(model, body, gearing, desired[0] - encoder_error, velocity[0], load)
     control = command - np.array(true.torque_offset)
-    if laws.any or loose:
-        q, v = _step(model, body, laws, loose, t, control, *first)
+    if laws.any or backlash:
+        q, v = _step(model, body, laws, backlash, t, control, *first)
     else:
         q, v = _roll(model, body, control, *first)
     tau = command[:-1] - stiffness * q[:-1] - damping * v[1:]  # implicit integration damps with the next velocity
@@ -82,7 +82,7 @@ def simulate(
 
 
 def inertials(body: Body) -> dict[str, tuple[float, Array, Array]]:
-    """Per moving link its mass [kg], first moment (3,) [kg.m] and inertia (3, 3) [kg.m2] about the joint's frame."""
+    """Mass [kg], first moment (3,) [kg.m] and inertia (3, 3) [kg.m2] about the joint's frame of each moving link."""
     model = build(body, Drives.none(len(body.joints)))
     found = {}
     for joint in body.joints:
@@ -97,27 +97,27 @@ def inertials(body: Body) -> dict[str, tuple[float, Array, Array]]:
 
 
 def _feed_forward(model: Any, joints: Sequence[str], motion: Reference, t: Array) -> Array:
-    """(N, n) [N.m] at times (N,) [s]."""
+    """Feed-forward torque (N, n) [N.m] at times (N,) [s]."""
     coarse = t[::COMMAND]
     torque = inverse(model, joints, *motion.at(coarse))
     return KNOWN * np.column_stack([np.interp(t, coarse, column) for column in torque.T])
 
 
-def _begin(model: Any, body: Body, between: list[Gear], q: Array, v: Array, load: Array) -> tuple[Array, Array]:
-    """The whole first state, from that of the n joints; gears are deflected by the load (n,) [N.m]."""
+def _begin(model: Any, body: Body, gearing: list[Gear], q: Array, v: Array, load: Array) -> tuple[Array, Array]:
+    """Complete initial state from that of the n joints; the load (n,) [N.m] deflects the gears."""
     at = dofs(model, body.joints)
-    if model.nq != model.nv or len(at) + len(between) != model.nv:
-        raise ValueError("only joints of one position each are simulated")
+    if model.nq != model.nv or len(at) + len(gearing) != model.nv:
+        raise ValueError("a joint has more than one position; only one-position joints can be simulated")
     position, velocity = np.zeros(model.nv), np.zeros(model.nv)
     position[at], velocity[at] = q, v
-    for gear in between:
+    for gear in gearing:
         carried = load[gear.joint]
         position[gear.at] = -carried / gear.stiffness - np.sign(carried) * gear.free
     return position, velocity
 
 
 def _roll(model: Any, body: Body, control: Array, position: Array, velocity: Array) -> tuple[Array, Array]:
-    """The joints' positions and velocities (N, n) [rad, rad/s] from the first state on, under commands (N, n) [N.m]."""
+    """Joint positions and velocities (N, n) [rad, rad/s] from the initial state under commands (N, n) [N.m]."""
     at, n, first = dofs(model, body.joints), model.nv, np.concatenate([[0.0], position, velocity])
     states, _ = rollout.rollout(model, [mujoco.MjData(model)], first[None], control[None, :-1])
     states = np.vstack([first, states[0]])
@@ -125,9 +125,9 @@ def _roll(model: Any, body: Body, control: Array, position: Array, velocity: Arr
 
 
 def _step(
-    model: Any, body: Body, laws: Laws, loose: list[Gear], t: Array, control: Array, position: Array, velocity: Array
+    model: Any, body: Body, laws: Laws, backlash: list[Gear], t: Array, control: Array, position: Array, velocity: Array
 ) -> tuple[Array, Array]:
-    """The same where laws must step; they see velocities at the time of the positions, half a step later."""
+    """Like `_roll`, with laws evaluated at each step for velocities at the time of the positions."""
     data, at = mujoco.MjData(model), dofs(model, body.joints)
     data.qpos[:], data.qvel[:] = position, velocity
     tip = int(model.joint(body.joints[-1]).bodyid[0])
@@ -149,7 +149,7 @@ def _step(
         else:
             data.qfrc_applied[:] = 0
         data.qfrc_applied[at] -= torque
-        for gear in loose:
+        for gear in backlash:
             data.qfrc_applied[gear.at] += gear.push(float(data.qpos[gear.at]), float(data.qvel[gear.at]))
         model.dof_frictionloss[at] = level
         data.ctrl[:] = control[k]

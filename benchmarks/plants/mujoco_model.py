@@ -1,4 +1,4 @@
-"""A robot and what is wrong with it as a model of MuJoCo's: what no law need step for."""
+"""MuJoCo model of a robot with the planted faults that need no evaluation at each step."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from .faults import Fault
 Array = NDArray[np.float64]
 
 GEARS = ("backlash", "joint_elasticity")
-SOFT, PRESSED = 0.05, 0.5  # damping of a soft gear, and of a loose one that is pressed, as a share of critical
-STOP = 0.4  # rad a step, of a loose gear on its stop
-POSES = 8  # in which a gear's vibration is looked at
+SOFT, PRESSED = 0.05, 0.5  # damping ratios of an elastic gear and of a gear with backlash in contact [1]
+STOP = 0.4  # angular frequency of a gear with backlash in contact, times the step [rad]
+POSES = 8  # poses for the largest vibration frequency of a gear
 
 
 class Gear(NamedTuple):
-    """What lies between the motor and the link of one joint."""
+    """Gear between the motor and the link of one joint."""
 
-    at: int  # its degree of freedom
+    at: int  # index of its degree of freedom
     joint: int
-    free: float  # rad either way
+    free: float  # half of the backlash [rad]
     stiffness: float  # N.m/rad
     damping: float  # N.m.s/rad
 
     def push(self, x: float, v: float) -> float:
-        """The torque [N.m] on the link of a loose gear deflected by x [rad]; it does not pull."""
+        """Contact torque [N.m] on the link of a gear with backlash, deflected by x [rad]; never pulling."""
         if abs(x) <= self.free:
             return 0.0
         side = 1.0 if x > 0 else -1.0
@@ -47,19 +47,19 @@ def build(
     faults: Sequence[Fault] = (),
     soft: bool = False,
 ) -> Any:
-    """The compiled model, with a motor for each joint.
+    """Compile the model with a motor for each joint.
 
     Args:
         body: rigid bodies.
-        drives: n joints.
-        gains: (n,) each [N.m/rad, N.m.s/rad] of a position loop in the motors.
-        frictionless: leave the drives' friction out.
-        weigh: whether the links are as heavy as they truly are, or as the URDF states.
-        faults: all that is planted; those count that are part of the model.
-        soft: whether dry friction creeps as it does in MuJoCo unless told otherwise.
+        drives: drive parameters of n joints.
+        gains: gains of a position loop in the motors, (n,) each [N.m/rad, N.m.s/rad].
+        frictionless: omit the drives' friction.
+        weigh: use the true link masses instead of those of the URDF.
+        faults: all planted faults; only those that are part of the model are used.
+        soft: dry friction creeps with MuJoCo's default solver parameters.
 
     Raises:
-        ValueError: for what MuJoCo cannot do.
+        ValueError: for faults that MuJoCo does not support.
     """
     spec = mujoco.MjSpec.from_string(bare(body, faults))
     drives = drive(drives, body.joints, faults)
@@ -87,12 +87,12 @@ def build(
 
 
 def dofs(model: Any, joints: Sequence[str]) -> list[int]:
-    """Where the joints are among the model's degrees of freedom, and among its positions."""
+    """Indices of the joints among the model's degrees of freedom, equal to those of its positions."""
     return [int(model.joint(name).dofadr[0]) for name in joints]
 
 
 def mean_inertia(model: Any, joints: Sequence[str], positions: Array) -> Array:
-    """(n,) [kg.m2] diagonal of the mass matrix, on average over positions (N, n) [rad]."""
+    """Diagonal of the mass matrix (n,) [kg.m2], averaged over positions (N, n) [rad]."""
     data, at = mujoco.MjData(model), dofs(model, joints)
     full, diagonal = np.zeros((model.nv, model.nv)), np.zeros((len(positions), len(at)))
     for k, q in enumerate(positions):
@@ -104,7 +104,7 @@ def mean_inertia(model: Any, joints: Sequence[str], positions: Array) -> Array:
 
 
 def inverse(model: Any, joints: Sequence[str], q: Array, v: Array, a: Array) -> Array:
-    """(N, n) [N.m] that a motion takes, (N, n) each [rad, rad/s, rad/s2]."""
+    """Inverse dynamics (N, n) [N.m] of a motion, (N, n) each [rad, rad/s, rad/s2]."""
     data, at = mujoco.MjData(model), dofs(model, joints)
     torque = np.zeros_like(q)
     for k in range(len(q)):
@@ -115,10 +115,10 @@ def inverse(model: Any, joints: Sequence[str], q: Array, v: Array, a: Array) -> 
 
 
 def gears(model: Any, body: Body, faults: Sequence[Fault]) -> list[Gear]:
-    """The soft and loose gears; where a loose one is pressed it is as stiff as steps allow.
+    """Elastic gears and gears with backlash; the contact of the latter is as stiff as the step allows.
 
     Raises:
-        ValueError: for a soft gear that is too stiff for the steps.
+        ValueError: for an elastic gear that is too stiff for the step.
     """
     found = []
     for fault in faults:
@@ -126,9 +126,11 @@ def gears(model: Any, body: Body, faults: Sequence[Fault]) -> list[Gear]:
             continue
         at, p = int(model.joint(f"{fault.joint}_gear").dofadr[0]), fault.numbers
         mobility, soft = _mobility(model, at), fault.effect == "joint_elasticity"
-        frequency = np.sqrt(p["stiffness"] * mobility) if soft else STOP / STEP  # rad/s, the other joints free
+        frequency = np.sqrt(p["stiffness"] * mobility) if soft else STOP / STEP  # [rad/s], other joints free
         if frequency * STEP > 1:
-            raise ValueError(f"{fault.joint} would vibrate too fast for steps of {STEP:g} s: {frequency:.0f} rad/s")
+            raise ValueError(
+                f"{fault.joint}: {frequency:.0f} rad/s is too fast for steps of {STEP:g} s; reduce the stiffness"
+            )
         stiffness = frequency**2 / mobility
         damping = 2 * (SOFT if soft else PRESSED) * stiffness / frequency
         free = 0.0 if soft else p["gap"] / 2
@@ -137,7 +139,7 @@ def gears(model: Any, body: Body, faults: Sequence[Fault]) -> list[Gear]:
 
 
 def _mobility(model: Any, at: int) -> float:
-    """[1/(kg.m2)] of one degree of freedom with the others free: the largest of some poses."""
+    """Mobility [1/(kg.m2)] of one degree of freedom with the others free, largest over POSES poses."""
     data, rng, found = mujoco.MjData(model), np.random.default_rng(0), []
     unit, answer = np.zeros((1, model.nv)), np.zeros((1, model.nv))
     unit[0, at] = 1
@@ -150,9 +152,12 @@ def _mobility(model: Any, at: int) -> float:
 
 
 def _solve_stiffly(model: Any, soft: bool) -> None:
-    """Steps and constraints as nearly rigid as MuJoCo has them, unless soft; no contacts, no limits."""
+    """Set time step and nearly rigid constraints (unless soft); disable contacts and limits."""
     if not soft:
-        model.dof_solref[:], model.dof_solimp[:] = [2 * STEP, 1], [0.9999, 0.9999, 0.001, 0.5, 2]  # sliding at 1 mm/s
+        model.dof_solref[:], model.dof_solimp[:] = (
+            [2 * STEP, 1],
+            [0.9999, 0.9999, 0.001, 0.5, 2],
+        )  # sliding velocity 1 mm/s
     model.jnt_actfrclimited[:] = 0
     model.opt.timestep, model.opt.integrator = STEP, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_LIMIT | mujoco.mjtDisableBit.mjDSBL_CONTACT
@@ -162,7 +167,7 @@ def _solve_stiffly(model: Any, soft: bool) -> None:
 
 
 def _couple(spec: Any, faults: Sequence[Fault]) -> None:
-    """A tendon over both joints moves with the sum of their velocities; what it is too much alone is taken back."""
+    """Add a tendon on the sum of both joints' velocities; `_plant` removes the diagonal terms."""
     for i, fault in enumerate(f for f in faults if f.effect == "joint_coupling"):
         p, tendon = fault.numbers, spec.add_tendon(name=f"coupling_{i + 1}")
         tendon.wrap_joint(str(fault.joint), 1.0)
@@ -171,15 +176,15 @@ def _couple(spec: Any, faults: Sequence[Fault]) -> None:
 
 
 def _split(spec: Any, body: Body, drives: Drives, faults: Sequence[Fault]) -> None:
-    """A second joint between motor and link; a motor with a gear behind it needs a rotor."""
+    """Add a second joint between motor and link; the motor then needs rotor inertia."""
     for fault in faults:
         if fault.effect in GEARS:
             motor = spec.joint(str(fault.joint))
             if len(motor.parent.joints) > 1:
-                raise ValueError(f"{fault.joint} has a soft or loose gear already; plant one of them")
+                raise ValueError(f"{fault.joint} already has elasticity or backlash; plant only one of them")
             motor.armature = drives.armature[body.joints.index(str(fault.joint))]
             if motor.armature <= 0:
-                raise ValueError(f"{fault.effect} of {fault.joint} needs a rotor: give the joint an armature")
+                raise ValueError(f"{fault.effect} of {fault.joint} needs rotor inertia; give the joint an armature")
             motor.parent.add_joint(name=f"{fault.joint}_gear", type=motor.type, axis=motor.axis, pos=motor.pos)
 
 

@@ -1,7 +1,7 @@
-"""The same robot in PyBullet: Bullet's own parser, mass matrix and steps; drives and laws as torques at the joints.
+"""Closed-loop simulation of a robot in PyBullet: Bullet's parser, mass matrix and steps; drives and laws as torques.
 
-Bullet has no rotors and no dry friction of joints that holds exactly. Both are solved for here from Bullet's mass
-matrix and inverse dynamics; what they ask for is one torque a step, and Bullet moves the robot under it.
+Bullet has no rotor inertia and no exact static joint friction. Both are solved here from Bullet's mass matrix and
+inverse dynamics and applied as one torque per step.
 """
 
 from __future__ import annotations
@@ -22,22 +22,22 @@ from .record import misplaced, misread
 
 Array = NDArray[np.float64]
 
-SWEEPS, SETTLED = 200, 1e-12  # of the friction solve, and the change that ends it [N.m]
-AGREED = 1e-6  # rad/s by which Bullet's step may differ from what its mass matrix said
+SWEEPS, SETTLED = 200, 1e-12  # friction solver: most sweeps, change at convergence [N.m]
+AGREED = 1e-6  # tolerated difference between Bullet's step and the step from its mass matrix [rad/s]
 
 
 @dataclass(frozen=True)
 class Joints:
-    """What is linear at the joints; n of them, m rows of dry friction."""
+    """Linear elements of n joints, and m rows of dry friction."""
 
-    inertia: Array  # (n, n) [kg.m2] of rotors
+    inertia: Array  # (n, n) [kg.m2] rotors
     damping: Array  # (n, n) [N.m.s/rad]
     stiffness: Array  # (n,) [N.m/rad]
     rest: Array  # (n,) [rad]
     offset: Array  # (n,) [N.m]
-    limit: Array  # (n,) [N.m] of the motors
-    rubbing: Array  # (m, n) [1] whose sums of velocities rub, the joints themselves first
-    level: Array  # (m,) [N.m]
+    limit: Array  # (n,) [N.m] motors
+    rubbing: Array  # (m, n) [1] combinations of velocities with dry friction, single joints first
+    level: Array  # (m,) [N.m] dry friction
 
 
 def simulate(
@@ -49,24 +49,24 @@ def simulate(
     faults: Sequence[Fault] = (),
     start: float = 0.0,
 ) -> Track:
-    """The robot along a motion, controlled and logged as `mujoco_.simulate` has it, moments of torque included.
+    """Simulate control along a motion, with the controller, log and torque timing of `mujoco_.simulate`.
 
     Args:
         body: rigid bodies.
-        drives: n joints.
-        motion: n joints.
-        duration: [s].
-        rate: of the log [Hz]; 1 / STEP shows every step.
-        faults: what is wrong; the controller knows nothing of it.
-        start: the session's time at the first row [s], for motion and laws alike.
+        drives: drive parameters of n joints.
+        motion: reference motion of n joints.
+        duration: duration [s].
+        rate: rate of the log [Hz]; 1 / STEP logs every step.
+        faults: planted faults, unknown to the controller.
+        start: time of the first row [s], for motion and laws.
 
     Raises:
-        ValueError: for a log between the steps, and for faults that cannot be, or that Bullet cannot do.
-        ArithmeticError: when Bullet's steps are not what its mass matrix says.
+        ValueError: when the log period is not a multiple of the step, or for impossible or unsupported faults.
+        ArithmeticError: when Bullet's steps differ from those of its mass matrix.
     """
     for fault in faults:
         if fault.effect in ("joint_elasticity", "backlash"):
-            raise ValueError(f"Bullet has no rotor before a gear, so no {fault.effect}; MuJoCo's plant has it")
+            raise ValueError(f"Bullet has no rotor before a gear and no {fault.effect}; use MuJoCo's plant")
     check(faults, body.joints)
     t, every = clock(start, duration, rate)
     desired, velocity, _ = motion.at(t)
@@ -74,12 +74,12 @@ def simulate(
     with closing(Machine(body, weigh=False)) as known:
         stiffness, damping = gains(np.mean([np.diag(known.mass(q)) + rotors for q in positions], axis=0))
         command = _feed_forward(known, rotors, motion, t) + stiffness * desired + damping * velocity
-    astray = misplaced(body.joints, faults)
-    command -= stiffness * astray
+    encoder_error = misplaced(body.joints, faults)
+    command -= stiffness * encoder_error
     joints = _joints(body, drives, faults)
     laws = Laws(faults, body.joints, joints.level[: len(rotors)], STEP)
     with closing(Machine(body, faults)) as machine:
-        machine.place(desired[0] - astray, velocity[0])
+        machine.place(desired[0] - encoder_error, velocity[0])
         q, v = _run(machine, joints, laws, t, command, (stiffness, damping))
     tau = command[:-1] - stiffness * q[:-1] - damping * v[1:]
     track = misread(Track(t[:-1], q[:-1], tau), body.joints, faults)
@@ -87,7 +87,7 @@ def simulate(
 
 
 def _feed_forward(machine: Machine, rotors: Array, motion: Reference, t: Array) -> Array:
-    """(N, n) [N.m] at times (N,) [s]."""
+    """Feed-forward torque (N, n) [N.m] at times (N,) [s]."""
     coarse = t[::COMMAND]
     torque = np.array([machine.inverse(q, v, a) + rotors * a for q, v, a in zip(*motion.at(coarse), strict=True)])
     return KNOWN * np.column_stack([np.interp(t, coarse, column) for column in torque.T])
@@ -121,7 +121,7 @@ def _joints(body: Body, drives: Drives, faults: Sequence[Fault]) -> Joints:
 def _run(
     machine: Machine, joints: Joints, laws: Laws, t: Array, command: Array, loop: tuple[Array, Array]
 ) -> tuple[Array, Array]:
-    """Positions and velocities (N, n) [rad, rad/s] under commands (N, n) [N.m] and a loop's stiffness and damping."""
+    """Positions and velocities (N, n) [rad, rad/s] under commands (N, n) [N.m] and position-loop gains."""
     n, level = command.shape[1], joints.level.copy()
     states, acceleration, friction = np.zeros((2, len(t), n)), np.zeros(n), np.zeros(len(level))
     states[:, 0] = q, v = machine.read()
@@ -146,20 +146,20 @@ def _run(
         machine.step(motor + push - damping @ after - joints.inertia @ acceleration - joints.rubbing.T @ friction)
         q, v = machine.read()
         if np.abs(v - after).max() > AGREED:
-            raise ArithmeticError(f"Bullet's step at {t[k]:g} s is not what its mass matrix says")
+            raise ArithmeticError(f"Bullet's step at {t[k]:g} s differs from that of its mass matrix")
         states[:, k + 1] = q, v
         laws.advance(v)
     return states[0], states[1]
 
 
 def _rub(mobility: Array, free: Array, level: Array, guess: Array) -> Array:
-    """Friction (m,) [N.m] within its levels that opposes what rubs, or stops it: projected Gauss-Seidel.
+    """Friction (m,) [N.m] within its levels that opposes or stops sliding, by projected Gauss-Seidel.
 
     Args:
-        mobility: (m, m) [rad/s per N.m] of a step.
-        free: (m,) [rad/s] after the step without friction.
-        level: (m,) [N.m].
-        guess: (m,) [N.m] where to begin.
+        mobility: mobility of one step (m, m) [rad/s per N.m].
+        free: velocities after a step without friction (m,) [rad/s].
+        level: dry friction (m,) [N.m].
+        guess: initial value (m,) [N.m].
     """
     sliding = level * np.sign(guess)
     if np.all(level * np.sign(free - mobility @ sliding) == sliding):

@@ -1,7 +1,7 @@
-"""A robot as Bullet loads it, its joints in the order asked for.
+"""Robot in Bullet with its joints in a given order.
 
-Bullet gives a link without inertial 1 kg, joints the limits of the URDF, every motor a brake and every link a drag
-of air; merging fixed links changes their inertia. All of that is undone here.
+By default, Bullet assigns 1 kg to links without inertial, applies the URDF's joint limits, brakes every motor, adds air
+drag to every link and changes inertia by merging fixed links. This module disables all of these.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ Array = NDArray[np.float64]
 
 
 class Machine:
-    """One robot in a world of its own; close it."""
+    """One robot in its own world; call `close` after use."""
 
     def __init__(self, body: Body, faults: Sequence[Fault] = (), weigh: bool = True) -> None:
-        """The bodies alone: no friction, no rotors, nothing that steps.
+        """Load the rigid bodies without friction, rotors and laws.
 
         Args:
             body: rigid bodies.
-            faults: those count that are bodies or gravity.
-            weigh: whether the links are as heavy as they truly are, or as the URDF states.
+            faults: planted faults; only bodies and gravity are used.
+            weigh: use the true link masses instead of those of the URDF.
 
         Raises:
-            ValueError: when a joint has more than one position, or none of that name is there.
+            ValueError: when a joint has more than one position or is missing.
         """
         self.world = pybullet.connect(pybullet.DIRECT)
         with tempfile.TemporaryDirectory() as folder:
@@ -49,7 +49,7 @@ class Machine:
         moving = [i for i, info in enumerate(infos) if info[2] != pybullet.JOINT_FIXED]
         at = {infos[i][1].decode(): i for i in moving}
         if set(at) != set(body.joints):
-            raise ValueError(f"Bullet moves {', '.join(at)} where {', '.join(body.joints)} were asked for")
+            raise ValueError(f"Bullet moves joints {', '.join(at)} instead of {', '.join(body.joints)}")
         self.joints = [at[name] for name in body.joints]
         self._order = [moving.index(i) for i in self.joints]
         self._links = {info[12].decode(): i for i, info in enumerate(infos)}
@@ -64,37 +64,37 @@ class Machine:
         self._tip = self._centre(infos)
 
     def close(self) -> None:
-        """Leave the world."""
+        """Disconnect from the world."""
         pybullet.disconnect(self.world)
 
     def place(self, q: Array, v: Array) -> None:
-        """Put the joints at q (n,) [rad], moving at v (n,) [rad/s]."""
+        """Set joint positions q (n,) [rad] and velocities v (n,) [rad/s]."""
         for i, x, dx in zip(self.joints, q, v, strict=True):
             pybullet.resetJointState(self.id, i, x, dx, physicsClientId=self.world)
 
     def read(self) -> tuple[Array, Array]:
-        """Position and velocity, (n,) each [rad, rad/s]."""
+        """Positions and velocities, (n,) each [rad, rad/s]."""
         states = pybullet.getJointStates(self.id, self.joints, physicsClientId=self.world)
         return np.array([x[0] for x in states]), np.array([x[1] for x in states])
 
     def step(self, torque: Array) -> None:
-        """One step under torque (n,) [N.m]."""
+        """Advance one step under torque (n,) [N.m]."""
         control = {"controlMode": pybullet.TORQUE_CONTROL, "forces": torque.tolist()}
         pybullet.setJointMotorControlArray(self.id, self.joints, physicsClientId=self.world, **control)
         pybullet.stepSimulation(physicsClientId=self.world)
 
     def mass(self, q: Array) -> Array:
-        """(n, n) [kg.m2] the mass matrix at q (n,) [rad]."""
+        """Mass matrix (n, n) [kg.m2] at q (n,) [rad]."""
         matrix = pybullet.calculateMassMatrix(self.id, self._sort(q), physicsClientId=self.world)
         return np.array(matrix)[np.ix_(self._order, self._order)]
 
     def inverse(self, q: Array, v: Array, a: Array) -> Array:
-        """(n,) [N.m] that the bodies ask for at q (n,) [rad], v (n,) [rad/s], a (n,) [rad/s2]."""
+        """Inverse dynamics (n,) [N.m] at q (n,) [rad], v (n,) [rad/s], a (n,) [rad/s2]."""
         states = (self._sort(x) for x in (q, v, a))
         return np.array(pybullet.calculateInverseDynamics(self.id, *states, physicsClientId=self.world))[self._order]
 
     def jacobian(self, q: Array) -> Array:
-        """(3, n) [m] of the last link's centre of mass, along the world's axes, at q (n,) [rad]."""
+        """Jacobian (3, n) [m] of the last link's centre of mass along the world's axes at q (n,) [rad]."""
         zero, position = [0.0] * len(q), self._sort(q)
         full = pybullet.calculateJacobian(
             self.id, self.joints[-1], self._tip, position, zero, zero, physicsClientId=self.world
@@ -112,9 +112,9 @@ class Machine:
         pybullet.changeDynamics(self.id, link, physicsClientId=self.world, **heavy)
 
     def _centre(self, infos: Sequence[tuple[object, ...]]) -> list[float]:
-        """Of mass, of the last link and all welded to it: from the link's origin along its principal axes [m].
+        """Centre of mass of the last link and all links welded to it, along the link's principal axes [m].
 
-        Bullet's Jacobian alone measures points so.
+        Bullet's Jacobian expects points in these coordinates.
         """
         last = self.joints[-1]
         welded = {last}
@@ -133,7 +133,7 @@ class Machine:
 
 
 def _plain(urdf: str) -> str:
-    """The text without limits, drives of its own and links of unknown mass."""
+    """URDF without limits and drive parameters, and with zero mass for links without inertial."""
     root = ElementTree.fromstring(urdf.encode())
     for joint in root.findall("joint"):
         for part in (*joint.findall("limit"), *joint.findall("dynamics"), *joint.findall("mimic")):
@@ -144,7 +144,7 @@ def _plain(urdf: str) -> str:
             ElementTree.SubElement(joint, "limit", lower="1", upper="-1", effort="0", velocity="0")
     for link in root.findall("link"):
         if link.find("inertial") is None:
-            nothing = ElementTree.SubElement(link, "inertial")
-            ElementTree.SubElement(nothing, "mass", value="0")
-            ElementTree.SubElement(nothing, "inertia", dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), "0"))
+            massless = ElementTree.SubElement(link, "inertial")
+            ElementTree.SubElement(massless, "mass", value="0")
+            ElementTree.SubElement(massless, "inertia", dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), "0"))
     return ElementTree.tostring(root, encoding="unicode")

@@ -1,4 +1,4 @@
-"""From what happened to what is written down: faults of recording, sampling, encoders, noise."""
+"""Recording of a track: recording faults, sampling, encoders and noise."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from .faults import Fault
 
 Array = NDArray[np.float64]
 
-CORNER = 3.0  # Hz, of coloured noise
-BURST = 4.0  # rows that are lost together, on average
+CORNER = 3.0  # corner frequency of coloured noise [Hz]
+BURST = 4.0  # mean number of rows lost together
 
 
 def misread(track: Track, joints: Sequence[str], faults: Sequence[Fault]) -> Track:
-    """The track as faulty sensors tell it: gain, lag and delay of each drive first, then signs, then swapped wires.
+    """Apply recording faults: first gain, lag and delay of each drive, then signs, then swapped channels.
 
     Args:
-        track: what truly happened, at every step.
-        joints: n names.
-        faults: all that is planted; those of recording count.
+        track: true track at every step.
+        joints: joint names (n,).
+        faults: all planted faults; only recording faults are used.
     """
     t, q, tau = track.t, track.q.copy(), track.tau.copy()
     orders = ("encoder_offset", "torque_gain", "torque_lag", "time_delay", "torque_sign", "channel_swap")
@@ -46,7 +46,7 @@ def misread(track: Track, joints: Sequence[str], faults: Sequence[Fault]) -> Tra
 
 
 def misplaced(joints: Sequence[str], faults: Sequence[Fault]) -> Array:
-    """(n,) [rad] that the loop's encoders read too much."""
+    """Encoder offsets (n,) [rad] of the position loop."""
     offset = np.zeros(len(joints))
     for fault in faults:
         if fault.effect == "encoder_offset":
@@ -65,18 +65,18 @@ def log(
     stamping: float = 0.0,
     lost: float = 0.0,
 ) -> dict[str, Array]:
-    """The columns of a recording: t, q_1 ..., tau_1 ...
+    """Columns of a recording: t, q_1 ..., tau_1 ...
 
     Args:
-        track: what truly happened.
-        seed: of the noise, and of the encoders' zeros between two counts.
-        bits: of the encoders, per turn.
-        white: standard deviation of white torque noise, as a share of the joint's rms torque, or n of them.
-        coloured: the same of noise through a first-order low-pass at 3 Hz.
-        rate: of the log [Hz]; the track's own unless given.
-        jitter: standard deviation of the moments of sampling, which the stamps tell [s].
-        stamping: standard deviation of the stamps about the moments of sampling [s].
-        lost: share of rows that are missing, some together.
+        track: true track.
+        seed: seed of the noise and of the encoders' zeros between two counts.
+        bits: encoder bits per turn.
+        white: standard deviation of white torque noise over the joint's rms torque, scalar or n values.
+        coloured: the same for noise through a first-order low-pass at 3 Hz.
+        rate: rate of the log [Hz]; default: that of the track.
+        jitter: standard deviation of the sampling times, reflected in the time stamps [s].
+        stamping: standard deviation of the time stamps about the sampling times [s].
+        lost: share of missing rows, some in bursts.
     """
     rng, other = np.random.default_rng(seed), np.random.default_rng([seed, 1])
     period = track.t[1] - track.t[0] if rate is None else 1 / rate
@@ -95,13 +95,13 @@ def log(
 
 
 def _lag(x: Array, steps: float) -> Array:
-    """A first-order low-pass (bilinear) whose time constant is that many steps, settled at the first row."""
+    """First-order low-pass (bilinear) with a time constant of `steps`, settled at the first row."""
     b, a = np.array([1.0, 1.0]) / (1 + 2 * steps), np.array([1.0, (1 - 2 * steps) / (1 + 2 * steps)])
     return np.asarray(lfilter(b, a, x, axis=0, zi=(b[1] - a[1]) * x[:1])[0])
 
 
 def _sample(track: Track, period: float, jitter: float, rng: np.random.Generator) -> Track:
-    """The track at other moments, between its rows along straight lines."""
+    """Resample the track at other times by linear interpolation."""
     t = track.t[0] + np.arange(int((track.t[-1] - track.t[0]) / period + 1e-9) + 1) * period
     t = np.clip(_late(t, jitter, rng), track.t[0], track.t[-1])
     q, tau = (np.column_stack([np.interp(t, track.t, column) for column in x.T]) for x in (track.q, track.tau))
@@ -109,7 +109,7 @@ def _sample(track: Track, period: float, jitter: float, rng: np.random.Generator
 
 
 def _late(t: Array, deviation: float, rng: np.random.Generator) -> Array:
-    """Times with an error each, 0.4 of a row at most so that they stay in order."""
+    """Add a random error to each time, at most 0.4 rows to preserve their order."""
     if not deviation:
         return t
     most = 0.4 * np.diff(t).min()
@@ -117,7 +117,7 @@ def _late(t: Array, deviation: float, rng: np.random.Generator) -> Array:
 
 
 def _arrived(rows: int, lost: float, rng: np.random.Generator) -> NDArray[np.bool_]:
-    """(rows,) whether each was kept; losses come in bursts, never at the ends."""
+    """Mask (rows,) of kept rows; losses occur in bursts, never at the ends."""
     kept = np.ones(rows, dtype=bool)
     for first in rng.choice(rows, size=round(lost * rows / BURST), replace=False):
         kept[first : first + rng.geometric(1 / BURST)] = False
@@ -126,7 +126,7 @@ def _arrived(rows: int, lost: float, rng: np.random.Generator) -> NDArray[np.boo
 
 
 def _coloured(rng: np.random.Generator, shape: tuple[int, ...], period: float) -> Array:
-    """(N, n) [1] of unit variance, stationary from the first sample on."""
+    """Coloured noise (N, n) [1] of unit variance, stationary from the first sample."""
     keep = float(np.exp(-2 * np.pi * CORNER * period))
     noise = rng.standard_normal(shape)
     noise[1:] *= np.sqrt(1 - keep**2)

@@ -1,6 +1,6 @@
-"""The laws that step with the robot: friction levels and torques that the motor must add, of one joint at a time.
+"""Laws evaluated at each simulation step: friction levels and torques that the motor must add, for one joint.
 
-A level is what friction takes at most, either way, [N.m]; it holds the joint at rest.
+A level is the largest friction in either direction [N.m]; it holds the joint at rest.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 
 class Moment(NamedTuple):
-    """Of one joint: time [s], position [rad], velocity [rad/s], and the torque that the bodies ask for [N.m]."""
+    """State of one joint: time [s], position [rad], velocity [rad/s], rigid-body torque [N.m]."""
 
     t: float
     q: float
@@ -19,7 +19,7 @@ class Moment(NamedTuple):
 
 
 def asymmetric_level(x: Moment, coulomb_positive: float, coulomb_negative: float, **_: float) -> float:
-    """Half of what both directions take; `asymmetric_torque` has the other half."""
+    """Mean Coulomb friction of both directions; `asymmetric_torque` adds the difference."""
     return (coulomb_positive + coulomb_negative) / 2
 
 
@@ -30,7 +30,7 @@ def asymmetric_torque(
     coulomb_positive: float,
     coulomb_negative: float,
 ) -> float:
-    """Viscous friction of the direction, and what the one direction takes more than the other."""
+    """Viscous friction of the direction, and half the difference of Coulomb friction."""
     return (viscous_positive if x.v > 0 else viscous_negative) * x.v + (coulomb_positive - coulomb_negative) / 2
 
 
@@ -45,12 +45,12 @@ def load_level(x: Moment, coefficient: float) -> float:
 
 
 def position_level(x: Moment, amplitude: float, frequency: float, phase: float) -> float:
-    """A sin(k q + phi): more here, less there than the joint's other friction."""
+    """A sin(k q + phi), added to the joint's other friction."""
     return amplitude * sin(frequency * x.q + phase)
 
 
 def drift_level(x: Moment, change: float, time_constant: float) -> float:
-    """From 0 to the whole change."""
+    """Exponential rise from 0 to the whole change."""
     return change * (1 - exp(-x.t / time_constant))
 
 
@@ -75,17 +75,17 @@ def ripple_torque(x: Moment, amplitude: float, frequency: float, phase: float) -
 
 
 def tustin_level(x: Moment, level: float, velocity: float) -> float:
-    """Stribeck's curve with exponent 1."""
+    """Stribeck curve with exponent 1."""
     return level * exp(-abs(x.v) / velocity)
 
 
 def step_level(x: Moment, change: float, time: float) -> float:
-    """Friction that jumps."""
+    """Step change of friction."""
     return change if x.t >= time else 0.0
 
 
 def triangular_level(x: Moment, amplitude: float, frequency: float) -> float:
-    """A triangle over the position, from 0 to 2 A."""
+    """Triangle wave over the position from 0 to 2 A."""
     return amplitude * (1 + 2 / pi * asin(sin(frequency * x.q)))
 
 
@@ -105,7 +105,7 @@ def root_torque(x: Moment, coefficient: float) -> float:
 
 
 def stop_torque(x: Moment, stiffness: float, centre: float, free: float) -> float:
-    """A spring that begins at a distance from the centre."""
+    """Spring beyond a free distance from the centre."""
     return copysign(stiffness * max(abs(x.q - centre) - free, 0.0), x.q - centre)
 
 
@@ -130,12 +130,12 @@ def load_wave_torque(x: Moment, amplitude: float, torque: float) -> float:
 
 
 def crossed_torque(q: float, other: float, amplitude: float, frequency: float) -> float:
-    """A sin(k q) cos(k q'), of this joint and another."""
+    """A sin(k q) cos(k q') of this joint and another."""
     return amplitude * sin(frequency * q) * cos(frequency * other)
 
 
 def dahl(z: float, v: float, step: float, level: float, distance: float) -> tuple[float, float]:
-    """Dahl's state after a step at constant v, and the torque F z; dz/dt = v / d (1 - z sign v)."""
+    """Dahl state after a step at constant v, and the torque F z; dz/dt = v / d (1 - z sign v)."""
     ahead = copysign(1.0, v)
     z = ahead + (z - ahead) * exp(-abs(v) * step / distance)
     return z, level * z
@@ -144,7 +144,7 @@ def dahl(z: float, v: float, step: float, level: float, distance: float) -> tupl
 def lugre(
     z: float, v: float, step: float, level: float, static: float, velocity: float, stiffness: float, damping: float
 ) -> tuple[float, float]:
-    """LuGre's bristles after a step at constant v, and their torque; z in rad of deflection."""
+    """LuGre bristle deflection z [rad] after a step at constant v, and the torque."""
     most = (level + (static - level) * exp(-((v / velocity) ** 2))) / stiffness
     end = copysign(most, v)
     after = end + (z - end) * exp(-abs(v) * step / most)
@@ -177,4 +177,4 @@ TORQUES = {
     "load_wave": load_wave_torque,
 }
 MEMORIES = {"presliding_friction": dahl, "lugre_friction": lugre}
-LOADED = ("load_friction", "root_load_friction", "load_wave")  # need the load
+LOADED = ("load_friction", "root_load_friction", "load_wave")  # need the rigid-body torque

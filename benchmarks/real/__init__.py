@@ -1,1 +1,1 @@
-"""Parts of `benchmarks.real`: real recordings diagnosed by simulations from which known physics was left out."""
+"""Diagnosis of real recordings with simulations that lack known physics."""

@@ -1,9 +1,9 @@
-"""Real recordings, physics concealed: `python -m benchmarks.real [--only CASE ...] [--json FILE]`, with SIGNID_DATA.
+"""Diagnosis of known missing physics on real robots: `python -m benchmarks.real [--only CASE ...] [--json FILE]`.
 
-A simulation that lacks what is known of a robot is held against its recordings: the payload of a UR10e, the coupled
-wrist of a TX40, the asymmetric friction of the EMPS, the friction of a Panda and a hand that it does not carry, how
-the UR10e's friction depends on speed, and an LWR4+ whose motion can tell nothing. `repeat` diagnoses one robot's
-recordings one by one. Exits 1 when a target is missed.
+Needs SIGNID_DATA. Simulations without a known property of the robot are compared with its recordings: the payload of a
+UR10e, the coupled wrist of a TX40, the asymmetric friction of the EMPS, the friction of a Panda and a hand that it does
+not carry, the speed dependence of the UR10e's friction, and an LWR4+ with insufficient excitation. `repeat` diagnoses
+the recordings of one robot one by one. Exits with 1 when a target is missed.
 """
 
 from __future__ import annotations
@@ -35,20 +35,20 @@ REPEAT = "repeat"
 
 
 def parse() -> argparse.Namespace:
-    """The command line."""
+    """Parse the command line."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.real", description=__doc__)
     names = (*CASES, REPEAT)
     parser.add_argument("--only", nargs="+", choices=names, default=names, metavar="CASE", help=", ".join(names))
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write all rows there")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write all rows to FILE as JSON")
     return parser.parse_args()
 
 
 def main() -> int:
-    """Every case, tables, and 1 where a target is missed."""
+    """Run every case and print the tables; return 1 when a target is missed."""
     one_thread()
     options, console = parse(), Console(width=200)
     if not os.environ.get("SIGNID_DATA"):
-        sys.exit("SIGNID_DATA is unset: real recordings are not part of the repository")
+        sys.exit("SIGNID_DATA is not set; real recordings are not in the repository; set it to their folder")
     rows: list[Row] = []
     for name in CASES:
         if name in options.only:
@@ -62,12 +62,12 @@ def main() -> int:
     if groups:
         console.print(show_repeats(groups, agreements))
     if options.json:
-        told = {
+        document = {
             "rows": [{**asdict(row), "holds": row.holds} for row in rows],
             "repeats": [asdict(row) for group in groups for row in group],
             "agreements": [{**asdict(one), "holds": one.holds} for one in agreements],
         }
-        options.json.write_text(json.dumps(told, indent=1, default=str) + "\n", encoding="utf-8")
+        options.json.write_text(json.dumps(document, indent=1, default=str) + "\n", encoding="utf-8")
     return 0 if all(row.holds for row in rows) and all(one.holds for one in agreements) else 1
 
 

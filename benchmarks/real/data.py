@@ -1,4 +1,4 @@
-"""Robots and their real recordings, and simulations of them with something left out."""
+"""Robots, their real recordings, and reduced simulation models."""
 
 from __future__ import annotations
 
@@ -16,56 +16,60 @@ from signid.model import Model
 from signid.types import Recording, Robot
 
 ROBOTS = Path(__file__).parents[2] / "robots"
-UNLOADED = ("20_02_19_14harm50sec", "20_02_10_30sec_12harm")  # the first on the same day as the loaded one
-JUDGED = "20_02_12_50sec_12harm"  # unloaded, another day, never learned from
+UNLOADED = ("20_02_19_14harm50sec", "20_02_10_30sec_12harm")  # the first from the same day as the loaded one
+HELD_OUT = "20_02_12_50sec_12harm"  # unloaded, from another day, held out
 LOADED = "20_02_19_14harm50secLoad"
-LINK_SIDE = ("viscous_friction", "coulomb_friction", "torque_offset")  # of the Panda, whose torque is measured there
+LINK_SIDE = (
+    "viscous_friction",
+    "coulomb_friction",
+    "torque_offset",
+)  # effects of the Panda, with torque measured on the link side
 
 
 def data() -> Path:
-    """The folder of recordings."""
+    """Folder of the recordings."""
     return Path(os.environ["SIGNID_DATA"])
 
 
 @cache
 def ur10e() -> Robot:
-    """With torque constants from the controller's own target torques over its target currents."""
+    """UR10e with torque constants from the controller's target torques over its target currents."""
     return signid.load_robot(data() / "ur10e_mamedov" / "ur10e.urdf", actuators=ROBOTS / "ur10e" / "actuators.toml")
 
 
 def ur10e_recording(name: str, group: str = "identification_data") -> Recording:
-    """One of the UR10e's."""
+    """Read a recording of the UR10e."""
     return signid.read_recording(data() / "ur10e_mamedov" / f"{group}__{name}.csv.gz", ur10e())
 
 
 @cache
 def ur10e_model() -> Model:
-    """As two unloaded recordings say."""
+    """Model of the UR10e identified from two unloaded recordings."""
     return signid.identify(
-        ur10e(), [ur10e_recording(name) for name in UNLOADED], held_out=[ur10e_recording(JUDGED)]
+        ur10e(), [ur10e_recording(name) for name in UNLOADED], held_out=[ur10e_recording(HELD_OUT)]
     ).model
 
 
 def recording(folder: str, name: str, robot: Robot) -> Recording:
-    """Any other."""
+    """Read a recording of another robot."""
     return signid.read_recording(data() / folder / f"{name}.csv.gz", robot)
 
 
 def without(model: Model, names: Iterable[str]) -> Model:
-    """A simulation that lacks some laws, everywhere."""
-    gone = set(names)
-    return replace(model, laws=tuple(law for law in model.laws if law.effect.name not in gone))
+    """Remove some laws at all joints."""
+    removed = set(names)
+    return replace(model, laws=tuple(law for law in model.laws if law.effect.name not in removed))
 
 
 def blocks(source: Recording, robot: Robot, seconds: float, every: int, folder: Path) -> tuple[list[Recording], ...]:
-    """Blocks of a recording, and every so-manieth apart: to learn from, to judge by.
+    """Split a recording into blocks and hold out every n-th: training and held-out blocks.
 
     Args:
-        source: positions and torques.
-        robot: whose.
+        source: recording with positions and torques.
+        robot: robot of the recording.
         seconds: length of a block [s].
-        every: one of so many is judged by.
-        folder: where the blocks' files go.
+        every: interval of held-out blocks.
+        folder: folder of the block files.
     """
     whole = source.read()
     table = {"t": whole.t}

@@ -1,4 +1,4 @@
-"""TX40, EMPS, Panda and LWR4+: a wrist's coupling, a drive's asymmetry, friction and a hand, poor excitation."""
+"""TX40, EMPS, Panda and LWR4+: wrist coupling, asymmetric friction, friction and a hand, poor excitation."""
 
 from __future__ import annotations
 
@@ -18,32 +18,32 @@ from signid.model import Model, load_model
 from .data import LINK_SIDE, ROBOTS, blocks, data, parameter, recording, without
 from .row import Row, Target, attempt, first_is, found, within
 
-COUPLING = {"inertia": 0.00964, "viscous": 0.616, "coulomb": 1.95}  # published, kg.m2, N.m.s/rad, N.m
-COUPLED, WELL = 0.2, (0.98, 0.97)  # share; held-out R2 of joints 5 and 6
-BLOCK, EVERY = 0.75, 3  # s; one of so many is held out
+COUPLING = {"inertia": 0.00964, "viscous": 0.616, "coulomb": 1.95}  # published [kg.m2], [N.m.s/rad], [N.m]
+COUPLED, WELL = 0.2, (0.98, 0.97)  # relative tolerance [1]; least held-out R2 of joints 5 and 6
+BLOCK, EVERY = 0.75, 3  # block length [s]; every third block is held out
 DRIVE = {"mass": 95.154, "viscous +": 166.7061, "coulomb +": 20.1440, "viscous -": 240.4236, "coulomb -": 20.6277}
-SAME = 0.03
-PUBLISHED = ("asymmetric_friction",)  # the law of these numbers
-HAND, FLANGE = 0.73, 0.1  # kg of the hand, and how near
-HAND_AT = 0.137  # m of its centre from the frame of joint 7
+SAME = 0.03  # relative tolerance of the published EMPS parameters [1]
+PUBLISHED = ("asymmetric_friction",)  # effects of the published model
+HAND, FLANGE = 0.73, 0.1  # mass of the hand, tolerance of the mass at the flange [kg]
+HAND_AT = 0.137  # distance of the hand's centre from the frame of joint 7 [m]
 FRICTION = ("viscous_friction", "coulomb_friction")
-LEVEL = 0.25  # share to which Coulomb levels agree with those that are identified
+LEVEL = 0.25  # relative tolerance of Coulomb levels against the identified ones [1]
 
 
 def tx40() -> Iterator[Row]:
-    """Blocks of its 9 s, one of three held out: the last third has another motion."""
+    """TX40 with every third block of its 9 s held out, because the motion changes in the last third."""
     robot = signid.load_robot(data() / "staubli_tx40" / "tx40.urdf")
     whole = recording("staubli_tx40", "exciting_traj", robot)
     with tempfile.TemporaryDirectory() as folder:
-        learn, judge = blocks(whole, robot, BLOCK, EVERY, Path(folder))
-        model = signid.identify(robot, learn, held_out=judge).model
-        yield attempt("TX40", "wrist coupling", lambda: signid.diagnose(model, learn, held_out=judge), _wrist)[0]
+        train, held_out = blocks(whole, robot, BLOCK, EVERY, Path(folder))
+        model = signid.identify(robot, train, held_out=held_out).model
+        yield attempt("TX40", "wrist coupling", lambda: signid.diagnose(model, train, held_out=held_out), _wrist)[0]
 
 
-def _wrist(told: Diagnosis) -> Sequence[Target]:
-    coupled = [f for f in found(told, "joint_coupling") if set(f.law.joints) == {4, 5}]
+def _wrist(diagnosis: Diagnosis) -> Sequence[Target]:
+    coupled = [f for f in found(diagnosis, "joint_coupling") if set(f.law.joints) == {4, 5}]
     numbers = coupled[0].law.parameters if coupled else dict.fromkeys(COUPLING, 0.0)
-    before, after = told.before.held_out_r2, told.after.held_out_r2
+    before, after = diagnosis.before.held_out_r2, diagnosis.after.held_out_r2
     fits = [
         Target(
             f"held-out R2 of joint {j + 1}", f"{before[j]:.3f} -> {after[j]:.3f}", f"> {least}", bool(after[j] > least)
@@ -51,37 +51,37 @@ def _wrist(told: Diagnosis) -> Sequence[Target]:
         for j, least in zip((4, 5), WELL, strict=True)
     ]
     near = [within(key, numbers[key], wanted, COUPLED) for key, wanted in COUPLING.items()]
-    return [first_is(told, "joint_coupling", (4, 5)), *near, *fits]
+    return [first_is(diagnosis, "joint_coupling", (4, 5)), *near, *fits]
 
 
 def emps() -> Iterator[Row]:
-    """Its two directions; judged by the run with added pulses."""
+    """EMPS with asymmetric friction; the run with added pulses is held out."""
     robot = signid.load_robot(ROBOTS / "emps" / "robot.urdf")
-    learn, judge = (recording("emps_janot", f"emps_{name}", robot) for name in ("train", "pulses"))
-    model = signid.identify(robot, [learn], held_out=[judge]).model
-    published = signid.identify(robot, [learn], held_out=[judge], options=signid.Options(effects=PUBLISHED))
+    train, held_out = (recording("emps_janot", f"emps_{name}", robot) for name in ("train", "pulses"))
+    model = signid.identify(robot, [train], held_out=[held_out]).model
+    published = signid.identify(robot, [train], held_out=[held_out], options=signid.Options(effects=PUBLISHED))
     yield attempt(
         "EMPS",
         "asymmetric friction",
-        lambda: signid.diagnose(model, [learn], held_out=[judge]),
-        lambda told: _directions(told, published),
+        lambda: signid.diagnose(model, [train], held_out=[held_out]),
+        lambda diagnosis: _directions(diagnosis, published),
     )[0]
 
 
-def _directions(told: Diagnosis, published: Identification) -> Sequence[Target]:
-    """Named first; the published law has the published numbers, and what is named predicts better than it."""
+def _directions(diagnosis: Diagnosis, published: Identification) -> Sequence[Target]:
+    """Targets: named first, published parameters, smaller held-out residual than the published law."""
     numbers = drive_numbers(published.model)
-    before, after = float(told.before.held_out_rms[0]), float(told.after.held_out_rms[0])
+    before, after = float(diagnosis.before.held_out_rms[0]), float(diagnosis.after.held_out_rms[0])
     law = float(published.fit.held_out_rms[0])
     return [
-        first_is(told, "asymmetric_friction"),
+        first_is(diagnosis, "asymmetric_friction"),
         *(within(key, numbers[key], wanted, SAME) for key, wanted in DRIVE.items()),
         Target("pulses, residual", f"{before:.3f} -> {after:.3f} N", f"< {law:.3f}, of the published law", after < law),
     ]
 
 
 def drive_numbers(model: Model) -> dict[str, float]:
-    """What a simulation of one joint has altogether in either direction [kg, N.s/m, N]."""
+    """Total parameters of a one-joint model in both directions [kg, N.s/m, N]."""
 
     def of(effect: str, key: str) -> float:
         return parameter(model, effect, key, (0,))
@@ -96,14 +96,17 @@ def drive_numbers(model: Model) -> dict[str, float]:
 
 
 def panda() -> Iterator[Row]:
-    """Friction left out; the published inertials with a hand that was not there, and without."""
+    """Panda without friction; published inertials with a hand that is absent, and without it."""
     robot = signid.load_robot(data() / "panda_gaz2019" / "panda.urdf")
     log = recording("panda_gaz2019", "exciting_traj_1", robot)
     model = signid.identify(robot, [log], options=signid.Options(effects=LINK_SIDE)).model
     bare = without(model, FRICTION)
     levels = np.array([parameter(model, "coulomb_friction", "level", (j,)) for j in range(7)])
     yield attempt(
-        "Panda", "friction of all joints", lambda: signid.diagnose(bare, [log]), lambda told: _dry(told, levels)
+        "Panda",
+        "friction of all joints",
+        lambda: signid.diagnose(bare, [log]),
+        lambda diagnosis: _dry(diagnosis, levels),
     )[0]
     stated = load_model(data() / "panda_gaz2019" / "panda.urdf")
     stated = replace(stated, laws=model.laws)
@@ -112,25 +115,25 @@ def panda() -> Iterator[Row]:
             "Panda",
             text,
             lambda simulation=simulation: signid.diagnose(simulation, [log]),  # type: ignore[misc]
-            lambda told, mass=mass: _flange(told, mass),  # type: ignore[misc]
+            lambda diagnosis, mass=mass: _flange(diagnosis, mass),  # type: ignore[misc]
         )[0]
 
 
 def _carrying(model: Model) -> Model:
-    """With the hand at its flange."""
+    """Add the hand at the flange."""
     hand = pin.Inertia(HAND, np.array([-0.01, 0.0, HAND_AT]), np.diag([0.001, 0.0025, 0.0017]))
     inertials = model.inertials.copy()
     inertials[-1] += hand.toDynamicParameters()
     return replace(model, inertials=inertials)
 
 
-def _dry(told: Diagnosis, levels: np.ndarray[tuple[int], np.dtype[np.float64]]) -> Sequence[Target]:
-    own = np.array([parameter(told.model, "coulomb_friction", "level", (j,)) for j in range(len(levels))])
-    first = told.findings[0].law.effect.name if told.findings else "nothing"
-    loose = [2 * sum(f.std["level"] for f in found(told, "coulomb_friction", j)) for j in range(len(levels))]
+def _dry(diagnosis: Diagnosis, levels: np.ndarray[tuple[int], np.dtype[np.float64]]) -> Sequence[Target]:
+    own = np.array([parameter(diagnosis.model, "coulomb_friction", "level", (j,)) for j in range(len(levels))])
+    first = diagnosis.findings[0].law.effect.name if diagnosis.findings else "nothing"
+    loose = [2 * sum(f.std["level"] for f in found(diagnosis, "coulomb_friction", j)) for j in range(len(levels))]
     text = " ".join(f"{x:.2f}" for x in own)
     asked = "identified " + " ".join(f"{x:.2f}" for x in levels) + f" ± {100 * LEVEL:g} % or 2 std"
-    names = {f.law.effect.name for f in told.causes}
+    names = {f.law.effect.name for f in diagnosis.causes}
     strange = sorted(names - {*FRICTION, "asymmetric_friction", "stribeck_friction"})
     return [
         Target("first named", first, "friction", first in FRICTION),
@@ -141,35 +144,37 @@ def _dry(told: Diagnosis, levels: np.ndarray[tuple[int], np.dtype[np.float64]]) 
     ]
 
 
-def _flange(told: Diagnosis, mass: float) -> Sequence[Target]:
-    last = len(told.robot.joints) - 1
-    carried = [f for f in told.findings if f.law.effect.name in ("payload", "link_inertia") and last in f.law.joints]
+def _flange(diagnosis: Diagnosis, mass: float) -> Sequence[Target]:
+    last = len(diagnosis.robot.joints) - 1
+    carried = [
+        f for f in diagnosis.findings if f.law.effect.name in ("payload", "link_inertia") and last in f.law.joints
+    ]
     own = sum(f.law.parameters["mass"] for f in carried)
-    first = told.findings[0] if told.findings else None
-    said = "nothing" if first is None else first.law.effect.name
+    first = diagnosis.findings[0] if diagnosis.findings else None
+    name = "nothing" if first is None else first.law.effect.name
     targets = [Target("mass at the flange", f"{own:+.3f} kg", f"{mass:+.2f} ± {FLANGE} kg", abs(own - mass) <= FLANGE)]
     if mass:
-        targets.append(Target("first named", said, "payload", bool(carried) and first is carried[0]))
+        targets.append(Target("first named", name, "payload", bool(carried) and first is carried[0]))
     return targets
 
 
 def lwr4() -> Iterator[Row]:
-    """Joints that moved in step: nothing can be named, and a warning has to say so."""
+    """LWR4+ with joints moved in step: nothing is identifiable, and a warning is required."""
     model = load_model(data() / "kuka_lwr4_flobaroid" / "kuka_lwr4.urdf")
     logs = [recording("kuka_lwr4_flobaroid", f"measurements_{k}", model.robot) for k in (1, 2, 3)]
-    row, told = attempt(
+    row, diagnosis = attempt(
         "LWR4+", "nothing; poor excitation", lambda: signid.diagnose(model, logs[:2], held_out=logs[2:]), _poor
     )
     refused = Target("refuses or warns", "refuses", "either", True)
-    yield replace(row, targets=(refused,)) if told is None else row
+    yield replace(row, targets=(refused,)) if diagnosis is None else row
 
 
-def _poor(told: Diagnosis) -> Sequence[Target]:
-    warned = [flag for flag in told.flags if "in step" in flag or "information" in flag]
-    sure = [f for f in told.causes if f.probability > 0.5]
-    names = ", ".join(f"{f.law.effect.name} {told.robot.joints[f.law.joints[0]]}" for f in sure)
+def _poor(diagnosis: Diagnosis) -> Sequence[Target]:
+    warned = [flag for flag in diagnosis.flags if "in step" in flag or "information" in flag]
+    sure = [f for f in diagnosis.causes if f.probability > 0.5]
+    names = ", ".join(f"{f.law.effect.name} {diagnosis.robot.joints[f.law.joints[0]]}" for f in sure)
     return [
         Target("refuses or warns", "warns" if warned else "silent", "either", bool(warned)),
-        Target("verdict", told.verdict, "not named", told.verdict != "named"),
+        Target("verdict", diagnosis.verdict, "not named", diagnosis.verdict != "named"),
         Target("causes with P > .5", names or "none", "none", not sure),
     ]

@@ -1,4 +1,4 @@
-"""What was concealed from one diagnosis, what it said, and whether that meets the targets."""
+"""Result of one diagnosis with concealed physics, and its targets."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from signid.diagnose import Diagnosis, Finding
 from signid.errors import SignidError
 
 Array = NDArray[np.float64]
-Judge = Callable[[Diagnosis], Sequence["Target"]]
+Targets = Callable[[Diagnosis], Sequence["Target"]]
 
 
 @dataclass(frozen=True)
 class Target:
-    """One number that is asked for, or one that is told only."""
+    """One figure with or without target."""
 
     what: str
     value: str
     asked: str = ""
-    met: bool | None = None  # None: nothing is asked
+    met: bool | None = None  # None: no target
 
 
 @dataclass(frozen=True)
-class Said:
+class NamedLaw:
     """One finding."""
 
     effect: str
@@ -52,62 +52,62 @@ class Said:
 
 @dataclass(frozen=True)
 class Row:
-    """One diagnosis of one robot's recordings."""
+    """Result of one diagnosis of a robot's recordings."""
 
     robot: str
     concealed: str
-    verdict: str  # as the diagnosis gives it, or "refused"
-    findings: tuple[Said, ...]
+    verdict: str  # verdict of the diagnosis, or "refused"
+    findings: tuple[NamedLaw, ...]
     targets: tuple[Target, ...]
-    unexplained: Mapping[str, tuple[float, str]]  # per joint: share of its torque, what it depends on
+    unexplained: Mapping[str, tuple[float, str]]  # per joint: share of its torque, variable that it depends on
     left: Mapping[str, float]  # per joint: held-out residual over the noise floor
     flags: tuple[str, ...]
     cutoff: float  # [Hz]
-    seconds: float  # of CPU
+    seconds: float  # processor time
 
     @property
     def holds(self) -> bool:
-        """Whether something is asked and no target is missed."""
+        """Whether there are targets and none is missed."""
         return bool(self.targets) and all(target.met is not False for target in self.targets)
 
 
-def attempt(robot: str, concealed: str, run: Callable[[], Diagnosis], judge: Judge) -> tuple[Row, Diagnosis | None]:
-    """A diagnosis, timed and judged; what it refuses is a row without targets.
+def attempt(robot: str, concealed: str, run: Callable[[], Diagnosis], targets: Targets) -> tuple[Row, Diagnosis | None]:
+    """Run, time and evaluate a diagnosis; a refusal gives a row without targets.
 
     Args:
-        robot: name.
-        concealed: what was left out of the simulation, in words.
-        run: makes the diagnosis.
-        judge: targets.
+        robot: name of the robot.
+        concealed: description of the physics missing in the simulation.
+        run: function that runs the diagnosis.
+        targets: function that compares a diagnosis with the targets.
     """
     start = time.process_time()
     try:
-        told = run()
+        diagnosis = run()
     except SignidError as error:
         spent = time.process_time() - start
         return Row(robot, concealed, "refused", (), (), {}, {}, (str(error),), 0.0, spent), None
-    row = _row(robot, concealed, told, time.process_time() - start)
-    return replace(row, targets=tuple(judge(told))), told
+    row = _row(robot, concealed, diagnosis, time.process_time() - start)
+    return replace(row, targets=tuple(targets(diagnosis))), diagnosis
 
 
 def within(what: str, value: float, wanted: float, share: float, unit: str = "") -> Target:
-    """A number that has to be near another."""
-    told = f"{value:.4g}{unit and ' ' + unit} ({100 * (value / wanted - 1):+.1f} %)"
-    return Target(what, told, f"{wanted:g} ± {100 * share:g} %", abs(value / wanted - 1) <= share)
+    """Target for a value within a relative tolerance."""
+    text = f"{value:.4g}{unit and ' ' + unit} ({100 * (value / wanted - 1):+.1f} %)"
+    return Target(what, text, f"{wanted:g} ± {100 * share:g} %", abs(value / wanted - 1) <= share)
 
 
-def first_is(told: Diagnosis, effect: str, joints: Sequence[int] | None = None) -> Target:
-    """The first finding has to be an effect, and at some joints where they matter."""
-    first = told.findings[0] if told.findings else None
+def first_is(diagnosis: Diagnosis, effect: str, joints: Sequence[int] | None = None) -> Target:
+    """Target for the effect of the first finding, optionally at given joints."""
+    first = diagnosis.findings[0] if diagnosis.findings else None
     right = first is not None and first.law.effect.name == effect
     right = right and first is not None and (joints is None or set(first.law.joints) == set(joints))
-    said = "nothing" if first is None else f"{first.law.effect.name}, P {first.probability:.3f}"
-    return Target("first named", said, effect, right)
+    text = "nothing" if first is None else f"{first.law.effect.name}, P {first.probability:.3f}"
+    return Target("first named", text, effect, right)
 
 
-def found(told: Diagnosis, effect: str, joint: int | None = None) -> list[Finding]:
-    """Findings of an effect, of a joint where one is given."""
-    return [f for f in told.findings if f.law.effect.name == effect and (joint is None or joint in f.law.joints)]
+def found(diagnosis: Diagnosis, effect: str, joint: int | None = None) -> list[Finding]:
+    """Findings of an effect, optionally at a joint."""
+    return [f for f in diagnosis.findings if f.law.effect.name == effect and (joint is None or joint in f.law.joints)]
 
 
 def rms(x: Array) -> float:
@@ -115,10 +115,10 @@ def rms(x: Array) -> float:
     return float(np.sqrt(np.mean(np.square(x))))
 
 
-def _row(robot: str, concealed: str, told: Diagnosis, seconds: float) -> Row:
-    names = told.robot.joints
+def _row(robot: str, concealed: str, diagnosis: Diagnosis, seconds: float) -> Row:
+    names = diagnosis.robot.joints
     findings = tuple(
-        Said(
+        NamedLaw(
             f.law.effect.name,
             tuple(names[j] for j in f.law.joints),
             f.role,
@@ -131,8 +131,10 @@ def _row(robot: str, concealed: str, told: Diagnosis, seconds: float) -> Row:
                 for a in f.alternatives
             },
         )
-        for f in told.findings
+        for f in diagnosis.findings
     )
-    rest = {names[u.joint]: (u.share, f"{u.place.variable} {u.place.region}") for u in told.unexplained}
-    left = dict(zip(names, (told.after.held_out_rms / told.after.irreducible_rms).tolist(), strict=True))
-    return Row(robot, concealed, told.verdict, findings, (), rest, left, told.flags, told.cutoff, seconds)
+    rest = {names[u.joint]: (u.share, f"{u.place.variable} {u.place.region}") for u in diagnosis.unexplained}
+    left = dict(zip(names, (diagnosis.after.held_out_rms / diagnosis.after.irreducible_rms).tolist(), strict=True))
+    return Row(
+        robot, concealed, diagnosis.verdict, findings, (), rest, left, diagnosis.flags, diagnosis.cutoff, seconds
+    )

@@ -1,1 +1,1 @@
-"""Parts of `benchmarks.regressor`: one job, and others that do it."""
+"""Speed of base-parameter identification: one job for signid, Pinocchio and figaroh."""

@@ -1,9 +1,9 @@
-"""How long base parameters take: `python -m benchmarks.regressor [--figaroh-python PATH] [--json FILE]`.
+"""Speed of base-parameter identification: `python -m benchmarks.regressor [--figaroh-python PATH] [--json FILE]`.
 
 10,000 samples at 100 Hz of an arm along a periodic motion; torque from its URDF plus armature, viscous and Coulomb
-friction. The floor is a plain Pinocchio loop with normal equations, base columns known beforehand. signid does the same
-job from the same arrays, then with its filter and noise model; figaroh does it in its own environment. All take turns
-on one thread, so that what else the machine does falls on all alike; the best of several turns counts.
+friction. The baseline ("floor") is a plain Pinocchio loop with normal equations and known base columns. signid does the
+same job from the same arrays, then with its filter and noise model; figaroh does it in its own environment. All run in
+turn on one thread, so that the load of the machine affects all alike; the best of several turns counts.
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ from ..plants.bodies import Body, bare
 from .job import RATE, ROBOTS, SAMPLES, Array, Track, drives, load, move
 from .plain import plain
 
-BARE = Options(cutoff=np.inf, derivatives="recorded", whiten=False)  # what the plain loop does
-TOKEN = 200  # samples held out: judging is not what is timed
-LIMIT, FASTER, AGREE = 1.5, 10.0, 1e-9  # times the floor at most; times figaroh's speed at least; relative error
+BARE = Options(cutoff=np.inf, derivatives="recorded", whiten=False)  # equivalent to the plain loop
+TOKEN = 200  # held-out samples, few because validation is not timed
+LIMIT, FASTER, AGREE = 1.5, 10.0, 1e-9  # bounds [1]: time over the floor, speed over figaroh, relative error
 PEER = Path(__file__).parent / "figaroh_.py"
 LOOP, PLAIN = "Pinocchio's loop alone", "floor: + least squares"
 SAME, READY, DEFAULT, WHOLE = "signid, same job", "signid, + prepare()", "signid, by default", "signid, identify()"
@@ -53,7 +53,7 @@ FIGAROH = "figaroh 1.0.2"
 
 @dataclass
 class Row:
-    """One way to do the job."""
+    """Times and errors of one method."""
 
     robot: str
     job: str
@@ -63,22 +63,22 @@ class Row:
 
 
 def fit(session: Session, whiten: bool) -> Array:
-    """Base parameters by signid; lagged products are left out where no noise model asks for them."""
+    """Base parameters by signid; without noise model, lagged products are omitted."""
     lags = LAGS if whiten else 0
     factors = session.reduce(session.train, lags=lags)
     return estimate(factors, session.task.base, whiten=whiten).value
 
 
 def prepare_and_fit(robot: Robot, recording: Recording, token: Recording, options: Options) -> Array:
-    """The same with what comes before: base map, survey, band."""
+    """Base parameters by signid including base map, survey and band."""
     return fit(prepare(robot, [recording], [token], options), options.whiten)
 
 
 class Peer:
-    """figaroh in its own environment, waiting to be told to run."""
+    """figaroh in its own environment, run on request."""
 
     def __init__(self, python: str, robot: Robot, train: Track, test: Track, folder: Path) -> None:
-        """Start it with the job in a folder."""
+        """Start figaroh with the job in a folder."""
         (folder / "robot.urdf").write_text(bare(Body(robot.document, robot.joints)), encoding="utf-8")
         for name, track in (("train", train), ("test", test)):
             np.savez(folder / f"{name}.npz", **track._asdict())
@@ -92,7 +92,7 @@ class Peer:
         """Times and errors of one run.
 
         Raises:
-            RuntimeError: it could not run.
+            RuntimeError: figaroh could not run.
         """
         assert self.process.stdin is not None and self.process.stdout is not None, "both are pipes"
         try:
@@ -100,15 +100,15 @@ class Peer:
             return dict(json.loads(self.process.stdout.readline()))
         except (BrokenPipeError, json.JSONDecodeError) as error:
             last = self.errors.read_text(encoding="utf-8").strip().splitlines()[-1:]
-            raise RuntimeError(f"figaroh does not run in the Python that was given: {' '.join(last)}") from error
+            raise RuntimeError(f"figaroh does not run in the given Python: {' '.join(last)}") from error
 
     def close(self) -> None:
-        """End it."""
+        """End the process."""
         self.process.communicate()
 
 
 def measure(name: str, python: str, turns: int) -> Iterator[Row]:
-    """All ways in turn, as often as asked for."""
+    """Run all methods in turns and yield their rows."""
     robot = load(name)
     train, test = (move(robot, seed) for seed in (0, 1))
     columns = {"t": np.arange(SAMPLES) / RATE, "q": train.q, "dq": train.v, "ddq": train.a, "tau": train.tau}
@@ -128,7 +128,7 @@ def measure(name: str, python: str, turns: int) -> Iterator[Row]:
     answers: dict[str, Any] = {}
     with tempfile.TemporaryDirectory() as folder:
         peer = Peer(python, robot, train, test, Path(folder)) if python else None
-        for turn in range(turns + 1):  # the first is not counted
+        for turn in range(turns + 1):  # the first turn is a warm-up
             for way, run in ways.items():
                 start = time.perf_counter()
                 answers[way] = run()
@@ -140,12 +140,12 @@ def measure(name: str, python: str, turns: int) -> Iterator[Row]:
             peer.close()
     errors = partial(_errors, robot, same, test)
     for way, times in seconds.items():
-        told = {"torque": answers[way]["torque"]} if way == FIGAROH else errors(answers[way]) if way != LOOP else {}
-        yield Row(name, way, times, **told)
+        accuracy = {"torque": answers[way]["torque"]} if way == FIGAROH else errors(answers[way]) if way != LOOP else {}
+        yield Row(name, way, times, **accuracy)
 
 
 def _errors(robot: Robot, session: Session, test: Track, value: Array) -> dict[str, float]:
-    """Against the parameters and the torque that are true."""
+    """Largest relative errors of parameters and torque."""
     base, laws = session.task.base, session.task.laws
     truth = base_parameters(robot, base, laws, drives(robot))
     motion = Motion(robot, np.arange(SAMPLES) / RATE, test.q, test.v, test.a)
@@ -155,23 +155,23 @@ def _errors(robot: Robot, session: Session, test: Track, value: Array) -> dict[s
     return {"parameters": float(worst[0]), "torque": float(worst[1])}
 
 
-def judge(rows: Sequence[Row]) -> Iterator[tuple[str, bool]]:
-    """Each target with whether it is met."""
+def check_targets(rows: Sequence[Row]) -> Iterator[tuple[str, bool]]:
+    """Yield each target and whether it is met."""
     for robot in dict.fromkeys(row.robot for row in rows):
-        ours = {row.job: row for row in rows if row.robot == robot}
-        best = {job: min(row.seconds) for job, row in ours.items()}
+        jobs = {row.job: row for row in rows if row.robot == robot}
+        best = {job: min(row.seconds) for job, row in jobs.items()}
         for job in (SAME, DEFAULT):
             ratio = best[job] / best[PLAIN]
             yield f"{robot}: {job}: {ratio:.2f} times the floor (at most {LIMIT:g})", ratio <= LIMIT
         for job in (SAME, READY) if FIGAROH in best else ():
             ratio = best[FIGAROH] / best[job]
             yield f"{robot}: {job}: {ratio:.1f} times as fast as figaroh (at least {FASTER:g})", ratio >= FASTER
-        worst = max(x for job in (PLAIN, SAME) for x in (ours[job].parameters, ours[job].torque) if x is not None)
+        worst = max(x for job in (PLAIN, SAME) for x in (jobs[job].parameters, jobs[job].torque) if x is not None)
         yield f"{robot}: parameters and torque agree with the truth to {worst:.1e} (at most {AGREE:g})", worst <= AGREE
 
 
 def show(robot: str, rows: Sequence[Row]) -> Table:
-    """One robot's rows as a table to read."""
+    """Format the rows of one robot as a table."""
     table = Table(title=f"{robot}: base parameters from {SAMPLES:,} samples, one thread")
     for name in ("job", "best, ms", "median", "x floor", "parameters", "torque"):
         table.add_column(name, justify="left" if name == "job" else "right", no_wrap=True)
@@ -182,17 +182,17 @@ def show(robot: str, rows: Sequence[Row]) -> Table:
         errors = ["" if x is None else f"{x:.0e}" for x in (row.parameters, row.torque)]
         table.add_row(row.job, *times, f"{best / floor:.2f}", *errors)
     if all(row.job != FIGAROH for row in rows):
-        table.caption = f"{FIGAROH} not measured: give --figaroh-python"
+        table.caption = f"{FIGAROH} not measured; give --figaroh-python"
     return table
 
 
 def main() -> None:
-    """Measure, print the table, write the numbers; exit 1 when a target is missed."""
+    """Measure, print the tables and write the numbers; exit with 1 when a target is missed."""
     one_thread()
     parser = argparse.ArgumentParser(prog="python -m benchmarks.regressor", description=__doc__)
     parser.add_argument("--figaroh-python", default=os.environ.get("SIGNID_FIGAROH_PYTHON", ""), metavar="PATH")
-    parser.add_argument("--turns", type=int, default=7, help="best of so many (7)")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers there")
+    parser.add_argument("--turns", type=int, default=7, help="number of turns, of which the best counts (7)")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers to FILE as JSON")
     options = parser.parse_args()
     console, rows = Console(), list[Row]()
     for name in ROBOTS:
@@ -203,14 +203,14 @@ def main() -> None:
             parser.error(str(error))
         console.print(show(name, found))
         rows += found
-    verdicts = list(judge(rows))
-    for sentence, met in verdicts:
+    targets = list(check_targets(rows))
+    for sentence, met in targets:
         console.print(sentence, style="" if met else "red", highlight=False)
     if options.json:
         machine = {"python": platform.python_version(), "pinocchio": pin.__version__, "numpy": np.__version__}
-        numbers = {"machine": machine, "rows": [vars(row) for row in rows], "targets": dict(verdicts)}
+        numbers = {"machine": machine, "rows": [vars(row) for row in rows], "targets": dict(targets)}
         options.json.write_text(json.dumps(numbers, indent=1), encoding="utf-8")
-    raise SystemExit(0 if all(met for _, met in verdicts) else 1)
+    raise SystemExit(0 if all(met for _, met in targets) else 1)
 
 
 if __name__ == "__main__":

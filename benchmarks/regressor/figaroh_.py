@@ -1,7 +1,7 @@
 """The base-parameter job by figaroh 1.0.2, run by its own Python: `python figaroh_.py FOLDER`.
 
-FOLDER holds robot.urdf, train.npz and test.npz (q, v, a, tau). Each line "run" on standard input does the job once and
-answers with its times; the end of input ends it. Regressor, elimination of zero columns, double QR, solution.
+FOLDER contains robot.urdf, train.npz and test.npz (q, v, a, tau). Each line "run" on standard input runs the job once
+and prints its times, until the input ends. Steps: regressor, elimination of zero columns, double QR, solution.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from figaroh.tools.load_robot import load_robot
 from figaroh.tools.qrdecomposition import QRDecomposer
 from figaroh.tools.regressor import build_regressor_basic, build_regressor_reduced, get_index_eliminate
 
-SMALL = 1e-6  # norm of a column that figaroh's examples take for zero
+SMALL = 1e-6  # norm of a zero column, as in figaroh's examples
 
 
 def main(folder: Path) -> None:
     """Answer each request with a line of JSON."""
-    answers, sys.stdout = sys.stdout, sys.stderr  # what the library prints is no answer
+    answers, sys.stdout = sys.stdout, sys.stderr  # output of the library must not mix with the answers
     logging.disable(logging.WARNING)
     robot = load_robot(str(folder / "robot.urdf"), package_dirs=str(folder))
     train, test = (dict(np.load(folder / f"{name}.npz")) for name in ("train", "test"))

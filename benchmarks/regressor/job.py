@@ -1,4 +1,4 @@
-"""The job that all do: an arm along a periodic motion, with drives whose numbers are known."""
+"""Benchmark job: an arm along a periodic motion, with known drives."""
 
 from __future__ import annotations
 
@@ -16,13 +16,23 @@ from ..plants.bodies import Drives
 
 Array = NDArray[np.float64]
 
-ROBOTS = {"panda": ("panda_finger_joint1",), "ur10": ()}  # joints that are held at zero
-SAMPLES, RATE, PERIOD, HARMONICS, REACH = 10_000, 100.0, 10.0, 5, 1.8  # 1, Hz, s, 1, rad at most
-DRIVES = {"armature": (0.8, 0.1), "viscous_friction": (3.0, 0.3), "coulomb_friction": (6.0, 0.5)}  # base to tip
+ROBOTS = {"panda": ("panda_finger_joint1",), "ur10": ()}  # joints held at zero
+SAMPLES, RATE, PERIOD, HARMONICS, REACH = (
+    10_000,
+    100.0,
+    10.0,
+    5,
+    1.8,
+)  # samples, rate [Hz], period [s], harmonics, amplitude [rad]
+DRIVES = {
+    "armature": (0.8, 0.1),
+    "viscous_friction": (3.0, 0.3),
+    "coulomb_friction": (6.0, 0.5),
+}  # from base to tip [kg.m2], [N.m.s/rad], [N.m]
 
 
 class Track(NamedTuple):
-    """What is true of an arm along a motion."""
+    """True motion and torque of an arm."""
 
     q: Array  # (N, n) [rad]
     v: Array  # (N, n) [rad/s]
@@ -31,12 +41,12 @@ class Track(NamedTuple):
 
 
 def load(name: str) -> Robot:
-    """The arm alone."""
+    """Load the arm with fingers held."""
     return hold(load_robot(name), dict.fromkeys(ROBOTS[name], 0.0))
 
 
 def move(robot: Robot, seed: int) -> Track:
-    """A motion of five harmonics, and the torque it takes."""
+    """Draw a motion of five harmonics and compute its torque."""
     n, order = len(robot.joints), np.arange(1, HARMONICS + 1)
     sines, cosines = np.random.default_rng(seed).standard_normal((2, n, HARMONICS))
     size = REACH / np.sum(np.hypot(sines, cosines), axis=1)[:, None] * (sines + 1j * cosines)
@@ -48,6 +58,6 @@ def move(robot: Robot, seed: int) -> Track:
 
 
 def drives(robot: Robot) -> Drives:
-    """What is true of each joint."""
+    """True drives of the robot."""
     n = len(robot.joints)
     return replace(Drives.none(n), **{name: np.linspace(*ends, n) for name, ends in DRIVES.items()})

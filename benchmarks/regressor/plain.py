@@ -1,4 +1,4 @@
-"""The floor: a plain loop over Pinocchio's regressor and normal equations, base columns known beforehand."""
+"""Baseline: plain loop over Pinocchio's regressor and normal equations with known base columns."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .job import SAMPLES, Array, Track
 
 
 def plain(robot: Robot, base: BaseMap, effects: Sequence[str], track: Track, solve: bool = True) -> Callable[[], Array]:
-    """The floor: what remains to be done when the base columns are known and everything fits into memory."""
+    """Return a function that solves the job with known base columns and all rows in memory."""
     moves = [bool(row.any()) for row in robot.drive]
     still = [k + 1 for k, moving in enumerate(moves) if not moving]
     model = pin.buildReducedModel(robot.model, still, pin.neutral(robot.model)) if still else robot.model

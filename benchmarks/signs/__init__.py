@@ -1,1 +1,1 @@
-"""Parts of `benchmarks.signs`: torque whose sign was thrown away, and what was found of it."""
+"""Recovery of torque signs from absolute torque."""

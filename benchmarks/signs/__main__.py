@@ -1,7 +1,7 @@
-"""Torque without its sign, on the bench: `python -m benchmarks.signs [--only CASE ...] [--quick] [--json FILE]`.
+"""Recovery of torque signs: `python -m benchmarks.signs [--only CASE ...] [--quick] [--json FILE]`.
 
-Signs are thrown away and found again; what is found is held against the true signs, and against what the same
-recordings tell with their signs. Cases: paper and real need SIGNID_DATA.
+Signs are removed and recovered. The results are compared with the true signs and with identification from the signed
+recordings. The cases paper, real, hobby and speed need SIGNID_DATA.
 """
 
 from __future__ import annotations
@@ -24,135 +24,137 @@ from rich.table import Table
 from signid.errors import SignidError
 
 from ..one_thread import one_thread
-from ..told import finite
-from . import bullet, constants, hobby, paper, real, show, simulated, speed, verdicts
-from .row import Row, Verdict
+from ..summary import finite
+from . import bullet, constants, hobby, paper, real, show, simulated, speed, targets
+from .row import Row, TargetResult
 from .summary import reliability, summarise
 
 NEED_DATA = ("paper", "real", "hobby", "speed")
-Told = tuple[Table, ...]
+Tables = tuple[Table, ...]
 
 
 class Bench:
-    """What has been measured so far, case by case."""
+    """Results of the cases run so far."""
 
     def __init__(self, quick: bool, workers: int) -> None:
         self.quick, self.workers = quick, workers
         self.rows: list[Row] = []
-        self.verdicts: list[Verdict] = []
+        self.results: list[TargetResult] = []
         self.more: dict[str, Any] = {}
 
     def add(self, rows: Iterator[Row]) -> list[Row]:
-        """Run the rows of a case, and keep them."""
+        """Run and keep the rows of a case."""
         done = list(rows)
         self.rows += done
         return done
 
-    def paper(self) -> Told:
-        """The recordings of the paper, by both methods."""
+    def paper(self) -> Tables:
+        """Recordings of the paper, by both methods."""
         rows = self.add(paper.rows(tree=not self.quick))
-        self.verdicts += verdicts.of_rows(rows)
+        self.results += targets.of_rows(rows)
         keys = ("case", "method", "segments", "mixed", "samples", "b", "error", "off", "seconds", "proof", "nodes")
         more = (
             ("paper", lambda row: f"{paper.PAPER[row.case.partition(',')[0]]:.1e}"),
             ("search", lambda row: f"{row.error_search:.1e}"),
             ("signed", lambda row: f"{row.error_known:.1e}"),
-            ("unseen, N.m", lambda row: f"{max(row.held_out):.1e}"),
+            ("held out, N.m", lambda row: f"{max(row.held_out):.1e}"),
         )
         return (show.show_rows("recordings of the paper: 1R and 3R, no noise", rows, keys, more),)
 
-    def table(self) -> Told:
-        """The paper's table of coefficients."""
-        self.verdicts.append(verdicts.of_table())
+    def table(self) -> Tables:
+        """Coefficient table of the paper."""
+        self.results.append(targets.of_table())
         return show.show_entries(), show.show_identifiable(), show.show_quoted()
 
-    def bullet(self) -> Told:
-        """The arm in PyBullet."""
+    def bullet(self) -> Tables:
+        """Arm in PyBullet."""
         rows = self.add(bullet.rows(2 if self.quick else bullet.MOTIONS, self.workers))
-        self.verdicts += verdicts.of_rows(rows)
+        self.results += targets.of_rows(rows)
         keys = ("case", "segments", "mixed", "samples", "b", "off", "ratio", "worse", "seconds", "proof", "flags")
         more = (
-            ("ten, off", lambda row: f"{row.error:.2g}"),
+            ("ten, error", lambda row: f"{row.error:.2g}"),
             ("signed", lambda row: f"{row.error_known:.2g}"),
             ("ratio", lambda row: f"{row.error / row.error_known:.2f}"),
         )
         return (show.show_rows("3R in PyBullet, 2 % noise", rows, keys, more),)
 
-    def real(self) -> Told:
+    def real(self) -> Tables:
         """Real robots."""
         rows = self.add(real.rows())
-        self.verdicts += verdicts.of_rows(rows)
+        self.results += targets.of_rows(rows)
         keys = ("case", "segments", "mixed", "samples", "small", "b", "off", "worse", "seconds", "proof", "flags")
-        return (show.show_rows("real robots, signs thrown away", rows, keys, (("robot", lambda row: row.group),)),)
+        return (show.show_rows("real robots, signs removed", rows, keys, (("robot", lambda row: row.group),)),)
 
-    def hobby(self) -> Told:
-        """Signs that nobody knows."""
+    def hobby(self) -> Tables:
+        """Recordings with unknown true signs."""
         report = hobby.report()
         self.more["hobby"] = asdict(report)
-        self.verdicts.append(verdicts.of_hobby(report))
+        self.results.append(targets.of_hobby(report))
         return (show.show_hobby(report),)
 
-    def simulated(self) -> Told:
+    def simulated(self) -> Tables:
         """Arms of six and seven joints."""
         rows = self.add(simulated.rows(1 if self.quick else simulated.SEEDS, self.workers))
-        self.verdicts += verdicts.of_groups(rows)
+        self.results += targets.of_groups(rows)
         return (show.show_groups("arms of six and seven joints in MuJoCo", summarise(rows)),)
 
-    def constants(self) -> Told:
-        """Currents whose torque constants are not known."""
+    def constants(self) -> Tables:
+        """Currents with unknown torque constants."""
         found = list(constants.found(workers=self.workers))
         kinds = list(constants.summarise(found))
         self.more |= {"constants": [asdict(one) for one in found], "kinds": [asdict(kind) for kind in kinds]}
-        self.verdicts += verdicts.of_constants(kinds)
+        self.results += targets.of_constants(kinds)
         return (show.show_constants(kinds),)
 
-    def speed(self) -> Told:
-        """Exact search against the classical tree, and against its fast form."""
+    def speed(self) -> Tables:
+        """Speed of the exact search against the classical tree and its fast form."""
         rows = list(speed.races(self.rows, tree=not self.quick))
         self.more["speed"] = [asdict(row) for row in rows]
-        self.verdicts += [row.verdict for row in rows]
+        self.results += [row.result for row in rows]
         return (speed.show(rows),)
 
-    def confidence(self) -> Told:
-        """Whether confidence is earned, over all that was run."""
+    def confidence(self) -> Tables:
+        """Calibration of the confidence over all runs."""
         bins = list(reliability(self.rows))
-        self.verdicts += [verdicts.of_bins(bins), verdicts.of_all(self.rows)]
+        self.results += [targets.of_bins(bins), targets.of_all(self.rows)]
         return (show.show_bins(bins),)
 
 
-WORDS = {True: ("met", ""), False: ("NOT MET", "red"), None: ("told", "")}
+WORDS = {True: ("met", ""), False: ("NOT MET", "red"), None: ("info", "")}
 CASES = ("table", "paper", "bullet", "real", "hobby", "simulated", "constants", "speed")
 
 
 def run(bench: Bench, cases: Sequence[str], console: Console) -> None:
-    """The cases asked for, each printed when it is done, then confidence over all of them."""
+    """Run and print the selected cases, then the calibration of confidence over all of them."""
     for name in (*cases, "confidence"):
         if name in NEED_DATA and not os.environ.get("SIGNID_DATA"):
-            console.print(f"{name}: left out, SIGNID_DATA is not set", highlight=False)
+            console.print(f"{name}: skipped, SIGNID_DATA is not set", highlight=False)
             continue
-        work: Callable[[], Told] = getattr(bench, name)
-        start, before = time.perf_counter(), len(bench.verdicts)
+        work: Callable[[], Tables] = getattr(bench, name)
+        start, before = time.perf_counter(), len(bench.results)
         try:
             tables = work()
         except SignidError as error:
             tables = ()
-            bench.verdicts.append(Verdict(f"{name}: refused: {error}", False))
+            bench.results.append(TargetResult(f"{name}: refused: {error}", False))
         for table in tables:
             console.print(table)
-        for verdict in bench.verdicts[before:]:
-            told, style = WORDS[verdict.met]
-            console.print(f"{told}: {verdict.sentence}", style=style, highlight=False, soft_wrap=True)
+        for result in bench.results[before:]:
+            word, style = WORDS[result.met]
+            console.print(f"{word}: {result.sentence}", style=style, highlight=False, soft_wrap=True)
         console.print(f"{name}: {time.perf_counter() - start:.1f} s\n", highlight=False, style="dim")
 
 
 def main() -> None:
-    """Run, print, write; exit 1 when a target is missed."""
+    """Run, print and write the numbers; exit with 1 when a target is missed."""
     one_thread()
     parser = argparse.ArgumentParser(prog="python -m benchmarks.signs", description=__doc__)
-    parser.add_argument("--only", nargs="+", choices=CASES, metavar="CASE", help=f"some of {', '.join(CASES)}")
-    parser.add_argument("--quick", action="store_true", help="fewer motions, and no tree")
-    parser.add_argument("--workers", type=int, default=2, help="processes at once, by default %(default)s")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers there")
+    parser.add_argument(
+        "--only", nargs="+", choices=CASES, metavar="CASE", help=f"run only these of {', '.join(CASES)}"
+    )
+    parser.add_argument("--quick", action="store_true", help="fewer motions, no tree")
+    parser.add_argument("--workers", type=int, default=2, help="number of parallel processes (%(default)s)")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers to FILE as JSON")
     options, console = parser.parse_args(), Console(width=160)
     bench = Bench(options.quick, options.workers)
     run(bench, options.only or CASES, console)
@@ -162,16 +164,16 @@ def main() -> None:
         versions = {"mujoco": mujoco.__version__, "pybullet": pybullet.getAPIVersion()}
         machine = {"python": platform.python_version(), "processor": platform.machine(), **versions}
         groups = summarise([row for row in bench.rows if "noise" in row.group or row.group in simulated.FAILURES])
-        told = {
+        document = {
             "machine": machine,
             "rows": [asdict(row) for row in bench.rows],
             "groups": [asdict(group) for group in groups],
             "reliability": [asdict(one) for one in reliability(bench.rows)],
-            "verdicts": [verdict._asdict() for verdict in bench.verdicts],
+            "verdicts": [result._asdict() for result in bench.results],
             **bench.more,
         }
-        options.json.write_text(json.dumps(finite(told), indent=1, allow_nan=False), encoding="utf-8")
-    sys.exit(any(verdict.met is False for verdict in bench.verdicts))
+        options.json.write_text(json.dumps(finite(document), indent=1, allow_nan=False), encoding="utf-8")
+    sys.exit(any(result.met is False for result in bench.results))
 
 
 if __name__ == "__main__":

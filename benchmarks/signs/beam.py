@@ -1,4 +1,4 @@
-"""The classical tree with least squares at every node: the fast form of it, which the exact search is raced against."""
+"""Classical tree search with least squares at every node, for comparison with the exact search."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ SOLVERS = ("pseudo-inverse", "factor")
 def beam(
     problem: SignProblem, order: Indices, start: int, width: int = WIDTH, solve: str = "pseudo-inverse"
 ) -> TreeResult:
-    """The tree with linear least squares at every node. A sign that is free to be either is left to chance.
+    """Search the tree with linear least squares at every node; an undetermined sign is arbitrary.
 
     Args:
-        problem: the segments.
-        order: (S,) in which the tree takes them.
-        start: segments whose signs are all tried, before any node is dropped.
-        width: nodes kept of each level.
-        solve: "pseudo-inverse" of the Gram matrix, anew for every node; "factor": once a level, with the same result.
+        problem: segments of the problem.
+        order: order of the segments in the tree (S,).
+        start: number of segments before nodes are dropped.
+        width: number of nodes kept per level.
+        solve: "pseudo-inverse" of the Gram matrix for every node, or "factor" once per level, with the same result.
 
     Raises:
-        OptionError: there is no such way to solve, or the width is not positive.
+        OptionError: `solve` is unknown, or the width is not positive.
     """
     if solve not in SOLVERS:
-        raise OptionError(f"nodes cannot be solved by {solve!r}; choose from {', '.join(SOLVERS)}")
+        raise OptionError(f"unknown solver {solve!r}; choose from {', '.join(SOLVERS)}")
     node, nodes = grow(problem, order, start, width, _by_pseudo_inverse if solve == SOLVERS[0] else _by_factor)
     signs = in_place(node.signs, order)
     return TreeResult(signs, problem.value(signs), node.loss, nodes, nodes)
@@ -42,5 +42,5 @@ def _by_pseudo_inverse(level: TreeLevel, right: Array) -> TreeNode:
 
 
 def _by_factor(level: TreeLevel, right: Array) -> TreeNode:
-    told = level.turn @ right
-    return TreeNode(max(level.energy - float(told @ told), 0.0), told, 1)
+    z = level.turn @ right
+    return TreeNode(max(level.energy - float(z @ z), 0.0), z, 1)

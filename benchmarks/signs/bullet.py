@@ -1,4 +1,4 @@
-"""The 3R arm in PyBullet, without friction and rotors: four motions, five periods each, of which three are used."""
+"""The 3R arm in PyBullet without friction and rotors: the middle three of five periods of four motions."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from .trial import Puzzle, attempt, planted
 from .truth import Array, Truth
 
 MOTIONS, PERIODS = 4, 5
-MIDDLE = (1.0, 4.0)  # periods that are used
-CENTRE, RATE = (0.0, 0.3, 0.5), 50.0  # rad, Hz
-BITS, NOISE = 17, 0.02  # of the encoders a turn; of torque, as a share of each joint's rms value
+MIDDLE = (1.0, 4.0)  # range of used periods
+CENTRE, RATE = (0.0, 0.3, 0.5), 50.0  # centre of the motions [rad], rate [Hz]
+BITS, NOISE = 17, 0.02  # encoder bits per turn, torque noise over each joint's rms torque [1]
 FILTERS = {"filtered": Options(effects=()), "unfiltered": Options(effects=(), cutoff=np.inf)}
 TARGET = Target(segments=0.99, ratio=1.3)
 
 
 def rows(motions: int = MOTIONS, workers: int = 2) -> Iterator[Row]:
-    """Each motion, with and without signid's filter, judged by the next one."""
+    """Yield each motion with and without signid's filter; the next motion is held out."""
     robot = signid.load_robot("3r")
     with ProcessPoolExecutor(workers) as pool:
         tracks = list(pool.map(record, range(motions)))
@@ -38,8 +38,8 @@ def rows(motions: int = MOTIONS, workers: int = 2) -> Iterator[Row]:
 
 
 def record(seed: int) -> Track:
-    """What truly happens in the middle periods of a motion under PD control."""
-    from ..plants import pybullet_  # a process of its own
+    """Simulate the true track in the middle periods of a motion under PD control."""
+    from ..plants import pybullet_  # runs in a separate process
 
     robot, still = signid.load_robot("3r"), Drives.none(len(CENTRE))
     body = Body(robot.document, robot.joints)
@@ -49,19 +49,19 @@ def record(seed: int) -> Track:
 
 
 def puzzle(robot: Robot, name: str, k: int, tracks: Sequence[Track], options: Options) -> Puzzle:
-    """Motion k, judged by the next."""
+    """Puzzle of motion k; the next motion is held out."""
     pair = (tracks[k], tracks[(k + 1) % len(tracks)])
-    learn, judge = (logged(track, seed) for seed, track in enumerate(pair, k))
+    train, held_out = (logged(track, seed) for seed, track in enumerate(pair, k))
     truths = tuple(Truth(track.t, track.tau, track.tau) for track in pair)
 
     def error(base: BaseMap, value: Array) -> float:
-        """Of the ten combinations, links being as simple as in the paper."""
+        """Error of the ten combinations for links as simple as in the paper."""
         return float(np.linalg.norm(ten_of(base, value, found.known.estimate.information) - TRUE_3R))
 
-    found = Puzzle("3R Bullet", name, robot, (learn,), (judge,), options, planted(robot), truths, error)
+    found = Puzzle("3R Bullet", name, robot, (train,), (held_out,), options, planted(robot), truths, error)
     return found
 
 
 def logged(track: Track, seed: int) -> dict[str, Array]:
-    """As a recording has it: counts of the encoders, noise on torque."""
+    """Columns of a recording: encoder counts and torque noise."""
     return log(track, seed, BITS, NOISE)

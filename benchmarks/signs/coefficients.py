@@ -1,6 +1,6 @@
-"""The arm of Pennese and Vulcano: its masses, their table of coefficients, and which printed entries are wrong.
+"""The arm of Pennese and Vulcano: masses, printed table of coefficients, and its wrong entries.
 
-Their table has 13 coefficients; torque tells ten combinations of them.
+The table has 13 coefficients; ten combinations of them are identifiable from torque.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from signid.types import BaseMap
 
 from .truth import Array
 
-G, L2, L3, D2 = 9.81, 0.3, 0.2, 0.09  # m/s2, m
+G, L2, L3, D2 = 9.81, 0.3, 0.2, 0.09  # gravity [m/s2], lengths [m]
 COUNT = 13
 PUBLISHED = (0.0113, 0.3040, 0.0005, 0.0702, 0.0003, 0.0675, 0.3741, 0.0702, 0.0354, 0.203, 4.9663, 2.2073, 2.2072)
-DIGITS = (4, 4, 4, 4, 4, 4, 4, 4, 4, 3, 4, 4, 4)  # printed behind the point
+DIGITS = (4, 4, 4, 4, 4, 4, 4, 4, 4, 3, 4, 4, 4)  # printed decimals
 IDENTIFIABLE = (
     ("pi1 + pi3 + pi5", ((0, 1), (2, 1), (4, 1))),
     ("pi2 - pi3", ((1, 1), (2, -1))),
@@ -26,7 +26,7 @@ IDENTIFIABLE = (
     ("pi11 + pi13", ((10, 1), (12, 1))),
     ("pi12", ((11, 1),)),
 )
-QUOTED = {  # errors of the paper's own four estimates, whose values are not in the data: nothing here computes them
+QUOTED = {  # errors of the paper's four estimates, quoted because the estimates are not in the data
     "the printed table, as printed": (2.9102, 3.7181, 2.9274, 3.1812),
     "the right 13": (1.541, 0.139, 1.481, 0.817),
     "the ten combinations": (0.0569, 0.0718, 0.0406, 0.0501),
@@ -37,7 +37,7 @@ QUOTED = {  # errors of the paper's own four estimates, whose values are not in 
 class Arm:
     """Masses [kg], centres of mass along the frames of Denavit and Hartenberg [m], inertias about them [kg.m2]."""
 
-    masses: tuple[float, float] = (1.125, 0.75)  # of links 2 and 3
+    masses: tuple[float, float] = (1.125, 0.75)  # links 2 and 3
     centre_2x: float = -0.15
     centre_2z: float = -0.06
     centre_3x: float = -0.1
@@ -48,22 +48,22 @@ class Arm:
 
 @dataclass(frozen=True)
 class Entry:
-    """One coefficient as printed and as it is."""
+    """Printed and correct value of one coefficient."""
 
     name: str
     published: float
     right: float
-    slipped: float  # with the centres of mass on the other side of the frames
+    slipped: float  # value with mirrored centres of mass
     digits: int
 
     @property
     def wrong(self) -> bool:
-        """Whether the printed number is not the right one to its last digit."""
+        """Whether the printed number differs from the correct one in its last digit."""
         return abs(self.published - self.right) > 0.51 * 10.0**-self.digits
 
     @property
     def why(self) -> str:
-        """What went wrong, where it is known."""
+        """Cause of a wrong entry, if known."""
         if not self.wrong:
             return ""
         if abs(self.published - self.slipped) <= 0.51 * 10.0**-self.digits:
@@ -73,10 +73,10 @@ class Entry:
 
 
 def coefficients(arm: Arm, side: int = 1) -> Array:
-    """The 13 coefficients [kg.m2, N.m] of an arm; side -1: the centres of mass with the wrong sign.
+    """The 13 coefficients [kg.m2, N.m] of an arm; side -1 mirrors the centres of mass.
 
     Args:
-        arm: masses, centres, inertias.
+        arm: masses, centres and inertias.
         side: 1 or -1.
     """
     (m2, m3), (xx2, yy2, zz2), (xx3, yy3, zz3) = arm.masses, arm.inertia_2, arm.inertia_3
@@ -102,19 +102,19 @@ def coefficients(arm: Arm, side: int = 1) -> Array:
 
 
 def identifiable(thirteen: Sequence[float] | Array) -> Array:
-    """(10,) [kg.m2, N.m] the combinations that torque tells, of all 13 coefficients (13,) [kg.m2, N.m]."""
+    """Identifiable combinations (10,) [kg.m2, N.m] of all coefficients (13,) [kg.m2, N.m]."""
     return np.array([sum(side * thirteen[k] for k, side in terms) for _, terms in IDENTIFIABLE])
 
 
 def entries() -> list[Entry]:
-    """The printed table against the right one, entry by entry."""
+    """Entries of the printed and the correct table."""
     right, slipped = coefficients(Arm()), coefficients(Arm(), side=-1)
     rows = zip(PUBLISHED, right.tolist(), slipped.tolist(), DIGITS, strict=True)
     return [Entry(f"pi{k}", *row) for k, row in enumerate(rows, 1)]
 
 
 def standard(arm: Arm) -> Array:
-    """(30,) [kg, kg.m, kg.m2] standard parameters of the links of robots/3r that count; link 1's rest is 0."""
+    """Standard parameters (30,) [kg, kg.m, kg.m2] of robots/3r; unidentifiable ones of link 1 are zero."""
     bodies = [np.zeros(10), np.zeros(10), np.zeros(10)]
     bodies[0][9] = arm.inertia_1y  # its axis of rotation is z there
     places = ((L2 + arm.centre_2x, 0.0, arm.centre_2z - D2), (L3 + arm.centre_3x, 0.0, 0.0))
@@ -126,37 +126,37 @@ def standard(arm: Arm) -> Array:
 
 
 def arm_map(base: BaseMap) -> Array:
-    """(10, b) [units of the combinations over units of base] from base parameters of robots/3r to the combinations.
+    """Map (10, b) [units of the combinations over units of base] from base parameters of robots/3r to combinations.
 
     Raises:
-        ArithmeticError: the base parameters are not those of this arm.
+        ArithmeticError: the base parameters belong to another arm.
     """
     values, wanted = _drawn(base)
     solution = np.linalg.lstsq(values, wanted, rcond=None)[0]
     if np.abs(values @ solution - wanted).max() > 1e-9:
-        raise ArithmeticError("the base parameters are not those of the arm")
+        raise ArithmeticError("the base parameters belong to another arm")
     return np.asarray(solution.T)
 
 
 def ten_of(base: BaseMap, value: Array, information: Array) -> Array:
-    """(10,) [kg.m2, N.m] the combinations by least squares, where all else of an arm of this kind is zero.
+    """Combinations (10,) [kg.m2, N.m] by weighted least squares, restricted to arms of this kind.
 
     Args:
-        base: of robots/3r.
-        value: (b,) [units of base] an estimate.
-        information: (b, b) [1 over the square of these units] of it.
+        base: base map of robots/3r.
+        value: estimate (b,) [units of base].
+        information: information matrix (b, b) [1 over the square of these units].
 
     Raises:
-        ArithmeticError: the base parameters are not those of this arm.
+        ArithmeticError: the base parameters belong to another arm.
     """
     _, size, rows = np.linalg.svd(_drawn(base)[0])
-    such = rows[: np.sum(size > 1e-9 * size[0])].T  # (b, k) base parameters that these arms can have
+    such = rows[: np.sum(size > 1e-9 * size[0])].T  # (b, k) basis of the base parameters of these arms
     simple = such @ np.linalg.solve(such.T @ information @ such, such.T @ information @ value)
     return np.asarray(arm_map(base) @ simple)
 
 
 def _drawn(base: BaseMap) -> tuple[Array, Array]:
-    """Base parameters (60, b) and combinations (60, 10) of arms drawn at random: each is linear in the other."""
+    """Base parameters (60, b) and combinations (60, 10) of random arms; each is linear in the other."""
     rng, found = np.random.default_rng(0), []
     for _ in range(60):
         masses, a, b = rng.uniform(0.5, 2.0, 2), rng.uniform(1e-3, 1e-2, 3), rng.uniform(1e-3, 1e-2, 3)
@@ -167,7 +167,7 @@ def _drawn(base: BaseMap) -> tuple[Array, Array]:
 
 
 def pendulum_map(base: BaseMap) -> Array:
-    """(2, b) [N.m and kg.m2 over units of base] from base parameters of robots/1r to m g d and I + m d2."""
+    """Map (2, b) [N.m and kg.m2 over units of base] from base parameters of robots/1r to m g d and I + m d2."""
     rows = np.zeros((2, base.rank))
     rows[0, base.expressions.index("mz_1")], rows[1, base.expressions.index("Iyy_1")] = -G, 1.0
     return rows

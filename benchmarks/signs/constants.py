@@ -1,4 +1,4 @@
-"""Currents without signs whose torque constants are not known: the constants that are found on simulated arms."""
+"""Unknown torque constants from unsigned currents on simulated arms."""
 
 from __future__ import annotations
 
@@ -15,39 +15,42 @@ from signid.errors import SignidError
 from signid.types import Robot
 
 from .simulated import CENTRES, Scene, draw, logged
-from .truth import Array, Judged, Truth, judge
+from .truth import Array, SegmentScore, Truth, evaluate
 
-NOISE, WRONG = 0.02, 0.2  # of torque, as a share of its rms; of each link's inertials in a description that is off
-RANGE = (0.5, 50.0)  # N.m/A, of the constants drawn
-ANCHOR = 1  # the joint whose constant is known in the first kind
+NOISE, WRONG = (
+    0.02,
+    0.2,
+)  # torque noise over rms torque [1]; log-std of the inertials' errors in a wrong description [1]
+RANGE = (0.5, 50.0)  # range of the torque constants [N.m/A]
+ANCHOR = 1  # joint with a known constant in the first kind
 KINDS = ("joint 2's known", "none known", "none known, URDF off by 20 %")
 
 
 @dataclass(frozen=True)
 class Found:
-    """One arm."""
+    """Results of one arm."""
 
     kind: str
     arm: str
-    errors: tuple[float, ...]  # [1] relative, of each constant that was unknown; empty where it was refused
-    stds: tuple[float, ...]  # [1] relative, as told
-    judged: tuple[Judged, ...]
+    errors: tuple[float, ...]  # relative errors of the unknown constants [1]; empty after a refusal
+    stds: tuple[float, ...]  # relative standard deviations [1]
+    judged: tuple[SegmentScore, ...]
     flags: tuple[str, ...]
     seconds: float
     refused: str = ""
 
     @property
     def right(self) -> int:
-        """Segments with their true sign."""
+        """Number of segments with their true sign."""
         return sum(one.right for one in self.judged)
 
 
 def found(motion: int = 0, workers: int = 2) -> Iterator[Found]:
-    """Each kind on each arm.
+    """Yield the results of each kind on each arm.
 
     Args:
-        motion: the number of the motions.
-        workers: processes at once.
+        motion: index of the motion.
+        workers: number of parallel processes.
     """
     with ProcessPoolExecutor(workers) as pool:
         for some in pool.map(_arm, CENTRES, [motion] * len(CENTRES)):
@@ -65,22 +68,22 @@ def _arm(name: str, motion: int) -> list[Found]:
 
 
 def find(kind: str, scene: Scene, constants: Array, known: Array, factors: Array) -> Found:
-    """Constants of one arm.
+    """Identify the constants of one arm.
 
     Args:
-        kind: what it is told under.
-        scene: the arm and its motion.
-        constants: (n,) [N.m/A] the true ones.
-        known: (n,) whether the constant is told.
-        factors: (n,) [1] of the links' inertials in the description, over the true ones.
+        kind: name of the kind.
+        scene: arm and motion.
+        constants: true constants (n,) [N.m/A].
+        known: mask of known constants (n,).
+        factors: inertials of the description over the true ones (n,) [1].
     """
-    told = np.where(known, constants, np.nan)
-    actuators = replace(scene.robot.actuators, torque_constant=told)
+    stated = np.where(known, constants, np.nan)
+    actuators = replace(scene.robot.actuators, torque_constant=stated)
     robot = replace(heavier(scene.robot, factors), actuators=actuators)
-    learn = signid.read_recording(currents(logged(scene.tracks[0], 10 * scene.seed, NOISE), constants), robot)
+    train = signid.read_recording(currents(logged(scene.tracks[0], 10 * scene.seed, NOISE), constants), robot)
     start = time.process_time()
     try:
-        signs = signid.identify(robot, [learn], method="wls").signs
+        signs = signid.identify(robot, [train], method="wls").signs
     except SignidError as error:
         return Found(kind, scene.name, (), (), (), (), time.process_time() - start, str(error))
     seconds = time.process_time() - start
@@ -89,18 +92,18 @@ def find(kind: str, scene: Scene, constants: Array, known: Array, factors: Array
     errors = tuple(abs(gain.value / constants[place[gain.joint]] - 1) for gain in signs.gains)
     stds = tuple(gain.std / gain.value for gain in signs.gains)
     track = scene.tracks[0]
-    score = judge(signs, [Truth(track.t, track.tau, track.tau)])
+    score = evaluate(signs, [Truth(track.t, track.tau, track.tau)])
     return Found(kind, scene.name, errors, stds, score.judged, signs.flags, seconds)
 
 
 def currents(columns: dict[str, Array], constants: Array) -> dict[str, Array]:
-    """Absolute currents where torques were: constants (n,) [N.m/A]."""
+    """Replace torques by absolute currents, for constants (n,) [N.m/A]."""
     kept = {key: x for key, x in columns.items() if not key.startswith("tau_")}
     return kept | {f"abs_current_{j}": np.abs(columns[f"tau_{j}"]) / k for j, k in enumerate(constants, 1)}
 
 
 def heavier(robot: Robot, factors: Array) -> Robot:
-    """With the inertials of each moving link by a factor: (n,) [1]."""
+    """Scale the inertials of each moving link by factors (n,) [1]."""
     model = robot.model.copy()
     for k, factor in enumerate(factors.tolist(), 1):
         model.inertias[k] = pin.Inertia.FromDynamicParameters(factor * model.inertias[k].toDynamicParameters())
@@ -109,15 +112,15 @@ def heavier(robot: Robot, factors: Array) -> Robot:
 
 @dataclass(frozen=True)
 class Kind:
-    """What all arms of one kind say together."""
+    """Statistics over all arms of one kind."""
 
     name: str
     arms: int
     refused: int
     constants: int
-    median: float  # [1] of the relative errors
-    largest: float  # [1]
-    said: float  # [1] median of the relative standard deviations
+    median: float  # of the relative errors [1]
+    largest: float  # relative error [1]
+    said: float  # median of the relative standard deviations [1]
     inside: int  # errors within two standard deviations
     segments: int
     right: int
@@ -126,7 +129,7 @@ class Kind:
 
 
 def summarise(done: Sequence[Found]) -> Iterator[Kind]:
-    """One for each kind."""
+    """Yield the statistics of each kind."""
     for name in dict.fromkeys(one.kind for one in done):
         own = [one for one in done if one.kind == name]
         errors, stds = (np.array([x for one in own for x in getattr(one, key)]) for key in ("errors", "stds"))

@@ -1,7 +1,7 @@
-"""The pendulum and the arm of Pennese and Vulcano: their recordings, their coefficients, and what they found.
+"""The pendulum and the arm of Pennese and Vulcano: recordings, coefficients and published errors.
 
-Robotics II project, Sapienza University of Rome, 2020. The recordings are noise-free torques of a model, stored to
-nine digits; the torque of the same motions is therefore also computed anew, by MuJoCo.
+Robotics II project, Sapienza University of Rome, 2020. The recordings are noise-free torques of a model, stored with
+nine digits. The torque of the same motions is also recomputed by MuJoCo in double precision.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ from .truth import Array, Truth
 OPTIONS = Options(effects=(), derivatives="recorded", cutoff=np.inf)
 PENDULUM = {"1dof_experiment_easy1": 1.6e-5, "1dof_experiment_easy2": 4.3e-2, "1dof_experiment1": 2.0e-6}
 ARM = {"3dof_experiment123": 5.9e-2, "3dof_experiment456": 3.4e-5}
-PAPER = {key.partition("_")[2]: x for key, x in (PENDULUM | ARM).items()}  # errors that their repository holds
-UNSEEN = "3dof_validation_trajectory"  # 7, 8, 9: of joints 1, 2, 3
-EXACT = {"1R": 1e-12, "3R": 1e-10}  # error at most where torque is computed anew
-SAME = 1e-6  # at most this far from the sign-known estimate where it is stored with nine digits
-SEARCH = 0.1  # s
+PAPER = {key.partition("_")[2]: x for key, x in (PENDULUM | ARM).items()}  # errors in their repository
+HELD_OUT = "3dof_validation_trajectory"  # files 7, 8, 9: joints 1, 2, 3
+EXACT = {"1R": 1e-12, "3R": 1e-10}  # upper bound on the error with recomputed torque
+SAME = 1e-6  # upper bound on the distance from the signed estimate with stored torque [1]
+SEARCH = 0.1  # upper bound on the search time [s]
 
 
 def rows(tree: bool) -> Iterator[Row]:
-    """All five by the exact search, as stored and anew; as stored, by the classical tree too."""
+    """Yield all five by the exact search, with stored and recomputed torque; with stored torque also by the tree."""
     for anew in (False, True):
         for one in puzzles(anew):
             most = {"error": EXACT[one.group], "samples": 1.0} if anew else {"off": SAME}
@@ -45,12 +45,12 @@ def rows(tree: bool) -> Iterator[Row]:
 
 
 def folder() -> Path:
-    """Where the recordings are."""
+    """Folder of the recordings."""
     return Path(os.environ["SIGNID_DATA"]) / "seed_penne"
 
 
 def puzzles(anew: bool) -> Iterator[Puzzle]:
-    """The five recordings, as stored or with their torque computed anew from the motion."""
+    """Yield the five recordings with stored torque or with torque recomputed from the motion."""
     robot = signid.load_robot("1r")
     for name in PENDULUM:
         other = "1dof_experiment1" if name != "1dof_experiment1" else "1dof_experiment_easy2"
@@ -58,11 +58,11 @@ def puzzles(anew: bool) -> Iterator[Puzzle]:
         yield puzzle("1R", name, robot, sources, anew)
     robot = signid.load_robot("3r")
     for name in ARM:
-        yield puzzle("3R", name, robot, [columns(robot, name, anew), unseen(robot)], anew)
+        yield puzzle("3R", name, robot, [columns(robot, name, anew), held_out(robot)], anew)
 
 
 def puzzle(group: str, name: str, robot: Robot, sources: list[dict[str, Array]], anew: bool) -> Puzzle:
-    """One recording, judged by another motion."""
+    """Puzzle of one recording; another motion is held out."""
     n, at = len(robot.joints), {"1R": pendulum_map, "3R": arm_map}[group]
 
     def error(base: BaseMap, value: Array) -> float:
@@ -78,7 +78,7 @@ def puzzle(group: str, name: str, robot: Robot, sources: list[dict[str, Array]],
 
 
 def columns(robot: Robot, name: str, anew: bool) -> dict[str, Array]:
-    """A recording's columns; where only the sine of the position is stored, from that, at velocities of zero."""
+    """Columns of a recording; a stored sine gives the position, with zero velocity."""
     table = pl.read_csv(folder() / f"{name}.csv.gz")
     found = {key: table[key].to_numpy().astype(float) for key in table.columns}
     if "q_1" not in found:
@@ -86,18 +86,18 @@ def columns(robot: Robot, name: str, anew: bool) -> dict[str, Array]:
     return torqued(robot, found) if anew else {k: x for k, x in found.items() if k != "sin_q_1"}
 
 
-def unseen(robot: Robot) -> dict[str, Array]:
-    """A motion that nobody learned from, with its torque."""
+def held_out(robot: Robot) -> dict[str, Array]:
+    """Held-out motion with its torque."""
     found: dict[str, Array] = {}
     for j in range(len(robot.joints)):
-        table = pl.read_csv(folder() / f"{UNSEEN}{j + 7}.csv.gz")
+        table = pl.read_csv(folder() / f"{HELD_OUT}{j + 7}.csv.gz")
         found |= {"t": table["t"].to_numpy().astype(float)}
         found |= {f"{key}_{j + 1}": table[key].to_numpy().astype(float) for key in ("q", "dq", "ddq")}
     return torqued(robot, found)
 
 
 def torqued(robot: Robot, motion: dict[str, Array]) -> dict[str, Array]:
-    """The motion with the torque that MuJoCo's inverse dynamics give it, in double precision."""
+    """Add the torque of MuJoCo's inverse dynamics in double precision to a motion."""
     n = len(robot.joints)
     model = build(Body(robot.document, robot.joints), Drives.none(n), frictionless=True)
     states = (np.column_stack([motion[f"{key}_{j + 1}"] for j in range(n)]) for key in ("q", "dq", "ddq"))

@@ -1,4 +1,4 @@
-"""Real robots whose recordings have signs: they are thrown away, found, and compared."""
+"""Real robots with signed recordings: signs are removed, recovered and compared."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from .trial import Puzzle, attempt
 from .truth import measured
 
 UR10E = ("20_02_12_40sec_12harm", "20_02_12_50sec_12harm", "20_01_31_unload", "20_02_10_30sec_12harm")
-HARD = UR10E[-1]  # reported as it is
+HARD = UR10E[-1]  # reported without target
 PANDA_TARGET = Target(segments=1.0, samples=0.989, off=0.01, seconds=2.0)
 UR10E_TARGET = Target(segments=0.985)
-FAST = 20.0  # Hz, of the low-pass for the truth of samples where the log is fast
+FAST = 20.0  # low-pass of the true samples in fast logs [Hz]
 
 
 def rows() -> Iterator[Row]:
-    """Panda, UR10e, TX40 and EMPS."""
+    """Yield the rows of Panda, UR10e, TX40 and EMPS."""
     yield attempt(panda(), target=PANDA_TARGET)
     for name in UR10E:
         yield attempt(ur10e_log(name), target=Target() if name == HARD else UR10E_TARGET)
@@ -30,25 +30,25 @@ def rows() -> Iterator[Row]:
 
 
 def panda() -> Puzzle:
-    """Torque sensors on the link side, 21 s; judged by the last 30 %."""
+    """Panda with link-side torque sensors, 21 s; the last 30 % are held out."""
     folder = data() / "panda_gaz2019"
     robot, options = signid.load_robot(folder / "panda.urdf"), Options(effects=LINK_SIDE)
     return Puzzle("Panda", "21 s", robot, (folder / "exciting_traj_1.csv.gz",), options=options)
 
 
 def ur10e_log(name: str) -> Puzzle:
-    """Motor currents; judged by another log."""
-    learn, judge = (data() / "ur10e_mamedov" / f"identification_data__{key}.csv.gz" for key in (name, other(name)))
-    return Puzzle("UR10e", name, ur10e(), (learn,), (judge,))
+    """UR10e with motor currents; another log is held out."""
+    train, held_out = (data() / "ur10e_mamedov" / f"identification_data__{key}.csv.gz" for key in (name, other(name)))
+    return Puzzle("UR10e", name, ur10e(), (train,), (held_out,))
 
 
 def other(name: str) -> str:
-    """The log that judges one of the UR10e."""
+    """Held-out log for a log of the UR10e."""
     return UR10E[1] if name != UR10E[1] else UR10E[0]
 
 
 def fast(group: str, description: Path, recording: str) -> Puzzle:
-    """A log at a high rate, judged by its last 30 %."""
+    """Log at a high rate; the last 30 % are held out."""
     robot, path = signid.load_robot(description), data() / f"{recording}.csv.gz"
     whole = signid.read_recording(path, robot).read()
     return Puzzle(

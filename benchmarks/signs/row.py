@@ -1,15 +1,15 @@
-"""What the benchmark tells: rows, and verdicts on them."""
+"""Rows of the benchmark and their targets."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from .truth import Judged
+from .truth import SegmentScore
 
 
-class Verdict(NamedTuple):
-    """A target, and whether it is met; None where it is only told."""
+class TargetResult(NamedTuple):
+    """Text of a target and whether it is met; None for information only."""
 
     sentence: str
     met: bool | None
@@ -17,10 +17,10 @@ class Verdict(NamedTuple):
 
 @dataclass(frozen=True)
 class Target:
-    """What is asked of a row; None: nothing."""
+    """Targets of a row; None: no target."""
 
-    segments: float | None = None  # share with the true sign, at least
-    samples: float | None = None  # share, at least
+    segments: float | None = None  # least share with the true sign
+    samples: float | None = None  # least share with the true sign
     off: float | None = None  # at most
     ratio: float | None = None  # at most
     error: float | None = None  # at most
@@ -29,47 +29,47 @@ class Target:
 
 @dataclass(frozen=True)
 class Row:
-    """Signs and parameters found from one or some recordings without signs."""
+    """Signs and parameters recovered from unsigned recordings."""
 
     group: str  # "1R", "Panda"
     case: str
     method: str  # exact or tree
     segments: int
     right: int
-    mixed: int  # segments that hold both signs
-    samples: float  # share of all samples that have their true sign
-    small: float  # the same of those below the threshold
+    mixed: int  # segments with both signs
+    samples: float  # share of samples with their true sign
+    small: float  # the same for samples below the threshold
     parameters: int
-    off: float  # [1] distance from the sign-known estimate in torque, over that estimate's size
-    ratio: float  # [1] distance from the truth over that of the sign-known estimate, nan without truth
-    error: float  # distance from the truth, in the units of the case, nan without
-    error_search: float  # of the parameters that the signs were found with
-    error_known: float  # of the sign-known estimate
-    held_out: tuple[float, ...]  # (n,) [N.m or N] rms on signed torque that was not learned from
-    held_out_known: tuple[float, ...]  # (n,) of the sign-known estimate
-    seconds: float  # more than the sign-known identification takes
-    whole: float  # [s] the whole identification
+    off: float  # torque distance from the signed estimate over that estimate's size [1]
+    ratio: float  # distance from the truth over that of the signed estimate [1], nan without truth
+    error: float  # distance from the truth in the units of the case, nan without truth
+    error_search: float  # the same for the parameters of the sign search
+    error_known: float  # the same for the signed estimate
+    held_out: tuple[float, ...]  # rms residual on held-out signed torque (n,) [N.m or N]
+    held_out_known: tuple[float, ...]  # the same for the signed estimate (n,) [N.m or N]
+    seconds: float  # time in addition to the signed identification
+    whole: float  # time of the whole identification [s]
     optimal: bool
     gap: float
     nodes: int
     flags: tuple[str, ...]
-    judged: tuple[Judged, ...]
+    judged: tuple[SegmentScore, ...]
     target: Target = Target()
 
     @property
     def perfect(self) -> bool:
-        """Whether each segment has its true sign."""
+        """Whether all segments have their true sign."""
         return self.right == self.segments
 
     @property
     def worse(self) -> float:
-        """Largest ratio of held-out errors over the joints, without signs over with them."""
+        """Largest ratio over joints of held-out errors without signs to those with signs."""
         pairs = zip(self.held_out, self.held_out_known, strict=True)
         return max((mine / max(known, 1e-300) for mine, known in pairs), default=float("nan"))
 
     @property
     def misses(self) -> tuple[str, ...]:
-        """What of the target is not reached."""
+        """Missed parts of the target."""
         want, share = self.target, self.right / max(self.segments, 1)
         least = {"segments": (share, want.segments), "samples": (self.samples, want.samples)}
         names = ("off", "ratio", "error", "seconds")
@@ -79,5 +79,5 @@ class Row:
 
     @property
     def holds(self) -> bool:
-        """Whether the target is reached."""
+        """Whether the target is met."""
         return not self.misses

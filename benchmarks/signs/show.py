@@ -1,4 +1,4 @@
-"""Rows as tables to read."""
+"""Tables of the results."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 from rich.table import Table
 
-from ..told import frame
+from ..summary import frame
 from .coefficients import IDENTIFIABLE, PUBLISHED, QUOTED, Arm, coefficients, entries, identifiable
 from .constants import Kind
 from .hobby import Report
@@ -46,16 +46,16 @@ COLUMNS: dict[str, Column] = {
 def show_rows(
     title: str, rows: Sequence[Row], keys: Sequence[str], more: Sequence[tuple[str, Callable[[Row], str]]] = ()
 ) -> Table:
-    """Some columns of some rows; rows that miss their target are red."""
+    """Table of selected columns; rows that miss their target are red."""
     columns = [*(COLUMNS[key] for key in keys), *more]
     table = frame(title, [name for name, _ in columns])
     for row in rows:
-        table.add_row(*(tell(row) for _, tell in columns), style="" if row.holds else "red")
+        table.add_row(*(text(row) for _, text in columns), style="" if row.holds else "red")
     return table
 
 
 def show_groups(title: str, groups: Sequence[Group]) -> Table:
-    """Runs of one kind in a line each."""
+    """Table with one line per group of runs."""
     names = (
         "runs",
         "perfect",
@@ -67,8 +67,8 @@ def show_groups(title: str, groups: Sequence[Group]) -> Table:
         "90 %",
         "s",
         "wrong",
-        "told",
-        "false",
+        "flagged",
+        "false flags",
     )
     table = frame(title, ("", *names))
     for g in groups:
@@ -79,8 +79,8 @@ def show_groups(title: str, groups: Sequence[Group]) -> Table:
 
 
 def show_bins(bins: Sequence[Bin]) -> Table:
-    """Confidence against what was right."""
-    table = frame("confidence of segments, where nothing is flagged", ("given", "segments", "mean given", "right"))
+    """Table of confidence and share of right segments."""
+    table = frame("confidence of segments in runs without flags", ("confidence", "segments", "mean", "right"))
     for one in bins:
         edge = "1" if one.high == 1.0 else f"below {one.high:g}"
         right = f"{one.right} ({_share(one.right, one.segments)})" if one.segments else ""
@@ -89,17 +89,17 @@ def show_bins(bins: Sequence[Bin]) -> Table:
 
 
 def show_entries() -> Table:
-    """The printed coefficients of the arm beside the right ones."""
+    """Table of printed and correct coefficients of the arm."""
     table = frame("coefficients of the 3R arm, kg.m2 and N.m", ("", "printed", "right", "", "why"))
     for entry in entries():
-        told = "wrong" if entry.wrong else ""
-        table.add_row(entry.name, f"{entry.published:.{entry.digits}f}", f"{entry.right:.4f}", told, entry.why)
+        mark = "wrong" if entry.wrong else ""
+        table.add_row(entry.name, f"{entry.published:.{entry.digits}f}", f"{entry.right:.4f}", mark, entry.why)
     return table
 
 
 def show_identifiable() -> Table:
-    """The combinations that torque tells."""
-    table = frame("the ten combinations that torque tells", ("", "from printed", "right"))
+    """Table of the identifiable combinations."""
+    table = frame("the ten identifiable combinations", ("", "from printed", "right"))
     printed, right = identifiable(PUBLISHED), identifiable(coefficients(Arm()))
     for (name, _), one, other in zip(IDENTIFIABLE, printed, right, strict=True):
         table.add_row(name, f"{one:.4f}", f"{other:.4f}")
@@ -107,7 +107,7 @@ def show_identifiable() -> Table:
 
 
 def show_quoted() -> Table:
-    """Errors of the paper's four estimates, which are not in the data."""
+    """Table of the published errors of the paper's four estimates."""
     table = frame("errors of the paper's four estimates (quoted, not recomputed)", ("against", "1", "2", "3", "4"))
     for name, errors in QUOTED.items():
         table.add_row(name, *(f"{error:g}" for error in errors))
@@ -115,9 +115,9 @@ def show_quoted() -> Table:
 
 
 def show_constants(kinds: Sequence[Kind]) -> Table:
-    """Torque constants that were found."""
-    names = ("arms", "refused", "constants", "off, median", "largest", "std told", "within 2 std", "segments", "s")
-    table = frame("torque constants not known, 2 % noise", ("", *names, "flagged"))
+    """Table of identified torque constants."""
+    names = ("arms", "refused", "constants", "median error", "largest", "std", "within 2 std", "segments", "s")
+    table = frame("unknown torque constants, 2 % noise", ("", *names, "flagged"))
     for kind in kinds:
         shares = [_share(x) for x in (kind.median, kind.largest, kind.said)]
         rest = [f"{kind.inside}/{kind.constants}", f"{kind.right}/{kind.segments}", f"{kind.seconds:.1f}"]
@@ -128,9 +128,9 @@ def show_constants(kinds: Sequence[Kind]) -> Table:
 
 
 def show_hobby(report: Report) -> Table:
-    """What is identified where nobody knows the truth."""
+    """Table of results without known truth."""
     title = f"SO-101: {report.parameters} base parameters, {len(report.flags)} flags, {report.seconds:.1f} s"
     table = frame(title, ("joint", "segments", "p >= .999", "| |tau| | error", "held out"))
-    for told in report.joints:
-        table.add_row(told.joint, str(told.segments), str(told.sure), f"{told.train:.2f}", f"{told.held_out:.2f}")
+    for joint in report.joints:
+        table.add_row(joint.joint, str(joint.segments), str(joint.sure), f"{joint.train:.2f}", f"{joint.held_out:.2f}")
     return table

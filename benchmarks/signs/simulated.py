@@ -1,4 +1,4 @@
-"""Arms of six and seven joints with friction in MuJoCo, at growing noise; and what breaks the search, on purpose."""
+"""Arms of six and seven joints with friction in MuJoCo at increasing noise, and deliberate failures of the search."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from .row import Row
 from .trial import Puzzle, attempt, planted
 from .truth import Array, Truth
 
-CENTRES: Mapping[str, tuple[float, ...]] = {  # rad
+CENTRES: Mapping[str, tuple[float, ...]] = {  # centres of the motions [rad]
     "ur5": (0.0, -1.2, 1.2, -0.5, 0.5, 0.0),
     "ur10": (0.0, -1.2, 1.2, -0.5, 0.5, 0.0),
     "z1": (0.0, 1.2, -1.2, 0.0, 0.0, 0.0),
@@ -31,18 +31,23 @@ CENTRES: Mapping[str, tuple[float, ...]] = {  # rad
     "xarm7": (0.0, -0.5, 0.0, 1.0, 0.0, 1.0, 0.0),
 }
 SEEDS = 3
-DURATION, UNSEEN, RATE, BITS = 20.0, 8.0, 100.0, 17  # s, s of the motion that judges, Hz, bits a turn
-NOISES = (0.02, 0.05, 0.10, 0.20)  # of each joint's rms torque
+DURATION, HELD_OUT, RATE, BITS = (
+    20.0,
+    8.0,
+    100.0,
+    17,
+)  # durations [s] of training and held-out motion, rate [Hz], bits per turn
+NOISES = (0.02, 0.05, 0.10, 0.20)  # torque noise over each joint's rms torque [1]
 FRICTIONLESS = Options(effects=("torque_offset", "armature"))
-COARSE, QUIET = 0.3, 0.02  # step of quantisation, and noise beside it, as shares of each joint's rms torque
+COARSE, QUIET = 0.3, 0.02  # quantisation step and noise over each joint's rms torque [1]
 SIGNED, MIXED = (0, 1), "joints 1, 2 signed"
-LOW = 0.02  # quantile of |torque| that is far too low a threshold
+LOW = 0.02  # quantile of |torque|, far too low as a threshold [1]
 FAILURES = ("2 % threshold", "friction missing", "quantised by 30 %")
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A robot along two motions: the first to learn from, the second to judge by."""
+    """A robot along a training motion and a held-out motion."""
 
     name: str
     seed: int
@@ -58,14 +63,14 @@ class Scene:
         step: float = 0.0,
         signed: tuple[int, ...] = (),
     ) -> Puzzle:
-        """Both motions as logged.
+        """Puzzle of both motions as logged.
 
         Args:
-            group: what the row is told under.
-            noise: of torque, as a share of each joint's rms value.
-            options: of the identification.
-            step: of quantised torque, the same share.
-            signed: joints whose torque keeps its sign.
+            group: name of the group of rows.
+            noise: torque noise over each joint's rms torque.
+            options: options of the identification.
+            step: quantisation step of torque over its rms value.
+            signed: joints with signed torque.
         """
         sources = [logged(track, 10 * self.seed + k, noise, step) for k, track in enumerate(self.tracks)]
         truths = tuple(Truth(track.t, track.tau, track.tau) for track in self.tracks)
@@ -77,7 +82,7 @@ class Scene:
 
 
 def rows(seeds: int = SEEDS, workers: int = 2) -> Iterator[Row]:
-    """Every robot along some motions, at every noise, then the failures."""
+    """Yield every robot along the motions at every noise, and the failures."""
     jobs = [(name, seed) for seed in range(seeds) for name in CENTRES]
     with ProcessPoolExecutor(workers) as pool:
         for done in pool.map(_all, *zip(*jobs, strict=True)):
@@ -97,20 +102,20 @@ def _all(name: str, seed: int) -> list[Row]:
 
 
 def draw(name: str, seed: int) -> Scene:
-    """A robot with drives drawn at random, along two motions."""
+    """Draw random drives for a robot and simulate two motions."""
     centre = CENTRES[name]
     robot = signid.load_robot(name, joints=[str(j + 1) for j in range(len(centre))])
     body, motions = Body(robot.document, robot.joints), [draw_motion(centre, 100 * k + seed) for k in (1, 2)]
     drives = draw_drives(body, motions[0], seed)
-    learn, judge = (
+    train, held_out = (
         simulate(body, drives, motion, duration, RATE)
-        for motion, duration in zip(motions, (DURATION, UNSEEN), strict=True)
+        for motion, duration in zip(motions, (DURATION, HELD_OUT), strict=True)
     )
-    return Scene(name, seed, robot, drives, (learn, judge))
+    return Scene(name, seed, robot, drives, (train, held_out))
 
 
 def draw_drives(body: Body, motion: Motion, seed: int) -> Drives:
-    """Rotors and friction in proportion to the torque that the bodies take along a motion."""
+    """Draw rotors and friction in proportion to the rigid-body torque along a motion."""
     rng = np.random.default_rng(seed)
     track = simulate(body, Drives.none(len(body.joints)), motion, 10.0, RATE)
     torque = np.sqrt(np.mean(track.tau**2, axis=0))
@@ -124,7 +129,7 @@ def draw_drives(body: Body, motion: Motion, seed: int) -> Drives:
 
 
 def logged(track: Track, seed: int, noise: float, step: float = 0.0) -> dict[str, Array]:
-    """A recording's columns; with a step, torque in whole steps of that share of its rms value."""
+    """Columns of a recording; with a step, torque is quantised in steps of its rms value."""
     columns = log(track, seed, BITS, noise)
     for key in columns if step else ():
         if key.startswith("tau_"):

@@ -1,4 +1,4 @@
-"""How much faster signs are found than by the classical tree."""
+"""Speed of the exact sign search compared with the classical tree."""
 
 from __future__ import annotations
 
@@ -18,48 +18,48 @@ from signid.signs.tree.beam import WIDTH
 from signid.signs.tree.condition import condition_order
 from signid.types import Indices
 
-from ..told import frame
+from ..summary import frame
 from . import paper, real
 from .beam import beam
-from .row import Row, Verdict
+from .row import Row, TargetResult
 from .trial import Puzzle, attempt
 from .truth import Array, majority
 
-TIMES = 400.0  # end to end, at least
-STRIDE = 20  # levels of the tree for one that is timed
+TIMES = 400.0  # lower bound on the speed-up, end to end [1]
+STRIDE = 20  # every STRIDE-th tree level is timed
 
 
 @dataclass(frozen=True)
 class Race:
-    """Two ways to the same signs."""
+    """Times of two methods on the same signs."""
 
     name: str
     rival: str
-    exact: float  # s
-    other: float  # s
-    right: str  # segments with their true sign, exact
+    exact: float  # time [s]
+    other: float  # time [s]
+    right: str  # segments with their true sign, exact method
     other_right: str
-    least: float | None = None  # times that the exact way should be faster
+    least: float | None = None  # lower bound on the speed-up [1]
 
     @property
     def times(self) -> float:
-        """How many times faster the exact way is."""
+        """Speed-up of the exact method."""
         return self.other / self.exact
 
     @property
-    def verdict(self) -> Verdict:
-        """Whether it is as many times faster as it should be."""
-        asked = "" if self.least is None else f" ({self.least:g})"
-        told = f"{self.name} against {self.rival}: {self.times:.3g} times faster{asked}"
-        return Verdict(told, None if self.least is None else self.times >= self.least)
+    def result(self) -> TargetResult:
+        """Result of the speed-up target."""
+        bound = "" if self.least is None else f" ({self.least:g})"
+        text = f"{self.name} against {self.rival}: {self.times:.3g} times faster{bound}"
+        return TargetResult(text, None if self.least is None else self.times >= self.least)
 
 
 def races(done: Sequence[Row], tree: bool = True) -> Iterator[Race]:
-    """Both arms of the paper against the tree by NLopt, a Panda against the tree by pseudo-inverses.
+    """Compare with the tree by NLopt on both arms of the paper, and by pseudo-inverses on a Panda.
 
     Args:
-        done: rows that need not be run again.
-        tree: whether to race against the tree by NLopt.
+        done: existing rows.
+        tree: whether to run the tree by NLopt.
     """
     arms = [row for row in done if row.group == "3R" and "anew" not in row.case] if tree else []
     if tree and not any(row.method == "tree" for row in arms):
@@ -72,9 +72,9 @@ def races(done: Sequence[Row], tree: bool = True) -> Iterator[Race]:
 
 
 def beaten(puzzle: Puzzle) -> Iterator[Race]:
-    """The search with refinement and confidence, against nothing but order and beam; rows ready for both."""
-    task, (learn, _) = puzzle.known.session.task, puzzle.read(unsigned=True)
-    observed = observe(task, [(learn[0], survey(learn[0], task.robot))])
+    """Time the search with refinement and confidence against order and beam alone, from given rows."""
+    task, (train, _) = puzzle.known.session.task, puzzle.read(unsigned=True)
+    observed = observe(task, [(train[0], survey(train[0], task.robot))])
     start = time.process_time()
     found = infer(task, observed)
     between = time.process_time()
@@ -85,22 +85,22 @@ def beaten(puzzle: Puzzle) -> Iterator[Race]:
     end = time.process_time()
     right = right_of(puzzle, observed, found.segments, found.signs)
     both = [right_of(puzzle, observed, segments, side * grown.signs) for side in (1, -1)]
-    other = max(both, key=lambda told: int(told.partition("/")[0]))  # the tree leaves the overall sign open
-    name = f"{puzzle.group}, {len(learn[0].joints)} joints"
+    other = max(both, key=lambda text: int(text.partition("/")[0]))  # the tree's overall sign is arbitrary
+    name = f"{puzzle.group}, {len(train[0].joints)} joints"
     yield Race(name, "tree of 5, pseudo-inverses of Gram matrices", between - start, end - between, right, other)
     slow = stacked_time(observed, segments, ordered.order)
     yield Race(name, f"the same, of stacked rows (every {STRIDE}th level timed)", between - start, slow, right, other)
 
 
 def stacked_time(observed: Observed, segments: Sequence[Segment], order: Indices) -> float:
-    """[s] of a tree whose every node takes the pseudo-inverse of all rows of its segments, as their programs do.
+    """Time [s] of a tree with a pseudo-inverse of all rows of the segments at every node, as in the authors' programs.
 
-    Nodes of a level take equally long; levels between those that are timed are taken to be like them.
+    All nodes of a level take equal time; levels without timing are extrapolated from the timed ones.
 
     Args:
-        observed: the rows.
-        segments: S of them.
-        order: (S,) of the tree.
+        observed: observed rows.
+        segments: segments (S).
+        order: order of the segments in the tree (S,).
     """
     rows = [observed.rows(segments[i].joint, slice(segments[i].start, segments[i].stop)) for i in order]
     total = 0.0
@@ -113,15 +113,15 @@ def stacked_time(observed: Observed, segments: Sequence[Segment], order: Indices
 
 
 def right_of(puzzle: Puzzle, observed: Observed, segments: Sequence[Segment], signs: Array) -> str:
-    """How many segments of the first recording have their true sign, signs (S,) [1]."""
+    """Number of segments of the first recording with their true sign, for signs (S,) [1]."""
     ends = [(s.joint, float(observed.t[s.start]), float(observed.t[s.stop - 1])) for s in segments]
     true = np.array([majority(puzzle.truth[0], *end)[0] for end in ends])
     return f"{int(np.sum(true == signs))}/{len(true)}"
 
 
 def show(done: Sequence[Race]) -> Table:
-    """One race a line."""
-    table = frame("time", ("", "against", "exact, s", "other, s", "times", "right", "other right"), left=2)
+    """Table with one line per race."""
+    table = frame("time", ("", "against", "exact, s", "other, s", "speed-up", "right", "other right"), left=2)
     for race in done:
         figures = (f"{race.exact:.3f}", f"{race.other:.2f}", f"{race.times:.3g}")
         table.add_row(race.name, race.rival, *figures, race.right, race.other_right)

@@ -1,4 +1,4 @@
-"""Many rows -> what they say together: medians, alarms, and whether confidence is earned."""
+"""Statistics over rows: medians, flags and calibration of confidence."""
 
 from __future__ import annotations
 
@@ -9,40 +9,40 @@ import numpy as np
 
 from .row import Row
 
-WRONG = 2.0  # times the sign-known estimate's distance from the truth: parameters count as wrong
-EDGES = (0.0, 0.9, 0.99, 0.999, 1.0)
-SURE = 0.999
+WRONG = 2.0  # distance of wrong parameters from the truth over that of the signed estimate [1]
+EDGES = (0.0, 0.9, 0.99, 0.999, 1.0)  # of the confidence bins [1]
+SURE = 0.999  # confidence above which a segment must be right [1]
 
 
 @dataclass(frozen=True)
 class Group:
-    """Runs of one kind."""
+    """Statistics of runs of one kind."""
 
     name: str
     runs: int
-    perfect: float  # share of runs with every segment right
-    optimal: float  # share of runs whose search is proved
+    perfect: float  # share of runs with all segments right
+    optimal: float  # share of runs with proved optimum
     segments: int
-    right: float  # share of segments
+    right: float  # share of right segments
     mixed: int
-    samples: float  # share, mean over the runs
+    samples: float  # share of right samples, mean over runs
     ratio: float  # median
     ratio_90: float  # 90th percentile
     seconds: float  # median
-    wrong: int  # runs with a wrong segment, or parameters WRONG times as far off as with signs
-    alarms: int  # of those, with a flag
-    false_alarms: int  # of the others, with a flag
+    wrong: int  # runs with a wrong segment or wrong parameters
+    alarms: int  # wrong runs with a flag
+    false_alarms: int  # other runs with a flag
 
 
 @dataclass(frozen=True)
 class Bin:
-    """Segments that were given a confidence between two numbers, where nothing was flagged."""
+    """Segments of runs without flags with a confidence in a bin."""
 
     low: float
     high: float
     segments: int
     right: int
-    said: float  # mean confidence, nan without segments
+    said: float  # mean confidence; nan without segments
 
 
 def is_wrong(row: Row) -> bool:
@@ -51,13 +51,13 @@ def is_wrong(row: Row) -> bool:
 
 
 def summarise(rows: Sequence[Row]) -> list[Group]:
-    """A group for each kind of run, in the order in which they come."""
+    """Statistics of each kind of run, in order of appearance."""
     names = dict.fromkeys(row.group for row in rows)
     return [gather(name, [row for row in rows if row.group == name]) for name in names]
 
 
 def gather(name: str, rows: Sequence[Row]) -> Group:
-    """What runs of one kind say together."""
+    """Statistics of the runs of one kind."""
     wrong = [row for row in rows if is_wrong(row)]
     total = sum(row.segments for row in rows)
     ratios = [row.ratio for row in rows]
@@ -80,9 +80,9 @@ def gather(name: str, rows: Sequence[Row]) -> Group:
 
 
 def reliability(rows: Sequence[Row]) -> Iterator[Bin]:
-    """How often segments of a confidence are right, over all exact runs without a flag."""
-    judged = [one for row in rows if not row.flags and row.method == "exact" for one in row.judged]
+    """Share of right segments by confidence over all exact runs without flag."""
+    scores = [one for row in rows if not row.flags and row.method == "exact" for one in row.judged]
     for low, high in zip(EDGES[:-1], EDGES[1:], strict=True):
-        inside = [one for one in judged if low <= one.confidence < high or (high == 1.0 and one.confidence >= 1.0)]
+        inside = [one for one in scores if low <= one.confidence < high or (high == 1.0 and one.confidence >= 1.0)]
         said = float(np.mean([one.confidence for one in inside])) if inside else float("nan")
         yield Bin(low, high, len(inside), sum(one.right for one in inside), said)

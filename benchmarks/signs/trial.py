@@ -1,4 +1,4 @@
-"""One identification without signs beside the same one with them."""
+"""Identification without signs compared with that from the signed recording."""
 
 from __future__ import annotations
 
@@ -23,25 +23,25 @@ from signid.types import BaseMap, Estimate, Law, Recording, Robot
 from ..arms import base_parameters
 from ..plants.bodies import Drives
 from .row import Row, Target
-from .truth import Array, Truth, judge, measured
+from .truth import Array, Truth, evaluate, measured
 
-LONG, TURNS = 0.5, 7  # s altogether, and turns at most, that are given to a run whose time counts
+LONG, TURNS = 0.5, 7  # a timed run is repeated up to this total time [s] and this number of turns
 Value = Callable[[BaseMap, tuple[Law, ...]], Array]  # true base parameters
 
 
 class Known(NamedTuple):
-    """What the recordings tell with their signs."""
+    """Identification from the signed recordings."""
 
     session: Session
     estimate: Estimate
-    seconds: float  # that identification takes with signs
+    seconds: float  # time of identification with signs
 
     def size(self, value: Array) -> float:
-        """How much torque (b,) [units of base] make along the recordings, in standard deviations of its noise."""
+        """Torque of parameters (b,) [units of base] along the recordings, in standard deviations of the noise."""
         return float(np.sqrt(max(value @ self.estimate.information @ value, 0.0)))
 
     def held_out_rms(self, value: Array) -> tuple[float, ...]:
-        """(n,) [N.m or N] on signed torque that was not learned from, of (b,) [units of base]."""
+        """Rms residual (n,) [N.m or N] on held-out signed torque for parameters (b,) [units of base]."""
         task, parts = self.session.task, self.session.held_out
         seen = [task.seen(j) for j in range(len(task.robot.joints))]
         rests = [
@@ -54,23 +54,23 @@ class Known(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Puzzle:
-    """Recordings whose signs are thrown away, and what is true of them."""
+    """Recordings with removed signs, and their truth."""
 
     group: str
     case: str
     robot: Robot
-    sources: tuple[Source, ...]  # to learn from, with their signs
-    judges: tuple[Source, ...] = ()  # held out; without any, the end of the only recording
+    sources: tuple[Source, ...]  # training recordings with signs
+    held_out: tuple[Source, ...] = ()  # held-out recordings; without any, the end of the only recording
     options: Options = field(default_factory=Options)
-    value: Value | None = None  # the truth, where it is known
-    truths: tuple[Truth, ...] | None = None  # of all recordings; measured torque where it is not known better
-    error: Callable[[BaseMap, Array], float] | None = None  # of base parameters, in the units of the case
-    signed: tuple[int, ...] = ()  # joints whose torque keeps its sign, where sources are columns
+    value: Value | None = None  # true base parameters, if known
+    truths: tuple[Truth, ...] | None = None  # truth of all recordings; by default measured torque
+    error: Callable[[BaseMap, Array], float] | None = None  # error of base parameters in the units of the case
+    signed: tuple[int, ...] = ()  # joints with signed torque, if sources are columns
 
     def read(self, unsigned: bool) -> tuple[list[Recording], list[Recording]]:
-        """The recordings to learn from, and those to judge by."""
-        learn, judge = ([self._open(source, unsigned) for source in some] for some in (self.sources, self.judges))
-        return learn, judge
+        """Read training and held-out recordings."""
+        train, held_out = ([self._open(source, unsigned) for source in some] for some in (self.sources, self.held_out))
+        return train, held_out
 
     def _open(self, source: Source, unsigned: bool) -> Recording:
         if unsigned and self.signed and isinstance(source, Mapping):
@@ -79,7 +79,7 @@ class Puzzle:
 
     @cached_property
     def truth(self) -> tuple[Truth, ...]:
-        """Of every recording."""
+        """Truth of every recording."""
         if self.truths is not None:
             return self.truths
         rows = [recording.read() for some in self.read(unsigned=False) for recording in some]
@@ -87,46 +87,48 @@ class Puzzle:
 
     @cached_property
     def known(self) -> Known:
-        """What the recordings tell with their signs."""
-        learn, judge = self.read(unsigned=False)
-        found, seconds = identify(self, learn, judge)
-        return Known(prepare(self.robot, learn, judge, self.options), found.estimate, seconds)
+        """Identification from the signed recordings."""
+        train, held_out = self.read(unsigned=False)
+        found, seconds = identify(self, train, held_out)
+        return Known(prepare(self.robot, train, held_out, self.options), found.estimate, seconds)
 
 
 def forget(columns: Mapping[str, ArrayLike], signed: Collection[int]) -> dict[str, ArrayLike]:
-    """Columns of which only some joints keep the sign of their torque.
+    """Remove the torque signs of all joints except some.
 
     Args:
-        columns: (N,) each, tau_1 and so on among them [N.m or N].
-        signed: the joints, from 0.
+        columns: columns (N,) each, with tau_1 and so on [N.m or N].
+        signed: indices of the signed joints, 0-based.
     """
     hidden = {key for key in columns if key.startswith("tau_") and int(key[4:]) - 1 not in signed}
     return {f"abs_{key}" if key in hidden else key: np.abs(x) if key in hidden else x for key, x in columns.items()}
 
 
 def attempt(puzzle: Puzzle, method: str = "exact", target: Target | None = None) -> Row:
-    """A puzzle solved, and judged."""
+    """Solve a puzzle and evaluate the result."""
     found, seconds = identify(puzzle, *puzzle.read(unsigned=True), method)
-    return tell(puzzle, method, found, seconds, target or Target())
+    return build_row(puzzle, method, found, seconds, target or Target())
 
 
 def identify(
-    puzzle: Puzzle, learn: list[Recording], judges: list[Recording], signs: str = "exact"
+    puzzle: Puzzle, train: list[Recording], held_out: list[Recording], signs: str = "exact"
 ) -> tuple[Identification, float]:
-    """Base parameters by least squares, and the seconds that they take: of short runs, the shortest of some."""
-    took: list[float] = []
-    while not took or (sum(took) < LONG and len(took) < TURNS):
+    """Identify by least squares; return the time [s], for short runs the shortest of several."""
+    times: list[float] = []
+    while not times or (sum(times) < LONG and len(times) < TURNS):
         start = time.process_time()
-        found = signid.identify(puzzle.robot, learn, held_out=judges, options=puzzle.options, signs=signs, method="wls")
-        took.append(time.process_time() - start)
-    return found, min(took)
+        found = signid.identify(
+            puzzle.robot, train, held_out=held_out, options=puzzle.options, signs=signs, method="wls"
+        )
+        times.append(time.process_time() - start)
+    return found, min(times)
 
 
-def tell(puzzle: Puzzle, method: str, found: Identification, seconds: float, target: Target) -> Row:
-    """What was found, against what is true and against what the signs would have told."""
+def build_row(puzzle: Puzzle, method: str, found: Identification, seconds: float, target: Target) -> Row:
+    """Compare a result with the truth and with the signed identification."""
     signs, value = found.signs, found.estimate.value
     assert signs is not None, "torque was recorded without signs"
-    known, score, base = puzzle.known, judge(signs, puzzle.truth), found.base
+    known, score, base = puzzle.known, evaluate(signs, puzzle.truth), found.base
     off = known.size(value - known.estimate.value)
     all_three = (value, signs.value, known.estimate.value)
     away = errors = [np.nan] * 3
@@ -164,11 +166,11 @@ def tell(puzzle: Puzzle, method: str, found: Identification, seconds: float, tar
 
 
 def planted(robot: Robot, drives: Drives | None = None) -> Value:
-    """True base parameters: the description's inertials, and drives as the plant has them, none if not told.
+    """True base parameters: inertials of the description and drives of the plant (default: none).
 
     Args:
-        robot: whose description is true.
-        drives: n joints.
+        robot: robot with a true description.
+        drives: drive parameters of n joints.
     """
-    given = drives or Drives.none(len(robot.joints))
-    return lambda base, laws: base_parameters(robot, base, laws, given)
+    true = drives or Drives.none(len(robot.joints))
+    return lambda base, laws: base_parameters(robot, base, laws, true)

@@ -1,4 +1,4 @@
-"""What the signs truly were, and how many of those that were found are right."""
+"""True signs of torque, and evaluation of recovered signs."""
 
 from __future__ import annotations
 
@@ -10,26 +10,26 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
-from signid.signs.result import Signs, SignSegment, Trace
+from signid.signs.result import Signs, Trace
 
 Array = NDArray[np.float64]
 
-ORDER, CORNER = 4, 8.0  # of the low-pass that the truth of single samples passes [Hz]
-REST, LASTING = 0.02, 0.2  # rad/s or m/s below which a joint counts as at rest, on average over so many s
+ORDER, CORNER = 4, 8.0  # order and corner [Hz] of the low-pass for the truth of single samples
+REST, LASTING = 0.02, 0.2  # speed of a joint at rest [rad/s or m/s], averaging time [s]
 
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """One recording's torque with its sign: N samples of n joints."""
+    """Signed torque of one recording: N samples of n joints."""
 
     t: Array  # (N,) [s]
     torque: Array  # (N, n) [N.m or N] the truth of segments
     smooth: Array  # (N, n) [N.m or N] the truth of single samples
-    moving: NDArray[np.bool_] | None = None  # (N,) samples that are judged; None: all
+    moving: NDArray[np.bool_] | None = None  # (N,) evaluated samples; None: all
 
 
-class Judged(NamedTuple):
-    """A segment: what is said of it, whether its sign is the true majority's, and whether it holds both signs."""
+class SegmentScore(NamedTuple):
+    """Evaluation of a segment: confidence, agreement with the true majority, presence of both signs."""
 
     confidence: float
     right: bool
@@ -37,38 +37,38 @@ class Judged(NamedTuple):
 
 
 class Score(NamedTuple):
-    """How many signs are right."""
+    """Evaluation of recovered signs."""
 
-    judged: tuple[Judged, ...]
-    samples: float  # share of all samples of joints without signs while the robot moves
-    small: float  # share of those below the threshold, nan without any
+    judged: tuple[SegmentScore, ...]
+    samples: float  # share of right samples of unsigned joints while the robot moves
+    small: float  # the same for samples below the threshold; nan without any
 
     @property
     def segments(self) -> int:
-        """How many there are."""
+        """Number of segments."""
         return len(self.judged)
 
     @property
     def right(self) -> int:
-        """How many of them have the true sign."""
+        """Number of segments with the true sign."""
         return sum(one.right for one in self.judged)
 
     @property
     def mixed(self) -> int:
-        """How many of them hold both signs."""
+        """Number of segments with both signs."""
         return sum(one.mixed for one in self.judged)
 
 
 def measured(t: Array, q: Array, torque: Array, corner: float = CORNER) -> Truth:
-    """The truth of a recording that has its signs, but also noise: its low-passed torque tells those of samples.
+    """Truth of a noisy signed recording; low-passed torque gives the signs of single samples.
 
-    While the whole robot is at rest, friction holds any torque, and samples are not judged.
+    Samples with the whole robot at rest are excluded, because static friction holds any torque.
 
     Args:
-        t: (N,) [s].
-        q: (N, n) [rad or m].
-        torque: (N, n) [N.m or N].
-        corner: of the filter, forth and back [Hz].
+        t: times (N,) [s].
+        q: positions (N, n) [rad or m].
+        torque: signed torque (N, n) [N.m or N].
+        corner: corner of the forward-backward filter [Hz].
     """
     rate = 1 / float(np.median(np.diff(t)))
     smooth = sosfiltfilt(butter(ORDER, corner, fs=rate, output="sos"), torque, axis=0)
@@ -78,12 +78,12 @@ def measured(t: Array, q: Array, torque: Array, corner: float = CORNER) -> Truth
     return Truth(t, torque, np.asarray(smooth), speed > REST)
 
 
-def judge(signs: Signs, truths: Sequence[Truth]) -> Score:
-    """The signs of segments and samples against the true ones.
+def evaluate(signs: Signs, truths: Sequence[Truth]) -> Score:
+    """Compare the signs of segments and samples with the true ones.
 
     Args:
-        signs: what was found.
-        truths: of the recordings, in the order of `signs.traces`.
+        signs: recovered signs.
+        truths: truths of the recordings, in the order of `signs.traces`.
     """
     small, right = [], []
     for trace, truth in zip(signs.traces, truths, strict=True):
@@ -94,34 +94,34 @@ def judge(signs: Signs, truths: Sequence[Truth]) -> Score:
             small.append(same[trace.magnitude[moving, joint] < signs.threshold[joint]])
     below = np.concatenate(small)
     return Score(
-        tuple(_judged(signs.segments, truths)),
+        tuple(_scores(signs, truths)),
         float(np.concatenate(right).mean()),
         float(below.mean()) if len(below) else float("nan"),
     )
 
 
 def _moving(trace: Trace, truth: Truth) -> NDArray[np.bool_]:
-    """(N,) whether the samples are judged."""
+    """Mask of evaluated samples (N,)."""
     if truth.moving is None:
         return np.ones(len(trace.t), dtype=bool)
     return np.asarray(truth.moving[np.searchsorted(truth.t, trace.t).clip(0, len(truth.t) - 1)])
 
 
 def _same(trace: Trace, truth: Truth, joint: int) -> NDArray[np.bool_]:
-    """(N,) whether the sample has its true sign; where the true torque is zero, either is."""
+    """Mask of samples with their true sign (N,); zero true torque matches both signs."""
     true = np.interp(trace.t, truth.t, truth.smooth[:, joint])
     return np.asarray(trace.signs[:, joint] * true >= 0)
 
 
 def majority(truth: Truth, joint: int, start: float, end: float) -> tuple[int, bool]:
-    """The sign of most of the torque's energy between two times [s], and whether there are both signs."""
+    """Sign with most of the torque's energy between two times [s], and whether both signs occur."""
     at = (truth.t >= start) & (truth.t <= end)
     torque, smooth = truth.torque[at, joint], truth.smooth[at, joint]
     sign = 1 if np.sum(torque * np.abs(torque)) >= 0 else -1
     return sign, bool(np.any(smooth * sign < 0))
 
 
-def _judged(segments: Sequence[SignSegment], truths: Sequence[Truth]) -> Iterator[Judged]:
-    for told in segments:
-        sign, mixed = majority(truths[told.part], told.joint, told.start, told.end)
-        yield Judged(told.confidence, told.sign == sign, mixed)
+def _scores(signs: Signs, truths: Sequence[Truth]) -> Iterator[SegmentScore]:
+    for segment in signs.segments:
+        sign, mixed = majority(truths[segment.part], segment.joint, segment.start, segment.end)
+        yield SegmentScore(segment.confidence, segment.sign == sign, mixed)

@@ -1,13 +1,13 @@
-"""The EMPS prismatic drive (Janot, Gautier, Brunot, 2019): mass and friction against the published values.
+"""Identify the EMPS prismatic drive (Janot, Gautier, Brunot, 2019): mass and friction against published values.
 
-`signid data emps` gets the recordings.
+`signid data emps` downloads the recordings.
 """
 
 import signid
 from signid.identify import Identification
 from signid.recording.gallery import recordings
 
-PUBLISHED = {  # by least squares on the inverse dynamics, from the benchmark's own description
+PUBLISHED = {  # least squares on the inverse dynamics, from the description of the benchmark
     "m_1 + armature_1": 95.1089,  # kg
     "viscous_friction_1": 203.5034,  # N.s/m
     "coulomb_friction_1": 20.3935,  # N
@@ -16,11 +16,11 @@ PUBLISHED = {  # by least squares on the inverse dynamics, from the benchmark's 
 
 
 def main() -> Identification:
-    """Identify, compare with what was published, and judge by the run with added pulses."""
+    """Identify, compare with the published values, and hold out the run with added pulses."""
     folder = recordings("emps")
     robot = signid.load_robot("emps")
-    train, judge = (signid.read_recording(folder / f"emps_{name}.csv.gz", robot) for name in ("train", "pulses"))
-    result = signid.identify(robot, [train], held_out=[judge])
+    train, held_out = (signid.read_recording(folder / f"emps_{name}.csv.gz", robot) for name in ("train", "pulses"))
+    result = signid.identify(robot, [train], held_out=[held_out])
     for expression, value in zip(result.base.expressions, result.base_value, strict=True):
         print(f"{expression:20} {value:9.4f}  published {PUBLISHED[expression]:9.4f}")
         if abs(value / PUBLISHED[expression] - 1) > 0.01:

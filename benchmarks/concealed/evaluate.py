@@ -1,4 +1,4 @@
-"""One diagnosis held against what was concealed."""
+"""Comparison of a diagnosis with the concealed faults."""
 
 from __future__ import annotations
 
@@ -12,40 +12,40 @@ import numpy as np
 from .names import Truth, contains, is_lead, is_right, is_twin, truths
 from .numbers import error
 
-SURE = 0.95
+SURE = 0.95  # probability above which a wrong first cause counts as sure [1]
 
 
 @dataclass(frozen=True)
-class Verdict:
-    """What became of one session."""
+class Evaluation:
+    """Evaluation of one session."""
 
     suite: str
     robot: str
     joints: int
-    effect: str  # all that is concealed
+    effect: str  # all concealed effects
     size: float
     key: str
-    name: str  # of its folder
-    outcome: str  # right stated twin lead unknown missed wrong; of healthy robots right alarm; of pairs both one none
-    first: str  # the first cause that is named, "unknown", or "nothing"
-    sure: bool  # wrong, and said with P > .95
-    spurious: int  # causes that are none
+    name: str  # name of its folder
+    outcome: str  # right stated twin lead unknown missed wrong; healthy robots: right alarm; pairs: both one none
+    first: str  # the first named cause, "unknown" or "nothing"
+    sure: bool  # the first cause is wrong with P > .95
+    spurious: int  # number of spurious causes
     names: tuple[tuple[float, bool], ...]  # probability of each cause, and whether it is right
-    errors: tuple[tuple[str, float], ...]  # of the numbers of what is named rightly
+    errors: tuple[tuple[str, float], ...]  # effects and parameter errors of right causes
     after: float  # residual over the noise floor, rms over joints
-    cpu: float  # s
+    cpu: float  # processor time [s]
     hard: bool
 
 
-def judge(answer: Mapping[str, Any], result: Mapping[str, Any]) -> Verdict:
-    """The outcome of a session, from its answer and its diagnosis.json."""
+def evaluate(answer: Mapping[str, Any], result: Mapping[str, Any]) -> Evaluation:
+    """Evaluate a session from its answer and its diagnosis.json."""
     document, hidden = result["document"], truths(answer)
     causes = [x for x in document["findings"] if x["role"] == "cause"] if document["verdict"] == "named" else []
     right = [any(is_right(cause, truth) for truth in hidden) for cause in causes]
     outcome = _outcome(answer, document, causes, hidden)
     sure = bool(causes) and not right[0] and float(causes[0]["probability"]) > SURE
     first = causes[0]["effect"] if causes else "unknown" if document["verdict"] == "unknown" else "nothing"
-    return Verdict(
+    return Evaluation(
         suite=answer["suite"],
         robot=answer["robot"],
         joints=len(answer["joints"]),
@@ -81,8 +81,8 @@ def _outcome(
     if suite in ("absent", "removed") and verdict == "unknown":
         return "right" if is_lead(document, truth) else "unknown"
     if verdict == "unknown":
-        told = any(is_right(name, truth) for name in _told(document["findings"]))
-        return "lead" if told or is_lead(document, truth) else "unknown"
+        listed = any(is_right(name, truth) for name in _listed(document["findings"]))
+        return "lead" if listed or is_lead(document, truth) else "unknown"
     if not causes:
         return "missed"
     if suite == "removed":
@@ -90,13 +90,13 @@ def _outcome(
         return "twin" if near else "wrong"
     if is_right(causes[0], truth):
         return "right"
-    if any(is_right(name, truth) for name in _told(causes)):
+    if any(is_right(name, truth) for name in _listed(causes)):
         return "stated"
     return "twin" if is_twin(causes[0], truth, answer["joints"]) else "wrong"
 
 
-def _told(findings: Sequence[Mapping[str, Any]]) -> Iterator[Mapping[str, Any]]:
-    """Findings and what stands beside them."""
+def _listed(findings: Sequence[Mapping[str, Any]]) -> Iterator[Mapping[str, Any]]:
+    """Findings and their alternatives."""
     for finding in findings:
         yield finding
         yield from finding["alternatives"]
@@ -105,7 +105,7 @@ def _told(findings: Sequence[Mapping[str, Any]]) -> Iterator[Mapping[str, Any]]:
 def _errors(
     causes: Sequence[Mapping[str, Any]], hidden: Sequence[Truth], answer: Mapping[str, Any]
 ) -> Iterator[tuple[str, float]]:
-    """Of each cause that is right, of a law that the library has in the same words."""
+    """Parameter errors of each right cause; none for foreign and absent laws."""
     if answer["suite"] in ("foreign", "absent"):
         return
     for truth in hidden:
@@ -117,7 +117,7 @@ def _errors(
 
 
 def _after(fit: Mapping[str, Any]) -> float:
-    """Rms over the joints of what is left on held-out data over what no model could predict; NaN where that is zero."""
+    """Rms over joints of held-out residual over irreducible residual; NaN where the latter is zero."""
     pairs = zip(fit["held_out_rms"], fit["irreducible_rms"], strict=True)
     ratios = [float(x) / float(floor) for x, floor in pairs if x is not None and floor]
     return float(np.sqrt(np.mean(np.square(ratios)))) if ratios else math.nan

@@ -1,4 +1,4 @@
-"""What signid says of one case, and whether that is what is wrong."""
+"""Diagnosis of one case by signid, and its evaluation."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from ..concealed.names import Truth, is_right, is_twin
 from ..plants.control import Track
 from .faults import SIGNS, Case
 
-MAIN = {"base_tilt": "y", "asymmetric_friction": "coulomb_positive"}  # the number that is shown, if not the first
+MAIN = {"base_tilt": "y", "asymmetric_friction": "coulomb_positive"}  # displayed parameter, if not the first
 
 
 @dataclass(frozen=True)
 class Named:
-    """One finding; its number that counts."""
+    """One finding with its main parameter."""
 
     effect: str
     joint: str | None
@@ -34,18 +34,18 @@ class Named:
     key: str
     value: float
     std: float | None
-    truth: float | None  # where effect and joint are right
+    truth: float | None  # true value if effect and joint are right
     right: bool
 
 
 @dataclass(frozen=True)
-class Said:
-    """One diagnosis."""
+class Result:
+    """Evaluation of one diagnosis."""
 
-    outcome: str  # named, twin, listed, unknown, nothing, wrong, refused; of the healthy robot clean or alarm
+    outcome: str  # named, twin, listed, unknown, nothing, wrong, refused; healthy robot: clean or alarm
     verdict: str
     findings: tuple[Named, ...]
-    joints: int  # of those with the fault, how many are named
+    joints: int  # number of named joints among those with the fault
     before: float  # held-out rms over the noise floor, rms over joints
     after: float
     flags: tuple[str, ...]
@@ -53,52 +53,52 @@ class Said:
 
     @property
     def right(self) -> bool:
-        """Whether what is wrong, if anything, is what comes first."""
+        """Whether the fault is named first, or the healthy robot is found clean."""
         return self.outcome in ("named", "clean")
 
 
-def say(case: Case, folder: Path, train: Track, test: Track) -> Said:
-    """What signid says, told nothing but the description, the drives, and where it is so that torque has no sign.
+def diagnose(case: Case, folder: Path, train: Track, test: Track) -> Result:
+    """Diagnose with the description, the drives, and missing signs if they are declared.
 
     Args:
-        case: what is wrong.
-        folder: robot.urdf and actuators.toml.
-        train: to learn from.
-        test: to judge by.
+        case: case with its fault.
+        folder: folder with robot.urdf and actuators.toml.
+        train: training recording.
+        test: held-out recording.
     """
     model = signid.load_model(folder / "robot.urdf")
-    one, other = (_read(track, model, case.told) for track in (train, test))
+    one, other = (_read(track, model, case.declared) for track in (train, test))
     start = time.process_time()
     try:
         found = signid.diagnose(model, [one], held_out=[other])
     except signid.SignidError as error:
-        nothing, told = float("nan"), bool(case.words) and any(word in str(error) for word in case.words)
-        return Said(
-            "named" if told else "refused",
+        nan, named = float("nan"), bool(case.words) and any(word in str(error) for word in case.words)
+        return Result(
+            "named" if named else "refused",
             "refused",
             (),
             0,
-            nothing,
-            nothing,
+            nan,
+            nan,
             (str(error),),
             time.process_time() - start,
         )
-    return judge(case, found, time.process_time() - start)
+    return evaluate(case, found, time.process_time() - start)
 
 
-def judge(case: Case, found: Diagnosis, seconds: float) -> Said:
-    """A diagnosis held against what is wrong."""
+def evaluate(case: Case, found: Diagnosis, seconds: float) -> Result:
+    """Evaluate a diagnosis."""
     document = diagnosis_document(found)
     named = tuple(_named(case, finding) for finding in document["findings"])
     floor = found.before.irreducible_rms
     before, after = (float(np.sqrt(np.mean((fit.held_out_rms / floor) ** 2))) for fit in (found.before, found.after))
     places = {x.joint for x in named if x.right}
     outcome = _outcome(case, found, document["findings"])
-    return Said(outcome, found.verdict, named, len(places), before, after, found.flags, seconds)
+    return Result(outcome, found.verdict, named, len(places), before, after, found.flags, seconds)
 
 
 def truth(case: Case) -> Truth:
-    """What is wrong, as the judge of names has it."""
+    """Fault in the form of `concealed.names`."""
     return Truth((case.effect,), case.joints, None, {})
 
 
@@ -122,11 +122,11 @@ def _outcome(case: Case, found: Diagnosis, findings: Sequence[Mapping[str, Any]]
     if case.effect == SIGNS:
         known = found.signs is not None or any(word in flag for flag in found.flags for word in case.words)
         return "wrong" if causes else "named" if known else "nothing"
-    true, told = truth(case), [*findings, *(rival for x in findings for rival in x["alternatives"])]
+    true, listed = truth(case), [*findings, *(rival for x in findings for rival in x["alternatives"])]
     if causes and is_right(causes[0], true):
         return "named"
     if causes and is_twin(causes[0], true, found.robot.joints):
         return "twin"
-    if any(is_right(x, true) for x in told):
+    if any(is_right(x, true) for x in listed):
         return "listed"
     return "wrong" if causes else {"unknown": "unknown"}.get(found.verdict, "nothing")

@@ -1,7 +1,7 @@
-"""One command of signid, its processor time and memory: `python -m benchmarks.watched FILE [--profile] COMMAND ...`.
+"""Processor time and memory of one signid command: `python -m benchmarks.measure_command FILE [--profile] COMMAND ...`.
 
-It is run as `signid COMMAND ...` is, in a process that has imported nothing before. FILE gets its exit code, its time
-[s], that before anything of signid was imported, and the most memory that it held [MB]; FILE.prof what cProfile saw.
+The command runs like `signid COMMAND ...`, in a process without earlier imports. FILE receives the exit code, the
+processor time [s], the time before signid was imported [s] and the peak memory [MB]; FILE.prof the output of cProfile.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from pathlib import Path
 
 
 def peak() -> float:
-    """Most memory that this process ever held [MB]; where the system tells, without what its parent held."""
+    """Peak memory of this process [MB], without that of its parent where the system reports it."""
     status = Path("/proc/self/status")
     if status.is_file():
         line = next(x for x in status.read_text(encoding="utf-8").splitlines() if x.startswith("VmHWM"))
@@ -25,18 +25,18 @@ def peak() -> float:
 
 
 def main() -> None:
-    """Run the command and write the numbers."""
+    """Run the command and write its numbers."""
     target, *command = sys.argv[1:]
     profile, started = cProfile.Profile(time.process_time), time.process_time()
-    if watch := command[0] == "--profile":
+    if profiled := command[0] == "--profile":
         profile.enable()
-    from signid.cli import run  # here, because its imports count
+    from signid.cli import run  # imported here so that its time is counted
 
-    code = run(command[watch:])
+    code = run(command[profiled:])
     profile.disable()
     numbers = {"code": code, "seconds": time.process_time(), "started": started, "memory": peak()}
     Path(target).write_text(json.dumps(numbers), encoding="utf-8")
-    if watch:
+    if profiled:
         profile.dump_stats(f"{target}.prof")
 
 

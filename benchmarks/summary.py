@@ -1,4 +1,4 @@
-"""What benchmarks tell alike: tables in the house's style, and numbers as JSON has them."""
+"""Shared output of benchmarks: tables and JSON-compatible numbers."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from rich.table import Table
 
 
 def frame(title: str, names: Sequence[str], left: int = 1) -> Table:
-    """An empty table; the first columns are of text."""
+    """Empty table whose first `left` columns are left-aligned text."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True, title=title)
     for k, name in enumerate(names):
         table.add_column(name, justify="left" if k < left else "right", no_wrap=True)
@@ -19,7 +19,7 @@ def frame(title: str, names: Sequence[str], left: int = 1) -> Table:
 
 
 def finite(x: Any) -> Any:
-    """The same without numbers that JSON has no word for."""
+    """Replace numbers that JSON cannot represent by None."""
     if isinstance(x, dict):
         return {key: finite(value) for key, value in x.items()}
     if isinstance(x, list | tuple):

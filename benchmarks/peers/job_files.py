@@ -1,4 +1,4 @@
-"""What each is handed: the description, the drives, both recordings, and to who simulates the loop its controller."""
+"""Job files for all tools: description, drives, both recordings and the controller for closed-loop simulation."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ STATED = ("armature", "viscous_friction", "coulomb_friction")
 
 
 class Loop(NamedTuple):
-    """The controller: n motors give command - stiffness q - damper v."""
+    """Controller of n motors: torque is command - stiffness q - damper v."""
 
     command: Array  # (N, n) [N.m] at every step
     stiffness: Array  # (n,) [N.m/rad]
@@ -28,13 +28,13 @@ class Loop(NamedTuple):
 
 
 def describe(arm: Arm, folder: Path) -> None:
-    """robot.urdf, and beside it what is known of its drives."""
+    """Write robot.urdf and actuators.toml."""
     (folder / "robot.urdf").write_text(bare(arm.body), encoding="utf-8")
     (folder / "actuators.toml").write_text(actuators_file(arm.drives, arm.body.joints), encoding="utf-8")
 
 
 def hand_over(arm: Arm, train: Track, test: Track, looped: float, folder: Path) -> None:
-    """job.npz: both recordings, the drives, and so much [s] of the loop along the first motion."""
+    """Write job.npz: both recordings, drives, and `looped` [s] of the control loop along the first motion."""
     loop = _follow(arm, 0, float(train.t[-1]) + 1 / RATE, looped)
     drives = (np.array(getattr(arm.drives, key)) for key in STATED)
     np.savez(
@@ -49,13 +49,13 @@ def hand_over(arm: Arm, train: Track, test: Track, looped: float, folder: Path) 
 
 
 def _follow(arm: Arm, seed: int, duration: float, looped: float) -> Loop:
-    """As the plant's controller does over a duration [s], which knows of no fault; the beginning of it."""
+    """First `looped` [s] of the plant's controller without knowledge of faults, for a motion of a duration [s]."""
     t, _ = clock(0.0, duration, RATE)
-    asked = motion(arm, seed)
-    q, v, _ = asked.at(t)
+    reference = motion(arm, seed)
+    q, v, _ = reference.at(t)
     model, joints, coarse = build(arm.body, arm.drives, frictionless=True), arm.body.joints, t[::COMMAND]
     stiffness, damper = gains(mean_inertia(model, joints, q[:: max(len(t) // 20, 1)]))
-    known = KNOWN * inverse(model, joints, *asked.at(coarse))
+    known = KNOWN * inverse(model, joints, *reference.at(coarse))
     forward = np.column_stack([np.interp(t, coarse, x) for x in known.T])
     command = forward + stiffness * q + damper * v
     return Loop(command[: round(looped / STEP) + 1], stiffness, damper, q[0], v[0])

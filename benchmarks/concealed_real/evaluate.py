@@ -1,4 +1,4 @@
-"""Compare the answer of a diagnosis with the truth: names, flags, numbers, and wrong causes that it is sure of."""
+"""Compare the answer of a diagnosis with the truth: names, flags, parameters and confident wrong causes."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from signid.parameters import TWO_SIDED
 from .case import Truth
 from .names import EXACT, PART, TWIN, Arm, Candidate, contains, label, relation
 
-SURE = 0.99  # probability above which a wrong cause counts as wrong and sure
+SURE = 0.99  # probability above which a wrong cause counts as sure [1]
 BODIES = {"payload", "link_inertia"}
-FAULTS = {  # what a flag or a refusal says of a recording fault, before its first colon
+FAULTS = {  # patterns of flags and refusals of a recording fault, up to the first colon
     "sign": r"\btorque of\b.*\b(wrong sign|negated)",
     "swap": r"\btorques of\b.*\b(exchanged|swapped)",
     "late": r"\btorque of\b.*\blate\b",
@@ -27,20 +27,20 @@ FAULTS = {  # what a flag or a refusal says of a recording fault, before its fir
 
 @dataclass(frozen=True)
 class Answer:
-    """Findings and flags of one diagnosis, or the sentence of the error that ended it."""
+    """Findings and flags of one diagnosis, or the message of its error."""
 
-    verdict: str  # that of the diagnosis, or "refused" or "crash"
+    verdict: str  # verdict of the diagnosis, "refused" or "crash"
     candidates: tuple[Candidate, ...] = ()  # the findings
-    sentences: tuple[str, ...] = ()  # flags, or the sentence of an error
+    sentences: tuple[str, ...] = ()  # flags, or the message of an error
 
 
 @dataclass(frozen=True)
 class Number:
-    """A number of the truth and its estimate."""
+    """A true parameter and its estimate."""
 
     key: str
     truth: float
-    truth_std: float  # 0 where the truth is exact
+    truth_std: float  # 0 for an exact truth
     value: float
     std: float
 
@@ -51,23 +51,23 @@ class Number:
 
 
 @dataclass(frozen=True)
-class Verdict:
-    """A judged case. New causes are those that the control does not have."""
+class Evaluation:
+    """Evaluation of a case. New causes are absent in the control."""
 
     outcome: str  # first, flag, list, missed, silent, refused or crash
-    relation: str  # exact, twin or part; empty: the truth is not in the list
-    probability: float  # of the first new cause; 0 without one
+    relation: str  # exact, twin or part; empty: the truth is not listed
+    probability: float  # probability of the first new cause; 0 without one
     right: bool  # whether the first new cause is the truth or its twin
     first_new: bool  # the same, or the outcome is first or flag
-    sure: tuple[str, ...]  # new causes that are wrong and sure
+    sure: tuple[str, ...]  # wrong new causes with a probability above SURE
     numbers: tuple[Number, ...]
 
 
 def answer_of(diagnosis: Diagnosis) -> Answer:
-    """The answer of a diagnosis in plain types.
+    """Convert a diagnosis to plain types.
 
     Args:
-        diagnosis: of one case.
+        diagnosis: diagnosis of one case.
     """
     candidates = tuple(
         Candidate(
@@ -89,9 +89,9 @@ def flagged(sentences: Sequence[str], truth: Truth, arm: Arm) -> bool:
     """Whether a flag or a refusal names exactly this recording fault and its joints.
 
     Args:
-        sentences: flags, or the sentence of an error.
-        truth: the change.
-        arm: the joints.
+        sentences: flags, or the message of an error.
+        truth: known change.
+        arm: joints of the robot.
     """
     for head in (sentence.split(": ")[0].split(";")[0] for sentence in sentences if truth.fault):
         found = {j for j, joint in enumerate(arm.joints) if re.search(rf"(?<!\w){re.escape(joint)}(?!\w)", head)}
@@ -103,26 +103,26 @@ def flagged(sentences: Sequence[str], truth: Truth, arm: Arm) -> bool:
 
 
 def already_named(control: Answer, truth: Truth, arm: Arm) -> bool:
-    """Whether the control has the truth, its twin or a law that contains it as a cause, or flags the fault.
+    """Whether the control already names the truth, its twin or a containing law, or flags the fault.
 
     Args:
-        control: the answer with nothing changed.
-        truth: the change.
-        arm: the joints.
+        control: answer without change.
+        truth: known change.
+        arm: joints of the robot.
     """
     causes = [x for x in control.candidates if x.cause]
     named = any(relation(x, truth, arm) in (EXACT, TWIN) or contains(x, truth, arm) for x in causes)
     return named or flagged(control.sentences, truth, arm)
 
 
-def judge(answer: Answer, truth: Truth, control: Answer, arm: Arm) -> Verdict:
-    """The verdict on one case.
+def evaluate(answer: Answer, truth: Truth, control: Answer, arm: Arm) -> Evaluation:
+    """Evaluate one case.
 
     Args:
-        answer: of its diagnosis.
-        truth: the change.
-        control: the answer with nothing changed.
-        arm: the joints.
+        answer: answer of its diagnosis.
+        truth: known change.
+        control: answer without change.
+        arm: joints of the robot.
     """
     old = {(x.effect, frozenset(x.joints)) for x in control.candidates}
     causes = [x for x in answer.candidates if x.cause]
@@ -139,7 +139,7 @@ def judge(answer: Answer, truth: Truth, control: Answer, arm: Arm) -> Verdict:
     else:
         outcome = "list" if best else "missed" if answer.candidates else "silent"
     right = first_new in (EXACT, TWIN)
-    return Verdict(
+    return Evaluation(
         outcome,
         best,
         new[0].probability if new else 0.0,
@@ -151,7 +151,7 @@ def judge(answer: Answer, truth: Truth, control: Answer, arm: Arm) -> Verdict:
 
 
 def _numbers(answer: Answer, truth: Truth, arm: Arm) -> Iterator[Number]:
-    """Numbers of the first finding that is the truth; payload and link_inertia of the last joint are comparable."""
+    """Parameters of the first true finding; payload and link_inertia of the last joint are comparable."""
     for x in answer.candidates:
         kind = relation(x, truth, arm)
         if kind == EXACT or kind == TWIN and truth.last and x.effect in BODIES:
