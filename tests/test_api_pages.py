@@ -53,7 +53,7 @@ def test_every_public_name_has_its_place(pages: dict[str, str]) -> None:
         assert f'<section id="{name}">' in pages[f"signid/{home}"], f"{name} has a page of its own module"
         first = (getattr(signid, name).__doc__ or "").splitlines()[0].replace("`", "")
         assert first in words(face, f'<section id="{name}">', '<section id="'), name
-    assert "makes a model with intervals" in words(face), "the docstring introduces"
+    assert "estimates a model with confidence intervals" in words(face), "the docstring introduces"
 
 
 def test_every_module_and_package_is_introduced(pages: dict[str, str]) -> None:
