@@ -67,8 +67,8 @@ class Diagnosis(Frozen):
     tolerance: float  # share of torque within which nothing is missing [1]
     before: Fit
     after: Fit
-    learned: Course  # both simulations on what was learned from
-    judged: Course  # and on what was held out
+    train: Course  # both simulations on what was learned from
+    held_out: Course  # and on what was held out
     rollout_before: RollOut | None
     rollout_after: RollOut | None
     model: Model  # the extended simulation
