@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from signid.diagnose.extend.holdout import Rows, residuals
+from signid.diagnose.extend.holdout import ResidualRows, residual_rows
 from signid.model import Model
 from signid.recording import same_joints
 from signid.recording.sampling import survey
@@ -33,7 +33,7 @@ class Table(NamedTuple):
 
 
 def table(model: Model, recording: Recording, cutoff: float) -> Table:
-    """Rows of a recording in a band.
+    """Residual rows of a recording in a band.
 
     Args:
         model: the simulation; its recording laws change the motion, so features come from a model without any.
@@ -45,11 +45,11 @@ def table(model: Model, recording: Recording, cutoff: float) -> Table:
     """
     rows = filtered(model, recording, cutoff)
     moved = (np.hstack([x.motion.q, x.motion.v, x.motion.a]) for x in rows.pieces)
-    return Table(np.concatenate([rows.thin(x) for x in moved]), rows.rest, rows.torque)
+    return Table(np.concatenate([rows.thin(x) for x in moved]), rows.residual, rows.torque)
 
 
-def filtered(model: Model, recording: Recording, cutoff: float) -> Rows:
-    """Rows of a recording in a band, with the motions and the filter that they are made of.
+def filtered(model: Model, recording: Recording, cutoff: float) -> ResidualRows:
+    """Residual rows of a recording in a band, with the motions and the filter that they are made of.
 
     Args:
         model: the simulation.
@@ -61,7 +61,7 @@ def filtered(model: Model, recording: Recording, cutoff: float) -> Rows:
     """
     own = restrict_joints(model, [recording])[0]
     session = prepare(own.robot, [recording], [recording], replace(Options(effects=()), cutoff=cutoff))
-    return residuals(session.task, restrict_joints(own, [recording])[0], session.held_out)
+    return residual_rows(session.task, restrict_joints(own, [recording])[0], session.held_out)
 
 
 def one_rate(robot: Robot, recordings: Sequence[Recording]) -> list[Recording]:

@@ -8,7 +8,7 @@ import numpy as np
 
 import signid
 from signid.diagnose import Diagnosis
-from signid.diagnose.extend.holdout import residuals
+from signid.diagnose.extend.holdout import residual_rows
 from signid.regression.prepare import prepare
 
 from .data import JUDGED, LOADED, UNLOADED, ur10e_model, ur10e_recording
@@ -55,7 +55,7 @@ def _unloaded_error(cutoff: float) -> Array:
     options = signid.Options(effects=(), cutoff=cutoff)
     model, judged = ur10e_model(), ur10e_recording(JUDGED)
     session = prepare(model.robot, [judged], [judged], options)
-    rest = residuals(session.task, model, session.held_out).rest
+    rest = residual_rows(session.task, model, session.held_out).residual
     return np.sqrt(np.nanmean(rest**2, axis=0))
 
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ....diagnose.extend.holdout import course_of, residuals
+from ....diagnose.extend.holdout import course_of, residual_rows
 from ....estimation.excitation import ENOUGH
 from ....estimation.fit_quality import Course, Fit
 from ....identify import Identification
@@ -89,7 +89,7 @@ def _course(session: Session, after: Model) -> tuple[Course, bool]:
     """The description and the model on what was held out, or on its beginning, and whether that is all of it."""
     parts = list(_beginning(session.held_out))
     stated = Model(session.robot, stated_inertials(session.robot), stated_laws(session.robot))
-    before, learned = (residuals(session.task, model, parts) for model in (stated, after))
+    before, learned = (residual_rows(session.task, model, parts) for model in (stated, after))
     return course_of(before, learned, session.robot), _samples(parts) == _samples(session.held_out)
 
 
