@@ -12,26 +12,20 @@ REPLACEMENT_RATIO = 1.5  # probability of a rival over that of a law that it rep
 REPLACEMENT_ROUNDS = 12  # replacements at most; heuristic
 CHECKED_LOG_ODDS = 4.0  # log odds behind the best within which rivals must be admissible to count [-]; heuristic
 COMPARED_LOG_ODDS = 40.0  # log odds behind a law beyond which rivals are not compared [-]: exp(-40) is no probability
-RIVAL_SHARE = (
-    0.5  # sum of squares of a law's torque that a rival may leave, over all, to explain the same [1]; heuristic
-)
-SAME_TORQUE_CHI2 = (
-    4.0  # the same in variances of the noise, below which nothing separates both: two standard deviations
-)
+RIVAL_SHARE = 0.5  # part of a law's torque that a rival may leave to count as the same [sum of squares, 1]; heuristic
+SAME_TORQUE_CHI2 = 4.0  # the same in variances of the noise: two standard deviations, not distinguishable below
 FORMULA_ERROR = 0.2  # torque that the formula of a real law misses, over its torque [1]; heuristic
 MOST_IN_STEP = log(0.95 / 0.05)  # log odds of laws of joints that moved in step [-]: a probability of .95; heuristic
 
 # Verdict (verdict.py)
 CAUSE_SHARE = 0.15  # importance of a cause over the largest [1]: less is a correction; heuristic
-PROMOTED_TORQUE, PROMOTED_GAIN = (
-    0.03,
-    0.2,
-)  # torque share and held-out gain that make a correction a cause [1]; heuristic
+PROMOTED_TORQUE = 0.03  # torque share of a correction that becomes a cause [1]; heuristic
+PROMOTED_GAIN = 0.2  # held-out gain that it needs as well [1]; heuristic
 NOTICEABLE_DISCREPANCY = 0.01  # of the torque [1]: a larger one that follows the joint's state is unknown; heuristic
 EXPLAINED = 0.6  # excess that the causes must explain, over all at their joints [1]; heuristic
 EXPLAINED_APPROXIMATELY = 0.5  # the same where the first cause has an approximate formula [1]; simulated arms
 NOTICED_STD = 4.0  # excess of a joint that is noticed [standard deviations of a sum of squares]; heuristic
-MODEL_ERROR = 0.006  # discrepancy of every simulation that is no fault, over the rms torque [1]; heuristic
+TOLERATED_DISCREPANCY = 0.006  # discrepancy of every simulation that is no fault, over the rms torque [1]; heuristic
 FAINT_JOINT = 0.1  # least rms torque of a joint, over the largest [1]: weaker joints count as this strong; heuristic
 CLEAR_LOG_ODDS = 20.0  # log odds of a dependence without law that make something missing for certain [-]; heuristic
 CLEAR_THRESHOLD = 0.8  # factor of the threshold in that case [1]; heuristic

@@ -52,8 +52,8 @@ def relinearise(dataset: Dataset, about: Dataset, selection: Selection) -> Datas
         return None  # infeasible inertias make the relinearisation meaningless
     off = np.zeros((dataset.table.joints, len(dataset.whiten({0: dataset.table.residual[:, :1]})[0])))
     for group in selection.selected:
-        was, is_ = about.columns(group.claim), new.columns(group.claim)
-        for j, x in dataset.whiten({j: is_[j] - was[j] for j in is_}).items():
+        old, updated = about.columns(group.claim), new.columns(group.claim)
+        for j, x in dataset.whiten({j: updated[j] - old[j] for j in updated}).items():
             off[j] += x @ value[group]
     if not np.sum(off**2, axis=1) @ (1 / selection.dispersion) > RELEVANT_CHI2:
         return None

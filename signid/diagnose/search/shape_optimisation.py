@@ -119,7 +119,7 @@ def _options(posterior: Posterior, group: Group, taken: Collection[Key]) -> list
 
 
 def _at_size(effect: Effect, joints: tuple[int, ...]) -> Hypothesis:
-    """A recording law whose size is still to be found."""
+    """A recording law at finite size; its size is not yet known."""
     return Hypothesis((Law(effect, joints, dict.fromkeys(effect.linear(), 0.0)),), finite=True)
 
 

@@ -9,9 +9,7 @@ NEXT_LOG_ODDS = 3.0  # needed by each further law, and to stay; simulated arms
 UNTRUSTED_LOG_ODDS = 5.0  # needed by the first law where inertials are probably wrong; simulated arms
 IMITATED_LOG_ODDS = 8.0  # needed, in that case, by laws that wrong inertials imitate; simulated arms
 EXCHANGE_LOG_ODDS = 2.0  # by which a rival must be better to replace a selected law; simulated arms
-IMITATED_SHARE = (
-    0.9  # share of a law's torque that wrong inertials can make, above which they imitate it [1]; heuristic
-)
+IMITATED_SHARE = 0.9  # share of a law's torque that wrong inertials must make to imitate it [1]; heuristic
 MAX_LAWS = 14  # selected laws; heuristic
 SHAPE_ERROR = 0.05  # error of a selected law's formula, over its torque [1]; simulated arms
 MAX_INFLATION = 1.3  # bound of the dispersion with formula errors, over the mean square of the residual [1]; heuristic
@@ -25,9 +23,7 @@ REDUNDANT_SHARE = 1e-3  # sum of squares of a law's columns that selected laws c
 INERTIAL_VIOLATION = 30.0  # squared correction of a link's ten numbers at the largest tolerance [variances]; heuristic
 
 # Outer loop (iterate.py)
-NOISE_ERROR = (
-    1.3  # variance of the whitened residual without any law, for errors of the noise estimate [1]; simulated arms
-)
+NOISE_ERROR = 1.3  # variance of the whitened residual without any law [1]: error of the noise estimate; simulated arms
 MODEL_ERROR = 0.003  # discrepancy of every simulation, over the rms torque [1]; simulated arms
 WINDOWS_PER_ROW = 10  # contact windows that are compared, per row; log of their number is the penalty; simulated arms
 RELINEARISATION_ROUNDS = 3  # heuristic
