@@ -123,7 +123,7 @@ def _search(
     time_is_up(SEARCH)  # a stop from here on has a result: the given simulation
     with steps_shown(progress, 0.4, 0.7):
         result = select(dataset, posterior, skip, healthy)
-    progress("judging", 0.7)
+    progress("evaluating", 0.7)
     return result
 
 
