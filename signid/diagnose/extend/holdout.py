@@ -147,7 +147,8 @@ def residual_rows(task: Task, model: Model, parts: Sequence[Part]) -> ResidualRo
             f"more with --held-out, or raise the cut-off"
         )
     residual, torque = (np.concatenate(x) for x in zip(*(filtered(piece, thin) for piece in stretches), strict=True))
-    return ResidualRows(stretches, thin, residual, torque, unsure_rows(thin, stretches, stated_friction(model)))
+    reversal_std = unsure_rows(thin, stretches, stated_friction(model))
+    return ResidualRows(stretches, thin, residual, torque, reversal_std)
 
 
 def filtered(piece: Piece, thin: Decimator) -> tuple[Array, Array]:

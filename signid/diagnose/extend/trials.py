@@ -46,9 +46,9 @@ class Trials(Frozen):
         """Maximum a posteriori coefficients of all numbers that an extension has."""
         selected = tuple(group for group in self.selection.selected if group in extension.kept)
         fit = self.selection.evidence.fit(selected, self.selection.dispersion, self.selection.prior_scale)
-        return (
-            fit if extension.joint_fit else fit.holding(_among(fit, selected) | self.refitted_columns(extension, fit))
-        )
+        if extension.joint_fit:
+            return fit
+        return fit.holding(_among(fit, selected) | self.refitted_columns(extension, fit))
 
     def refitted_columns(self, extension: Extension, fit: Fitted) -> Mask:
         """(k,) mask of the stated numbers that an extension refits."""

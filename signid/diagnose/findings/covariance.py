@@ -59,8 +59,9 @@ def extended_covariance(model: Model, selection: Selection, extended: ExtendedSi
 def _is_base_law(law: Law) -> bool:
     """Whether a law is linear in its numbers, so that these are base parameters."""
     effect = law.effect
-    plain = effect.scope == "joint" and not effect.shape(law.parameters)
-    return plain and refits(law) and effect.coefficients(effect.example) == [effect.example[k] for k in effect.linear()]
+    if effect.scope != "joint" or effect.shape(law.parameters) or not refits(law):
+        return False
+    return bool(effect.coefficients(effect.example) == [effect.example[key] for key in effect.linear()])
 
 
 def _coefficients(law: Law) -> Array:

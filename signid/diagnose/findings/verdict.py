@@ -109,9 +109,8 @@ def decide_verdict(dataset: Dataset, selection: Selection, contenders: Sequence[
     after, before = (_excess(dataset, data.counts, one) for one in (residual, given))
     clear = _clearest_dependence(selection, before)
     scale = np.maximum(data.scale, FAINT_JOINT * data.scale.max())
-    threshold = (
-        NOTICED_STD * np.sqrt(2 * data.counts) + data.counts * (TOLERATED_DISCREPANCY * scale / noise.least) ** 2
-    )
+    tolerated = (TOLERATED_DISCREPANCY * scale / noise.least) ** 2
+    threshold = NOTICED_STD * np.sqrt(2 * data.counts) + data.counts * tolerated
     threshold = threshold * (CLEAR_THRESHOLD if clear > CLEAR_LOG_ODDS and not selection.selected else 1.0)
     by_group = {contender.group: contender for contender in contenders}
     importance = {g: _importance(selection.posterior, contributions, residual, g) for g in selection.selected}

@@ -88,7 +88,8 @@ def _names(selection: Selection) -> set[Key]:
 
 def _with_rows(posterior: Posterior, dataset: Dataset) -> Posterior:
     """The same prior with the rows of another dataset."""
-    return replace(posterior, evidence=Evidence(whitened(dataset.table, dataset.noise), posterior.evidence.known))
+    rows = whitened(dataset.table, dataset.noise)
+    return replace(posterior, evidence=Evidence(rows, posterior.evidence.known))
 
 
 def _select(dataset: Dataset, posterior: Posterior, conditions: _Conditions) -> tuple[Dataset, Selection]:

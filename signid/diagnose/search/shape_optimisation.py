@@ -130,7 +130,7 @@ def _is_linearised(effect: Effect) -> bool:
 
 def _optimise(dataset: Dataset, option: _Option, others: _Others) -> _Optimised:
     """Maximise the log odds of a law over its shapes, or over the size of a recording law."""
-    known, start = option.hypothesis, _start(option, others)
+    known, start, posterior = option.hypothesis, _start(option, others), others.selection.posterior
     law, keys, moves = known.laws[0], list(start), [_move(key) for key in start]
 
     def hypothesis(x: Array) -> Hypothesis:
@@ -143,7 +143,7 @@ def _optimise(dataset: Dataset, option: _Option, others: _Others) -> _Optimised:
             return 0.0
         columns = dataset.columns(hypothesis(x))
         white = dataset.whiten(columns)
-        return -(others.selection.posterior.ask(others.fit, others.dispersion, known, columns, white) or 0.0)
+        return -(posterior.ask(others.fit, others.dispersion, known, columns, white) or 0.0)
 
     zero = np.zeros(len(keys))
     if not keys:
