@@ -20,8 +20,9 @@ from signid.diagnose.data.dataset import Dataset
 from signid.diagnose.evidence.bayes_factors import Evidence
 from signid.diagnose.evidence.posterior_odds import Posterior
 from signid.diagnose.evidence.selection import Selection
-from signid.diagnose.run import _build, _posterior, _prepare, _silent
-from signid.diagnose.search.stepwise import begin
+from signid.diagnose.preparation import build, prepare_session
+from signid.diagnose.run import _no_progress, _posterior
+from signid.diagnose.search.stepwise import initial_selection
 from signid.effects import EFFECTS
 from signid.model import Model, stated_inertials
 from signid.regression.prepare import prepare
@@ -118,13 +119,13 @@ class Posed(NamedTuple):
     def found(self, *selected: Group) -> Selection:
         """With these selected, at the noise's own dispersion."""
         noise = np.full(self.posterior.evidence.data.joints, 1.3)
-        return begin(self.posterior, noise, {}).with_selected(selected, dict.fromkeys(selected, 100.0))
+        return initial_selection(self.posterior, noise, {}).with_selected(selected, dict.fromkeys(selected, 100.0))
 
 
 @cache
 def posed(robot: str, *faults: Planted, heavier: tuple[tuple[str, float], ...] = ()) -> Posed:
     """What the search of a diagnosis is given."""
     model, recordings = simulation(robot), read(robot, recorded(robot, *faults, heavier=heavier))
-    session, _ = _prepare(model, recover(prepare(model.robot, recordings)), Options(effects=()), _silent)
-    dataset, data = _build(model, session, (), _silent)
+    session, _ = prepare_session(model, recover(prepare(model.robot, recordings)), Options(effects=()), _no_progress)
+    dataset, data = build(model, session, (), _no_progress)
     return Posed(session, dataset, _posterior(model, Evidence(data), ()))

@@ -16,9 +16,9 @@ from signid.diagnose.evidence.linear_model import StatedPrior
 from signid.diagnose.evidence.thresholds import COVARIANCE_SCALES
 from signid.diagnose.findings.alternatives import _follows, limit_in_step, rank_contenders
 from signid.diagnose.findings.contender import Contender
-from signid.diagnose.findings.verdict import decide
-from signid.diagnose.search.inertial_check import relieved
-from signid.diagnose.search.stepwise import is_founded, laws_there
+from signid.diagnose.findings.verdict import decide_verdict
+from signid.diagnose.search.inertial_check import resolved_violations
+from signid.diagnose.search.stepwise import is_applicable, present_laws
 
 SPRING, DRAG = fault("spring", 1, stiffness=4.0, rest=0.3), fault("quadratic_friction", 1, coefficient=0.3)
 OFF = COVARIANCE_SCALES[-1]
@@ -62,7 +62,7 @@ def test_causes_that_stand_where_rows_are_as_far_off_come_first(question: Posed)
     found = question.found(spring.group, drag.group)
     for weak, strong in ((spring, drag), (drag, spring)):
         ranked = (replace(weak, log_at_scale=-1.0), replace(strong, log_at_scale=1.0))
-        assert decide(question.dataset, found, ranked).causes == (strong.group, weak.group)
+        assert decide_verdict(question.dataset, found, ranked).causes == (strong.group, weak.group)
 
 
 def test_of_a_model_without_covariance_nothing_is_doubted() -> None:
@@ -82,16 +82,16 @@ def test_a_law_that_changes_another_is_founded_on_it() -> None:
     one = posed("1r", SPRING, DRAG)
     bare = cast(Any, SimpleNamespace(evidence=SimpleNamespace(data=SimpleNamespace(refitted=()))))
     drift, spring = one.group("friction_drift", 0), one.group("spring", 0)
-    assert is_founded(drift, laws_there(one.found()))  # of a simulation that states dry friction
-    assert not is_founded(drift, laws_there(replace(one.found(spring), posterior=bare)))
-    assert is_founded(spring, laws_there(replace(one.found(), posterior=bare)))
+    assert is_applicable(drift, present_laws(one.found()))  # of a simulation that states dry friction
+    assert not is_applicable(drift, present_laws(replace(one.found(spring), posterior=bare)))
+    assert is_applicable(spring, present_laws(replace(one.found(), posterior=bare)))
 
 
 @pytest.mark.parametrize(("before", "name"), [(1.0, "nothing_missing"), (200.0, "unknown")])
 def test_where_no_cause_stays_something_is_missing_only_if_it_is_loud(before: float, name: str) -> None:
     one = posed("1r", SPRING, DRAG)
     found = one.found(one.group("spring", 0))
-    decided = decide(one.dataset, found, rank_contenders(one.dataset, found))
+    decided = decide_verdict(one.dataset, found, rank_contenders(one.dataset, found))
     assert decided.name == "named"
     verdict = replace(decided, before=np.array([before]), threshold=np.array([100.0]))
     assert verdict.without(found.selected).name == name and verdict.without(()).name == "named"
@@ -102,7 +102,7 @@ def test_causes_that_held_out_rows_speak_against_are_corrections_beside_others()
     one = posed("1r", SPRING, DRAG)
     spring, drag = one.group("spring", 0), one.group("quadratic_friction", 0)
     found = one.found(spring, drag)
-    decided = decide(one.dataset, found, rank_contenders(one.dataset, found))
+    decided = decide_verdict(one.dataset, found, rank_contenders(one.dataset, found))
     both = replace(decided, causes=(spring, drag), secondary=())
     assert both.with_demoted({drag}).causes == (drag,) and both.with_demoted({drag}).secondary == (spring,)
     assert both.with_demoted(()).causes == (spring, drag)
@@ -111,8 +111,8 @@ def test_causes_that_held_out_rows_speak_against_are_corrections_beside_others()
 def test_a_link_that_is_off_relieves_what_is_strained_without_it() -> None:
     heavy = posed("3r", heavier=(("link_3", 1.5),))
     link, spring = heavy.group("link_inertia", 2), heavy.group("spring", 0)
-    assert relieved(heavy.found(link), heavy.found(), link) == {2}
-    assert relieved(heavy.found(spring), heavy.found(), spring) == set()
+    assert resolved_violations(heavy.found(link), heavy.found(), link) == {2}
+    assert resolved_violations(heavy.found(spring), heavy.found(), spring) == set()
 
 
 @pytest.mark.parametrize(("joints", "limited"), [([0, 1, 2], True), ([0, 1], False)])

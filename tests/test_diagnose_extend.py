@@ -13,9 +13,9 @@ from signid.diagnose.data.column_groups import Group, tolerance
 from signid.diagnose.data.hypotheses import is_refitted, propose
 from signid.diagnose.data.normal_equations import Fitted, solve
 from signid.diagnose.extend.extend import extend
-from signid.diagnose.findings.findings import PLAUSIBLE
 from signid.diagnose.findings.separating_motion import tell_apart
-from signid.diagnose.search.contributions import energies, measure_sizes
+from signid.diagnose.findings.thresholds import PLAUSIBLE
+from signid.diagnose.search.contributions import measure_contributions, residual_growth
 from signid.diagnose.search.inertial_check import inertial_violations
 from signid.diagnose.search.prune import prune
 from signid.effects import EFFECTS
@@ -166,12 +166,12 @@ def test_a_law_that_makes_the_simulation_no_better_is_pruned() -> None:
 def test_energy_is_what_a_law_takes_away() -> None:
     one = posed("3r", SPRING)
     spring, offset = one.group("spring", 1), one.group("torque_offset", 0)
-    found = one.found(spring, offset)
-    sizes = measure_sizes(one.posterior.evidence, found.selected, found.dispersion, 0.0)
-    gone = energies(sizes)
-    assert sizes.value[spring][0] == pytest.approx(1.0, rel=0.05) and sizes.share[spring][1] > 0.05
+    contributions = measure_contributions(one.posterior.evidence, (spring, offset), one.found().dispersion, 0.0)
+    gone = residual_growth(contributions)
+    value, share = contributions.coefficients[spring], contributions.torque_share[spring]
+    assert value[0] == pytest.approx(1.0, rel=0.05) and share[1] > 0.05
     assert gone[spring][1] > 1000 and gone[spring][0] < 1 and gone[offset].max() < 20
-    assert np.all(sizes.left < 1.6)
+    assert np.all(contributions.mean_square < 1.6)
 
 
 def test_a_link_beyond_any_tolerance_is_strained() -> None:

@@ -15,7 +15,9 @@ from signid.diagnose.findings import findings
 from signid.effects.naming import parse_law
 
 SETTING: Any = SimpleNamespace(model=signid.load_model("3r"))
-MISSING = "something is missing that no effect of the library explains; what it depends on is said, not what it is"
+MISSING = (
+    "something is missing that no effect of the library explains; the report says what it depends on, not what it is"
+)
 LAWS = [parse_law(text, ROBOT) for text in ("spring@2:stiffness=3", "armature@2", "viscous_friction@2")]
 
 
@@ -27,43 +29,43 @@ def test_what_does_not_hold_on_held_out_data_is_flagged_in_a_sentence() -> None:
     out = finding("spring@2:stiffness=3", {}, in_model=False)
     assert flags("named", finding("armature@1", {})) == []
     assert flags("named", out, finding("armature@1", {})) == [
-        "spring of joint_2 explains the recordings it was found in, but not what was held out: "
+        "spring of joint_2 explains the training recordings, but not the held-out recordings: "
         "it is not in the extended simulation"
     ]
     assert flags("named", out, finding("armature@1", {}, in_model=False, role="secondary")) == [
-        "spring of joint_2, armature of joint_1 explain the recordings they were found in, but not what was held out: "
+        "spring of joint_2, armature of joint_1 explain the training recordings, but not the held-out recordings: "
         "they are not in the extended simulation"
     ]
 
 
 def test_too_few_rows_are_not_called_held_out() -> None:
     assert flags("named", finding("spring@2:stiffness=3", {}, in_model=False), itself=True) == [
-        "spring of joint_2 explains the recordings it was found in, but not by enough for so few rows: "
+        "spring of joint_2 explains the training recordings, but not by enough for so few rows: "
         "it is not in the extended simulation"
     ]
 
 
 def test_causes_that_leave_more_than_they_explain_are_not_said_to_be_nothing() -> None:
     assert flags("unknown") == [MISSING] == flags("unknown", finding("armature@1", {}, role="secondary"))
-    assert flags("unknown", finding("armature@1", {})) == [f"the causes named leave more than they explain: {MISSING}"]
+    assert flags("unknown", finding("armature@1", {})) == [
+        f"the named causes leave more torque than they explain: {MISSING}"
+    ]
 
 
-def made(probabilities: Sequence[float]) -> Any:
-    """A case whose law has rivals of these probabilities."""
+def contender(probabilities: Sequence[float]) -> Any:
+    """A contender with rivals of these probabilities."""
     rivals = {k: (p, SimpleNamespace(claim=SimpleNamespace(laws=LAWS[:1]))) for k, p in enumerate(probabilities)}
-    found = SimpleNamespace(data=SimpleNamespace(floor=None))
-    contender = SimpleNamespace(group=object(), rivals=rivals)
-    extended = SimpleNamespace(laws={contender.group: LAWS[1:2]})
-    return findings._Case(SETTING, found, contender, "cause", extended, 0)  # type: ignore[arg-type]
+    return SimpleNamespace(group=object(), rivals=rivals)
 
 
 def test_separating_motions_are_sought_for_few_plausible_rivals(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(findings, "tell_apart", lambda *_: "a motion")
-    monkeypatch.setattr(findings, "_finding", lambda case, law, std, gain, rivals: rivals)
-    cases = [made(p) for p in ([0.3, 0.06, 0.05, 1e-9], [0.1] * 6, [0.2, 0.2, 0.2], [0.5])]
-    numbers = {case.contender.group: [{}] for case in cases}
-    gains = {case.contender.group: 0.5 for case in cases}
-    found: Any = list(findings._findings(cases, numbers, gains))
+    monkeypatch.setattr(findings._Reporter, "finding", lambda reporter, one, law, std, rivals: rivals)
+    some = [contender(p) for p in ([0.3, 0.06, 0.05, 1e-9], [0.1] * 6, [0.2, 0.2, 0.2], [0.5])]
+    extended: Any = SimpleNamespace(laws={one.group: LAWS[1:2] for one in some})
+    selection: Any = SimpleNamespace(data=SimpleNamespace(floor=None))
+    reporter = findings._Reporter(SETTING, selection, extended, {one.group: [{}] for one in some}, (), 0)
+    found: Any = list(reporter.findings(some))
     assert [[bool(rival.separating_motion) for rival in rivals] for rivals in found] == [
         [True, True, False, False],
         [True] * 4 + [False] * 2,

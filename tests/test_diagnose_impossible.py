@@ -145,9 +145,10 @@ def test_a_gain_that_deletes_the_torque_is_not_found() -> None:
     from diagnosed import Posed, read, recorded, simulation
 
     from signid.diagnose.evidence.bayes_factors import Evidence
-    from signid.diagnose.run import _build, _posterior, _prepare, _silent
-    from signid.diagnose.search.contributions import measure_sizes
-    from signid.diagnose.search.stepwise import is_sound
+    from signid.diagnose.preparation import build, prepare_session
+    from signid.diagnose.run import _no_progress, _posterior
+    from signid.diagnose.search.admissible import is_admissible
+    from signid.diagnose.search.contributions import measure_contributions
     from signid.regression.prepare import prepare
     from signid.regression.session import Options
     from signid.signs import recover
@@ -157,11 +158,12 @@ def test_a_gain_that_deletes_the_torque_is_not_found() -> None:
         v = np.gradient(columns["q_2"], columns["t"])
         made.append({**columns, "tau_2": 2.0 * np.tanh(v / 0.02) + 0.5 * v})
     robot = simulation("3r")
-    session, _ = _prepare(robot, recover(prepare(robot.robot, read("3r", tuple(made)))), Options(effects=()), _silent)
-    dataset, data = _build(robot, session, (), _silent)
+    recovered = recover(prepare(robot.robot, read("3r", tuple(made))))
+    session, _ = prepare_session(robot, recovered, Options(effects=()), _no_progress)
+    dataset, data = build(robot, session, (), _no_progress)
     posed = Posed(session, dataset, _posterior(robot, Evidence(data), ()))
     gain = posed.group("torque_gain", 1)
     state = posed.found(gain)
-    value = measure_sizes(posed.posterior.evidence, (gain,), state.dispersion, 0.0).value[gain]
+    value = measure_contributions(posed.posterior.evidence, (gain,), state.dispersion, 0.0).coefficients[gain]
     assert value[0] == pytest.approx(-1, abs=0.1)
-    assert not is_sound(posed.found(), gain)
+    assert not is_admissible(posed.found(), gain)

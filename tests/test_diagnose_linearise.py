@@ -9,7 +9,7 @@ from diagnosed import Planted, fault, look, named, read, recorded, simulation
 
 import signid
 from signid.diagnose.result import Diagnosis
-from signid.diagnose.search.iterate import TANGLED
+from signid.diagnose.search.iterate import DISAGREEMENT
 
 LOAD = fault("payload", 3, mass=0.4, first_moment_x=0.02, first_moment_y=0.0, first_moment_z=0.01)
 OTHERS = (
@@ -33,7 +33,7 @@ def off(found: Diagnosis, planted: Planted) -> float:
 def test_a_payload_does_not_spoil_the_numbers_of_what_feels_it(other: Planted) -> None:
     found = look("3r", LOAD, other)
     joint = (0, 1, 2) if other[0] == "base_tilt" else (1,)
-    assert set(named(found)) == {("payload", (2,)), (other[0], joint)} and TANGLED not in found.flags
+    assert set(named(found)) == {("payload", (2,)), (other[0], joint)} and DISAGREEMENT not in found.flags
     assert off(found, other) < 0.05
     (payload,) = [one for one in found.findings if one.law.effect.name == "payload"]
     for key, truth in LOAD[2]:
@@ -44,7 +44,7 @@ def test_a_payload_does_not_spoil_the_numbers_of_what_feels_it(other: Planted) -
 def test_numbers_are_off_where_columns_stay_those_about_the_simulation(
     other: Planted, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(TOGETHER, "linearised", lambda *_: None)
+    monkeypatch.setattr(TOGETHER, "relinearise", lambda *_: None)
     found = signid.diagnose(simulation("3r"), read("3r", recorded("3r", LOAD, other)))
     assert off(found, other) > 0.2
 
@@ -57,13 +57,13 @@ def test_bodies_that_are_off_within_their_tolerance_count_as_well() -> None:
 
 def test_a_search_that_does_not_settle_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(TOGETHER, "_names", lambda _: object())
-    monkeypatch.setattr(TOGETHER, "ROUNDS", 1)
+    monkeypatch.setattr(TOGETHER, "RELINEARISATION_ROUNDS", 1)
     found = signid.diagnose(simulation("3r"), read("3r", recorded("3r", LOAD, OTHERS[1])))
-    assert TANGLED in found.flags and off(found, OTHERS[1]) > 0.2
+    assert DISAGREEMENT in found.flags and off(found, OTHERS[1]) > 0.2
 
 
 def test_time_that_runs_out_in_a_later_round_leaves_what_was_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    whole, about, asked = TOGETHER._search, TOGETHER.linearised, list[bool]()
+    whole, about, asked = TOGETHER._search, TOGETHER.relinearise, list[bool]()
     later = list[bool]()
 
     def interrupted(*given: object, **more: object) -> object:
@@ -74,7 +74,7 @@ def test_time_that_runs_out_in_a_later_round_leaves_what_was_found(monkeypatch: 
         return whole(*given, **more)
 
     monkeypatch.setattr(TOGETHER, "_search", interrupted)
-    monkeypatch.setattr(TOGETHER, "linearised", lambda *given: later.append(True) or about(*given))
+    monkeypatch.setattr(TOGETHER, "relinearise", lambda *given: later.append(True) or about(*given))
     found = signid.diagnose(simulation("3r"), read("3r", recorded("3r", LOAD, OTHERS[1])))
-    assert asked[0] is False and asked[-1] is True and sum(asked) == 1 and TANGLED not in found.flags
+    assert asked[0] is False and asked[-1] is True and sum(asked) == 1 and DISAGREEMENT not in found.flags
     assert set(named(found)) == {("payload", (2,)), ("load_friction", (1,))} and off(found, OTHERS[1]) > 0.2

@@ -7,29 +7,29 @@ from dataclasses import replace
 import pytest
 from diagnosed import DRIVES, Posed, fault, posed
 
-from signid.diagnose.extend.holdout import show
-from signid.diagnose.findings.held_out_selection import Extended
-from signid.diagnose.findings.stated import resized
+from signid.diagnose.extend.holdout import predict
+from signid.diagnose.findings.held_out_selection import ExtendedSimulation
+from signid.diagnose.findings.stated import stated_number_findings
 from signid.types import Law
 
 STATED, MORE = DRIVES["1r"].coulomb_friction[0], 0.25
 
 
-def handed_out(question: Posed, level: float) -> Extended:
+def handed_out(question: Posed, level: float) -> ExtendedSimulation:
     """A simulation with all stated numbers of laws refitted, that of dry friction to a level."""
     model, laws = question.dataset.model, list[Law]()
     for law in model.laws:
         dry = law.effect.name == "coulomb_friction"
         laws.append(replace(law, parameters={"level": level}) if dry else law)
-    shown = show(question.session, replace(model, laws=tuple(laws)))
+    prediction = predict(question.session, replace(model, laws=tuple(laws)))
     refitted = frozenset(g for g in question.posterior.evidence.data.refitted if g.law is not None)
-    return Extended({}, shown, frozenset(), refitted, {}, {})
+    return ExtendedSimulation({}, prediction, frozenset(), refitted, {}, {})
 
 
 def test_a_number_of_another_size_is_named_with_both() -> None:
     question = posed("1r", fault("coulomb_friction", 1, level=MORE))
     extended = handed_out(question, STATED + MORE)
-    (found,) = resized(question.dataset, question.session, question.found(), extended)
+    (found,) = stated_number_findings(question.dataset, question.session, question.found(), extended)
     assert (found.law.effect.name, found.law.joints, found.role) == ("coulomb_friction", (0,), "cause")
     assert found.stated == {"level": STATED} and found.law.parameters == {"level": pytest.approx(STATED + MORE)}
     assert 0.2 < found.probability < 1 and found.torque_share[0] > 0.007
@@ -39,4 +39,4 @@ def test_a_number_of_another_size_is_named_with_both() -> None:
 def test_numbers_that_are_as_stated_are_not_named() -> None:
     question = posed("1r")
     extended = handed_out(question, STATED)
-    assert not list(resized(question.dataset, question.session, question.found(), extended))
+    assert not list(stated_number_findings(question.dataset, question.session, question.found(), extended))

@@ -12,16 +12,17 @@ from signid.diagnose.data.column_groups import Group
 from signid.diagnose.data.noise import _damped
 from signid.diagnose.data.normal_equations import solve
 from signid.diagnose.data.thresholds import MAX_AR_ROOT
-from signid.diagnose.extend.holdout import Rows
+from signid.diagnose.extend.holdout import ResidualRows
 from signid.diagnose.findings.contender import Contender
-from signid.diagnose.findings.findings import _is_vague, _judged
-from signid.diagnose.findings.held_out_selection import _change
+from signid.diagnose.findings.findings import _is_vague, _with_held_out
+from signid.diagnose.findings.held_out_selection import error_change
 from signid.diagnose.search.shape_optimisation import _minimised
 from signid.diagnose.search.steady import steadiness
 from signid.effects import EFFECTS
 from signid.types import Array, Law
 
 KEY = ("spring", (0,))
+SIGN = Law(EFFECTS["torque_sign"], (0,), {})  # has no coefficient that could be vague
 COUNT = 800
 
 
@@ -30,8 +31,8 @@ def steady(torque: Array, rest: Array, prior: float = 0.5) -> float:
     group = SimpleNamespace(claim=SimpleNamespace(key=KEY))
     data = SimpleNamespace(rows=lambda _: [0], raw=lambda *_: torque[:, None])
     posterior = SimpleNamespace(evidence=SimpleNamespace(data=data), priors={KEY: float(np.log(prior))})
-    sizes = SimpleNamespace(value=_Always(np.ones(1)))
-    return steadiness(cast(Any, posterior), cast(Any, sizes), rest[:, None], cast(Any, group))
+    contributions = SimpleNamespace(coefficients=_Always(np.ones(1)))
+    return steadiness(cast(Any, posterior), cast(Any, contributions), rest[:, None], cast(Any, group))
 
 
 class _Always:
@@ -69,17 +70,17 @@ def test_rare_laws_need_more() -> None:
     assert steady(torque, noise(3), 0.5) - steady(torque, noise(3), 0.005) == pytest.approx(np.log(100))
 
 
-def rows(rest: Array) -> Rows:
+def rows(rest: Array) -> ResidualRows:
     """Rows (N, n) [N.m] of 1 N.m of torque."""
-    return Rows((), cast(Any, None), rest, np.ones_like(rest), np.zeros_like(rest))
+    return ResidualRows((), cast(Any, None), rest, np.ones_like(rest), np.zeros_like(rest))
 
 
 def test_joints_that_are_predicted_worse_weigh_more() -> None:
     before = np.column_stack([noise(4), noise(5)])
     better, worse = before * [0.5, 1.0], before * [0.5, 1.3]
-    assert _change(rows(before), rows(before)) == 0
-    assert _change(rows(better), rows(before)) < -1
-    assert _change(rows(worse), rows(before)) > _change(rows(better), rows(before)) + 4 * np.log(1.3)
+    assert error_change(rows(before), rows(before)) == 0
+    assert error_change(rows(better), rows(before)) < -1
+    assert error_change(rows(worse), rows(before)) > error_change(rows(better), rows(before)) + 4 * np.log(1.3)
 
 
 def test_coefficients_that_are_held_stay_zero() -> None:
@@ -107,8 +108,9 @@ def test_noise_decays() -> None:
 def test_a_law_that_is_left_out_is_no_likelier_than_not(kept: bool, itself: bool, likely: float) -> None:
     group = Group(0, 1, cast(Any, SimpleNamespace(key=KEY)))
     contender = Contender(group, evidence=9.2, shares={KEY: 1.0}, candidates={}, unexplained=0.0)
-    extended = SimpleNamespace(holds=lambda _: kept, support={group: 0.0})
-    assert _judged(contender, cast(Any, extended), itself).probability == pytest.approx(likely, abs=0.001)
+    extended = SimpleNamespace(kept={group} if kept else set(), log_bayes={group: 0.0}, laws={group: (SIGN,)})
+    after = _with_held_out(contender, cast(Any, extended), {group: [{}]}, itself)
+    assert after.probability == pytest.approx(likely, abs=0.001)
 
 
 @pytest.mark.parametrize(("best", "further", "found"), [(0.4, 0, 0.4), (2.5, 0, 1.0), (2.5, 4, 2.5), (-2.5, 4, -1.0)])
@@ -120,4 +122,4 @@ def test_sizes_in_the_record_are_reached_outwards(best: float, further: int, fou
 @pytest.mark.parametrize(("error", "std", "vague"), [(0.002, 0.04, True), (0.03, 0.04, False), (0.002, 0.0, False)])
 def test_a_law_whose_coefficients_are_hardly_not_zero_is_vague(error: float, std: float, vague: bool) -> None:
     assert _is_vague(Law(EFFECTS["torque_gain"], (0,), {"error": error}), {"error": std}) == vague
-    assert not _is_vague(Law(EFFECTS["torque_sign"], (0,), {}), {})
+    assert not _is_vague(SIGN, {})

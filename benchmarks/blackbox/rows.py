@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from signid.diagnose.extend.holdout import Rows, residuals
+from signid.diagnose.extend.holdout import ResidualRows, residual_rows
 from signid.model import Model
 from signid.recording import same_joints
 from signid.recording.sampling import survey
@@ -45,10 +45,10 @@ def table(model: Model, recording: Recording, cutoff: float) -> Table:
     """
     rows = filtered(model, recording, cutoff)
     moved = (np.hstack([x.motion.q, x.motion.v, x.motion.a]) for x in rows.pieces)
-    return Table(np.concatenate([rows.thin(x) for x in moved]), rows.rest, rows.torque)
+    return Table(np.concatenate([rows.thin(x) for x in moved]), rows.residual, rows.torque)
 
 
-def filtered(model: Model, recording: Recording, cutoff: float) -> Rows:
+def filtered(model: Model, recording: Recording, cutoff: float) -> ResidualRows:
     """Filtered rows of a recording with their motions and filter.
 
     Args:
@@ -61,7 +61,7 @@ def filtered(model: Model, recording: Recording, cutoff: float) -> Rows:
     """
     own = restrict_joints(model, [recording])[0]
     session = prepare(own.robot, [recording], [recording], replace(Options(effects=()), cutoff=cutoff))
-    return residuals(session.task, restrict_joints(own, [recording])[0], session.held_out)
+    return residual_rows(session.task, restrict_joints(own, [recording])[0], session.held_out)
 
 
 def one_rate(robot: Robot, recordings: Sequence[Recording]) -> list[Recording]:

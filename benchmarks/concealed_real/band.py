@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from signid.diagnose.extend.holdout import residuals
+from signid.diagnose.extend.holdout import residual_rows
 from signid.model import Model
 from signid.regression.prepare import prepare
 from signid.regression.session import Options
@@ -46,7 +46,7 @@ def residual(model: Model, recording: Recording, cutoff: float | None) -> Array:
     options = replace(Options(effects=()), cutoff=cutoff)
     session = prepare(own.robot, [recording], [recording], options)
     own = restrict_joints(own, [recording])[0]
-    return np.asarray(residuals(session.task, own, session.held_out).rest)
+    return np.asarray(residual_rows(session.task, own, session.held_out).residual)
 
 
 def rms(x: Array) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 
 import signid
 from signid.diagnose import Diagnosis
-from signid.diagnose.extend.holdout import residuals
+from signid.diagnose.extend.holdout import residual_rows
 from signid.regression.prepare import prepare
 
 from .data import HELD_OUT, LOADED, UNLOADED, ur10e_model, ur10e_recording
@@ -58,7 +58,7 @@ def _unloaded_error(cutoff: float) -> Array:
     options = signid.Options(effects=(), cutoff=cutoff)
     model, held_out = ur10e_model(), ur10e_recording(HELD_OUT)
     session = prepare(model.robot, [held_out], [held_out], options)
-    rest = residuals(session.task, model, session.held_out).rest
+    rest = residual_rows(session.task, model, session.held_out).residual
     return np.sqrt(np.nanmean(rest**2, axis=0))
 
 

@@ -1,23 +1,23 @@
-"""Simulation and recordings -> where they differ, why, and the simulation that lacks nothing more.
+"""Compare a simulation with recordings: locate the mismatch, name the missing physics, extend the simulation.
 
-Torque that the simulation leaves unexplained is located: at which joint, on what it depends, in which region. Then
-every law of `signid.effects` is tried at every joint, several together, and held against torque that depends on a
-position, a velocity, an acceleration, a torque or time in a way that no law explains.
+The residual torque is located: at which joint, on which variable it depends, in which region. Then every law of
+`signid.effects` is tried at every joint, also several together, against dependences on a position, a velocity, an
+acceleration, a torque or time that no law explains.
 
-What is found is a `Diagnosis`. Its `causes` are what the simulation lacks: each a `Finding`, a law with numbers,
-standard deviations, a probability, and `alternatives` that explain the same, with the motion that would tell them
-apart. Its `model` is the simulation with what it lacked, judged on recordings that took no part. `flags` say what not
-to trust.
+The result is a `Diagnosis`. Its `causes` are the missing laws: each is a `Finding` with numbers, standard deviations, a
+probability, and `alternatives` with the motion that would separate them. Its `model` is the extended simulation,
+evaluated on held-out recordings. Its `flags` name the results that are unreliable.
 
-The way of the data, as `run` goes it:
+Data flow, in the order of `run`:
 
-- `data`: recordings to rows of all hypotheses, their noise and its whitening;
-- `evidence`: rows to normal equations, likelihood, prior, Bayes factors and posterior odds;
-- `extend`: laws and numbers to the extended simulation, and its residuals;
-- `search`: evidence to the selected laws, step by step, with shapes, relinearisation and pruning;
-- `findings`: the selected laws to what is reported, and to the extended simulation that is handed out.
+- `preparation`: session, recording faults and dataset;
+- `data`: rows of all hypotheses, their noise and its whitening;
+- `evidence`: normal equations, likelihood, prior, Bayes factors and posterior odds;
+- `search`: selected laws, by stepwise search, shape optimisation, relinearisation and pruning;
+- `extend`: extended simulation and its residuals;
+- `findings`: verdict, findings, and the extended simulation that is returned.
 
-The model behind it, with formulas and sources, is `README.md` in this folder.
+`README.md` in this folder states the model with formulas and sources.
 """
 
 import sys

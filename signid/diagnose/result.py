@@ -65,8 +65,8 @@ class Diagnosis(Frozen):
     tolerance: float  # largest residual that counts as no difference, as a share of torque [1]
     before: Fit
     after: Fit
-    learned: Course  # torque of both simulations on the training data
-    judged: Course  # torque of both simulations on the held-out data
+    train: Course  # both simulations on what was learned from
+    held_out: Course  # and on what was held out
     rollout_before: RollOut | None
     rollout_after: RollOut | None
     model: Model  # the extended simulation

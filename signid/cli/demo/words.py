@@ -12,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ...diagnose import Diagnosis
-from ...diagnose.findings.findings import UNSURE
+from ...diagnose.findings.thresholds import UNSURE
 from ...effects.naming import law_name
 from ...output.report import figure, with_interval
 from ...output.report.diagnosis.document import law_numbers

@@ -145,11 +145,11 @@ class Posterior(Frozen):
         """
         factors, prior_scale = self.evidence.log_bayes_factors(selected, dispersion, without)
         grids, taken = self._grids, {group.claim.key for group in selected if group is not without}
-        log_factor = np.where(np.isfinite(factors), factors, -np.inf)[grids.members]
-        highest = np.maximum.reduceat(log_factor, grids.starts)
+        log_bayes_factor = np.where(np.isfinite(factors), factors, -np.inf)[grids.members]
+        highest = np.maximum.reduceat(log_bayes_factor, grids.starts)
         shown = np.isfinite(highest)
-        share = np.exp(log_factor - np.repeat(np.where(shown, highest, 0.0), grids.counts))
-        best = np.flatnonzero(log_factor == np.repeat(highest, grids.counts))
+        share = np.exp(log_bayes_factor - np.repeat(np.where(shown, highest, 0.0), grids.counts))
+        best = np.flatnonzero(log_bayes_factor == np.repeat(highest, grids.counts))
         first = best[np.searchsorted(best, grids.starts)]
         mean = np.where(shown, np.add.reduceat(share, grids.starts) / grids.counts, 1.0)
         log = highest + np.log(mean) + grids.priors - np.log(PRIOR_NOTHING)

@@ -1,1 +1,1 @@
-"""Laws and numbers -> the extended simulation, and its residuals on held-out recordings."""
+"""Extended simulation: selected laws and refitted numbers added to the simulation, and the residuals that remain."""

@@ -1,4 +1,4 @@
-"""A simulation and what it lacks -> the extended simulation."""
+"""Build the extended simulation: refitted numbers and additional laws."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from ..data.normal_equations import Fitted
 from ..data.whitened_rows import columns_of
 from .bodies import is_possible, move_bodies
 
-SOFT = 0.02  # share of a body's mass and first moment that may change where its inertia is impossible
-FIRM = 0.1  # share of their tolerance by which other bodies may change for that
+CHANGED_BODY_STD = 0.02  # std of a changed body's mass and first moment, over their change [1]; heuristic
+OTHER_BODY_STD = 0.1  # std of the other bodies, over their tolerance, in the same projection [1]; heuristic
 
 
 def extend(
     model: Model, refitted: Sequence[Group], fit: Fitted, laws: Sequence[Law], base: BaseMap | None = None
 ) -> Model:
-    """The simulation with its own numbers refitted, and more laws.
+    """Refit numbers of the simulation and add laws.
 
-    A law that the simulation has at the same joints becomes the sum of both. Inertials move where the recordings say
-    that they are wrong, as far as real bodies could.
+    A law that the simulation has already at the same joints becomes the sum of both. Refitted inertials stay physically
+    consistent.
 
     Args:
         model: the simulation.
-        refitted: what was refitted, as laid out.
-        fit: the fit.
-        laws: to be added, with all their numbers.
-        base: which combinations of inertial parameters torque shows; of the robot's rigid bodies.
+        refitted: column groups of the numbers to refit, in the order of the columns.
+        fit: coefficients of these groups.
+        laws: laws to add, with all their numbers.
+        base: base parameters of the rigid bodies; None: built here.
     """
     steps = iter([fit.value[fit.place(group)] for group in refitted if group.law is not None])
     moved = [_moved(law, next(steps)) if is_refitted(law) else law for law in model.laws] if refitted else [*model.laws]
@@ -43,81 +43,83 @@ def extend(
     if len(bodies):
         step, spread = fit.value[bodies].reshape(inertials.shape), fit.covariance[np.ix_(bodies, bodies)]
         inertials = move_bodies(base or build_base(model.robot), inertials, step, spread)
-    return _possible(model, Model(model.robot, inertials, extended_laws(own, laws)), base)
+    return _with_consistent_bodies(model, Model(model.robot, inertials, extended_laws(own, laws)), base)
 
 
 def extended_laws(known: Sequence[Law], laws: Sequence[Law]) -> tuple[Law, ...]:
-    """Laws with more of them: one at the same joints becomes the sum of both.
+    """Add laws to others; laws of the same effect, joints and shape become one with the sum of their numbers.
 
     Args:
-        known: laws, with all their numbers.
-        laws: to be added.
+        known: laws with all their numbers.
+        laws: laws to add.
     """
     own = [*known]
     for law in laws:
-        law, own = _folded(law, own)
+        law, own = _merged(law, own)
         same = [k for k, other in enumerate(own) if _adds(law, other)]
         if same:
             stated = law.effect.filled(own[same[0]].parameters)
-            sizes = {
+            contributions = {
                 key: stated[key] + x
                 for key, x in law.effect.filled(law.parameters).items()
                 if key in law.effect.linear()
             }
-            own[same[0]] = replace(law, parameters={**law.parameters, **sizes})
+            own[same[0]] = replace(law, parameters={**law.parameters, **contributions})
         else:
             own.append(law)
-    return tuple(law for one in own for law in _physical(one))
+    return tuple(law for one in own for law in _positive(one))
 
 
-def _physical(law: Law) -> tuple[Law, ...]:
-    """The law with numbers that physics wants positive at zero at least; none where nothing of it stays."""
+def _positive(law: Law) -> tuple[Law, ...]:
+    """Raise negative numbers of positive parameters to zero; drop the law if all its numbers become zero."""
     kinds = law.effect.linear()
     low = {key: 0.0 for key, x in law.parameters.items() if key in kinds and kinds[key].positive and x < 0}
     mended = replace(law, parameters={**law.parameters, **low})
     return (mended,) if not low or any(mended.parameters[key] for key in kinds) else ()
 
 
-def _possible(given: Model, model: Model, base: BaseMap | None) -> Model:
-    """The model; where laws of bodies make impossible ones of possible ones, they are folded into the nearest possible.
+def _with_consistent_bodies(given: Model, model: Model, base: BaseMap | None) -> Model:
+    """Replace body laws that make consistent bodies inconsistent by the nearest consistent bodies.
 
     Args:
         given: the simulation.
-        model: the extended one.
-        base: which combinations of inertial parameters torque shows; of the robot's rigid bodies.
+        model: the extended simulation.
+        base: base parameters of the rigid bodies; None: built here.
     """
     changes = [law for law in model.laws if law.effect.name in ("link_inertia", "payload")]
     total = model.whole_inertials() if changes else model.inertials
     if not changes or is_possible(given.whole_inertials(), total):
         return model
     step, kept = total - model.inertials, tuple(law for law in model.laws if law not in changes)
-    spread = np.diag(FIRM**2 * tolerance(given).ravel() ** 2 + _softness(step).ravel() ** 2)
+    spread = np.diag(OTHER_BODY_STD**2 * tolerance(given).ravel() ** 2 + _step_std(step).ravel() ** 2)
     return Model(model.robot, move_bodies(base or build_base(model.robot), model.inertials, step, spread), kept)
 
 
-def _softness(step: Array) -> Array:
-    """(nb, 10) how far changes of bodies may be off [kg, kg.m, kg.m2]: torque tells their inertia least.
+def _step_std(step: Array) -> Array:
+    """(nb, 10) standard deviation of body changes in the projection [kg, kg.m, kg.m2]; large for inertia.
 
     Args:
         step: (nb, 10) the changes [kg, kg.m, kg.m2].
     """
     mass, moment = np.abs(step[:, :1]), np.linalg.norm(step[:, 1:4], axis=1, keepdims=True)
     inertia = moment**2 / np.maximum(mass, 1e-12)
-    return np.repeat(np.concatenate([SOFT * mass, SOFT * moment, inertia], axis=1), (1, 3, 6), axis=1)
+    return np.repeat(
+        np.concatenate([CHANGED_BODY_STD * mass, CHANGED_BODY_STD * moment, inertia], axis=1), (1, 3, 6), axis=1
+    )
 
 
 def inertial_places(refitted: Sequence[Group], fit: Fitted) -> Indices:
-    """(10 nb,) where the inertials of all bodies stand among what was fitted; none where they are trusted.
+    """(10 nb,) positions of the inertials of all bodies among the fitted columns; empty if inertials are not refitted.
 
     Args:
-        refitted: what was refitted, as laid out.
+        refitted: refitted column groups, in the order of the columns.
         fit: the fit.
     """
     return np.flatnonzero(np.isin(fit.which, columns_of([group for group in refitted if group.bodies])))
 
 
-def _folded(law: Law, own: list[Law]) -> tuple[Law, list[Law]]:
-    """A law with the numbers of plainer ones at its joints that it contains, and the laws without those."""
+def _merged(law: Law, own: list[Law]) -> tuple[Law, list[Law]]:
+    """Merge simpler laws at the same joints into a law that contains them; return it and the remaining laws."""
     numbers, rest = dict(law.parameters), list[Law]()
     for other in own:
         keys = law.effect.contains.get(other.effect.name, {})
@@ -138,7 +140,7 @@ def _moved(law: Law, step: Array) -> Law:
 
 
 def _adds(law: Law, other: Law) -> bool:
-    """Whether two laws are one with the sum of their numbers."""
+    """Whether two laws add up to one law with the sum of their numbers."""
     effect = law.effect
     same = effect.name == other.effect.name and law.joints == other.joints
     return (
@@ -149,11 +151,11 @@ def _adds(law: Law, other: Law) -> bool:
 
 
 def has_possible_numbers(group: Group, value: Array) -> bool:
-    """Whether a real robot could have the numbers of a hypothesis, added to those that the simulation states.
+    """Whether the numbers of a hypothesis, added to the stated ones, are physically possible.
 
     Args:
-        group: the hypothesis.
-        value: (size,) coefficients [of each].
+        group: columns of the hypothesis.
+        value: (size,) coefficients [units of the coefficients].
     """
     stated = group.claim.stated
     if stated is None:
@@ -166,11 +168,11 @@ def has_possible_numbers(group: Group, value: Array) -> bool:
 
 
 def read_laws(group: Group, value: Array) -> tuple[Law, ...]:
-    """The laws of a hypothesis with all their numbers.
+    """Laws of a hypothesis with all their numbers.
 
     Args:
-        group: the hypothesis.
-        value: (size,) coefficients [of each].
+        group: columns of the hypothesis.
+        value: (size,) coefficients [units of the coefficients].
     """
     out, at, numbers_of_all = list[Law](), 0, group.claim.numbers @ value
     for law in group.claim.laws:

@@ -1,4 +1,4 @@
-"""A simulation, recordings -> how much torque it predicts, on what was learned from and on what was held out."""
+"""Residuals of a simulation on the training and the held-out recordings."""
 
 from __future__ import annotations
 
@@ -20,90 +20,93 @@ from ..data.noise import Noise
 from ..data.rows import standstill
 
 
-class Rows(NamedTuple):
-    """M rows of some recordings, through the filter of the rows; NaN where none counts."""
+class ResidualRows(NamedTuple):
+    """M low-passed and decimated rows of some recordings; NaN in rows that do not count."""
 
     pieces: tuple[Piece, ...]
     thin: Decimator
-    rest: Array  # (M, n) [N.m or N] measured - predicted
+    residual: Array  # (M, n) [N.m or N] measured - predicted
     torque: Array  # (M, n) [N.m or N] measured
-    unsure: Array  # (M, n) [N.m or N] near reversals, standard deviation
+    reversal_std: Array  # (M, n) [N.m or N] standard deviation near velocity reversals
 
     def irreducible_std(self, noise: Noise, least: float = 0.0) -> Array:
-        """(M, n) [N.m or N] standard deviation of all that no simulation could predict.
+        """(M, n) [N.m or N] standard deviation that no simulation could predict.
 
         Args:
-            noise: of the rows.
-            least: of what is presumed near reversals, where no more is seen [1].
+            noise: noise of the rows.
+            least: least multiple of `reversal_std` that counts [1].
         """
-        return np.asarray(np.hypot(noise.saturated_floor, np.maximum(noise.reversal_scale, least) * self.unsure))
+        return np.asarray(np.hypot(noise.saturated_floor, np.maximum(noise.reversal_scale, least) * self.reversal_std))
 
 
-class Shown(NamedTuple):
-    """What a simulation predicts of the recordings of a session."""
+class Prediction(NamedTuple):
+    """A simulation and its residuals on the recordings of a session."""
 
     model: Model
-    learned: Rows
-    judged: Rows  # held out
+    train: ResidualRows
+    held_out: ResidualRows
 
 
-class Proof(NamedTuple):
-    """A simulation before and after."""
+class Comparison(NamedTuple):
+    """Residuals before and after the extension."""
 
     before: Fit
     after: Fit
-    learned: Course
-    judged: Course  # held out
+    train: Course
+    held_out: Course
 
 
-def show(session: Session, model: Model) -> Shown:
-    """Rows of a simulation in training and held out.
+def predict(session: Session, model: Model) -> Prediction:
+    """Predict the training and the held-out recordings.
 
     Args:
         session: recordings and band.
         model: the simulation.
     """
-    return Shown(model, *(residuals(session.task, model, parts) for parts in (session.train, session.held_out)))
-
-
-def fit_of(shown: Shown, noise: Noise, floor: Array) -> Fit:
-    """Residual rms of a simulation in training and held out, beside what no simulation could predict.
-
-    Args:
-        shown: its rows.
-        noise: noise of the rows.
-        floor: (n,) [N.m or N] rms of white measurement noise in the band.
-    """
-    held = shown.judged
-    irreducible = rms_of(held.irreducible_std(noise))
-    return fit_rows(shown.model.robot, held.rest, held.torque, floor, shown.learned.rest, irreducible)
-
-
-def prove(before: Shown, after: Shown, noise: Noise, floor: Array) -> Proof:
-    """What a simulation left of the recordings, and what it leaves with what it lacked.
-
-    Args:
-        before: the simulation as it was.
-        after: the extended one.
-        noise: of the rows.
-        floor: (n,) [N.m or N] rms of white measurement noise in the band.
-    """
-    robot = after.model.robot
-    return Proof(
-        fit_of(before, noise, floor),
-        fit_of(after, noise, floor),
-        course_of(before.learned, after.learned, robot),
-        course_of(before.judged, after.judged, robot),
+    return Prediction(
+        model, *(residual_rows(session.task, model, parts) for parts in (session.train, session.held_out))
     )
 
 
-def course_of(before: Rows, after: Rows, robot: Robot) -> Course:
-    """What one simulation and another leave of the same recordings.
+def fit_of(prediction: Prediction, noise: Noise, floor: Array) -> Fit:
+    """Residual rms in training and held out, with the irreducible rms.
 
     Args:
-        before: rows of the one.
-        after: rows of the other.
-        robot: gives the joints.
+        prediction: residuals of the simulation.
+        noise: noise of the rows.
+        floor: (n,) [N.m or N] rms of white measurement noise in the band.
+    """
+    held_out = prediction.held_out
+    irreducible = rms_of(held_out.irreducible_std(noise))
+    robot, train = prediction.model.robot, prediction.train
+    return fit_rows(robot, held_out.residual, held_out.torque, floor, train.residual, irreducible)
+
+
+def compare(before: Prediction, after: Prediction, noise: Noise, floor: Array) -> Comparison:
+    """Compare the given and the extended simulation.
+
+    Args:
+        before: residuals of the given simulation.
+        after: residuals of the extended simulation.
+        noise: noise of the rows.
+        floor: (n,) [N.m or N] rms of white measurement noise in the band.
+    """
+    robot = after.model.robot
+    return Comparison(
+        fit_of(before, noise, floor),
+        fit_of(after, noise, floor),
+        course_of(before.train, after.train, robot),
+        course_of(before.held_out, after.held_out, robot),
+    )
+
+
+def course_of(before: ResidualRows, after: ResidualRows, robot: Robot) -> Course:
+    """Residuals of two simulations over time, on the same recordings.
+
+    Args:
+        before: rows of the first simulation.
+        after: rows of the second simulation.
+        robot: the robot, for its joints.
     """
     thin, motions = before.thin, [piece.motion for piece in before.pieces]
     lengths = [len(thin.at(motion.t)) for motion in motions]
@@ -121,39 +124,40 @@ def course_of(before: Rows, after: Rows, robot: Robot) -> Course:
         q=joined([motion.q for motion in motions]),
         v=joined([motion.v for motion in motions]),
         torque=before.torque,
-        before=before.rest,
-        after=after.rest,
+        before=before.residual,
+        after=after.residual,
     )
 
 
-def residuals(task: Task, model: Model, parts: Sequence[Part]) -> Rows:
-    """What a simulation leaves of some recordings. Where a joint stands still, friction may be anything.
+def residual_rows(task: Task, model: Model, parts: Sequence[Part]) -> ResidualRows:
+    """Residuals of a simulation; rows where a joint stands still do not count, since friction is undetermined there.
 
     Args:
-        task: gives the band and the width of a reversal.
+        task: band and width of a reversal.
         model: the simulation.
         parts: recordings and their sampling.
 
     Raises:
         RecordingError: no stretch is as long as the filter.
     """
-    thin, found = row_filter(task), tuple(pieces(task, model, parts))
-    if not found:
+    thin, stretches = row_filter(task), tuple(pieces(task, model, parts))
+    if not stretches:
         raise RecordingError(
             f"no stretch of the held-out recordings is as long as the filter for {task.band.cutoff:.3g} Hz; hold out "
             f"more with --held-out, or raise the cut-off"
         )
-    rest, torque = (np.concatenate(x) for x in zip(*(filtered(piece, thin) for piece in found), strict=True))
-    return Rows(found, thin, rest, torque, reversal_uncertainty(thin, found, stated_friction(model)))
+    residual, torque = (np.concatenate(x) for x in zip(*(filtered(piece, thin) for piece in stretches), strict=True))
+    reversal_std = reversal_uncertainty(thin, stretches, stated_friction(model))
+    return ResidualRows(stretches, thin, residual, torque, reversal_std)
 
 
 def filtered(piece: Piece, thin: Decimator) -> tuple[Array, Array]:
     """Rows of one piece: (M, n) residual and (M, n) measured torque [N.m or N]; NaN where a joint stands still.
 
     Args:
-        piece: a motion with its residual.
-        thin: the filter of the rows.
+        piece: motion with its residual.
+        thin: low-pass filter of the rows.
     """
     still = thin.at(standstill(piece.motion, thin)) > 0
-    rest = np.where(still, np.nan, thin(piece.residual))
-    return rest, rest + thin(np.asarray(piece.motion.predicted))
+    residual = np.where(still, np.nan, thin(piece.residual))
+    return residual, residual + thin(np.asarray(piece.motion.predicted))

@@ -1,1 +1,1 @@
-"""Selected laws -> what is reported: alternatives, verdict, numbers, intervals, held-out selection."""
+"""Findings: verdict, alternatives, held-out selection, intervals, and the extended simulation that is returned."""

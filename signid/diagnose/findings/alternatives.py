@@ -1,48 +1,51 @@
-"""Selected hypotheses -> how sure each is, and what else could stand in its place."""
+"""Probability of each selected law against its rivals, and replacement of improbable laws."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from ...deadline import time_is_up
 from ...estimation.excitation import in_step
-from ...regression.projection import RANK, leave
-from ...types import Array
+from ...types import Array, Frozen
 from ..data.column_groups import Group
 from ..data.dataset import Dataset
 from ..data.hypotheses import Key
 from ..evidence.likelihood import Likelihood
-from ..evidence.posterior_odds import Odds, Posterior
+from ..evidence.posterior_odds import Odds
 from ..evidence.selection import Selection
-from ..search.contributions import Sizes, measure_sizes
-from ..search.feasible import is_sound
-from ..search.inertial_check import relieved
+from ..search.admissible import is_admissible
+from ..search.contributions import Contributions, measure_contributions
+from ..search.inertial_check import resolved_violations
 from ..search.steady import steadiness
-from ..search.stepwise import SEARCH, is_founded, laws_there
+from ..search.stepwise import SEARCH, is_applicable, present_laws
 from .contender import CLIP, Contender
+from .rival_torque import residual_energies
+from .thresholds import (
+    CHECKED_LOG_ODDS,
+    FORMULA_ERROR,
+    LEAST_PROBABILITY,
+    LISTED_PROBABILITY,
+    MOST_IN_STEP,
+    REPLACEMENT_RATIO,
+    REPLACEMENT_ROUNDS,
+    RIVAL_SHARE,
+    SAME_TORQUE_CHI2,
+)
 
-NOTABLE = 0.03  # probability from which on a rival is listed
-NEAR = 4.0  # log odds behind the likeliest, up to which a rival must be physically possible to count
-ROUNDS, DOUBT, LIKELIER = 12, 0.2, 1.5  # of settling; probability of what goes; times as likely, to take its place
-FAR = 40.0  # log odds behind an effect that no rival falls that leaves nothing of it
-HALF = 0.5  # share of an effect that a rival may leave to be listed
-INEXACT = 0.2  # share of a real law's torque that its formula misses
-MOST_IN_STEP = float(np.log(0.95 / 0.05))  # log odds of laws of joints that moved in step: a probability of .95
-SAME = 4.0  # variance units: what a rival leaves of an effect, up to which nothing tells them apart
 
-
-class _Rows(NamedTuple):
-    """A variance of the rows, and the odds of everything beside all hypotheses at that variance."""
+class _OddsBeside(NamedTuple):
+    """Odds of every hypothesis in addition to all selected laws, at one variance of the rows."""
 
     dispersion: Array  # (n,) variance of the whitened residual [1]
-    beside: Mapping[Key, Odds]
+    odds: Mapping[Key, Odds]
 
 
-def limit_in_step(dataset: Dataset, contenders: Sequence[Contender]) -> tuple[Contender, ...]:
+def limit_in_step(dataset: Dataset, contenders: Collection[Contender]) -> tuple[Contender, ...]:
     """Limit the probability of laws of joints that moved in step: the state of one joint follows from another's.
 
     Args:
@@ -63,148 +66,147 @@ def _follows(group: Group, joints: Collection[int]) -> bool:
     return any(set(own) & set(joints) if len(own) <= 2 else set(own) <= set(joints) for own in acting)
 
 
-def rank_contenders(dataset: Dataset, found: Selection) -> tuple[Contender, ...]:
-    """Each in turn against all others in its place; what a rival would gain beside it anyway does not count for it.
+def rank_contenders(dataset: Dataset, selection: Selection) -> tuple[Contender, ...]:
+    """Compare each selected law with every hypothesis in its place.
 
-    Where the given model is k times further off than its covariance says, laws that explain the same torque are
-    compared at k^2 times the variance of the rows: they are formulas of the same kind, with errors of that size.
-
-    Source: Birge, Phys. Rev. 40, 1932 (k); Miller, Dunson, J. Am. Stat. Assoc. 114, 2019 (approximate models).
-    """
-    scales = [1.0, found.prior_scale] if found.evidence.informed and found.prior_scale > 1 else [1.0]
-    rows = [
-        _Rows(found.dispersion * k**2, found.posterior.odds(found.selected, found.dispersion * k**2)[0]) for k in scales
-    ]
-    sizes = measure_sizes(found.evidence, found.selected, found.dispersion, found.prior_scale)
-    likelihood = Likelihood(dataset, found.evidence, found)
-    rest = dataset.remaining(found.data, sizes.fit)
-    contenders = (_contender(found, group, rows, sizes, likelihood) for group in found.selected)
-    return tuple(replace(one, steadiness=steadiness(found.posterior, sizes, rest, one.group)) for one in contenders)
-
-
-def replace_weak(dataset: Dataset, found: Selection) -> tuple[Selection, tuple[Contender, ...]]:
-    """Without hypotheses that hardly anything speaks for; the likeliest rival in the place of each, where there is one.
+    The odds that a rival would gain in addition to the law are subtracted from its own. If the given model is k times
+    further off than its covariance says, laws that explain the same torque are compared at k^2 times the variance of
+    the rows: they are formulas of the same kind, with errors of that size.
 
     Args:
         dataset: rows.
-        found: the selected laws.
+        selection: the selected laws.
+
+    Source: Birge, Phys. Rev. 40, 1932 (k); Miller, Dunson, J. Am. Stat. Assoc. 114, 2019 (approximate models).
     """
-    gone = set[Key]()  # what was taken out does not come back
-    for _ in range(ROUNDS):
-        contenders = rank_contenders(dataset, found)
-        if time_is_up(SEARCH):
-            return found, contenders
-        weak = [one for one in contenders if one.probability + one.unknown < DOUBT or one.instead is not None]
-        if not weak:
-            return found, contenders
+    ranking = _Ranking(dataset, selection)
+    return tuple(ranking.contender(group) for group in selection.selected)
+
+
+def replace_weak(dataset: Dataset, selection: Selection) -> tuple[Selection, tuple[Contender, ...]]:
+    """Drop improbable laws one by one, or replace each by its most probable rival.
+
+    Args:
+        dataset: rows.
+        selection: the selected laws.
+    """
+    dropped = set[Key]()  # these do not come back
+    for _ in range(REPLACEMENT_ROUNDS):
+        contenders = rank_contenders(dataset, selection)
+        weak = [
+            one for one in contenders if one.probability + one.unknown < LEAST_PROBABILITY or one.instead is not None
+        ]
+        if time_is_up(SEARCH) or not weak:
+            return selection, contenders
         worst = min(weak, key=lambda contender: contender.probability)
-        rest, rival = found.without(worst.group), worst.instead
-        log = found.log_odds[worst.group]
-        gone.add(worst.group.claim.key)
-        possible = rival is not None and rival.claim.key not in gone and is_sound(rest, rival)
+        rest, rival = selection.without(worst.group), worst.instead
+        dropped.add(worst.group.claim.key)
+        possible = rival is not None and rival.claim.key not in dropped and is_admissible(rest, rival)
         better = [rival] if rival is not None and possible else []
-        if not better and worst.probability + worst.unknown > DOUBT:
-            return found, contenders
-        found = found.with_selected((*rest.selected, *better), {**found.log_odds, **dict.fromkeys(better, log)})
-    return found, rank_contenders(dataset, found)
+        if not better and worst.probability + worst.unknown > LEAST_PROBABILITY:
+            return selection, contenders
+        log_odds = {**selection.log_odds, **dict.fromkeys(better, selection.log_odds[worst.group])}
+        selection = selection.with_selected((*rest.selected, *better), log_odds)
+    return selection, rank_contenders(dataset, selection)
 
 
-def _contender(
-    found: Selection, group: Group, rows: Sequence[_Rows], sizes: Sizes, likelihood: Likelihood
-) -> Contender:
-    odds, logs = _instead(found, group, rows[0])
-    own = group.claim.key
-    rest = found.without(group)
-    certain = time_is_up(SEARCH) or relieved(found, rest, group)  # no discrepancy makes a heavy link possible
-    penalty = 0.0 if certain else likelihood.penalty(group)
-    log = (odds[own].log if own in odds else found.log_odds[group]) + penalty
-    left = _leftovers(found.posterior, group, odds, sizes)
-    for key in (key for key, o in odds.items() if o.best.claim.unknown):
-        logs[key] -= INEXACT**2 / 2 * left[own]
-    same = {key for key, x in left.items() if key != own and x <= max(HALF * left[own], SAME)}
-    log_at_scale = _instead(found, group, rows[1])[1] if len(rows) > 1 else {}
-    if own in logs and own in log_at_scale:
-        logs |= {key: logs[own] + log_at_scale[key] - log_at_scale[own] for key in same & log_at_scale.keys()}
-    logs = _possible(rest, odds, logs, own)
+@dataclass(frozen=True, eq=False)
+class _Ranking(Frozen):
+    """Comparison of selected laws with their rivals; all that they have in common is computed once."""
+
+    dataset: Dataset
+    selection: Selection
+
+    def contender(self, group: Group) -> Contender:
+        """Compare one selected law with every hypothesis in its place."""
+        selection, own = self.selection, group.claim.key
+        odds, logs = self._in_place(group, self._beside[0])
+        rest = selection.without(group)
+        evidence = (odds[own].log if own in odds else selection.log_odds[group]) + self._penalty(group, rest)
+        energy = residual_energies(selection.posterior, group, odds, self._contributions)
+        for key in (key for key, o in odds.items() if o.best.claim.unknown):
+            logs[key] -= FORMULA_ERROR**2 / 2 * energy[own]
+        limit = max(RIVAL_SHARE * energy[own], SAME_TORQUE_CHI2)
+        same = {key for key, x in energy.items() if key != own and x <= limit}
+        at_scale = self._in_place(group, self._beside[1])[1] if len(self._beside) > 1 else {}
+        if own in logs and own in at_scale:
+            logs |= {key: logs[own] + at_scale[key] - at_scale[own] for key in same & at_scale.keys()}
+        shares = _shares(_admissible(rest, odds, logs, own))
+        any_law = 1 / (1 + float(np.exp(-np.clip(evidence, -CLIP, CLIP))))
+        listed = {
+            key: odds[key].best
+            for key in sorted(shares, key=lambda key: -shares[key])
+            if key in same and (any_law * shares[key] > LISTED_PROBABILITY or energy[key] < SAME_TORQUE_CHI2)
+        }
+        return Contender(
+            group=group,
+            evidence=evidence,
+            shares=shares,
+            candidates=listed,
+            unexplained=sum(x for key, x in shares.items() if odds[key].best.claim.unknown),
+            instead=_replacement(odds, {key: any_law * x for key, x in shares.items()}, own),
+            steadiness=steadiness(selection.posterior, self._contributions, self._residual, group),
+            log_at_scale=at_scale.get(own, np.inf),
+        )
+
+    def _penalty(self, group: Group, rest: Selection) -> float:
+        """Log odds that a law loses because noise and discrepancy may explain its torque; 0 for a violated link [-]."""
+        certain = time_is_up(SEARCH) or resolved_violations(self.selection, rest, group)
+        return 0.0 if certain else self._likelihood.penalty(group)
+
+    def _in_place(self, group: Group, beside: _OddsBeside) -> tuple[dict[Key, Odds], dict[Key, float]]:
+        """Odds of every hypothesis in the place of a law, and their logs less what each gains beside the law [-]."""
+        selection, own = self.selection, group.claim.key
+        odds, _ = selection.posterior.odds(selection.selected, beside.dispersion, without=group)
+        odds = {key: o for key, o in odds.items() if key == own or len(o.best.claim.laws) <= 1}
+        gain = {key: max(0.0, beside.odds[key].log if key in beside.odds else 0.0) for key in odds}
+        return odds, {key: o.log - gain[key] for key, o in odds.items()}
+
+    @cached_property
+    def _beside(self) -> list[_OddsBeside]:
+        """Odds beside all laws at the variance of the rows, and at k^2 times it for a model with a covariance."""
+        own = self.selection
+        scales = [1.0, own.prior_scale] if own.evidence.informed and own.prior_scale > 1 else [1.0]
+        dispersions = [own.dispersion * k**2 for k in scales]
+        return [_OddsBeside(one, own.posterior.odds(own.selected, one)[0]) for one in dispersions]
+
+    @cached_property
+    def _contributions(self) -> Contributions:
+        own = self.selection
+        return measure_contributions(own.evidence, own.selected, own.dispersion, own.prior_scale)
+
+    @cached_property
+    def _likelihood(self) -> Likelihood:
+        return Likelihood(self.dataset, self.selection.evidence, self.selection)
+
+    @cached_property
+    def _residual(self) -> Array:
+        """(M, n) [N.m or N] residual of all selected laws."""
+        return self.dataset.remaining(self.selection.data, self._contributions.fit)
+
+
+def _shares(logs: Mapping[Key, float]) -> dict[Key, float]:
+    """Probabilities that add up to 1, from log odds [1]."""
     highest = max(logs.values())
     weight = {key: float(np.exp(x - highest)) for key, x in logs.items()}
     total = sum(weight.values())
-    share = {key: x / total for key, x in weight.items()}
-    some = 1 / (1 + float(np.exp(-np.clip(log, -CLIP, CLIP))))
-    listed = [key for key in same & share.keys() if some * share[key] > NOTABLE or left[key] < SAME]
-    candidates = {key: odds[key].best for key in share if key in listed}
-    unknown = sum(x for key, x in share.items() if odds[key].best.claim.unknown)
-    others = {key: some * x for key, x in share.items() if key != own and not odds[key].best.claim.unknown}
+    return {key: x / total for key, x in weight.items()}
+
+
+def _replacement(odds: Mapping[Key, Odds], probability: Mapping[Key, float], own: Key) -> Group | None:
+    """Most probable rival with a law, if it is clearly more probable than the selected law."""
+    others = {key: x for key, x in probability.items() if key != own and not odds[key].best.claim.unknown}
     first = max(others, key=lambda key: others[key], default=own)
-    likelier = others.get(first, 0.0) > max(LIKELIER * some * share.get(own, 0.0), DOUBT)
-    return Contender(
-        group=group,
-        evidence=log,
-        shares=share,
-        candidates=dict(sorted(candidates.items(), key=lambda item: -share[item[0]])),
-        unexplained=unknown,
-        instead=odds[first].best if likelier else None,
-        log_at_scale=log_at_scale.get(own, np.inf),
-    )
+    needed = max(REPLACEMENT_RATIO * probability.get(own, 0.0), LEAST_PROBABILITY)
+    return odds[first].best if others.get(first, 0.0) > needed else None
 
 
-def _instead(found: Selection, group: Group, rows: _Rows) -> tuple[dict[Key, Odds], dict[Key, float]]:
-    """Everything in the place of a hypothesis, and its log odds there, less what it would gain beside it."""
-    odds, _ = found.posterior.odds(found.selected, rows.dispersion, without=group)
-    own, beside = group.claim.key, rows.beside
-    odds = {key: o for key, o in odds.items() if key == own or len(o.best.claim.laws) <= 1}
-    return odds, {key: o.log - max(0.0, beside[key].log if key in beside else 0.0) for key, o in odds.items()}
-
-
-def _possible(rest: Selection, odds: Mapping[Key, Odds], logs: Mapping[Key, float], own: Key) -> dict[Key, float]:
-    """The log odds without rivals that change what is not there, or near the likeliest and not physically possible."""
-    there = laws_there(rest)
-    some = {key for key in logs if key == own or odds[key].best.claim.unknown or is_founded(odds[key].best, there)}
-    logs = {key: x for key, x in logs.items() if key in some}
-    least = max(logs.values()) - NEAR
+def _admissible(rest: Selection, odds: Mapping[Key, Odds], logs: Mapping[Key, float], own: Key) -> dict[Key, float]:
+    """Drop rivals that change absent laws, and inadmissible ones near the most probable; dependences always stay."""
+    present = present_laws(rest)
+    kept = {key for key in logs if key == own or odds[key].best.claim.unknown or is_applicable(odds[key].best, present)}
+    logs = {key: x for key, x in logs.items() if key in kept}
+    least = max(logs.values()) - CHECKED_LOG_ODDS
     near = [key for key, x in logs.items() if x > least and key != own and not odds[key].best.claim.unknown]
-    impossible = [key for key in near if not is_sound(rest, odds[key].best)]
-    return {key: x for key, x in logs.items() if key not in impossible}
-
-
-def _is_twin(posterior: Posterior, group: Group, rival: Group) -> bool:
-    """Whether another law at the same place is hard to tell from a hypothesis, as its effect says, at any size."""
-    name, joints = rival.claim.key
-    if joints != group.claim.key[1] or name not in group.claim.laws[0].effect.twins:
-        return False
-    prior = posterior.evidence.coefficient_priors[rival]
-    return prior is not None and not prior.mean
-
-
-def _leftovers(posterior: Posterior, group: Group, odds: Mapping[Key, Odds], sizes: Sizes) -> dict[Key, float]:
-    """What rivals of some weight leave of a torque, sum of squares [variance of noise]; its own key: all of it."""
-    data, own = posterior.evidence.data, group.claim.key
-    joints = set(data.rows(group))
-    torque = {j: data.part(j, group) @ sizes.value[group] for j in range(data.joints)}
-    energy = {j: float(x @ x) for j, x in torque.items()}
-    least = odds[own].log - FAR if own in odds else -np.inf
-    out = {own: max(sum(energy.values()), 1e-300)}
-    for key, rival in odds.items():
-        twin, there = _is_twin(posterior, group, rival.best), data.rows(rival.best)
-        if rival.best.claim.unknown or (rival.log < least and not twin) or joints.isdisjoint(there):
-            continue
-        elsewhere = sum(x for j, x in energy.items() if j not in there)
-        if key != own and (twin or elsewhere < SAME):
-            out[key] = elsewhere + _left(posterior, rival.best, torque)
-    return out
-
-
-def _left(posterior: Posterior, rival: Group, torque: Mapping[int, Array]) -> float:
-    """Sum of squares that a rival and the refitted laws leave of some torque, on the rival's joints."""
-    data, prior = posterior.evidence.data, posterior.evidence.coefficient_priors[rival]
-    joints = data.rows(rival)
-    own = np.concatenate([data.part(j, rival) for j in joints])
-    target = np.concatenate([torque[j] for j in joints])
-    if prior is not None and prior.mean:  # it is there or not
-        target, own = target - own.sum(axis=1), own[:, :0]
-    wide = [group for group in data.refitted if not group.bodies and len(data.rows(group)) > 1]
-    columns = np.concatenate([own, *(np.concatenate([data.part(j, group) for j in joints]) for group in wide)], axis=1)
-    parts = zip(joints, np.split(np.column_stack([target, columns]), len(joints)), strict=True)
-    free = np.concatenate([data.free(j, part) for j, part in parts])
-    told = np.linalg.norm(free[:, 1:], axis=0) > RANK * np.linalg.norm(columns, axis=0)
-    return float(np.sum(leave(free[:, 0], free[:, 1:][:, told]) ** 2))
+    inadmissible = [key for key in near if not is_admissible(rest, odds[key].best)]
+    return {key: x for key, x in logs.items() if key not in inadmissible}

@@ -1,4 +1,4 @@
-"""A fit -> the covariance of the extended model."""
+"""Covariance of the base parameters and laws of the extended simulation."""
 
 from __future__ import annotations
 
@@ -12,24 +12,23 @@ from ...robot.dynamics import own_body
 from ...types import INERTIAL, Array, Law
 from ..data.hypotheses import is_refitted
 from ..data.whitened_rows import columns_of
-from ..evidence.bayes_factors import Evidence
 from ..evidence.knowledge import law_parameter_columns, parameter_columns
 from ..evidence.selection import Selection
-from .held_out_selection import Extended
+from .held_out_selection import ExtendedSimulation
 
 
-def covariance_after(model: Model, evidence: Evidence, found: Selection, extended: Extended) -> Covariance:
-    """The covariance of base parameters and laws of the extended simulation, about what it states.
+def extended_covariance(model: Model, selection: Selection, extended: ExtendedSimulation) -> Covariance:
+    """Covariance of base parameters and laws of the extended simulation, about its own numbers.
 
-    Where numbers were not refitted though the recordings would have moved them, the square of that step is added.
+    For numbers that keep their stated values, the square of the step that the fit would have made is added.
 
     Args:
         model: the extended simulation.
-        evidence: rows.
-        found: the selected laws.
-        extended: what was handed out.
+        selection: the selected laws.
+        extended: what the extended simulation contains.
     """
-    fit = evidence.fit(found.selected, found.dispersion, max(found.prior_scale, 1.0))
+    evidence = selection.evidence
+    fit = evidence.fit(selection.selected, selection.dispersion, max(selection.prior_scale, 1.0))
     linear = [law for law in model.laws if _is_base_law(law)]
     base = build_base(model.robot, linear)
     place = {label.name: k for k, label in enumerate(base.labels)}
@@ -48,7 +47,7 @@ def covariance_after(model: Model, evidence: Evidence, found: Selection, extende
             share[place[f"{name}_{body}"], fit.place(group)] = row
     mixed = base.combination @ share
     matrix = mixed @ fit.covariance @ mixed.T
-    moved = np.isin(fit.which, columns_of([*found.selected, *extended.refitted]))
+    moved = np.isin(fit.which, columns_of([*selection.selected, *extended.refitted]))
     step = mixed @ np.where(moved, 0.0, fit.value)
     matrix = matrix + np.outer(step, step)
     values = base.combination @ np.concatenate([model.inertials.ravel(), *(_coefficients(law) for law in linear)])
@@ -58,14 +57,13 @@ def covariance_after(model: Model, evidence: Evidence, found: Selection, extende
 
 
 def _is_base_law(law: Law) -> bool:
+    """Whether a law is linear in its numbers, so that these are base parameters."""
     effect = law.effect
-    plain = effect.scope == "joint" and not effect.shape(law.parameters)
-    return (
-        plain
-        and is_refitted(law)
-        and effect.coefficients(effect.example) == [effect.example[k] for k in effect.linear()]
-    )
+    if effect.scope != "joint" or effect.shape(law.parameters) or not is_refitted(law):
+        return False
+    return bool(effect.coefficients(effect.example) == [effect.example[key] for key in effect.linear()])
 
 
 def _coefficients(law: Law) -> Array:
+    """Linear coefficients of a law."""
     return np.array(law.effect.coefficients(law.parameters)[: coefficient_count(law)])

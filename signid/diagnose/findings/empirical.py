@@ -1,4 +1,4 @@
-"""Torque that no law explains -> a piecewise linear function of what it depends on, where that foretells."""
+"""Empirical torque: a piecewise linear function of one variable, for torque that no law explains."""
 
 from __future__ import annotations
 
@@ -11,54 +11,53 @@ from ...effects.empirical import PLACES, VARIABLES
 from ...effects.law import law_columns
 from ...regression.session import Session
 from ...types import Array, Law
-from ..extend.holdout import Rows, show
+from ..extend.holdout import ResidualRows, predict
 from ..result import Unexplained
-from .findings import Result
-
-ENOUGH = 0.3  # share of the held-out sum of squares that such a function must take away
-CORRELATED = 4.0  # rows for one that tells something of its own
+from .findings import Conclusions
+from .thresholds import CORRELATED_ROWS, EMPIRICAL_GAIN
 
 
-def model_rest(session: Session, result: Result) -> Result:
-    """The same with what no law explains in the simulation, as far as it holds on what was held out.
+def add_empirical_torque(session: Session, result: Conclusions) -> Conclusions:
+    """Add empirical torque to the extended simulation where it predicts the held-out rows.
 
     Args:
         session: recordings.
-        result: the extended simulation, and the joints where it leaves torque.
+        result: extended simulation, and the joints with unexplained torque.
     """
-    shown, out, laws = result.shown, list[Unexplained](), list[Law]()
+    prediction, out, laws = result.prediction, list[Unexplained](), list[Law]()
     for one in result.unexplained:
         if one.place.variable not in VARIABLES:
             out.append(one)
             continue
-        law = _shape(shown.learned, one)
-        x, y = _columns(shown.learned, law), np.nan_to_num(shown.learned.rest[:, one.joint])
+        law = _empirical_law(prediction.train, one)
+        x, y = _columns(prediction.train, law), np.nan_to_num(prediction.train.residual[:, one.joint])
         gram = x.T @ x
-        value = np.linalg.solve(gram + CORRELATED * np.eye(len(gram)), x.T @ y)  # as large as what is left, at most
-        unseen = np.nan_to_num(shown.judged.rest[:, one.joint])
-        after = unseen - _columns(shown.judged, law) @ value
-        gain = 1 - float(after @ after) / max(float(unseen @ unseen), 1e-300)
-        modelled = gain > ENOUGH and not session.judges_itself
+        value = np.linalg.solve(gram + CORRELATED_ROWS * np.eye(len(gram)), x.T @ y)  # ridge: shrunk where rows are few
+        held_out = np.nan_to_num(prediction.held_out.residual[:, one.joint])
+        after = held_out - _columns(prediction.held_out, law) @ value
+        gain = 1 - float(after @ after) / max(float(held_out @ held_out), 1e-300)
+        modelled = gain > EMPIRICAL_GAIN and not session.judges_itself
         if modelled:
             values = {f"value_{k}": float(v) for k, v in zip(PLACES, value, strict=True)}
             laws.append(replace(law, parameters={**law.parameters, **values}))
         out.append(replace(one, held_out_gain=gain, modelled=modelled))
-    wider = replace(shown.model, laws=(*shown.model.laws, *laws))
-    return result._replace(shown=show(session, wider) if laws else shown, unexplained=tuple(out))
+    if laws:
+        prediction = predict(session, replace(prediction.model, laws=(*prediction.model.laws, *laws)))
+    return result._replace(prediction=prediction, unexplained=tuple(out))
 
 
-def _shape(rows: Rows, one: Unexplained) -> Law:
-    """The law with knots where the variable is."""
+def _empirical_law(rows: ResidualRows, one: Unexplained) -> Law:
+    """Empirical law without values, with knots between quantiles and equal distances of the variable."""
     index = VARIABLES.index(one.place.variable)
     motions = [piece.motion for piece in rows.pieces]
     signal = np.concatenate([(m.q, m.v, m.a, m.load)[index][:, one.joint] for m in motions])
     share = np.linspace(0, 1, len(PLACES))
-    knots = (np.quantile(signal, share) + signal.min() + share * np.ptp(signal)) / 2  # where rows are, none too near
-    knots = knots + np.arange(len(knots)) * 1e-9 * max(float(np.ptp(signal)), 1e-9)  # none twice
+    knots = (np.quantile(signal, share) + signal.min() + share * np.ptp(signal)) / 2  # near the rows, but not too close
+    knots = knots + np.arange(len(knots)) * 1e-9 * max(float(np.ptp(signal)), 1e-9)  # keeps knots distinct
     shape = {f"knot_{k}": float(x) for k, x in zip(PLACES, knots, strict=True)}
     return Law(EFFECTS["empirical"], (one.joint,), {"variable": float(index), **shape})
 
 
-def _columns(rows: Rows, law: Law) -> Array:
-    """(M, k) [1] of the law at the joint, through the filter of the rows."""
+def _columns(rows: ResidualRows, law: Law) -> Array:
+    """(M, k) low-passed columns of the law at its joint [1]."""
     return np.concatenate([rows.thin(law_columns(law, piece.motion)[1][:, 0]) for piece in rows.pieces])

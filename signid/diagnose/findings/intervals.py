@@ -1,4 +1,4 @@
-"""Laws that are selected -> the standard deviation of each of their numbers."""
+"""Standard deviations of the numbers of the selected laws."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.special import stdtrit
 
 from ...parameters import TWO_SIDED
@@ -18,60 +19,61 @@ from ..data.noise import has_full_window
 from ..data.normal_equations import Fitted, solve
 from ..data.whitened_rows import columns_of, total
 from ..evidence.selection import Selection
-from ..search.contributions import measure_sizes
+from ..search.contributions import measure_contributions
 from ..search.stepwise import inflated_dispersion
+from .thresholds import BLOCK_PERIODS, MOST_PARTS
 
-STEP = 1e-3  # of a number, for derivatives
-UNTOLD = 1e-8  # share of a number's torque that nothing else makes: less does not tell it
-BLOCK, PARTS = 8.0, 10  # periods of the cut-off in which the motion becomes another; parts at most
-LEVEL = 0.975  # of the distribution that intervals end at
-RIDGE = 1e-10  # of the diagonal
-FACTOR = ""  # the number of a law of which one factor of all numbers is unknown [1 of its value]
-Number = tuple[Law, str]  # one of the numbers of a law
-
-
-class Asked(NamedTuple):
-    """All numbers of all laws, beside what is refitted."""
-
-    slopes: dict[int, Array]  # per joint (M, d) [1 per unit of each number] whitened
-    beside: Fitted
-    beside_precision: Array  # (k, k) [1 per coefficient, squared] of the prior
-    precision: Array  # (d, d) [1 per unit of each number, squared] of the prior
-    dispersion: Array  # (n,) [1]
+STEP = 1e-3  # of the central differences, over the number [1]
+LEAST_STEP, LEAST_SHAPE_STEP = 1e-3, 1e-6  # size that a coefficient, a shape counts as at least in that step [its unit]
+UNIDENTIFIABLE = 1e-8  # share of a number's sum of squares that nothing else makes, below which its std is infinite [1]
+LEVEL = 0.975  # quantile at the upper end of a 95 % interval
+RIDGE = 1e-10  # over the diagonal of the normal equations [1]
+FACTOR = ""  # key of the one unknown factor of a law whose numbers are all scaled by it [1]
+Number = tuple[Law, str]  # a law and the key of one of its numbers
 
 
-def deviations(
-    dataset: Dataset, found: Selection, laws: Mapping[Group, tuple[Law, ...]]
+class _NumberModel(NamedTuple):
+    """Linear model of all numbers of all laws, beside the refitted columns."""
+
+    slopes: dict[int, Array]  # per joint (M, d) whitened change of torque with each number [1 per unit of the number]
+    beside: Fitted  # the refitted columns
+    beside_precision: Array  # (k, k) prior precision of these [1 per coefficient, squared]
+    precision: Array  # (d, d) prior precision of the numbers [1 per unit of each, squared]
+    dispersion: Array  # (n,) variance of the whitened residual [1]
+
+
+def standard_deviations(
+    dataset: Dataset, selection: Selection, laws: Mapping[Group, tuple[Law, ...]]
 ) -> dict[Group, list[dict[str, float]]]:
-    """Standard deviation of every number of each law, shapes too, while everything else is fitted beside.
+    """Standard deviation of every number of each law, shapes included, with everything else fitted beside.
 
-    Model error that the discrepancy does not cover repeats with the motion: where numbers vary more when parts of the
-    recordings are left out than white rows would let them, the larger deviation holds.
+    Model error repeats with the motion and biases numbers more than white noise. Therefore the jackknife over parts of
+    the recordings counts where it gives the larger deviation.
 
     Args:
-        dataset: gives the motions.
-        found: the selected laws.
-        laws: of each hypothesis, with all their numbers.
+        dataset: motions and rows.
+        selection: the selected laws.
+        laws: laws of each hypothesis, with all their numbers.
 
     Source: Bell and McCaffrey, Bias reduction in standard errors for linear regression with multi-stage samples,
     Survey Methodology 28(2), 2002 (the jackknife over clusters, and Student's t).
     """
-    found = replace(found, prior_scale=found.evidence.distance(found.selected, found.dispersion))
+    selection = replace(selection, prior_scale=selection.evidence.distance(selection.selected, selection.dispersion))
     numbers = {group: _numbers(group, own) for group, own in laws.items()}
     some = any(numbers.values())
-    std = iter(_spreads(dataset, found, _asked(dataset, found, laws, numbers)) if some else ())
-    return {group: list(_of_each(group, own, std)) for group, own in laws.items()}
+    std = iter(_deviations(dataset, selection, _number_model(dataset, selection, laws, numbers)) if some else ())
+    return {group: list(_by_key(group, own, std)) for group, own in laws.items()}
 
 
 def _numbers(group: Group, own: Sequence[Law]) -> list[Number]:
-    """What is unknown of some laws."""
+    """Unknown numbers of the laws of a hypothesis."""
     if group.claim.scaled:
         return [(law, FACTOR) for law in own]
     return [(law, key) for law in own for key in law.parameters]
 
 
-def _of_each(group: Group, own: Sequence[Law], std: Iterator[float]) -> Iterator[dict[str, float]]:
-    """Standard deviations of all numbers of some laws, from those of what is unknown of them."""
+def _by_key(group: Group, own: Sequence[Law], std: Iterator[float]) -> Iterator[dict[str, float]]:
+    """Standard deviations of the laws of a hypothesis by key, from those of its unknown numbers in order."""
     for law in own:
         if group.claim.scaled:
             factor = float(next(std))
@@ -80,56 +82,68 @@ def _of_each(group: Group, own: Sequence[Law], std: Iterator[float]) -> Iterator
             yield {key: float(next(std)) for key in law.parameters}
 
 
-def _spreads(dataset: Dataset, found: Selection, asked: Asked) -> Array:
-    """(d,) standard deviations [units of the numbers]."""
-    data, beside, dispersion = found.data, asked.beside, asked.dispersion
-    own, _, across = data.products(beside.which, dispersion, asked.slopes)
+def _deviations(dataset: Dataset, selection: Selection, model: _NumberModel) -> Array:
+    """(d,) standard deviations [units of the numbers]; infinite for an unidentifiable number."""
+    data, beside, dispersion = selection.data, model.beside, model.dispersion
+    own, _, across = data.products(beside.which, dispersion, model.slopes)
     below = beside.forward(across)
     free = own - below.T @ below
-    information = free + asked.precision
-    size = np.sqrt(np.maximum(np.diag(own + asked.precision), 1e-300))
+    information = free + model.precision
+    size = np.sqrt(np.maximum(np.diag(own + model.precision), 1e-300))
     covariance = np.linalg.pinv(information / size / size[:, None], rcond=1e-8, hermitian=True) / size / size[:, None]
-    variance = np.maximum(np.diag(covariance), _jackknifed(dataset, found, asked))
-    told = np.diag(free) > UNTOLD * np.diag(own)
-    return np.asarray(np.where(told, np.sqrt(np.maximum(variance, 0)), np.inf))
+    variance = np.maximum(np.diag(covariance), _variance_over_parts(dataset, selection, model))
+    identifiable = np.diag(free) > UNIDENTIFIABLE * np.diag(own)
+    return np.asarray(np.where(identifiable, np.sqrt(np.maximum(variance, 0)), np.inf))
 
 
-def _jackknifed(dataset: Dataset, found: Selection, asked: Asked) -> Array:
-    """(d,) variance of each number [its unit, squared], from what it becomes without one part of the recordings.
-
-    Student's t instead of the normal distribution, since there are few parts.
-    """
-    part, d = _parts(dataset), len(asked.precision)
+def _variance_over_parts(dataset: Dataset, selection: Selection, model: _NumberModel) -> Array:
+    """(d,) jackknife variance of each number over parts of the recordings [its unit, squared]; 0 for a single part."""
+    part, d = _parts(dataset), len(model.precision)
     count = int(part.max()) + 1
     if count < 2:
         return np.zeros(d)
-    rest = measure_sizes(found.evidence, found.selected, found.dispersion, found.prior_scale).rest
-    square = np.zeros((count, d + len(asked.beside.which), d + len(asked.beside.which)))
+    residual = measure_contributions(
+        selection.evidence, selection.selected, selection.dispersion, selection.prior_scale
+    ).residual
+    square = np.zeros((count, d + len(model.beside.which), d + len(model.beside.which)))
     right = np.zeros(square.shape[:2])
-    for j in range(found.data.joints):
-        here, beside = found.data.chosen(j, asked.beside.which)
-        x = np.column_stack([asked.slopes.get(j, np.zeros((len(part), d))), beside]) / np.sqrt(asked.dispersion[j])
+    for j in range(selection.data.joints):
+        here, beside = selection.data.chosen(j, model.beside.which)
+        x = np.column_stack([model.slopes.get(j, np.zeros((len(part), d))), beside]) / np.sqrt(model.dispersion[j])
         at = np.concatenate([np.arange(d), d + np.flatnonzero(here)])
         for k in range(count):
             own = x[part == k]
             square[k][np.ix_(at, at)] += own.T @ own
-            right[k][at] += own.T @ rest[j][part == k] / np.sqrt(asked.dispersion[j])
-    whole = square.sum(axis=0)
-    whole[:d, :d] += asked.precision
-    whole[d:, d:] += asked.beside_precision
+            right[k][at] += own.T @ residual[j][part == k] / np.sqrt(model.dispersion[j])
+    return jackknife_variance(square, right, block_diag(model.precision, model.beside_precision), d)
+
+
+def jackknife_variance(square: Array, right: Array, precision: Array, first: int) -> Array:
+    """(d,) jackknife variance of the first d coefficients of a linear model over c parts of its rows.
+
+    Scaled by Student's t over the normal quantile, since there are few parts.
+
+    Args:
+        square: (c, k, k) Gram of each part [1 per coefficient, squared].
+        right: (c, k) right side of each part, about the coefficients of all rows [1 per coefficient].
+        precision: (k, k) of the prior [1 per coefficient, squared].
+        first: number d.
+    """
+    whole = square.sum(axis=0) + precision
     size = np.sqrt(np.maximum(np.diag(whole), 1e-300))
     ridge = RIDGE * np.eye(len(size))
     steps = [
-        np.linalg.solve((whole - x) / size / size[:, None] + ridge, y / size)[:d]
+        np.linalg.solve((whole - x) / size / size[:, None] + ridge, y / size)[:first]
         for x, y in zip(square, right, strict=True)
     ]
-    wide = float(stdtrit(count - 1, LEVEL)) / TWO_SIDED
-    return np.asarray(wide**2 * (count - 1) * np.var(np.array(steps) / size[:d], axis=0))
+    count = len(square)
+    ratio = float(stdtrit(count - 1, LEVEL)) / TWO_SIDED
+    return np.asarray(ratio**2 * (count - 1) * np.var(np.array(steps) / size[:first], axis=0))
 
 
 def _parts(dataset: Dataset) -> Indices:
-    """(M',) which part a whitened row is of: of a motion that repeats, rows at the same place in it are of one."""
-    table, length = dataset.table, BLOCK / dataset.task.band.cutoff
+    """(M',) part of each whitened row; rows at the same phase of a periodic motion are of the same part."""
+    table, length = dataset.table, BLOCK_PERIODS / dataset.task.band.cutoff
     place = table.t.copy()
     for k, period in enumerate(dataset.periods):
         own = table.recording == k
@@ -138,40 +152,35 @@ def _parts(dataset: Dataset) -> Indices:
     rows = np.column_stack([table.recording, place // length])[order:][has_full_window(table.piece, order)]
     block = np.unique(rows, axis=0, return_inverse=True)[1].ravel()
     count = int(block.max()) + 1
-    return np.asarray(block * min(PARTS, count) // count)
+    return np.asarray(block * min(MOST_PARTS, count) // count)
 
 
-def _asked(
+def _number_model(
     dataset: Dataset,
-    found: Selection,
+    selection: Selection,
     laws: Mapping[Group, tuple[Law, ...]],
     numbers: Mapping[Group, Sequence[Number]],
-) -> Asked:
-    dispersion, evidence, keys = (
-        inflated_dispersion(found),
-        found.evidence,
-        [one for own in numbers.values() for one in own],
-    )
+) -> _NumberModel:
+    """Derivatives of torque with respect to all numbers, and priors where the torque is linear in them."""
+    dispersion, evidence = inflated_dispersion(selection), selection.evidence
+    keys = [one for own in numbers.values() for one in own]
     slopes = {j: x for j, x in dataset.whiten(_slopes(dataset, keys)).items() if x.any()}
-    beside, own_precision = _beside(found, [law for own in laws.values() for law in own], dispersion)
-    precision, at, refitted = np.zeros((len(keys), len(keys))), 0, columns_of(evidence.refitted(found.prior_scale))
+    beside, own_precision = _beside(selection, [law for own in laws.values() for law in own], dispersion)
+    precision, at, refitted = np.zeros((len(keys), len(keys))), 0, columns_of(evidence.refitted(selection.prior_scale))
     for group, own in laws.items():
         count, linear = len(numbers[group]), all(set(law.effect.linear()) == set(law.parameters) for law in own)
         if linear and count == group.size and not group.claim.scaled:
-            whole = evidence.precision((group,), np.ones(len(refitted) + count), found.prior_scale)
+            whole = evidence.precision((group,), np.ones(len(refitted) + count), selection.prior_scale)
             precision[at : at + count, at : at + count] = whole[-count:, -count:]
         at += count
-    return Asked(slopes, beside, own_precision, precision, dispersion)
+    return _NumberModel(slopes, beside, own_precision, precision, dispersion)
 
 
-def _beside(found: Selection, laws: list[Law], dispersion: Array) -> tuple[Fitted, Array]:
-    """All that is refitted, but these laws and plain ones that they contain: their numbers are in those of the laws.
-
-    And its prior precision.
-    """
+def _beside(selection: Selection, laws: list[Law], dispersion: Array) -> tuple[Fitted, Array]:
+    """Fit of the refitted columns and its prior precision, without stated laws whose numbers are part of these laws."""
     held = {(name, law.joints) for law in laws for name in (law.effect.name, *law.effect.contains)}
-    evidence = found.evidence
-    refitted = evidence.refitted(found.prior_scale)
+    evidence = selection.evidence
+    refitted = evidence.refitted(selection.prior_scale)
     kept = np.isin(
         columns_of(refitted),
         columns_of([g for g in refitted if g.law is None or (g.law.effect.name, g.law.joints) not in held]),
@@ -180,18 +189,18 @@ def _beside(found: Selection, laws: list[Law], dispersion: Array) -> tuple[Fitte
     gram = total(evidence.data.gram(which), dispersion, (len(which), evidence.data.count))[:, which]
     whole = np.zeros(len(kept))
     whole[kept] = np.diag(gram)
-    precision = evidence.precision((), whole, found.prior_scale)[np.ix_(kept, kept)]
+    precision = evidence.precision((), whole, selection.prior_scale)[np.ix_(kept, kept)]
     right = (evidence.data.right[:, which] / dispersion[:, None]).sum(0)
     return solve(which, gram, right, precision), precision
 
 
 def _slopes(dataset: Dataset, keys: list[Number]) -> dict[int, Array]:
-    """Per joint, (M, d) change of torque with each number [torque per unit of the number]."""
+    """Per joint, (M, d) derivative of the torque with respect to each number [torque per unit of the number]."""
     made = []
     for piece in dataset.pieces:
         whole = np.zeros((dataset.table.joints, len(piece.motion), len(keys)))
         for i, (law, key) in enumerate(keys):
-            step = STEP * (1.0 if key == FACTOR else max(abs(law.parameters[key]), _least(law, key)))
+            step = STEP * (1.0 if key == FACTOR else max(abs(law.parameters[key]), _least_size(law, key)))
             ahead, behind = (_moved(law, key, s) for s in (step, -step))
             rows = torque_of(ahead, piece.motion)
             for j, y in torque_of(behind, piece.motion).items():
@@ -201,10 +210,11 @@ def _slopes(dataset: Dataset, keys: list[Number]) -> dict[int, Array]:
 
 
 def _moved(law: Law, key: str, step: float) -> Law:
+    """Law with one number, or the factor of all numbers, changed by a step."""
     changed = {k: x * (1 + step) for k, x in law.parameters.items()}
     return replace(law, parameters=changed if key == FACTOR else {**law.parameters, key: law.parameters[key] + step})
 
 
-def _least(law: Law, key: str) -> float:
+def _least_size(law: Law, key: str) -> float:
     kind = law.effect.parameters[key]
-    return 1e-3 if isinstance(kind, Coefficient) else 1e-6
+    return LEAST_STEP if isinstance(kind, Coefficient) else LEAST_SHAPE_STEP

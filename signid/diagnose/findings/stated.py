@@ -1,4 +1,4 @@
-"""Laws that the simulation states -> those whose numbers are of another size, as held-out rows say."""
+"""Findings that a number of a stated law is wrong."""
 
 from __future__ import annotations
 
@@ -18,40 +18,42 @@ from ..evidence.bayes_factors import Evidence
 from ..evidence.posterior_odds import Posterior
 from ..evidence.selection import Selection
 from ..extend.extend import extended_laws
-from ..extend.holdout import show
+from ..extend.holdout import predict
 from ..result import Alternative, Finding
-from ..search.feasible import LEAST
-from .alternatives import DOUBT, HALF, NOTABLE
-from .held_out_selection import Extended
+from ..search.thresholds import LEAST_TORQUE_SHARE
+from .held_out_selection import ExtendedSimulation
+from .thresholds import LEAST_PROBABILITY, LISTED_PROBABILITY, RIVAL_SHARE
 
-LOST = 1e-12  # of the largest eigenvalue of the prior information, scaled: nothing is known in such directions
-SURE, MOST = 1 - 1e-9, 50.0  # most probable; largest log odds
+RANK = 1e-12  # eigenvalues of the scaled prior information, over the largest, that count as zero [1]
+MOST_PROBABLE, MOST_LOG_ODDS = 1 - 1e-9, 50.0  # bounds of probabilities and log odds, so that both stay finite [1]
 
 
-def resized(dataset: Dataset, session: Session, found: Selection, extended: Extended) -> Iterator[Finding]:
-    """Laws that the simulation states, whose numbers held-out rows want otherwise: causes where nothing else is one.
+def stated_number_findings(
+    dataset: Dataset, session: Session, selection: Selection, extended: ExtendedSimulation
+) -> Iterator[Finding]:
+    """Causes that are wrong numbers of stated laws, for a diagnosis without other causes.
 
-    Either a law of the library is behind what differs, or only numbers that the simulation states; then a number is off
-    or exactly as stated.
+    Either a law of the library is behind the residual, or only stated numbers are; in the second case, each refitted
+    number is wrong or exactly as stated.
 
     Args:
         dataset: motions and rows.
-        session: gives what is held out.
-        found: the selected laws.
-        extended: what was handed out.
+        session: held-out recordings.
+        selection: the selected laws.
+        extended: the extended simulation with its refitted numbers.
     """
-    none, others = _behind(found)
-    off = {g: none * p for g, p in _off(found.evidence, found, extended).items()}
-    likely = {g: min(p + (others[_name(g)][0] if _name(g) in others else 0.0), SURE) for g, p in off.items()}
-    likely = {g: p for g, p in likely.items() if p >= DOUBT}
+    no_law, library = _library_probabilities(selection)
+    wrong = {g: no_law * p for g, p in _wrong_probabilities(selection, extended).items()}
+    likely = {g: min(p + (library[_key(g)][0] if _key(g) in library else 0.0), MOST_PROBABLE) for g, p in wrong.items()}
+    likely = {g: p for g, p in likely.items() if p >= LEAST_PROBABILITY}
     if not likely:
         return
-    given, after = show(session, dataset.model).judged.rest, extended.shown.judged.rest
-    fit, data = found.fit(), found.data
+    given, after = predict(session, dataset.model).held_out.residual, extended.prediction.held_out.residual
+    fit, data = selection.fit(), selection.data
     for group, probability in sorted(likely.items(), key=lambda item: -item[1]):
-        assert group.law is not None, "what was refitted is stated"
+        assert group.law is not None, "refitted laws are stated"
         place, joint = fit.place(group), group.law.joints[0]
-        whole = whole_law(group.law, dataset.model, extended.shown.model)
+        whole = total_law(group.law, dataset.model, extended.prediction.model)
         torque = data.raw(joint, group) @ fit.value[place]
         std = float(np.sqrt(fit.covariance[place, place][0, 0]))
         yield Finding(
@@ -59,23 +61,23 @@ def resized(dataset: Dataset, session: Session, found: Selection, extended: Exte
             std=dict.fromkeys(whole.effect.linear(), std),
             role="cause",
             probability=probability,
-            torque_share=_share(found.evidence, group, float(fit.value[place][0])),
+            torque_share=_torque_share(selection.evidence, group, float(fit.value[place][0])),
             where=locate(dataset.table, joint, torque, bool(dataset.model.robot.prismatic[joint]), VARIABLES[:-1]),
             statistic=float(np.log(probability / (1 - probability))),
-            threshold=float(np.log(DOUBT / (1 - DOUBT))),
+            threshold=float(np.log(LEAST_PROBABILITY / (1 - LEAST_PROBABILITY))),
             held_out_gain=1 - float(np.nanmean(after[:, joint] ** 2) / np.nanmean(given[:, joint] ** 2)),
-            alternatives=tuple(_rivals(found.posterior, group, fit.value[place], others)),
+            alternatives=tuple(_rivals(selection.posterior, group, fit.value[place], library)),
             stated=stated_numbers(dataset.model, whole),
         )
 
 
-def whole_law(law: Law, given: Model, extended: Model | None) -> Law:
-    """The law with all that the simulation states of it, or of plainer ones that it contains.
+def total_law(law: Law, given: Model, extended: Model | None) -> Law:
+    """Sum of a law and of what the simulation states of it, or of simpler laws that it contains.
 
     Args:
-        law: as it was found, a change of what the simulation states.
+        law: change of what the simulation states.
         given: the simulation.
-        extended: the extended one, None where it does not have the law.
+        extended: the extended simulation; None where it does not contain the law.
     """
     model = extended or Model(given.robot, given.inertials, extended_laws(given.laws, [law]))
     same = [other for other in model.laws if (other.effect.name, other.joints) == (law.effect.name, law.joints)]
@@ -83,75 +85,79 @@ def whole_law(law: Law, given: Model, extended: Model | None) -> Law:
     return next((other for other in same if other.effect.shape(other.parameters) == shape), law)
 
 
-def stated_numbers(model: Model, whole: Law) -> dict[str, float]:
-    """What the simulation states of a law."""
-    effect, out = whole.effect, dict[str, float]()
-    for law in (law for law in model.laws if law.joints == whole.joints):
-        if law.effect is effect and effect.shape(law.parameters) == effect.shape(whole.parameters):
-            out |= {key: float(x) for key, x in law.parameters.items() if key in effect.linear()}
+def stated_numbers(model: Model, law: Law) -> dict[str, float]:
+    """Numbers that the simulation states of a law with the same joints and shape.
+
+    Args:
+        model: the simulation.
+        law: the law.
+    """
+    effect, out = law.effect, dict[str, float]()
+    for other in (other for other in model.laws if other.joints == law.joints):
+        if other.effect is effect and effect.shape(other.parameters) == effect.shape(law.parameters):
+            out |= {key: float(x) for key, x in other.parameters.items() if key in effect.linear()}
     return out
 
 
-def _behind(found: Selection) -> tuple[float, dict[Key, tuple[float, Group]]]:
-    """The probability that no law of the library is behind what differs, and that of each."""
-    odds = found.posterior.odds(found.selected, found.dispersion)[0]
-    each = {key: float(np.exp(np.clip(one.log, -MOST, MOST))) for key, one in odds.items()}
+def _library_probabilities(selection: Selection) -> tuple[float, dict[Key, tuple[float, Group]]]:
+    """Probability that no law of the library is behind the residual, and that of each law."""
+    odds = selection.posterior.odds(selection.selected, selection.dispersion)[0]
+    each = {key: float(np.exp(np.clip(one.log, -MOST_LOG_ODDS, MOST_LOG_ODDS))) for key, one in odds.items()}
     total = 1 + sum(each.values())
     return 1 / total, {key: (x / total, odds[key].best) for key, x in each.items()}
 
 
-def _off(evidence: Evidence, found: Selection, extended: Extended) -> dict[Group, float]:
-    """Laws of one number that were refitted, and the probability that it is off, if stated numbers alone are.
+def _wrong_probabilities(selection: Selection, extended: ExtendedSimulation) -> dict[Group, float]:
+    """Probability that the number of each refitted law of one number is wrong, if only stated numbers are.
 
     Source: Dickey, Ann. Math. Statist. 42, 1971 (Savage's density ratio).
     """
     groups = [g for g in extended.refitted if g.law is not None and g.size == 1]
-    fit, before = (
-        evidence.fit(found.selected, found.dispersion, found.prior_scale),
-        _stated_variance(evidence, found.prior_scale),
-    )
+    fit, before = selection.fit(), _prior_variance(selection.evidence, selection.prior_scale)
     covariance, out = fit.covariance, dict[Group, float]()
     for group in sorted(groups, key=lambda one: one.start):
         at = fit.place(group).start
         value, variance, prior = float(fit.value[at]), float(covariance[at, at]), before.get(group, np.inf)
-        if 0 < variance < prior < np.inf and _share(evidence, group, value).max() >= LEAST:
-            log = np.clip((np.log(variance / prior) + value**2 / variance) / 2, -MOST, MOST)
+        large = _torque_share(selection.evidence, group, value).max() >= LEAST_TORQUE_SHARE
+        if 0 < variance < prior < np.inf and large:
+            log = np.clip((np.log(variance / prior) + value**2 / variance) / 2, -MOST_LOG_ODDS, MOST_LOG_ODDS)
             out[group] = float(1 / (1 + np.exp(-log)))
     return out
 
 
-def _name(group: Group) -> Key:
-    assert group.law is not None, "what was refitted is stated"
+def _key(group: Group) -> Key:
+    """Effect and joints of a stated law."""
+    assert group.law is not None, "refitted laws are stated"
     return group.law.effect.name, group.law.joints
 
 
 def _rivals(
-    posterior: Posterior, group: Group, value: Array, likely: Mapping[Key, tuple[float, Group]]
+    posterior: Posterior, group: Group, value: Array, library: Mapping[Key, tuple[float, Group]]
 ) -> Iterator[Alternative]:
-    """Laws of the library that make at least half of the torque of a change, the likeliest first."""
-    data, joint = posterior.evidence.data, _name(group)[1][0]
+    """Laws of the library that make at least half of the torque of a changed number, the most probable first."""
+    data, joint = posterior.evidence.data, _key(group)[1][0]
     torque = data.part(joint, group) @ value
-    for key, (probability, rival) in sorted(likely.items(), key=lambda item: -item[1][0]):
-        if probability > NOTABLE and key != _name(group) and rival.claim.laws and joint in data.rows(rival):
+    for key, (probability, rival) in sorted(library.items(), key=lambda item: -item[1][0]):
+        if probability > LISTED_PROBABILITY and key != _key(group) and rival.claim.laws and joint in data.rows(rival):
             rest = leave(torque, data.part(joint, rival))
-            if rest @ rest <= HALF * (torque @ torque):
+            if rest @ rest <= RIVAL_SHARE * (torque @ torque):
                 yield Alternative(rival.claim.laws[0], probability, "")
 
 
-def _stated_variance(evidence: Evidence, prior_scale: float) -> dict[Group, float]:
-    """Prior variance of each law of one number [its unit, squared]."""
+def _prior_variance(evidence: Evidence, prior_scale: float) -> dict[Group, float]:
+    """Prior variance of each stated law of one number [its unit, squared]."""
     laws = [g for g in evidence.data.refitted if g.law is not None and g.size == 1]
     if evidence.stated_prior is None:
         return {g: g.deviation[0] ** 2 for g in laws}
     columns, information = evidence.stated_prior
     size = np.sqrt(np.maximum(np.diag(information), 1e-300))
-    inverse = np.linalg.pinv(information / size / size[:, None], rcond=LOST, hermitian=True) / size / size[:, None]
+    inverse = np.linalg.pinv(information / size / size[:, None], rcond=RANK, hermitian=True) / size / size[:, None]
     variance = dict(zip(columns.tolist(), (prior_scale**2 * np.diag(inverse)).tolist(), strict=True))
     return {g: variance.get(g.start, np.inf) for g in laws}
 
 
-def _share(evidence: Evidence, group: Group, value: float) -> Array:
-    """(n,) rms torque that a change of a number makes, over that of each joint [1]."""
+def _torque_share(evidence: Evidence, group: Group, value: float) -> Array:
+    """(n,) rms torque of a change of a number, over that of each joint [1]."""
     data, out = evidence.data, np.zeros(evidence.data.joints)
     for j in data.rows(group):
         out[j] = np.sqrt(np.mean((data.raw(j, group) * value) ** 2)) / data.scale[j]

@@ -1,4 +1,4 @@
-"""Odds, sizes and what is left -> whether something is missing, and whether it could be named."""
+"""Verdict: whether something is missing, and whether the selected laws explain it."""
 
 from __future__ import annotations
 
@@ -15,39 +15,43 @@ from ..data.noise import has_full_window
 from ..data.whitening import weights
 from ..evidence.posterior_odds import Posterior
 from ..evidence.selection import Selection
-from ..search.contributions import Sizes, measure_sizes
+from ..search.contributions import Contributions, measure_contributions
 from .contender import Contender
-
-CAUSE = 0.15  # of the largest ratio of torque to residual: less is a small correction
-LARGE, HOLDS = 0.03, 0.2  # share of some joint's torque, and held-out gain: more is no small correction
-NOTICEABLE = 0.01  # of torque: a discrepancy that follows the joint's state and is larger is something missing
-EXPLAINED, ROUGHLY = 0.6, 0.5  # of the excess, of plain laws and of those whose shape is approximate
-NOTICED = 4.0  # standard deviations of a mean square
-DISCREPANCY = 0.006  # of torque, in which every simulation is wrong
-FAINT = 0.1  # of the largest rms torque: no joint's counts as smaller
-CLEAR, CLEARLY = 20.0, 0.8  # log odds that a variable explains it, from which on so much of the threshold is enough
-PLAIN = 3.0  # times the threshold, from which on something is missing though it depends on no variable
-STAYS = 0.25  # of a joint's excess that causes at other joints leave: they are not what is missing there
-LEFT = 0.1  # of the largest excess: less does not matter
+from .thresholds import (
+    CAUSE_SHARE,
+    CLEAR_LOG_ODDS,
+    CLEAR_THRESHOLD,
+    EXPLAINED,
+    EXPLAINED_APPROXIMATELY,
+    FAINT_JOINT,
+    NOTICEABLE_DISCREPANCY,
+    NOTICED_STD,
+    PROMOTED_GAIN,
+    PROMOTED_TORQUE,
+    SMALL_EXCESS,
+    STATELESS_THRESHOLD,
+    TOLERATED_DISCREPANCY,
+    UNEXPLAINED_ELSEWHERE,
+)
 
 
 @dataclass(frozen=True, eq=False)
 class Verdict(Frozen):
-    """What the recordings say as a whole."""
+    """Overall result: its name, and the selected laws as causes and as corrections."""
 
     name: str  # nothing_missing, named or unknown
     causes: tuple[Group, ...]
     secondary: tuple[Group, ...]
-    before: Array  # (n,) excess of the whitened sum of squares [1]
-    after: Array  # (n,) [1]
+    before: Array  # (n,) excess of the whitened sum of squares of the given simulation [1]
+    after: Array  # (n,) excess with all selected laws [1]
     threshold: Array  # (n,) of the excess [1]
-    sizes: Sizes
+    contributions: Contributions
 
     def without(self, weak: Collection[Group]) -> Verdict:
-        """Without hypotheses that held-out rows speak against; where no cause stays, unknown or nothing missing.
+        """Remove laws; if no cause stays, the verdict is unknown or nothing missing.
 
         Args:
-            weak: these hypotheses.
+            weak: laws that held-out rows do not support.
         """
         causes, secondary = (tuple(g for g in some if g not in weak) for some in (self.causes, self.secondary))
         bare = "unknown" if np.any(self.before > self.threshold) else "nothing_missing"
@@ -55,7 +59,7 @@ class Verdict(Frozen):
         return replace(self, name=name, causes=causes, secondary=secondary)
 
     def is_quiet(self, joints: Sequence[int]) -> bool:
-        """Whether the simulation as given leaves no more at some joints than noise and the usual model error.
+        """Whether the residual of the given simulation is within noise and usual model error at some joints.
 
         Args:
             joints: their indices.
@@ -63,116 +67,129 @@ class Verdict(Frozen):
         return bool(np.all(self.before[list(joints)] <= self.threshold[list(joints)]))
 
     def with_promoted(self, contenders: Sequence[Contender], gains: Mapping[Group, float]) -> Verdict:
-        """With what is no small correction beside a larger cause among the causes.
+        """Make large and probable corrections causes.
 
         Args:
-            contenders: how sure each is.
-            gains: share of the held-out sum of squares, on its joints, that each takes away [1].
+            contenders: probability of each law.
+            gains: share of the held-out sum of squares, on its joints, that each law removes [1].
         """
         sure = {contender.group for contender in contenders if contender.probability > 0.5}
-        size = self.sizes.share
-        more = [g for g in self.secondary if g in sure and size[g].max() >= LARGE and gains[g] >= HOLDS]
+        share = self.contributions.torque_share
+        more = [
+            g for g in self.secondary if g in sure and share[g].max() >= PROMOTED_TORQUE and gains[g] >= PROMOTED_GAIN
+        ]
         if self.name != "named" or not more:
             return self
         secondary = tuple(group for group in self.secondary if group not in more)
         return replace(self, causes=(*self.causes, *more), secondary=secondary)
 
     def with_demoted(self, kept: Collection[Group]) -> Verdict:
-        """With causes that held-out rows speak against behind the others: among the corrections, if there are others.
+        """Make causes that held-out rows do not support corrections, if other causes stay.
 
         Args:
-            kept: the hypotheses that they speak for.
+            kept: laws that held-out rows support.
         """
         causes = tuple(group for group in self.causes if group in kept)
         refused = tuple(group for group in self.causes if group not in kept)
         return replace(self, causes=causes, secondary=(*refused, *self.secondary)) if causes else self
 
 
-def decide(dataset: Dataset, found: Selection, contenders: Sequence[Contender]) -> Verdict:
-    """Named, unknown, or nothing missing.
+def decide_verdict(dataset: Dataset, selection: Selection, contenders: Sequence[Contender]) -> Verdict:
+    """Decide between named, unknown and nothing missing; rank the selected laws.
 
     Args:
         dataset: rows.
-        found: the selected laws.
-        contenders: how sure each is.
+        selection: the selected laws.
+        contenders: probability of each law.
     """
-    data, noise = found.data, dataset.noise
-    sizes = measure_sizes(found.evidence, found.selected, found.dispersion, found.prior_scale)
-    bare = measure_sizes(found.evidence, (), found.dispersion, found.evidence.prior_scale((), found.dispersion))
-    count = data.counts
-    rest, plain = (dataset.remaining(data, one.fit) for one in (sizes, bare))
-    after, before = (_excess(dataset, count, one) for one in (rest, plain))
-    scale = np.maximum(data.scale, FAINT * data.scale.max())
-    unknown = (o for o in found.first.values() if o.best.claim.unknown and np.any(before[data.rows(o.best)] > 0))
-    clear = max((o.log for o in unknown), default=-np.inf)
-    threshold = NOTICED * np.sqrt(2 * count) + count * (DISCREPANCY * scale / noise.saturated_floor) ** 2
-    threshold = threshold * (CLEARLY if clear > CLEAR and not found.selected else 1.0)
-    energy = {group: _weight(found.posterior, sizes, rest, group) for group in found.selected}
-    largest = max(energy.values(), default=0.0)
-    contender = {contender.group: contender for contender in contenders}
-    ranked = sorted(found.selected, key=lambda group: (contender[group].log_at_scale < 0, -energy[group]))
-    causes = tuple(group for group in ranked if energy[group] >= CAUSE * largest)
+    data, evidence, noise = selection.data, selection.evidence, dataset.noise
+    contributions = measure_contributions(evidence, selection.selected, selection.dispersion, selection.prior_scale)
+    bare = measure_contributions(evidence, (), selection.dispersion, evidence.prior_scale((), selection.dispersion))
+    residual, given = (dataset.remaining(data, one.fit) for one in (contributions, bare))
+    after, before = (_excess(dataset, data.counts, one) for one in (residual, given))
+    clear = _clearest_dependence(selection, before)
+    scale = np.maximum(data.scale, FAINT_JOINT * data.scale.max())
+    tolerated = (TOLERATED_DISCREPANCY * scale / noise.saturated_floor) ** 2
+    threshold = NOTICED_STD * np.sqrt(2 * data.counts) + data.counts * tolerated
+    threshold = threshold * (CLEAR_THRESHOLD if clear > CLEAR_LOG_ODDS and not selection.selected else 1.0)
+    by_group = {contender.group: contender for contender in contenders}
+    importance = {g: _importance(selection.posterior, contributions, residual, g) for g in selection.selected}
+    largest = max(importance.values(), default=0.0)
+    ranked = sorted(selection.selected, key=lambda g: (by_group[g].log_at_scale < 0, -importance[g]))
+    causes = tuple(g for g in ranked if importance[g] >= CAUSE_SHARE * largest)
     secondary = tuple(group for group in ranked if group not in causes)
     if not causes:
-        state = clear > 0 or np.any(noise.discrepancy > NOTICEABLE * scale)
-        differs = clear > CLEAR or np.any(after > threshold * (1 if state else PLAIN))
+        state = clear > 0 or np.any(noise.discrepancy > NOTICEABLE_DISCREPANCY * scale)
+        differs = clear > CLEAR_LOG_ODDS or np.any(after > threshold * (1 if state else STATELESS_THRESHOLD))
         name = "unknown" if differs else "nothing_missing"
-    elif _abstains(data.joints, causes, (before, after, threshold), contender[causes[0]]):
-        name = "unknown"
     else:
-        name = "named"
-    return Verdict(name, causes, secondary, before, after, threshold, sizes)
+        named = _explain(data.joints, causes, (before, after, threshold), by_group[causes[0]])
+        name = "named" if named else "unknown"
+    return Verdict(name, causes, secondary, before, after, threshold, contributions)
 
 
-def _excess(dataset: Dataset, counts: Array, rest: Array) -> Array:
+def _clearest_dependence(selection: Selection, before: Array) -> float:
+    """Largest log odds of a dependence without law, at joints with an excess (n,) [-]."""
+    unknown = (o for o in selection.first.values() if o.best.claim.unknown)
+    rows = selection.data.rows
+    return max((o.log for o in unknown if np.any(before[rows(o.best)] > 0)), default=-np.inf)
+
+
+def _excess(dataset: Dataset, counts: Array, residual: Array) -> Array:
     """(n,) sum of squares of the residual, discrepancy included, beyond that of the floor [variance of the floor]."""
     noise = dataset.noise
     weight, order = weights(dataset.table, noise), noise.coefficients.shape[1]
     kept = has_full_window(dataset.table.piece, order)
-    return np.asarray(np.sum((rest[order:][kept] * weight / noise.saturated_floor) ** 2, axis=0) - counts)
+    return np.asarray(np.sum((residual[order:][kept] * weight / noise.saturated_floor) ** 2, axis=0) - counts)
 
 
-def _weight(posterior: Posterior, sizes: Sizes, rest: Array, group: Group) -> float:
-    """How much a law matters [1]: its mean square torque over that of what all leave, and over that of all torque.
+def _importance(posterior: Posterior, contributions: Contributions, residual: Array, group: Group) -> float:
+    """Importance of a law [1]: geometric mean of its torque over the residual and over the joint's torque.
 
-    Only the part of its torque counts that no other law could make, since two laws may cancel most of each other, and
-    at most what would be left in addition without it. Bodies count as found, since they may not be of any size. A
-    geometric mean of both ratios, summed over joints.
+    Only the part of the torque counts that no other selected law could make, since two laws may cancel each other, and
+    at most the growth of the residual without the law. Bodies count as fitted, since they cannot be of any size.
 
     Args:
         posterior: odds of every hypothesis.
-        sizes: of the selected laws.
-        rest: (M, n) what all laws together leave [N.m or N].
-        group: one of them.
+        contributions: torque of the selected laws.
+        residual: (M, n) residual of all laws together [N.m or N].
+        group: columns of one law.
     """
     data, size = posterior.evidence.data, 0.0
     for j in data.rows(group):
-        torque, left = data.raw(j, group) @ sizes.value[group], float(np.mean(rest[:, j] ** 2))
-        beside = [(g, x) for g, x in sizes.value.items() if g is not group and j in data.rows(g)]
+        torque, left = data.raw(j, group) @ contributions.coefficients[group], float(np.mean(residual[:, j] ** 2))
+        beside = [(g, x) for g, x in contributions.coefficients.items() if g is not group and j in data.rows(g)]
         others = [data.raw(j, g) @ x if g.claim.bodies else data.raw(j, g) for g, x in beside]
         alone = leave(torque, np.column_stack(others)) if others else torque
-        more = max(float(np.mean((rest[:, j] + torque) ** 2)) - left, 0.0)
-        size += min(more, float(np.mean(alone**2))) / max(float(np.sqrt(left)) * data.scale[j], 1e-300)
+        growth = max(float(np.mean((residual[:, j] + torque) ** 2)) - left, 0.0)
+        size += min(growth, float(np.mean(alone**2))) / max(float(np.sqrt(left)) * data.scale[j], 1e-300)
     return float(np.sqrt(size))
 
 
-def _abstains(joints: int, causes: Sequence[Group], excess: tuple[Array, Array, Array], first: Contender) -> bool:
-    """Whether the causes leave most of what differs, at their joints or elsewhere."""
+def _explain(joints: int, causes: Sequence[Group], excess: tuple[Array, Array, Array], first: Contender) -> bool:
+    """Whether the causes explain most of the excess, at their joints and elsewhere.
+
+    Args:
+        joints: number n of joints.
+        causes: their columns, the most important first.
+        excess: (n,) before, after, and the threshold [1].
+        first: the first cause with its rivals.
+    """
     before, after, threshold = excess
     concerned = np.zeros(joints, dtype=bool)
     for group in causes:
         concerned |= _concerned(group, before > threshold)
-    left, whole = np.maximum(after, 0)[concerned].sum(), np.maximum(before, 0)[concerned].sum()
-    needed = ROUGHLY if causes[0].claim.laws[0].effect.approximate else EXPLAINED
-    loud = concerned & (after > threshold) & (after > LEFT * before.max())
-    if 1 - left / max(whole, 1e-9) < needed and loud.any():
-        return True
-    elsewhere = ~concerned & (after > PLAIN * threshold) & (after > STAYS * before)
-    return first.unknown > 0.5 or bool(after[elsewhere].sum() > max(whole - left, 0.0))
+    left, total = np.maximum(after, 0)[concerned].sum(), np.maximum(before, 0)[concerned].sum()
+    needed = EXPLAINED_APPROXIMATELY if causes[0].claim.laws[0].effect.approximate else EXPLAINED
+    loud = concerned & (after > threshold) & (after > SMALL_EXCESS * before.max())
+    if 1 - left / max(total, 1e-9) < needed and loud.any():
+        return False
+    elsewhere = ~concerned & (after > STATELESS_THRESHOLD * threshold) & (after > UNEXPLAINED_ELSEWHERE * before)
+    return not (first.unknown > 0.5 or after[elsewhere].sum() > max(total - left, 0.0))
 
 
 def _concerned(group: Group, loud: Mask) -> Mask:
-    """(n,) the joints whose residual an effect should explain."""
+    """(n,) joints whose residual a hypothesis should explain."""
     out = np.zeros(len(loud), dtype=bool)
     for law in group.claim.laws:
         if law.effect.scope != "joint":

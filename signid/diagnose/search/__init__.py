@@ -1,1 +1,1 @@
-"""Evidence -> the selected laws: stepwise search, shapes, relinearisation, pruning."""
+"""Model selection: stepwise search, shape optimisation, relinearisation, pruning."""

@@ -1,4 +1,4 @@
-"""Fitted coefficients -> how much torque each effect makes, per joint, and what is left."""
+"""Torque of each selected law, and the residual of all of them together."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from ..evidence.bayes_factors import Evidence
 
 
 @dataclass(frozen=True, eq=False)
-class Sizes(Frozen):
-    """Of selected hypotheses."""
+class Contributions(Frozen):
+    """Coefficients and torque of the selected laws in one joint fit."""
 
     data: Whitened
     fit: Fitted
-    value: Mapping[Group, Array]  # (size,) [units of the coefficients] of each
-    share: Mapping[Group, Array]  # (n,) rms torque of each over the rms torque of every joint [1]
+    coefficients: Mapping[Group, Array]  # (size,) [units of the coefficients] of each law
+    torque_share: Mapping[Group, Array]  # (n,) rms torque of each law over the rms torque of every joint [1]
 
     @cached_property
-    def rest(self) -> Array:
+    def residual(self) -> Array:
         """(n, M) whitened residual [1]."""
         out, value = self.data.residual.copy(), self.fit.value
         for j in range(self.data.joints):
@@ -34,19 +34,21 @@ class Sizes(Frozen):
         return out
 
     @property
-    def left(self) -> Array:
+    def mean_square(self) -> Array:
         """(n,) mean square of the whitened residual [1]."""
-        return np.asarray(np.sum(self.rest**2, axis=1) / self.data.counts)
+        return np.asarray(np.sum(self.residual**2, axis=1) / self.data.counts)
 
 
-def measure_sizes(evidence: Evidence, selected: Sequence[Group], dispersion: Array, prior_scale: float) -> Sizes:
-    """Of a fit of everything together.
+def measure_contributions(
+    evidence: Evidence, selected: Sequence[Group], dispersion: Array, prior_scale: float
+) -> Contributions:
+    """Fit everything together and measure the torque of each selected law.
 
     Args:
         evidence: rows.
-        selected: selected hypotheses.
+        selected: columns of the selected laws.
         dispersion: (n,) variance of the whitened residual [1].
-        prior_scale: of the tolerance of inertials, how far they are off.
+        prior_scale: errors of the given simulation, in standard deviations of their prior [1].
     """
     data, fit = evidence.data, evidence.fit(selected, dispersion, prior_scale)
     fitted, value, share = fit.value, {}, {}
@@ -55,41 +57,48 @@ def measure_sizes(evidence: Evidence, selected: Sequence[Group], dispersion: Arr
         share[group] = np.zeros(data.joints)
         for j in data.rows(group):
             share[group][j] = np.sqrt(np.mean((data.raw(j, group) @ theta) ** 2)) / data.scale[j]
-    return Sizes(data, fit, value, share)
+    return Contributions(data, fit, value, share)
 
 
-def energies(sizes: Sizes) -> dict[Group, Array]:
-    """Per hypothesis, by how much the residual of each joint grows without it while all else is refitted: (n,) [1].
+def residual_growth(contributions: Contributions) -> dict[Group, Array]:
+    """Growth of the residual sum of squares of each joint if a law is removed and all else is refitted: (n,) [1].
 
-    Without it, everything else is what it is likeliest to be where the hypothesis's coefficients are zero.
+    Args:
+        contributions: fit of all laws.
     """
-    fit, out = sizes.fit, dict[Group, Array]()
-    for one in fit.factors:
-        which = fit.which[one.place]
-        places = {g: np.flatnonzero(which == g.start)[0] + np.arange(g.size) for g in sizes.value if g.start in which}
+    fit, out = contributions.fit, dict[Group, Array]()
+    for factor in fit.factors:
+        which = fit.which[factor.place]
+        places = {
+            g: np.flatnonzero(which == g.start)[0] + np.arange(g.size)
+            for g in contributions.coefficients
+            if g.start in which
+        }
         if places:
-            steps = [_step(one, at, sizes.value[group]) for group, at in places.items()]
-            out |= dict(zip(places, np.maximum(_grown(sizes, which, np.column_stack(steps)), 0.0), strict=True))
-    return {group: out[group] for group in sizes.value}
+            steps = [_step(factor, at, contributions.coefficients[group]) for group, at in places.items()]
+            growth = np.maximum(_growth(contributions, which, np.column_stack(steps)), 0.0)
+            out |= dict(zip(places, growth, strict=True))
+    return {group: out[group] for group in contributions.coefficients}
 
 
 def _step(factor: Factor, own: Indices, value: Array) -> Array:
-    """(f,) by how much the coefficients of a factor are less where some of them, with this value, are zero."""
+    """(f,) decrease of the coefficients of a factor where some of them, with this value, become zero."""
     below = factor.forward(np.eye(len(factor.place))[:, own])
     return np.asarray(factor.backward(below @ np.linalg.solve(below.T @ below, value)[:, None])[:, 0])
 
 
-def _grown(sizes: Sizes, which: Indices, steps: Array) -> Array:
-    """(g, n) by how much the residual of each joint grows [1].
+def _growth(contributions: Contributions, which: Indices, steps: Array) -> Array:
+    """(g, n) growth of the residual sum of squares of each joint [1].
 
     Args:
-        sizes: give it.
+        contributions: fit of all laws.
         which: (k,) columns.
-        steps: (k, g) by how much their coefficients become less, in g ways.
+        steps: (k, g) decrease of their coefficients, for each of g laws.
     """
-    out = np.zeros((steps.shape[1], sizes.data.joints))
-    for j in np.flatnonzero((sizes.data.at[:, which] >= 0).any(axis=1)).tolist():
-        here, own = sizes.data.chosen(j, which)
+    data = contributions.data
+    out = np.zeros((steps.shape[1], data.joints))
+    for j in np.flatnonzero((data.at[:, which] >= 0).any(axis=1)).tolist():
+        here, own = data.chosen(j, which)
         added = own @ steps[here]
-        out[:, j] = np.sum(added**2, axis=0) + 2 * sizes.rest[j] @ added
+        out[:, j] = np.sum(added**2, axis=0) + 2 * contributions.residual[j] @ added
     return out

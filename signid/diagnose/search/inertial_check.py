@@ -1,4 +1,4 @@
-"""Inertials that are refitted -> the links whose correction is beyond any tolerance."""
+"""Links whose refitted inertials are beyond any tolerance."""
 
 from __future__ import annotations
 
@@ -9,33 +9,36 @@ from ..data.column_groups import Group
 from ..data.whitened_rows import columns_of
 from ..evidence.selection import Selection
 from ..evidence.thresholds import INERTIAL_SCALES
+from .thresholds import INERTIAL_VIOLATION
 
-BEYOND = 30.0  # squared deviations of the ten numbers of a link, at twice the usual tolerance
 
+def inertial_violations(selection: Selection) -> dict[int, float]:
+    """Squared corrections of links beyond any tolerance, by the joint that moves the link [variances].
 
-def inertial_violations(state: Selection) -> dict[int, float]:
-    """The joints that move them, and by how much each is beyond, where inertials are not trusted at all [1].
+    Inertials are refitted at the largest prior scale. Empty where they are probably right, or where the model carries
+    a covariance.
 
     Args:
-        state: the selected laws.
+        selection: the selected laws.
     """
-    if state.evidence.informed or state.evidence.prior_scale(state.selected, state.dispersion) == 0:
+    if selection.evidence.informed or selection.evidence.prior_scale(selection.selected, selection.dispersion) == 0:
         return {}
-    fit = state.evidence.fit(state.selected, state.dispersion, INERTIAL_SCALES[-1])
-    bodies = [group for group in state.data.refitted if group.bodies]
+    fit = selection.evidence.fit(selection.selected, selection.dispersion, INERTIAL_SCALES[-1])
+    bodies = [group for group in selection.data.refitted if group.bodies]
     step = fit.value[np.isin(fit.which, columns_of(bodies))]
     deviation = np.concatenate([group.deviation for group in bodies])
-    far = np.sum((step / INERTIAL_SCALES[-1] / deviation).reshape(-1, len(INERTIAL)) ** 2, axis=1)
-    return {j: float(far[body]) for j, body in enumerate(state.posterior.carried) if far[body] > BEYOND}
+    chi2 = np.sum((step / INERTIAL_SCALES[-1] / deviation).reshape(-1, len(INERTIAL)) ** 2, axis=1)
+    carried = selection.posterior.carried
+    return {j: float(chi2[body]) for j, body in enumerate(carried) if chi2[body] > INERTIAL_VIOLATION}
 
 
-def relieved(state: Selection, rest: Selection, group: Group) -> set[int]:
-    """The joints whose links are strained without a hypothesis of bodies, and not with it.
+def resolved_violations(selection: Selection, rest: Selection, group: Group) -> set[int]:
+    """Joints whose links violate the tolerance without a body hypothesis and not with it.
 
     Args:
-        state: the selected laws.
+        selection: the selected laws.
         rest: the same without the hypothesis.
-        group: the hypothesis.
+        group: columns of the hypothesis.
     """
-    strained = inertial_violations(rest).keys() if group.claim.bodies else set()
-    return strained - inertial_violations(state).keys() if strained else set()
+    violated = inertial_violations(rest).keys() if group.claim.bodies else set()
+    return violated - inertial_violations(selection).keys() if violated else set()

@@ -1,4 +1,4 @@
-"""Columns about the simulation -> columns about the simulation with what was found: what laws do to each other."""
+"""Relinearisation: columns about the simulation with the selected laws, which contain the interactions of laws."""
 
 from __future__ import annotations
 
@@ -20,29 +20,28 @@ from ..data.rows import rebuild_columns
 from ..evidence.selection import Selection
 from ..extend.extend import inertial_places, read_laws
 from .stepwise import SEARCH
+from .thresholds import RELEVANT_CHI2
 
-MATTERS = 1.0  # squared standard deviations of the rows: a number may be off by one standard deviation
 
+def relinearise(dataset: Dataset, about: Dataset, selection: Selection) -> Dataset | None:
+    """Recompute the columns about the simulation with the selected laws; None if the change is negligible.
 
-def linearised(dataset: Dataset, about: Dataset, found: Selection) -> Dataset | None:
-    """The same rows with columns about the simulation with what was found; None where those at hand hardly differ.
-
-    A payload adds to the load that friction grows with and that a tilted base turns, friction to the torque that is
-    written down too late, and so on. Each of these products is counted once, as a column of the law that acts on what
-    others bring about. The residual stays that of the simulation. None, too, where time is up.
+    Laws interact: a payload increases load-dependent friction and is turned by a base tilt, friction is part of a
+    delayed torque. Each cross term is attributed to the law that acts on the other's output. The residual stays
+    that of the given simulation. Also None if time is up, or if the bodies are infeasible.
 
     Args:
-        dataset: motions and rows, columns about the simulation.
-        about: the same, with the columns at hand.
-        found: the selected laws.
+        dataset: motions and rows, with columns about the given simulation.
+        about: the same with the present columns.
+        selection: the selected laws.
     """
     if time_is_up(SEARCH):
         return None
-    show_step(f"linearising about {len(found.selected)} laws", 0.8)
-    fit = found.fit()
-    value = {group: fit.value[fit.place(group)] for group in found.selected}
-    laws = [law for group in found.selected for law in read_laws(group, value[group])]
-    inertials, places = dataset.model.inertials, inertial_places(found.data.refitted, fit)
+    show_step(f"linearising about {len(selection.selected)} laws", 0.8)
+    fit = selection.fit()
+    value = {group: fit.value[fit.place(group)] for group in selection.selected}
+    laws = [law for group in selection.selected for law in read_laws(group, value[group])]
+    inertials, places = dataset.model.inertials, inertial_places(selection.data.refitted, fit)
     if len(places):
         inertials = inertials + fit.value[places].reshape(inertials.shape)
     robot = _loaded(dataset.model, laws, inertials)
@@ -50,13 +49,13 @@ def linearised(dataset: Dataset, about: Dataset, found: Selection) -> Dataset | 
     if any(np.any(n.motion.inertia <= 0) for n in new.pieces) and all(
         np.all(o.motion.inertia > 0) for o in dataset.pieces
     ):
-        return None  # bodies that cannot be make nothing known of what they do to others
+        return None  # infeasible inertias make the relinearisation meaningless
     off = np.zeros((dataset.table.joints, len(dataset.whiten({0: dataset.table.residual[:, :1]})[0])))
-    for group in found.selected:
-        was, is_ = about.columns(group.claim), new.columns(group.claim)
-        for j, x in dataset.whiten({j: is_[j] - was[j] for j in is_}).items():
+    for group in selection.selected:
+        old, updated = about.columns(group.claim), new.columns(group.claim)
+        for j, x in dataset.whiten({j: updated[j] - old[j] for j in updated}).items():
             off[j] += x @ value[group]
-    if not np.sum(off**2, axis=1) @ (1 / found.dispersion) > MATTERS:
+    if not np.sum(off**2, axis=1) @ (1 / selection.dispersion) > RELEVANT_CHI2:
         return None
     dry = dry_friction(dataset.model, dataset.pieces)
     try:
@@ -66,7 +65,7 @@ def linearised(dataset: Dataset, about: Dataset, found: Selection) -> Dataset | 
 
 
 def _loaded(model: Model, laws: Sequence[Law], inertials: Array) -> Robot:
-    """The robot with other bodies, and as some laws change them; what a tilt does to bodies is in its own columns."""
+    """The robot with other bodies and with the body laws; a base tilt is left out, since it has columns of its own."""
     changes = tuple(law for law in laws if isinstance(law.effect, BodyLaw))
     whole = bodies_without_rotors(Model(model.robot, inertials, (*model.laws, *changes)))
     whole.gravity = model.bodies().gravity
@@ -74,7 +73,7 @@ def _loaded(model: Model, laws: Sequence[Law], inertials: Array) -> Robot:
 
 
 def _about(motion: Motion, robot: Robot, laws: Sequence[Law]) -> Motion:
-    """A motion that the robot and the laws made."""
+    """Replace robot and predicted torque of a motion by those with the laws."""
     assert motion.predicted is not None, "a diagnosed motion carries predicted torque"
     predicted = motion.predicted.copy()
     for law in laws:

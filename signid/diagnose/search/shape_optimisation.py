@@ -1,9 +1,10 @@
-"""Hypotheses on a grid of shapes -> the shapes that explain most."""
+"""Optimisation of the shapes of selected laws, which the search takes from a grid."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,121 +20,148 @@ from ..data.hypotheses import Hypothesis, Key
 from ..data.normal_equations import Fitted
 from ..evidence.posterior_odds import Posterior
 from ..evidence.selection import Selection
-from .contributions import measure_sizes
+from .contributions import measure_contributions
 from .stepwise import SEARCH, inflated_dispersion
+from .thresholds import (
+    EVALUATIONS_PER_SHAPE,
+    LOG_ODDS_TOLERANCE,
+    RECORDING_LIMITS,
+    SHAPE_FACTOR,
+    SIZE_ROUNDS,
+    WINDOW_REACH,
+)
 
-EVALUATIONS, SAME = 20, 0.02  # for each shape; log odds that do not matter
-REACH = 1.6  # by which a shape may be changed, as a factor
-FURTHER, AT_THE_END = 4, 0.99  # times that the size of a law of the record may become larger still; share of the reach
-ENDS, SAMPLES = ("start", "end"), 6  # of a window; by so many samples each is moved at last
-WINDOW = 0.5  # [s] by which the ends of a window may be moved
-ALGORITHM = "LN_BOBYQA"
-FAR = {"rad": 0.7, "s": 0.3}  # from which on no record is off
+ALGORITHM = "LN_BOBYQA"  # Powell 2009: no derivatives, box constraints
+AT_THE_BOUND = 0.99  # step from which on a size counts as at the bound of its box, over the box [1]
+WINDOW_ENDS = ("start", "end")  # shapes that are added to, not multiplied
+MOST_SAMPLES = 6  # samples by which each end of a window is moved at last
 
 
-def optimise_shapes(dataset: Dataset, found: Selection) -> Selection:
-    """The selected laws, each with its best shape; laws of the record are taken at their size, not as small.
+class _Option(NamedTuple):
+    """A hypothesis that may stand in the place of a selected one, and the columns to begin with."""
+
+    hypothesis: Hypothesis
+    group: Group
+
+
+class _Others(NamedTuple):
+    """All other selected laws."""
+
+    selection: Selection
+    fit: Fitted
+    dispersion: Array  # (n,) variance of the whitened residual [1]
+
+
+class _Optimised(NamedTuple):
+    """A hypothesis with optimised shape."""
+
+    log_odds: float  # [-]
+    hypothesis: Hypothesis
+    columns: dict[int, Array]  # per joint (M, d) [torque per coefficient]
+
+
+def optimise_shapes(dataset: Dataset, selection: Selection) -> Selection:
+    """Optimise the shape of each selected law; recording laws are taken at finite size, not linearised about zero.
 
     Args:
-        dataset: gives the motions.
-        found: the selected laws.
+        dataset: motions and rows.
+        selection: the selected laws.
     """
-    for group in found.selected:
-        options = _options(found.posterior, group, {other.claim.key for other in found.selected})
+    for group in selection.selected:
+        options = _options(selection.posterior, group, {other.claim.key for other in selection.selected})
         if not options or time_is_up(SEARCH):
             continue
         show_step(f"fitting numbers of {group.claim.key[0]}", 0.7)
-        rest = found.without(group)
+        rest = selection.without(group)
         dispersion = inflated_dispersion(rest)
-        fit = found.evidence.fit(rest.selected, dispersion, found.prior_scale)
-        beside = (rest, fit, dispersion)
-        tried = [_polish(dataset, option, beside) for option in options if _fits(option, beside)]
-        if not tried:
-            continue
-        tried.sort(key=lambda t: -t[0])
-        data, new = append(dataset, found.data, *tried[0][1:])
-        for _, rival, columns in tried[1:]:  # at its size too, so that both are weighed alike
-            data, _ = append(dataset, data, rival, columns)
-        selected = tuple(new if g is group else g for g in found.selected)
-        log = {(new if g is group else g): x for g, x in found.log_odds.items()}
-        posterior = replace(found.posterior, evidence=replace(found.evidence, data=data))
-        found = replace(found, posterior=posterior, selected=selected, log_odds=log)
-    return found
+        fit = selection.evidence.fit(rest.selected, dispersion, selection.prior_scale)
+        others = _Others(rest, fit, dispersion)
+        tried = [_optimise(dataset, option, others) for option in options if _has_plausible_size(option, others)]
+        if tried:
+            selection = _replaced(dataset, selection, group, sorted(tried, key=lambda one: -one.log_odds))
+    return selection
 
 
-def _options(posterior: Posterior, group: Group, taken: Collection[Key]) -> list[tuple[Hypothesis, Group]]:
-    """What may stand in the place of a hypothesis, each with where to begin: itself, and twins in the record.
+def _replaced(dataset: Dataset, selection: Selection, group: Group, tried: list[_Optimised]) -> Selection:
+    """Replace a selected law by the best of some; the others become hypotheses at their size too, for comparison."""
+    data, new = append(dataset, selection.data, tried[0].hypothesis, tried[0].columns)
+    for rival in tried[1:]:
+        data, _ = append(dataset, data, rival.hypothesis, rival.columns)
+    selected = tuple(new if g is group else g for g in selection.selected)
+    log = {(new if g is group else g): x for g, x in selection.log_odds.items()}
+    posterior = replace(selection.posterior, evidence=replace(selection.evidence, data=data))
+    return replace(selection, posterior=posterior, selected=selected, log_odds=log)
+
+
+def _options(posterior: Posterior, group: Group, taken: Collection[Key]) -> list[_Option]:
+    """Hypotheses to optimise in the place of a selected one: itself, and twins among the recording laws.
 
     Args:
         posterior: odds of every hypothesis.
-        group: the hypothesis.
-        taken: the selected laws already.
+        group: columns of the selected hypothesis.
+        taken: effects and joints of all selected hypotheses.
     """
     hypothesis = group.claim
     if len(hypothesis.laws) != 1:
         return []
     law = hypothesis.laws[0]
+    groups = posterior.evidence.data.groups
     twins = [
-        (_at_size(EFFECTS[name], law.joints), posterior.evidence.data.groups[posterior.keys[name, law.joints][0]])
+        _Option(_at_size(EFFECTS[name], law.joints), groups[posterior.keys[name, law.joints][0]])
         for name in law.effect.twins
-        if _is_small(EFFECTS[name]) and (name, law.joints) in posterior.keys and (name, law.joints) not in taken
+        if _is_linearised(EFFECTS[name]) and (name, law.joints) in posterior.keys and (name, law.joints) not in taken
     ]
-    if _is_small(law.effect):
-        return [(_at_size(law.effect, law.joints), group), *twins]
+    if _is_linearised(law.effect):
+        return [_Option(_at_size(law.effect, law.joints), group), *twins]
     if isinstance(law.effect, RecordingLaw) or not (twins or law.effect.shape(law.parameters)):
         return []
-    return [(hypothesis, group), *twins]
+    return [_Option(hypothesis, group), *twins]
 
 
 def _at_size(effect: EffectProtocol, joints: tuple[int, ...]) -> Hypothesis:
-    """A law of the record whose number is still to be found."""
+    """A recording law at finite size; its size is not yet known."""
     return Hypothesis((Law(effect, joints, dict.fromkeys(effect.linear(), 0.0)),), finite=True)
 
 
-def _is_small(effect: EffectProtocol) -> bool:
-    """Whether an effect changes the record by one number that may be small."""
+def _is_linearised(effect: EffectProtocol) -> bool:
+    """Whether an effect is a recording law of one number, whose columns are linearised about zero."""
     return isinstance(effect, RecordingLaw) and len(effect.linear()) == 1
 
 
-Beside = tuple[Selection, Fitted, Array]  # the others that are selected, their fit, the dispersion (n,) [1]
-
-
-def _polish(
-    dataset: Dataset, option: tuple[Hypothesis, Group], beside: Beside
-) -> tuple[float, Hypothesis, dict[int, Array]]:
-    """The best numbers of a law, what they explain, and its columns (M, d) per joint."""
-    known, (rest, fit, dispersion) = option[0], beside
-    law, start = known.laws[0], _start(option, rest, dispersion)
-    keys, moved = list(start), [_reach(key) for key in start]
+def _optimise(dataset: Dataset, option: _Option, others: _Others) -> _Optimised:
+    """Maximise the log odds of a law over its shapes, or over the size of a recording law."""
+    known, start, posterior = option.hypothesis, _start(option, others), others.selection.posterior
+    law, keys, moves = known.laws[0], list(start), [_move(key) for key in start]
 
     def hypothesis(x: Array) -> Hypothesis:
-        numbers = {key: move(start[key], float(v)) for key, move, v in zip(keys, moved, x, strict=True)}
+        numbers = {key: move(start[key], float(v)) for key, move, v in zip(keys, moves, x, strict=True)}
         return replace(known, laws=(Law(law.effect, law.joints, {**law.parameters, **numbers}),))
 
     def cost(x: Array) -> float:
         tried = hypothesis(x).laws[0]
         if not any(tried.effect.possible(p.motion.at(tried.joints), **_shape(tried)) for p in dataset.pieces):
             return 0.0
-        told = dataset.columns(hypothesis(x))
-        return -(rest.posterior.candidate_log_odds(fit, dispersion, known, told, dataset.whiten(told)) or 0.0)
+        columns = dataset.columns(hypothesis(x))
+        white = dataset.whiten(columns)
+        return -(posterior.candidate_log_odds(others.fit, others.dispersion, known, columns, white) or 0.0)
 
     zero = np.zeros(len(keys))
     if not keys:
-        return -cost(zero), known, dataset.columns(known)
-    best = _minimised(cost, zero, FURTHER if known.finite else 0)
-    ends = [k for k, key in enumerate(keys) if key in ENDS]
-    value, x = _stepped(cost, best.value, best.x, ends, dataset.pieces[0].motion.dt / WINDOW)
+        return _Optimised(-cost(zero), known, dataset.columns(known))
+    best = _minimised(cost, zero, SIZE_ROUNDS if known.finite else 0)
+    ends = [k for k, key in enumerate(keys) if key in WINDOW_ENDS]
+    value, x = _stepped(cost, best.value, best.x, ends, dataset.pieces[0].motion.dt / WINDOW_REACH)
     chosen = hypothesis(x)
-    return -value, chosen, dataset.columns(chosen)
+    return _Optimised(-value, chosen, dataset.columns(chosen))
 
 
 def _minimised(cost: Callable[[Array], float], start: Array, further: int) -> Optimum:
-    """The best steps within reach of some, and of the best of these where it is as large as they reach."""
-    budget = EVALUATIONS * len(start)
+    """Minimise in a box of half-width 1 about the start; `further` times again about an optimum at its upper bound."""
+    budget = EVALUATIONS_PER_SHAPE * len(start)
     while True:
-        problem = Problem(cost, start - 1, start + 1, start, search=SEARCH, tolerance=SAME)
+        problem = Problem(cost, start - 1, start + 1, start, search=SEARCH, tolerance=LOG_ODDS_TOLERANCE)
         best = OPTIMISERS["nlopt"].minimise(problem, algorithm=ALGORITHM, budget_evaluations=budget)
-        if further == 0 or np.all(best.x - start < AT_THE_END) or time_is_up(SEARCH):
+        if further == 0 or np.all(best.x - start < AT_THE_BOUND) or time_is_up(SEARCH):
             return best
         start, further = best.x, further - 1
 
@@ -141,25 +169,25 @@ def _minimised(cost: Callable[[Array], float], start: Array, further: int) -> Op
 def _stepped(
     cost: Callable[[Array], float], value: float, x: Array, ends: list[int], step: float
 ) -> tuple[float, Array]:
-    """Ends of windows moved sample by sample, while that costs less: between samples nothing changes."""
+    """Move ends of windows sample by sample while the cost falls, since it is constant between samples."""
     for k in ends:
         for way in (step, -step):
-            for _ in range(SAMPLES):
+            for _ in range(MOST_SAMPLES):
                 moved = x + way * (np.arange(len(x)) == k)
-                if (told := cost(moved)) >= value:
+                if (moved_cost := cost(moved)) >= value:
                     break
-                value, x = told, moved
+                value, x = moved_cost, moved
     return value, x
 
 
-def _fits(option: tuple[Hypothesis, Group], beside: Beside) -> bool:
-    """Whether a law of the record would have a size that a record can have."""
-    known, (rest, _, dispersion) = option[0], beside
+def _has_plausible_size(option: _Option, others: _Others) -> bool:
+    """Whether the size that a linearised recording law suggests is plausible; True for all other laws."""
+    known = option.hypothesis
     if not known.finite:
         return True
-    kinds, start = known.laws[0].effect.linear(), _start(option, rest, dispersion)
+    kinds, start = known.laws[0].effect.linear(), _start(option, others)
     return all(
-        0 < abs(x) < FAR.get(kinds[key].unit, np.inf) and not (kinds[key].positive and x < 0)
+        0 < abs(x) < RECORDING_LIMITS.get(kinds[key].unit, np.inf) and not (kinds[key].positive and x < 0)
         for key, x in start.items()
     )
 
@@ -168,18 +196,20 @@ def _shape(law: Law) -> dict[str, float]:
     return dict(law.effect.shape(law.parameters))
 
 
-def _start(option: tuple[Hypothesis, Group], rest: Selection, dispersion: Array) -> dict[str, float]:
-    """Numbers to begin with: the shape on its grid, or the size that the small law suggests."""
-    (known, group), law = option, option[0].laws[0]
+def _start(option: _Option, others: _Others) -> dict[str, float]:
+    """Numbers to begin with: the shape on its grid, or the coefficient of the linearised recording law."""
+    known, group = option
+    law = known.laws[0]
     if not known.finite:
-        return dict(law.effect.shape(law.parameters))
-    sizes = measure_sizes(rest.evidence, (*rest.selected, group), dispersion, rest.prior_scale)
+        return _shape(law)
+    rest = others.selection
+    contributions = measure_contributions(rest.evidence, (*rest.selected, group), others.dispersion, rest.prior_scale)
     (key,) = law.effect.linear()
-    return {key: float(sizes.value[group][0])}
+    return {key: float(contributions.coefficients[group][0])}
 
 
-def _reach(key: str) -> Callable[[float, float], float]:
-    """How a number follows a step from -1 to 1: ends of windows by addition, all else by a factor."""
-    if key in ENDS:
-        return lambda x, step: x + WINDOW * step
-    return lambda x, step: float(x * REACH**step)
+def _move(key: str) -> Callable[[float, float], float]:
+    """Map from a step in -1 to 1 to a number: ends of windows by addition, all else by a factor."""
+    if key in WINDOW_ENDS:
+        return lambda x, step: x + WINDOW_REACH * step
+    return lambda x, step: float(x * SHAPE_FACTOR**step)

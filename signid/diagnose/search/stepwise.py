@@ -1,4 +1,4 @@
-"""Odds -> the hypotheses that together explain the recordings: one after another, exchanged, dropped."""
+"""Stepwise selection of hypotheses by posterior odds: forward steps, exchange and removal."""
 
 from __future__ import annotations
 
@@ -15,51 +15,57 @@ from ..evidence.posterior_odds import Odds, Posterior
 from ..evidence.selection import Selection
 from ..evidence.thresholds import PRIOR_NOTHING
 from ..extend.extend import has_possible_numbers
-from .contributions import energies, measure_sizes
-from .feasible import is_sound
-from .inertial_check import inertial_violations, relieved
+from .admissible import is_admissible
+from .contributions import measure_contributions, residual_growth
+from .inertial_check import inertial_violations, resolved_violations
+from .thresholds import (
+    EXCHANGE_LOG_ODDS,
+    FIRST_LOG_ODDS,
+    IMITATED_LOG_ODDS,
+    IMITATED_SHARE,
+    MAX_INFLATION,
+    MAX_LAWS,
+    NEXT_LOG_ODDS,
+    SHAPE_ERROR,
+    UNTRUSTED_LOG_ODDS,
+)
 
-SEARCH = "the search for laws"
-FIRST, NEXT = 4.0, 3.0  # log odds needed
-DISTRUST, LOOKALIKE = 5.0, 8.0  # the same where inertials are not trusted, and of what inertials imitate
-IMITATED = 0.9  # share of an effect that inertials can make, from which on it looks like them
-MOST = 14  # hypotheses altogether
-SHAPE_ERROR = 0.05  # of an effect that is selected: what its law leaves of it
-BETTER = 2.0  # log odds by which another hypothesis must be better to take a place
+SEARCH = "the search for laws"  # name of the search in messages about time limits
 
 
-def search(posterior: Posterior, dispersion: Array, start: Mapping[Group, float] | None = None) -> Selection:
-    """Stepwise selection: each step adds the likeliest hypothesis, then exchanges those that others explain better.
+def stepwise_search(posterior: Posterior, dispersion: Array, start: Mapping[Group, float] | None = None) -> Selection:
+    """Select hypotheses: each step adds the most probable one, then exchanges those that others explain better.
 
     Args:
         posterior: odds of every hypothesis.
-        dispersion: (n,) variance of the whitened residual that no law explains [1].
+        dispersion: (n,) variance of the whitened residual without any law [1].
         start: hypotheses to begin with, and the log odds of each; None: none.
     """
-    state = begin(posterior, dispersion, {})
-    first, trusted = posterior.odds((), inflated_dispersion(state))
+    selection = initial_selection(posterior, dispersion, {})
+    first, trusted = posterior.odds((), inflated_dispersion(selection))
     odds, seen = first, list[set[Group]]()
     if start:
-        state = _exchanged(begin(posterior, dispersion, start), BETTER)
-    for step in range(MOST):
-        show_step(f"weighing laws beside {len(state.selected)} found", 1 - 0.7 ** (step + 1))
-        if state.selected:
-            odds, trusted = posterior.odds(state.selected, inflated_dispersion(state))
-        chosen = _pick(state, odds, trusted, NEXT if state.selected else FIRST)
+        selection = _exchanged(initial_selection(posterior, dispersion, start), EXCHANGE_LOG_ODDS)
+    for step in range(MAX_LAWS):
+        show_step(f"weighing laws beside {len(selection.selected)} selected", 1 - 0.7 ** (step + 1))
+        if selection.selected:
+            odds, trusted = posterior.odds(selection.selected, inflated_dispersion(selection))
+        chosen = _best_candidate(selection, odds, trusted, NEXT_LOG_ODDS if selection.selected else FIRST_LOG_ODDS)
         if chosen is None or time_is_up(SEARCH):
             break
-        state = larger = _with(state, chosen)
-        if len(state.selected) > 1:
-            state = _exchanged(_plainer(state), BETTER, state.data.rows(chosen.best))
-        state = larger if set(state.selected) in seen else state  # the exchange would go in circles
-        if set(state.selected) in seen:
+        selection = larger = _with(selection, chosen)
+        if len(selection.selected) > 1:
+            acted_on = selection.data.rows(chosen.best)
+            selection = _exchanged(_simplified(selection), EXCHANGE_LOG_ODDS, acted_on)
+        selection = larger if set(selection.selected) in seen else selection  # the exchange would cycle
+        if set(selection.selected) in seen:
             break
-        seen.append(set(state.selected))
+        seen.append(set(selection.selected))
     for _ in range(0 if time_is_up(SEARCH) else 2):
-        before, state = state.selected, _exchanged(_plainer(state), BETTER / 2)
-        if before == state.selected:
+        before, selection = selection.selected, _exchanged(_simplified(selection), EXCHANGE_LOG_ODDS / 2)
+        if before == selection.selected:
             break
-    return replace(state, first=first)
+    return replace(selection, first=first)
 
 
 def log_posterior(selection: Selection) -> float:
@@ -83,14 +89,14 @@ def log_prior_odds(selection: Selection) -> float:
     return sum(priors) - len(selection.selected) * float(np.log(PRIOR_NOTHING))
 
 
-def begin(posterior: Posterior, dispersion: Array, start: Mapping[Group, float]) -> Selection:
-    """Hypotheses that were selected among other rows, with as many coefficients, in any of their shapes.
+def initial_selection(posterior: Posterior, dispersion: Array, start: Mapping[Group, float]) -> Selection:
+    """Selection of hypotheses that were selected among other rows, each in a shape of as many coefficients.
 
     An exchange or a fit finds the best shape.
 
     Args:
         posterior: odds of every hypothesis.
-        dispersion: (n,) variance of the whitened residual that no law explains [1].
+        dispersion: (n,) variance of the whitened residual without any law [1].
         start: the hypotheses, and the log odds of each.
     """
     log = {posterior.counterpart(group): x for group, x in start.items() if group.claim.key in posterior.keys}
@@ -98,126 +104,145 @@ def begin(posterior: Posterior, dispersion: Array, start: Mapping[Group, float])
     return Selection(posterior, tuple(log), log, dispersion, scale)
 
 
-def inflated_dispersion(selection: Selection, most: float = 1.3) -> Array:
-    """(n,) variance of the whitened residual [1] with the errors of shape of the selected laws.
+def inflated_dispersion(selection: Selection, most: float = MAX_INFLATION) -> Array:
+    """(n,) variance of the whitened residual [1], inflated by formula errors of the selected laws.
 
     Args:
         selection: the selected laws.
-        most: upper bound, in mean squares of the residual [1].
+        most: upper bound, over the mean square of the residual [1].
     """
     dispersion = selection.dispersion
     if not selection.selected:
         return dispersion
-    sizes = measure_sizes(selection.evidence, selection.selected, dispersion, selection.prior_scale)
-    wide = dispersion + SHAPE_ERROR**2 * sum(energies(sizes).values())
-    return np.maximum(dispersion, np.minimum(wide, most * sizes.left))
+    contributions = measure_contributions(selection.evidence, selection.selected, dispersion, selection.prior_scale)
+    inflated = dispersion + SHAPE_ERROR**2 * sum(residual_growth(contributions).values())
+    return np.maximum(dispersion, np.minimum(inflated, most * contributions.mean_square))
 
 
-def needed(
-    posterior: Posterior, group: Group, trusted: float, count: int, usual: float, strained: Collection[int] = ()
+def required_log_odds(
+    posterior: Posterior, group: Group, trusted: float, count: int, usual: float, violated: Collection[int] = ()
 ) -> float:
-    """Log odds that a hypothesis needs beside `count` others.
+    """Log odds that a hypothesis needs beside `count` others [-].
 
-    Inertials within their tolerance imitate bodies, but not those of the joints whose links are strained without them.
+    More where inertials are probably wrong, since these imitate changes of bodies; but not for the bodies of links that
+    violate their tolerance.
+
+    Args:
+        posterior: odds of every hypothesis.
+        group: columns of the hypothesis.
+        trusted: probability that inertials are as stated [1].
+        count: number of selected laws.
+        usual: log odds needed where inertials are as stated [-].
+        violated: joints whose links violate their tolerance without the hypothesis.
     """
-    if trusted >= 0.5 or posterior.evidence.informed or group.claim.bodies.intersection(strained):
+    if trusted >= 0.5 or posterior.evidence.informed or group.claim.bodies.intersection(violated):
         return usual
-    if posterior.evidence.imitated(group) > IMITATED:
-        return max(usual, LOOKALIKE)
-    return max(usual, DISTRUST) if count == 0 else usual
+    if posterior.evidence.imitated(group) > IMITATED_SHARE:
+        return max(usual, IMITATED_LOG_ODDS)
+    return max(usual, UNTRUSTED_LOG_ODDS) if count == 0 else usual
 
 
-def _pick(state: Selection, odds: Mapping[Key, Odds], trusted: float, usual: float) -> Odds | None:
-    taken, there = _taken(state), laws_there(state)
-    open_ = (o for o in odds.values() if not taken & o.best.claim.names and is_founded(o.best, there))
-    strained = inertial_violations(state)
-    ranked = sorted(
-        open_, key=lambda o: (-max((strained.get(j, 0.0) for j in o.best.claim.bodies), default=0.0), -o.log)
+def present_laws(selection: Selection) -> set[Key]:
+    """Effects and joints of the laws that the simulation states or that are selected.
+
+    Args:
+        selection: the selected laws.
+    """
+    stated = {(g.law.effect.name, g.law.joints) for g in selection.data.refitted if g.law is not None}
+    return stated | _selected_keys(selection)
+
+
+def is_applicable(group: Group, present: Collection[Key]) -> bool:
+    """Whether a hypothesis names laws, and a law that changes another has that other present.
+
+    Args:
+        group: columns of the hypothesis.
+        present: effects and joints of laws.
+    """
+    laws = group.claim.laws
+    return bool(laws) and all(
+        not law.effect.changes or any((name, law.joints) in present for name in law.effect.changes) for law in laws
     )
-    for candidate in ranked:
+
+
+def _best_candidate(selection: Selection, odds: Mapping[Key, Odds], trusted: float, usual: float) -> Odds | None:
+    """Most probable admissible hypothesis with sufficient odds; corrections of violated links come first."""
+    taken, present = _selected_keys(selection), present_laws(selection)
+    candidates = (o for o in odds.values() if not taken & o.best.claim.names and is_applicable(o.best, present))
+    violations = inertial_violations(selection)
+
+    def rank(odds: Odds) -> tuple[float, float]:
+        return -max((violations.get(j, 0.0) for j in odds.best.claim.bodies), default=0.0), -odds.log
+
+    count = len(selection.selected)
+    for candidate in sorted(candidates, key=rank):
         if candidate.log < usual or time_is_up(SEARCH):
             continue
-        enough = candidate.log >= needed(state.posterior, candidate.best, trusted, len(state.selected), usual, strained)
-        if enough and is_sound(state, candidate.best):
+        needed = required_log_odds(selection.posterior, candidate.best, trusted, count, usual, violations)
+        if candidate.log >= needed and is_admissible(selection, candidate.best):
             return candidate
     return None
 
 
-def _taken(state: Selection) -> set[Key]:
-    return {key for group in state.selected for key in group.claim.names}
+def _selected_keys(selection: Selection) -> set[Key]:
+    """Effects and joints of all selected laws."""
+    return {key for group in selection.selected for key in group.claim.names}
 
 
-def laws_there(state: Selection) -> set[Key]:
-    """Effects and joints of the laws that the simulation states or that are selected.
+def _with(selection: Selection, chosen: Odds) -> Selection:
+    """Add a hypothesis; a hypothesis of several laws becomes several, which may be dropped one by one."""
+    parts = tuple(part for part in selection.posterior.parts(chosen.best) if part not in selection.selected)
+    log_odds = {**selection.log_odds, **dict.fromkeys(parts, chosen.log)}
+    return selection.with_selected((*selection.selected, *parts), log_odds)
+
+
+def _exchanged(selection: Selection, better: float, joints: Collection[int] | None = None) -> Selection:
+    """Compare each selected law with all others in its place; replace or drop it.
+
+    A correction of a link that violates its tolerance without it may be replaced only by one that resolves this too.
 
     Args:
-        state: the selected laws.
+        selection: the selected laws.
+        better: log odds by which a rival must be better [-].
+        joints: compare only laws that act on one of these; None: all.
     """
-    stated = {(g.law.effect.name, g.law.joints) for g in state.data.refitted if g.law is not None}
-    return stated | _taken(state)
-
-
-def is_founded(group: Group, there: Collection[Key]) -> bool:
-    """Whether a hypothesis names laws, and what each changes is there.
-
-    Args:
-        group: the hypothesis.
-        there: effects and joints of laws.
-    """
-    laws = group.claim.laws
-    return bool(laws) and all(
-        not law.effect.changes or any((name, law.joints) in there for name in law.effect.changes) for law in laws
-    )
-
-
-def _with(state: Selection, chosen: Odds) -> Selection:
-    """The hypothesis as well; laws that are missing together become hypotheses of their own, which may be dropped."""
-    parts = tuple(part for part in state.posterior.parts(chosen.best) if part not in state.selected)
-    return state.with_selected((*state.selected, *parts), {**state.log_odds, **dict.fromkeys(parts, chosen.log)})
-
-
-def _exchanged(state: Selection, better: float, joints: Collection[int] | None = None) -> Selection:
-    """Each hypothesis in turn against all others that could stand in its place; only those at some joints, or all.
-
-    In the place of a link's that is strained without it, only what relieves that link could.
-    """
-    for group in state.selected:
+    for group in selection.selected:
         if time_is_up(SEARCH):
             break
-        if joints is not None and not set(state.data.rows(group)).intersection(joints):
-            continue
-        rest = state.without(group)
-        odds, trusted = state.posterior.odds(state.selected, inflated_dispersion(state), without=group)
-        links = relieved(state, rest, group)
-        odds = {key: o for key, o in odds.items() if not links or o.best.claim.bodies & links}
-        own = odds.get(group.claim.key)
-        log = own.log if own is not None else -np.inf
-        alone = {key: o for key, o in odds.items() if len(o.best.claim.laws) == 1 and o.log > log + better}
-        rival = _pick(rest, alone, trusted, NEXT) if alone else None
-        if rival is not None:
-            state = _with(rest, rival)
-        elif log < needed(state.posterior, group, trusted, len(rest.selected), NEXT, links):
-            state = rest
-        elif own is not None and own.best is not group:
-            state = _with(rest, own)
-    return state
+        if joints is None or not set(selection.data.rows(group)).isdisjoint(joints):
+            selection = _exchange(selection, group, better)
+    return selection
 
 
-def _plainer(state: Selection) -> Selection:
-    """The plain laws that a law contains in its place, where together they are as likely."""
-    for group in state.selected:
+def _exchange(selection: Selection, group: Group, better: float) -> Selection:
+    """Replace one selected law by a clearly better rival or by another of its shapes, or drop it."""
+    rest, posterior = selection.without(group), selection.posterior
+    odds, trusted = posterior.odds(selection.selected, inflated_dispersion(selection), without=group)
+    links = resolved_violations(selection, rest, group)
+    odds = {key: o for key, o in odds.items() if not links or o.best.claim.bodies & links}
+    own = odds.get(group.claim.key)
+    log = own.log if own is not None else -np.inf
+    single = {key: o for key, o in odds.items() if len(o.best.claim.laws) == 1 and o.log > log + better}
+    rival = _best_candidate(rest, single, trusted, NEXT_LOG_ODDS) if single else None
+    if rival is not None:
+        return _with(rest, rival)
+    if log < required_log_odds(posterior, group, trusted, len(rest.selected), NEXT_LOG_ODDS, links):
+        return rest
+    return _with(rest, own) if own is not None and own.best is not group else selection
+
+
+def _simplified(selection: Selection) -> Selection:
+    """Replace a law by the simpler laws that it contains where these are as probable together."""
+    for group in selection.selected:
         law = group.claim.laws[0]
-        plain = tuple(
-            g
-            for g in state.posterior.single_laws([(name, law.joints) for name in law.effect.contains])
-            if g not in state.selected
-        )
-        if not plain:
+        contained = selection.posterior.single_laws([(name, law.joints) for name in law.effect.contains])
+        simpler = tuple(g for g in contained if g not in selection.selected)
+        if not simpler:
             continue
-        log = {**state.log_odds, **dict.fromkeys(plain, state.log_odds[group])}
-        other = state.with_selected((*(g for g in state.selected if g is not group), *plain), log)
-        now, then = state.fit(), other.fit()
-        possible = all(has_possible_numbers(g, then.value[then.place(g)]) for g in plain)
+        log = {**selection.log_odds, **dict.fromkeys(simpler, selection.log_odds[group])}
+        other = selection.with_selected((*(g for g in selection.selected if g is not group), *simpler), log)
+        now, then = selection.fit(), other.fit()
+        possible = all(has_possible_numbers(g, then.value[then.place(g)]) for g in simpler)
         if possible and then.log_evidence >= now.log_evidence:
-            state = other
-    return state
+            selection = other
+    return selection

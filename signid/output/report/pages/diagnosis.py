@@ -55,7 +55,7 @@ def diagnosis_page(result: Diagnosis, inputs: Sequence[Input] = (), command: str
         inputs: files read besides the recordings; default: the robot description.
         command: shell line that reproduces the page, if any.
     """
-    learned, floor, order = result.learned, result.before.irreducible_rms, worst(result.before)
+    learned, floor, order = result.train, result.before.irreducible_rms, worst(result.before)
     chosen = [j for j in order if result.before.held_out_rms[j] > LOUD * floor[j]]
     top = hottest(learned, learned.before, floor)
     rolled = result.rollout_before, result.rollout_after
@@ -76,7 +76,7 @@ def diagnosis_page(result: Diagnosis, inputs: Sequence[Input] = (), command: str
         rivals=list(_alternatives(result)),
         left=unexplained_words(result),
         fit=_fit_rows(result),
-        joints=joint_plots(result.judged, result.before, result.after, chosen or order[:1]),
+        joints=joint_plots(result.held_out, result.before, result.after, chosen or order[:1]),
         rolled=None if None in rolled else rollout_plots(*rolled),  # type: ignore[arg-type]
         horizon=0.0 if rolled[0] is None else max(rolled[0].horizons),
         notes=diagnosis_notes(result),

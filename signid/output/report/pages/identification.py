@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ....diagnose.extend.holdout import course_of, residuals
+from ....diagnose.extend.holdout import course_of, residual_rows
 from ....estimation.excitation import ENOUGH
 from ....estimation.fit_quality import Course, Fit
 from ....identify import Identification
@@ -90,7 +90,7 @@ def _course(session: Session, after: Model) -> tuple[Course, bool]:
     """Residuals of the description and the model on held-out data or its beginning; whether that is all of it."""
     parts = list(_beginning(session.held_out))
     stated = Model(session.robot, stated_inertials(session.robot), stated_laws(session.robot))
-    before, identified = (residuals(session.task, model, parts) for model in (stated, after))
+    before, identified = (residual_rows(session.task, model, parts) for model in (stated, after))
     return course_of(before, identified, session.robot), _samples(parts) == _samples(session.held_out)
 
 

@@ -1,0 +1,176 @@
+"""Rivals of a selected law, replacement of improbable laws, and the verdict, on small evidence."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from diagnosis_rows import Question, law, moved, names, pose
+
+from signid.diagnose.data.hypotheses import Hypothesis
+from signid.diagnose.findings import alternatives
+from signid.diagnose.findings.alternatives import limit_in_step, rank_contenders, replace_weak
+from signid.diagnose.findings.contender import Contender
+from signid.diagnose.findings.rival_torque import residual_energies
+from signid.diagnose.findings.thresholds import CAUSE_SHARE, FORMULA_ERROR, MOST_IN_STEP
+from signid.diagnose.findings.verdict import Verdict, decide_verdict
+from signid.diagnose.search.contributions import measure_contributions
+from signid.diagnose.search.stepwise import stepwise_search
+
+LIBRARY = (law("viscous_friction"), law("coulomb_friction"), law("spring"), law("quadratic_friction"))
+VISCOUS, SPRING = law("viscous_friction", coefficient=0.3), law("spring", stiffness=1.5, rest=0.2)
+DRAG = law("quadratic_friction", coefficient=0.3)
+UNKNOWN = Hypothesis(joint=0, variable="position", knots=tuple(np.linspace(-1.5, 1.5, 8).tolist()))
+
+
+@pytest.fixture(autouse=True)
+def plain(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Noise that may not take over a law's torque."""
+    monkeypatch.setattr(alternatives._Ranking, "_penalty", lambda *_: 0.0)
+
+
+def ranked(one: Question, *selected: str) -> tuple[Contender, ...]:
+    return rank_contenders(one.dataset, one.selection(*(one.group(name, 0) for name in selected)))
+
+
+def logit(contender: Contender, key: Any) -> float:
+    return float(np.log(contender.shares[key]))
+
+
+def test_rivals_of_the_same_torque_share_the_probability() -> None:
+    """On one joint, drag and quadratic friction are one column; drag is positive, so its prior is twice as dense."""
+    one = pose((*LIBRARY, law("fluid_drag")), DRAG)
+    (quadratic,) = ranked(one, "quadratic_friction")
+    own, rival = ("quadratic_friction", (0,)), ("fluid_drag", (0,))
+    priors = one.posterior.priors
+    expected = np.log(2) + priors[rival] - priors[own]
+    assert logit(quadratic, rival) - logit(quadratic, own) == pytest.approx(expected, abs=1e-6)
+    assert sum(quadratic.shares.values()) == pytest.approx(1) and set(quadratic.rivals) == {rival}
+    assert quadratic.probability + quadratic.rivals[rival][0] == pytest.approx(1, abs=1e-6)
+
+
+def test_rivals_that_leave_the_torque_are_not_listed() -> None:
+    (viscous,) = ranked(pose(LIBRARY, VISCOUS), "viscous_friction")
+    assert viscous.probability > 0.99 and viscous.rivals == {}
+
+
+def test_twins_are_compared_however_unlikely_they_are() -> None:
+    one = pose((*LIBRARY, law("fluid_drag")), DRAG)
+    group = one.group("quadratic_friction", 0)
+    found = one.selection(group)
+    parts = measure_contributions(found.evidence, found.selected, found.dispersion, found.prior_scale)
+    odds = one.posterior.odds(found.selected, found.dispersion, without=group)[0]
+    far = {key: o._replace(log=-1e4) if key != group.claim.key else o for key, o in odds.items()}
+    energies = residual_energies(one.posterior, group, far, parts)
+    assert energies.keys() == {("quadratic_friction", (0,)), ("fluid_drag", (0,))}
+    assert energies["fluid_drag", (0,)] < 1e-6 * energies[group.claim.key]
+
+
+def test_a_dependence_is_no_rival_by_what_a_formula_misses() -> None:
+    one = pose((*LIBRARY, UNKNOWN), SPRING, noise=1.0)
+    (spring,) = ranked(one, "spring")
+    group = one.group("spring", 0)
+    found = one.selection(group)
+    parts = measure_contributions(found.evidence, found.selected, found.dispersion, found.prior_scale)
+    odds = one.posterior.odds(found.selected, found.dispersion, without=group)[0]
+    energy = residual_energies(one.posterior, group, odds, parts)[group.claim.key]
+    beside = one.posterior.odds(found.selected, found.dispersion)[0]["position", (0,)].log
+    log = odds["position", (0,)].log - max(0.0, beside) - FORMULA_ERROR**2 / 2 * energy
+    own = odds[group.claim.key].log
+    assert logit(spring, ("position", (0,))) - logit(spring, group.claim.key) == pytest.approx(log - own, rel=1e-9)
+    assert spring.unexplained < 1e-6
+
+
+def test_a_likelier_rival_takes_the_place() -> None:
+    one = pose(LIBRARY, VISCOUS)
+    wrong = one.selection(one.group("coulomb_friction", 0))
+    (contender,) = rank_contenders(one.dataset, wrong)
+    assert contender.instead is one.group("viscous_friction", 0)
+    better, (sure,) = replace_weak(one.dataset, wrong)
+    assert names(better) == {"viscous_friction"} and sure.probability > 0.99
+
+
+def test_a_law_without_torque_is_dropped() -> None:
+    one = pose(LIBRARY, VISCOUS)
+    selection = one.selection(one.group("viscous_friction", 0), one.group("spring", 0))
+    better, (sure,) = replace_weak(one.dataset, selection)
+    assert names(better) == {"viscous_friction"} and sure.group is better.selected[0]
+
+
+def test_held_out_rows_count_like_others() -> None:
+    (viscous,) = ranked(pose(LIBRARY, VISCOUS), "viscous_friction")
+    unsure = replace(viscous, evidence=2.0, steadiness=np.inf)
+    assert unsure.with_held_out(-2.0, refused=False).log == pytest.approx(0.0)
+    assert unsure.with_held_out(3.0, refused=False).log == pytest.approx(5.0)
+    assert unsure.with_held_out(3.0, refused=True).log == 0.0
+    assert replace(unsure, steadiness=1.0).with_held_out(3.0, refused=False).log == 1.0
+
+
+def test_one_joint_alone_is_never_in_step() -> None:
+    one = pose(LIBRARY, VISCOUS)
+    contenders = ranked(one, "viscous_friction")
+    assert limit_in_step(one.dataset, contenders) == contenders and MOST_IN_STEP == pytest.approx(np.log(19))
+
+
+def verdict(one: Question, *selected: str) -> Verdict:
+    found = replace(
+        one.selection(*(one.group(name, 0) for name in selected)), first=one.posterior.odds((), one.dispersion)[0]
+    )
+    return decide_verdict(one.dataset, found, rank_contenders(one.dataset, found))
+
+
+def test_a_law_that_explains_all_is_named() -> None:
+    decided = verdict(pose(LIBRARY, SPRING), "spring")
+    assert decided.name == "named" and decided.secondary == ()
+    assert decided.before[0] > decided.threshold[0] > decided.after[0]
+    assert not decided.is_quiet([0])
+
+
+def test_noise_alone_is_nothing() -> None:
+    decided = verdict(pose((*LIBRARY, UNKNOWN)))
+    assert decided.name == "nothing_missing" and decided.causes == () and decided.is_quiet([0])
+
+
+def wave(size: float) -> np.ndarray:
+    """(N, 1) torque that depends on the position as no law does [N.m]."""
+    return size * np.sign(np.sin(4 * moved().q))
+
+
+def test_a_dependence_that_no_law_explains_is_unknown() -> None:
+    one = pose((LIBRARY[0], UNKNOWN), more=wave(2.0))
+    assert stepwise_search(one.posterior, one.dispersion).selected == ()
+    assert verdict(one).name == "unknown"
+
+
+def test_causes_that_leave_most_are_unknown() -> None:
+    assert verdict(pose((*LIBRARY, UNKNOWN), SPRING, more=wave(3.0)), "spring").name == "unknown"
+    assert verdict(pose((*LIBRARY, UNKNOWN), SPRING, more=wave(0.02)), "spring").name == "named"
+
+
+def test_a_small_law_beside_a_large_one_is_a_correction() -> None:
+    large, small = law("spring", stiffness=9.0, rest=0.2), law("viscous_friction", coefficient=0.1)
+    one = pose(LIBRARY, large, small)
+    decided = verdict(one, "viscous_friction", "spring")
+    assert [group.claim.key[0] for group in decided.causes] == ["spring"]
+    assert [group.claim.key[0] for group in decided.secondary] == ["viscous_friction"] and 0 < CAUSE_SHARE < 1
+    equal = verdict(pose(LIBRARY, SPRING, VISCOUS), "viscous_friction", "spring")
+    assert len(equal.causes) == 2
+
+
+@pytest.mark.parametrize(("share", "gain", "probability", "cause"), [
+    (0.05, 0.5, 0.9, True), (0.01, 0.5, 0.9, False), (0.05, 0.1, 0.9, False), (0.05, 0.5, 0.4, False),
+])  # fmt: skip
+def test_a_correction_that_matters_on_held_out_rows_is_a_cause(
+    share: float, gain: float, probability: float, cause: bool
+) -> None:
+    one = pose(LIBRARY, SPRING, VISCOUS)
+    spring, viscous = one.group("spring", 0), one.group("viscous_friction", 0)
+    before = verdict(one, "spring", "viscous_friction")
+    parts = replace(before.contributions, torque_share={spring: np.array([0.5]), viscous: np.array([share])})
+    split = replace(before, causes=(spring,), secondary=(viscous,), contributions=parts)
+    log = float(np.log(probability / (1 - probability)))
+    contender = Contender(viscous, evidence=log, shares={viscous.claim.key: 1.0}, candidates={}, unexplained=0.0)
+    after = split.with_promoted([contender], {viscous: gain})
+    assert (viscous in after.causes) == cause and (viscous in after.secondary) != cause
