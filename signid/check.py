@@ -40,7 +40,7 @@ class Check(Frozen):
     std: Array  # (b,) [units of base] standard deviation to expect
     verdicts: tuple[str, ...]  # (b,)
     excitation: ExcitationVerdict
-    gross: RecordingFaults
+    faults: RecordingFaults
     advice: tuple[str, ...]
     notes: tuple[str, ...]
     signs: Signs | None = None  # where torque was recorded without them
@@ -50,7 +50,7 @@ class Check(Frozen):
         """Reasons why the recordings are insufficient; empty when they are good."""
         lost = self.signs.flags if self.signs else ()
         columns = [flag for recording in self.recordings for flag in recording.flags]
-        return tuple(dict.fromkeys((*columns, *lost, *self.excitation.sentences, *self.gross.flags)))
+        return tuple(dict.fromkeys((*columns, *lost, *self.excitation.sentences, *self.faults.flags)))
 
 
 def check(
@@ -77,7 +77,7 @@ def check(
     found = recovered.widen(found, factors, session.task.base, options.whiten)
     excitation = judge_excitation(session.task, factors, found, options.seed)
     stated = Model(session.robot, stated_inertials(session.robot), stated_laws(session.robot))
-    gross = examine(stated, session, excitation, np.all([recording.signed for recording in recordings], axis=0))
+    faults = examine(stated, session, excitation, np.all([recording.signed for recording in recordings], axis=0))
     used = np.array([f.counts[0] / f.rows if f.rows else 0.0 for f in factors.joints])
     weak = {name for group in excitation.weak for name in group}
     verdicts = tuple(
@@ -94,9 +94,9 @@ def check(
         found.std,
         verdicts,
         excitation,
-        gross,
+        faults,
         _advice(session, factors, used),
-        tuple(dict.fromkeys((*recovered.notes, *session.notes, *gross.notes))),
+        tuple(dict.fromkeys((*recovered.notes, *session.notes, *faults.notes))),
         recovered.signs,
     )
 

@@ -27,7 +27,7 @@ from signid.types import Array, Law, pseudo_inertia
 ARM = load_robot("3r")
 BODIES = 30  # numbers of its inertials
 FLOOR = np.full(3, 0.01)
-NEVER = "no motion can tell them apart; another sensor or a known load is needed"
+NEVER = "no motion can distinguish them; another sensor or a known load is needed"
 
 
 def simulated(*laws: Law) -> Model:

@@ -21,7 +21,7 @@ from signid.types import Input
 
 ROBOT = signid.load_robot("3r")
 APART = "joint_2 from -1 to 1 at up to 2; signid excite ROBOT --separate a@joint_2,b@joint_2 finds a better one"
-NEVER = "no motion can tell them apart; another sensor or a known load is needed"
+NEVER = "no motion can distinguish them; another sensor or a known load is needed"
 FLAG = "payload <of> joint_3 is one of several & more"
 BEFORE, AFTER, FLOOR = np.array([0.05, 0.8, 0.2]), np.array([0.05, 0.04, 0.3]), np.array([0.05, 0.04, 0.01])
 

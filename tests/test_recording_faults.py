@@ -220,7 +220,7 @@ def test_torques_without_a_sign_are_judged_by_size_alone() -> None:
     absolute = columns | {f"abs_tau_{j + 1}": np.abs(tau[:, j]) for j in range(6)}
     found = look(arm().robot, absolute)
     assert {f.kind for f in found.findings} <= {"excitation"}  # which is judged by the noise
-    assert set(found.signs) == {"cannot tell"} and np.isnan(found.explained).all()
+    assert set(found.signs) == {"uncertain"} and np.isnan(found.explained).all()
     huge = look(arm().robot, columns | {f"abs_tau_{j + 1}": 1e3 * np.abs(tau[:, j]) for j in range(6)})
     assert [f.kind for f in huge.findings if f.severity == "warn" and f.kind != "torque limit"] == ["units"]
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from ..types import Array, Frozen
 
 REFUSE, WARN, NOTE = "refuse", "warn", "note"
-UNCERTAIN = "cannot tell"  # verdict in files
+UNCERTAIN = "uncertain"  # verdict in files
 
 
 @dataclass(frozen=True)

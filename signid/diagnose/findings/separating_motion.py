@@ -1,4 +1,4 @@
-"""Two laws -> the motion that would tell them apart, in a sentence."""
+"""Two laws -> the motion that would distinguish them, in a sentence."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ def tell_apart(model: Model, law: Law, rival: Law, floor: Array, seed: int) -> s
     left, share, motion = max(tried, key=lambda t: t[0])
     if max(s for _, s, _ in tried) < STRUCTURAL:
         if _is_wider(rival, law):
-            return f"no motion can tell them apart: it does what {law.effect.name} does, by more numbers"
-        return "no motion can tell them apart; another sensor or a known load is needed"
+            return f"no motion can distinguish them: it does what {law.effect.name} does, by more numbers"
+        return "no motion can distinguish them; another sensor or a known load is needed"
     joint = _widest(model, motion, (*law.joints, *rival.joints))
     unit, names = "m" if model.robot.prismatic[joint] else "rad", ",".join(_written(model, x) for x in (law, rival))
     q, v = motion.q[:, joint], motion.v[:, joint]
@@ -74,7 +74,7 @@ def _distance(law: Law, rival: Law, floor: Array, motion: Motion) -> tuple[float
 
 
 def _widest(model: Model, motion: Motion, joints: tuple[int, ...]) -> int:
-    """Of some joints the one that moves most of its range."""
+    """The one of some joints that moves over most of its range."""
     few = joints if len(joints) < len(model.robot.joints) else range(len(model.robot.joints))
     return max(few, key=lambda j: float(np.ptp(motion.q[:, j])))
 

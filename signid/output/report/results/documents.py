@@ -88,7 +88,7 @@ def check_document(found: Check, inputs: Sequence[Input] = (), seed: int = 0) ->
         "cutoff": {"torque": band.cutoff, "position": band.position_cutoff, "unit": "Hz"},
         "base_parameters": [{**base, "std": float(std), "verdict": verdict} for base, std, verdict in verdicts],
         "excitation": _excitation(found.excitation),
-        "gross": _gross(found.gross),
+        "gross": _faults(found.faults),
         "advice": list(found.advice),
         "flags": list(found.flags),
         "notes": list(found.notes),
@@ -190,7 +190,7 @@ def _excitation(found: ExcitationVerdict) -> Document:
     }
 
 
-def _gross(found: RecordingFaults) -> Document:
+def _faults(found: RecordingFaults) -> Document:
     columns = (found.joints, found.explained, found.factor, found.lag, found.signs, found.order)
     return {
         "joints": [

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from ....recording_faults import RecordingFaults
 
 WIDE = 4  # maximum number of columns of law parameters
-VERDICTS = {"right": "green", "cannot tell": "yellow", "wrong": "red"}
+VERDICTS = {"right": "green", "uncertain": "yellow", "wrong": "red"}
 STYLES = {"identifiable": "green", "weak": "yellow", "unidentifiable": "red"}
 
 
@@ -82,7 +82,7 @@ def check_tables(found: Check) -> list[RenderableType]:
         joints,
         paragraph(f"{_cutoffs(found.band.cutoff, found.band.position_cutoff)}."),
         heading("Comparison of the torque with the description"),
-        _gross(found.gross),
+        _faults(found.faults),
         heading(f"{found.base.rank} base parameters: {counts}"),
         expected,
         paragraph(excited_words(found.excitation)),
@@ -91,7 +91,7 @@ def check_tables(found: Check) -> list[RenderableType]:
     ]
 
 
-def _gross(found: RecordingFaults) -> Table:
+def _faults(found: RecordingFaults) -> Table:
     """Share of the torque that the description explains, and verdicts on sign and order, per joint."""
     table = new_table("joint", "explained>", "factor>", "sign", "order")
     columns = (found.joints, found.explained, found.factor, found.signs, found.order)
