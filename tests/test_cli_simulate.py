@@ -176,7 +176,7 @@ def test_laws_are_told_apart_or_not(capfd: pytest.CaptureFixture[str]) -> None:
     same = {
         "quadratic_friction@1,fluid_drag": "no motion",
         "payload,link_inertia@1": "no motion",
-        "asymmetric_friction@1,coulomb_friction@1": "only where asymmetric_friction is true",
+        "asymmetric_friction@1,coulomb_friction@1": "only if asymmetric_friction is true",
     }
     for laws, words in same.items():
         assert run(["excite", "1r", "-o", "n.csv", "--duration", "4", "--harmonics", "3", "--separate", laws]) == 3
