@@ -17,7 +17,6 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
@@ -29,6 +28,7 @@ from signid.types import TWO_SIDED, Estimate, Robot
 
 from .arms import ARMS, Arm, load, truth
 from .plants.mujoco_ import Body, Track, draw_motion, log, simulate
+from .summary import frame
 
 Array = NDArray[np.float64]
 
@@ -142,14 +142,9 @@ def evaluate(arm: Arm, robot: Robot, tracks: Sequence[Track], noise: str, draws:
 
 def show(rows: Sequence[Row]) -> Table:
     """Format the rows as a table."""
-    table = Table(
-        box=SIMPLE_HEAD,
-        pad_edge=False,
-        collapse_padding=True,
-        title=f"coverage of nominal 95 % intervals, % (target {TARGET[0]:g} to {TARGET[1]:g}; held: {HELD_TARGET:g})",
-    )
-    for name in ("robot", "noise", "runs", "b", "all", "inertial", "drives", "worst", "rms z", "Hz"):
-        table.add_column(name, justify="left" if name in ("robot", "noise") else "right", no_wrap=True)
+    title = f"coverage of nominal 95 % intervals, % (target {TARGET[0]:g} to {TARGET[1]:g}; held: {HELD_TARGET:g})"
+    names = ("robot", "noise", "runs", "b", "all", "inertial", "drives", "worst", "rms z", "Hz")
+    table = frame(title, names, left=2)
     for row in rows:
         shares = [f"{share:.1f}" for share in (row.coverage, row.inertial, row.drives, row.worst)]
         rest = [f"{row.rms_z:.2f}", f"{row.cutoff:.1f}"]

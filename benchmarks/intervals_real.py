@@ -19,7 +19,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
@@ -31,6 +30,7 @@ from signid.types import TWO_SIDED, Robot
 
 from .one_thread import one_thread
 from .real.data import data, ur10e
+from .summary import frame
 
 Array = NDArray[np.float64]
 
@@ -168,15 +168,9 @@ def _friction(found: Identification) -> Array:
 
 def show(rows: Sequence[Row]) -> Table:
     """Format the rows as a table."""
-    table = Table(
-        box=SIMPLE_HEAD,
-        pad_edge=False,
-        collapse_padding=True,
-        title=f"differences between recordings within 1.96 standard deviations, % (target {TARGET:g})",
-    )
+    title = f"differences between recordings within 1.96 standard deviations, % (target {TARGET:g})"
     names = ("robot", "recordings", "refused", "base", "friction", "consistent", "friction", "noise alone", "friction")
-    for name in (*names, "wider", "CPU s"):
-        table.add_column(name, justify="left" if name == "robot" else "right")
+    table = frame(title, (*names, "wider", "CPU s"))
     for row in rows:
         shares = (row.base, row.friction, row.consistent, row.consistent_friction, row.noise_base, row.noise_friction)
         cells = ["-" if np.isnan(x) else f"{x:.1f}" for x in shares]

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from rich.box import SIMPLE_HEAD
+from rich.console import Console
 from rich.table import Table
 
 
@@ -16,6 +17,14 @@ def frame(title: str, names: Sequence[str], left: int = 1) -> Table:
     for k, name in enumerate(names):
         table.add_column(name, justify="left" if k < left else "right", no_wrap=True)
     return table
+
+
+def print_targets(console: Console, targets: Iterable[tuple[str, bool]]) -> bool:
+    """Print each target, missed ones in red; return whether all are met."""
+    listed = list(targets)
+    for sentence, met in listed:
+        console.print(sentence, style="" if met else "red", highlight=False)
+    return all(met for _, met in listed)
 
 
 def finite(x: Any) -> Any:

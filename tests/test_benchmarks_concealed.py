@@ -136,7 +136,7 @@ def document(*findings: Mapping[str, Any], verdict: str = "named", unexplained: 
     return {"verdict": verdict, "findings": list(findings), "unexplained": rest, "fit": {"after": FIT}}
 
 
-def evaluation(case: Case, diagnosis: Mapping[str, Any], *faults: tuple[str, str | None, dict[str, Any]]) -> Evaluation:
+def rate(case: Case, diagnosis: Mapping[str, Any], *faults: tuple[str, str | None, dict[str, Any]]) -> Evaluation:
     """Evaluate a document against concealed faults."""
     hidden = [{"effect": e, "joint": j, "parameters": p, "size": case.size} for e, j, p in faults]
     joints = JOINTS[: int(case.robot[0])]
@@ -163,32 +163,30 @@ SPRING = ("spring", "joint_2", {"stiffness": 10.0, "rest": 0.0})
     ],
 )
 def test_evaluation_of_one_fault(diagnosis: dict[str, Any], outcome: str, sure: bool, spurious: int) -> None:
-    found = evaluation(SINGLE, diagnosis, SPRING)
+    found = rate(SINGLE, diagnosis, SPRING)
     assert (found.outcome, found.sure, found.spurious) == (outcome, sure, spurious)
     assert found.after == pytest.approx(1.02)
 
 
 def test_evaluation_of_other_suites() -> None:
     healthy = replace(SINGLE, suite="none", effects=())
-    assert evaluation(healthy, document(verdict="nothing_missing")).outcome == "right"
-    assert evaluation(healthy, document(cause("spring", "joint_1"))).outcome == "alarm"
-    assert evaluation(healthy, document(verdict="unknown", unexplained=["joint_1"])).outcome == "alarm"
+    assert rate(healthy, document(verdict="nothing_missing")).outcome == "right"
+    assert rate(healthy, document(cause("spring", "joint_1"))).outcome == "alarm"
+    assert rate(healthy, document(verdict="unknown", unexplained=["joint_1"])).outcome == "alarm"
     both = document(cause("spring", "joint_2"), cause("time_delay", None))
     late = ("time_delay", None, {"delay": 0.01})
     pair = replace(SINGLE, suite="pairs")
-    assert [evaluation(pair, both, SPRING, x).outcome for x in (late, ("armature", "joint_1", {}))] == ["both", "one"]
-    assert evaluation(
-        replace(SINGLE, suite="foreign"), document(cause("spring", "joint_2")), ("soft_stop", "joint_2", {})
-    )
+    assert [rate(pair, both, SPRING, x).outcome for x in (late, ("armature", "joint_1", {}))] == ["both", "one"]
+    assert rate(replace(SINGLE, suite="foreign"), document(cause("spring", "joint_2")), ("soft_stop", "joint_2", {}))
     absent, wave = replace(SINGLE, suite="absent"), ("velocity_wave", "joint_2", {})
     unknown = document(verdict="unknown", unexplained=["joint_2"])
-    assert evaluation(absent, unknown, wave).outcome == "right"
-    assert evaluation(absent, document(cause("spring", "joint_2")), wave).outcome == "wrong"
+    assert rate(absent, unknown, wave).outcome == "right"
+    assert rate(absent, document(cause("spring", "joint_2")), wave).outcome == "wrong"
     crossed = ("crossed_torque", "joint_1", {"partner": "joint_2"})
-    assert evaluation(absent, unknown, crossed).outcome == "unknown"
+    assert rate(absent, unknown, crossed).outcome == "unknown"
     removed = replace(SINGLE, suite="removed", skip=("time_delay",))
-    assert evaluation(removed, document(cause("torque_lag", None)), late).outcome == "twin"
-    assert evaluation(removed, unknown, SPRING).outcome == "right"
+    assert rate(removed, document(cause("torque_lag", None)), late).outcome == "twin"
+    assert rate(removed, unknown, SPRING).outcome == "right"
 
 
 def test_pairs_of_joints_and_single_joints_match_either_name() -> None:
@@ -196,21 +194,14 @@ def test_pairs_of_joints_and_single_joints_match_either_name() -> None:
     swapped = replace(SINGLE, effects=("channel_swap",))
     for joint, partner in (("joint_1", "joint_2"), ("joint_2", "joint_1")):
         named = cause("channel_swap", joint, parameters={"partner": {"value": partner}})
-        assert evaluation(swapped, document(named), fault).outcome == "right"
+        assert rate(swapped, document(named), fault).outcome == "right"
     other = cause("channel_swap", "joint_1", parameters={"partner": "joint_3"})
-    assert evaluation(swapped, document(other), fault).outcome == "wrong"
-    single = replace(SINGLE, robot="1r")
-    assert (
-        evaluation(single, document(cause("time_delay", "joint_1")), ("time_delay", None, {"delay": 0.01})).outcome
-        == "right"
-    )
-    assert evaluation(single, document(cause("base_tilt", None)), ("payload", "joint_1", {})).outcome == "twin"
-    assert (
-        evaluation(SINGLE, document(cause("payload", "joint_3")), ("encoder_offset", "joint_3", {})).outcome == "twin"
-    )
-    assert (
-        evaluation(SINGLE, document(cause("payload", "joint_3")), ("encoder_offset", "joint_2", {})).outcome == "wrong"
-    )
+    assert rate(swapped, document(other), fault).outcome == "wrong"
+    single, late = replace(SINGLE, robot="1r"), ("time_delay", None, {"delay": 0.01})
+    assert rate(single, document(cause("time_delay", "joint_1")), late).outcome == "right"
+    assert rate(single, document(cause("base_tilt", None)), ("payload", "joint_1", {})).outcome == "twin"
+    assert rate(SINGLE, document(cause("payload", "joint_3")), ("encoder_offset", "joint_3", {})).outcome == "twin"
+    assert rate(SINGLE, document(cause("payload", "joint_3")), ("encoder_offset", "joint_2", {})).outcome == "wrong"
 
 
 def test_errors_of_parameters() -> None:
@@ -225,23 +216,19 @@ def test_errors_of_parameters() -> None:
 
 def test_statistics_of_evaluations() -> None:
     found = document(cause("spring", "joint_2", parameters={"stiffness": {"value": 10.4}}))
-    right, missed = evaluation(SINGLE, found, SPRING), evaluation(SINGLE, document(verdict="nothing_missing"), SPRING)
-    wrong = evaluation(SINGLE, document(cause("armature", "joint_2", 0.97)), SPRING)
+    right, missed = rate(SINGLE, found, SPRING), rate(SINGLE, document(verdict="nothing_missing"), SPRING)
+    wrong = rate(SINGLE, document(cause("armature", "joint_2", 0.97)), SPRING)
     evaluations = [*[right] * 40, missed, wrong]
     assert confusion(evaluations) == [("exact", "spring", "armature", 1), ("exact", "spring", "nothing", 1)]
     bins = {one.low: (one.names, one.right) for one in reliability(evaluations)}
     assert bins[0.99] == (40, 40) and bins[0.95] == (1, 0)
-    found_targets = {target.words: target for target in targets(evaluations)}
-    first = found_targets["exact, 3 joints and more, 5%: effect and joint first"]
+    by_name = {target.words: target for target in targets(evaluations)}
+    first = by_name["exact, 3 joints and more, 5%: effect and joint first"]
     assert (first.share, first.of, first.met) == (pytest.approx(40 / 42), 42, False)
-    assert found_targets["wrong and sure (P > .95)"].met is False
-    assert found_targets["exact, median parameter error at 5 %, plain laws: worst is spring"].share == pytest.approx(
-        0.04
-    )
-    assert (
-        found_targets["false alarms"].met is None
-        and found_targets["residual of the extended model over the noise floor: median"].met
-    )
+    assert by_name["wrong and sure (P > .95)"].met is False
+    assert by_name["exact, median parameter error at 5 %, plain laws: worst is spring"].share == pytest.approx(0.04)
+    assert by_name["false alarms"].met is None
+    assert by_name["residual of the extended model over the noise floor: median"].met
 
 
 def test_diagnoses_are_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

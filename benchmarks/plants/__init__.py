@@ -1,1 +1,1 @@
-"""Robots in simulators that share no code with signid, to judge it by."""
+"""Simulated robots that share no code with signid, as independent references."""

@@ -39,6 +39,7 @@ from signid.types import Recording, Robot
 from ..arms import base_parameters
 from ..one_thread import one_thread
 from ..plants.bodies import Body, bare
+from ..summary import print_targets
 from .job import RATE, ROBOTS, SAMPLES, Array, Track, drives, load, move
 from .plain import plain
 
@@ -204,13 +205,12 @@ def main() -> None:
         console.print(show(name, found))
         rows += found
     targets = list(check_targets(rows))
-    for sentence, met in targets:
-        console.print(sentence, style="" if met else "red", highlight=False)
+    met = print_targets(console, targets)
     if options.json:
         machine = {"python": platform.python_version(), "pinocchio": pin.__version__, "numpy": np.__version__}
         numbers = {"machine": machine, "rows": [vars(row) for row in rows], "targets": dict(targets)}
         options.json.write_text(json.dumps(numbers, indent=1), encoding="utf-8")
-    raise SystemExit(0 if all(met for _, met in targets) else 1)
+    raise SystemExit(0 if met else 1)
 
 
 if __name__ == "__main__":

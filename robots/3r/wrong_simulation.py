@@ -27,8 +27,8 @@ simulation = signid.load_model("3r")
 robot = simulation.robot
 
 
-# Step 1. Record the robot during a small slow motion, with 17-bit encoders and 2 % torque noise. `signid simulate 3r
-# --motion motion.csv --inject LAW` does the same; `signid effects` lists the laws.
+# Step 1. Record the robot during a small slow motion, with 17-bit encoders and 2 % torque noise.
+# `signid simulate 3r --motion motion.csv --inject LAW` does the same; `signid effects` lists the laws.
 def record(motion: Trajectory, seed: int) -> Recording:
     """Record the robot with its concealed physics."""
     concealed = [parse_law(text, robot) for text in CONCEALED]
