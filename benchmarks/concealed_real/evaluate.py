@@ -21,7 +21,7 @@ FAULTS = {  # patterns of flags and refusals of a recording fault, up to the fir
     "swap": r"\btorques of\b.*\b(exchanged|swapped)",
     "late": r"\btorque of\b.*\blate\b",
     "early": r"\btorque of\b.*\b(early|leads)\b",
-    "gain": r"\btorques?\b.*\btimes what\b",
+    "gain": r"\btorques?\b.*\btimes the\b",
 }
 
 
