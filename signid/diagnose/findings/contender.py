@@ -20,7 +20,7 @@ class Contender(Frozen):
 
     The probability of m is that of some law in its place, times that of m given that there is one:
 
-        P(m) = 1 / (1 + exp(-L)) s_m,      L = min(min(E, c) + H, c, r),      s_m = exp(o_m) / sum over r of exp(o_r)
+        P(m) = 1 / (1 + exp(-L)) s_m,      L = min(min(E, u) + H, u, r),      s_m = exp(o_m) / sum over r of exp(o_r)
 
     with E the log posterior odds of the training rows, H the log Bayes factor of the held-out rows, c the limit by an
     unsteady gain or by joints that moved in step, r = 0 where the law is refused, else infinite, and o the log odds of
@@ -33,7 +33,7 @@ class Contender(Frozen):
     candidates: Mapping[Key, Group]  # rivals to list, the most probable first
     unexplained: float  # share s of dependences without law [1]
     instead: Group | None = None  # most probable rival, where it is clearly more probable than the law
-    steadiness: float = np.inf  # c [-]
+    steadiness: float = np.inf  # u [-]
     held_out: float = 0.0  # H [-]
     refused: bool = False  # whether held-out rows speak against the law, or its numbers are vague: r = 0
     log_at_scale: float = np.inf  # o of the law at k^2 times the variance, see `rank_contenders` [-]
