@@ -22,7 +22,7 @@ class Contender(Frozen):
 
         P(m) = 1 / (1 + exp(-L)) s_m,      L = min(min(E, u) + H, u, r),      s_m = exp(o_m) / sum over r of exp(o_r)
 
-    with E the log posterior odds of the training rows, H the log Bayes factor of the held-out rows, c the limit by an
+    with E the log posterior odds of the training rows, H the log Bayes factor of the held-out rows, u the limit by an
     unsteady gain or by joints that moved in step, r = 0 where the law is refused, else infinite, and o the log odds of
     every hypothesis in the place of m.
     """
