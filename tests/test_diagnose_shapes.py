@@ -58,10 +58,12 @@ def test_the_ends_of_a_window_are_found() -> None:
     assert found["start"] == pytest.approx(3.03, abs=1.5 / RATE) and found["end"] == pytest.approx(4.41, abs=1.5 / RATE)
 
 
-def test_ends_move_sample_by_sample_while_it_costs_less() -> None:
+@pytest.mark.parametrize("way", [1, -1])
+def test_ends_move_sample_by_sample_while_it_costs_less(way: int) -> None:
     step = 1 / RATE / WINDOW_REACH
-    value, x = _stepped(lambda x: float((x[1] - 2.2 * step) ** 2), 1.0, np.zeros(2), [1], step)
-    assert x[0] == 0 and x[1] == pytest.approx(2 * step) and value == pytest.approx((0.2 * step) ** 2)
+    start = (2.2 * step) ** 2
+    value, x = _stepped(lambda x: float((x[1] - 2.2 * way * step) ** 2), start, np.zeros(2), [1], step)
+    assert x[0] == 0 and x[1] == pytest.approx(2 * way * step) and value == pytest.approx((0.2 * step) ** 2)
     assert _stepped(lambda x: float(x[0] ** 2), 0.0, np.zeros(1), [0], step) == (0.0, np.zeros(1))
 
 

@@ -83,6 +83,19 @@ def test_a_dependence_is_no_rival_by_what_a_formula_misses() -> None:
     assert spring.unexplained < 1e-6
 
 
+def test_torque_that_a_rival_makes_beside_the_law_does_not_count_for_it() -> None:
+    one = pose(LIBRARY, VISCOUS, law("spring", stiffness=6.0, rest=0.2), noise=1.0)
+    (viscous,) = ranked(one, "viscous_friction")
+    found = one.selection(viscous.group)
+    spring = ("spring", (0,))
+    odds = one.posterior.odds(found.selected, found.dispersion, without=viscous.group)[0]
+    beside = one.posterior.odds(found.selected, found.dispersion)[0][spring].log
+    assert beside > 10 and odds[spring].log > odds[viscous.group.claim.key].log  # alone it explains more
+    expected = odds[spring].log - beside - odds[viscous.group.claim.key].log
+    assert logit(viscous, spring) - logit(viscous, viscous.group.claim.key) == pytest.approx(expected, rel=1e-9)
+    assert viscous.instead is not one.group("spring", 0)
+
+
 def test_a_likelier_rival_takes_the_place() -> None:
     one = pose(LIBRARY, VISCOUS)
     wrong = one.selection(one.group("coulomb_friction", 0))
