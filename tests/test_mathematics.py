@@ -60,7 +60,7 @@ def test_what_a_page_of_mathematics_names_is_there(room: str) -> None:
 
 
 def test_a_name_that_is_not_there_is_found() -> None:
-    text = "`search/stepwise.nothing`, `evidence/nowhere`, `Selection.nothing`, `search/stepwise.stepwise_search`, `signid`"
+    text = "`search/stepwise.nothing`, `evidence/nowhere`, `Selection.nothing`, `search/prune.prune`, `signid`"
     assert [name for name, there in unresolved(text, PACKAGE / "diagnose") if not there] == [
         "search/stepwise.nothing",
         "evidence/nowhere",
