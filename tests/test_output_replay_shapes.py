@@ -1,4 +1,4 @@
-"""What robots look like: shapes of descriptions, capsules without them, and meshes that are too large."""
+"""Shapes of robots: from descriptions, capsules where these have none, and meshes that are too large."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from signid.robot import load_robot
 
 
 def volume(mesh: Triangles) -> float:
-    """By the divergence theorem: positive where triangles look outwards."""
+    """Volume by the divergence theorem, positive if triangles face outwards."""
     a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
     return float(np.sum(a * np.cross(b, c)) / 6)
 

@@ -1,4 +1,4 @@
-"""Columns find their joints, and what cannot be assigned says why in one sentence."""
+"""Columns are assigned to joints; a refused assignment gives its reason in one sentence."""
 
 from __future__ import annotations
 

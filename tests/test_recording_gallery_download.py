@@ -31,11 +31,11 @@ def refusal(server: Server) -> str:
     return sentence
 
 
-def test_a_file_arrives_whole_and_its_share_is_told() -> None:
-    told: list[tuple[str, float]] = []
+def test_a_file_arrives_whole_and_its_share_is_reported() -> None:
+    progress: list[tuple[str, float]] = []
     with serve({PATH: TEXT}) as server:
-        files = fetch(toy(), server.address + "/", progress=lambda what, share: told.append((what, share)))
-    assert set(files) == {"toy.csv.gz", "source_toy.txt"} and told[-1] == ("downloading toy", 1.0)
+        files = fetch(toy(), server.address + "/", progress=lambda what, share: progress.append((what, share)))
+    assert set(files) == {"toy.csv.gz", "source_toy.txt"} and progress[-1] == ("downloading toy", 1.0)
     assert server.asked == [PATH] and b"MIT" in files["source_toy.txt"] and b"0" * 40 in files["source_toy.txt"]
 
 

@@ -1,4 +1,4 @@
-"""Units, scales and names of joints in a column map; maps that may fit are offered, never taken."""
+"""Units, scales and names of joints in a column map; possible maps are offered, never applied."""
 
 from __future__ import annotations
 

@@ -48,7 +48,7 @@ def repeating(t: np.ndarray) -> np.ndarray:
 def holey(columns: Columns) -> Columns:
     columns["tau"][700, 1] = columns["tau"][1500, 0] = columns["q"][2100, 1] = np.nan
     columns["tau"][2100:2130] = np.nan
-    columns["q"][2160:2165] = np.nan  # what lies between is too short to be used
+    columns["q"][2160:2165] = np.nan  # the part between is too short to be used
     return columns
 
 

@@ -1,4 +1,4 @@
-"""Least squares, and what columns leave."""
+"""Least squares and projection residuals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Factors in a file: they answer as the recordings do, add up, and refuse what does not belong together."""
+"""Factors in a file: they give the results of the recordings, add up, and refuse mismatched parts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Joints that follow, joints that are held, and what is known about their drives."""
+"""Mimic joints, held joints, and parameters of their drives."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What signid never does, whatever a file asks for: run it, fetch, or read what does not belong to it."""
+"""No file makes signid run code, download, or read files that do not belong to it."""
 
 from __future__ import annotations
 

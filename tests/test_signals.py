@@ -61,7 +61,7 @@ def simulated(folder: Path, seconds: float) -> Path:
 
 
 def command(words: Sequence[str], signals: Sequence[tuple[float, signal.Signals]]) -> Ended:
-    """A command in a process of its own that gets signals so many seconds after it began, or after the one before."""
+    """A command in a process of its own that gets signals at delays [s] after its start or the signal before."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     with subprocess.Popen(
         [sys.executable, "-m", "signid", *words],
@@ -100,7 +100,7 @@ def stopped(verb: str, path: Path, out: Path, number: signal.Signals, again: boo
 
 
 def _piece(terminal: int) -> str:
-    """What was written to a terminal; nothing where nobody writes any more."""
+    """Text written to a terminal, empty once the writer has ended."""
     try:
         return os.read(terminal, 65536).decode(errors="replace")
     except OSError:

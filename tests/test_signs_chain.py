@@ -1,4 +1,4 @@
-"""Chains of signs: exact against enumeration, and what they restore of a torque whose sign is known after all."""
+"""Chains of signs: exact against enumeration, and signs restored for a torque whose sign is known."""
 
 from __future__ import annotations
 

@@ -43,12 +43,12 @@ def test_what_is_held_beyond_the_last_joint_does_not_move_its_centre_of_mass() -
 
 
 class Loaded(TorqueLaw):
-    """As much again as the links take."""
+    """A law that doubles the links' torque."""
 
     scope = "robot"
 
     def columns(self, x: View) -> list[Array]:
-        """The load (..., n) [N.m]."""
+        """Load torque (..., n) [N.m]."""
         return [x.load]
 
 

@@ -1,4 +1,4 @@
-"""What sensors make of a simulation: rates, counts, noise, moments, losses."""
+"""Simulated sensors: rates, encoder counts, noise, sampling times, losses."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def test_perfect_sensors_write_what_was() -> None:
     assert np.allclose(columns["t"], simulation.t, rtol=0, atol=1e-9)
 
 
-def test_rate_takes_every_so_many_steps() -> None:
+def test_the_rate_takes_every_nth_step() -> None:
     columns, simulation = recorded(Sensors(rate=250.0)), made()[1]
     assert len(columns["t"]) == SECONDS * 250 and np.allclose(np.diff(columns["t"]), 0.004)
     assert np.array_equal(matrix(columns, "q"), simulation.q[::4])
@@ -145,7 +145,7 @@ def test_every_format_keeps_every_digit_and_the_same_bytes(suffix: str, tmp_path
         ({"encoder_bits": 0.0}, "bits"),
     ],
 )
-def test_sensors_that_cannot_be_are_refused(options: dict[str, float], says: str) -> None:
+def test_impossible_sensors_are_refused(options: dict[str, float], says: str) -> None:
     with pytest.raises(OptionError, match=says):
         recorded(Sensors(**options))  # type: ignore[arg-type]
 
