@@ -81,7 +81,7 @@ NASTY: dict[str, tuple[float, float]] = {"nan": (np.nan, np.nan), "inf": (np.inf
 
 @pytest.mark.parametrize("kind", NASTY)
 @pytest.mark.parametrize(("library", "name"), ALGORITHMS)
-def test_infinite_costs_neither_crash_nor_hang(library: str, name: str, kind: str) -> None:
+def test_costs_that_are_not_finite_neither_crash_nor_hang(library: str, name: str, kind: str) -> None:
     value, slope = NASTY[kind]
     low, up = np.full(3, -1.0), np.ones(3)
     found = minimised(library, name, Problem(lambda x: value, low, up, low / 2, lambda x: np.full(3, slope)), 200)

@@ -151,7 +151,7 @@ def test_friction_of_a_mimic_joint_is_counted_once() -> None:
     assert back.actuators.viscous_friction == [0.5] and back.actuators.coulomb_friction == [0.25]
 
 
-def test_unsupported_models_get_a_sentence(tmp_path: Path) -> None:
+def test_models_that_cannot_be_written_get_a_sentence(tmp_path: Path) -> None:
     robot = load_robot("ur5")
     bodies = feasible(robot, 0)
     with pytest.raises(RobotError, match="export to URDF needs a URDF"):

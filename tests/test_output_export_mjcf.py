@@ -26,7 +26,7 @@ WIDE = "inertia_xx=0.1,inertia_xy=0.01,inertia_yy=0.12,inertia_xz=0,inertia_yz=0
 
 
 def names(robot: Robot) -> list[str]:
-    """Names of the model's moving joints."""
+    """Joint name of each velocity of the model, empty for joints that stand still."""
     moving = robot.drive.any(axis=1)
     every = list(zip(robot.model.names, robot.model.joints, strict=True))[1:]
     return [str(name) if moving[j.idx_v + k] else "" for name, j in every for k in range(j.nv)]

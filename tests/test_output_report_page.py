@@ -18,27 +18,10 @@ def test_the_page_says_the_same_and_loads_nothing() -> None:
     page = diagnosis_page(made(), command="signid diagnose 3r x.csv -o DIR")
     read = Page(page)
     text = " ".join(" ".join(read.texts).split())
-    shared = (
-        "3r: the simulation lacks",
-        FLAG,
-        "a <note>",
-        NEVER,
-        APART,
-        "0.800",
-        "0.020",
-        "coulomb friction of joint_2",
-    )
+    says = ("3r: the simulation lacks", FLAG, "a <note>", NEVER, APART, "0.800", "0.020", "coulomb friction of joint_2")
     source = FINDINGS[0].law.effect.source
     inputs = ("x.csv", "0" * 64, "recording, learned from", "signid diagnose 3r x.csv -o DIR", "seed 7", "robot.urdf")
-    for words in (
-        *shared,
-        *inputs,
-        source,
-        FINDINGS[0].law.effect.equation,
-        "first_moment_x",
-        "kg.m",
-        "joint_3: 5 % of",
-    ):
+    for words in (*says, *inputs, source, FINDINGS[0].law.effect.equation, "first_moment_x", "kg.m", "joint_3: 5 % of"):
         assert words in text, words
     assert "of" not in read.tags and "note" not in read.tags and len(page) < 6e6
     assert page == diagnosis_page(made(), command="signid diagnose 3r x.csv -o DIR")
@@ -60,7 +43,7 @@ def lines(result: Diagnosis, title: str) -> dict[str, Any]:
     return {trace.name: trace.to_plotly_json() for plot in drawn for trace in plot.data if trace.name}
 
 
-def test_every_plot_says_what_and_in_which_unit() -> None:
+def test_every_plot_states_quantity_and_unit() -> None:
     plots = figures(diagnosis_page(made()))
     assert len(plots) == 2 * 4 + 3 * 4 + 3
     for plot in plots:

@@ -214,12 +214,12 @@ def test_limits_of_the_description_are_compared() -> None:
     assert found.refusal == ""
 
 
-def test_torques_without_a_sign_are_judged_by_size_alone() -> None:
+def test_torques_without_a_sign_are_checked_by_size_alone() -> None:
     q, tau = sound()
     columns = {"t": arm().t} | {f"q_{j + 1}": q[:, j] for j in range(6)}
     absolute = columns | {f"abs_tau_{j + 1}": np.abs(tau[:, j]) for j in range(6)}
     found = look(arm().robot, absolute)
-    assert {f.kind for f in found.findings} <= {"excitation"}  # which is judged by the noise
+    assert {f.kind for f in found.findings} <= {"excitation"}  # excitation is compared with the noise
     assert set(found.signs) == {"uncertain"} and np.isnan(found.explained).all()
     huge = look(arm().robot, columns | {f"abs_tau_{j + 1}": 1e3 * np.abs(tau[:, j]) for j in range(6)})
     assert [f.kind for f in huge.findings if f.severity == "warn" and f.kind != "torque limit"] == ["units"]

@@ -33,7 +33,7 @@ def notes(about: About) -> str:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_every_kind_of_bag_gives_what_was_published(kind: str, tmp_path: Path) -> None:
+def test_every_kind_of_bag_gives_the_published_columns(kind: str, tmp_path: Path) -> None:
     known = store(first=kind == "ROS 1")
     path = KINDS[kind](tmp_path, known, states(known))
     assert [name for name in FORMATS.names if FORMATS[name].recognises(path)] == ["rosbag"]
@@ -231,7 +231,7 @@ def test_trajectories_alone_and_beside_a_recording(tmp_path: Path) -> None:
     assert "asked for" not in notes(about)
 
 
-def test_the_bag_that_nobody_here_wrote(data: Path) -> None:
+def test_a_bag_of_another_project(data: Path) -> None:
     folder = data / "ros2_bag_ur10"
     robot = signid.load_robot(folder / "ur10.urdf")
     recording = signid.read_recording(folder, robot)

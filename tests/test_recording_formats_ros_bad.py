@@ -208,7 +208,7 @@ def test_a_bag_that_unpacks_to_more_than_memory_holds(tmp_path: Path, monkeypatc
     assert resource.getrlimit(resource.RLIMIT_AS) == limits
 
 
-def test_without_the_library_a_sentence_says_what_to_install(good: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_the_library_a_sentence_gives_the_install_command(good: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in [name for name in sys.modules if name.split(".")[0] == "rosbags"]:
         monkeypatch.setitem(sys.modules, name, None)
     refused(good / "a.bag", "pip install 'signid[ros]'")

@@ -69,7 +69,7 @@ def test_the_whole_way_from_the_files_of_the_source(
     assert recordings(name) == there and is_complete(wanted, there) and not is_complete(wanted, folder)
 
 
-def test_what_signid_carries_is_what_the_recordings_are_of(data: Path) -> None:
+def test_the_carried_descriptions_belong_to_the_recordings(data: Path) -> None:
     for name in ("panda", "emps"):
         (file, path), *_ = DATA[name].carried
         mine, theirs = (signid.load_robot(there) for there in (ROOT / "robots" / path, data / DATA[name].folder / file))

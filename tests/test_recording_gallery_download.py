@@ -177,7 +177,7 @@ def test_names_that_would_leave_the_folder(name: str) -> None:
 @pytest.mark.parametrize(
     "rubbish", [b"", b"rubbish", b"\x80\x02c", b"1,2\n3\n", b"version https://git-lfs.github.com\n"]
 )
-def test_what_is_no_recording_is_refused(name: str, rubbish: bytes) -> None:
+def test_files_that_are_no_recording_are_refused(name: str, rubbish: bytes) -> None:
     with serve({"*": rubbish}) as server:
         with pytest.raises(DownloadError, match=f"commit {DATA[name].commit[:12]} by --source"):
             fetch(DATA[name], server.address)

@@ -120,7 +120,7 @@ def test_a_recording_with_signs_is_one_that_never_lost_them() -> None:
     assert again.spans == sampling.spans and again.period == sampling.period
 
 
-def test_currents_and_torques_with_a_sign_stay_what_they_are() -> None:
+def test_currents_and_torques_with_a_sign_stay_unchanged() -> None:
     robot, t = arm("shoulder", "elbow", "wrist", constants=[2.0, -3.0, 1.0]), np.arange(200) * 0.01
     wave = np.sin(9 * t + 0.1)
     columns = {"t": t, **{f"q_{j}": np.sin(j * t) for j in (1, 2, 3)}}

@@ -216,5 +216,5 @@ def test_steps_are_heard_in_their_share_and_never_go_back() -> None:
         (10.0, 1.0, 60.0, ""),
     ],
 )
-def test_the_time_that_is_left(elapsed: float, done: float, limit: float, says: str) -> None:
+def test_the_remaining_time(elapsed: float, done: float, limit: float, says: str) -> None:
     assert remaining(elapsed, done, 1 - done, limit) == says

@@ -170,7 +170,7 @@ def test_joints_without_torque_do_not_enter() -> None:
     assert (rows @ case.true).min() > -1e-9
 
 
-def test_priors_are_weak_and_met_by_what_they_expect() -> None:
+def test_priors_are_weak_and_met_by_expected_parameters() -> None:
     case = lost(0.02)
     rows, own = friction_prior(case.observed, case.weights), law_coefficients(case.task)
     assert len(rows.target) == 9

@@ -28,7 +28,7 @@ def inferred() -> tuple[Lost, Inferred]:
     return made, infer(made.task, made.observed)
 
 
-def test_nothing_is_said_where_all_is_well() -> None:
+def test_sound_results_have_no_flags_and_no_notes() -> None:
     made, found = inferred()
     assert raise_flags(made.observed, found) == ()
     assert _notes(made.observed, found) == ()
@@ -65,7 +65,7 @@ def test_units_are_those_of_the_joints() -> None:
     assert set(observed.coefficients.values()) >= {("coulomb_friction", 1), ("torque_offset", 1)}
 
 
-def test_what_is_not_explained_may_be_by_options_that_there_are() -> None:
+def test_flags_of_unexplained_torque_name_existing_options() -> None:
     made, found = inferred()
     large = replace(
         found, refined=replace(found.refined, sigma=10 * made.torque.std(axis=0)), inflation=np.full(3, 9.0)

@@ -98,7 +98,7 @@ def test_laws_that_cannot_be_compared_get_a_sentence() -> None:
         ({"effects": ("magic",)}, "choose from"),
     ],
 )
-def test_impossible_wishes_get_a_sentence(wish: dict[str, Any], word: str) -> None:
+def test_impossible_options_get_a_sentence(wish: dict[str, Any], word: str) -> None:
     with pytest.raises(OptionError, match=word):
         excite(load_model("1r"), budget=TINY, **wish)
 
@@ -143,7 +143,7 @@ def test_grippers_and_joints_without_limits_take_part() -> None:
     assert any("no position limit" in note for note in limits.notes)
 
 
-def test_unknown_shapes_are_reported() -> None:
+def test_a_model_without_collision_checks_gives_the_reason() -> None:
     robot = load_robot("ur5")
     limits = build_limits(robot)
     lost = replace(robot, document=robot.document.replace("package://", "package://nowhere/"))

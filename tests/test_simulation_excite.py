@@ -159,7 +159,7 @@ def test_splines_start_and_end_at_rest_and_pass_all_limits() -> None:
 
 @pytest.mark.parametrize("kind", FAMILIES.names)
 @pytest.mark.parametrize("periods", [1.0, 2.0, 1.7])
-def test_families_are_what_they_say(kind: str, periods: float) -> None:
+def test_families_keep_their_definitions(kind: str, periods: float) -> None:
     family = FAMILIES[kind](DURATION, 4, periods / DURATION)
     t = np.linspace(0, DURATION, 20001)
     basis = family.basis(t)

@@ -131,7 +131,7 @@ def test_a_carriage_slides_as_newton_says() -> None:
     assert np.ptp(released(given, 0.0, 0.5, torque=19.9).true_q) == 0
 
 
-def test_payload_and_tilt_weigh_what_they_should() -> None:
+def test_payload_and_tilt_have_the_right_weight() -> None:
     point = {"mass": 1.0, "first_moment_x": 0.1, "first_moment_y": 0.0, "first_moment_z": -0.2}
     heavier = rested(model("1r", law("payload", 0, **point)), np.pi / 2)
     q = heavier.true_q[-1, 0]

@@ -33,7 +33,7 @@ def matrix(columns: dict[str, np.ndarray], kind: str) -> np.ndarray:
     return np.column_stack([x for name, x in columns.items() if name.startswith(f"{kind}_joint")])
 
 
-def test_perfect_sensors_write_what_was() -> None:
+def test_perfect_sensors_record_the_true_motion() -> None:
     simulation, columns = made()[1], recorded()
     assert list(columns) == ["t", *(f"{k}_joint_{j}" for k in ("q", "tau", "q_des") for j in (1, 2, 3))]
     for kind, values in (("q", simulation.q), ("tau", simulation.tau), ("q_des", simulation.desired)):
@@ -150,6 +150,6 @@ def test_impossible_sensors_are_refused(options: dict[str, float], says: str) ->
         recorded(Sensors(**options))  # type: ignore[arg-type]
 
 
-def test_a_format_that_nobody_knows_is_refused() -> None:
+def test_an_unknown_format_is_refused() -> None:
     with pytest.raises(RecordingError, match=r"\.parquet"):
         find_format(Path("recording.mat"))

@@ -193,7 +193,7 @@ def test_several_recordings_are_pooled() -> None:
         (lambda: (described(), [recording(), recording()]), "holds the same samples as"),
     ],
 )
-def test_missing_parts_are_reported(given: object, message: str) -> None:
+def test_bad_inputs_are_refused(given: object, message: str) -> None:
     with pytest.raises(OptionError, match=message):
         validate(*given())  # type: ignore[operator]
 
