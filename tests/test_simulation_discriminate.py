@@ -85,7 +85,7 @@ def test_laws_that_cannot_be_compared_get_a_sentence() -> None:
 
 
 @pytest.mark.parametrize(
-    ("wish", "word"),
+    ("options", "word"),
     [
         ({"kind": "walk"}, "fourier, spline"),
         ({"criterion": "beauty"}, "determinant, condition"),
@@ -98,9 +98,9 @@ def test_laws_that_cannot_be_compared_get_a_sentence() -> None:
         ({"effects": ("magic",)}, "choose from"),
     ],
 )
-def test_impossible_options_get_a_sentence(wish: dict[str, Any], word: str) -> None:
+def test_impossible_options_get_a_sentence(options: dict[str, Any], word: str) -> None:
     with pytest.raises(OptionError, match=word):
-        excite(load_model("1r"), budget=TINY, **wish)
+        excite(load_model("1r"), budget=TINY, **options)
 
 
 @pytest.mark.parametrize(
