@@ -81,7 +81,7 @@ NASTY: dict[str, tuple[float, float]] = {"nan": (np.nan, np.nan), "inf": (np.inf
 
 @pytest.mark.parametrize("kind", NASTY)
 @pytest.mark.parametrize(("library", "name"), ALGORITHMS)
-def test_what_is_not_finite_neither_crashes_nor_hangs(library: str, name: str, kind: str) -> None:
+def test_costs_that_are_not_finite_neither_crash_nor_hang(library: str, name: str, kind: str) -> None:
     value, slope = NASTY[kind]
     low, up = np.full(3, -1.0), np.ones(3)
     found = minimised(library, name, Problem(lambda x: value, low, up, low / 2, lambda x: np.full(3, slope)), 200)
@@ -146,7 +146,7 @@ def test_faults_of_the_objective_are_not_hidden(library: str, name: str) -> None
         minimised(library, name, Problem(faulty, np.full(3, -1.0), np.ones(3), np.zeros(3), slope))
 
 
-def test_what_is_not_a_number_is_never_the_answer() -> None:
+def test_nan_is_never_the_answer() -> None:
     def holed(x: Array) -> float:
         return float("nan") if x[0] > 0 else cost(x)
 

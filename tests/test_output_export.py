@@ -20,7 +20,7 @@ TOUCHED = re.compile(r"inertial|inertia|<origin|<mass|<dynamics")
 
 
 def feasible(robot: Robot, seed: int) -> np.ndarray:
-    """Random bodies that could be real: masses at points, (nb, 10)."""
+    """Random feasible bodies: masses at points, (nb, 10)."""
     rng = np.random.default_rng(seed)
     rows = []
     for _ in robot.links:
@@ -151,7 +151,7 @@ def test_friction_of_a_mimic_joint_is_counted_once() -> None:
     assert back.actuators.viscous_friction == [0.5] and back.actuators.coulomb_friction == [0.25]
 
 
-def test_what_cannot_be_written_gets_a_sentence(tmp_path: Path) -> None:
+def test_models_that_cannot_be_written_get_a_sentence(tmp_path: Path) -> None:
     robot = load_robot("ur5")
     bodies = feasible(robot, 0)
     with pytest.raises(RobotError, match="export to URDF needs a URDF"):

@@ -1,4 +1,4 @@
-"""An exported MJCF in MuJoCo has the model's torque, and says what it has not."""
+"""An exported MJCF has the model's torque in MuJoCo, and lists the parameters that it omits."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ WIDE = "inertia_xx=0.1,inertia_xy=0.01,inertia_yy=0.12,inertia_xz=0,inertia_yz=0
 
 
 def names(robot: Robot) -> list[str]:
-    """Of the model's joints; the ones that stand still have none."""
+    """Joint name of each velocity of the model, empty for joints that stand still."""
     moving = robot.drive.any(axis=1)
     every = list(zip(robot.model.names, robot.model.joints, strict=True))[1:]
     return [str(name) if moving[j.idx_v + k] else "" for name, j in every for k in range(j.nv)]
@@ -111,7 +111,7 @@ def test_a_mimic_joint_follows() -> None:
     assert abs(turn) > 0.1 and abs(finger - (0.1 - 2 * turn)) < 0.01 * abs(turn)
 
 
-def test_motors_ranges_and_what_is_left() -> None:
+def test_motors_ranges_and_omitted_parameters() -> None:
     model = model_of("ur5", "torque_saturation@2:limit=20", "backlash@1", "torque_offset@1", "torque_offset@3")
     made = export(model, "mjcf")
     there = mujoco.MjModel.from_xml_string(made.text)
@@ -119,12 +119,12 @@ def test_motors_ranges_and_what_is_left() -> None:
     np.testing.assert_allclose(there.jnt_range, np.column_stack([robot.lower, robot.upper]))
     most = np.minimum(robot.effort_limit, [np.inf, 20, np.inf, np.inf, np.inf, np.inf])
     np.testing.assert_allclose(there.actuator_forcerange[:, 1], most)
-    told = "an MJCF cannot hold backlash of shoulder_pan_joint; torque_offset of shoulder_pan_joint, elbow_joint"
-    assert made.notes[0] == told
-    assert told in etree.fromstring(made.text)[0].text
+    sentence = "an MJCF cannot hold backlash of shoulder_pan_joint; torque_offset of shoulder_pan_joint, elbow_joint"
+    assert made.notes[0] == sentence
+    assert sentence in etree.fromstring(made.text)[0].text
 
 
-def test_negative_numbers_are_left_out_and_said() -> None:
+def test_negative_numbers_are_omitted_and_reported() -> None:
     robot = load_robot("3r")
     laws = tuple(
         Law(EFFECTS["viscous_friction"], (j,), {"coefficient": x})

@@ -1,4 +1,4 @@
-"""A model exported as URDF, actuators file and Python function is the same model; what is left is said."""
+"""A model exported as URDF, actuators file and Python function is the same model; omissions are reported."""
 
 from __future__ import annotations
 
@@ -138,12 +138,12 @@ def test_friction_that_the_model_lacks_does_not_stay() -> None:
     assert export(model_of("3r"), "urdf").text == load_robot("3r").document
 
 
-def test_what_is_no_function_is_named(tmp_path: Path) -> None:
+def test_laws_without_a_function_are_named(tmp_path: Path) -> None:
     model = model_of(
         "3r", PAYLOAD, "backlash@1", "presliding_friction@2", "time_delay", "torque_saturation@3", "base_tilt"
     )
     made = export(model, "function")
-    told = imported(made.text, tmp_path).__doc__ or ""
+    text = imported(made.text, tmp_path).__doc__ or ""
     for part in (
         "The inertials of the exported URDF and MJCF hold payload of joint_3.",
         "Only the MJCF holds torque_saturation of joint_3; base_tilt; elsewhere, use GRAVITY.",
@@ -151,7 +151,7 @@ def test_what_is_no_function_is_named(tmp_path: Path) -> None:
         "presliding_friction of joint_2, which has a memory.",
         "time_delay (torque recorded 4.0 ms late), which changes the recorded values, not the torque.",
     ):
-        assert part in told
+        assert part in text
     assert len(made.notes) == 5
 
 

@@ -29,25 +29,25 @@ MODEL = Model(ROBOT, stated_inertials(ROBOT), tuple(parse_law(law, ROBOT) for la
 def test_the_ros_parameters_give_the_torque_of_the_model() -> None:
     made = signid.export(MODEL, "ros")
     assert made.notes == ()
-    told = yaml.safe_load(made.text)["/**"]["ros__parameters"]["dynamics"]
+    parameters = yaml.safe_load(made.text)["/**"]["ros__parameters"]["dynamics"]
     robot = ROBOT.model.copy()
     for body, link in enumerate(ROBOT.links, 1):
-        robot.inertias[body] = inertia(told["link"][link])
-    data, drives = robot.createData(), told["joint"]
+        robot.inertias[body] = inertia(parameters["link"][link])
+    data, drives = robot.createData(), parameters["joint"]
     motion = states(ROBOT)
     for q, v, a, expected in zip(motion.q, motion.v, motion.a, MODEL.inverse(motion), strict=True):
         torque = pin.rnea(robot, data, q, v, a)
-        for j, joint in enumerate(told["joints"]):
+        for j, joint in enumerate(parameters["joints"]):
             known = drives.get(joint, {})
             torque[j] += known.get("armature", 0) * a[j] + known.get("viscous_friction", 0) * v[j]
             torque[j] += known.get("coulomb_friction", 0) * np.sign(v[j]) + known.get("torque_offset", 0)
         np.testing.assert_allclose(torque, expected, rtol=1e-9, atol=1e-9)
 
 
-def inertia(told: dict[str, Any]) -> pin.Inertia:
-    i = told["inertia"]
+def inertia(link: dict[str, Any]) -> pin.Inertia:
+    i = link["inertia"]
     matrix = [[i["ixx"], i["ixy"], i["ixz"]], [i["ixy"], i["iyy"], i["iyz"]], [i["ixz"], i["iyz"], i["izz"]]]
-    return pin.Inertia(told["mass"], np.array(told["centre_of_mass"]), np.array(matrix))
+    return pin.Inertia(link["mass"], np.array(link["centre_of_mass"]), np.array(matrix))
 
 
 def test_the_actuators_of_isaac_lab_are_those_of_the_model() -> None:
@@ -55,15 +55,15 @@ def test_the_actuators_of_isaac_lab_are_those_of_the_model() -> None:
     assert made.notes == ("an actuator group of Isaac Lab cannot hold torque_offset of joint_3",)
     (call,) = (node for node in ast.walk(ast.parse(made.text)) if isinstance(node, ast.Call))
     assert isinstance(call.func, ast.Name) and call.func.id == "ImplicitActuatorCfg"
-    told = {word.arg: ast.literal_eval(word.value) for word in call.keywords}
-    assert all(map(re.fullmatch, told["joint_names_expr"], ROBOT.joints))
-    assert told["armature"] == {"joint_1": 0.1, "joint_2": 0.0, "joint_3": 0.0}
-    assert told["viscous_friction"]["joint_2"] == 0.5
-    assert told["friction"] == told["dynamic_friction"] == {"joint_1": 0.0, "joint_2": 0.8, "joint_3": 0.0}
-    assert told["stiffness"] is None and "torque_offset" in made.text
+    arguments = {word.arg: ast.literal_eval(word.value) for word in call.keywords}
+    assert all(map(re.fullmatch, arguments["joint_names_expr"], ROBOT.joints))
+    assert arguments["armature"] == {"joint_1": 0.1, "joint_2": 0.0, "joint_3": 0.0}
+    assert arguments["viscous_friction"]["joint_2"] == 0.5
+    assert arguments["friction"] == arguments["dynamic_friction"] == {"joint_1": 0.0, "joint_2": 0.8, "joint_3": 0.0}
+    assert arguments["stiffness"] is None and "torque_offset" in made.text
 
 
-def test_what_a_parameter_file_cannot_hold_is_said() -> None:
+def test_omitted_parameters_are_reported() -> None:
     more = Model(ROBOT, MODEL.inertials, (*MODEL.laws, parse_law("spring@1:stiffness=3,rest=0", ROBOT)))
     for kind, name in (("ros", "a ROS parameter file"), ("isaaclab", "an actuator group of Isaac Lab")):
         (note,) = signid.export(more, kind).notes

@@ -1,4 +1,4 @@
-"""The replay as data: what moves as recorded, what strays as rolled out, what is coloured, drawn and marked."""
+"""The replay as data: recorded motion, roll-out, colours, shapes and marks."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def test_the_residual_is_the_torque_that_is_missing(recording: Recording) -> Non
     assert_allclose(plain.torque, np.sqrt(np.mean(rows.tau**2, axis=0)))
 
 
-def test_what_is_marked(shown: Replay) -> None:
+def test_findings_are_marked(shown: Replay) -> None:
     marks = {mark.kind: mark for mark in shown.marks}
     assert marks["joint"].title == "coulomb friction of joint_2" and marks["joint"].body == 2
     assert marks["joint"].lines == ("level 0.8000 ± 0.0020 N.m", "probability >0.999")
@@ -186,10 +186,11 @@ def test_the_command_writes_the_page(shown: Replay, capfd: pytest.CaptureFixture
     assert run("replay model.json arm.csv --duration 2 --html saved.html".split()) == 0
     capfd.readouterr()
     assert run("replay 3r arm.csv --diagnosis diagnosis.json --json".split()) == 0
-    told = json.loads(capfd.readouterr().out)
-    assert (told["schema"], told["frames"], told["joints"][1]) == ("signid.replay/1", 180, "joint_2")
-    assert told["residual_rms"][1][1] < 0.2 * told["residual_rms"][0][1] and told["strayed_rms"][1][1] < 0.05
-    assert [x["path"] for x in told["inputs"]] == ["3r", "arm.csv", "diagnosis.json"]
+    document = json.loads(capfd.readouterr().out)
+    assert (document["schema"], document["frames"], document["joints"][1]) == ("signid.replay/1", 180, "joint_2")
+    assert document["residual_rms"][1][1] < 0.2 * document["residual_rms"][0][1]
+    assert document["strayed_rms"][1][1] < 0.05
+    assert [x["path"] for x in document["inputs"]] == ["3r", "arm.csv", "diagnosis.json"]
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""The replay in a real browser: something is drawn, the ghost is there, every control does what it says, offline."""
+"""The replay in a real browser: drawing, ghost and controls work offline."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ LAWS = (
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A recording of an arm with physics that it does not tell itself, and a diagnosis that names all of it."""
+    """A recording of an arm with physics that the description lacks, and a diagnosis that names all of it."""
     place = tmp_path_factory.mktemp("replay")
     made = [word for law in LAWS for word in ("--inject", law)]
     sensors = "--noise 0.01 --encoder-bits 17 --seed 3 --duration 8".split()
@@ -62,7 +62,7 @@ def page(browser: Chromium, address: str) -> Chromium:
 
 
 def changed(before: Picture, after: Picture) -> int:
-    """Pixels of the area that look otherwise."""
+    """Number of pixels of the area that differ."""
     return int((np.abs(before[AREA] - after[AREA]).max(axis=2) > 12).sum())
 
 
@@ -148,7 +148,7 @@ def test_side_by_side_and_shares(page: Chromium) -> None:
     assert page.value(ends).endswith("%")
 
 
-def test_what_is_diagnosed_is_marked_at_its_place(page: Chromium) -> None:
+def test_findings_are_marked_at_their_place(page: Chromium) -> None:
     titles = page.value("[...document.querySelectorAll('.label b')].map(b => b.textContent)")
     assert "coulomb friction of joint_2" in titles and "external contact" in titles and "payload" in titles
     kinds = page.value("player.stage.marks.map(m => [m.mark.kind, m.group.visible, m.group.children.length])")
@@ -169,9 +169,9 @@ def test_links_have_the_colour_of_their_joint(page: Chromium) -> None:
         "residualColour(residualAt(player.content, player.state, b.joint, 132) / colourEnd(player.content, b.joint))"
     )
     drawn = "player.stage.recorded[k].userData.material.color.toArray()"
-    told = page.value(f"player.content.bodies.flatMap((b, k) => b.joint < 0 ? [] : [[{drawn}, {meant}]])")
-    assert len(told) == 3
-    for drawn, meant in told:
+    colours = page.value(f"player.content.bodies.flatMap((b, k) => b.joint < 0 ? [] : [[{drawn}, {meant}]])")
+    assert len(colours) == 3
+    for drawn, meant in colours:
         np.testing.assert_allclose(255 * np.array(drawn), meant, atol=1)
 
 

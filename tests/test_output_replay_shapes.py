@@ -1,4 +1,4 @@
-"""What robots look like: shapes of descriptions, capsules without them, and meshes that are too large."""
+"""Shapes of robots: from descriptions, capsules where these have none, and meshes that are too large."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from signid.robot import load_robot
 
 
 def volume(mesh: Triangles) -> float:
-    """By the divergence theorem: positive where triangles look outwards."""
+    """Volume by the divergence theorem, positive if triangles face outwards."""
     a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
     return float(np.sum(a * np.cross(b, c)) / 6)
 
@@ -83,7 +83,7 @@ def test_large_meshes_are_thinned_and_keep_their_form() -> None:
     assert share([10, 500, 100], 200) == [10, 95, 95] and share([10, 20], 100) == [10, 20]
 
 
-def test_mimic_and_held_joints_are_shown_with_what_moves_them() -> None:
+def test_mimic_and_held_joints_are_shown_with_their_leaders() -> None:
     robot = load_robot("panda", lock={"panda_joint4": 0.3})
     assert movers(robot, range(10)) == [-1, 0, 1, 2, 2, 3, 4, 5, 6, 6]
     body, along, slides = axis(robot, robot.joints.index("panda_finger_joint1"))

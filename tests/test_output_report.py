@@ -1,4 +1,4 @@
-"""Numbers have the digits that they deserve, files appear whole, and JSON is strict."""
+"""Numbers have significant digits only, files are written atomically, and JSON is strict."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def test_a_figure_reads_back(value: float) -> None:
         assert len(text) <= 10
 
 
-def test_what_nobody_knows_is_not_told() -> None:
+def test_unknown_numbers_are_not_shown() -> None:
     assert with_interval(1.0, np.inf) == ("not identifiable", "-")
     assert with_interval(np.nan, 1.0) == ("not identifiable", "-")
 
@@ -111,7 +111,7 @@ def test_all_or_none(tmp_path: Path) -> None:
     assert (tmp_path / "identification.json").read_text() == "old"
 
 
-def test_what_cannot_be_encoded_leaves_nothing(tmp_path: Path) -> None:
+def test_text_that_cannot_be_encoded_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(UnicodeEncodeError):
         write_files(tmp_path / "new", {"fine": "fine", "broken": "\ud800"})
     assert list(tmp_path.iterdir()) == []
@@ -202,7 +202,7 @@ def test_brackets_in_names_stay(result: Identification) -> None:
     assert "[red]arm[/red]" in text and "note: see [bold]this[/bold]" in text
 
 
-def test_what_no_real_robot_could_have_is_said(result: Identification) -> None:
+def test_infeasible_numbers_are_reported(result: Identification) -> None:
     values = result.parameters.values.copy()
     values[0] = -1.0
     impossible = replace(result, parameters=replace(result.parameters, values=values), method="wls")

@@ -116,8 +116,8 @@ def made(**changes: Any) -> Diagnosis:
     return replace(usual, **changes)
 
 
-def told(result: Diagnosis) -> str:
-    """As the terminal shows it, 100 columns wide."""
+def screen(result: Diagnosis) -> str:
+    """The report on a terminal of 100 columns."""
     return shown(diagnosis_tables(result))
 
 
@@ -177,23 +177,23 @@ def test_the_document_is_the_contract() -> None:
 )
 def test_the_verdict_is_a_sentence(verdict: str, findings: tuple[Finding, ...], words: str) -> None:
     result = made(verdict=verdict, findings=findings, after=fit(AFTER if findings else BEFORE))
-    text = told(result)
+    text = screen(result)
     assert words in shown(diagnosis_tables(result), 200) and ("Missing" in text) == (verdict == "named")
 
 
-def test_numbers_that_were_wrong_are_no_law_and_still_said() -> None:
-    text = told(made(verdict="nothing_missing", findings=()))
+def test_wrong_numbers_are_no_law_and_still_reported() -> None:
+    text = screen(made(verdict="nothing_missing", findings=()))
     assert "3r: no law is missing, within 1 % of the torque, but stated parameters are wrong (at joint_2)" in text
 
 
-def test_laws_of_all_joints_are_said_in_one_breath() -> None:
+def test_laws_of_all_joints_are_one_sentence() -> None:
     laws = [f"{name}@{j}" for j in (1, 2, 3) for name in ("viscous_friction", "coulomb_friction")]
-    text = told(made(findings=tuple(finding(law, {}) for law in laws)))
+    text = screen(made(findings=tuple(finding(law, {}) for law in laws)))
     assert "the simulation lacks viscous_friction, coulomb_friction of all joints\n" in text
 
 
-def test_the_terminal_says_what_matters() -> None:
-    text = told(made())
+def test_the_terminal_shows_the_main_results() -> None:
+    text = screen(made())
     flat = " ".join(text.split())
     assert max(map(len, text.splitlines())) <= 100
     assert "joint_2 slower than 0.05 rad/s: 83 % of its residual torque; velocity explains 90 %" in flat
@@ -213,11 +213,12 @@ def test_the_terminal_says_what_matters() -> None:
     assert "joint_3: 5 % of its torque; 3 to 4 s: 40 % of it; no single variable explains it" in flat
     assert "Roll-outs of 0.5 s" in flat and "note: a <note>" in flat and "inertials" not in flat
     off = "The inertials of the simulation deviate by about 2.0 times the usual tolerance."
-    assert off in told(made(prior_scale=2.0)) and off not in told(made(prior_scale=2.0, informed=True))
+    assert off in screen(made(prior_scale=2.0))
+    assert off not in screen(made(prior_scale=2.0, informed=True))
 
 
 def test_a_number_without_an_interval_says_so() -> None:
-    text = told(made(findings=(finding("spring@1:stiffness=3,rest=1", {"stiffness": np.inf}),)))
+    text = screen(made(findings=(finding("spring@1:stiffness=3,rest=1", {"stiffness": np.inf}),)))
     assert "stiffness not identifiable\n" in text and "rest 1.00 rad" in text
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from test_output_report import shown
-from test_output_report_diagnosis import APART, FINDINGS, ROBOT, finding, made, rival, told
+from test_output_report_diagnosis import APART, FINDINGS, ROBOT, finding, made, rival, screen
 from test_signs_page import Page
 
 from signid.diagnose import Diagnosis
@@ -32,7 +32,7 @@ def words(result: Diagnosis) -> str:
 
 def test_a_wrong_number_stands_beside_the_one_of_the_simulation() -> None:
     result = made(findings=(FRICTION,))
-    text = told(result)
+    text = screen(result)
     assert f"3r: {SENTENCE} (probability" in " ".join(text.split())
     assert "\nWrong in the simulation\n" in text and "Missing" not in text and "lacks" not in text
     assert "\n  level: 0.3000 in the simulation, 1.2000 ± 0.0098 N.m recorded\n" in text
@@ -54,21 +54,22 @@ def test_a_wrong_number_stands_beside_the_one_of_the_simulation() -> None:
     ],
 )
 def test_both_numbers_have_the_digits_that_they_deserve(changes: dict[str, Any], line: str) -> None:
-    assert f"\n  {line}\n" in told(made(findings=(replace(FRICTION, **changes),)))
+    assert f"\n  {line}\n" in screen(made(findings=(replace(FRICTION, **changes),)))
 
 
 def test_several_numbers_of_a_law_are_compared_in_the_list() -> None:
     law = "asymmetric_friction@2:viscous_positive=0.1,viscous_negative=0.2,coulomb_positive=1,coulomb_negative=2"
     std = dict.fromkeys(("viscous_positive", "viscous_negative", "coulomb_positive", "coulomb_negative"), 0.01)
     result = made(findings=(finding(law, std, stated={"coulomb_positive": 0.5, "coulomb_negative": 0.5}), FRICTION))
-    assert f"3r: {SENTENCE}; parameters of the simulation are wrong: asymmetric" in " ".join(told(result).split())
-    text = told(replace(result, findings=result.findings[:1]))
+    text = " ".join(screen(result).split())
+    assert f"3r: {SENTENCE}; parameters of the simulation are wrong: asymmetric" in text
+    text = screen(replace(result, findings=result.findings[:1]))
     assert "3r: parameters of the simulation are wrong: asymmetric_friction of joint_2 (probability >0.999)\n" in text
     assert "\n  coulomb_positive: 0.500 in the simulation, 1.000 ± 0.020 N.m recorded\n" in text
     assert "\n  viscous_negative 0.200 ± 0.020 N.m.s/rad\n" in text and max(map(len, text.splitlines())) <= 100
 
 
-def test_what_is_missing_comes_before_what_is_wrong() -> None:
+def test_missing_laws_come_before_wrong_numbers() -> None:
     spring = finding("spring@1:stiffness=3,rest=1", {})
     text = shown(diagnosis_tables(made(findings=(FRICTION, spring))), 200)
     assert f"3r: the simulation lacks spring of joint_1; {SENTENCE}\n" in text and "\nMissing or wrong\n" in text
@@ -85,7 +86,7 @@ def test_causes_are_at_most_six_and_corrections_three_lines() -> None:
     many = [finding(law, {}, alternatives=(rival("spring@3", 0.2, APART),)) for law in laws]
     few = [replace(one, role="secondary") for one in many]
     result = made(findings=(*many[:10], *few[:5]))
-    text = told(result)
+    text = screen(result)
     causes, _, corrections = text.partition("\nMissing\n")[2].partition("\nSmall corrections\n")
     corrections = corrections.partition("\n\n")[0]
     assert causes.count("slower than") == 6 and "and 4 smaller findings in diagnosis.json\n" in causes
@@ -94,14 +95,14 @@ def test_causes_are_at_most_six_and_corrections_three_lines() -> None:
     assert text.count("or spring of joint_3") == 6 and max(map(len, text.splitlines())) <= 100
     assert len(document(result)["findings"]) == 15
     assert all(words(result).count(one) for one in ("torque offset of joint_1", "coulomb friction of joint_2"))
-    assert "and 1 smaller finding in diagnosis.json\n" in told(made(findings=tuple(many[:7])))
-    assert "smaller" not in told(made(findings=tuple(many[:6])))
+    assert "and 1 smaller finding in diagnosis.json\n" in screen(made(findings=tuple(many[:7])))
+    assert "smaller" not in screen(made(findings=tuple(many[:6])))
 
 
 def test_alternatives_are_at_most_three_on_the_terminal_and_all_in_the_page() -> None:
     rivals = tuple(rival(f"{law}@2", 0.1 / 10**k, APART if k < 1 else "") for k, law in enumerate(LAWS))
     result = made(findings=(finding("spring@2", {}, alternatives=(*rivals, rival("cable_torque@2", 1e-9, ""))),))
-    text = told(result)
+    text = screen(result)
     assert all(f"or {law} of joint_2, probability" in text for law in LAWS[:3])
     assert "torque_offset" not in text and "cable_torque" not in text and "  and 2 more in diagnosis.json\n" in text
     assert len(document(result)["findings"][0]["alternatives"]) == 5
@@ -114,7 +115,7 @@ def test_alternatives_are_at_most_three_on_the_terminal_and_all_in_the_page() ->
 def test_a_law_of_a_body_names_its_link() -> None:
     inertia = finding("link_inertia@2:mass=0.3,first_moment_x=0.1", {}, alternatives=(rival("payload", 0.1, ""),))
     result = made(findings=(inertia, FRICTION))
-    text = " ".join(told(result).split())
+    text = " ".join(screen(result).split())
     assert "3r: the simulation lacks link_inertia of joint_2 (link link_2); coulomb_friction of joint_2: 0.3" in text
     assert "or payload of joint_3 (link link_3), probability 0.1" in text
     assert "link inertia of joint_2 (link link_2)" in words(result)
@@ -125,15 +126,16 @@ def test_a_finding_outside_the_extended_simulation_says_so() -> None:
     result = made(findings=(FRICTION, replace(FINDINGS[1], in_model=False)))
     assert [entry["in_model"] for entry in document(result)["findings"]] == [True, False]
     assert words(result).count("Not in the extended simulation.") == 1
-    assert "  not in the extended simulation\n" in told(result)
+    assert "  not in the extended simulation\n" in screen(result)
 
 
 def test_a_simulation_with_covariance_has_a_note_of_it() -> None:
     note = "The covariance of the simulation is used as prior for its inertials and laws"
     result = made(informed=True, prior_scale=1.0)
-    assert f"note: {note}" in told(result) and note in words(result) and "deviate by about" not in words(result)
+    assert f"note: {note}" in screen(result)
+    assert note in words(result) and "deviate by about" not in words(result)
     assert note in document(result)["notes"] and document(result)["inertials"] == {"off": None, "covariance": True}
-    assert note not in told(made()) and document(made(prior_scale=1.0))["inertials"] == {
+    assert note not in screen(made()) and document(made(prior_scale=1.0))["inertials"] == {
         "off": 1.0,
         "covariance": False,
     }
@@ -142,5 +144,5 @@ def test_a_simulation_with_covariance_has_a_note_of_it() -> None:
 def test_a_simulation_that_is_further_off_than_its_covariance_says_so() -> None:
     further = "their errors appear about 2.5 times larger"
     result = made(informed=True, prior_scale=2.5)
-    assert further in " ".join(told(result).split()) and further in words(result)
+    assert further in " ".join(screen(result).split()) and further in words(result)
     assert further not in words(made(informed=True, prior_scale=1.0)) and further not in words(made(prior_scale=2.5))

@@ -1,4 +1,4 @@
-"""A diagnosis as a page for the browser: what it says, and that its plots are those of the numbers."""
+"""A diagnosis as a page for the browser: its text, and plots that agree with the numbers."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ def test_the_page_says_the_same_and_loads_nothing() -> None:
     page = diagnosis_page(made(), command="signid diagnose 3r x.csv -o DIR")
     read = Page(page)
     text = " ".join(" ".join(read.texts).split())
-    told = ("3r: the simulation lacks", FLAG, "a <note>", NEVER, APART, "0.800", "0.020", "coulomb friction of joint_2")
+    says = ("3r: the simulation lacks", FLAG, "a <note>", NEVER, APART, "0.800", "0.020", "coulomb friction of joint_2")
     source = FINDINGS[0].law.effect.source
     inputs = ("x.csv", "0" * 64, "recording, learned from", "signid diagnose 3r x.csv -o DIR", "seed 7", "robot.urdf")
-    for words in (*told, *inputs, source, FINDINGS[0].law.effect.equation, "first_moment_x", "kg.m", "joint_3: 5 % of"):
+    for words in (*says, *inputs, source, FINDINGS[0].law.effect.equation, "first_moment_x", "kg.m", "joint_3: 5 % of"):
         assert words in text, words
     assert "of" not in read.tags and "note" not in read.tags and len(page) < 6e6
     assert page == diagnosis_page(made(), command="signid diagnose 3r x.csv -o DIR")
@@ -43,7 +43,7 @@ def lines(result: Diagnosis, title: str) -> dict[str, Any]:
     return {trace.name: trace.to_plotly_json() for plot in drawn for trace in plot.data if trace.name}
 
 
-def test_every_plot_says_what_and_in_which_unit() -> None:
+def test_every_plot_states_quantity_and_unit() -> None:
     plots = figures(diagnosis_page(made()))
     assert len(plots) == 2 * 4 + 3 * 4 + 3
     for plot in plots:
@@ -56,13 +56,13 @@ def test_every_plot_says_what_and_in_which_unit() -> None:
 
 
 def test_torque_over_time_and_its_residual_are_those_of_the_course() -> None:
-    told, judged = lines(made(), "time [s]"), course(120, 2)
-    assert set(told) == {"measured", "predicted before", "predicted after", "residual before", "residual after"}
-    measured, after = (values(told[name]["y"]) for name in ("measured", "residual after"))
+    traces, judged = lines(made(), "time [s]"), course(120, 2)
+    assert set(traces) == {"measured", "predicted before", "predicted after", "residual before", "residual after"}
+    measured, after = (values(traces[name]["y"]) for name in ("measured", "residual after"))
     kept = np.isfinite(measured)
     np.testing.assert_allclose(np.nanmax(np.abs(after)), AFTER[2], rtol=1e-6)
     np.testing.assert_allclose(measured[kept].max(), judged.torque[:, 2].max(), rtol=1e-6)
-    assert np.all(np.diff(values(told["measured"]["x"])) >= 0), "one recording after the other"
+    assert np.all(np.diff(values(traces["measured"]["x"])) >= 0), "one recording after the other"
 
 
 def test_the_heat_map_is_the_residual_over_the_noise_floor() -> None:
@@ -82,8 +82,8 @@ def test_the_heat_map_is_the_residual_over_the_noise_floor() -> None:
 
 @pytest.mark.parametrize("flown", [False, True])
 def test_roll_outs_are_drawn_as_time_passes(flown: bool) -> None:
-    told = lines(made(rollout_before=rolled(np.inf)) if flown else made(), "time since the start [s]")
-    before, after = (values(told[name]["y"]) for name in ("before", "after"))
+    traces = lines(made(rollout_before=rolled(np.inf)) if flown else made(), "time since the start [s]")
+    before, after = (values(traces[name]["y"]) for name in ("before", "after"))
     np.testing.assert_allclose(after, 0.03, rtol=1e-6)
     assert np.isnan(before).all() if flown else np.allclose(before, 1.5)
 

@@ -1,4 +1,4 @@
-"""Every command that writes: into folders of strange names, into read-only ones, and where the disk is full."""
+"""Every command that writes: into folders with unusual names, into read-only folders, and on a full disk."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ SILENT = {"inspect", "check", "effects", "payload"}  # commands that write no fi
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with a robot of two files, a recording of it and a manifest, all of names that few would choose."""
+    """A folder with a robot of two files, a recording of it and a manifest, all with unusual names."""
     place = tmp_path / STRANGE
     (place / "ein Teil ü").mkdir(parents=True)
     part = (HERE / "robots/1r/robot.urdf").read_text(encoding="utf-8")
@@ -67,7 +67,7 @@ def names(place: Path) -> set[str]:
 
 @contextmanager
 def read_only(place: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Nothing can be made below a folder, whoever asks: the rights of files do not bind a superuser."""
+    """Make a folder read-only even for a superuser, whom file permissions do not bind."""
     known, made = os.open, os.mkdir
 
     def refuse(path: Any) -> None:
@@ -91,7 +91,7 @@ def read_only(place: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 @contextmanager
 def full() -> Iterator[None]:
-    """No file can hold a byte."""
+    """Make every write fail as on a full disk."""
     resource = pytest.importorskip("resource")
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (0, limits[1]))
@@ -115,22 +115,22 @@ def test_strange_names_are_fine(command: str, folder: Path, capsys: pytest.Captu
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_a_folder_that_is_read_only_is_told(
+def test_a_read_only_folder_is_reported(
     command: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     before = names(folder)
     with read_only(folder, monkeypatch):
         assert carried_out(command) == 2
-    told = capsys.readouterr().err
-    assert "Read-only" in told and len(told.splitlines()) == 1, told
+    output = capsys.readouterr().err
+    assert "Read-only" in output and len(output.splitlines()) == 1, output
     assert names(folder) == before
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_a_full_disk_is_told(command: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_full_disk_is_reported(command: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = names(folder)
     with full():
         assert carried_out(command) == 2
-    told = capsys.readouterr().err
-    assert "File too large" in told and len(told.splitlines()) == 1, told
+    output = capsys.readouterr().err
+    assert "File too large" in output and len(output.splitlines()) == 1, output
     assert not [name for name in names(folder) - before if (folder / name).is_file()]

@@ -1,4 +1,4 @@
-"""Laws of inertia: a body of point masses is possible, in every frame; no other set of ten numbers is."""
+"""Feasible inertias: a body of point masses is feasible in every frame; no other set of ten numbers is."""
 
 from __future__ import annotations
 

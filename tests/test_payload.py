@@ -34,7 +34,7 @@ def robot(arm: Arm) -> Robot:
 
 
 def fault(arm: Arm, mass: float) -> Fault:
-    """A load of that mass, its inertia in proportion."""
+    """Payload fault of the mass, with an inertia in proportion."""
     about = mass / MASS * np.diag(TURN) + mass * (CENTRE @ CENTRE * np.eye(3) - np.outer(CENTRE, CENTRE))
     numbers = {"mass": mass, **{f"first_moment_{k}": mass * c for k, c in zip("xyz", CENTRE, strict=True)}}
     names = ("xx", "xy", "yy", "xz", "yz", "zz")
@@ -80,7 +80,7 @@ def test_a_load_on_an_arm_of_six_joints_is_weighed(friction: float) -> None:
     assert max(errors) < 0.02
 
 
-def test_the_load_is_told_as_a_law_too() -> None:
+def test_the_load_is_reported_as_a_law_too() -> None:
     found = weighed(0)
     assert found.law.effect.name == "payload"
     assert found.law.parameters["mass"] == found.mass[0]
@@ -103,7 +103,7 @@ def test_no_load_is_no_load() -> None:
     assert any("no load is certain" in flag for flag in found.flags)
 
 
-def test_what_the_arm_cannot_tell_is_said() -> None:
+def test_unidentifiable_numbers_of_the_load_are_reported() -> None:
     upright = signid.load_robot("3r", joints=["joint_1"])  # turns about the vertical: gravity is not felt
     made = {mass: {k: v for k, v in columns(ARM, mass, 1).items() if k in ("t", "q_1", "tau_1")} for mass in (0.0, 0.4)}
     found = payload(upright, *([signid.read_recording(made[mass], upright)] for mass in (0.0, 0.4)))
@@ -114,7 +114,7 @@ def test_what_the_arm_cannot_tell_is_said() -> None:
     assert np.isinf(found.mass[1])
 
 
-def test_what_cannot_be_is_refused() -> None:
+def test_impossible_inputs_are_refused() -> None:
     one = recording(ARM, 0.0, 1)
     with pytest.raises(OptionError, match="no recording with the load was given"):
         payload(robot(ARM), [one], [])
@@ -134,10 +134,10 @@ def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pyt
     out = capfd.readouterr().out
     assert "3r: payload of link_3" in out and "centre of mass z" in out
     assert run([*command, "--json"]) == 0
-    told = json.loads(capfd.readouterr().out)
-    assert told["schema"] == "signid.payload/1" and told["link"] == "link_3"
-    assert_allclose(told["mass"]["value"], 0.4, rtol=0.05)
-    assert {file["role"] for file in told["inputs"]} >= {"recording, without the load", "recording, with the load"}
+    document = json.loads(capfd.readouterr().out)
+    assert document["schema"] == "signid.payload/1" and document["link"] == "link_3"
+    assert_allclose(document["mass"]["value"], 0.4, rtol=0.05)
+    assert {file["role"] for file in document["inputs"]} >= {"recording, without the load", "recording, with the load"}
     assert run(["payload", "3r", "--without", "recording.csv"]) == 2
     assert capfd.readouterr().err.startswith("signid: no recording with the load was given")
 

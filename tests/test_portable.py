@@ -1,4 +1,4 @@
-"""What works on one system only: text in the encoding of the machine, and what other systems do not have."""
+"""Code that works on one system only: text in the machine's encoding, and calls that other systems lack."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ CALLS = {"fork", "forkpty", "getuid", "geteuid", "killpg", "mkfifo", "setsid", "
 
 
 def constant(call: ast.Call, position: int, keyword: str) -> object:
-    """An argument that is written out, None where it is not given, the node where it is computed."""
+    """Value of a literal argument, None if it is absent, its node if it is computed."""
     given = [x.value for x in call.keywords if x.arg == keyword] + call.args[position : position + 1]
     return given[0].value if given and isinstance(given[0], ast.Constant) else next(iter(given), None)
 
@@ -40,7 +40,7 @@ def is_text(call: ast.Call, name: str) -> bool:
 
 
 def faults(source: str) -> Iterator[str]:
-    """What in a module is of one system."""
+    """System-dependent calls of a module."""
     tree = ast.parse(source)
     tried = {id(node) for part in ast.walk(tree) if isinstance(part, ast.Try) for node in ast.walk(part)}
     for node in ast.walk(tree):

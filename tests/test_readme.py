@@ -88,7 +88,7 @@ def test_commands_of_readmes_are_executed() -> None:
 
 
 @pytest.mark.parametrize("block", EXTRACTS, ids=title)
-def test_extracts_are_what_is_printed(
+def test_extracts_agree_with_the_printed_text(
     block: Block, place: pytest.TempPathFactory, capfd: pytest.CaptureFixture[str]
 ) -> None:
     def form(text: str) -> str:

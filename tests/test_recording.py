@@ -1,4 +1,4 @@
-"""Columns find their joints, and what cannot be assigned says why in one sentence."""
+"""Columns are assigned to joints; a refused assignment gives its reason in one sentence."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def test_numbers_count_the_joints_of_the_whole_file() -> None:
     part = arm("elbow", "wrist", numbers=(2, 3))
     recording = read_recording(whole(), part)
     np.testing.assert_array_equal(recording.read().q, Q[:, 1:])
-    assert not recording.notes  # joint 1 is held by the user, no stranger
+    assert not recording.notes  # joint 1 is held by the user
 
 
 def test_a_joint_may_be_called_like_a_number() -> None:

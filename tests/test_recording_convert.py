@@ -1,4 +1,4 @@
-"""What is converted is the same recording as its source, in any format, and what was read is told."""
+"""A converted recording equals its source in any format, and the source is described."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ def same(found: Samples, wanted: Samples) -> None:
 
 def command(line: str, capfd: pytest.CaptureFixture[str], code: int = 0) -> tuple[str, str]:
     assert run(shlex.split(line)) == code
-    told = capfd.readouterr()
-    return told.out, told.err
+    output = capfd.readouterr()
+    return output.out, output.err
 
 
 @pytest.mark.parametrize("end", ENDS)
@@ -89,7 +89,7 @@ def test_tables_pass_through_every_format(
     assert first.columns == last.columns and first.equals(last)
 
 
-def test_what_was_read_is_told(
+def test_the_source_is_described(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -163,7 +163,7 @@ def test_rows_that_lack_a_value_can_be_dropped() -> None:
 
 
 def test_short_holes_need_not_lose_a_recording() -> None:
-    """A torque missing every 0.4 s leaves no stretch of half a second; without these rows one is left."""
+    """A torque missing every 0.4 s leaves no stretch of half a second; without these rows one remains."""
     robot, tau = signid.load_robot("1r"), pristine()["tau_1"].copy()
     tau[::40] = np.nan
     with pytest.raises(RecordingError, match="--drop-missing bridges short gaps"):
@@ -172,7 +172,7 @@ def test_short_holes_need_not_lose_a_recording() -> None:
     assert len(survey(whole, robot).spans) == 1 and len(whole) == 1170
 
 
-def test_what_is_odd_is_told() -> None:
+def test_oddities_are_reported() -> None:
     assert "milliseconds" in convert(whole(t=T * 1e3)).flags[0]
     assert "goes back after 1 of" in convert(whole(t=np.concatenate([T[15:], T[:15]]))).flags[0]
     found = convert({"a": T, "mode": ["run"] * len(T)}, units={"q": "deg"})
@@ -182,7 +182,7 @@ def test_what_is_odd_is_told() -> None:
     assert slow.pace is not None and slow.pace.rate == pytest.approx(1e4) and slow.units["t"] == "ms"
 
 
-def test_what_cannot_be_converted() -> None:
+def test_sources_that_cannot_be_converted() -> None:
     with pytest.raises(RecordingError, match="would both be q_1"):
         convert({"t": T, "q_1": T, "q_a1": T}, columns={"joints": "a*"})
     with pytest.raises(RecordingError, match="'mode' holds no plain numbers"):

@@ -1,4 +1,4 @@
-"""Each gross fault planted in a recording is told by its sentence and nothing else is; what is sound passes."""
+"""Each planted recording fault gives its own sentence and no other; sound recordings pass."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ Spoil = Callable[[Trial, Array, Array], dict[str, Array]]
 
 @cache
 def arm() -> Trial:
-    """A UR5 that rubs and whose rotors nobody stated."""
+    """A UR5 with friction, and rotors that its description lacks."""
     return trial(signid.load_robot("ur5"), seed=4)
 
 
 def sound(seed: int = 0) -> tuple[Array, Array]:
-    """Its positions and torques as encoders and drives tell them."""
+    """Positions and torques of the arm as encoders and drives measure them."""
     whole, rng = arm(), np.random.default_rng(seed)
     count = 2 * np.pi / 2**17
     noise = 0.02 * np.std(whole.torque, axis=0) * rng.standard_normal(whole.torque.shape)
@@ -48,7 +48,7 @@ def look(robot: Robot, columns: dict[str, Array], options: Options | None = None
     return examine(Model(session.robot, stated_inertials(session.robot), stated_laws(session.robot)), session)
 
 
-def told(found: RecordingFaults) -> list[tuple[str, tuple[str, ...]]]:
+def faults_of(found: RecordingFaults) -> list[tuple[str, tuple[str, ...]]]:
     return [(f.kind, f.joints) for f in found.findings if f.severity != "note"]
 
 
@@ -125,11 +125,11 @@ def test_a_sound_recording_passes() -> None:
 
 
 @pytest.mark.parametrize("name", PLANTED)
-def test_a_planted_fault_is_told_and_nothing_else(name: str) -> None:
+def test_a_planted_fault_is_reported_and_nothing_else(name: str) -> None:
     spoil, kind, joints, severity = PLANTED[name]
     q, tau = spoil(*sound())
     found = look(arm().robot, {"t": arm().t, "q": q, "tau": tau})
-    assert told(found) == [(kind, tuple(arm().robot.joints[j] for j in joints))]
+    assert faults_of(found) == [(kind, tuple(arm().robot.joints[j] for j in joints))]
     assert [f.severity for f in found.findings if f.severity != "note"] == [severity]
     assert bool(found.refusal) == (severity == "refuse")
     sentence = found.flags[0]
@@ -152,7 +152,7 @@ def test_sentences_say_how_much_how_sure_and_how_to_mend_it() -> None:
     assert gain.findings[0].measures["factor"] == pytest.approx(2.2, rel=0.1)
 
 
-def test_what_explains_as_well_is_an_alternative() -> None:
+def test_equal_explanations_are_alternatives() -> None:
     """A pendulum swings alike the other way round."""
     whole = trial(signid.load_robot("1r"), seed=1)
     found = look(whole.robot, {"t": whole.t, "q": whole.q, "tau": -whole.torque})
@@ -161,16 +161,16 @@ def test_what_explains_as_well_is_an_alternative() -> None:
     assert finding.severity == "warn" and "equally likely" in finding.sentence
 
 
-def test_degrees_of_joints_without_limits_are_told() -> None:
+def test_degrees_of_joints_without_limits_are_reported() -> None:
     free, whole = signid.load_robot("ur5"), arm()
     object.__setattr__(free, "lower", np.full(6, -np.inf))
     object.__setattr__(free, "upper", np.full(6, np.inf))
     found = look(free, {"t": whole.t, "q": np.degrees(0.3 * whole.q), "tau": small_torque(whole, 0.3)})
-    assert told(found) == [("degrees", free.joints)] and "convert it to radians" in found.refusal
+    assert faults_of(found) == [("degrees", free.joints)] and "convert it to radians" in found.refusal
 
 
 def small_torque(whole: Trial, size: float) -> Array:
-    """Of the same motion, smaller, with little friction."""
+    """A smaller copy of the motion, with little friction."""
     motion = Motion(whole.robot, whole.t, size * whole.q, size * whole.v, size * whole.a)
     return motion.load + 0.05 * np.sign(motion.v)
 
@@ -182,24 +182,24 @@ def test_eight_seconds_of_seven_joints_are_refused() -> None:
     found = look(robot, {"t": whole.t[rows], "q": whole.q[rows], "tau": whole.torque[rows]}, Options(cutoff=5.0))
     assert "too little" in found.refusal and "record for" in found.refusal
     assert "too little data" not in {
-        kind for kind, _ in told(look(robot, {"t": whole.t, "q": whole.q, "tau": whole.torque}))
+        kind for kind, _ in faults_of(look(robot, {"t": whole.t, "q": whole.q, "tau": whole.torque}))
     }
 
 
-def test_friction_and_noise_alone_tell_nothing_of_order_and_units() -> None:
+def test_friction_and_noise_alone_give_no_order_and_no_units() -> None:
     """The last joint of a light wrist: no rigid torque to speak of, and noise."""
     q, tau = sound()
     rng = np.random.default_rng(5)
     tau[:, 5] = 0.2 * np.sign(arm().v[:, 5]) + 0.3 * rng.standard_normal(len(tau))
     found = look(arm().robot, {"t": arm().t, "q": q, "tau": tau})
-    assert told(found) == [] and np.isnan(found.factor[5])
+    assert faults_of(found) == [] and np.isnan(found.factor[5])
 
 
-def test_torque_that_does_not_belong_to_the_motion_is_told() -> None:
+def test_torque_that_does_not_belong_to_the_motion_is_reported() -> None:
     q, tau = sound()
     tau[:, 2] = np.roll(tau[:, 2], 1700)
     found = look(arm().robot, {"t": arm().t, "q": q, "tau": tau})
-    assert ("unexplained torque", ("elbow_joint",)) in told(found) and found.refusal == ""
+    assert ("unexplained torque", ("elbow_joint",)) in faults_of(found) and found.refusal == ""
 
 
 def test_limits_of_the_description_are_compared() -> None:
@@ -214,12 +214,12 @@ def test_limits_of_the_description_are_compared() -> None:
     assert found.refusal == ""
 
 
-def test_torques_without_a_sign_are_judged_by_size_alone() -> None:
+def test_torques_without_a_sign_are_checked_by_size_alone() -> None:
     q, tau = sound()
     columns = {"t": arm().t} | {f"q_{j + 1}": q[:, j] for j in range(6)}
     absolute = columns | {f"abs_tau_{j + 1}": np.abs(tau[:, j]) for j in range(6)}
     found = look(arm().robot, absolute)
-    assert {f.kind for f in found.findings} <= {"excitation"}  # which is judged by the noise
+    assert {f.kind for f in found.findings} <= {"excitation"}  # excitation is compared with the noise
     assert set(found.signs) == {"uncertain"} and np.isnan(found.explained).all()
     huge = look(arm().robot, columns | {f"abs_tau_{j + 1}": 1e3 * np.abs(tau[:, j]) for j in range(6)})
     assert [f.kind for f in huge.findings if f.severity == "warn" and f.kind != "torque limit"] == ["units"]
@@ -233,7 +233,7 @@ def test_a_simulation_of_other_joints_is_refused() -> None:
         examine(Model(other, stated_inertials(other), ()), session)
 
 
-def test_check_tells_and_exits_3(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_check_reports_faults_and_exits_3(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     whole = trial(signid.load_robot("3r"), seed=3)
     columns = {"t": whole.t} | {f"q_{j + 1}": whole.q[:, j] for j in range(3)}
     columns |= {f"tau_{j + 1}": (-1 if j == 1 else 1) * whole.torque[:, j] for j in range(3)}

@@ -1,4 +1,4 @@
-"""The numerical parts of gross checks against SciPy."""
+"""The numerical parts of the recording checks against SciPy."""
 
 from __future__ import annotations
 

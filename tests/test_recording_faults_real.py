@@ -1,4 +1,4 @@
-"""Real recordings have no gross fault, and a real robot with exchanged wrists is told."""
+"""Real recordings have no recording fault; exchanged wrists of a real robot are reported."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def test_signless_hobby_servos_pass(data: Path) -> None:
 
 
 @pytest.mark.parametrize(("first", "second"), [(3, 4), (4, 5)])
-def test_exchanged_wrists_of_a_real_robot_are_told(data: Path, first: int, second: int) -> None:
+def test_exchanged_wrists_of_a_real_robot_are_reported(data: Path, first: int, second: int) -> None:
     robot = signid.load_robot(data / "ur10e_mamedov" / "ur10e.urdf", actuators=ACTUATORS)
     path = data / "ur10e_mamedov" / "identification_data__20_02_12_50sec_12harm.csv.gz"
     rows = signid.read_recording(path, robot).read()

@@ -1,4 +1,4 @@
-"""Every format reads the same numbers, a missing cell is NaN, and what cannot be read says why in one sentence."""
+"""Every format reads the same numbers, a missing cell is NaN, and unreadable files are refused in one sentence."""
 
 from __future__ import annotations
 

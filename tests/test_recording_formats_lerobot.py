@@ -198,7 +198,7 @@ BAD: dict[str, tuple[Change, str]] = {
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_what_cannot_be_read(case: str, tmp_path: Path) -> None:
+def test_datasets_that_cannot_be_read(case: str, tmp_path: Path) -> None:
     change, culprit = BAD[case]
     path = two_episodes(tmp_path, together=True)
     change(path)
@@ -207,7 +207,7 @@ def test_what_cannot_be_read(case: str, tmp_path: Path) -> None:
     sentence(str(error.value), str(path), culprit)
 
 
-def test_what_would_not_fit_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_datasets_larger_than_memory_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = two_episodes(tmp_path, together=True)
     monkeypatch.setattr(memory, "free_memory", lambda: 1000.0)
     with pytest.raises(RecordingError, match="GB of memory.*fewer episodes"):
@@ -215,7 +215,7 @@ def test_what_would_not_fit_is_refused(tmp_path: Path, monkeypatch: pytest.Monke
 
 
 def test_paths_in_the_description_lead_nowhere(tmp_path: Path) -> None:
-    """Tables are found where they lie; what info.json says of their places is not followed."""
+    """Tables are found where they lie; places given in info.json are ignored."""
     path = two_episodes(tmp_path, together=True)
     described = json.loads((path / "meta" / "info.json").read_text())
     (path / "meta" / "info.json").write_text(json.dumps({**described, "data_path": "/etc/{episode_index}"}))

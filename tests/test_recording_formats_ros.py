@@ -1,4 +1,4 @@
-"""Bags of every kind give the columns that were published; topics are joined in time, and what is odd is told."""
+"""Bags of every kind give the columns that were published; topics are joined in time, and oddities are reported."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def notes(about: About) -> str:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_every_kind_of_bag_gives_what_was_published(kind: str, tmp_path: Path) -> None:
+def test_every_kind_of_bag_gives_the_published_columns(kind: str, tmp_path: Path) -> None:
     known = store(first=kind == "ROS 1")
     path = KINDS[kind](tmp_path, known, states(known))
     assert [name for name in FORMATS.names if FORMATS[name].recognises(path)] == ["rosbag"]
@@ -160,7 +160,7 @@ def test_messages_out_of_order_and_repeated(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("case", ["unset", "standing still", "another clock", "simulated"])
-def test_which_time_is_used_is_told(case: str, tmp_path: Path) -> None:
+def test_the_time_that_is_used_is_reported(case: str, tmp_path: Path) -> None:
     known, (t, q, dq, tau) = store(), swung()
     stamps = {"unset": 0 * t, "standing still": 0 * t + 5, "another clock": t + 10**12, "simulated": t}[case]
     messages = [
@@ -171,13 +171,13 @@ def test_which_time_is_used_is_told(case: str, tmp_path: Path) -> None:
         messages += states(known, "/other", late=0)
     path = write2(tmp_path / "a", known, sorted(messages, key=lambda each: each[2]))
     topics = ("/joint_states", "/other") if case == "another clock" else ()
-    told = {"unset": "not set", "standing still": "do not increase", "another clock": "apart", "simulated": "from 0 s"}
+    words = {"unset": "not set", "standing still": "do not increase", "another clock": "apart", "simulated": "from 0 s"}
     table, about = opened(path, *topics)
-    sentence(about.clock, told[case], "header stamps" if case == "simulated" else "time of receipt")
+    sentence(about.clock, words[case], "header stamps" if case == "simulated" else "time of receipt")
     np.testing.assert_array_equal(column(table, "t"), t / 1e9)
 
 
-def test_what_was_not_measured_is_left_out(tmp_path: Path) -> None:
+def test_fields_without_measurements_are_left_out(tmp_path: Path) -> None:
     known, (t, q, _, tau) = store(), swung()
     tau[:, 0], tau[:, 1] = np.nan, 0.0
     tau[7, 2] = np.nan
@@ -212,7 +212,7 @@ def test_a_controllers_state_is_a_recording(parts: tuple[str, str], first: bool,
 
 
 def test_trajectories_alone_and_beside_a_recording(tmp_path: Path) -> None:
-    """The second of two overlapping plans replaces what is left of the first."""
+    """The second of two overlapping plans replaces the rest of the first."""
     known, (t, q, _, tau) = store(), swung()
     halves = [(0, slice(0, 300)), (int(t[200]), slice(200, 400))]
     plans = []
@@ -231,7 +231,7 @@ def test_trajectories_alone_and_beside_a_recording(tmp_path: Path) -> None:
     assert "asked for" not in notes(about)
 
 
-def test_the_bag_that_nobody_here_wrote(data: Path) -> None:
+def test_a_bag_of_another_project(data: Path) -> None:
     folder = data / "ros2_bag_ur10"
     robot = signid.load_robot(folder / "ur10.urdf")
     recording = signid.read_recording(folder, robot)

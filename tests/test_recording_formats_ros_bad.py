@@ -1,4 +1,4 @@
-"""Bags that cannot be read, or not without more being said, end in one sentence."""
+"""Bags that are unreadable or need further options are refused in one sentence."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def test_spoilt_folders(case: str, good: Path, tmp_path: Path) -> None:
     refused(half(good, tmp_path, change), culprit)
 
 
-def test_what_is_no_bag(good: Path, tmp_path: Path) -> None:
+def test_files_that_are_no_bag(good: Path, tmp_path: Path) -> None:
     for name in FILES:
         refused(noise(tmp_path / name), "damaged")
         (tmp_path / "wrong").mkdir(exist_ok=True)
@@ -192,7 +192,7 @@ def test_a_bag_of_ros_1_without_its_index(tmp_path: Path) -> None:
 
 
 def test_a_bag_that_unpacks_to_more_than_memory_holds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Ten megabytes of zeros in every fifty bytes of a chunk; what follows them is not looked at."""
+    """Ten megabytes of zeros in every fifty bytes of a chunk; data after them are not read."""
     resource = pytest.importorskip("resource")
     if not Path("/proc/self/statm").is_file():
         pytest.skip("needs /proc")
@@ -208,7 +208,7 @@ def test_a_bag_that_unpacks_to_more_than_memory_holds(tmp_path: Path, monkeypatc
     assert resource.getrlimit(resource.RLIMIT_AS) == limits
 
 
-def test_without_the_library_a_sentence_says_what_to_install(good: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_the_library_a_sentence_gives_the_install_command(good: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in [name for name in sys.modules if name.split(".")[0] == "rosbags"]:
         monkeypatch.setitem(sys.modules, name, None)
     refused(good / "a.bag", "pip install 'signid[ros]'")

@@ -77,7 +77,7 @@ def test_dates_in_parquet(tmp_path: Path) -> None:
     assert np.isnan(FORMATS["parquet"].open(tmp_path / "b.parquet").read(("t",), 0, 3)).all()
 
 
-def test_what_is_no_frame() -> None:
+def test_objects_that_are_no_frame() -> None:
     twice = pd.DataFrame(np.ones((3, 2)), columns=["t", "t"])
     for given, culprits in ((twice, ("'t'", "two columns")), ([1, 2], ("list", "frame")), (None, ("NoneType",))):
         with pytest.raises(RecordingError) as error:

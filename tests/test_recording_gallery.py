@@ -69,7 +69,7 @@ def test_the_whole_way_from_the_files_of_the_source(
     assert recordings(name) == there and is_complete(wanted, there) and not is_complete(wanted, folder)
 
 
-def test_what_signid_carries_is_what_the_recordings_are_of(data: Path) -> None:
+def test_the_carried_descriptions_belong_to_the_recordings(data: Path) -> None:
     for name in ("panda", "emps"):
         (file, path), *_ = DATA[name].carried
         mine, theirs = (signid.load_robot(there) for there in (ROOT / "robots" / path, data / DATA[name].folder / file))
@@ -87,8 +87,8 @@ def test_the_recordings_here_are_those_that_would_be_downloaded(data: Path) -> N
 
 def test_examples_and_data_sets_belong_together() -> None:
     asking = {path.parent.name for path in ROOT.glob("robots/*/identify.py") if "recordings(" in path.read_text()}
-    told = {one.name for one in DATA if not one.example}
-    assert asking == told and {path.parent.name for path in ROOT.glob("robots/*/identify.py")} <= {*asking, "3r"}
+    listed = {one.name for one in DATA if not one.example}
+    assert asking == listed and {path.parent.name for path in ROOT.glob("robots/*/identify.py")} <= {*asking, "3r"}
 
 
 def test_the_list_needs_no_network(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -133,7 +133,7 @@ def test_a_person_is_asked(
     assert sorted(path.name for path in folder.rglob("*.gz")) == (["toy.csv.gz"] if code == 0 else [])
 
 
-def test_json_tells_what_was_written(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_json_lists_the_written_files(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with serve({PATH: TEXT}) as server:
         assert run(["data", "toy", "--yes", "--json", "-o", "here", "--source", server.address]) == 0
     document = json.loads(capsys.readouterr().out)
@@ -190,7 +190,7 @@ def test_a_damaged_recording_is_replaced(folder: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("given", "told"),
+    ("given", "message"),
     [
         (["pandaa"], "no data named 'pandaa'; did you mean panda?"),
         (["kuka"], "choose from 1r, 3r, emps, panda, tx40, ur10e"),
@@ -199,10 +199,10 @@ def test_a_damaged_recording_is_replaced(folder: Path) -> None:
         (["--yes"], "no data set was named"),
     ],
 )
-def test_bad_usage(given: list[str], told: str, capsys: pytest.CaptureFixture[str], folder: Path) -> None:
+def test_bad_usage(given: list[str], message: str, capsys: pytest.CaptureFixture[str], folder: Path) -> None:
     assert run(["data", *given]) == 2
     err = capsys.readouterr().err
-    assert told in err and err.count("\n") == 1 and list(folder.iterdir()) == []
+    assert message in err and err.count("\n") == 1 and list(folder.iterdir()) == []
 
 
 def test_where_recordings_are_looked_for(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

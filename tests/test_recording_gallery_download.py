@@ -31,11 +31,11 @@ def refusal(server: Server) -> str:
     return sentence
 
 
-def test_a_file_arrives_whole_and_its_share_is_told() -> None:
-    told: list[tuple[str, float]] = []
+def test_a_file_arrives_whole_and_its_share_is_reported() -> None:
+    progress: list[tuple[str, float]] = []
     with serve({PATH: TEXT}) as server:
-        files = fetch(toy(), server.address + "/", progress=lambda what, share: told.append((what, share)))
-    assert set(files) == {"toy.csv.gz", "source_toy.txt"} and told[-1] == ("downloading toy", 1.0)
+        files = fetch(toy(), server.address + "/", progress=lambda what, share: progress.append((what, share)))
+    assert set(files) == {"toy.csv.gz", "source_toy.txt"} and progress[-1] == ("downloading toy", 1.0)
     assert server.asked == [PATH] and b"MIT" in files["source_toy.txt"] and b"0" * 40 in files["source_toy.txt"]
 
 
@@ -177,7 +177,7 @@ def test_names_that_would_leave_the_folder(name: str) -> None:
 @pytest.mark.parametrize(
     "rubbish", [b"", b"rubbish", b"\x80\x02c", b"1,2\n3\n", b"version https://git-lfs.github.com\n"]
 )
-def test_what_is_no_recording_is_refused(name: str, rubbish: bytes) -> None:
+def test_files_that_are_no_recording_are_refused(name: str, rubbish: bytes) -> None:
     with serve({"*": rubbish}) as server:
         with pytest.raises(DownloadError, match=f"commit {DATA[name].commit[:12]} by --source"):
             fetch(DATA[name], server.address)

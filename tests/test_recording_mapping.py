@@ -1,4 +1,4 @@
-"""Units, scales and names of joints in a column map; maps that may fit are offered, never taken."""
+"""Units, scales and names of joints in a column map; possible maps are offered, never applied."""
 
 from __future__ import annotations
 
@@ -163,12 +163,12 @@ OFFERED: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 
 
 @pytest.mark.parametrize("case", OFFERED)
-def test_what_is_offered(case: str) -> None:
+def test_possible_maps_are_offered(case: str) -> None:
     columns, lines = OFFERED[case]
     assert propose(columns, arm()) == lines
 
 
-def test_what_is_offered_is_a_map_that_reads(tmp_path: Path) -> None:
+def test_an_offered_map_reads(tmp_path: Path) -> None:
     source = {"time_us": T * 1e6, "shoulder.pos deg": np.degrees(Q[:, 0]), 'shoulder "effort"': TAU[:, 0]}
     with pytest.raises(RecordingError) as error:
         read(source, None)

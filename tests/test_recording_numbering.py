@@ -1,4 +1,4 @@
-"""Columns named by numbers that may count other joints are asked about, or flagged; others stay as they are."""
+"""Columns numbered ambiguously are refused or flagged; other columns stay as they are."""
 
 from __future__ import annotations
 
@@ -53,12 +53,12 @@ def test_the_command_ends_with_2_and_shows_the_line(tmp_path: Path, capfd: pytes
         ("tiago", range(1, 3), "head_1_joint to head_2_joint may be meant"),
     ],
 )
-def test_what_is_only_doubtful_is_flagged(robot: str, numbers: range, says: str) -> None:
+def test_uncertain_numbers_are_flagged(robot: str, numbers: range, says: str) -> None:
     (flag,) = signid.read_recording(numbered(numbers), signid.load_robot(robot)).flags
     assert says in flag and "--columns" in flag and len(flag) <= 390
 
 
-def test_doubtful_columns_are_flags_of_what_is_found() -> None:
+def test_uncertain_columns_are_flags_of_the_result() -> None:
     known = signid.load_robot("tiago", joints=["1", "2", "4", "5"])
     recording = signid.read_recording(numbered([1, 2]), known)
     assert recording.flags
@@ -79,12 +79,12 @@ def test_doubtful_columns_are_flags_of_what_is_found() -> None:
         ("3r", range(1, 3)),
     ],
 )
-def test_numbers_without_doubt_stay_as_they_are(robot: str, numbers: range) -> None:
+def test_unambiguous_numbers_stay_as_they_are(robot: str, numbers: range) -> None:
     known = signid.load_robot(robot)
     found = signid.read_recording(numbered(numbers), known)
     assert found.joints == tuple(known.joints[k - 1] for k in numbers) and not found.flags
 
 
-def test_joints_that_were_chosen_are_not_doubted() -> None:
+def test_chosen_joints_are_not_questioned() -> None:
     known = signid.load_robot("tiago", joints=[str(k) for k in range(1, 8)])
     assert not signid.read_recording(numbered(range(1, 8)), known).flags

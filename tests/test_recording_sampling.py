@@ -42,7 +42,7 @@ def everything(recording: Recording, sampling: Sampling, span: int = 0) -> Sampl
 
 
 def small_blocks(monkeypatch: pytest.MonkeyPatch, stride: int, chunk: int) -> None:
-    """As if files were longer."""
+    """Small blocks, as if files were longer."""
     for module in ("grid", "accumulate"):
         monkeypatch.setattr(sys.modules[f"signid.recording.sampling.{module}"], "STRIDE", stride)
     for module in ("survey", "clock"):
@@ -156,9 +156,9 @@ def test_spans_do_not_depend_on_chunks() -> None:
     assert found[0] == found[1] == found[2]
 
 
-def test_what_is_left_out_is_told() -> None:
+def test_omitted_samples_are_reported() -> None:
     sampling = surveyed(rough(), SPINNING)[1]
-    told = " / ".join(sampling.notes)
+    text = " / ".join(sampling.notes)
     for note in sampling.notes:
         sentence(note)
     for words in (
@@ -170,7 +170,7 @@ def test_what_is_left_out_is_told() -> None:
         "4 samples dropped",
         "q_2 wraps",
     ):
-        assert words in told, (words, told)
+        assert words in text, (words, text)
 
 
 def test_turning_joints_are_unwrapped() -> None:

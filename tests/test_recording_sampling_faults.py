@@ -1,4 +1,4 @@
-"""Samples that cannot be used say where and why in one sentence; real recordings can be used."""
+"""Unusable samples are refused in one sentence with place and reason; real recordings can be used."""
 
 from __future__ import annotations
 
@@ -103,14 +103,14 @@ NOTED: dict[str, tuple[Change, tuple[str, ...]]] = {
 
 
 @pytest.mark.parametrize("case", NOTED)
-def test_what_is_worth_knowing(case: str) -> None:
+def test_notes_of_unusual_samples(case: str) -> None:
     change, culprits = NOTED[case]
     columns = motion(T.copy())
     change(columns)
     sampling = surveyed(columns)[1]
-    told = [note for note in sampling.notes if culprits[0] in note]
-    assert len(told) == 1, sampling.notes
-    sentence(told[0], *culprits)
+    notes = [note for note in sampling.notes if culprits[0] in note]
+    assert len(notes) == 1, sampling.notes
+    sentence(notes[0], *culprits)
 
 
 def test_long_recordings_need_no_more_memory() -> None:

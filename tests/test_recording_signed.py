@@ -48,7 +48,7 @@ def repeating(t: np.ndarray) -> np.ndarray:
 def holey(columns: Columns) -> Columns:
     columns["tau"][700, 1] = columns["tau"][1500, 0] = columns["q"][2100, 1] = np.nan
     columns["tau"][2100:2130] = np.nan
-    columns["q"][2160:2165] = np.nan  # what lies between is too short to be used
+    columns["q"][2160:2165] = np.nan  # the part between is too short to be used
     return columns
 
 
@@ -120,7 +120,7 @@ def test_a_recording_with_signs_is_one_that_never_lost_them() -> None:
     assert again.spans == sampling.spans and again.period == sampling.period
 
 
-def test_currents_and_torques_with_a_sign_stay_what_they_are() -> None:
+def test_currents_and_torques_with_a_sign_stay_unchanged() -> None:
     robot, t = arm("shoulder", "elbow", "wrist", constants=[2.0, -3.0, 1.0]), np.arange(200) * 0.01
     wave = np.sin(9 * t + 0.1)
     columns = {"t": t, **{f"q_{j}": np.sin(j * t) for j in (1, 2, 3)}}

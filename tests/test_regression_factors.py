@@ -170,7 +170,7 @@ def test_weights_of_rows_leave_the_measure_of_fit_alone(arm: Robot, columns: dic
 
 
 @pytest.mark.parametrize("case", ["computed", "unfiltered"])
-def test_factors_give_what_least_squares_on_the_rows_gives(case: str, arm: Robot, columns: dict[str, Array]) -> None:
+def test_factors_agree_with_least_squares_on_the_rows(case: str, arm: Robot, columns: dict[str, Array]) -> None:
     change, options = CASES[case]
     session = ready(arm, change(columns), options)
     base, rows = session.task.base, joined(all_rows(session))

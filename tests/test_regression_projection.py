@@ -1,4 +1,4 @@
-"""Least squares, and what columns leave."""
+"""Least squares and projection residuals."""
 
 from __future__ import annotations
 
@@ -27,6 +27,6 @@ def test_a_singular_value_decomposition_that_does_not_converge_is_done_otherwise
     assert leave(TARGET, COLUMNS) == pytest.approx(rest, abs=1e-12)
 
 
-def test_what_is_left_is_orthogonal_to_the_columns() -> None:
+def test_residuals_are_orthogonal_to_the_columns() -> None:
     rest = leave(TARGET, COLUMNS)
     assert pytest.approx(np.zeros((4, 2)), abs=1e-12) == COLUMNS.T @ rest

@@ -1,4 +1,4 @@
-"""Factors in a file: they answer as the recordings do, add up, and refuse what does not belong together."""
+"""Factors in a file: they give the results of the recordings, add up, and refuse mismatched parts."""
 
 from __future__ import annotations
 
@@ -144,7 +144,7 @@ def test_days_that_are_reduced_alike_add_up(robot: Robot, tmp_path: Path) -> Non
     assert np.median(ours.std / alone.std) < 0.7
 
 
-def test_what_does_not_belong_together_is_refused(robot: Robot, long: Recording, whole: Reduced) -> None:
+def test_mismatched_parts_are_refused(robot: Robot, long: Recording, whole: Reduced) -> None:
     short = signid.read_recording(columns(robot, 4, 60.0), robot)
     plain = reduce(robot, [short])
 

@@ -75,7 +75,7 @@ def test_inverse_dynamics_undoes_forward_dynamics(robot: Robot, seed: int) -> No
 
 @given(ARMS, SEEDS)
 def test_torque_does_not_know_in_which_frame_a_body_is_written(robot: Robot, seed: int) -> None:
-    """The last joint's frame turned and moved along its own axis, its body written anew: the same torque."""
+    """The last joint's frame turned and moved along its own axis, its body expressed anew: the same torque."""
     rng, motion = np.random.default_rng(seed), states(robot, seed)
     model = robot.model.copy()
     last, joint = model.njoints - 1, model.joints[model.njoints - 1]
@@ -92,7 +92,7 @@ def test_torque_does_not_know_in_which_frame_a_body_is_written(robot: Robot, see
 
 
 @given(ARMS, SEEDS)
-def test_the_regressor_is_linear_in_what_the_description_states(robot: Robot, seed: int) -> None:
+def test_the_regressor_is_linear_in_the_stated_parameters(robot: Robot, seed: int) -> None:
     motion = states(robot, seed)
     torque = regressor(motion) @ stated(robot)
     assert_allclose(torque, motion.load, atol=1e-8 * max(1.0, np.abs(torque).max()))

@@ -1,4 +1,4 @@
-"""Of a fast recording, columns of bodies come from sparse samples: the rows are those of all samples."""
+"""Rigid-body columns of a fast recording come from sparse samples; the rows equal those of all samples."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def session(columns: dict[str, Array], **options: float | str) -> Session:
 
 
 def rows(found: Session, dense: bool = False) -> Rows:
-    """All rows of what is learned from, as one."""
+    """All training rows, joined."""
     task, band = found.task, found.task.band
     if dense:
         fields = {name: getattr(band, name) for name in band.__dataclass_fields__}

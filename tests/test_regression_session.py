@@ -1,4 +1,4 @@
-"""A recording is surveyed once, whoever asks; options reach every step."""
+"""Every recording is surveyed once; options reach every step."""
 
 from __future__ import annotations
 

@@ -180,7 +180,7 @@ def test_declarations_that_are_wrong_do_not_matter() -> None:
         assert robot_from_text(declaration + urdf(*PAIR), "urdf", "toy").joints == ("z",)
 
 
-def test_prefixes_that_nobody_declared_and_namespaces() -> None:
+def test_undeclared_prefixes_and_namespaces() -> None:
     loose = urdf(*PAIR, '<drake:joint name="z" type="ball"/><sensor:camera/>')
     assert robot_from_text(loose, "urdf", "toy").joints == ("z",)
     assert robot_from_text(urdf(*PAIR, name=' xmlns="http://www.ros.org"'), "urdf", "toy").name == "toy"

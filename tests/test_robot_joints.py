@@ -1,4 +1,4 @@
-"""Joints that follow, joints that are held, and what is known about their drives."""
+"""Mimic joints, held joints, and parameters of their drives."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def test_a_mimic_of_a_fixed_joint_stands_at_its_offset() -> None:
 
 
 @given(q=st.lists(st.floats(-10, 10), min_size=3, max_size=3))
-def test_configurations_are_what_pinocchio_integrates(q: list[float]) -> None:
+def test_configurations_agree_with_pinocchio_integrate(q: list[float]) -> None:
     robot = toy(*MIMICS)
     expected = pin.integrate(robot.model, pin.neutral(robot.model), robot.drive @ q + robot.rest)
     np.testing.assert_allclose(configuration(robot, np.array(q)), expected, atol=1e-12)

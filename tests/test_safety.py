@@ -1,4 +1,4 @@
-"""What signid never does, whatever a file asks for: run it, fetch, or read what does not belong to it."""
+"""No file makes signid run code, download, or read files that do not belong to it."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ def test_xacro_stays_beside_the_description(name: str, tmp_path: Path) -> None:
     refused(inside / "r.xacro", f'{HEAD}<xacro:include filename="{name}"/></robot>', "xacro cannot expand it")
 
 
-def test_xacro_reads_what_lies_beside_it_in_a_package_or_where_it_may(tmp_path: Path) -> None:
+def test_xacro_reads_files_beside_it_in_a_package_or_in_allowed_folders(tmp_path: Path) -> None:
     part = f"{HEAD}{LINKS}{JOINT}</robot>"
     for folder in ("é è/deep", "package", "given"):
         (tmp_path / folder).mkdir(parents=True)
@@ -191,7 +191,7 @@ def test_no_mesh_from_outside_is_exported_or_collided_with(tmp_path: Path) -> No
         assert ("is not found" in note) != found
 
 
-def test_paths_are_judged_as_they_are_written(tmp_path: Path) -> None:
+def test_paths_are_checked_as_written(tmp_path: Path) -> None:
     assert may_read(tmp_path / "a/../b", [tmp_path])
     assert not may_read(tmp_path / "a/../../b", [tmp_path])
     assert not may_read(str(tmp_path) + "2/b", [tmp_path])

@@ -61,7 +61,7 @@ def simulated(folder: Path, seconds: float) -> Path:
 
 
 def command(words: Sequence[str], signals: Sequence[tuple[float, signal.Signals]]) -> Ended:
-    """A command in a process of its own that gets signals so many seconds after it began, or after the one before."""
+    """A command in a process of its own that gets signals at delays [s] after its start or the signal before."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     with subprocess.Popen(
         [sys.executable, "-m", "signid", *words],
@@ -100,7 +100,7 @@ def stopped(verb: str, path: Path, out: Path, number: signal.Signals, again: boo
 
 
 def _piece(terminal: int) -> str:
-    """What was written to a terminal; nothing where nobody writes any more."""
+    """Text written to a terminal, empty once the writer has ended."""
     try:
         return os.read(terminal, 65536).decode(errors="replace")
     except OSError:
@@ -216,5 +216,5 @@ def test_steps_are_heard_in_their_share_and_never_go_back() -> None:
         (10.0, 1.0, 60.0, ""),
     ],
 )
-def test_the_time_that_is_left(elapsed: float, done: float, limit: float, says: str) -> None:
+def test_the_remaining_time(elapsed: float, done: float, limit: float, says: str) -> None:
     assert remaining(elapsed, done, 1 - done, limit) == says

@@ -1,4 +1,4 @@
-"""What the search over signs is made of, against all 2^S of them on small problems: tree, certificate, climb, order."""
+"""Parts of the search over signs, against all 2^S of them on small problems: tree, certificate, climb, order."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ def test_all_signs_in_the_window_are_leaves(seed: int, count: int, noise: float,
         first = _branching_order(problem, problem.coordinates(np.ones(problem.count)))[0]
         inside = inside[inside[:, first] > 0]
     assert {tuple(s) for s in tree.leaves} >= {tuple(s) for s in inside}
-    told = bounds(problem, tree.leaves, cuts)
-    assert np.all(told <= problem.loss(np.ones(problem.count)) + window)
-    assert np.all(np.diff(told) >= -CLOSE * problem.energies.sum())
+    lower = bounds(problem, tree.leaves, cuts)
+    assert np.all(lower <= problem.loss(np.ones(problem.count)) + window)
+    assert np.all(np.diff(lower) >= -CLOSE * problem.energies.sum())
 
 
 @problems

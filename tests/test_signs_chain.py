@@ -1,4 +1,4 @@
-"""Chains of signs: exact against enumeration, and what they restore of a torque whose sign is known after all."""
+"""Chains of signs: exact against enumeration, and signs restored for a torque whose sign is known."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def enumerated(odds: Array, tied: Array) -> tuple[Array, Array]:
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_messages_give_what_enumeration_gives(seed: int) -> None:
+def test_messages_agree_with_enumeration(seed: int) -> None:
     odds, tied = chains(seed)
     expected, best = zip(*(enumerated(o, t) for o, t in zip(odds.T, tied.T, strict=True)), strict=True)
     assert np.abs(expected_signs(odds, tied) - np.array(expected).T).max() < 1e-12

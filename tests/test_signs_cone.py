@@ -1,4 +1,4 @@
-"""The cone of what physics allows: true robots are inside, mirror images and rectified friction outside."""
+"""The cone of feasible parameters: true robots are inside, mirror images and rectified friction outside."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def exhausted(*_: object, **__: object) -> None:
 
 
 def standard(case: Lost, seed: int) -> Array:
-    """(p,) of a random robot: bodies of random pseudo-inertia, laws that brake."""
+    """Parameters (p,) of a random robot: bodies of random pseudo-inertia, laws that brake."""
     rng = np.random.default_rng(seed)
     bodies = [pin.Inertia.Random().toDynamicParameters() for _ in case.task.robot.links] if seed < 0 else []
     for _ in case.task.robot.links[len(bodies) :]:
@@ -46,7 +46,7 @@ def standard(case: Lost, seed: int) -> Array:
 
 
 def mass(case: Lost, q: Array, parameters: Array) -> Array:
-    """(n, n) of the bodies alone."""
+    """Mass matrix (n, n) of the bodies alone."""
     model = case.task.robot.model.copy()
     for k in range(len(case.task.robot.links)):
         model.inertias[k + 1] = pin.Inertia.FromDynamicParameters(parameters[10 * k : 10 * k + 10])
@@ -151,7 +151,7 @@ def test_a_solver_that_gives_up_leaves_a_bound_and_no_proof(monkeypatch: pytest.
     assert not found.proof.optimal and not found.proof.has_bound
 
 
-def test_rows_of_what_a_problem_does_not_tell_are_left_out() -> None:
+def test_rows_of_unidentifiable_parameters_are_left_out() -> None:
     case = lost(0.02)
     rows = cone_inequalities(case.task, case.observed)
     partial = build_problem(case.observed, [s for s in case.segments() if s.joint == 2], case.weights)
@@ -170,7 +170,7 @@ def test_joints_without_torque_do_not_enter() -> None:
     assert (rows @ case.true).min() > -1e-9
 
 
-def test_beliefs_are_weak_and_met_by_what_they_expect() -> None:
+def test_priors_are_weak_and_met_by_expected_parameters() -> None:
     case = lost(0.02)
     rows, own = friction_prior(case.observed, case.weights), law_coefficients(case.task)
     assert len(rows.target) == 9
@@ -185,7 +185,7 @@ def test_beliefs_are_weak_and_met_by_what_they_expect() -> None:
     assert sorted(set(rows.target)) == pytest.approx([0, 0.3])
 
 
-def test_nothing_is_believed_of_joints_with_their_sign() -> None:
+def test_joints_with_their_sign_have_no_prior() -> None:
     case = lost(0.02)
     mixed = replace(case.observed, signed=np.array([True, False, True]))
     rows = friction_prior(mixed, case.weights)

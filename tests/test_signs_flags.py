@@ -1,4 +1,4 @@
-"""When signs are not to be trusted: each flag and note names joints, units and options that there are."""
+"""Flags and notes of unreliable signs name existing joints, units and options."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def inferred() -> tuple[Lost, Inferred]:
     return made, infer(made.task, made.observed)
 
 
-def test_nothing_is_said_where_all_is_well() -> None:
+def test_sound_results_have_no_flags_and_no_notes() -> None:
     made, found = inferred()
     assert raise_flags(made.observed, found) == ()
     assert _notes(made.observed, found) == ()
@@ -53,8 +53,8 @@ def test_numbers_have_units(unit: str) -> None:
     assert f"offset of {made.observed.joints[1]} (1e+02 {unit}) is large" in flag
     steps = 0.5 * np.sqrt(np.mean(made.observed.torque**2, axis=0))
     coarse = replace(observed, torque=steps * np.round(made.observed.torque / steps))
-    told = [flag for flag in raise_flags(coarse, found) if "recorded in steps" in flag]
-    assert len(told) == 3 and f"steps of {steps[0]:.2g} {unit}, " in told[0]
+    flags = [flag for flag in raise_flags(coarse, found) if "recorded in steps" in flag]
+    assert len(flags) == 3 and f"steps of {steps[0]:.2g} {unit}, " in flags[0]
 
 
 def test_units_are_those_of_the_joints() -> None:
@@ -65,7 +65,7 @@ def test_units_are_those_of_the_joints() -> None:
     assert set(observed.coefficients.values()) >= {("coulomb_friction", 1), ("torque_offset", 1)}
 
 
-def test_what_is_not_explained_may_be_by_options_that_there_are() -> None:
+def test_flags_of_unexplained_torque_name_existing_options() -> None:
     made, found = inferred()
     large = replace(
         found, refined=replace(found.refined, sigma=10 * made.torque.std(axis=0)), inflation=np.full(3, 9.0)
@@ -81,7 +81,7 @@ def test_a_gap_of_all_proves_nothing(gap: float, words: str) -> None:
     assert words in flag and ("gap" in flag) == (gap < 1)
 
 
-def test_a_refinement_that_had_not_settled_is_told() -> None:
+def test_a_refinement_that_had_not_settled_is_flagged() -> None:
     made, found = inferred()
     assert found.refined.change < 1e-3
     (flag,) = raise_flags(made.observed, replace(found, refined=replace(found.refined, change=0.02)))
@@ -90,7 +90,7 @@ def test_a_refinement_that_had_not_settled_is_told() -> None:
 
 @pytest.mark.parametrize("offset", [True, False])
 def test_torque_without_a_trace_of_the_bodies(offset: bool) -> None:
-    """Of constant size: as an offset it keeps its sign, as Coulomb friction it does not."""
+    """A torque of constant size: an offset keeps its sign, Coulomb friction does not."""
     t = np.arange(0, 30, 0.01)
     q, v = np.sin(1.1 * t) + 0.3 * np.sin(2.3 * t), 1.1 * np.cos(1.1 * t) + 0.69 * np.cos(2.3 * t)
     torque = np.where(offset, 1.0, np.sign(v)) + 0.02 * np.random.default_rng(0).standard_normal(len(t))

@@ -16,7 +16,7 @@ from signid.signs.rows.segments import Segment
 
 
 def well() -> tuple[Observed, Inferred]:
-    """Two joints of which nothing is to be flagged: Coulomb friction, viscous friction, offset, a body."""
+    """Two joints without any flag: Coulomb friction, viscous friction, offset, a body."""
     v = np.column_stack([np.cos(2 * np.pi * T), np.cos(4 * np.pi * T)])
     columns = np.column_stack([np.sign(v[:, 0]), v[:, 0], np.ones(400), INERTIA])
     value = np.array([0.2, 0.1, 0.0, 1.0])

@@ -31,13 +31,13 @@ PENDULUM = (
 
 
 def stating(robot: Robot, known: Sequence[int]) -> Robot:
-    """With the torque constants of some joints."""
+    """The robot with the torque constants of some joints."""
     constants = np.where(np.isin(range(len(robot.joints)), known), CONSTANTS[: len(robot.joints)], np.nan)
     return replace(robot, actuators=replace(robot.actuators, torque_constant=constants))
 
 
 def heavier(robot: Robot, factor: float) -> Robot:
-    """With other inertials; 0: none."""
+    """The robot with scaled inertials; 0: none."""
     model = robot.model.copy()
     for k in range(1, len(model.inertias)):
         scaled = factor * model.inertias[k].toDynamicParameters()
@@ -46,18 +46,18 @@ def heavier(robot: Robot, factor: float) -> Robot:
 
 
 def currents(columns: dict[str, Array], n: int = 3) -> dict[str, Array]:
-    """Absolute currents where torques were."""
+    """Absolute currents in place of torques."""
     others = {key: value for key, value in columns.items() if not key.startswith("tau_")}
     return others | {f"abs_current_{j + 1}": np.abs(columns[f"tau_{j + 1}"]) / CONSTANTS[j] for j in range(n)}
 
 
 def made(robot: Robot, seed: int = 0, seconds: float = 12.0) -> dict[str, Array]:
     """Columns of a motion by formulas, with noise of 1 %."""
-    told = trial(robot, seed, seconds, 100.0)
-    noise = np.random.default_rng(seed).standard_normal(told.torque.shape)
-    torque = told.torque + 0.01 * np.sqrt(np.mean(told.torque**2, axis=0)) * noise
-    names = {"q": told.q, "dq": told.v, "ddq": told.a, "tau": torque}
-    return {"t": told.t} | {f"{key}_{j + 1}": x[:, j] for key, x in names.items() for j in range(x.shape[1])}
+    motion = trial(robot, seed, seconds, 100.0)
+    noise = np.random.default_rng(seed).standard_normal(motion.torque.shape)
+    torque = motion.torque + 0.01 * np.sqrt(np.mean(motion.torque**2, axis=0)) * noise
+    names = {"q": motion.q, "dq": motion.v, "ddq": motion.a, "tau": torque}
+    return {"t": motion.t} | {f"{key}_{j + 1}": x[:, j] for key, x in names.items() for j in range(x.shape[1])}
 
 
 def signs_of(robot: Robot, columns: dict[str, Array]) -> Signs:
@@ -76,11 +76,11 @@ def planted() -> tuple[Robot, dict[str, Array]]:
 
 
 def share_right(signs: Signs, columns: dict[str, Array]) -> float:
-    """Of the segments, those whose sign is the torque's."""
+    """Share of the segments whose sign is the torque's."""
     t, right = columns["t"], []
-    for told in signs.segments:
-        torque = columns[f"tau_{told.joint + 1}"][(t >= told.start) & (t <= told.end)]
-        right.append(told.sign == np.sign(np.sum(torque * np.abs(torque))))
+    for segment in signs.segments:
+        torque = columns[f"tau_{segment.joint + 1}"][(t >= segment.start) & (t <= segment.end)]
+        right.append(segment.sign == np.sign(np.sum(torque * np.abs(torque))))
     return float(np.mean(right))
 
 
@@ -89,18 +89,18 @@ def test_constants_of_a_plant_are_found(known: tuple[int, ...]) -> None:
     robot, columns = planted()
     found = signs_of(stating(robot, known), currents(columns))
     assert share_right(found, columns) == 1
-    told = {gain.joint: (gain.value, gain.std) for gain in found.gains}
-    assert list(told) == [name for j, name in enumerate(robot.joints) if j not in known]
+    estimates = {gain.joint: (gain.value, gain.std) for gain in found.gains}
+    assert list(estimates) == [name for j, name in enumerate(robot.joints) if j not in known]
     for j, name in enumerate(robot.joints):
-        value, std = told.get(name, (CONSTANTS[j], 1.0))
+        value, std = estimates.get(name, (CONSTANTS[j], 1.0))
         assert abs(value - CONSTANTS[j]) < 3 * std, name
         assert std < 0.3 * value or j in known
     assert any("inertials that the description states" in note for note in found.notes) == (not known)
     assert any("common uncertainty" in note for note in found.notes)
-    assert any("known only roughly" in flag for flag in found.flags) == any(s > 0.1 * v for v, s in told.values())
+    assert any("known only roughly" in flag for flag in found.flags) == any(s > 0.1 * v for v, s in estimates.values())
 
 
-def test_constants_that_still_change_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_constants_that_still_change_are_flagged(monkeypatch: pytest.MonkeyPatch) -> None:
     robot, columns = planted()
     monkeypatch.setattr(gains, "ROUNDS", 1)
     assert "still changed in the last of 1 rounds" in " ".join(signs_of(stating(robot, (1,)), currents(columns)).flags)
@@ -136,7 +136,7 @@ def test_the_unit_of_current_does_not_matter(unit: float, known: tuple[int, ...]
         assert [unit * x for x in scaled[name]] == pytest.approx(one[name], rel=1e-6)
 
 
-def test_signed_torque_of_one_joint_tells_the_others() -> None:
+def test_signed_torque_of_one_joint_gives_the_scale_of_the_others() -> None:
     robot, columns = planted()
     mixed = currents(columns)
     del mixed["abs_current_2"]
@@ -153,7 +153,7 @@ def test_no_description_is_needed_where_a_constant_is_known() -> None:
 
 
 @pytest.mark.parametrize("factor", [0.8, 1.0, 1.25])
-def test_without_any_constant_the_description_tells_the_scale(factor: float) -> None:
+def test_without_any_constant_the_description_gives_the_scale(factor: float) -> None:
     found = signs_of(stating(heavier(arm(), factor), ()), currents(made(arm())))
     assert [gain.value for gain in found.gains] == pytest.approx(factor * CONSTANTS, rel=0.06)
     assert all(0.05 < gain.std / gain.value < 0.3 for gain in found.gains)
@@ -163,7 +163,7 @@ def test_signs_turned_round_in_a_whole_joint_are_mended() -> None:
     robot, columns = planted()
     quiet = currents(columns)
     wanted, found = (signs_of(stating(robot, known), quiet) for known in ((0, 1, 2), (0,)))
-    assert [told.sign for told in found.segments] == [told.sign for told in wanted.segments]
+    assert [segment.sign for segment in found.segments] == [segment.sign for segment in wanted.segments]
 
 
 def test_a_force_has_its_unit() -> None:
@@ -181,36 +181,36 @@ def refused(robot: Robot, *columns: dict[str, Array]) -> str:
     return str(caught.value)
 
 
-def test_nothing_tells_the_scale() -> None:
-    told = refused(stating(heavier(arm(), 0.0), ()), currents(made(arm())))
+def test_nothing_gives_the_scale() -> None:
+    message = refused(stating(heavier(arm(), 0.0), ()), currents(made(arm())))
     for word in ("j1, j2, j3", "no inertials", "torque_constant", "[N.m/A at the joint]", "actuators file"):
-        assert word in told
+        assert word in message
     assert "N.m/A or N/A" in refused(stating(heavier(arm("prismatic"), 0.0), ()), currents(made(arm("prismatic"))))
 
 
-def test_joints_that_share_nothing_tell_nothing() -> None:
+def test_joints_that_share_nothing_do_not_give_the_scale() -> None:
     parts = (link("a"), link("b", PENDULUM), link("c", PENDULUM), joint("y", "a", "b"), joint("z", "a", "c"))
     robot = toy(*parts)
     columns = currents(made(robot), 2)
-    told = refused(stating(heavier(robot, 0.0), (0,)), columns)
-    assert "torque constant of z is not known" in told and "leave out the column of the current" in told
+    message = refused(stating(heavier(robot, 0.0), (0,)), columns)
+    assert "torque constant of z is not known" in message and "leave out the column of the current" in message
     found = signs_of(stating(robot, (0,)), columns)
     assert [gain.value for gain in found.gains] == pytest.approx(CONSTANTS[[1]], rel=0.06)
     assert any("also on the inertials" in note for note in found.notes)
 
 
-def test_a_rotor_alone_tells_nothing() -> None:
+def test_a_rotor_alone_does_not_give_the_scale() -> None:
     disc = '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
     robot = toy(link("a"), link("b", disc), joint("z", "a", "b", axis="0 0 1", more=LIMIT))
-    told = refused(stating(robot, ()), currents(made(robot), 1))
-    assert "z is not known" in told  # its armature explains what its inertia does
+    message = refused(stating(robot, ()), currents(made(robot), 1))
+    assert "z is not known" in message  # its armature explains what its inertia does
 
 
 def test_recordings_that_disagree_are_refused() -> None:
     robot, columns = planted()
     torques = {key.replace("tau_", "abs_tau_"): np.abs(x) if "tau_" in key else x for key, x in columns.items()}
-    told = refused(stating(robot, (0, 1)), currents(columns), torques, torques)
-    assert f"lacks the torque constant of {robot.joints[2]}" in told
+    message = refused(stating(robot, (0, 1)), currents(columns), torques, torques)
+    assert f"lacks the torque constant of {robot.joints[2]}" in message
 
 
 def test_currents_with_signs_need_their_constant() -> None:

@@ -47,7 +47,7 @@ def figures(page: str) -> list[go.Figure]:
 
 
 def values(array: Any) -> np.ndarray:
-    """Of a line, as plotly hands them over: a list, or base64."""
+    """Values of a line in plotly's encoding: a list, or base64."""
     if not isinstance(array, dict):
         return np.array(array, float)
     return np.frombuffer(base64.b64decode(array["bdata"]), array["dtype"])

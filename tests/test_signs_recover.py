@@ -38,7 +38,7 @@ def noisy(made: Trial, share: float = 0.02, seed: int = 0) -> Array:
 
 
 def lost(made: Trial, torque: Array, hidden: tuple[int, ...] = (0, 1, 2)) -> dict[str, Array]:
-    """Columns of which some joints have lost their signs."""
+    """Columns without the signs of some joints."""
     columns = {"t": made.t}
     for j in range(made.q.shape[1]):
         columns[f"q_{j + 1}"] = made.q[:, j]
@@ -48,11 +48,11 @@ def lost(made: Trial, torque: Array, hidden: tuple[int, ...] = (0, 1, 2)) -> dic
 
 
 def right(found: Identification, made: Trial, torque: Array) -> float:
-    """Share of the segments that have the sign which their torque has."""
+    """Share of the segments whose sign is that of their torque."""
     assert found.signs is not None
-    told = found.signs.segments
-    inside = [torque[(made.t >= s.start) & (made.t <= s.end), s.joint] for s in told]
-    return float(np.mean([np.sign(x @ np.abs(x)) == s.sign for x, s in zip(inside, told, strict=True)]))
+    segments = found.signs.segments
+    inside = [torque[(made.t >= s.start) & (made.t <= s.end), s.joint] for s in segments]
+    return float(np.mean([np.sign(x @ np.abs(x)) == s.sign for x, s in zip(inside, segments, strict=True)]))
 
 
 @pytest.mark.parametrize("hidden", [(0, 1, 2), (1,), (0, 2)])
@@ -62,7 +62,7 @@ def test_identification_without_signs_is_that_with_them(arm: Robot, made: Trial,
     found = signid.identify(arm, [signid.read_recording(lost(made, torque, hidden), arm)])
     assert found.signs is not None
     assert found.signs.hidden == hidden
-    assert {told.joint for told in found.signs.segments} == set(hidden)
+    assert {segment.joint for segment in found.signs.segments} == set(hidden)
     assert right(found, made, torque) == 1
     assert found.signs.proof.optimal
     assert found.signs.is_certain()
@@ -97,7 +97,7 @@ def test_a_sample_is_missing_between_thinned_ones(arm: Robot) -> None:
     assert np.mean(np.sign(signed) == np.sign(torque)) > 0.999
 
 
-def test_what_is_held_out_takes_no_part_in_the_search(arm: Robot, made: Trial) -> None:
+def test_held_out_recordings_take_no_part_in_the_search(arm: Robot, made: Trial) -> None:
     other = trial(arm, seed=3, seconds=12)
     learn = signid.read_recording(lost(made, noisy(made)), arm)
     judge = signid.read_recording(lost(other, noisy(other, seed=1)), arm)
@@ -122,22 +122,22 @@ def test_a_check_is_that_with_signs(arm: Robot, made: Trial) -> None:
     assert_allclose(found.std, wanted.std, rtol=0.05)
 
 
-def test_what_judges_itself_is_said_to(arm: Robot, made: Trial) -> None:
+def test_a_held_out_recording_whose_signs_the_model_gave_is_noted(arm: Robot, made: Trial) -> None:
     torque, other = noisy(made), trial(arm, seed=3, seconds=12)
     learn, signed = signid.read_recording(lost(made, torque), arm), made.recording(tau=torque)
     judges = signid.read_recording(lost(other, other.torque), arm), other.recording(tau=other.torque)
 
-    def told(*recordings: Recording, judge: Recording | None = None) -> list[str]:
+    def notes_of(*recordings: Recording, judge: Recording | None = None) -> list[str]:
         notes = signid.identify(arm, recordings, held_out=[judge] if judge else []).notes
         return [note for note in notes if "held-out R2 is optimistic" in note]
 
-    assert "with this model and data" in told(learn)[0]
-    for (note,) in (told(learn, judges[0]), told(learn, judge=judges[0]), told(signed, judge=judges[0])):
+    assert "with this model and data" in notes_of(learn)[0]
+    for (note,) in (notes_of(learn, judges[0]), notes_of(learn, judge=judges[0]), notes_of(signed, judge=judges[0])):
         assert "and data" not in note
-    assert told(learn, judges[1]) == told(learn, judge=judges[1]) == told(signed) == []
+    assert notes_of(learn, judges[1]) == notes_of(learn, judge=judges[1]) == notes_of(signed) == []
 
 
-def test_a_sign_that_nothing_decides_is_said_to_be_open() -> None:
+def test_an_undecided_sign_has_low_confidence() -> None:
     """A pendulum that only swings slowly: its weight on the other side would look the same."""
     robot, t = signid.load_robot("1r"), np.arange(0, 40, 0.01)
     q = 0.5 * np.sin(0.2 * t) + 0.2 * np.sin(0.3 * t + 1)
@@ -147,7 +147,7 @@ def test_a_sign_that_nothing_decides_is_said_to_be_open() -> None:
     found = signid.identify(robot, [signid.read_recording(columns, robot)], options=signid.Options(effects=()))
     assert found.signs is not None
     assert not found.signs.is_certain()
-    assert max(told.confidence for told in found.signs.segments) < 0.99
+    assert max(segment.confidence for segment in found.signs.segments) < 0.99
     assert "sign of the torque of joint_1 is not decided" in found.flags[0]
     assert "accelerates harder" in found.flags[0]
 

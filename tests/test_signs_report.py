@@ -23,7 +23,7 @@ from signid.signs import Gain, SignProof, Signs, SignSegment, Trace
 
 REPORT = sys.modules["signid.output.report.results.signs"]
 JOINTS = ("shoulder", "<b>&elbow</b>", 'wrist"; alert(1)</script>')
-FLAGS = ("shoulder & <elbow> cannot be told apart; move the shoulder faster", "friction is missing")
+FLAGS = ("shoulder & <elbow> cannot be distinguished; move the shoulder faster", "friction is missing")
 
 
 def trace(path: str, t: np.ndarray, first: list[int]) -> Trace:
@@ -32,7 +32,7 @@ def trace(path: str, t: np.ndarray, first: list[int]) -> Trace:
     return Trace(path, t, np.array(first), np.abs(torque), np.where(torque < 0, -1.0, 1.0), model)
 
 
-def told(part: int, one: Trace, joint: int, threshold: float) -> list[SignSegment]:
+def stretches(part: int, one: Trace, joint: int, threshold: float) -> list[SignSegment]:
     """Stretches above a threshold, their confidence the lower the later."""
     high = one.magnitude[:, joint] >= threshold
     ends = np.flatnonzero(np.diff(np.concatenate([[0], high, [0]]))).reshape(-1, 2)
@@ -47,7 +47,7 @@ def found(recordings: int = 1, samples: int = 600, **changes: Any) -> Signs:
     t = np.arange(samples) * 0.02
     traces = [trace(f"session_{k}.csv", t + 100 * k, [0, samples // 3]) for k in range(recordings)]
     level = np.array([0.4, 0.0, 0.2])
-    some = [x for k, one in enumerate(traces) for j in (0, 2) for x in told(k, one, j, level[j])]
+    some = [x for k, one in enumerate(traces) for j in (0, 2) for x in stretches(k, one, j, level[j])]
     known = Signs(
         joints=JOINTS,
         hidden=(0, 2),
@@ -99,13 +99,13 @@ def test_a_bound_that_is_unknown_is_null() -> None:
     assert document["proof"] == {"optimal": False, "gap": None, "nodes": 7, "certified": False}
 
 
-def test_the_terminal_tells_counts_and_doubt() -> None:
+def test_the_terminal_shows_counts_and_uncertain_segments() -> None:
     signs = found()
     text = shown(signs_tables(signs), 120)
     line = next(line for line in text.splitlines() if line.startswith("shoulder"))
     own = signs.of(0)
-    plus, doubt = sum(x.sign > 0 for x in own), sum(x.confidence < 0.999 for x in own)
-    assert line.split()[1:5] == [str(len(own)), str(plus), str(len(own) - plus), str(doubt)]
+    plus, uncertain = sum(x.sign > 0 for x in own), sum(x.confidence < 0.999 for x in own)
+    assert line.split()[1:5] == [str(len(own)), str(plus), str(len(own) - plus), str(uncertain)]
     assert f"{min(x.confidence for x in own):.3f}" in line and " 600 " in line and "%" in line
     assert "<b>&elbow</b>" not in text and "1454 nodes" in text
     gained = shown(signs_tables(found(gains=(Gain("shoulder", 2.5, 0.1), Gain("rail", 1.0, np.inf, "N/A")))))
@@ -123,7 +123,7 @@ def test_the_terminal_tells_counts_and_doubt() -> None:
         (SignProof(False, np.inf, 122), "not proved optimal: the search visited 122 nodes"),
     ],
 )
-def test_what_is_proved_is_one_sentence(proof: SignProof, words: str) -> None:
+def test_proofs_are_one_sentence(proof: SignProof, words: str) -> None:
     text = proof_sentence(found(proof=proof))
     assert words in text and text.endswith(".") and text.count(". ") == 0
 
@@ -167,13 +167,13 @@ def test_rows_are_as_sure_as_their_segment(chunk: int, monkeypatch: pytest.Monke
     signs = np.ones((10, 3), np.int8)
     signs[5:8] = -1
     recording = with_signs(read_recording(columns, arm()), signs)
-    told = (
+    segments = (
         SignSegment(0, 0, t[5], t[8], -1, 0.75),
         SignSegment(0, 0, t[1], t[3], 1, 0.9995),
         SignSegment(1, 0, t[0], t[9], 1, 1.0),
     )
     rows = "".join(
-        signed_csv(recording, found(segments=(*told, SignSegment(0, 2, t[6], t[6], -1, 0.5))), 0)
+        signed_csv(recording, found(segments=(*segments, SignSegment(0, 2, t[6], t[6], -1, 0.5))), 0)
     ).splitlines()
     sure = np.array([[float(cell) for cell in row.split(",")[2::2]] for row in rows[1:]]).T
     assert rows[0] == "t,tau_shoulder,sure_shoulder,tau_elbow,sure_elbow,tau_wrist,sure_wrist"

@@ -104,7 +104,7 @@ def test_truth_without_noise_is_certain() -> None:
 
 
 @pytest.mark.parametrize("anchored", [False, True])
-def test_segments_that_tell_little(anchored: bool) -> None:
+def test_segments_with_little_information(anchored: bool) -> None:
     """Single samples, the same segment three times, one without torque."""
     rng = np.random.default_rng(2)
     one, other = rng.normal(size=(1, 3)), rng.normal(size=(6, 3))
@@ -122,7 +122,7 @@ def test_segments_that_tell_little(anchored: bool) -> None:
         assert_array_equal(found.signs[1:4], -1)
 
 
-def test_segments_that_tell_nothing() -> None:
+def test_segments_without_information() -> None:
     nowhere = eliminate([np.zeros((4, 2)), np.zeros((3, 2))], [np.ones(4), np.ones(3)], [0, 1])
     silent = eliminate([np.ones((4, 1)), np.ones((3, 1))], [np.zeros(4), np.zeros(3)], [0, 1])
     for problem, left in ((nowhere, 7.0), (silent, 0.0)):
@@ -148,8 +148,8 @@ def friction(cases: int = 10) -> tuple[SignProblem, Array, Facets]:
     rows = [np.repeat(np.kron(np.eye(2)[j], [v, 1.0])[None], 8, axis=0) for v, j in zip(forward, joints, strict=True)]
     right = [1.0 + j + 0.01 * rng.normal(size=8) for j in joints]
     problem = eliminate(rows, right, joints.tolist())
-    told = np.kron(np.eye(2), [[1.0, 0.0], [2.0, 1.0], [2.0, -1.0]]) @ problem.back
-    return problem, forward, Facets(told)
+    rows = np.kron(np.eye(2), [[1.0, 0.0], [2.0, 1.0], [2.0, -1.0]]) @ problem.back
+    return problem, forward, Facets(rows)
 
 
 @pytest.mark.parametrize("helped", [False, True])

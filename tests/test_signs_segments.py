@@ -1,4 +1,4 @@
-"""Segments: where absolute torque keeps one sign, and what is said where it cannot be known."""
+"""Segments: where absolute torque keeps one sign, and the message where it is unknown."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ PERIOD = 0.01  # s
 
 
 def seen(torque: Array, first: tuple[int, ...] = (0,), moving: Mask | None = None) -> Observed:
-    """One joint whose absolute torque (N,) is all there is."""
+    """One joint with its absolute torque (N,) alone."""
     count = len(torque)
     begins = np.isin(np.arange(count), first)
     still = np.zeros((count, 1))
@@ -81,7 +81,7 @@ def test_a_model_of_the_other_sign_splits_a_segment_where_torque_is_lowest() -> 
     assert split_impure(observed, whole, np.abs(torque)[:, None], noise) == (whole, 0)
     flicker = torque.copy()
     flicker[100:] *= -1
-    flicker[50:52] *= -1  # two samples are too few to be believed
+    flicker[50:52] *= -1  # two samples are too few for a sign change
     assert split_impure(observed, whole, flicker[:, None], noise) == (whole, 0)
 
 
@@ -96,19 +96,19 @@ def test_segments_are_cut_where_samples_change_sign() -> None:
 
 
 @pytest.mark.parametrize(
-    ("torque", "told"),
+    ("torque", "message"),
     [
         (np.zeros(100), "absolute torque of elbow is zero throughout"),
         (np.tile([1.0, 0.0], 100), "longest has 1 sample,"),
         (np.tile([1.0, 1.0, 1.0, 0.0], 50), "above its threshold is long enough"),
     ],
 )
-def test_torque_without_a_segment_is_refused(torque: Array, told: str) -> None:
-    with pytest.raises(RecordingError, match=told):
+def test_torque_without_a_segment_is_refused(torque: Array, message: str) -> None:
+    with pytest.raises(RecordingError, match=message):
         threshold_runs(seen(torque))
 
 
-def test_a_joint_that_rests_is_not_told_to_move_more_slowly() -> None:
+def test_a_joint_that_rests_is_not_asked_to_move_more_slowly() -> None:
     for moving in (np.zeros(1000, dtype=bool), np.arange(1000) % 250 < 4):
         with pytest.raises(RecordingError) as caught:
             threshold_runs(seen(wave(), moving=moving))

@@ -40,7 +40,7 @@ class Case:
 
 
 def case(motion: Motion) -> Case:
-    """Bodies weigh 0.6 to 1.4 times what is stated."""
+    """A case whose bodies weigh 0.6 to 1.4 times their stated masses."""
     robot = motion.robot
     base = build_base(robot)
     stated = np.concatenate([body.toDynamicParameters() for body in list(robot.model.inertias)[1:]])
@@ -111,10 +111,10 @@ def still() -> Case:
 
 
 def test_one_segment_has_the_sign_that_physics_allows() -> None:
-    told = raised()
-    got = search_tree(told.problem, told.base, told.prior, restarts=2)
-    assert told.problem.count == 1 and got.nodes == 2
-    assert np.array_equal(got.signs, told.signs)
+    toy = raised()
+    got = search_tree(toy.problem, toy.base, toy.prior, restarts=2)
+    assert toy.problem.count == 1 and got.nodes == 2
+    assert np.array_equal(got.signs, toy.signs)
 
 
 @pytest.mark.parametrize(
@@ -122,80 +122,80 @@ def test_one_segment_has_the_sign_that_physics_allows() -> None:
     [("LN_SBPLX", 6, 3000), ("LN_BOBYQA", 2, 300), ("LN_COBYLA", 6, 3000), ("LD_LBFGS", 2, 100), ("LD_SLSQP", 2, 100)],
 )
 def test_two_segments_of_a_pendulum_by_any_local_algorithm(algorithm: str, restarts: int, budget: int) -> None:
-    told = swung()
-    got = search_tree(told.problem, told.base, told.prior, algorithm=algorithm, restarts=restarts, budget=budget)
-    assert told.problem.count == 2 and got.nodes == 6 and got.evaluations <= 6 * restarts * 3 * budget
-    assert np.array_equal(got.signs, told.signs)
-    assert_allclose(got.value, told.base.combination @ told.truth, rtol=0, atol=1e-6)
-    assert_allclose(told.problem.value(got.signs), told.base.combination @ told.truth, rtol=0, atol=1e-9)
+    toy = swung()
+    got = search_tree(toy.problem, toy.base, toy.prior, algorithm=algorithm, restarts=restarts, budget=budget)
+    assert toy.problem.count == 2 and got.nodes == 6 and got.evaluations <= 6 * restarts * 3 * budget
+    assert np.array_equal(got.signs, toy.signs)
+    assert_allclose(got.value, toy.base.combination @ toy.truth, rtol=0, atol=1e-6)
+    assert_allclose(toy.problem.value(got.signs), toy.base.combination @ toy.truth, rtol=0, atol=1e-9)
 
 
 def test_all_signs_of_an_arm() -> None:
-    told, said = arm(), list[float]()
-    got = search_tree(told.problem, told.base, told.prior, progress=lambda _, share: said.append(share), **QUICK)
-    assert np.array_equal(got.signs, told.signs) and got.loss < 1e-3 * told.problem.energies.sum()
-    assert got.nodes == 2**2 + 2 * 2 * (told.problem.count - 2)
+    toy, said = arm(), list[float]()
+    got = search_tree(toy.problem, toy.base, toy.prior, progress=lambda _, share: said.append(share), **QUICK)
+    assert np.array_equal(got.signs, toy.signs) and got.loss < 1e-3 * toy.problem.energies.sum()
+    assert got.nodes == 2**2 + 2 * 2 * (toy.problem.count - 2)
     assert said == sorted(said) and said[-1] == 1
-    assert_allclose(told.problem.value(got.signs), told.base.combination @ told.truth, rtol=0, atol=1e-6)
+    assert_allclose(toy.problem.value(got.signs), toy.base.combination @ toy.truth, rtol=0, atol=1e-6)
 
 
 def test_rows_of_known_sign_are_kept() -> None:
-    told = swung()
-    joint, start, stop = threshold_runs(told.observed)[0][0]
+    toy = swung()
+    joint, start, stop = threshold_runs(toy.observed)[0][0]
     at = slice(start, stop, 3)
-    known = KnownRows(told.observed.rows(joint, at), told.signs[0] * told.observed.torque[at, joint])
-    problem = build_problem(told.observed, threshold_runs(told.observed)[0], np.ones(1), known)
-    got = search_tree(problem, told.base, told.prior, **QUICK)
-    assert problem.anchored and np.array_equal(got.signs, [*told.signs, 1.0])
+    known = KnownRows(toy.observed.rows(joint, at), toy.signs[0] * toy.observed.torque[at, joint])
+    problem = build_problem(toy.observed, threshold_runs(toy.observed)[0], np.ones(1), known)
+    got = search_tree(problem, toy.base, toy.prior, **QUICK)
+    assert problem.anchored and np.array_equal(got.signs, [*toy.signs, 1.0])
     assert got.nodes == 1 + 2 + 4
 
 
 def test_the_loss_is_that_of_the_stacked_rows() -> None:
     """With no room in the box every node's loss is that of the only parameters there are."""
-    told = arm()
-    box = Bounds(told.truth, told.truth + 1e-12 * (np.arange(len(told.truth)) == 0))
-    got = search_tree(told.problem, told.base, told.prior, box, **QUICK)
-    least = told.problem.energies.sum() - np.sum((told.problem.projections @ got.signs) ** 2)
-    assert np.array_equal(got.signs, told.signs)
-    assert_allclose(got.loss, least, atol=1e-9 * told.problem.energies.sum())
+    toy = arm()
+    box = Bounds(toy.truth, toy.truth + 1e-12 * (np.arange(len(toy.truth)) == 0))
+    got = search_tree(toy.problem, toy.base, toy.prior, box, **QUICK)
+    least = toy.problem.energies.sum() - np.sum((toy.problem.projections @ got.signs) ** 2)
+    assert np.array_equal(got.signs, toy.signs)
+    assert_allclose(got.loss, least, atol=1e-9 * toy.problem.energies.sum())
 
 
 def test_seeds_decide_the_starts() -> None:
-    told = swung()
+    toy = swung()
     options = {"restarts": 1, "rounds": 2, "budget": 40}
-    first, again, other = (search_tree(told.problem, told.base, told.prior, seed=s, **options).value for s in (1, 1, 2))
+    first, again, other = (search_tree(toy.problem, toy.base, toy.prior, seed=s, **options).value for s in (1, 1, 2))
     assert np.array_equal(first, again) and not np.array_equal(first, other)
 
 
-def test_a_search_that_ends_early_is_said() -> None:
-    told = arm()
-    got = search_tree(told.problem, told.base, told.prior, **(QUICK | {"budget": 3}))
+def test_a_search_that_ends_early_is_flagged() -> None:
+    toy = arm()
+    got = search_tree(toy.problem, toy.base, toy.prior, **(QUICK | {"budget": 3}))
     assert any("--signs exact needs no such search" in note for note in got.notes)
 
 
 def test_parameters_that_no_segment_shows_do_not_count() -> None:
-    told = still()
-    unseen = np.subtract(*told.problem.back.shape)
+    toy = still()
+    unseen = np.subtract(*toy.problem.back.shape)
     assert unseen > 0
-    moving = [(j, told.observed.rows(j)) for j in range(3)]
-    segments, _ = threshold_runs(told.observed)
+    moving = [(j, toy.observed.rows(j)) for j in range(3)]
+    segments, _ = threshold_runs(toy.observed)
     rows = np.concatenate([moving[j][1][a:b] for j, a, b in segments])
-    forward = told.problem.back.T @ (rows.T @ rows)
-    assert_allclose(rows @ told.problem.back @ forward, rows, atol=1e-9)
-    got = search_tree(told.problem, told.base, told.prior, forward=forward, **QUICK)
-    assert np.array_equal(got.signs, told.signs) and not any("by no segment" in note for note in got.notes)
-    got = search_tree(told.problem, told.base, told.prior, **QUICK)
+    forward = toy.problem.back.T @ (rows.T @ rows)
+    assert_allclose(rows @ toy.problem.back @ forward, rows, atol=1e-9)
+    got = search_tree(toy.problem, toy.base, toy.prior, forward=forward, **QUICK)
+    assert np.array_equal(got.signs, toy.signs) and not any("by no segment" in note for note in got.notes)
+    got = search_tree(toy.problem, toy.base, toy.prior, **QUICK)
     assert any(f"{unseen} combinations of base parameters are identified by no segment" in note for note in got.notes)
 
 
 def test_the_box_leaves_room_for_the_truth() -> None:
-    told = arm()
-    box = box_of(told.problem, told.base, told.prior)
-    assert (box.lower <= told.truth).all() and (told.truth <= box.upper).all()
+    toy = arm()
+    box = box_of(toy.problem, toy.base, toy.prior)
+    assert (box.lower <= toy.truth).all() and (toy.truth <= box.upper).all()
 
 
-def test_bad_questions_are_told_in_one_sentence() -> None:
-    told = swung()
+def test_bad_arguments_are_refused_in_one_sentence() -> None:
+    toy = swung()
     for options, sentence in [
         ({"algorithm": "LN_SUBPLEX"}, "no algorithm 'LN_SUBPLEX'; choose from"),
         ({"restarts": 0}, "ask for at least 1 of each"),
@@ -204,21 +204,21 @@ def test_bad_questions_are_told_in_one_sentence() -> None:
         ({"bounds": Bounds(np.zeros(3), np.ones(3))}, "have 3 parameters; give the 10"),
     ]:
         with pytest.raises(OptionError, match=sentence):
-            search_tree(told.problem, told.base, told.prior, **options)
+            search_tree(toy.problem, toy.base, toy.prior, **options)
     with pytest.raises(OptionError, match="choose from pseudo-inverse, factor"):
-        beam(told.problem, np.arange(2), 1, solve="inverse")
+        beam(toy.problem, np.arange(2), 1, solve="inverse")
 
 
 def test_least_squares_at_every_node_finds_the_same_up_to_all_signs_at_once() -> None:
-    told = arm()
-    ordered = condition_order(told.problem)
-    slow, fast = (beam(told.problem, ordered.order, ordered.start, 10, solve) for solve in ("pseudo-inverse", "factor"))
-    assert np.array_equal(slow.signs * slow.signs[0], told.signs * told.signs[0])
+    toy = arm()
+    ordered = condition_order(toy.problem)
+    slow, fast = (beam(toy.problem, ordered.order, ordered.start, 10, solve) for solve in ("pseudo-inverse", "factor"))
+    assert np.array_equal(slow.signs * slow.signs[0], toy.signs * toy.signs[0])
     assert np.array_equal(slow.signs * slow.signs[0], fast.signs * fast.signs[0])
     assert slow.nodes == fast.nodes == slow.evaluations
-    assert slow.loss <= 1e-9 * told.problem.energies.sum()
+    assert slow.loss <= 1e-9 * toy.problem.energies.sum()
 
 
-def test_a_first_set_that_may_not_be_the_smallest_is_said() -> None:
+def test_a_first_set_that_may_not_be_the_smallest_is_flagged() -> None:
     notes = [[*_order_notes(SegmentOrder(np.arange(9), 7, 120.0, complete))] for complete in (True, False)]
     assert notes[0] == [] and "first 7 segments of the tree were chosen one by one" in notes[1][0]

@@ -1,4 +1,4 @@
-"""Runs that were cut, judged in parts or whole."""
+"""Confidence of cut runs, in parts or whole."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from signid.types import Array
 
 
 def test_segments_and_confidences_go_together_after_every_round(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of two runs that were cut, one is doubtful in the first round, the other only in the second."""
+    """One of two cut runs is uncertain in the first round, the other only in the second."""
     made = lost(0.02)
     found, runs = infer(made.task, made.observed), sorted(made.segments())
     signs, cut = found.refined.signs.copy(), (runs[0], runs[-1])

@@ -1,4 +1,4 @@
-"""Motions that tell two laws apart, and the finding that none does; wishes that cannot be granted; random motions."""
+"""Motions that distinguish two laws, or the finding that none does; impossible options; random motions."""
 
 from dataclasses import replace
 from functools import partial
@@ -29,7 +29,7 @@ def model_of(name: str, **options: Any) -> Model:
     return Model(robot, stated_inertials(robot), stated_laws(robot))
 
 
-def test_a_wide_motion_tells_a_spring_from_a_counterbalance() -> None:
+def test_a_wide_motion_distinguishes_a_spring_from_a_counterbalance() -> None:
     model = load_model("1r")
     laws = law("spring", stiffness=8.0, rest=0.3), law("counterbalance")
     wide = brief(model, *laws)
@@ -42,7 +42,7 @@ def test_a_wide_motion_tells_a_spring_from_a_counterbalance() -> None:
     assert not narrow.enough and narrow.flags
 
 
-def test_quadratic_friction_is_told_from_viscous() -> None:
+def test_quadratic_friction_is_distinguished_from_viscous() -> None:
     found = brief(load_model("1r"), law("quadratic_friction"), law("viscous_friction"))
     assert found.enough and found.distance is None
 
@@ -53,7 +53,7 @@ def test_twins_on_one_joint_are_structural() -> None:
     assert "structural" in found.flags[0] and not any("budget" in note for note in found.notes)
 
 
-def test_what_an_unknown_body_explains_is_structural() -> None:
+def test_laws_that_an_unknown_body_explains_are_structural() -> None:
     """Armature of the first joint is inertia of the first link about it."""
     model = load_model("3r")
     first = brief(model, law("armature"), law("link_inertia"), nuisance="bodies")
@@ -62,7 +62,7 @@ def test_what_an_unknown_body_explains_is_structural() -> None:
     assert not other.structural and len(other.flags) == 1  # the link is part of the bodies
 
 
-def test_a_special_case_is_told_one_way_only() -> None:
+def test_a_special_case_is_distinguishable_one_way_only() -> None:
     found = brief(load_model("1r"), law("viscous_friction"), law("asymmetric_friction"))
     assert found.shares[0] < 1e-8 < found.shares[1]
     assert not found.structural and found.flags
@@ -85,7 +85,7 @@ def test_laws_that_cannot_be_compared_get_a_sentence() -> None:
 
 
 @pytest.mark.parametrize(
-    ("wish", "word"),
+    ("options", "word"),
     [
         ({"kind": "walk"}, "fourier, spline"),
         ({"criterion": "beauty"}, "determinant, condition"),
@@ -98,9 +98,9 @@ def test_laws_that_cannot_be_compared_get_a_sentence() -> None:
         ({"effects": ("magic",)}, "choose from"),
     ],
 )
-def test_impossible_wishes_get_a_sentence(wish: dict[str, Any], word: str) -> None:
+def test_impossible_options_get_a_sentence(options: dict[str, Any], word: str) -> None:
     with pytest.raises(OptionError, match=word):
-        excite(load_model("1r"), budget=TINY, **wish)
+        excite(load_model("1r"), budget=TINY, **options)
 
 
 @pytest.mark.parametrize(
@@ -143,7 +143,7 @@ def test_grippers_and_joints_without_limits_take_part() -> None:
     assert any("no position limit" in note for note in limits.notes)
 
 
-def test_what_is_not_known_of_shapes_is_said() -> None:
+def test_a_model_without_collision_checks_gives_the_reason() -> None:
     robot = load_robot("ur5")
     limits = build_limits(robot)
     lost = replace(robot, document=robot.document.replace("package://", "package://nowhere/"))

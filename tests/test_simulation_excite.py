@@ -1,4 +1,4 @@
-"""Exciting motions obey every limit, and tell more than random ones."""
+"""Exciting motions obey every limit, and are more informative than random ones."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -51,7 +51,7 @@ def moves_as_it_says(asked: Trajectory) -> None:
 
 
 def obeys(found: Excitation, model: Model) -> None:
-    """As seen by plain formulas on the result's own samples."""
+    """Check the limits by plain formulas on the result's own samples."""
     asked, robot = found.trajectory, model.robot
     torque = model.inverse(Motion(robot, asked.t, asked.q, asked.v, asked.a))
     assert (asked.q >= robot.lower).all() and (asked.q <= robot.upper).all()
@@ -94,7 +94,7 @@ def test_distances_hold_for_the_meshes_themselves(panda: tuple[Model, Excitation
     )
 
 
-def test_it_tells_more_than_random_motions() -> None:
+def test_it_informs_more_than_random_motions() -> None:
     model, family = arm("3r"), Fourier(DURATION, 5, 1 / DURATION)
     problem, rng = problem_of(model, family), np.random.default_rng(3)
     basis, t = family.basis(np.linspace(0, DURATION, 1001)), np.arange(1001) / 100
@@ -115,7 +115,7 @@ def test_the_condition_number_can_be_the_goal() -> None:
     assert both["determinant"].log_det > both["condition"].log_det
 
 
-def test_a_search_that_its_budget_ends_is_told(panda: tuple[Model, Excitation]) -> None:
+def test_a_search_that_its_budget_ends_is_flagged(panda: tuple[Model, Excitation]) -> None:
     assert panda[1].notes[-1].startswith(f"the search ended with its budget after {panda[1].evaluations} motions")
     drawn = excite(panda[0], kind="random", duration=5.0, harmonics=3)
     assert not any("budget" in note for note in drawn.notes)
@@ -159,7 +159,7 @@ def test_splines_start_and_end_at_rest_and_pass_all_limits() -> None:
 
 @pytest.mark.parametrize("kind", FAMILIES.names)
 @pytest.mark.parametrize("periods", [1.0, 2.0, 1.7])
-def test_families_are_what_they_say(kind: str, periods: float) -> None:
+def test_families_keep_their_definitions(kind: str, periods: float) -> None:
     family = FAMILIES[kind](DURATION, 4, periods / DURATION)
     t = np.linspace(0, DURATION, 20001)
     basis = family.basis(t)

@@ -1,4 +1,4 @@
-"""The simulator against what physics says: rest, springs, energy, a pendulum; and against itself."""
+"""The simulator against physics: rest, springs, energy, a pendulum; and against itself."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ def followed() -> Robot:
     return toy(*map(link, "abc"), free("z", "a", "b"), free("y", "a", "c", more=more))
 
 
-def test_a_rotor_turns_with_its_joint_not_with_what_follows_it() -> None:
+def test_a_rotor_turns_with_its_joint_not_with_a_mimic_joint() -> None:
     made = released(model(followed(), law("armature", 0, inertia=0.1)), 0.0, 0.1, torque=2.0)
     assert np.allclose(made.true_a, 2.0 / (1 + 3**2 + 0.1), rtol=1e-9)
 
@@ -34,7 +34,7 @@ def test_a_correction_is_of_the_link_that_the_joint_carries() -> None:
     assert robot.links[own_body(robot, 0)] == "b"
 
 
-def test_what_is_held_beyond_the_last_joint_does_not_move_its_centre_of_mass() -> None:
+def test_held_links_beyond_the_last_joint_do_not_move_its_centre_of_mass() -> None:
     robot = hold(signid.load_robot("3r"), {"joint_3": 0.4})
     given = model(robot, Law(EFFECTS["fluid_drag"], (0, 1), {"coefficient": 6.0}))
     made = released(given, (0.3, -1.0), 0.1, v=2.0)
@@ -43,12 +43,12 @@ def test_what_is_held_beyond_the_last_joint_does_not_move_its_centre_of_mass() -
 
 
 class Loaded(TorqueLaw):
-    """As much again as the links take."""
+    """A law that doubles the links' torque."""
 
     scope = "robot"
 
     def columns(self, x: View) -> list[Array]:
-        """The load (..., n) [N.m]."""
+        """Load torque (..., n) [N.m]."""
         return [x.load]
 
 

@@ -1,4 +1,4 @@
-"""The simulator on robots of every kind, against MuJoCo, and what it refuses."""
+"""The simulator on robots of every kind, against MuJoCo, and its refusals."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def free(name: str, parent: str, child: str, kind: str = "revolute", more: str =
 
 
 def rested(given: Model, q: Any, seconds: float = 2.0) -> Simulation:
-    """Held at a position by a controller that knows nothing."""
+    """The robot held at a position by a controller without a model."""
     n = len(given.robot.joints)
     still = np.zeros((2, n))
     path = Trajectory(given.robot.joints, np.array([0.0, seconds]), still + np.asarray(q, float), still, still)
@@ -39,7 +39,7 @@ def rested(given: Model, q: Any, seconds: float = 2.0) -> Simulation:
 def in_mujoco(
     given: Model, drive: Tracking, seconds: float, integrator: str, step: float = 1e-3
 ) -> tuple[Array, Array]:
-    """The same robot, laws and controller, stepped by MuJoCo."""
+    """The same robot, laws and controller in MuJoCo."""
     mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed; pip install 'signid[bench]'")
     from benchmarks.plants.bodies import Body, bare
 
@@ -131,7 +131,7 @@ def test_a_carriage_slides_as_newton_says() -> None:
     assert np.ptp(released(given, 0.0, 0.5, torque=19.9).true_q) == 0
 
 
-def test_payload_and_tilt_weigh_what_they_should() -> None:
+def test_payload_and_tilt_have_the_right_weight() -> None:
     point = {"mass": 1.0, "first_moment_x": 0.1, "first_moment_y": 0.0, "first_moment_z": -0.2}
     heavier = rested(model("1r", law("payload", 0, **point)), np.pi / 2)
     q = heavier.true_q[-1, 0]
@@ -142,7 +142,7 @@ def test_payload_and_tilt_weigh_what_they_should() -> None:
     assert tilted.tau[-1, 0] == pytest.approx(5 * 0.5 * 9.81 * np.cos(0.02) * np.sin(q + 0.03), rel=1e-3)
 
 
-def test_what_cannot_be_simulated_gets_a_sentence() -> None:
+def test_robots_that_cannot_be_simulated_get_a_sentence() -> None:
     soft = law("joint_elasticity", 0)
     massless = toy(link("a"), link("b", ""), free("z", "a", "b"))
     far = {"mass": 1.0, "first_moment_x": 0.2, "first_moment_y": 0.0, "first_moment_z": 0.0}

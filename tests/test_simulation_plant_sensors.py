@@ -1,4 +1,4 @@
-"""What sensors make of a simulation: rates, counts, noise, moments, losses."""
+"""Simulated sensors: rates, encoder counts, noise, sampling times, losses."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def matrix(columns: dict[str, np.ndarray], kind: str) -> np.ndarray:
     return np.column_stack([x for name, x in columns.items() if name.startswith(f"{kind}_joint")])
 
 
-def test_perfect_sensors_write_what_was() -> None:
+def test_perfect_sensors_record_the_true_motion() -> None:
     simulation, columns = made()[1], recorded()
     assert list(columns) == ["t", *(f"{k}_joint_{j}" for k in ("q", "tau", "q_des") for j in (1, 2, 3))]
     for kind, values in (("q", simulation.q), ("tau", simulation.tau), ("q_des", simulation.desired)):
@@ -41,7 +41,7 @@ def test_perfect_sensors_write_what_was() -> None:
     assert np.allclose(columns["t"], simulation.t, rtol=0, atol=1e-9)
 
 
-def test_rate_takes_every_so_many_steps() -> None:
+def test_the_rate_takes_every_nth_step() -> None:
     columns, simulation = recorded(Sensors(rate=250.0)), made()[1]
     assert len(columns["t"]) == SECONDS * 250 and np.allclose(np.diff(columns["t"]), 0.004)
     assert np.array_equal(matrix(columns, "q"), simulation.q[::4])
@@ -145,11 +145,11 @@ def test_every_format_keeps_every_digit_and_the_same_bytes(suffix: str, tmp_path
         ({"encoder_bits": 0.0}, "bits"),
     ],
 )
-def test_sensors_that_cannot_be_are_refused(options: dict[str, float], says: str) -> None:
+def test_impossible_sensors_are_refused(options: dict[str, float], says: str) -> None:
     with pytest.raises(OptionError, match=says):
         recorded(Sensors(**options))  # type: ignore[arg-type]
 
 
-def test_a_format_that_nobody_knows_is_refused() -> None:
+def test_an_unknown_format_is_refused() -> None:
     with pytest.raises(RecordingError, match=r"\.parquet"):
         find_format(Path("recording.mat"))

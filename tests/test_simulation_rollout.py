@@ -1,4 +1,4 @@
-"""Roll-outs: the true model stays near, a model that lacks a law strays, and what laws did to the record is undone."""
+"""Roll-outs: the true model stays near, a model that lacks a law strays, and effects of recording laws are undone."""
 
 from __future__ import annotations
 
@@ -81,10 +81,10 @@ def test_a_model_that_lacks_friction_strays_at_that_joint() -> None:
     good, poor = roll_out(usual(), heard), roll_out(lacking, heard)
     for measure in (RollOut.rms, RollOut.median):
         assert measure(poor, 0.5)[1] > 10 * measure(good, 0.5)[1]
-    told = json.loads(json.dumps(good.document(poor)))
-    assert told["unit"] == ["rad"] * 3 and told["horizon"] == 0.5
-    assert_allclose(told["after_rms"], good.rms(0.5))
-    assert_allclose(told["before_rms"], poor.rms(0.5))
+    document = json.loads(json.dumps(good.document(poor)))
+    assert document["unit"] == ["rad"] * 3 and document["horizon"] == 0.5
+    assert_allclose(document["after_rms"], good.rms(0.5))
+    assert_allclose(document["before_rms"], poor.rms(0.5))
 
 
 @pytest.mark.parametrize("integrator", ["semi-implicit", "rk4"])
@@ -143,7 +143,7 @@ CHAIN = (law("base_tilt", *ALL), law("payload", 2), law("encoder_offset", 1), la
          law("channel_swap", 0, 2), law("time_delay", *ALL))  # fmt: skip
 
 
-def test_inverse_dynamics_tell_what_is_recorded() -> None:
+def test_inverse_dynamics_give_the_recorded_torque() -> None:
     smooth = tuple(x for x in usual().laws if x.effect.name != "coulomb_friction")
     model = replace(usual(), laws=(*smooth, *CHAIN))
     made = run(model, 4.0)
@@ -208,7 +208,7 @@ def test_several_recordings_and_sessions() -> None:
         found.rms(0.7)
 
 
-def test_what_cannot_be_rolled_out_is_told() -> None:
+def test_impossible_roll_outs_are_refused() -> None:
     heard = recording(healthy())
     unsigned = replace(heard, signed=np.array([True, False, True]))
     for given, match in ((unsigned, "torque of j2 has no sign"), ([], "no recording"),

@@ -71,7 +71,7 @@ def test_the_rms_is_the_one_that_identify_holds_out() -> None:
     assert_allclose(rms, jumps.fit.held_out_rms, rtol=0.05)
 
 
-def test_models_are_judged_on_the_same_rows() -> None:
+def test_models_are_compared_on_the_same_rows() -> None:
     first, second = both().models
     assert (first.name, second.name) == ("description", "identified")
     assert_array_equal(first.t, second.t)
@@ -97,7 +97,7 @@ def test_figures_are_those_of_the_rows() -> None:
     assert both().flags == () and "description predicts little of the torque of joint_1" in " ".join(both().notes)
 
 
-def test_a_law_that_is_missing_is_all_that_is_left() -> None:
+def test_the_residual_is_the_missing_law() -> None:
     """The torque of a law that one of two models lacks is what their residuals differ by."""
     law = Law(EFFECTS["torque_offset"], (1,), {"offset": 0.25})
     model = identified().model
@@ -193,7 +193,7 @@ def test_several_recordings_are_pooled() -> None:
         (lambda: (described(), [recording(), recording()]), "holds the same samples as"),
     ],
 )
-def test_what_is_missing_is_said(given: object, message: str) -> None:
+def test_bad_inputs_are_refused(given: object, message: str) -> None:
     with pytest.raises(OptionError, match=message):
         validate(*given())  # type: ignore[operator]
 

@@ -69,7 +69,7 @@ def test_the_versions_of_python_that_are_tested_are_listed() -> None:
     assert "Operating System :: OS Independent" in PROJECT["classifiers"]
 
 
-def test_what_is_imported_is_required() -> None:
+def test_imported_packages_are_required() -> None:
     core = distributions(PROJECT["dependencies"])
     optional = core | distributions([item for name in ("ros", "fleet", "bench") for item in EXTRAS[name]])
     found = []
