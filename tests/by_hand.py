@@ -1,4 +1,4 @@
-"""Evidence on lost signs made by hand: observations, problems and rivals of a few numbers."""
+"""Hand-made evidence on lost signs: small observations, problems and rivals."""
 
 from __future__ import annotations
 

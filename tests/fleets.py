@@ -11,7 +11,7 @@ FILES = {"identify": "identification.json", "diagnose": "diagnosis.json", "reduc
 
 
 def record(folder: Path, count: int = 3) -> list[str]:
-    """So many recordings of 12 s, each some seconds later than the one before."""
+    """Recordings of 12 s, each starting some seconds after the previous one."""
     whole = pl.concat([pl.read_parquet(ARM / f"{name}.parquet") for name in ("recording", "held_out")])
     names = []
     for k in range(count):

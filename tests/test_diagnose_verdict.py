@@ -83,7 +83,7 @@ def test_a_dependence_is_no_rival_by_what_a_formula_misses() -> None:
     assert spring.unexplained < 1e-6
 
 
-def test_a_likelier_rival_takes_the_place() -> None:
+def test_a_likelier_rival_replaces_the_law() -> None:
     one = pose(LIBRARY, VISCOUS)
     wrong = one.selection(one.group("coulomb_friction", 0))
     (contender,) = rank_contenders(one.dataset, wrong)
@@ -99,7 +99,7 @@ def test_a_law_without_torque_is_dropped() -> None:
     assert names(better) == {"viscous_friction"} and sure.group is better.selected[0]
 
 
-def test_held_out_rows_count_like_others() -> None:
+def test_held_out_rows_have_equal_weight() -> None:
     (viscous,) = ranked(pose(LIBRARY, VISCOUS), "viscous_friction")
     unsure = replace(viscous, evidence=2.0, steadiness=np.inf)
     assert unsure.with_held_out(-2.0, refused=False).log == pytest.approx(0.0)
@@ -128,7 +128,7 @@ def test_a_law_that_explains_all_is_named() -> None:
     assert not decided.is_quiet([0])
 
 
-def test_noise_alone_is_nothing() -> None:
+def test_noise_alone_gives_nothing_missing() -> None:
     decided = verdict(pose((*LIBRARY, UNKNOWN)))
     assert decided.name == "nothing_missing" and decided.causes == () and decided.is_quiet([0])
 
