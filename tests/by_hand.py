@@ -33,7 +33,7 @@ def rivals(signs: list[list[float]], losses: list[float]) -> RivalSigns:
 
 
 def observations(torque: Array, columns: Array, v: Array, laws: dict[int, tuple[str, int]] | None = None) -> Observed:
-    """Joints whose torque (N, n) has no sign and depends on the same columns (N, b)."""
+    """Joints with unsigned torque (N, n) that depends on the same columns (N, b)."""
     count, n = torque.shape
     return Observed(
         part=np.zeros(count, dtype=np.intp),

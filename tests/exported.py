@@ -1,4 +1,4 @@
-"""Models to export, and what MuJoCo makes of them."""
+"""Models to export, and their behaviour in MuJoCo."""
 
 from __future__ import annotations
 

@@ -28,5 +28,5 @@ def manifest(folder: Path, *rows: str, head: str = "robot,recording,name,time,ta
 
 
 def contents(folder: Path) -> dict[str, bytes]:
-    """Every file below a folder by its path, with what it holds."""
+    """Contents of every file below a folder, by path."""
     return {p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}

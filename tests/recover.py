@@ -30,7 +30,7 @@ USUAL = {"viscous_friction": {"coefficient": 1.0}, "coulomb_friction": {"level":
 INSTEAD = {"asymmetric_friction": ("viscous_friction", "coulomb_friction")}  # of the usual laws, at the same joint
 TOLERANCE = 0.02  # of the value planted, or of 5 % of the largest of them where that is more
 LOOSER = {
-    "stribeck_friction": 0.08,  # little but the jump, whose rows are left out
+    "stribeck_friction": 0.08,  # mostly the jump; its rows are excluded
     "position_friction": 0.1,  # the phase: frequency times a position far from zero
     "friction_drift": 0.04,
     "backlash": 0.03,
@@ -41,7 +41,7 @@ LOOSER = {
 UNIDENTIFIABLE = {("link_inertia", "mass"), ("link_inertia", "first_moment_y")}  # for link 2
 THERE = {"joint_elasticity": 0.15}  # allowed error of the coefficient of a switched law; else 0.05
 SLOW, RATE = 0.01, 1000.0  # [rad/s] width of a reversal, [Hz]
-ROUNDS = 3  # in which torque is predicted anew
+ROUNDS = 3  # of torque prediction
 STRIDES = (0.1, 0.02, 0.004, 0.001)  # [s] by which the ends of a window are moved
 
 

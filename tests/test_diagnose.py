@@ -71,7 +71,7 @@ def test_a_fault_is_named_with_its_parameters(
 def test_the_extended_simulation_is_as_good_as_noise_allows(planted: Any) -> None:
     found = examine(planted)
     floor = found.after.irreducible_rms
-    assert np.all(found.after.held_out_rms < 1.6 * floor)  # of one recording, whose noise is its own
+    assert np.all(found.after.held_out_rms < 1.6 * floor)  # of one recording with its own noise
     assert np.any(found.before.held_out_rms > 2 * floor) and found.findings[0].held_out_gain > 0.3
     assert found.rollout_before is not None and found.rollout_after is not None
     before, after = (x.rms(0.5) for x in (found.rollout_before, found.rollout_after))

@@ -98,7 +98,7 @@ def test_infinite_columns_explain_nothing() -> None:
         ("torque_lag", -0.004, False),
         ("torque_lag", 0.004, True),
         ("time_delay", -0.008, True),
-        ("spring", -0.3, True),  # a change of what the simulation has
+        ("spring", -0.3, True),  # a change of a stated law
     ],
 )
 def test_impossible_parameters_are_not_found(effect: str, value: float, possible: bool) -> None:
@@ -114,7 +114,7 @@ def test_stated_laws_count_too() -> None:
 
 @pytest.mark.parametrize("columns", (np.zeros((500, 3)), np.full((500, 3), np.nan), np.zeros((500, 0))))
 def test_noise_of_a_joint_without_columns_is_its_torque(columns: Array) -> None:
-    """A joint whose columns are all zero ended in an IndexError."""
+    """Regression test: a joint with zero columns raised IndexError."""
     torque = np.random.default_rng(3).standard_normal(500)
     found = measure_noise(table(torque, columns), [None], RATE)
     assert found.floor[0] == pytest.approx(torque.std(), rel=0.05) and np.isfinite(found.coefficients).all()

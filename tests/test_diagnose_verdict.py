@@ -68,7 +68,7 @@ def test_twins_are_compared_however_unlikely_they_are() -> None:
     assert energies["fluid_drag", (0,)] < 1e-6 * energies[group.claim.key]
 
 
-def test_a_dependence_is_no_rival_by_what_a_formula_misses() -> None:
+def test_a_dependence_is_no_rival_because_of_formula_errors() -> None:
     one = pose((*LIBRARY, UNKNOWN), SPRING, noise=1.0)
     (spring,) = ranked(one, "spring")
     group = one.group("spring", 0)

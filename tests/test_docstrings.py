@@ -78,7 +78,7 @@ def lacks(name: str, annotation: ast.expr | None, text: str) -> str:
 
 
 def raised(function: Function) -> set[str]:
-    """Names of the errors in its raise statements; NotImplementedError only marks what a subclass must write."""
+    """Names of the errors in its raise statements; NotImplementedError is ignored."""
     errors = (node.exc for node in ast.walk(function) if isinstance(node, ast.Raise) and node.exc)
     names = (ast.unparse(error.func if isinstance(error, ast.Call) else error) for error in errors)
     return {name.split(".")[-1] for name in names if name.endswith("Error")} - {"NotImplementedError"}

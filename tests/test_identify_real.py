@@ -79,7 +79,7 @@ def test_ur10e_holds_on_other_days(data: Path, judge: str, least: tuple[float, .
     assert_array_less(least, found.fit.held_out_r2)
 
 
-def test_emps_agrees_with_what_was_published(data: Path) -> None:
+def test_emps_agrees_with_published_parameters(data: Path) -> None:
     found = identify(data, *GOOD["emps"], "emps_pulses")
     published = dict(zip(("m", "viscous", "coulomb", "torque"), (95.1089, 203.5034, 20.3935, -3.1648), strict=True))
     for expression, value in zip(found.base.expressions, found.base_value, strict=True):
