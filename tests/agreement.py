@@ -1,4 +1,4 @@
-"""An effect's columns against the torque that the simulator takes for it, on the same motion."""
+"""Compare an effect's columns with the torque that the simulator applies for it, on the same motion."""
 
 from __future__ import annotations
 
@@ -19,27 +19,27 @@ from signid.regression.motion import Motion
 from signid.simulation.plant import simulate, track
 from signid.types import Array, Law
 
-SECONDS, CUTOFF, EDGE = 6.0, 15.0, 1000  # [s], [Hz], samples that are not looked at
+SECONDS, CUTOFF, EDGE = 6.0, 15.0, 1000  # [s], [Hz], ignored samples at each end
 ROTOR = Law(EFFECTS["armature"], (1,), {"inertia": 0.2})
 
 
 class Agreement(NamedTuple):
-    """The size that the simulator shows over the one planted, and the rms that the columns leave, of the law's."""
+    """Ratio of the simulated to the planted size, and rms residual of the columns over the rms torque of the law."""
 
     slope: float
     left: float
 
 
 def agreement(effect: Effect, step: float = 1e-3) -> Agreement:
-    """Whether the simulator feels what the columns say."""
+    """Compare the simulator's torque with the columns."""
     law, bare = law_of(effect), _bare()
     ahead = (ROTOR,) if isinstance(effect, TransmissionLaw) else ()
     found = simulate(replace(bare, laws=(*ahead, law)), track(bare, harmonics(SECONDS, 1)), SECONDS, step=step)
     motion = Motion(arm(), found.t, found.q, found.true_v, found.true_a, recorded=found.tau)
     shown = found.tau - motion.load - sum(_torque(other, motion) for other in ahead)
-    seen, told = (smooth(x[EDGE:-EDGE], lowpass(1 / motion.dt, CUTOFF)) for x in (shown, _torque(law, motion)))
-    size = np.sum(told**2)
-    return Agreement(float(np.sum(seen * told) / size), float(np.sqrt(np.sum((seen - told) ** 2) / size)))
+    seen, planted = (smooth(x[EDGE:-EDGE], lowpass(1 / motion.dt, CUTOFF)) for x in (shown, _torque(law, motion)))
+    size = np.sum(planted**2)
+    return Agreement(float(np.sum(seen * planted) / size), float(np.sqrt(np.sum((seen - planted) ** 2) / size)))
 
 
 @cache

@@ -58,14 +58,14 @@ def _growth(t: Array, derivative: int) -> Array:
 
 @cache
 def smooth_motion(middle: str = "revolute", seconds: float = 3.5) -> Motion:
-    """Positions, velocities and accelerations without any error, through several reversals."""
+    """Exact positions, velocities and accelerations through several reversals."""
     path = harmonics(seconds, seed=3)
     bare = Motion(arm(middle), path.t, path.q, path.v, path.a)
     return Motion(arm(middle), path.t, path.q, path.v, path.a, recorded=bare.load)
 
 
 def turned(motion: Motion) -> Motion:
-    """The same with every direction of motion reversed, and nothing else."""
+    """Reverse every direction of motion."""
     other = Motion(motion.robot, motion.t, motion.q, motion.v, motion.a, recorded=motion.recorded)
     direction: Array = -motion.direction
     object.__setattr__(other, "direction", direction)

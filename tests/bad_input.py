@@ -1,4 +1,4 @@
-"""Bad inputs by name: files, the command in a folder that holds them, and words that the sentence must have."""
+"""Bad inputs by name: files, the command to run in their folder, and words required in the message."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def urdf(inside: str) -> str:
 
 @dataclass(frozen=True)
 class Case:
-    """Files by name, the command in a folder that holds them, and words that the sentence must have."""
+    """Files by name, the command to run in their folder, and words required in the message."""
 
     name: str
     command: str

@@ -42,7 +42,7 @@ def injections() -> list[Case]:
         injected("itself as partner", "channel_swap@2:partner=2", "other than"),
         injected("a partner too many", "torque_sign@2:partner=3", "no partner"),
         injected("elastic without a rotor", "joint_elasticity@2:stiffness=3000", "armature@joint_2:inertia="),
-        injected("a body that cannot be", "link_inertia@3:mass=1,first_moment_x=0.3", "mass matrix"),
+        injected("an impossible body", "link_inertia@3:mass=1,first_moment_x=0.3", "mass matrix"),
     ]  # fmt: skip
 
 

@@ -21,7 +21,7 @@ Message = tuple[str, Any, int]  # topic, message, received [ns]
 
 
 def store(first: bool = False, parts: Sequence[str] = OLD) -> Any:
-    """Types of ROS 1, or of ROS 2, with a controller's state, which the library does not know."""
+    """Message types of ROS 1 or ROS 2, including a controller state that is missing in the library."""
     known = get_typestore(Stores.ROS1_NOETIC if first else Stores.ROS2_HUMBLE)
     fields = [f"{POINT} {part}" for part in (*parts, "error")]
     known.register(get_types_from_msg("\n".join(["std_msgs/Header header", "string[] joint_names", *fields]), CONTROL))

@@ -1,4 +1,4 @@
-"""Small problems of lost signs, of which all 2^S choices can be tried."""
+"""Small problems with lost signs: all 2^S choices can be tried."""
 
 from __future__ import annotations
 

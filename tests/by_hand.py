@@ -1,4 +1,4 @@
-"""Evidence on lost signs made by hand: observations, problems and rivals of a few numbers."""
+"""Hand-made evidence on lost signs: small observations, problems and rivals."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def rivals(signs: list[list[float]], losses: list[float]) -> RivalSigns:
 
 
 def observations(torque: Array, columns: Array, v: Array, laws: dict[int, tuple[str, int]] | None = None) -> Observed:
-    """Joints whose torque (N, n) has no sign and depends on the same columns (N, b)."""
+    """Joints with unsigned torque (N, n) that depends on the same columns (N, b)."""
     count, n = torque.shape
     return Observed(
         part=np.zeros(count, dtype=np.intp),

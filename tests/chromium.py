@@ -83,13 +83,13 @@ class Chromium:
                 assert "error" not in message, message["error"]
                 return message["result"]
 
-    def _note(self, event: str | None, told: Any) -> None:
+    def _note(self, event: str | None, params: Any) -> None:
         if event == "Network.requestWillBeSent":
-            self.requests.append(told["request"]["url"][:200])
+            self.requests.append(params["request"]["url"][:200])
         elif event == "Runtime.exceptionThrown":
-            self.errors.append(json.dumps(told["exceptionDetails"])[:2000])
-        elif event == "Log.entryAdded" and told["entry"]["level"] == "error":
-            self.errors.append(told["entry"]["text"])
+            self.errors.append(json.dumps(params["exceptionDetails"])[:2000])
+        elif event == "Log.entryAdded" and params["entry"]["level"] == "error":
+            self.errors.append(params["entry"]["text"])
 
     def open(self, url: str, ready: str = "true") -> None:
         """Load a page and wait until an expression is true."""
@@ -106,13 +106,13 @@ class Chromium:
             time.sleep(0.05)
 
     def value(self, expression: str) -> Any:
-        """Of an expression, as JSON."""
+        """Value of an expression, as JSON."""
         result = self.send("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
         assert "exceptionDetails" not in result, result["exceptionDetails"]
         return result["result"].get("value")
 
     def click(self, selector: str, across: float = 0.5) -> None:
-        """Press the mouse on an element, so far across it."""
+        """Press the mouse on an element at a share of its width."""
         box = self.value(
             f"(r => [r.x, r.y, r.width, r.height])(document.querySelector({selector!r}).getBoundingClientRect())"
         )
@@ -121,7 +121,7 @@ class Chromium:
             self.send("Input.dispatchMouseEvent", type=kind, **place)
 
     def picture(self) -> Picture:
-        """What is seen now."""
+        """Screenshot of the page."""
         self.value("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => done(0))))")
         data = self.send("Page.captureScreenshot", format="png")["data"]
         return np.asarray(Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB")).astype(int)

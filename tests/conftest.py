@@ -1,4 +1,4 @@
-"""One thread, the same examples every time, and the way to the real recordings."""
+"""Test setup: one thread, deterministic examples and the path of the real recordings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every effect must obey; `faults` walks one effect and says what is wrong with it."""
+"""Contract of all effects; `faults` checks one effect and lists its violations."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def faults(effect: Effect) -> Iterator[str]:
 
 
 def law_of(effect: Effect, share: float = 1.0) -> Law:
-    """The effect where the contract puts it, with a share of its usual parameters."""
+    """The effect at its joints in the contract, with a share of its usual parameters."""
     shape = effect.shape(effect.example)
     return Law(effect, PLACE[effect.scope], {k: x if k in shape else share * x for k, x in effect.example.items()})
 
@@ -84,14 +84,14 @@ def _columns(effect: Effect, motion: Motion) -> Iterator[str]:
 
 
 def _equation(effect: Effect, motion: Motion, torque: Array) -> Iterator[str]:
-    """The code against the text, sample by sample."""
+    """Compare the code with the printed equation, sample by sample."""
     x, p = motion.at(PLACE[effect.scope]), effect.example
     if isinstance(effect, TransmissionLaw):
         here = Trial(0.03 * np.sin(x.q * 9), x.v, inertia=x.inertia)
         names = known(effect) | {"q": here.q, "v": here.v, "inertia": here.inertia}
-        told, code = eval(effect.equation, names), effect.hold(here, **p)
+        stated, code = eval(effect.equation, names), effect.hold(here, **p)
     else:
-        (every, told), code = printed(effect, motion, PLACE[effect.scope]), torque
+        (every, stated), code = printed(effect, motion, PLACE[effect.scope]), torque
         if isinstance(effect, RecordingLaw):
             moved = effect.recorded_q(x, **p)
             code = moved if np.any(moved != x.q) else effect.recorded_torque(x, **p)
@@ -99,13 +99,13 @@ def _equation(effect: Effect, motion: Motion, torque: Array) -> Iterator[str]:
             code = effect.applied_torque(x, **p)
         code = code[::every]
     connected = "dz/dt" in effect.equation or "torque_at" in effect.equation
-    off = np.sqrt(np.mean((told - code) ** 2)) / np.sqrt(np.mean(told**2))
+    off = np.sqrt(np.mean((stated - code) ** 2)) / np.sqrt(np.mean(stated**2))
     if not off < (MEMORY if connected else 1e-5):
         yield "its equation and its code differ"
 
 
 def _bodies(effect: BodyLaw, motion: Motion) -> Iterator[str]:
-    """The columns against Pinocchio's own inverse dynamics of the reshaped bodies."""
+    """Compare the columns with Pinocchio's inverse dynamics of the changed bodies."""
     law = law_of(effect, SMALL)
     rows, torque = law_torque(law, motion)
     model, joint = motion.robot.model.copy(), law.joints[0]
@@ -118,7 +118,7 @@ def _bodies(effect: BodyLaw, motion: Motion) -> Iterator[str]:
 
 
 def _deflection(effect: TransmissionLaw, motion: Motion) -> Iterator[str]:
-    """The deflection against `hold`, integrated finely."""
+    """Compare the deflection with `hold`, integrated in fine steps."""
     law, j = law_of(effect), PLACE["link"][0]
     x = motion.at(law.joints)
     pull, drag, t = motion.sensitivity.position[:, j, j], motion.sensitivity.velocity[:, j, j], motion.t
@@ -141,7 +141,7 @@ def _deflection(effect: TransmissionLaw, motion: Motion) -> Iterator[str]:
 
 
 def _record(effect: RecordingLaw, motion: Motion) -> Iterator[str]:
-    """The columns against the record of small parameters."""
+    """Compare the columns with the recording for small parameters."""
     law = law_of(effect, SMALL if effect.linear() else 1.0)
     x, joint = motion.at(law.joints), law.joints[0]
     columns = law_torque(law, motion)[1]
@@ -153,7 +153,7 @@ def _record(effect: RecordingLaw, motion: Motion) -> Iterator[str]:
     else:
         change = effect.recorded_torque(x, **law.parameters) - x.torque
     if not np.abs(columns - change).max() < 0.02 * np.abs(change).max():
-        yield "its columns are not the change of the record"
+        yield "its columns are not the change of the recording"
 
 
 def _leading(effect: Effect, motion: Motion) -> Iterator[str]:
@@ -195,7 +195,7 @@ def _units(effect: Effect) -> Iterator[str]:
 
 
 def scale_of(unit: str) -> float:
-    """What a number of this unit is multiplied by when every base unit is made smaller."""
+    """Conversion factor of this unit when every base unit becomes smaller."""
     above, *below = unit.split("/")
     total = 1.0
     for sign, part in [(1, above), *((-1, part) for part in below)]:

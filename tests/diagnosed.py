@@ -1,4 +1,4 @@
-"""Recordings of robots in MuJoCo, some with a fault, and what a simulation without the fault is told to lack."""
+"""Recordings of robots in MuJoCo, some with a fault, and diagnoses of the simulation without the fault."""
 
 from __future__ import annotations
 
@@ -61,12 +61,12 @@ def recorded(
 
 
 def fault(effect: str, joint: int | None = None, **parameters: float | str) -> Planted:
-    """Of a joint by its number."""
+    """Law of a joint given by its number."""
     return effect, None if joint is None else f"joint_{joint}", tuple(parameters.items())
 
 
 def simulation(robot: str, stated: tuple[str, ...] = STATED, without: tuple[tuple[str, int], ...] = ()) -> Model:
-    """What is known of a robot: its bodies, rotors and friction, or some of these, not at some joints."""
+    """Known simulation of a robot: bodies, rotors and friction, without those that are excluded."""
     described = load_robot(robot)
     keys = [next(iter(EFFECTS[name].parameters)) for name in stated]
     laws = [
@@ -95,36 +95,36 @@ def look(
     skip: tuple[str, ...] = (),
     **made: Any,
 ) -> Diagnosis:
-    """What a simulation lacks by the recordings of a robot with these faults."""
+    """Diagnosis of the simulation from recordings of a robot with these faults."""
     recordings = read(robot, recorded(robot, *faults, seed=seed, **made))
     return signid.diagnose(simulation(robot, stated, without), recordings, skip=skip)
 
 
 def named(found: Diagnosis) -> list[tuple[str, tuple[int, ...]]]:
-    """Effects and joints of its causes."""
+    """Effects and joints of the causes."""
     return [(finding.law.effect.name, finding.law.joints) for finding in found.causes]
 
 
 class Posed(NamedTuple):
-    """A question to the search, before it begins."""
+    """Input of the search."""
 
     session: Session
     dataset: Dataset
     posterior: Posterior
 
     def group(self, effect: str, *joints: int) -> Group:
-        """A hypothesis, of a grid of shapes the first."""
+        """A hypothesis; the first one of a grid of shapes."""
         return self.posterior.evidence.data.groups[self.posterior.keys[effect, joints][0]]
 
     def found(self, *selected: Group) -> Selection:
-        """With these selected, at the noise's own dispersion."""
+        """Fit with these selected, at the dispersion of the noise."""
         noise = np.full(self.posterior.evidence.data.joints, 1.3)
         return initial_selection(self.posterior, noise, {}).with_selected(selected, dict.fromkeys(selected, 100.0))
 
 
 @cache
 def posed(robot: str, *faults: Planted, heavier: tuple[tuple[str, float], ...] = ()) -> Posed:
-    """What the search of a diagnosis is given."""
+    """Evidence and noise that a diagnosis searches."""
     model, recordings = simulation(robot), read(robot, recorded(robot, *faults, heavier=heavier))
     session, _ = prepare_session(model, recover(prepare(model.robot, recordings)), Options(effects=()), _no_progress)
     dataset, data = build(model, session, (), _no_progress)

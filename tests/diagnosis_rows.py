@@ -53,7 +53,7 @@ class Question(NamedTuple):
 
 
 def law(effect: str, *joints: int, **parameters: float) -> Law:
-    """A law with some numbers, or of unknown ones."""
+    """A law with given or unknown parameters."""
     return Law(EFFECTS[effect], joints or (0,), parameters)
 
 
@@ -79,7 +79,7 @@ def pose(
     recordings: int = 1,
     noise: float = NOISE,
 ) -> Question:
-    """A question of these hypotheses; planted laws, some more torque (N, n) [N.m] and white noise make the residual."""
+    """Evidence for these hypotheses; planted laws, extra torque (N, n) [N.m] and white noise make the residual."""
     rng, described = np.random.default_rng(7), signid.load_robot(robot)
     model, pieces = Model(described, stated_inertials(described), ()), list[Piece]()
     for k in range(recordings):

@@ -1,4 +1,4 @@
-"""Models to export, and what MuJoCo makes of them."""
+"""Models to export, and their behaviour in MuJoCo."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ BODY = (
 
 
 def gripper() -> Robot:
-    """A slide, a hinge without end, and a hinge that follows it twice as far from 0.1 on, at odd angles."""
+    """A slide, an unlimited hinge, and a hinge that follows it with ratio 2 and offset 0.1, at odd angles."""
     place = '<origin xyz="0.1 0.2 0.3" rpy="0.5 -0.4 0.3"/>'
     limit = place + '<limit lower="-0.4" upper="0.5" effort="30" velocity="4"/>'
     follow = limit + '<mimic joint="turn" multiplier="-2" offset="0.1"/>'

@@ -1,6 +1,6 @@
-"""Faults and their formulas, written here anew, and what Pinocchio says of a motion in which they may be.
+"""Faults with independent formulas, and Pinocchio's inverse dynamics of a recorded motion.
 
-What is left of the recorded torque when the bodies and the drives have had theirs is the fault.
+The fault is the recorded torque minus the torque of the bodies and of the drives.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ MOVING, EXACT = 0.05, 2e-4  # rad/s away from reversals; share of the joint's rm
 
 
 class Seen(NamedTuple):
-    """A recorded motion, (N, n) each, and the torque that its bodies ask for."""
+    """A recorded motion, (N, n) each, and the torque of its bodies."""
 
     t: Array  # (N,) [s]
     q: Array
@@ -104,7 +104,7 @@ def contact(x: Seen) -> dict[int, Array]:
 
 
 def dahl(x: Seen) -> dict[int, Array]:
-    """Between reversals z goes to the direction's sign with the distance travelled."""
+    """Between reversals z approaches the sign of the velocity with the distance travelled."""
     z, out = 0.0, []
     for v in x.v[:, 1]:
         z = np.sign(v) + (z - np.sign(v)) * np.exp(-abs(v) * STEP / 0.02)

@@ -11,7 +11,7 @@ FILES = {"identify": "identification.json", "diagnose": "diagnosis.json", "reduc
 
 
 def record(folder: Path, count: int = 3) -> list[str]:
-    """So many recordings of 12 s, each some seconds later than the one before."""
+    """Recordings of 12 s, each starting some seconds after the previous one."""
     whole = pl.concat([pl.read_parquet(ARM / f"{name}.parquet") for name in ("recording", "held_out")])
     names = []
     for k in range(count):
@@ -28,5 +28,5 @@ def manifest(folder: Path, *rows: str, head: str = "robot,recording,name,time,ta
 
 
 def contents(folder: Path) -> dict[str, bytes]:
-    """Every file below a folder by its path, with what it holds."""
+    """Contents of every file below a folder, by path."""
     return {p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}

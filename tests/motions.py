@@ -1,4 +1,4 @@
-"""Fourier motions and the torque they take by formulas written anew, for tests of estimation."""
+"""Fourier motions and the torque they take by independent formulas, for tests of estimation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Models put together from effects, and simulations of them that nothing controls."""
+"""Models built from effects, and open-loop simulations of them."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def model(robot: str | Robot, *laws: Law) -> Model:
 
 
 def released(given: Model, q: Any, seconds: float, v: Any = 0.0, torque: Any = 0.0, **more: Any) -> Simulation:
-    """Moved by a constant torque from q and v on."""
+    """Simulation under a constant torque from q and v on."""
     n = len(given.robot.joints)
     q, v, torque = (np.broadcast_to(np.asarray(x, float), (n,)) for x in (q, v, torque))
     return simulate(given, Torques(np.array([0.0, 1.0]), np.tile(torque, (2, 1)), q, v), seconds, **more)

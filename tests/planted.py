@@ -1,4 +1,4 @@
-"""Laws that are wrong in one way each, and the sentence of the contract that must tell it."""
+"""Laws with one error each, and the contract's message for it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ EQUATION = "its equation and its code differ"
 BODIES = "its columns and the reshaped bodies differ"
 DEFLECTION = "its deflection is not what `hold` balances"
 SHIFTED = "its columns are not the torque of its deflection"
-RECORD = "its columns are not the change of the record"
+RECORD = "its columns are not the change of the recording"
 INVERSE = "coefficients and physical are no inverses"
 CARD = "its card is incomplete"
 EXAMPLE = "its example does not give every parameter"
@@ -58,7 +58,7 @@ def doubled(key: str) -> Any:
 
 
 class Both(TorqueLaw, BodyLaw):
-    """Of two kinds."""
+    """Effect of two kinds."""
 
 
 PLANTED: dict[str, tuple[Effect, str]] = {
@@ -207,6 +207,6 @@ PLANTED: dict[str, tuple[Effect, str]] = {
 
 
 def w2(x: Any) -> Any:
-    """Velocity of the tip times its components' sizes, which is not the square along the velocity."""
+    """Velocity components of the tip times their absolute values: wrong, since the speed is not used."""
     w = np.einsum("nij,nj->ni", x.whole.jacobian, x.v)
     return w * np.abs(w)

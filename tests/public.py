@@ -1,4 +1,4 @@
-"""What public repositories hold, made again from the recordings that were made of it: the inverse of the gallery.
+"""Files of public repositories, reconstructed from the recordings that were made of them: inverse of the gallery.
 
 Text files are theirs to the last byte but for the first instant of the UR10e's logs, which no recording keeps. In
 MATLAB files numbers have nine digits, chosen so that their products have the right ones, too.
@@ -107,7 +107,7 @@ def matrix(variables: Mapping[str, object]) -> bytes:
 
 
 def with_meshes(text: bytes) -> bytes:
-    """Shapes again where blank lines were left of them."""
+    """Restore shapes that are blank lines in the file."""
     lines, shape = text.decode().split("\n"), 0
     for i, line in enumerate(lines):
         if line and not line.strip():

@@ -21,10 +21,10 @@ VISCOUS = Group(3, 1, Hypothesis((law("viscous_friction", 1),)))  # one coeffici
 OFFSET = Group(4, 1, Hypothesis((law("torque_offset", 0),)))  # one, of either sign
 SPRING = Group(5, 2, Hypothesis((law("spring", 0),)))  # two, the first positive
 WAVE = Group(7, 2, Hypothesis((law("counterbalance", 1),)))  # two, of either sign
-SWAP = Group(9, 1, Hypothesis((law("channel_swap", 0, 1),)))  # there or not
+SWAP = Group(9, 1, Hypothesis((law("channel_swap", 0, 1),)))  # switched on or off
 GROUPS = (FRICTION, BODIES, VISCOUS, OFFSET, SPRING, WAVE, SWAP)
 PLACE = (np.array([0, 1, 2, 4, 5, 6, 9]), np.array([1, 2, 3, 7, 8, 9]))
-TOLD = [VISCOUS, OFFSET, SPRING, WAVE, SWAP]
+CANDIDATES = [VISCOUS, OFFSET, SPRING, WAVE, SWAP]
 
 
 @cache

@@ -1,4 +1,4 @@
-"""Plant an effect, record positions and noisy torques, and find its numbers again."""
+"""Plant an effect, record positions and noisy torques, and identify its parameters."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ USUAL = {"viscous_friction": {"coefficient": 1.0}, "coulomb_friction": {"level":
 INSTEAD = {"asymmetric_friction": ("viscous_friction", "coulomb_friction")}  # of the usual laws, at the same joint
 TOLERANCE = 0.02  # of the value planted, or of 5 % of the largest of them where that is more
 LOOSER = {
-    "stribeck_friction": 0.08,  # little but the jump, whose rows are left out
+    "stribeck_friction": 0.08,  # mostly the jump; its rows are excluded
     "position_friction": 0.1,  # the phase: frequency times a position far from zero
     "friction_drift": 0.04,
     "backlash": 0.03,
@@ -38,10 +38,10 @@ LOOSER = {
     "torque_lag": 0.03,
     "joint_coupling": 0.15,  # 0.03 but for the inertia, of less torque than the noise
 }
-UNTOLD = {("link_inertia", "mass"), ("link_inertia", "first_moment_y")}  # no motion of the arm tells these of link 2
-THERE = {"joint_elasticity": 0.15}  # off the one of a law that is there or not, else 0.05; a resonance is soon missed
+UNIDENTIFIABLE = {("link_inertia", "mass"), ("link_inertia", "first_moment_y")}  # for link 2
+THERE = {"joint_elasticity": 0.15}  # allowed error of the coefficient of a switched law; else 0.05
 SLOW, RATE = 0.01, 1000.0  # [rad/s] width of a reversal, [Hz]
-ROUNDS = 3  # in which torque is predicted anew
+ROUNDS = 3  # of torque prediction
 STRIDES = (0.1, 0.02, 0.004, 0.001)  # [s] by which the ends of a window are moved
 
 
@@ -50,8 +50,8 @@ class Case:
     """A recording of a planted effect, on the way to the fit."""
 
     effect: Effect
-    known: tuple[Law, ...]  # friction laws whose numbers are sought beside it
-    rotors: tuple[Law, ...]  # armature, whose numbers are given
+    known: tuple[Law, ...]  # friction laws that are fitted too
+    rotors: tuple[Law, ...]  # armature, which is given
     motion: Motion
     band: Band
     steady: Mask  # (N, n) far from a reversal
@@ -59,7 +59,7 @@ class Case:
 
 
 class Found(NamedTuple):
-    """The effect's numbers, its first coefficient and what is left [1]."""
+    """Parameters of the effect, its first coefficient and the residual [1]."""
 
     parameters: dict[str, float]
     coefficient: float
@@ -68,22 +68,22 @@ class Found(NamedTuple):
 
 
 def misses(case: Case, found: Found) -> dict[str, float]:
-    """How far each number that the recording can tell is from what was planted, as a share of what is allowed."""
+    """Error of each identifiable parameter, as a share of the allowed error."""
     effect, recorded = case.effect, case.motion.recorded
     assert recorded is not None
     if "limit" in effect.example and np.abs(recorded[:, PLACE[effect.scope]]).max() < effect.example["limit"]:
         return {}
     scale = max(map(abs, effect.example.values()), default=1.0)
     allowed = LOOSER.get(effect.name, TOLERANCE)
-    told = {key: x for key, x in effect.example.items() if (effect.name, key) not in UNTOLD}
-    far = {key: abs(found.parameters[key] - x) / (allowed * max(abs(x), 0.05 * scale)) for key, x in told.items()}
+    planted = {key: x for key, x in effect.example.items() if (effect.name, key) not in UNIDENTIFIABLE}
+    far = {key: abs(found.parameters[key] - x) / (allowed * max(abs(x), 0.05 * scale)) for key, x in planted.items()}
     if not effect.linear():
         far["there"] = abs(found.coefficient - 1) / THERE.get(effect.name, 0.05)
     return far
 
 
 def usual_laws(effect: Effect) -> tuple[Law, ...]:
-    """Friction and rotors at every joint, but where the effect itself stands for them."""
+    """Friction and rotors at every joint, except those that the effect replaces."""
     apart = {*INSTEAD.get(effect.name, ()), effect.name}
     return tuple(
         Law(EFFECTS[name], (j,), values)
@@ -95,7 +95,7 @@ def usual_laws(effect: Effect) -> tuple[Law, ...]:
 
 @cache
 def record(effect: Effect, seed: int, seconds: float) -> Simulation:
-    """The arm on its way with the effect and the usual laws."""
+    """Simulation of the arm with the effect and the usual laws."""
     bare = Model(arm(), stated_inertials(arm()))
     laws = (*usual_laws(effect), Law(effect, PLACE[effect.scope], effect.example))
     return simulate(replace(bare, laws=laws), track(bare, harmonics(seconds, seed)), seconds)
@@ -103,10 +103,10 @@ def record(effect: Effect, seed: int, seconds: float) -> Simulation:
 
 def case(effect: Effect, seed: int = 5, seconds: float = 16.0, noise: float = 0.005, cutoff: float = 12.0) -> Case:
     """The recording as positions and noisy torques, differentiated and filtered as signid does it."""
-    told = record(effect, seed, seconds)
-    deviation = noise * told.tau.std(0)
-    tau = told.tau + deviation * np.random.default_rng(seed).normal(size=told.tau.shape)
-    samples = Samples(told.t, told.q, tau, None, None, None)
+    recorded = record(effect, seed, seconds)
+    deviation = noise * recorded.tau.std(0)
+    tau = recorded.tau + deviation * np.random.default_rng(seed).normal(size=recorded.tau.shape)
+    samples = Samples(recorded.t, recorded.q, tau, None, None, None)
     band = choose_band([samples], RATE, cutoff)
     motion = build_motion(arm(), samples, band, 1 / RATE, slow=np.full(3, SLOW))
     reach = choose_reach([motion], band, np.full(3, SLOW))
@@ -123,9 +123,9 @@ def case(effect: Effect, seed: int = 5, seconds: float = 16.0, noise: float = 0.
 
 
 def recover(case: Case) -> Found:
-    """Numbers of the effect beside the usual friction, its shape from the grid and then polished.
+    """Parameters of the effect with the usual friction; the shape comes from the grid and is refined.
 
-    Torque columns of records (gain, delay and so on) are those of the torque that the last round predicts.
+    Columns of recording laws (gain, delay and so on) use the torque predicted in the previous round.
     """
     case = replace(case, motion=_predicting(case, ()))
     if isinstance(case.effect, RecordingLaw) and not case.effect.parameters:
@@ -138,7 +138,7 @@ def recover(case: Case) -> Found:
 
 
 def _undone(case: Case) -> Found:
-    """A sign or a swap: friction from the record turned back, then how much of the change there is."""
+    """A sign or a swap: fit friction to the corrected recording, then the size of the change."""
     motion, law = case.motion, Law(case.effect, PLACE[case.effect.scope])
     assert motion.recorded is not None
     own, back = list(law.joints), motion.recorded.copy()
@@ -168,14 +168,14 @@ def _best(case: Case) -> Found:
 
 
 def _slide(cost: Callable[[Array], float], start: Array) -> Array:
-    """Downhill in a smooth valley."""
+    """Local optimisation of smooth shapes."""
     corners = np.vstack([start, start + 0.02 * np.eye(len(start))])
     options = {"initial_simplex": corners, "xatol": 1e-4, "fatol": 1e-9, "maxfev": 40 * len(start)}
     return np.asarray(minimize(cost, start, method="Nelder-Mead", options=options).x)
 
 
 def _walk(cost: Callable[[Array], float], start: Array) -> Array:
-    """One end of a window after the other, in steps that grow smaller."""
+    """Optimise the ends of a window in turn, with decreasing steps."""
     x, least = start, cost(start)
     for step in STRIDES:
         tries = [x + k * step * end for end in np.eye(len(x)) for k in (-2, -1, 1, 2)]
@@ -188,7 +188,7 @@ def _walk(cost: Callable[[Array], float], start: Array) -> Array:
 
 
 def _whole(case: Case, law: Law) -> Found:
-    """The fit with a law, which without any coefficient is there as it is."""
+    """Fit with a law; a law without coefficients keeps its size."""
     if law.effect.linear():
         return solve(case, (*case.known, law))
     return solve(case, case.known, (law,))._replace(parameters=dict(law.parameters))
@@ -216,7 +216,7 @@ def solve(case: Case, laws: Sequence[Law], given: Sequence[Law] = ()) -> Found:
     a = thin(wide.reshape(len(wide), -1)).reshape(len(y), 3, -1) / case.noise[:, None]
     y, a = y[kept], a[kept]
     size = np.linalg.norm(a, axis=0)
-    size[size < 1e-9 * size.max()] = np.inf  # what this motion cannot tell
+    size[size < 1e-9 * size.max()] = np.inf  # unidentifiable with this motion
     c = np.linalg.lstsq(a / size, y, rcond=1e-9)[0] / size
     left = float(np.sqrt(np.mean((y - a @ c) ** 2)))
     ends = np.cumsum([coefficient_count(law) for law in laws])
@@ -229,7 +229,7 @@ def solve(case: Case, laws: Sequence[Law], given: Sequence[Law] = ()) -> Found:
 
 
 def _predicting(case: Case, laws: Sequence[Law]) -> Motion:
-    """The motion with the torque that friction and rotors predict before anything spoils the record."""
+    """The motion with the torque predicted from friction and rotors, before any recording law."""
     motion = case.motion
     before = [law for law in laws if law.effect is not case.effect] + list(case.rotors)
     return replace(motion, predicted=motion.load + sum(_torque(law, motion) for law in before))

@@ -1,4 +1,4 @@
-"""A server on this machine, that serves well or badly, and a data set so small that a test can spoil it."""
+"""A local server with good or bad answers, and a small data set that tests can damage."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ TEXT = b"t,q_1,tau_1\n0,0.5,1.5\n0.1,0.25,2\n"
 
 @dataclass
 class Server:
-    """Where it is, and what was asked of it."""
+    """Address of the server and the requests it received."""
 
     address: str
     asked: list[str] = field(default_factory=list)
@@ -31,7 +31,7 @@ class Server:
 
 @contextmanager
 def serve(answers: Mapping[str, Answer]) -> Iterator[Server]:
-    """Answers by path: what is sent whole, or what a function does of it."""
+    """Answers by path: the bytes to send, or a function that answers."""
 
     class Handler(BaseHTTPRequestHandler):
         def do_GET(self) -> None:
@@ -60,7 +60,7 @@ def serve(answers: Mapping[str, Answer]) -> Iterator[Server]:
 
 
 def send(to: BaseHTTPRequestHandler, content: bytes, length: int | None = None, code: int = 200, **head: str) -> None:
-    """An answer whose head may promise another length than its body has."""
+    """An answer; its header may state another length than that of its body."""
     to.send_response(code)
     to.send_header("Content-Length", str(len(content) if length is None else length))
     for name, value in head.items():
@@ -70,7 +70,7 @@ def send(to: BaseHTTPRequestHandler, content: bytes, length: int | None = None, 
 
 
 def toy(make: Callable[..., str] = bytes.decode, digest: str = sha256(TEXT).hexdigest()) -> DataSet:
-    """One recording, that the source holds as it is."""
+    """One recording, stored unchanged at the source."""
     return DataSet(
         name="toy",
         title="a toy",
@@ -87,6 +87,6 @@ def toy(make: Callable[..., str] = bytes.decode, digest: str = sha256(TEXT).hexd
 
 
 def register(wanted: DataSet, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Makes the command line know a data set."""
+    """Register a data set for the command line."""
     monkeypatch.setitem(DATA.modules, wanted.name, wanted.name)
     monkeypatch.setitem(sys.modules, f"signid.recording.gallery.{wanted.name}", SimpleNamespace(PLUGIN=wanted))  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""A small arm whose recorded torque has lost its sign, beside the same torque with it, for tests of signs."""
+"""A small arm with recorded torque magnitudes and the signed torque, for tests of signs."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Lost:
         return np.asarray(back @ (unitary.T @ (self.torque * weights).T[steady]))
 
     def misfit(self, value: Array) -> float:
-        """Root of the mean square that a value is off in weighted torque, of the true value's."""
+        """Relative rms error of a value in weighted torque."""
         off = (self.observed.predict(value - self.true) * self.weights)[self.observed.steady.all(1)]
         return float(np.sqrt(np.mean(off**2)))
 

@@ -35,7 +35,7 @@ def pristine() -> Mapping[str, np.ndarray]:
 
 
 def swing(**changes: Any) -> Columns:
-    """A recording of the pendulum 1r with friction, columns changed, added, or taken away by None."""
+    """A recording of the pendulum 1r with friction, with columns changed, added, or removed (None)."""
     columns = {**pristine(), **changes}
     return {name: column for name, column in columns.items() if column is not None}
 

@@ -1,4 +1,4 @@
-"""The API pages that the README's command makes: all that is public, with units and sources, and without a warning."""
+"""API pages from the README's command: all public names, with units and sources, without warnings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whatever is given, the answer is one sentence and exit code 2, and nothing is left half-written."""
+"""Bad input: a message of one sentence, exit code 2 and no partial output."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def judge(case: Case, folder: Path, code: int, out: str, err: str) -> None:
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
-def test_bad_input_gets_a_sentence(
+def test_bad_input_gives_one_sentence(
     case: Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -44,7 +44,7 @@ def test_bad_input_gets_a_sentence(
 
 
 @pytest.mark.parametrize("name", AS_PROCESS)
-def test_bad_input_gets_a_sentence_from_a_process(name: str, tmp_path: Path) -> None:
+def test_bad_input_gives_one_sentence_in_a_process(name: str, tmp_path: Path) -> None:
     (case,) = (case for case in CASES if case.name == name)
     command = [sys.executable, "-m", "signid", *lay(case, tmp_path)]
     there = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
@@ -52,6 +52,6 @@ def test_bad_input_gets_a_sentence_from_a_process(name: str, tmp_path: Path) -> 
     judge(case, tmp_path, done.returncode, done.stdout, done.stderr)
 
 
-def test_enough_is_tried() -> None:
+def test_enough_bad_inputs_are_tried() -> None:
     assert len(CASES) >= 40
     assert len({case.name for case in CASES}) == len(CASES)

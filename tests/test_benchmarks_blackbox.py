@@ -78,7 +78,7 @@ def test_too_few_rows_give_no_fit() -> None:
     assert np.array_equal(residual_fit.gaussian(one).residual, one.held_out.rest)
 
 
-def test_all_methods_are_judged_on_the_same_rows() -> None:
+def test_all_methods_are_evaluated_on_the_same_rows() -> None:
     held_out = toy(100, 0)
     short, lost = held_out.rest.copy(), np.full_like(held_out.rest, np.nan)
     short[:40] = np.nan

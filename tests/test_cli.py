@@ -1,4 +1,4 @@
-"""The command line: what it prints, writes and returns."""
+"""The command line: output, files and exit codes."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ OUTPUTS = ["identification.json", "model.json", "report.html", "robot.urdf"]
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """Every test in a folder of its own, with a recording of the pendulum."""
+    """Run every test in its own folder with a recording of the pendulum."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("SIGNID_DEBUG", raising=False)
     (tmp_path / "swing.csv").write_text(csv(swing()))
@@ -64,7 +64,7 @@ def test_help_has_an_example(command: str, capsys: pytest.CaptureFixture[str]) -
     )
 
 
-def test_help_lists_what_there_is_and_the_default_effects(capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_lists_commands_and_default_effects(capsys: pytest.CaptureFixture[str]) -> None:
     assert run([]) == 0
     out = capsys.readouterr().out
     assert re.findall(r"^  (\w+)  ", out.partition("Commands:")[2], re.MULTILINE) == COMMANDS.split()
@@ -152,7 +152,7 @@ def test_mjcf_gets_no_urdf_and_says_so(folder: Path, capfd: pytest.CaptureFixtur
     assert sorted(path.name for path in (folder / "result").iterdir()) == OUTPUTS[:3]
 
 
-def test_every_option_is_heard(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_every_option_has_an_effect(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
     (folder / "a.toml").write_text("[joint.1]\ntorque_constant = 2.0\n")
     (folder / "m.toml").write_text('q_1 = "angle"\ncurrent_1 = "amps"\n')
     angle, tau = pristine()["q_1"], pristine()["tau_1"]
@@ -194,7 +194,7 @@ def test_interrupt_is_quiet(monkeypatch: pytest.MonkeyPatch, capfd: pytest.Captu
         (ZeroDivisionError("division by zero"), 1, "ZeroDivisionError: division by zero"),
     ],
 )
-def test_what_nobody_foresaw(
+def test_unexpected_errors_are_reported(
     error: Exception, code: int, says: str, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     def fail(*_: Any, **__: Any) -> None:
@@ -209,7 +209,7 @@ def test_what_nobody_foresaw(
     assert "Traceback" in capfd.readouterr().err
 
 
-def test_a_reader_that_leaves_is_no_error() -> None:
+def test_a_closed_pipe_is_no_error() -> None:
     there = {**os.environ, "PYTHONPATH": str(ROOT)}
     for more in ("", " --json"):
         line = f"set -o pipefail; {sys.executable} -m signid inspect panda{more} | head -n 1"
@@ -230,7 +230,7 @@ def test_a_result_is_not_half_written(
     assert [path.name for path in folder.iterdir()] == ["swing.csv"]
 
 
-def test_a_folder_that_may_not_be_written_is_known_at_once(
+def test_an_unwritable_folder_is_refused_at_once(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     def forbid(*_: Any, **__: Any) -> None:
@@ -242,7 +242,7 @@ def test_a_folder_that_may_not_be_written_is_known_at_once(
     assert "Permission denied" in capfd.readouterr().err
 
 
-def test_libraries_keep_quiet(folder: Path) -> None:
+def test_libraries_print_nothing(folder: Path) -> None:
     (folder / "spoilt.csv").write_text(changed("tau_1", lambda x: np.where(np.arange(len(x)) == 500, np.nan, x)))
     done = process("identify", "1r", "spoilt.csv", "-o", "result", cwd=folder)
     assert (done.returncode, done.stderr) == (0, "")

@@ -1,4 +1,4 @@
-"""The demonstration tells a true story, also where it goes wrong."""
+"""The demonstration: output, files, reproducibility and reported misses."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ FILES = "demo.json diagnosis.json held_out.csv model.json recording.csv replay.h
 
 
 @dataclass(frozen=True)
-class Told:
-    """What the command did in a folder."""
+class Outcome:
+    """Output of the command in a folder."""
 
     folder: Path
     code: int
@@ -38,8 +38,8 @@ class Told:
     story: Story
 
 
-def command(patch: pytest.MonkeyPatch, folder: Path, *arguments: str, story: Story | None = None) -> Told:
-    """The command in a folder; a story that is given is told instead of a new one."""
+def command(patch: pytest.MonkeyPatch, folder: Path, *arguments: str, story: Story | None = None) -> Outcome:
+    """Run the command in a folder; a given story replaces a new one."""
     stories: list[Story] = []
 
     def play(*given: Any, **more: Any) -> Story:
@@ -51,18 +51,18 @@ def command(patch: pytest.MonkeyPatch, folder: Path, *arguments: str, story: Sto
     patch.setattr(sys.modules["signid.cli.demo.run"], "demo", play)
     with redirect_stdout(io.StringIO()) as out, redirect_stderr(io.StringIO()) as err:
         code = run(["demo", *arguments])
-    return Told(folder, code, out.getvalue(), err.getvalue(), stories[0])
+    return Outcome(folder, code, out.getvalue(), err.getvalue(), stories[0])
 
 
 @pytest.fixture(scope="module")
-def told(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Told]:
+def shown(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Outcome]:
     """The story of the 3R arm."""
     with pytest.MonkeyPatch.context() as patch:
         yield command(patch, tmp_path_factory.mktemp("demo"))
 
 
-def test_what_is_concealed_is_found_and_proved(told: Told) -> None:
-    story, result = told.story, told.story.result
+def test_concealed_laws_are_found_and_proved(shown: Outcome) -> None:
+    story, result = shown.story, shown.story.result
     assert [outcome.kind for outcome in story.outcomes] == ["found"] * 3
     assert result.verdict == "named" and len(result.causes) == 3 and story.flags == ()
     for outcome in story.outcomes:
@@ -75,19 +75,19 @@ def test_what_is_concealed_is_found_and_proved(told: Told) -> None:
     assert np.all(result.gain < 0.2) and np.all(after.rms(0.5) < 0.2 * before.rms(0.5))
 
 
-def test_the_story_fits_on_a_screen(told: Told) -> None:
-    lines = told.out.splitlines()
-    assert (told.code, told.err) == (0, "") and len(lines) <= 40 and max(map(len, lines)) <= 100
-    for outcome in told.story.outcomes:
-        row = next(line for line in lines if line.startswith(law_name(outcome.law, told.story.simulation.robot)))
+def test_the_story_fits_on_a_screen(shown: Outcome) -> None:
+    lines = shown.out.splitlines()
+    assert (shown.code, shown.err) == (0, "") and len(lines) <= 40 and max(map(len, lines)) <= 100
+    for outcome in shown.story.outcomes:
+        row = next(line for line in lines if line.startswith(law_name(outcome.law, shown.story.simulation.robot)))
         assert row.rstrip().endswith("found")
-    assert "3 of 3 concealed laws found; " in told.out
-    assert "open:\n  signid-demo/report.html\n  signid-demo/replay.html\n" in told.out
-    assert sorted(path.name for path in (told.folder / "signid-demo").iterdir()) == FILES
+    assert "3 of 3 concealed laws found; " in shown.out
+    assert "open:\n  signid-demo/report.html\n  signid-demo/replay.html\n" in shown.out
+    assert sorted(path.name for path in (shown.folder / "signid-demo").iterdir()) == FILES
 
 
-def test_the_files_say_the_same(told: Told) -> None:
-    folder, result = told.folder / "signid-demo", told.story.result
+def test_the_files_say_the_same(shown: Outcome) -> None:
+    folder, result = shown.folder / "signid-demo", shown.story.result
     said, found = (json.loads((folder / name).read_text()) for name in ("demo.json", "diagnosis.json"))
     assert said["schema"] == "signid.demo/1" and said["robot"] == "3r" and said["flags"] == []
     assert all(said[key] == found[key] for key in ("verdict", "fit", "rollout", "inputs", "seed", "version"))
@@ -103,26 +103,26 @@ def test_the_files_say_the_same(told: Told) -> None:
 
 
 def test_by_hand_the_diagnosis_is_the_same(
-    told: Told, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+    shown: Outcome, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """So it saw the description and the two files, and nothing else."""
-    monkeypatch.chdir(told.folder)
-    line = next(line for line in told.out.splitlines() if line.startswith("again: "))
+    """The command reads the description and the two files only."""
+    monkeypatch.chdir(shown.folder)
+    line = next(line for line in shown.out.splitlines() if line.startswith("again: "))
     assert run([*line.split()[2:], "--json"]) == 0
     again, first = json.loads(capfd.readouterr().out), json.loads(Path("signid-demo/diagnosis.json").read_text())
     assert again == first
 
 
-def test_the_same_seed_gives_the_same_bytes(told: Told, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_same_seed_gives_the_same_bytes(shown: Outcome, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     again = command(monkeypatch, tmp_path, "--robot", "3r", "--json")
     assert (again.code, again.err) == (0, "")
     for name in FILES:
-        theirs = told.folder / "signid-demo" / name
+        theirs = shown.folder / "signid-demo" / name
         assert (tmp_path / "signid-demo" / name).read_bytes() == theirs.read_bytes(), name
     assert again.out == (tmp_path / "signid-demo" / "demo.json").read_text()
 
 
-def test_pages_open_where_a_person_sits(told: Told, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_pages_open_only_on_a_terminal(shown: Outcome, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     class Terminal(io.StringIO):
         def isatty(self) -> bool:
             return True
@@ -135,14 +135,14 @@ def test_pages_open_where_a_person_sits(told: Told, tmp_path: Path, monkeypatch:
         monkeypatch.setenv("DISPLAY", screen)
         monkeypatch.setattr(sys, "platform", "linux")
         monkeypatch.setattr(io, "StringIO", Terminal)
-        command(monkeypatch, tmp_path, *more, story=told.story)
+        command(monkeypatch, tmp_path, *more, story=shown.story)
         assert opened == ["report.html", "replay.html"][:pages], (screen, more)
         opened.clear()
     monkeypatch.undo()
 
 
-def test_a_miss_is_told(told: Told, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    story = told.story
+def test_a_miss_is_reported(shown: Outcome, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    story = shown.story
     first, second, third = story.result.findings
     robot, other = story.simulation.robot, law("armature", 2, inertia=0.1)
     beside = replace(second, law=other, alternatives=(Alternative(second.law, 0.25, ""),))
@@ -187,12 +187,12 @@ def test_bad_input_is_refused(
 
 
 def test_progress_goes_forward(tmp_path: Path) -> None:
-    told: list[float] = []
-    demo(load_robot("1r"), tmp_path, progress=lambda what, share: told.append(share))
-    assert told == sorted(told) and told[0] == 0 and told[-1] < 1 and len(told) > 4
+    shares: list[float] = []
+    demo(load_robot("1r"), tmp_path, progress=lambda what, share: shares.append(share))
+    assert shares == sorted(shares) and shares[0] == 0 and shares[-1] < 1 and len(shares) > 4
 
 
-def test_the_panda_too(tmp_path: Path) -> None:
+def test_the_panda_has_a_demonstration(tmp_path: Path) -> None:
     story = demo(load_robot("panda"), tmp_path)
     assert [outcome.kind for outcome in story.outcomes] == ["found"] * 3 and story.flags == ()
     assert np.all(story.result.gain[:6] < 0.2) and len(story.simulation.robot.joints) == 7

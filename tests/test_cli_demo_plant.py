@@ -1,4 +1,4 @@
-"""What a demonstration moves in MuJoCo is what it says, and what it conceals is of use."""
+"""The MuJoCo plant of the demonstration: its equations, and the concealed laws."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ def along(model: Model, seconds: float = 4.0) -> Motion:
     return Motion(model.robot, drawn.t, drawn.q, drawn.v, drawn.a)
 
 
-def test_the_plant_is_the_description_and_what_is_concealed() -> None:
-    """By Pinocchio and the laws written out, in MuJoCo's own step: damping at its end, all else at its beginning."""
+def test_the_plant_obeys_the_description_and_the_concealed_laws() -> None:
+    """Compare with Pinocchio and explicit laws over a MuJoCo step: damping at its end, the rest at its beginning."""
     stated = known("3r")
     laws = [law("spring", 0, stiffness=3.0, rest=0.2), law("viscous_friction", 1, coefficient=0.4)]
     body = {"mass": 0.3, "first_moment_x": 0.06, "first_moment_y": -0.01, "first_moment_z": 0.02}
@@ -51,7 +51,7 @@ def test_the_plant_is_the_description_and_what_is_concealed() -> None:
     assert np.abs(moved.q - moved.desired).max() > 1e-3, "the controller knows nothing of it"
 
 
-def test_the_plant_rubs_as_told() -> None:
+def test_the_plant_has_the_stated_friction() -> None:
     stated = known("panda")
     level, joint = 2.0, 1
     true = replace(stated, laws=(*stated.laws, law("coulomb_friction", joint, level=level)))
@@ -62,7 +62,7 @@ def test_the_plant_rubs_as_told() -> None:
     assert np.abs(np.delete(rest, joint, axis=1)).max() < 0.05 and sliding.mean() > 0.5
 
 
-def test_what_cannot_be_moved_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_immovable_robot_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     stated = known("3r")
     heavy = law("payload", 2, mass=1e4, first_moment_x=1e3, first_moment_y=0.0, first_moment_z=0.0)
@@ -72,8 +72,8 @@ def test_what_cannot_be_moved_is_refused(tmp_path: Path, monkeypatch: pytest.Mon
 
 
 @pytest.mark.parametrize("name", ["1r", "3r", "emps", "panda", "ur5", "xarm7"])
-def test_what_is_concealed_is_of_use(name: str) -> None:
-    """An MJCF holds it, the simulation has it not, and it shows in the torque without being most of it."""
+def test_concealed_laws_are_visible_and_exportable(name: str) -> None:
+    """A concealed law fits in an MJCF, is missing in the simulation, and is a visible but minor part of the torque."""
     stated = known(name)
     motion, drawn = along(stated), list[tuple[Law, ...]]()
     torque = stated.inverse(motion)

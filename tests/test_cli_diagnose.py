@@ -1,4 +1,4 @@
-"""Diagnose as a user meets it."""
+"""The command `signid diagnose`."""
 
 from __future__ import annotations
 
@@ -49,12 +49,12 @@ def causes(document: Any) -> list[tuple[str, str]]:
 
 @pytest.fixture(scope="module")
 def arm(place: Path) -> tuple[int, Any]:
-    """Exit code and document of the arm's diagnosis, made once."""
+    """Exit code and document of the arm's diagnosis."""
     code = run(["diagnose", "3r", str(place / "arm.csv"), "-o", str(place / "arm")])
     return code, read(place / "arm" / "diagnosis.json")
 
 
-def test_what_was_injected_is_named_and_modelled(place: Path, arm: tuple[int, Any]) -> None:
+def test_injected_laws_are_named_and_modelled(place: Path, arm: tuple[int, Any]) -> None:
     code, found = arm
     assert sorted(path.name for path in (place / "arm").iterdir()) == FILES
     assert found["verdict"] == "named" and causes(found) == [("coulomb_friction", "joint_2")]
@@ -79,7 +79,7 @@ def test_the_extended_simulation_is_diagnosed_and_simulates(place: Path, arm: tu
     assert run("simulate arm/model.json --duration 1 -o simulated.csv".split()) == 0
 
 
-def test_what_the_terminal_shows(arm: tuple[int, Any], capfd: pytest.CaptureFixture[str]) -> None:
+def test_the_terminal_output(arm: tuple[int, Any], capfd: pytest.CaptureFixture[str]) -> None:
     code = run(["diagnose", "1r", "fine.csv", "-o", "fine"])
     out, err = capfd.readouterr()
     found = read("fine/diagnosis.json")
@@ -116,7 +116,7 @@ def test_options_reach_the_library(place: Path, capfd: pytest.CaptureFixture[str
     assert found["cutoff"]["torque"] == pytest.approx(9, rel=0.1) and sorted(place.iterdir()) == before
 
 
-def test_signs_come_first(arm: tuple[int, Any]) -> None:
+def test_signs_are_recovered_first(arm: tuple[int, Any]) -> None:
     code = run(["diagnose", "3r", "arm.csv", "--unsigned", "-o", "signless"])
     found = read("signless/diagnosis.json")
     assert sorted(path.name for path in Path("signless").iterdir()) == sorted([*FILES, "signed.csv", "signs.html"])
@@ -128,7 +128,7 @@ def test_signs_come_first(arm: tuple[int, Any]) -> None:
         assert np.mean(right) > 0.97
 
 
-def test_a_saved_model_knows_its_torque_constants(place: Path) -> None:
+def test_a_saved_model_has_its_torque_constants(place: Path) -> None:
     (place / "constants.toml").write_text("[joint.2]\ntorque_constant = 4.5\n")
     (place / "known.json").write_text(json.dumps(signid.load_model("3r", "constants.toml").document()))
     constants = signid.load_model("known.json").robot.actuators.torque_constant
@@ -149,7 +149,7 @@ def test_a_saved_model_knows_its_torque_constants(place: Path) -> None:
         ("1r fine.csv --cutoff -3 -o bad", "positive frequency"),
     ],
 )
-def test_bad_input_is_a_sentence(command: str, words: str, capfd: pytest.CaptureFixture[str]) -> None:
+def test_bad_input_gives_one_sentence(command: str, words: str, capfd: pytest.CaptureFixture[str]) -> None:
     assert run(["diagnose", *command.split()]) == 2
     out, err = capfd.readouterr()
     assert words in err and err.count("\n") == 1 and not out and not Path("bad").exists()

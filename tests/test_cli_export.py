@@ -1,4 +1,4 @@
-"""`signid export`: files, what is said of them, and bad input."""
+"""The command `signid export`: files, notes and bad input."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ def options(folder: Path) -> list[str]:
 def test_all_files_at_once(saved: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["export", saved, *options(tmp_path / "out")]) == 0
     printed = " ".join(capsys.readouterr().out.split())
-    for told in (
+    for line in (
         "urdf: a URDF cannot hold torque_offset of joint_2; time_delay",
         "mjcf: an MJCF cannot hold torque_offset of joint_2; time_delay",
         "actuators: an actuators file cannot hold payload of joint_3; time_delay",
         "function: not in this file, since not a function of time and motion: time_delay",
     ):
-        assert told in printed
+        assert line in printed
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(KINDS.values())
     mujoco.MjModel.from_xml_path(str(tmp_path / "out" / "robot.xml"))
     first = {name: (tmp_path / "out" / name).read_bytes() for name in KINDS.values()}
@@ -52,10 +52,10 @@ def test_all_files_at_once(saved: str, tmp_path: Path, capsys: pytest.CaptureFix
 
 def test_json_says_the_same(saved: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["export", saved, "--json", "--mjcf", str(tmp_path / "robot.xml")]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert (told["schema"], told["robot"], told["inputs"][0]["path"]) == ("signid.export/1", "3r", saved)
-    assert [(file["kind"], file["path"]) for file in told["files"]] == [("mjcf", str(tmp_path / "robot.xml"))]
-    assert told["files"][0]["notes"][0].startswith("an MJCF cannot hold torque_offset of joint_2")
+    document = json.loads(capsys.readouterr().out)
+    assert (document["schema"], document["robot"], document["inputs"][0]["path"]) == ("signid.export/1", "3r", saved)
+    assert [(file["kind"], file["path"]) for file in document["files"]] == [("mjcf", str(tmp_path / "robot.xml"))]
+    assert document["files"][0]["notes"][0].startswith("an MJCF cannot hold torque_offset of joint_2")
 
 
 @pytest.mark.parametrize(
@@ -72,7 +72,7 @@ def test_json_says_the_same(saved: str, tmp_path: Path, capsys: pytest.CaptureFi
         (["nobody", "--urdf", "out"], "no file and no robot named 'nobody'"),
     ],
 )
-def test_bad_input_gets_one_sentence_and_leaves_nothing(
+def test_bad_input_gives_one_sentence_and_no_files(
     given: list[str], sentence: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)

@@ -1,4 +1,4 @@
-"""Fleets on this machine: manifests, sessions that are whole or not there, resuming, what they tell together."""
+"""Fleets on one machine: manifests, complete or absent sessions, resuming, the summary."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from signid.errors import InputError
 
 @pytest.fixture(scope="module")
 def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a manifest of eight sessions, two of which cannot be done, and the fleet of it."""
+    """A folder with a manifest of eight sessions, two of them impossible, and its fleet."""
     folder = tmp_path_factory.mktemp("fleet")
     days = record(folder)
     (folder / "short.csv").write_text("t,q_1,tau_1\n0,0,1\n0.01,0.1,2\n")
@@ -55,18 +55,23 @@ def test_every_session_has_the_files_of_the_single_command(done: Path, monkeypat
         assert record["arguments"] == words[:-2] and record["files"] == sorted(kept)
 
 
-def test_the_fleet_tells_all_together(done: Path) -> None:
-    told = json.loads((done / "out/fleet.json").read_text("utf-8"))
-    assert [(robot["name"], len(robot["sessions"])) for robot in told["robots"]][-2:] == [("arm 3", 1), ("arm 4", 1)]
-    assert told["robots"][0]["name"] == "arm 2" and told["robots"][0]["mismatch"] > 10
-    assert told["robots"][0]["joint"] in ("joint_1", "joint_2", "joint_3") and told["robots"][0]["explained"] > 0.9
-    states = {one["session"]: one for one in told["sessions"]}
+def test_the_summary_combines_all_sessions(done: Path) -> None:
+    summary = json.loads((done / "out/fleet.json").read_text("utf-8"))
+    assert [(robot["name"], len(robot["sessions"])) for robot in summary["robots"]][-2:] == [
+        ("arm 3", 1),
+        ("arm 4", 1),
+    ]
+    assert summary["robots"][0]["name"] == "arm 2" and summary["robots"][0]["mismatch"] > 10
+    assert (
+        summary["robots"][0]["joint"] in ("joint_1", "joint_2", "joint_3") and summary["robots"][0]["explained"] > 0.9
+    )
+    states = {one["session"]: one for one in summary["sessions"]}
     assert states["arm-3_none.csv"]["said"] == ["cannot read none.csv: No such file or directory"]
     assert "too short" in states["arm-4_short.csv_identify"]["said"][0]
     assert {"done", "not done"} <= {one["state"] for one in states.values()} <= {"done", "flagged", "not done"}
-    slopes = {drift["number"]: drift for drift in told["drifts"] if drift["name"] == "arm 1"}
+    slopes = {drift["number"]: drift for drift in summary["drifts"] if drift["name"] == "arm 1"}
     assert slopes["viscous_friction of joint_1: coefficient"]["slope"]["unit"] == "N.m.s/rad/d"
-    assert any(cause["robots"] == ["arm 2"] and cause["of"] == 1 for cause in told["causes"])
+    assert any(cause["robots"] == ["arm 2"] and cause["of"] == 1 for cause in summary["causes"])
 
 
 class _Links(HTMLParser):
@@ -102,7 +107,7 @@ def refuse_all(orders: Sequence[Order], *_: object) -> Iterator[tuple[int, Answe
         yield k, Answer(None, (" ".join(order.arguments),), {})
 
 
-def test_what_was_done_is_not_done_again(done: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_finished_sessions_are_not_repeated(done: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(run_module, "spread", refuse_all)
     path, out = done / "manifest.csv", done / "out"
     before = contents(out)
@@ -111,7 +116,7 @@ def test_what_was_done_is_not_done_again(done: Path, tmp_path: Path, monkeypatch
         found = fleet(path, out, **options)
         return [one.said[0] for one in found.outcomes if not one.done and "cannot read" not in one.said[0]]
 
-    assert asked() == ["identify 3r short.csv"]  # what could not be done is tried again
+    assert asked() == ["identify 3r short.csv"]  # failed sessions are tried again
     assert contents(out) == before
     assert len(asked(seed=1)) == 7
     changed = (done / "day_1.parquet").read_bytes()
@@ -151,7 +156,7 @@ def test_a_session_whose_process_dies_twice_does_not_stop_the_others(
     assert elsewhere[1].code is None and "install the same" in elsewhere[1].said[0]
 
 
-def test_a_process_that_died_before_it_was_asked_ends_quietly() -> None:
+def test_a_process_that_died_before_its_first_task_ends_quietly() -> None:
     process = process_module._Process()
     os.kill(process.child.pid, signal.SIGKILL)
     process.child.wait()
@@ -161,7 +166,7 @@ def test_a_process_that_died_before_it_was_asked_ends_quietly() -> None:
     assert process.child.stdin is not None and process.child.stdin.closed
 
 
-def test_a_process_that_nobody_asks_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_orphaned_process_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(process_module, "IDLE", 0.05)
     processes = process_module.Processes()
     assert processes.carry_out(Order(("effects",), str(tmp_path))).code == 2
@@ -174,7 +179,7 @@ def test_a_process_that_nobody_asks_ends(tmp_path: Path, monkeypatch: pytest.Mon
 
 
 def whole(folder: Path) -> list[str]:
-    """Names of all sessions, each found to be whole."""
+    """Names of all sessions, after a check that each is complete."""
     names = []
     for place in (folder / "sessions").glob("[!.]*"):
         kept = contents(place)
@@ -184,7 +189,7 @@ def whole(folder: Path) -> list[str]:
     return sorted(names)
 
 
-def test_ctrl_c_and_kill_leave_whole_sessions_and_the_rest_is_done_next(tmp_path: Path) -> None:
+def test_ctrl_c_and_kill_leave_complete_sessions_and_the_next_run_does_the_rest(tmp_path: Path) -> None:
     rows = [f"3r,{day},arm,,identify" for day in record(tmp_path, 3)]
     path, out, expected = (
         manifest(tmp_path, *rows),
@@ -210,7 +215,7 @@ def test_ctrl_c_and_kill_leave_whole_sessions_and_the_rest_is_done_next(tmp_path
 
 
 @pytest.mark.skipif(not hasattr(os, "killpg"), reason="no groups of processes")
-def test_ctrl_c_in_a_terminal_is_heard_by_who_asks_alone(tmp_path: Path) -> None:
+def test_ctrl_c_in_a_terminal_stops_only_the_parent_process(tmp_path: Path) -> None:
     path = manifest(tmp_path, *[f"3r,{day},arm,,diagnose" for day in record(tmp_path, 4)])
     hears = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"  # also where pytest does not
     program = f"{hears}; from signid.cli import main; main()"
@@ -219,12 +224,12 @@ def test_ctrl_c_in_a_terminal_is_heard_by_who_asks_alone(tmp_path: Path) -> None
         while not list((tmp_path / "out/sessions").glob("[!.]*")) and child.poll() is None:
             time.sleep(0.02)
         os.killpg(child.pid, signal.SIGINT)
-        _, told = child.communicate()
-    assert child.returncode == 130 and "repeat the command to continue" in told
+        _, output = child.communicate()
+    assert child.returncode == 130 and "repeat the command to continue" in output
     assert len(list((tmp_path / "out/sessions").glob("[!.]*"))) == 1, "nothing is done again"
 
 
-def test_a_folder_that_cannot_be_written_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_unwritable_folder_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = manifest(tmp_path, f"3r,{record(tmp_path, 1)[0]},arm,,identify")
     (tmp_path / "out").mkdir()
     (tmp_path / "out/sessions").write_text("")

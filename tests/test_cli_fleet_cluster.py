@@ -1,4 +1,4 @@
-"""Fleets over a Dask cluster of several processes: killed workers lose nothing, the answer is that of one machine."""
+"""Fleets on a Dask cluster of several processes: killed workers lose nothing, results equal those of one machine."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ def cluster() -> Iterator[Any]:
 
 
 def workers(cluster: Any) -> tuple[list[int], list[int]]:
-    """Process numbers of all workers, and of those that are at work."""
+    """Process numbers of all workers and of busy workers."""
     with distributed.Client(cluster.scheduler_address, set_as_default=False) as client:
         pids, working = client.run(os.getpid), client.processing()
     return list(pids.values()), [pids[address] for address, tasks in working.items() if tasks and address in pids]
 
 
-def test_a_worker_that_is_killed_in_the_middle_loses_nothing(cluster: Any, tmp_path: Path) -> None:
+def test_a_killed_worker_loses_nothing(cluster: Any, tmp_path: Path) -> None:
     rows = [f"3r,{day},arm {k},,identify" for k in range(2) for day in record(tmp_path, 2)]
     path, killed = manifest(tmp_path, *rows), list[int]()
 
@@ -55,7 +55,7 @@ def test_a_worker_that_is_killed_in_the_middle_loses_nothing(cluster: Any, tmp_p
     assert contents(tmp_path / "far") == contents(tmp_path / "near") and near.document() == found.document()
 
 
-def test_one_recording_in_parts_on_the_cluster_is_that_of_one_machine(
+def test_one_recording_in_parts_gives_the_result_of_one_machine(
     cluster: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -72,7 +72,7 @@ def test_one_recording_in_parts_on_the_cluster_is_that_of_one_machine(
     assert Path("many.npz").read_bytes() == Path("one.npz").read_bytes()
 
 
-def test_work_that_no_worker_survives_is_told(cluster: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_task_that_kills_workers_is_reported(cluster: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(spreading, "carry_out", _deadly)
     answers = dict(spread([Order(("die",), ""), Order(("live",), "")], scheduler=cluster.scheduler_address))
     assert answers[0].code is None and "every worker that ran it died" in answers[0].said[0]
@@ -84,7 +84,7 @@ def test_work_that_no_worker_survives_is_told(cluster: Any, tmp_path: Path, monk
     ].replace(")", "")
 
 
-def test_a_scheduler_that_is_not_there_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_scheduler_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(spreading, "PATIENCE", 2.0)
     with pytest.raises(OptionError, match="no Dask scheduler answers at tcp://127.0.0.1:9"):
         list(spread([Order((), "")], scheduler="tcp://127.0.0.1:9"))
@@ -98,7 +98,7 @@ def test_a_scheduler_that_is_not_there_is_told(monkeypatch: pytest.MonkeyPatch) 
         list(spread([Order((), "")], scheduler="tcp://127.0.0.1:9"))
 
 
-def test_a_scheduler_that_is_lost_leaves_what_is_done(tmp_path: Path) -> None:
+def test_a_lost_scheduler_keeps_finished_sessions(tmp_path: Path) -> None:
     path = manifest(tmp_path, *(f"3r,{day},arm,,identify" for day in record(tmp_path)))
     cluster = distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=":0")
 

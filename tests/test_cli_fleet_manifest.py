@@ -1,4 +1,4 @@
-"""Manifests: every wrong row is told in a sentence, before anything is done."""
+"""Manifests: every wrong row is reported in one sentence before any session runs."""
 
 from __future__ import annotations
 
@@ -35,32 +35,32 @@ BAD = {
 
 
 @pytest.mark.parametrize("text", BAD)
-def test_a_manifest_that_is_wrong_is_refused_in_a_sentence(text: str, tmp_path: Path) -> None:
+def test_a_wrong_manifest_is_refused_in_one_sentence(text: str, tmp_path: Path) -> None:
     (tmp_path / "list.csv").write_text(text, encoding="utf-8")
     with pytest.raises(ManifestError, match=BAD[text]) as caught:
         read_manifest(tmp_path / "list.csv")
     assert len(caught.value.sentences) == 1 and caught.value.sentences[0].startswith("list.csv")
 
 
-def test_all_wrong_rows_are_told_before_anything_is_done(
+def test_all_wrong_rows_are_reported_before_any_session_runs(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rows = ["3r,a.csv,,,cure", "3r,b.csv,,,identify", "3r,c.csv,,noon,identify"]
     path, out = manifest(tmp_path, *rows), tmp_path / "out"
     assert run(["fleet", str(path), "-o", str(out)]) == 2
-    told = capsys.readouterr().err.splitlines()
-    assert len(told) == 2 and "line 2" in told[0] and "line 4" in told[1]
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 2 and "line 2" in lines[0] and "line 4" in lines[1]
     manifest(tmp_path, "3r,b.csv,,,identify", "no_robot,b.csv,,,identify", "robot.urdf,b.csv,,,diagnose")
     assert run(["fleet", str(path), "-o", str(out)]) == 2
-    told = capsys.readouterr().err.splitlines()
-    assert len(told) == 2 and "line 3: " in told[0] and "no_robot" in told[0] and "line 4: " in told[1]
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 2 and "line 3: " in lines[0] and "no_robot" in lines[0] and "line 4: " in lines[1]
     assert not out.exists()
     for words, why in (([], "add -o DIR"), (["-o", str(out), "--scheduler", "tcp://x", "--workers", "2"], "give one")):
         manifest(tmp_path, "3r,manifest.csv,,,identify")
         assert run(["fleet", str(path), *words]) == 2 and why in capsys.readouterr().err
 
 
-def test_a_row_is_the_command_that_does_it(tmp_path: Path) -> None:
+def test_a_row_equals_its_single_command(tmp_path: Path) -> None:
     head = "robot,recording,held_out,reference,columns,actuators,name,time"
     row = "arms/7.urdf,a.csv; b.csv,c.csv,d.csv,map.toml,drives.toml,Ä 7/b,2026-03-31T14:00+02:00"
     (entry,) = read_manifest(manifest(tmp_path, row, head="\ufeff" + head)).entries

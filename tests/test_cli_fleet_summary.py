@@ -1,4 +1,4 @@
-"""What sessions tell together: drift or noise, equal causes, and the page that shows them."""
+"""Summary of sessions: drift or noise, equal causes, and their page."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def numbers(days: np.ndarray, values: np.ndarray, std: float) -> list[tuple[floa
 
 @pytest.mark.parametrize("sessions", [3, 5, 20])
 @pytest.mark.parametrize("scatter", [1.0, 5.0])
-def test_noise_is_no_drift_even_where_it_is_larger_than_said(sessions: int, scatter: float) -> None:
+def test_noise_is_no_drift_even_above_its_stated_size(sessions: int, scatter: float) -> None:
     rng, alarms = np.random.default_rng(0), 0
     for _ in range(200):
         days = [np.sort(rng.uniform(0, 100, sessions)) for _ in range(30)]
@@ -39,7 +39,7 @@ def test_noise_is_no_drift_even_where_it_is_larger_than_said(sessions: int, scat
     assert alarms <= 0.05 * 200 + 2 * (0.05 * 0.95 * 200) ** 0.5
 
 
-def test_a_drift_is_found_with_an_interval_that_holds_it() -> None:
+def test_a_drift_is_found_and_its_interval_covers_it() -> None:
     rng, inside, found = np.random.default_rng(1), 0, 0
     for _ in range(300):
         days = np.arange(8.0) * 30
@@ -56,7 +56,7 @@ def test_a_drift_is_found_with_an_interval_that_holds_it() -> None:
 
 
 def diagnosis(causes: Mapping[str, float], level: float) -> dict[str, Any]:
-    """What is read of a diagnosis."""
+    """The part of a diagnosis that the summary reads."""
     fit = {"joints": ["j1", "j2"], "held_out_rms": [1.0, 2.0 * level], "noise_floor": [0.5, 0.1]}
     findings = [
         {
@@ -116,8 +116,8 @@ def test_drifts_are_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
 
     def answer(orders: Sequence[Order], *_: object) -> Iterator[tuple[int, Answer]]:
         for k in range(len(orders)):
-            told = diagnosis({"coulomb_friction": 1.0 + 0.2 * k}, 1.0)
-            yield k, Answer(DONE, (), {"diagnosis.json": json.dumps(told).encode()})
+            document = diagnosis({"coulomb_friction": 1.0 + 0.2 * k}, 1.0)
+            yield k, Answer(DONE, (), {"diagnosis.json": json.dumps(document).encode()})
 
     monkeypatch.setattr(run_module, "spread", answer)
     rows = [f"3r,day_0.parquet,worn,2026-0{k}-01,diagnose" for k in range(1, 7)]

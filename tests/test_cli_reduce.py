@@ -1,4 +1,4 @@
-"""`signid reduce`, and its files where recordings may stand."""
+"""The command `signid reduce`, and its files as inputs of other commands."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def test_days_add_up_and_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert [file["path"] for file in inputs] == [*days, "3r", "a.npz", "b.npz"]
 
 
-def test_factors_in_which_nothing_is_held_out_or_learned_from(
+def test_factors_without_held_out_or_training_rows(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -74,7 +74,7 @@ def test_factors_in_which_nothing_is_held_out_or_learned_from(
     for name, empty in none.items():
         Path(f"{name}.npz").write_bytes(encode_factors(replace(found, **{name: empty})))
     assert run(["identify", "3r", "held_out.npz", "-o", "out"]) == 0
-    told = json.loads(Path("out/identification.json").read_text("utf-8"))["fit"]
-    assert told["held_out_rms"] == told["held_out_r2"] == [None] * 3 and None not in told["train_rms"]
+    fit = json.loads(Path("out/identification.json").read_text("utf-8"))["fit"]
+    assert fit["held_out_rms"] == fit["held_out_r2"] == [None] * 3 and None not in fit["train_rms"]
     assert "nan" not in Path("out/report.html").read_text("utf-8").partition("<script>")[0]
     assert run(["identify", "3r", "train.npz", "-o", "c"]) == 2 and "or is damaged" in capsys.readouterr().err

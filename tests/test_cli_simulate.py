@@ -1,4 +1,4 @@
-"""Simulate, excite and effects as a user meets them."""
+"""The commands `signid simulate`, `excite` and `effects`."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ REAL = "--noise 0.01 --encoder-bits 17 --seed 3".split()
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """Every test in a folder of its own."""
+    """Run every test in its own folder."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("SIGNID_DEBUG", raising=False)
     yield tmp_path
@@ -36,8 +36,8 @@ def strict(text: str) -> Any:
     return json.loads(text, parse_constant=refuse)
 
 
-def told(command: str, capfd: pytest.CaptureFixture[str], code: int = 0) -> Any:
-    """What a command prints with --json."""
+def printed(command: str, capfd: pytest.CaptureFixture[str], code: int = 0) -> Any:
+    """JSON output of a command."""
     capfd.readouterr()
     assert run([*command.split(), "--json"]) == code, capfd.readouterr().err
     return strict(capfd.readouterr().out)
@@ -49,7 +49,7 @@ def columns(path: str) -> dict[str, np.ndarray]:
     return dict(zip(text[0].split(","), rows.T, strict=True))
 
 
-def test_what_is_injected_is_identified(capfd: pytest.CaptureFixture[str]) -> None:
+def test_injected_laws_are_identified(capfd: pytest.CaptureFixture[str]) -> None:
     injected = ["--inject", "coulomb_friction@2:level=0.8", "--inject", "viscous_friction@joint_1:coefficient=0.4"]
     assert run(["simulate", "3r", "-o", "x.csv", "--inject", LIGHT, *injected, *REAL]) == 0
     out, err = capfd.readouterr()
@@ -65,11 +65,11 @@ def test_what_is_injected_is_identified(capfd: pytest.CaptureFixture[str]) -> No
     assert run(["simulate", "result/model.json", "-o", "again.parquet", "--duration", "2"]) == 0
 
 
-def test_what_json_tells_is_so(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_the_json_output_is_correct(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
     (folder / "a.toml").write_text("[joint.2]\nviscous_friction = 0.3\n")
     pair = "joint_coupling@2:partner=joint_3,inertia=0,viscous=0.1,coulomb=0.05"
     command = f"simulate 3r -o x.csv --actuators a.toml --inject {pair} --inject base_tilt:x=0.1,y=0 --rate 100"
-    found = told(f"{command} --duration 3 --jitter 0.05 --drop-outs 0.05 --seed 4", capfd)
+    found = printed(f"{command} --duration 3 --jitter 0.05 --drop-outs 0.05 --seed 4", capfd)
     table = columns("x.csv")
     assert (found["schema"], found["robot"], found["seed"]) == ("signid.simulation/1", "3r", 4)
     assert found["version"] == signid.__version__
@@ -90,13 +90,13 @@ def test_what_json_tells_is_so(folder: Path, capfd: pytest.CaptureFixture[str]) 
 
 
 def test_json_alone_writes_nothing(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    assert told("simulate 1r --duration 1", capfd)["rows"] == 250
-    assert told("effects spring", capfd)["effects"][0]["name"] == "spring"
+    assert printed("simulate 1r --duration 1", capfd)["rows"] == 250
+    assert printed("effects spring", capfd)["effects"][0]["name"] == "spring"
     assert not list(folder.iterdir())
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".csv.gz", ".parquet", ".npz"])
-def test_same_seed_same_bytes(suffix: str, capfd: pytest.CaptureFixture[str]) -> None:
+def test_the_same_seed_gives_the_same_bytes(suffix: str, capfd: pytest.CaptureFixture[str]) -> None:
     for name, seed in (("one", "3"), ("two", "3"), ("other", "4")):
         assert (
             run(["simulate", "1r", "-o", f"{name}{suffix}", "--duration", "1", "--noise", "0.1", "--seed", seed]) == 0
@@ -119,7 +119,7 @@ def test_joints_without_a_column_are_held(folder: Path, capfd: pytest.CaptureFix
     t = np.linspace(0, 2, 101)
     rows = [f"{5 + x},{0.2 * np.sin(2 * x)},{0.3 * np.sin(3 * x)}" for x in t]
     (folder / "m.csv").write_text("\n".join(["t,q_2,q_joint_3", *rows]))
-    found = told("simulate 3r --motion m.csv -o x.csv", capfd)
+    found = printed("simulate 3r --motion m.csv -o x.csv", capfd)
     assert found["joints"] == ["joint_2", "joint_3"] and found["duration"] == pytest.approx(2, abs=0.01)
     assert any("held fixed: joint_1 at 0 rad" in note for note in found["notes"])
     table = columns("x.csv")
@@ -134,27 +134,27 @@ def test_a_recording_plays_back(capfd: pytest.CaptureFixture[str]) -> None:
     one, two = columns("x.csv"), columns("y.csv")
     assert list(two) == ["t", "q_joint_1", "tau_joint_1"]
     assert np.abs(one["q_joint_1"][:-1] - two["q_joint_1"]).max() < 5e-3 < np.ptp(two["q_joint_1"])
-    found = told("simulate 1r --torque x.csv", capfd)
+    found = printed("simulate 1r --torque x.csv", capfd)
     assert found["drive"] == {"kind": "open loop"} and found["tracking_rms"] is None
 
 
-def test_controller_and_integrator_are_heard(capfd: pytest.CaptureFixture[str]) -> None:
+def test_controller_and_integrator_options_have_an_effect(capfd: pytest.CaptureFixture[str]) -> None:
     given = "simulate 3r --duration 1 --step 5e-4 --integrator rk4 --kp 200,300,40 --kd 5 --feed-forward 0.5"
-    found = told(given, capfd)
+    found = printed(given, capfd)
     assert found["drive"]["stiffness"] == [200, 300, 40] and found["drive"]["damping"] == [5, 5, 5]
     assert found["drive"]["feed_forward"] == 0.5 and found["step"] == 5e-4 and found["integrator"] == "rk4"
-    stiff, soft = (told(f"simulate 3r --duration 1 --bandwidth {x} --feed-forward 0", capfd) for x in (12, 3))
+    stiff, soft = (printed(f"simulate 3r --duration 1 --bandwidth {x} --feed-forward 0", capfd) for x in (12, 3))
     assert np.all(np.array(stiff["tracking_rms"]) < np.array(soft["tracking_rms"]))
     assert any("--bandwidth" in note for note in soft["notes"])
 
 
 def test_signs_can_be_left_out(capfd: pytest.CaptureFixture[str]) -> None:
-    found = told("simulate 3r --duration 1 --unsigned -o x.csv", capfd)
+    found = printed("simulate 3r --duration 1 --unsigned -o x.csv", capfd)
     assert "abs_tau_joint_1" in found["columns"] and columns("x.csv")["abs_tau_joint_1"].min() >= 0
 
 
 def test_an_exciting_motion_is_followed(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    found = told("excite 1r -o m.csv --duration 4 --harmonics 3 --velocity-scale 0.5 --seed 2", capfd)
+    found = printed("excite 1r -o m.csv --duration 4 --harmonics 3 --velocity-scale 0.5 --seed 2", capfd)
     assert (found["schema"], found["purpose"], found["kind"]) == ("signid.excitation/1", "excite", "fourier")
     assert found["rows"] == 401 and found["flags"] == [] and found["seed"] == 2
     assert {"expression", "std", "relative_std"} == set(found["base_parameters"][0])
@@ -168,9 +168,9 @@ def test_an_exciting_motion_is_followed(folder: Path, capfd: pytest.CaptureFixtu
     assert "Least identifiable of" in capfd.readouterr().out
 
 
-def test_laws_are_told_apart_or_not(capfd: pytest.CaptureFixture[str]) -> None:
+def test_excitation_distinguishes_laws_or_says_that_it_cannot(capfd: pytest.CaptureFixture[str]) -> None:
     both = "viscous_friction@1:coefficient=1,spring@1:stiffness=5,rest=0.2"
-    found = told(f"excite 1r -o m.csv --duration 4 --harmonics 3 --separate {both}", capfd)
+    found = printed(f"excite 1r -o m.csv --duration 4 --harmonics 3 --separate {both}", capfd)
     assert found["purpose"] == "separate" and found["enough"] and not found["structural"]
     assert [law["effect"] for law in found["laws"]] == ["viscous_friction", "spring"]
     same = {
@@ -184,7 +184,7 @@ def test_laws_are_told_apart_or_not(capfd: pytest.CaptureFixture[str]) -> None:
         assert words in err and "written" in out and Path("n.csv").is_file()
 
 
-def test_commas_part_laws_and_their_numbers() -> None:
+def test_commas_separate_laws_and_their_parameters() -> None:
     spring, tilt = "spring@2:stiffness=3,rest=0", "base_tilt:x=1,y=2"
     assert split_laws([f"{spring},{tilt}"]) == split_laws([spring, tilt]) == [spring, tilt]
     assert split_laws(["spring@2,payload"]) == ["spring@2", "payload"]
@@ -203,7 +203,7 @@ def test_effects_are_listed_and_read_back(capfd: pytest.CaptureFixture[str]) -> 
     assert run(["effects", "stribeck_friction"]) == 0
     card = " ".join(capfd.readouterr().out.split())
     assert all(word in card for word in ("rad/s", "Automatica", "exp(", "--inject stribeck_friction@JOINT:level="))
-    assert len(told("effects", capfd)["effects"]) == len(EFFECTS.names)
+    assert len(printed("effects", capfd)["effects"]) == len(EFFECTS.names)
 
 
 def test_every_effect_can_be_injected(capfd: pytest.CaptureFixture[str]) -> None:
@@ -233,7 +233,7 @@ def test_a_recording_is_not_half_written(
         ("excite 1r -o x.csv --separate viscous_friction@1", "does not name two laws"),
     ],
 )
-def test_what_would_be_of_no_use_is_refused(
+def test_useless_requests_are_refused(
     command: str, words: str, folder: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     assert run(command.split()) == 2

@@ -1,4 +1,4 @@
-"""Validate as a user meets it."""
+"""The command `signid validate`."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def test_the_document_has_the_fields_of_the_contract(capfd: pytest.CaptureFixtur
     assert all(files[name] == sha256(Path(name).read_bytes()).hexdigest() for name in ("held_out.parquet", MODELS[1]))
 
 
-def test_what_the_terminal_shows(capfd: pytest.CaptureFixture[str]) -> None:
+def test_the_terminal_output(capfd: pytest.CaptureFixture[str]) -> None:
     assert run(["validate", "held_out.parquet", *MODELS]) == 0
     out, err = capfd.readouterr()
     lines = [line.rstrip() for line in out.splitlines()]
@@ -155,7 +155,7 @@ def test_a_bag_is_a_recording(place: Path, capfd: pytest.CaptureFixture[str]) ->
     np.testing.assert_allclose(*rms, rtol=1e-3)
 
 
-def test_a_gross_fault_is_a_flag(place: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_recording_fault_is_a_flag(place: Path, capfd: pytest.CaptureFixture[str]) -> None:
     pl.read_parquet("held_out.parquet").with_columns(-pl.col("tau_2")).write_parquet("negated.parquet")
     found = printed(capfd, *MODELS, "negated.parquet", "--no-rollout", code=3)
     assert len(found["flags"]) == 1 and "the torque of joint_2 has the wrong sign" in found["flags"][0]
@@ -184,7 +184,7 @@ def test_a_gross_fault_is_a_flag(place: Path, capfd: pytest.CaptureFixture[str])
         ("3r held_out.parquet -o ''", "no folder for the results was named"),
     ],
 )
-def test_bad_input_gets_a_sentence(command: str, words: str, place: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_bad_input_gives_one_sentence(command: str, words: str, place: Path, capfd: pytest.CaptureFixture[str]) -> None:
     (place / "empty").mkdir(exist_ok=True)
     (place / "notes.txt").write_text("no samples\n")
     table = pl.read_parquet("held_out.parquet")

@@ -1,4 +1,4 @@
-"""Killed, out of room, out of memory, two at once, strange paths: files are whole or none, and a sentence says why."""
+"""Kills, full disk, no memory, two runs at once, strange paths: files are complete or absent."""
 
 from __future__ import annotations
 
@@ -40,17 +40,17 @@ def writer(folder: Path, mark: str, rounds: int) -> subprocess.Popen[str]:
 
 
 def generation(path: Path) -> str:
-    """What a whole file repeats from its beginning to its end."""
+    """Pattern of a complete file, from its beginning to its end."""
     text = path.read_text()
     first = text.partition(";")[0]
     assert text == f"{first};" * (SIZE // (len(first) + 1)), f"{path.name} is not whole"
     return first
 
 
-def test_killed_at_any_moment_files_are_whole(tmp_path: Path) -> None:
+def test_files_are_complete_after_a_kill_at_any_moment(tmp_path: Path) -> None:
     rng = random.Random(0)
     for kill in range(KILLS):
-        folder = tmp_path / str(kill % 3)  # new at first, then full of the files of those killed before
+        folder = tmp_path / str(kill % 3)  # new at first, then with the files of killed runs
         process = writer(folder, f"{kill:03d}", 10**6)
         assert process.stdout is not None
         process.stdout.readline()
@@ -61,7 +61,7 @@ def test_killed_at_any_moment_files_are_whole(tmp_path: Path) -> None:
         assert made[0] <= min(made), "the first appears last"
 
 
-def test_what_the_killed_leave_is_cleared_away_a_day_later(tmp_path: Path) -> None:
+def test_files_of_killed_runs_are_removed_a_day_later(tmp_path: Path) -> None:
     process = writer(tmp_path, "a", 10**6)
     assert process.stdout is not None
     process.stdout.readline()
@@ -86,7 +86,7 @@ def test_what_the_killed_leave_is_cleared_away_a_day_later(tmp_path: Path) -> No
     assert not any(path.exists() for path in (young, *left)) and all(path.exists() for path in foreign)
 
 
-def test_two_at_once_leave_whole_files(tmp_path: Path) -> None:
+def test_two_runs_at_once_leave_complete_files(tmp_path: Path) -> None:
     both = [writer(tmp_path / "out", mark, ROUNDS) for mark in ("a", "b")]
     for process in both:
         process.communicate(timeout=60)
@@ -96,7 +96,7 @@ def test_two_at_once_leave_whole_files(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["out.csv", "out.parquet", "out.npz"])
-def test_a_full_disk_is_told(name: str, tmp_path: Path) -> None:
+def test_a_full_disk_is_reported(name: str, tmp_path: Path) -> None:
     pytest.importorskip("resource")
     program = """if 1:
         import resource, sys
@@ -116,7 +116,7 @@ def test_a_full_disk_is_told(name: str, tmp_path: Path) -> None:
     "where", ["os.replace", "os.fdopen", "tempfile.mkstemp", "pathlib.Path.chmod", "pathlib.Path.mkdir"]
 )
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EROFS, errno.EACCES, errno.EIO, errno.EDQUOT])
-def test_what_cannot_be_written_leaves_nothing(
+def test_a_failed_write_leaves_nothing(
     where: str, number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(*_: object, **__: object) -> None:
@@ -129,7 +129,7 @@ def test_what_cannot_be_written_leaves_nothing(
     assert not list(tmp_path.rglob("*.*"))
 
 
-def test_a_piece_that_cannot_be_made_leaves_nothing(tmp_path: Path) -> None:
+def test_a_failed_part_leaves_nothing(tmp_path: Path) -> None:
     def pieces() -> object:
         yield "half"
         raise KeyboardInterrupt
@@ -139,7 +139,7 @@ def test_a_piece_that_cannot_be_made_leaves_nothing(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-def test_strange_paths_are_fine_everywhere(
+def test_strange_paths_work_everywhere(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     folder = tmp_path / "a folder é 日本 'x' %20 #1"
@@ -162,7 +162,7 @@ def test_strange_paths_are_fine_everywhere(
     assert Path("é è.html").is_file() and Path("é 2.html").is_file() and Path("f é.py").is_file()
 
 
-def test_too_little_memory_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_too_little_memory_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "r.csv"
     path.write_text(csv(swing()))
     monkeypatch.setattr(memory, "free_memory", lambda: 1000.0)
@@ -175,7 +175,7 @@ def test_too_little_memory_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         find_format(packed).open(packed)
 
 
-def test_a_memory_ceiling_is_told(tmp_path: Path) -> None:
+def test_a_memory_limit_is_reported(tmp_path: Path) -> None:
     pytest.importorskip("resource")
     program = """if 1:
         import resource, sys

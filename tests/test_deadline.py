@@ -1,4 +1,4 @@
-"""Time that cuts a search short is said; without that, limits change nothing."""
+"""Time limits: a truncated search is flagged; a limit that is not reached changes nothing."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ SEARCHES: dict[str, tuple[str, Callable[[Any, Any, Any], Any]]] = {
 
 
 @pytest.mark.parametrize("name", SEARCHES)
-def test_every_search_ends_and_says_so(name: str, robot: Robot, recording: Recording, lost: Recording) -> None:
+def test_every_search_ends_with_a_flag(name: str, robot: Robot, recording: Recording, lost: Recording) -> None:
     said, verb = SEARCHES[name]
     with time_limit(AT_ONCE):
         found = verb(robot, recording, lost)
@@ -71,7 +71,7 @@ def test_least_squares_is_no_search(robot: Robot, recording: Recording) -> None:
     assert np.array_equal(found.estimate.value, signid.identify(robot, [recording], method="wls").estimate.value)
 
 
-def test_the_nearer_of_two_limits_counts() -> None:
+def test_the_earlier_of_two_limits_counts() -> None:
     assert seconds_left() == np.inf
     with time_limit(1000.0):
         with time_limit(AT_ONCE):
@@ -83,7 +83,7 @@ def test_the_nearer_of_two_limits_counts() -> None:
 
 
 @pytest.mark.parametrize("library", OPTIMISERS.names)
-def test_an_optimiser_gives_the_best_until_then(library: str) -> None:
+def test_an_optimiser_returns_its_best_point_so_far(library: str) -> None:
     problem = Problem(lambda x: float(x @ x), -np.ones(2), np.ones(2), np.full(2, 0.5))
     with time_limit(AT_ONCE):
         found = OPTIMISERS[library].minimise(problem, budget_evaluations=1000)
@@ -104,7 +104,7 @@ def test_the_command_ends_with_3(tmp_path: Path, capfd: pytest.CaptureFixture[st
 
 
 def stopped_by_hand(verb: Callable[[], Any]) -> Any:
-    """What a verb finds whose searches are asked to stop as soon as one has an answer."""
+    """Result of a verb when its searches are asked to stop after the first answer."""
     from signid import deadline
 
     with pytest.MonkeyPatch.context() as patch:
@@ -113,13 +113,13 @@ def stopped_by_hand(verb: Callable[[], Any]) -> Any:
         return verb()
 
 
-def test_a_stop_is_flagged_by_what_asked_for_it(robot: Robot, recording: Recording) -> None:
+def test_a_stop_is_flagged_with_its_cause(robot: Robot, recording: Recording) -> None:
     found = stopped_by_hand(lambda: signid.identify(robot, [recording], method="pbrp"))
     (flag,) = [flag for flag in found.flags if flag.startswith("stopped early by a test: ")]
     assert "the search for standard parameters" in flag and "ended with the best result so far" in flag
 
 
-def test_a_fit_that_was_cut_short_is_not_worse_than_least_squares(robot: Robot, recording: Recording) -> None:
+def test_a_truncated_fit_is_not_worse_than_least_squares(robot: Robot, recording: Recording) -> None:
     plain = signid.identify(robot, [recording], method="wls")
     with time_limit(AT_ONCE):
         cut = signid.identify(robot, [recording], method="pbrp")

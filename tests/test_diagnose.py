@@ -1,4 +1,4 @@
-"""Diagnoses of robots in MuJoCo: what is wrong is named with its numbers, and nothing else is."""
+"""Diagnoses of robots in MuJoCo: faults are named with their parameters, and nothing else."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ FAULTS: list[tuple[Planted | tuple[tuple[str, int], ...], tuple[int, ...], dict[
 
 
 def examine(planted: Any, **more: Any) -> Diagnosis:
-    """Of a fault that is planted, or of friction that is not stated."""
+    """Diagnosis with a planted fault or without stated friction."""
     return look("3r", planted, **more) if isinstance(planted[0], str) else look("3r", without=planted, **more)
 
 
@@ -52,7 +52,7 @@ def effect(planted: Any) -> str:
 
 
 @pytest.mark.parametrize(("planted", "joints", "truth", "share"), FAULTS, ids=[effect(f[0]) for f in FAULTS])
-def test_a_fault_is_named_with_its_numbers(
+def test_a_fault_is_named_with_its_parameters(
     planted: Any, joints: tuple[int, ...], truth: dict[str, float], share: float
 ) -> None:
     found = examine(planted)
@@ -71,7 +71,7 @@ def test_a_fault_is_named_with_its_numbers(
 def test_the_extended_simulation_is_as_good_as_noise_allows(planted: Any) -> None:
     found = examine(planted)
     floor = found.after.irreducible_rms
-    assert np.all(found.after.held_out_rms < 1.6 * floor)  # of one recording, whose noise is its own
+    assert np.all(found.after.held_out_rms < 1.6 * floor)  # of one recording with its own noise
     assert np.any(found.before.held_out_rms > 2 * floor) and found.findings[0].held_out_gain > 0.3
     assert found.rollout_before is not None and found.rollout_after is not None
     before, after = (x.rms(0.5) for x in (found.rollout_before, found.rollout_after))
@@ -81,7 +81,7 @@ def test_the_extended_simulation_is_as_good_as_noise_allows(planted: Any) -> Non
 
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("robot", ("3r", "1r"))
-def test_nothing_is_missing_of_a_healthy_robot(robot: str, seed: int) -> None:
+def test_nothing_is_missing_for_a_healthy_robot(robot: str, seed: int) -> None:
     found = look(robot, seed=seed)
     assert (found.verdict, found.findings, found.unexplained, found.flags) == ("nothing_missing", (), (), ())
     assert 0 < found.tolerance < 0.02 and found.prior_scale == 0
@@ -89,7 +89,7 @@ def test_nothing_is_missing_of_a_healthy_robot(robot: str, seed: int) -> None:
     assert [place.joint for place in found.located] == list(range(len(found.robot.joints)))
 
 
-def test_all_friction_that_is_left_out_is_named_and_nothing_exotic() -> None:
+def test_unstated_friction_is_named_and_nothing_else() -> None:
     found = look("3r", stated=("armature",))
     plain = ("viscous_friction", "coulomb_friction")
     assert found.verdict == "named" and set(named(found)) == {(name, (j,)) for name in plain for j in ALL}
@@ -105,17 +105,17 @@ def test_delay_and_lag_are_alternatives_while_they_are_short() -> None:
     assert {"time_delay", "torque_lag"} <= listed
     assert any("one of several" in flag for flag in found.flags)
     (lag,) = look("3r", fault("torque_lag", time_constant=0.06)).findings
-    assert lag.law.effect.name == "torque_lag" and lag.probability > 0.95  # told apart once they are long
+    assert lag.law.effect.name == "torque_lag" and lag.probability > 0.95  # distinguishable once they are long
 
 
-def test_gross_faults_are_flagged_too() -> None:
+def test_recording_faults_are_flagged_too() -> None:
     for planted, words in ((fault("torque_sign", 2), "wrong sign"), (FAULTS[12][0], "exchanged")):
         found = examine(planted)
         assert any(words in flag and "joint_2" in flag for flag in found.flags)
 
 
 @pytest.mark.parametrize("planted", (SPRING, PAYLOAD), ids=effect)
-def test_the_extended_simulation_lacks_nothing_more(planted: Any) -> None:
+def test_the_extended_simulation_lacks_nothing(planted: Any) -> None:
     first = examine(planted)
     faults = (planted,) if isinstance(planted[0], str) else ()
     again = signid.diagnose(first.model, read("3r", recorded("3r", *faults, seed=9, motions=3)))
@@ -128,14 +128,14 @@ def test_the_same_recordings_give_the_same_bytes() -> None:
     assert to_json(diagnosis_document(again)) == to_json(diagnosis_document(look("3r", SPRING)))
 
 
-def test_without_its_law_a_fault_is_not_named() -> None:
+def test_a_fault_without_its_law_is_not_named() -> None:
     found = look("3r", GAIN, skip=("torque_gain",))
     assert found.verdict == "unknown" and all(one.law.effect.name != "torque_gain" for one in found.findings)
     assert any("no effect of the library explains" in flag for flag in found.flags)
     assert [left.joint for left in found.unexplained] == [1]
 
 
-def test_what_no_law_explains_is_unknown_and_said_where() -> None:
+def test_unexplained_torque_is_unknown_and_located() -> None:
     found = look("3r", fault("velocity_wave", 2, amplitude=0.4, velocity=0.3), seconds=16.0, motions=2)
     assert found.verdict == "unknown" and not found.findings
     (left,) = found.unexplained
@@ -149,7 +149,7 @@ def test_what_no_law_explains_is_unknown_and_said_where() -> None:
     ],
     ids=effect,
 )
-def test_a_law_of_no_library_is_of_the_right_family_or_unknown(planted: Any, family: str) -> None:
+def test_a_law_outside_the_library_gives_the_right_family_or_unknown(planted: Any, family: str) -> None:
     found = examine(planted)
     assert found.verdict == "unknown" or named(found)[0] == (family, (1,))
     assert {joint for _, joints in named(found) for joint in joints} <= {1}
@@ -158,7 +158,7 @@ def test_a_law_of_no_library_is_of_the_right_family_or_unknown(planted: Any, fam
 HEAVY = (("link_2", 1.15),)
 
 
-def test_a_reference_tells_the_load_from_wrong_bodies() -> None:
+def test_a_reference_distinguishes_the_load_from_wrong_bodies() -> None:
     made, healthy = recorded("3r", PAYLOAD, heavier=HEAVY), recorded("3r", seed=3, heavier=HEAVY)
     found = signid.diagnose(simulation("3r"), read("3r", made), reference=read("3r", healthy))
     first = found.findings[0]
@@ -168,7 +168,7 @@ def test_a_reference_tells_the_load_from_wrong_bodies() -> None:
     assert np.all(found.after.held_out_rms < 1.6 * found.after.irreducible_rms)
 
 
-def test_what_the_simulation_lacks_in_the_reference_is_no_finding() -> None:
+def test_differences_in_the_reference_are_no_findings() -> None:
     made, healthy = recorded("3r", SPRING, fault("torque_gain", 3, error=0.1)), recorded("3r", SPRING, seed=3)
     found = signid.diagnose(simulation("3r"), read("3r", made), reference=read("3r", healthy))
     assert named(found) == [("torque_gain", (2,))]
@@ -187,7 +187,7 @@ def test_torque_without_a_sign_is_diagnosed() -> None:
 
 
 @pytest.mark.parametrize("rows", (40, 100, 200))
-def test_too_little_is_refused_in_a_sentence(rows: int) -> None:
+def test_too_little_data_is_refused_in_one_sentence(rows: int) -> None:
     (whole,) = recorded("3r", motions=1)
     with pytest.raises(RecordingError) as refused:
         signid.diagnose(simulation("3r"), read("3r", ({key: x[:rows] for key, x in whole.items()},)))
@@ -196,6 +196,6 @@ def test_too_little_is_refused_in_a_sentence(rows: int) -> None:
     assert not said[0].isupper() and said[-1] != "." and any(x.isdigit() for x in said)
 
 
-def test_what_cannot_be_skipped_is_told() -> None:
+def test_laws_that_cannot_be_skipped_are_reported() -> None:
     with pytest.raises(OptionError, match="gravity"):
         look("3r", skip=("gravity",))

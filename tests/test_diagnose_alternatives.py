@@ -1,4 +1,4 @@
-"""How sure a law is beside its rivals, where a model is further off than its covariance says; and which comes first."""
+"""Probability of a law and its rivals when the model error exceeds the covariance; order of causes."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ OFF = COVARIANCE_SCALES[-1]
 
 
 def informed(question: Posed) -> Posed:
-    """The same of a model whose numbers identification left known to a tenth."""
+    """The same for a model with parameters known to 10 %."""
     evidence = question.posterior.evidence
     which = columns_of([group for group in evidence.data.refitted if group.bodies])
     known = StatedPrior(which, 100.0 * np.eye(len(which)))
@@ -33,7 +33,7 @@ def informed(question: Posed) -> Posed:
 
 
 def contenders(question: Posed, off: float) -> tuple[Contender, ...]:
-    """Of a spring and quadratic friction, where the model is `off` times further off than its covariance says."""
+    """Probabilities of a spring and quadratic friction; the model error is `off` times that of its covariance."""
     found = question.found(question.group("spring", 0), question.group("quadratic_friction", 0))
     return rank_contenders(question.dataset, replace(found, prior_scale=off))
 
@@ -48,7 +48,7 @@ def ratios(contender: Contender) -> dict[object, float]:
     return {key: float(np.log(contender.probability / p)) for key, (p, _) in contender.rivals.items() if p > 1e-200}
 
 
-def test_evidence_between_laws_of_the_same_torque_counts_less_where_the_model_is_off(question: Posed) -> None:
+def test_evidence_between_laws_of_equal_torque_counts_less_under_model_error(question: Posed) -> None:
     (sure, _), (unsure, _) = contenders(question, 1.0), contenders(question, OFF)
     near, far = ratios(unsure), ratios(sure)
     both = near.keys() & far.keys()
@@ -56,7 +56,7 @@ def test_evidence_between_laws_of_the_same_torque_counts_less_where_the_model_is
     assert unsure.log == pytest.approx(sure.log, rel=0.2)  # that it is there at all
 
 
-def test_causes_that_stand_where_rows_are_as_far_off_come_first(question: Posed) -> None:
+def test_causes_that_stay_under_inflated_noise_come_first(question: Posed) -> None:
     spring, drag = contenders(question, OFF)
     assert 0 < spring.log_at_scale < spring.log
     found = question.found(spring.group, drag.group)
@@ -65,11 +65,11 @@ def test_causes_that_stand_where_rows_are_as_far_off_come_first(question: Posed)
         assert decide_verdict(question.dataset, found, ranked).causes == (strong.group, weak.group)
 
 
-def test_of_a_model_without_covariance_nothing_is_doubted() -> None:
+def test_a_model_without_covariance_demotes_nothing() -> None:
     assert all(contender.log_at_scale == np.inf for contender in contenders(posed("1r", SPRING, DRAG), 2.0))
 
 
-def test_laws_of_joints_in_step_are_not_sure() -> None:
+def test_laws_of_joints_in_step_are_uncertain() -> None:
     one = posed("3r", SPRING)
     before = rank_contenders(one.dataset, one.found(one.group("spring", 0)))
     assert limit_in_step(one.dataset, before) == before and before[0].probability > 0.99
@@ -78,7 +78,7 @@ def test_laws_of_joints_in_step_are_not_sure() -> None:
     assert after.probability <= 0.95 and after.log <= np.log(19) + 1e-9
 
 
-def test_a_law_that_changes_another_is_founded_on_it() -> None:
+def test_a_law_that_changes_another_depends_on_it() -> None:
     one = posed("1r", SPRING, DRAG)
     bare = cast(Any, SimpleNamespace(evidence=SimpleNamespace(data=SimpleNamespace(refitted=()))))
     drift, spring = one.group("friction_drift", 0), one.group("spring", 0)
@@ -88,7 +88,7 @@ def test_a_law_that_changes_another_is_founded_on_it() -> None:
 
 
 @pytest.mark.parametrize(("before", "name"), [(1.0, "nothing_missing"), (200.0, "unknown")])
-def test_where_no_cause_stays_something_is_missing_only_if_it_is_loud(before: float, name: str) -> None:
+def test_without_causes_only_large_torque_is_missing(before: float, name: str) -> None:
     one = posed("1r", SPRING, DRAG)
     found = one.found(one.group("spring", 0))
     decided = decide_verdict(one.dataset, found, rank_contenders(one.dataset, found))
@@ -98,7 +98,7 @@ def test_where_no_cause_stays_something_is_missing_only_if_it_is_loud(before: fl
     assert verdict.is_quiet([0]) == (name == "nothing_missing")
 
 
-def test_causes_that_held_out_rows_speak_against_are_corrections_beside_others() -> None:
+def test_causes_contradicted_by_held_out_rows_are_corrections_beside_others() -> None:
     one = posed("1r", SPRING, DRAG)
     spring, drag = one.group("spring", 0), one.group("quadratic_friction", 0)
     found = one.found(spring, drag)
@@ -108,7 +108,7 @@ def test_causes_that_held_out_rows_speak_against_are_corrections_beside_others()
     assert both.with_demoted(()).causes == (spring, drag)
 
 
-def test_a_link_that_is_off_relieves_what_is_strained_without_it() -> None:
+def test_a_link_error_explains_inertial_violations() -> None:
     heavy = posed("3r", heavier=(("link_3", 1.5),))
     link, spring = heavy.group("link_inertia", 2), heavy.group("spring", 0)
     assert resolved_violations(heavy.found(link), heavy.found(), link) == {2}
@@ -116,6 +116,6 @@ def test_a_link_that_is_off_relieves_what_is_strained_without_it() -> None:
 
 
 @pytest.mark.parametrize(("joints", "limited"), [([0, 1, 2], True), ([0, 1], False)])
-def test_laws_of_all_joints_are_not_sure_where_all_moved_in_step(joints: list[int], limited: bool) -> None:
+def test_laws_of_all_joints_are_uncertain_when_all_move_in_step(joints: list[int], limited: bool) -> None:
     assert _follows(posed("3r").group("base_tilt", 0, 1, 2), joints) == limited
     assert _follows(posed("3r").group("spring", 1), joints) and not _follows(posed("3r").group("spring", 2), [0, 1])

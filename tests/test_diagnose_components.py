@@ -1,4 +1,4 @@
-"""Hypotheses are weighed joint by joint where nothing couples these, and whatever the rounding."""
+"""Evidence of uncoupled joints is computed joint by joint and is robust to rounding."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from signid.diagnose.evidence.prior import CoefficientPrior
 from signid.regression.projection import leave
 
 
-def test_joints_that_nothing_couples_are_fitted_apart() -> None:
+def test_uncoupled_joints_are_fitted_separately() -> None:
     evidence = rows(4)
     for selected, prior_scale, expected in (
         ((), 0.0, [(0,), (1,)]),
@@ -27,7 +27,7 @@ def test_joints_that_nothing_couples_are_fitted_apart() -> None:
         assert {group for one in found for group in one.groups} == {*evidence.refitted(prior_scale), *selected}
 
 
-def test_what_was_asked_before_changes_no_answer() -> None:
+def test_earlier_queries_do_not_change_results() -> None:
     asked = Evidence(rows(4).data)
     for selected in ((VISCOUS, OFFSET), (VISCOUS,), (VISCOUS, SPRING), (SPRING, OFFSET, VISCOUS), (OFFSET,)):
         for dispersion in (DISPERSION, DISPERSION * [1.0, 1.5]):
@@ -39,16 +39,16 @@ def test_what_was_asked_before_changes_no_answer() -> None:
                 np.testing.assert_array_equal(one, other)
 
 
-def test_a_law_that_is_far_too_large_is_weighed_whatever_the_rounding() -> None:
+def test_evidence_of_a_far_too_large_law_is_robust_to_rounding() -> None:
     own, right, variance = Fraction(473 * 10**15), Fraction(-25 * 10**7), Fraction(4, 25)
     wide = 1 + variance * own
     exact = float(right - own / 2 + variance * (right - own) ** 2 / wide / 2) - np.log(float(wide)) / 2
     priors = stack_priors([CoefficientPrior(np.eye(1) * 0.4, 1.0, -1)])
-    told = log_bayes_factor(priors, np.array([[[float(own)]]]), np.array([[float(right)]]))
-    assert told[0] == pytest.approx(exact, abs=1e-6)
+    factor = log_bayes_factor(priors, np.array([[[float(own)]]]), np.array([[float(right)]]))
+    assert factor[0] == pytest.approx(exact, abs=1e-6)
 
 
-def test_what_refitted_laws_cannot_make_is_left() -> None:
+def test_torque_outside_refitted_columns_remains() -> None:
     data = rows(4).data
     expected = leave(data.part(0, SPRING), data.part(0, FRICTION))
     np.testing.assert_allclose(data.free(0, data.part(0, SPRING)), expected, atol=1e-12)

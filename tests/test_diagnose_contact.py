@@ -1,4 +1,4 @@
-"""The window of a contact is found where a force acts, and nowhere else, on small evidence."""
+"""Contact windows on small evidence: found where a force acts, and nowhere else."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def test_a_faint_contact_is_not_selected_and_a_clear_one_is() -> None:
     np.testing.assert_allclose(fit.value[fit.place(after.selected[0])], list(FORCE.values()), rtol=0.1)
 
 
-def test_a_contact_beside_a_law_leaves_the_law() -> None:
+def test_a_contact_does_not_displace_a_law() -> None:
     contact = law("external_contact", 0, 1, 2, start=3.03, end=4.41, **FORCE)
     one = pose(LIBRARY, contact, law("spring", 1, stiffness=1.5, rest=0.2), robot="3r")
     after = _with_contact(one.dataset, one.selection(one.group("spring", 1)))
@@ -75,7 +75,7 @@ def test_a_contact_beside_a_law_leaves_the_law() -> None:
 
 
 def test_the_best_window_has_the_best_evidence_of_all() -> None:
-    """Each window in turn, its Bayes factor from dense normal densities."""
+    """Compare with the Bayes factor of every window from dense normal densities."""
     rng, variance, rate = np.random.default_rng(3), 0.5, 10.0
     x, count = rng.standard_normal((60, 3)), 60
     y = rng.standard_normal(count)

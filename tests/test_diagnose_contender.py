@@ -25,7 +25,7 @@ def chance(log: float) -> float:
     return float(1 / (1 + np.exp(-log)))
 
 
-def test_the_probability_is_that_of_some_law_times_the_share_of_this_one() -> None:
+def test_the_probability_is_that_of_any_law_times_the_share_of_this_one() -> None:
     one = contender(2.0)
     assert one.probability == pytest.approx(0.7 * chance(2.0))
     assert one.unknown == pytest.approx(0.1 * chance(2.0))
@@ -54,10 +54,10 @@ def test_log_odds_are_limited_and_held_out_rows_add_to_them(
 
 
 @pytest.mark.parametrize("evidence", [-1e6, -800.0, 800.0, 1e6])
-def test_extreme_evidence_overflows_nothing(evidence: float) -> None:
+def test_extreme_evidence_does_not_overflow(evidence: float) -> None:
     with np.errstate(all="raise"):
         assert contender(evidence).probability == pytest.approx(0.7 * (evidence > 0), abs=1e-12)
 
 
-def test_a_law_that_is_no_candidate_in_its_own_place_has_no_probability() -> None:
+def test_a_law_that_is_not_its_own_candidate_has_no_probability() -> None:
     assert replace(contender(9.0), shares={RIVAL: 0.9, UNKNOWN: 0.1}).probability == 0.0

@@ -1,4 +1,4 @@
-"""diagnosis.json key by key, and that silence keeps its word."""
+"""diagnosis.json key by key, and the claim of the verdict "nothing_missing"."""
 
 from __future__ import annotations
 
@@ -50,34 +50,34 @@ def share(x: Any) -> bool:
 
 
 def written(found: Diagnosis) -> Any:
-    """As it comes back from the file."""
+    """Document as read from the file."""
     text = to_json(diagnosis_document(found))
     return json.loads(text, parse_constant=lambda word: pytest.fail(f"{word} is no JSON"))
 
 
 def test_the_document(found: Diagnosis) -> None:
-    told = written(found)
+    document = written(found)
     joints = list(found.robot.joints)
-    assert told["schema"] == "signid.diagnosis/1" and told["verdict"] in ("nothing_missing", "named", "unknown")
+    assert document["schema"] == "signid.diagnosis/1" and document["verdict"] in ("nothing_missing", "named", "unknown")
     wanted = {"schema", "verdict", "findings", "unexplained", "fit", "rollout", "inputs", "seed", "version"}
-    assert wanted <= set(told) and told["seed"] == 0 and isinstance(told["version"], str)
+    assert wanted <= set(document) and document["seed"] == 0 and isinstance(document["version"], str)
     for when in ("before", "after"):
-        fit = told["fit"][when]
+        fit = document["fit"][when]
         assert set(fit) >= FIT and fit["joints"] == joints and fit["unit"] == ["N.m"] * len(joints)
         for key in FIT - {"joints", "unit"}:
             assert len(fit[key]) == len(joints) and all(map(number, fit[key])), key
         assert min(fit["noise_floor"]) > 0 and max(fit["held_out_r2"]) <= 1
-    rolled = told["rollout"]
+    rolled = document["rollout"]
     assert rolled["horizon"] == 0.5 and rolled["unit"] == ["rad"] * len(joints)
     assert all(number(x) and x >= 0 for key in ("before_rms", "after_rms") for x in rolled[key])
-    for entry in told["inputs"]:
+    for entry in document["inputs"]:
         assert set(entry) == {"path", "sha256", "role"} and len(entry["sha256"]) == 64
-    for left in told["unexplained"]:
+    for left in document["unexplained"]:
         assert left["joint"] in joints and left["depends_on"] in VARIABLES and share(left["share"])
-    if told["verdict"] != "named":
-        assert told["verdict"] == "unknown" or told["findings"] == [] == told["unexplained"]
+    if document["verdict"] != "named":
+        assert document["verdict"] == "unknown" or document["findings"] == [] == document["unexplained"]
     else:
-        assert told["findings"][0]["role"] == "cause"
+        assert document["findings"][0]["role"] == "cause"
 
 
 def test_every_finding(found: Diagnosis) -> None:
@@ -140,10 +140,10 @@ SILENT: list[tuple[str, Planted, tuple[str, ...]]] = [
 
 
 @pytest.mark.parametrize(("robot", "planted", "skip"), SILENT, ids=[f[1][0] for f in SILENT])
-def test_silence_means_that_the_simulation_is_as_good_as_said(robot: str, planted: Any, skip: tuple[str, ...]) -> None:
-    """What inertials within their tolerance explain is in the extended simulation, or the verdict is another."""
-    told = look(robot, planted, skip=skip)
-    if told.verdict == "nothing_missing":
-        assert np.all(told.after.train_rms < 1.6 * told.after.irreducible_rms)
+def test_nothing_missing_means_a_residual_of_noise(robot: str, planted: Any, skip: tuple[str, ...]) -> None:
+    """The extended simulation contains inertial errors within tolerance, or the verdict is another."""
+    found = look(robot, planted, skip=skip)
+    if found.verdict == "nothing_missing":
+        assert np.all(found.after.train_rms < 1.6 * found.after.irreducible_rms)
     else:
-        assert told.findings or told.unexplained
+        assert found.findings or found.unexplained

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from random_rows import (
     BODIES,
+    CANDIDATES,
     DISPERSION,
     FRICTION,
     GROUPS,
@@ -14,7 +15,6 @@ from random_rows import (
     ROWS,
     SPRING,
     SWAP,
-    TOLD,
     VISCOUS,
     WAVE,
     rows,
@@ -42,7 +42,7 @@ def dense(evidence: Evidence, which: Array) -> Array:
 
 
 def covariance(evidence: Evidence, selected: tuple[Group, ...], prior_scale: float) -> Array:
-    """Of all rows, coefficients that are fitted integrated out under their prior."""
+    """Covariance of all rows; fitted coefficients are integrated out under their prior."""
     which = evidence.columns(selected, prior_scale)
     x, noise = dense(evidence, which), np.diag(np.repeat(DISPERSION, len(evidence.data)))
     gram = x.T @ np.linalg.solve(noise, x)
@@ -59,16 +59,16 @@ def integrated(evidence: Evidence, selected: tuple[Group, ...], prior_scale: flo
     assert prior is not None
     y, spread = evidence.data.residual.ravel(), covariance(evidence, selected, prior_scale)
     x, factor = dense(evidence, columns_of([group])), np.linalg.cholesky(spread)
-    white, told = np.linalg.solve(factor, x), np.linalg.solve(factor, y)
+    white, goal = np.linalg.solve(factor, x), np.linalg.solve(factor, y)
     scale = prior.covariance_factor * (1.0 if prior.mean else size)
     count = 40001 if group.size == 1 else 401
     u, step = np.linspace(-8, 8, count, retstep=True)  # coefficients = mean + scale @ u, u unit normal
     grid = np.stack(np.meshgrid(*[u] * group.size, indexing="ij"), axis=-1).reshape(-1, group.size)
     theta = prior.mean + grid @ scale.T
     misfit = np.array(
-        told @ told - 2 * theta @ (white.T @ told) + np.einsum("ki,ij,kj->k", theta, white.T @ white, theta)
+        goal @ goal - 2 * theta @ (white.T @ goal) + np.einsum("ki,ij,kj->k", theta, white.T @ white, theta)
     )
-    log = -misfit / 2 + told @ told / 2 - np.sum(grid**2, axis=1) / 2 + group.size * np.log(step / np.sqrt(2 * np.pi))
+    log = -misfit / 2 + goal @ goal / 2 - np.sum(grid**2, axis=1) / 2 + group.size * np.log(step / np.sqrt(2 * np.pi))
     if prior.positive >= 0:
         first = theta[:, prior.positive]
         log = log + np.where(first > 1e-12, np.log(2), np.where(first < -1e-12, -np.inf, 0.0))  # half of the edge
@@ -76,7 +76,7 @@ def integrated(evidence: Evidence, selected: tuple[Group, ...], prior_scale: flo
 
 
 def by_hand(evidence: Evidence, selected: tuple[Group, ...], group: Group) -> float:
-    """Sizes and trusts averaged."""
+    """Average over prior sizes and inertial scales."""
     y = evidence.data.residual.ravel()
     weight = LOG_INERTIAL_SCALE_PRIOR + [
         log_normal(y, covariance(evidence, selected, prior_scale)) for prior_scale in INERTIAL_SCALES
@@ -89,7 +89,7 @@ def by_hand(evidence: Evidence, selected: tuple[Group, ...], group: Group) -> fl
     return float(logsumexp(weight - logsumexp(weight) + factors))
 
 
-@pytest.mark.parametrize("group", TOLD, ids=lambda g: g.hypothesis.key[0])
+@pytest.mark.parametrize("group", CANDIDATES, ids=lambda g: g.hypothesis.key[0])
 @pytest.mark.parametrize("size", (0.0, 0.25, -0.4))
 def test_the_bayes_factor_is_the_integral(group: Group, size: float) -> None:
     evidence = rows(1, size)
@@ -98,18 +98,18 @@ def test_the_bayes_factor_is_the_integral(group: Group, size: float) -> None:
 
 
 @pytest.mark.parametrize("group", (OFFSET, SPRING, WAVE), ids=lambda g: g.hypothesis.key[0])
-def test_the_bayes_factor_beside_what_is_taken_for_true(group: Group) -> None:
+def test_the_bayes_factor_beside_selected_laws_is_the_integral(group: Group) -> None:
     evidence = rows(2, 0.5)
     factors, _ = evidence.log_bayes_factors((VISCOUS,), DISPERSION)
     assert factors[GROUPS.index(group)] == pytest.approx(by_hand(evidence, (VISCOUS,), group), abs=2e-3)
     assert np.isnan(factors[[0, 1, GROUPS.index(VISCOUS)]]).all()
 
 
-def test_what_the_sign_forbids_is_unlikely_and_what_is_there_likely() -> None:
+def test_a_forbidden_sign_is_unlikely_and_a_present_law_likely() -> None:
     at, swap = GROUPS.index(VISCOUS), GROUPS.index(SWAP)
-    told = {size: rows(3, size, count=400).log_bayes_factors((), DISPERSION)[0] for size in (-0.5, 0.0, 0.5)}
-    assert told[0.5][at] > 20 > 0 > told[0.0][at] > told[-0.5][at]
-    assert told[0.0][swap] < -20  # of a law that is there or not, that is not there: 1 / (2 x 0.15^2) against
+    factors = {size: rows(3, size, count=400).log_bayes_factors((), DISPERSION)[0] for size in (-0.5, 0.0, 0.5)}
+    assert factors[0.5][at] > 20 > 0 > factors[0.0][at] > factors[-0.5][at]
+    assert factors[0.0][swap] < -20  # an absent switched law: 1 / (2 x 0.15^2) against it
 
 
 @pytest.mark.parametrize("prior_scale", INERTIAL_SCALES)
@@ -129,7 +129,7 @@ def test_the_evidence_is_the_marginal_likelihood(prior_scale: float, selected: t
     )
 
 
-def test_prior_precisions_are_of_what_is_believed() -> None:
+def test_prior_precisions_follow_the_prior() -> None:
     evidence = rows(4)
     diagonal = np.full(4, 7.0)
     precision = evidence.precision((VISCOUS,), diagonal, 2.0)
@@ -140,7 +140,7 @@ def test_prior_precisions_are_of_what_is_believed() -> None:
     assert BODIES not in evidence.refitted(0.0) and BODIES in evidence.refitted(1.0)
 
 
-def test_trust_follows_from_the_rows() -> None:
+def test_the_inertial_scale_follows_from_the_rows() -> None:
     for bodies, likely in ((0.0, 0.0), (0.3, 1.0), (0.9, 2.0)):
         evidence = rows(5, 0.0, bodies, count=400)
         _, weight = evidence.log_bayes_factors((), DISPERSION)
@@ -154,39 +154,39 @@ def test_trust_follows_from_the_rows() -> None:
 
 
 @pytest.mark.parametrize("selected", ((), (VISCOUS,)), ids=len)
-def test_asking_is_weighing(selected: tuple[Group, ...]) -> None:
+def test_a_candidate_factor_equals_its_bayes_factor(selected: tuple[Group, ...]) -> None:
     evidence = rows(6, 0.4)
     factors, weight = evidence.log_bayes_factors(selected, DISPERSION)
-    for group in (g for g in TOLD if g not in selected):
+    for group in (g for g in CANDIDATES if g not in selected):
         prior = evidence.coefficient_priors[group]
         assert prior is not None
         own = {j: evidence.data.part(j, group) for j in evidence.data.rows(group)}
-        told = [
+        logs = [
             evidence.candidate_log_factor(evidence.fit(selected, DISPERSION, prior_scale), DISPERSION, prior, own)
             for prior_scale in INERTIAL_SCALES
         ]
-        assert logsumexp(np.log(weight) + told) == pytest.approx(factors[GROUPS.index(group)], abs=1e-6)
+        assert logsumexp(np.log(weight) + logs) == pytest.approx(factors[GROUPS.index(group)], abs=1e-6)
 
 
-def test_what_is_known_before_is_as_good_as_rows() -> None:
+def test_prior_information_is_equivalent_to_rows() -> None:
     evidence, other = rows(7), rows(8, 0.0, 0.4)
     which = columns_of([BODIES])
     x = dense(other, which)
     known = StatedPrior(which, x.T @ (x / np.repeat(DISPERSION, ROWS)[:, None]))
     fit = Evidence(evidence.data, known).fit((), DISPERSION, 1.0)
     both = [dense(e, fit.which) for e in (evidence, other)]
-    both[1][:, fit.which == FRICTION.start] = 0  # nothing is known of friction
+    both[1][:, fit.which == FRICTION.start] = 0  # friction is unknown
     stack, noise = np.concatenate(both), np.tile(np.repeat(DISPERSION, ROWS), 2)
     target = np.concatenate(
         [evidence.data.residual.ravel(), np.zeros(other.data.residual.size)]
-    )  # what is stated is right
+    )  # stated values are right
     gram = stack.T @ (stack / noise[:, None])
     prior = evidence.precision((), np.diag(gram), 1.0)
     np.testing.assert_allclose(fit.value, np.linalg.solve(gram + prior, stack.T @ (target / noise)), rtol=1e-4)
 
 
 @pytest.mark.parametrize("without", [VISCOUS, SPRING], ids=["one coefficient", "two"])
-def test_leaving_one_out_is_as_never_having_it(without: Group) -> None:
+def test_leaving_one_out_equals_not_selecting_it(without: Group) -> None:
     selected = (OFFSET, VISCOUS, SPRING)
     rest = tuple(group for group in selected if group is not without)
     for one, other in zip(

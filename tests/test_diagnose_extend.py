@@ -1,4 +1,4 @@
-"""What is found becomes a simulation, what makes it no better is left out, and twins are said to be twins."""
+"""Extended simulations: findings added, useless laws pruned, twins listed."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def simulated(*laws: Law) -> Model:
 
 
 def refitted(model: Model, steps: dict[int, float], bodies: Array | None = None) -> tuple[list[Group], Fitted]:
-    """Groups as they are laid out, and a fit that says each law's first coefficient is off by so much."""
+    """Groups in column order, and a fit with the given error of each law's first coefficient."""
     groups, at, value = list[Group](), 0, list[float]()
     for k, one in enumerate(x for x in model.laws if is_refitted(x)):
         size = len(one.effect.coefficients(one.parameters))
@@ -45,8 +45,8 @@ def refitted(model: Model, steps: dict[int, float], bodies: Array | None = None)
     groups.append(Group(at, BODIES, bodies=True, deviation=(1.0,) * BODIES))
     value += [0.0] * BODIES if bodies is None else bodies.tolist()
     which = np.arange(len(value) if bodies is not None else at)
-    told = np.array(value)[: len(which)]
-    return groups, solve(which, 1e12 * np.eye(len(which)), 1e12 * told, 1e-12 * np.eye(len(which)))
+    values = np.array(value)[: len(which)]
+    return groups, solve(which, 1e12 * np.eye(len(which)), 1e12 * values, 1e-12 * np.eye(len(which)))
 
 
 def numbers(model: Model, effect: str, *joints: int) -> dict[str, float]:
@@ -54,18 +54,18 @@ def numbers(model: Model, effect: str, *joints: int) -> dict[str, float]:
     return dict(one.parameters)
 
 
-def test_a_law_that_is_there_already_becomes_the_sum() -> None:
+def test_a_stated_law_becomes_the_sum() -> None:
     model = simulated(law("viscous_friction", 0, coefficient=0.5), law("armature", 1, inertia=0.2))
     groups, fit = refitted(model, {0: 0.1})
     wider = extend(model, groups, fit, [law("armature", 1, inertia=0.05), law("armature", 2, inertia=0.01)])
     assert len(wider.laws) == 3
     assert numbers(wider, "viscous_friction", 0)["coefficient"] == pytest.approx(0.6)  # refitted
-    assert numbers(wider, "armature", 1)["inertia"] == pytest.approx(0.25)  # stated, and what is missing
+    assert numbers(wider, "armature", 1)["inertia"] == pytest.approx(0.25)  # stated, plus the missing part
     assert numbers(wider, "armature", 2)["inertia"] == 0.01
     assert numbers(model, "armature", 1) == {"inertia": 0.2}  # the simulation as given stays
 
 
-def test_friction_is_never_less_than_none() -> None:
+def test_friction_is_never_negative() -> None:
     model = simulated(law("coulomb_friction", 0, level=0.5), law("torque_offset", 1, offset=0.2))
     groups, fit = refitted(model, {0: -0.7, 1: -0.5})
     wider = extend(model, groups, fit, [])
@@ -73,7 +73,7 @@ def test_friction_is_never_less_than_none() -> None:
     assert numbers(wider, "torque_offset", 1)["offset"] == pytest.approx(-0.3)
 
 
-def test_laws_that_another_contains_are_folded_into_it() -> None:
+def test_contained_laws_are_merged() -> None:
     plain = (
         law("viscous_friction", 0, coefficient=0.5),
         law("coulomb_friction", 0, level=0.3),
@@ -92,7 +92,7 @@ def test_laws_that_another_contains_are_folded_into_it() -> None:
     assert numbers(wider, "asymmetric_friction", 0) == pytest.approx(expected)
 
 
-def test_two_laws_with_shapes_stay_two() -> None:
+def test_two_laws_with_shapes_stay_separate() -> None:
     one, other = (law("stribeck_friction", 0, level=0.3, velocity=v) for v in (0.1, 0.2))
     model = simulated(one)
     wider = extend(model, *refitted(model, {}), [other])
@@ -100,7 +100,7 @@ def test_two_laws_with_shapes_stay_two() -> None:
 
 
 @pytest.mark.parametrize("size", (0.1, 1.0, 30.0))
-def test_bodies_stay_possible(size: float) -> None:
+def test_bodies_stay_physically_consistent(size: float) -> None:
     model = simulated()
     step = size * tolerance(model).ravel() * np.random.default_rng(3).standard_normal(BODIES)
     wider = extend(model, *refitted(model, {}, step), [])
@@ -108,7 +108,7 @@ def test_bodies_stay_possible(size: float) -> None:
         assert np.linalg.eigvalsh(pseudo_inertia(body)).min() > 0
 
 
-def test_bodies_that_torque_cannot_tell_from_real_ones_become_real() -> None:
+def test_bodies_equivalent_to_consistent_ones_become_consistent() -> None:
     model, base = simulated(), build_base(ARM)
     real = model.inertials * np.array([1.0, 1.1, 0.9])[:, None]
     step = (real - model.inertials).ravel()
@@ -123,7 +123,7 @@ def test_bodies_that_torque_cannot_tell_from_real_ones_become_real() -> None:
         assert all(np.linalg.eigvalsh(pseudo_inertia(body)).min() > 0 for body in wider.inertials)
 
 
-def test_bodies_that_are_trusted_do_not_move() -> None:
+def test_bodies_without_tolerance_do_not_change() -> None:
     model = simulated(law("viscous_friction", 0, coefficient=0.5))
     wider = extend(model, *refitted(model, {0: 0.1}), [])
     np.testing.assert_array_equal(wider.inertials, model.inertials)
@@ -140,7 +140,7 @@ def test_tolerances_are_shares_of_the_bodies() -> None:
 SPRING = fault("spring", 2, stiffness=1.0, rest=0.2)
 
 
-def test_of_a_law_that_is_stated_its_size_is_a_hypothesis() -> None:
+def test_the_size_of_a_stated_law_is_a_hypothesis() -> None:
     one = posed("3r")
     motion = one.dataset.pieces[0].motion
     whole = {h.key: h for h in propose(one.dataset.model, motion, ("spring",))}
@@ -163,7 +163,7 @@ def test_a_law_that_makes_the_simulation_no_better_is_pruned() -> None:
     assert prune(one.dataset, one.session, one.found()).selected == ()
 
 
-def test_energy_is_what_a_law_takes_away() -> None:
+def test_energy_is_the_reduction_of_the_squared_residual() -> None:
     one = posed("3r", SPRING)
     spring, offset = one.group("spring", 1), one.group("torque_offset", 0)
     contributions = measure_contributions(one.posterior.evidence, (spring, offset), one.found().dispersion, 0.0)
@@ -174,7 +174,7 @@ def test_energy_is_what_a_law_takes_away() -> None:
     assert np.all(contributions.mean_square < 1.6)
 
 
-def test_a_link_beyond_any_tolerance_is_strained() -> None:
+def test_a_link_beyond_any_tolerance_is_an_inertial_violation() -> None:
     assert inertial_violations(posed("3r").found()) == {}
     heavy = posed("3r", heavier=(("link_3", 1.5),))
     found = heavy.found()
@@ -190,7 +190,7 @@ def test_a_link_beyond_any_tolerance_is_strained() -> None:
     ],
     ids=lambda x: x.effect.name,
 )
-def test_twins_are_told_apart_by_no_motion(one: Law, other: Law) -> None:
+def test_no_motion_distinguishes_twins(one: Law, other: Law) -> None:
     assert tell_apart(simulation("3r"), one, other, FLOOR, 0) == NEVER
 
 
@@ -205,17 +205,17 @@ def test_twins_are_told_apart_by_no_motion(one: Law, other: Law) -> None:
     ],
     ids=lambda x: x.effect.name if isinstance(x, Law) else "",
 )
-def test_the_motion_that_tells_two_laws_apart(one: Law, other: Law, where: str) -> None:
-    told = tell_apart(simulation("3r"), one, other, FLOOR, 0)
-    assert told.startswith(where) and " from " in told and "standard deviations apart" in told
-    assert "signid excite ROBOT --separate" in told and one.effect.name in told and other.effect.name in told
-    assert told == tell_apart(simulation("3r"), one, other, FLOOR, 0)
+def test_a_motion_distinguishes_two_laws(one: Law, other: Law, where: str) -> None:
+    text = tell_apart(simulation("3r"), one, other, FLOOR, 0)
+    assert text.startswith(where) and " from " in text and "standard deviations apart" in text
+    assert "signid excite ROBOT --separate" in text and one.effect.name in text and other.effect.name in text
+    assert text == tell_apart(simulation("3r"), one, other, FLOOR, 0)
     louder = tell_apart(simulation("3r"), one, other, 100 * FLOOR, 0)
-    assert _apart(louder) == pytest.approx(_apart(told) / 100, rel=0.1)  # noise makes it harder
+    assert _apart(louder) == pytest.approx(_apart(text) / 100, rel=0.1)  # noise makes it harder
 
 
-def _apart(told: str) -> float:
-    return float(told.split("sets them ")[1].split()[0])
+def _apart(text: str) -> float:
+    return float(text.split("sets them ")[1].split()[0])
 
 
 @pytest.mark.parametrize(
@@ -239,12 +239,12 @@ def test_structural_twins_are_listed(robot: str, planted: Any, own: str, twin: t
     assert sum(a.probability for a in found.findings[0].alternatives) + found.findings[0].probability <= 1 + 1e-9
 
 
-def test_drives_of_these_tests_are_stated() -> None:
+def test_the_drives_of_these_tests_are_stated() -> None:
     stated = simulation("3r").laws
     assert [x.parameters["inertia"] for x in stated if x.effect.name == "armature"] == list(DRIVES["3r"].armature)
 
 
-def test_a_law_with_more_numbers_is_called_so() -> None:
+def test_a_law_with_more_parameters_is_described_so() -> None:
     plain, wider = (Law(EFFECTS[name], (1,), EFFECTS[name].example) for name in ("spring", "cable_torque"))
     assert tell_apart(simulation("3r"), plain, wider, FLOOR, 0).endswith("it does what spring does, by more numbers")
     assert "standard deviations apart" in tell_apart(simulation("3r"), wider, plain, FLOOR, 0)

@@ -1,4 +1,4 @@
-"""Flags of what a diagnosis names: not held out, not enough; and separating motions as far as time allows."""
+"""Flags of a diagnosis: worse on held-out data, too few rows; separating motions within the time limit."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def flags(verdict: str, *some: Finding, itself: bool = False) -> list[str]:
     return list(findings._flags(SETTING, some, SimpleNamespace(name=verdict), itself))  # type: ignore[arg-type]
 
 
-def test_what_does_not_hold_on_held_out_data_is_flagged_in_a_sentence() -> None:
+def test_findings_worse_on_held_out_data_are_flagged_in_one_sentence() -> None:
     out = finding("spring@2:stiffness=3", {}, in_model=False)
     assert flags("named", finding("armature@1", {})) == []
     assert flags("named", out, finding("armature@1", {})) == [
@@ -45,7 +45,7 @@ def test_too_few_rows_are_not_called_held_out() -> None:
     ]
 
 
-def test_causes_that_leave_more_than_they_explain_are_not_said_to_be_nothing() -> None:
+def test_causes_that_explain_little_do_not_mean_nothing_missing() -> None:
     assert flags("unknown") == [MISSING] == flags("unknown", finding("armature@1", {}, role="secondary"))
     assert flags("unknown", finding("armature@1", {})) == [
         f"the named causes leave more torque than they explain: {MISSING}"

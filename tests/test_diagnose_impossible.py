@@ -1,4 +1,4 @@
-"""Diagnoses of what cannot be: bodies of negative mass, gains that delete torque, joints that show nothing."""
+"""Diagnoses of impossible input: bodies of negative mass, gains of zero, joints without columns."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def model(mass: float | None, body: int = 2) -> Model:
 
 
 @pytest.mark.parametrize("time_constant", (-0.004, -1e-9, 0.0, 1e-12))
-def test_a_lag_that_cannot_be_leaves_torque_alone(time_constant: float) -> None:
+def test_an_impossible_lag_leaves_torque_unchanged(time_constant: float) -> None:
     """A negative time constant made a matrix singular."""
     torque = np.sin(np.arange(400.0))[:, None]
     x = Trial(torque, torque, t=0.005 * np.arange(400)[:, None], dt=0.005, torque=torque, joints=(0,))
@@ -43,7 +43,7 @@ def test_a_lag_that_cannot_be_leaves_torque_alone(time_constant: float) -> None:
 @pytest.mark.parametrize("inertial", (np.zeros(10), np.r_[0.0, 0, 0, 0, 1, 0.1, 2, 0.2, 0.3, 3],
                                       np.r_[0.0, 0.1, 0.2, 0.3, 1, 0.1, 2, 0.2, 0.3, 3],
                                       np.r_[-0.3, 0.1, 0.2, 0.3, 1, 0.1, 2, 0.2, 0.3, 3]))  # fmt: skip
-def test_bodies_without_mass_keep_their_numbers(inertial: Array) -> None:
+def test_massless_bodies_keep_their_parameters(inertial: Array) -> None:
     assert_allclose(body_inertia(inertial).toDynamicParameters(), inertial, atol=1e-6)
 
 
@@ -57,7 +57,7 @@ def test_torque_and_tolerance_of_impossible_bodies_are_finite(mass: float) -> No
     assert (tolerance(massless) > 0).all()
 
 
-def test_an_impossible_body_moves_to_a_possible_one_whatever_is_known_exactly() -> None:
+def test_an_impossible_body_becomes_consistent_despite_exact_knowledge() -> None:
     from signid.regression.base_parameters import build_base
     from signid.types import pseudo_inertia
 
@@ -78,7 +78,7 @@ def test_no_link_swings_behind_a_spring_without_inertia() -> None:
         assert not effect.possible(light.at((1,)), **effect.shape(effect.example))
 
 
-def test_columns_beyond_all_bounds_explain_nothing() -> None:
+def test_infinite_columns_explain_nothing() -> None:
     x = np.column_stack([np.ones(4), [1, 2, np.nan, 4], [1, 2, np.inf, 4], [1e70, 0, 0, 0], [1e50, 0, 0, 0]])
     assert_allclose(finite(x), x * [1, 0, 0, 0, 1] if np.isfinite(x).all() else np.nan_to_num(finite(x)))
     assert not finite(x)[:, 1:4].any() and finite(x)[:, 0].all() and finite(x)[0, 4] == 1e50
@@ -98,15 +98,15 @@ def test_columns_beyond_all_bounds_explain_nothing() -> None:
         ("torque_lag", -0.004, False),
         ("torque_lag", 0.004, True),
         ("time_delay", -0.008, True),
-        ("spring", -0.3, True),  # a change of what the simulation has
+        ("spring", -0.3, True),  # a change of a stated law
     ],
 )
-def test_numbers_that_no_robot_has_are_not_found(effect: str, value: float, possible: bool) -> None:
+def test_impossible_parameters_are_not_found(effect: str, value: float, possible: bool) -> None:
     group = Group(0, len(EFFECTS[effect].linear()), Hypothesis((Law(EFFECTS[effect], (1,)),)))
     assert has_possible_numbers(group, np.full(group.size, value)) == possible
 
 
-def test_what_the_simulation_states_counts_too() -> None:
+def test_stated_laws_count_too() -> None:
     stated = Law(EFFECTS["torque_gain"], (1,), {"error": -0.5})
     group = Group(0, 1, Hypothesis((Law(EFFECTS["torque_gain"], (1,)),), stated=stated))
     assert has_possible_numbers(group, np.array([0.4])) and not has_possible_numbers(group, np.array([-0.4]))
@@ -114,7 +114,7 @@ def test_what_the_simulation_states_counts_too() -> None:
 
 @pytest.mark.parametrize("columns", (np.zeros((500, 3)), np.full((500, 3), np.nan), np.zeros((500, 0))))
 def test_noise_of_a_joint_without_columns_is_its_torque(columns: Array) -> None:
-    """A joint whose columns are all zero ended in an IndexError."""
+    """Regression test: a joint with zero columns raised IndexError."""
     torque = np.random.default_rng(3).standard_normal(500)
     found = measure_noise(table(torque, columns), [None], RATE)
     assert found.floor[0] == pytest.approx(torque.std(), rel=0.05) and np.isfinite(found.coefficients).all()
@@ -127,12 +127,12 @@ def test_noise_of_few_rows_is_finite(count: int) -> None:
     assert np.isfinite(found.floor[0]) and found.floor[0] > 0 and np.isfinite(found.innovation[0])
 
 
-def test_constant_torque_has_noise_of_no_size() -> None:
+def test_constant_torque_has_zero_noise() -> None:
     found = measure_noise(table(np.ones(300), np.ones((300, 3))), [None], RATE)
     assert 0 < found.floor[0] < 1e-6 and np.isfinite(found.coefficients).all()
 
 
-def test_a_gain_of_zero_is_a_gain_of_the_record_alone() -> None:
+def test_a_gain_of_zero_acts_on_the_recording_only() -> None:
     gain = EFFECTS["torque_gain"]
     motion: Motion = smooth_motion()
     x = motion.at((1,))

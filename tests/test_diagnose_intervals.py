@@ -1,4 +1,4 @@
-"""Standard deviations of a law's numbers: a jackknife by hand, Student's t, least squares, unidentifiable numbers."""
+"""Standard deviations of a law's parameters: a jackknife by hand, Student's t, least squares, unidentifiable."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_a_mean_of_three_parts_by_hand() -> None:
 
 
 @pytest.mark.parametrize(("count", "quantile"), [(2, 12.706), (3, 4.303), (6, 2.571), (10, 2.262)])
-def test_few_parts_widen_intervals_as_students_t_does(count: int, quantile: float) -> None:
+def test_few_parts_widen_intervals_as_in_students_t(count: int, quantile: float) -> None:
     y = np.arange(count) % 2 * 2.0 - 1.0
     square, right = parts_of(np.ones((count, 1)), y, count)
     means = (y.sum() - y) / (count - 1)
@@ -83,7 +83,7 @@ def test_shapes_have_a_deviation_too() -> None:
     assert own.keys() == {"frequency", "amplitude", "phase"} and all(0 < x < 0.1 for x in own.values())
 
 
-def test_what_no_law_explains_widens_intervals() -> None:
+def test_unexplained_torque_widens_intervals() -> None:
     one = pose((law("viscous_friction"),), VISCOUS)
     t = one.dataset.pieces[0].motion.t
     drift = 0.2 * np.sign(np.sin(2 * np.pi * t / 3.2))[:, None] * one.dataset.pieces[0].motion.v
@@ -91,7 +91,7 @@ def test_what_no_law_explains_widens_intervals() -> None:
     assert deviations(other, "viscous_friction")["coefficient"] > 3 * deviations(one, "viscous_friction")["coefficient"]
 
 
-def test_a_number_that_changes_nothing_is_unknown() -> None:
+def test_an_unidentifiable_parameter_is_unknown() -> None:
     """The phase of a ripple of size zero."""
     one = pose((law("torque_ripple", frequency=6.0), law("viscous_friction")), VISCOUS)
     group = one.group("torque_ripple", 0)
@@ -100,7 +100,7 @@ def test_a_number_that_changes_nothing_is_unknown() -> None:
     assert own["phase"] == np.inf and own["amplitude"] < np.inf
 
 
-def test_numbers_of_a_scaled_link_have_one_factor() -> None:
+def test_parameters_of_a_scaled_link_have_one_factor() -> None:
     link: Any = SimpleNamespace(claim=Hypothesis((law("link_inertia", mass=2.0, inertia_xx=-0.5),), scaled=True))
     (own,) = _by_key(link, link.claim.laws, iter([0.1]))
     assert own == {"mass": pytest.approx(0.2), "inertia_xx": pytest.approx(0.05)}

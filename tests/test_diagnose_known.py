@@ -1,4 +1,4 @@
-"""What identification left open of a simulation, links that are heavier as a whole, and intervals from parts."""
+"""Covariance of an identified simulation, links with scaled inertia, and intervals from parts."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ LINK = 1  # the second
 
 
 @pytest.mark.parametrize(("off", "scale"), [(0.0, COVARIANCE_SCALES[0]), (2.0, COVARIANCE_SCALES[-1])])
-def test_recordings_tell_how_far_a_model_is_off(off: float, scale: float) -> None:
+def test_recordings_determine_the_size_of_the_model_error(off: float, scale: float) -> None:
     evidence, which = rows(7, 0.0, off), columns_of([BODIES])
     known = Evidence(evidence.data, StatedPrior(which, 30.0 * np.eye(2)))  # a standard deviation of .18
     assert known.prior_scale((), DISPERSION) == scale
 
 
-def test_stated_numbers_go_further_where_they_are_off() -> None:
+def test_wrong_stated_parameters_move_further() -> None:
     evidence, which = rows(7, 0.0, 2.0), columns_of([BODIES])
     known = Evidence(evidence.data, StatedPrior(which, 30.0 * np.eye(2)))
     steps = [known.fit((), DISPERSION, scale).value[1] for scale in INTERVAL_COVARIANCE_SCALES]
@@ -40,7 +40,7 @@ def test_stated_numbers_go_further_where_they_are_off() -> None:
     assert known.distance((), DISPERSION) > COVARIANCE_SCALES[-1]
 
 
-def test_a_law_that_was_taken_out_is_zero_not_unknown() -> None:
+def test_a_removed_law_is_zero_not_unknown() -> None:
     model = simulation("1r")
     base = build_base(model.robot, model.laws)
     root = np.random.default_rng(0).standard_normal((len(base.combination),) * 2)
@@ -55,7 +55,7 @@ def test_a_law_that_was_taken_out_is_zero_not_unknown() -> None:
 
 
 def _known(model: Model) -> dict[str, dict[str, float]]:
-    """Information on each column, by what it is of."""
+    """Information on each column, by body or law."""
     motion = posed("1r").dataset.pieces[0].motion
     groups = build_groups(model, motion, [], np.zeros(1))
     found = stated_prior(model, groups)
@@ -70,7 +70,7 @@ def _name(group: Group) -> str:
     return "body" if group.law is None else group.law.effect.name
 
 
-def test_a_link_that_is_heavier_as_a_whole() -> None:
+def test_a_link_with_scaled_inertia_is_named() -> None:
     model = simulation("3r")
     inertials = model.inertials.copy()
     inertials[LINK] *= LIGHTER
@@ -79,10 +79,10 @@ def test_a_link_that_is_heavier_as_a_whole() -> None:
     (finding,) = found.findings
     lacking = dict(zip(finding.law.parameters, (model.inertials - inertials)[LINK], strict=True))
     assert all(abs(finding.law.parameters[key] - x) <= 3 * finding.std[key] + 1e-12 for key, x in lacking.items())
-    assert 0 < finding.std["mass"] < 0.05 * lacking["mass"]  # ten free numbers would leave the mass open
+    assert 0 < finding.std["mass"] < 0.05 * lacking["mass"]  # with ten free parameters the mass would be unidentifiable
 
 
-def test_a_factor_is_all_numbers_of_a_link() -> None:
+def test_a_factor_scales_all_parameters_of_a_link() -> None:
     question = posed("3r")
     groups = [question.posterior.evidence.data.groups[k] for k in question.posterior.keys["link_inertia", (LINK,)]]
     free, scaled = sorted(groups, key=lambda group: -group.size)

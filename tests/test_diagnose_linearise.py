@@ -1,4 +1,4 @@
-"""Two faults that change what each other does, recorded in MuJoCo: both named, each with its own numbers."""
+"""Two interacting faults, recorded in MuJoCo: both are named with their parameters."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ TOGETHER = import_module("signid.diagnose.search.iterate")
 
 
 def off(found: Diagnosis, planted: Planted) -> float:
-    """The largest error of a law's numbers, as a share of each."""
+    """Largest relative error of a law's parameters."""
     (law,) = [one.law for one in found.findings if one.law.effect.name == planted[0]]
     return max(abs(law.parameters[key] / float(x) - 1) for key, x in planted[2])
 
 
 @pytest.mark.parametrize("other", OTHERS, ids=[other[0] for other in OTHERS])
-def test_a_payload_does_not_spoil_the_numbers_of_what_feels_it(other: Planted) -> None:
+def test_a_payload_does_not_bias_the_parameters_of_affected_laws(other: Planted) -> None:
     found = look("3r", LOAD, other)
     joint = (0, 1, 2) if other[0] == "base_tilt" else (1,)
     assert set(named(found)) == {("payload", (2,)), (other[0], joint)} and DISAGREEMENT not in found.flags
@@ -41,33 +41,31 @@ def test_a_payload_does_not_spoil_the_numbers_of_what_feels_it(other: Planted) -
 
 
 @pytest.mark.parametrize("other", OTHERS[:3], ids=[other[0] for other in OTHERS[:3]])
-def test_numbers_are_off_where_columns_stay_those_about_the_simulation(
-    other: Planted, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_parameters_are_biased_without_relinearisation(other: Planted, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(TOGETHER, "relinearise", lambda *_: None)
     found = signid.diagnose(simulation("3r"), read("3r", recorded("3r", LOAD, other)))
     assert off(found, other) > 0.2
 
 
-def test_bodies_that_are_off_within_their_tolerance_count_as_well() -> None:
+def test_inertial_errors_within_tolerance_are_relinearised_too() -> None:
     wrong = fault("link_inertia", 2, mass=0.4, first_moment_x=0.1, first_moment_y=0.0, first_moment_z=0.0)
     found = look("3r", wrong, OTHERS[0])
     assert found.prior_scale > 0 and named(found) == [("base_tilt", (0, 1, 2))] and off(found, OTHERS[0]) < 0.06
 
 
-def test_a_search_that_does_not_settle_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_search_that_does_not_converge_is_flagged(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(TOGETHER, "_names", lambda _: object())
     monkeypatch.setattr(TOGETHER, "RELINEARISATION_ROUNDS", 1)
     found = signid.diagnose(simulation("3r"), read("3r", recorded("3r", LOAD, OTHERS[1])))
     assert DISAGREEMENT in found.flags and off(found, OTHERS[1]) > 0.2
 
 
-def test_time_that_runs_out_in_a_later_round_leaves_what_was_found(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_time_limit_in_a_later_round_keeps_earlier_findings(monkeypatch: pytest.MonkeyPatch) -> None:
     whole, about, asked = TOGETHER._search, TOGETHER.relinearise, list[bool]()
     later = list[bool]()
 
     def interrupted(*given: object, **more: object) -> object:
-        """Searches about the simulation end; in those about what was found time is up before they find anything."""
+        """The first round of searches ends; in the next round the time limit passes before a finding."""
         asked.append(bool(later))
         monkeypatch.setattr(TOGETHER, "time_is_up", lambda _: asked[-1])
         monkeypatch.setattr(import_module("signid.diagnose.search.stepwise"), "time_is_up", lambda _: asked[-1])

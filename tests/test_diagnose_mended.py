@@ -1,4 +1,4 @@
-"""Diagnoses that went wrong once: a spring taken for degrees, a contact for noise, worse joints for causes."""
+"""Regression tests of diagnoses: a spring named as degrees, a contact as noise, worse joints as causes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ CONTACT = fault("external_contact", force_x=3.0, force_y=-2.0, force_z=4.0, star
 
 
 @pytest.mark.parametrize("stiffness", (0.5, 1.0))
-def test_a_spring_is_no_degrees(stiffness: float) -> None:
+def test_a_spring_is_not_named_as_degrees(stiffness: float) -> None:
     assert named(look("3r", fault("spring", 3, stiffness=stiffness, rest=0.2))) == [("spring", (2,))]
 
 
@@ -29,7 +29,7 @@ def test_causes_make_held_out_torque_better() -> None:
     assert np.all(found.after.held_out_rms < 1.05 * found.before.held_out_rms) or not found.findings
 
 
-def test_no_recording_is_a_sentence() -> None:
+def test_no_recording_gives_one_sentence() -> None:
     with pytest.raises(OptionError, match="at least one"):
         signid.diagnose(simulation("3r"), [])
 
@@ -40,7 +40,7 @@ def test_the_limit_of_a_drive() -> None:
     assert found.findings[0].law.parameters["limit"] == pytest.approx(5.0, rel=0.15)
 
 
-def test_intervals_know_of_what_no_law_explains() -> None:
+def test_intervals_include_unexplained_torque() -> None:
     spring, wave = fault("spring", 2, stiffness=1.0, rest=0.2), fault("velocity_wave", 2, amplitude=0.3, velocity=0.25)
     (alone,) = look("3r", spring, seconds=16.0).findings
     (beside,) = look("3r", spring, wave, seconds=16.0).findings
@@ -50,7 +50,7 @@ def test_intervals_know_of_what_no_law_explains() -> None:
     )
 
 
-def test_what_no_law_explains_becomes_empirical_torque() -> None:
+def test_unexplained_torque_becomes_empirical_torque() -> None:
     planted = fault("velocity_wave", 2, amplitude=1.0, velocity=0.25)
     found = look("3r", planted, seconds=16.0)
     assert found.verdict == "unknown" and [one.joint for one in found.unexplained if one.modelled] == [1]

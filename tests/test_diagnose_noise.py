@@ -1,4 +1,4 @@
-"""What is noise in a residual, and where torque is, in words."""
+"""Noise of a residual, and descriptions of where torque occurs."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def test_many_columns_do_not_make_noise_look_small() -> None:
     assert found.floor[0] == pytest.approx(noise.std(), rel=0.15)
 
 
-def test_no_filter_reaches_over_the_end_of_a_piece() -> None:
+def test_no_filter_crosses_the_end_of_a_piece() -> None:
     x, piece = np.arange(20.0)[:, None], np.repeat([0, 1], 10)
     out = whiten(x, np.array([1.0, 0.0, 0.0, 0.0]), 2.0, piece)
     np.testing.assert_array_equal(out[:, 0], np.full(12, 0.5))
@@ -93,12 +93,12 @@ def test_no_filter_reaches_over_the_end_of_a_piece() -> None:
     assert not whiten(steps, np.array([1.0, 0.0, 0.0, 0.0]), 1.0, piece).any()
 
 
-def test_repetitions_tell_noise_from_physics() -> None:
+def test_repetitions_separate_noise_from_physics() -> None:
     count, period = 4000, 10.0
     rng, phase = np.random.default_rng(4), np.arange(count) / RATE * 2 * np.pi / period
     physics, noise = np.sign(np.sin(7 * phase + 0.1)) + np.cos(11 * phase), 0.1 * rng.standard_normal(count)
     rows = table(physics + noise, waves(count), pieces=2)
-    alone, again = (measure_noise(rows, told, RATE) for told in ([None, None], [period, period]))
+    alone, again = (measure_noise(rows, periods, RATE) for periods in ([None, None], [period, period]))
     assert alone.floor[0] > 0.5 and again.floor[0] == pytest.approx(0.1 * REPLICATE_FACTOR, rel=0.08)
     one = measure_noise(rows, [period, None], RATE)  # one of two recordings repeats
     assert one.floor[0] == pytest.approx(0.1 * REPLICATE_FACTOR, rel=0.1)
@@ -135,7 +135,7 @@ def test_noise_has_no_wave() -> None:
     assert find_wave(np.zeros(100), RATE).share == 0 and find_wave(np.ones(5), RATE).share == 0
 
 
-def test_near_reversals_torque_is_less_sure() -> None:
+def test_torque_is_less_certain_near_reversals() -> None:
     count = 4000
     rng, near = np.random.default_rng(9), np.arange(count) % 40 < 6
     residual = 0.1 * rng.standard_normal(count) + 0.5 * near * rng.standard_normal(count)
@@ -173,7 +173,7 @@ T = np.arange(COUNT) / RATE
         ("time", "100 to 120 s", lambda s: 1.0 * ((T >= 100) & (T < 120))),
     ],
 )
-def test_torque_is_where_it_was_put(variable: str, region: str, torque: Callable[[dict[str, Array]], Array]) -> None:
+def test_planted_torque_is_located(variable: str, region: str, torque: Callable[[dict[str, Array]], Array]) -> None:
     own = np.asarray(torque(SIGNALS), dtype=float)
     noise = 0.03 * np.sqrt(np.mean(own**2)) * RANDOM.standard_normal(COUNT)
     place = locate(table(own, waves(COUNT), t=T, **SIGNALS), 0, own + noise)
@@ -189,7 +189,7 @@ def test_torque_is_where_it_was_put(variable: str, region: str, torque: Callable
     assert place.share > 0.8 and 0.5 < place.explained <= 1
 
 
-def test_a_sliding_joint_is_told_in_metres() -> None:
+def test_a_sliding_joint_is_described_in_metres() -> None:
     own = SIGNALS["v"] * (np.abs(SIGNALS["v"]) > 1)
     rows = table(own, waves(COUNT), t=T, **SIGNALS)
     assert locate(rows, 0, own).region.endswith("rad/s") and locate(rows, 0, own, prismatic=True).region.endswith(

@@ -1,4 +1,4 @@
-"""When a motion repeats."""
+"""Period of a repeated motion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Differences that a healthy reference has too are no findings, on small evidence."""
+"""Differences also present in a healthy reference are no findings, on small evidence."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SPRING, VISCOUS = law("spring", stiffness=1.5, rest=0.2), law("viscous_friction"
 
 
 def reference(train_rms: float) -> Any:
-    """A diagnosis whose extended simulation leaves this rms [N.m], over the noise."""
+    """A diagnosis with this rms residual [N.m] of the extended simulation, above the noise."""
     after = SimpleNamespace(train_rms=np.array([train_rms]), irreducible_rms=np.array([NOISE]))
     return SimpleNamespace(after=after)
 
@@ -57,7 +57,7 @@ def recording(seed: int, *planted: Law) -> Recording:
     return signid.read_recording(columns, motion.robot)
 
 
-def test_what_the_reference_lacks_too_is_no_finding() -> None:
+def test_differences_present_in_the_reference_are_no_findings() -> None:
     """Viscous friction is in both, the spring in the second alone."""
     robot = signid.load_robot("1r")
     model = Model(robot, stated_inertials(robot), ())

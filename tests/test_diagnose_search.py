@@ -130,7 +130,7 @@ def test_the_next_law_is_selected_from_a_lower_threshold_on() -> None:
         (0.1, False, 0.1, 2, (), 3.0),
     ],
 )
-def test_log_odds_that_are_needed(
+def test_required_log_odds(
     trusted: float, informed: bool, imitated: float, count: int, violated: tuple[int, ...], needed: float
 ) -> None:
     evidence = SimpleNamespace(informed=informed, imitated=lambda _: imitated)
@@ -154,13 +154,13 @@ def test_a_law_that_is_more_than_its_simpler_ones_stays() -> None:
 
 
 @pytest.mark.parametrize(("size", "large"), [(0.5, False), (2.0, True)])
-def test_laws_need_some_torque(size: float, large: bool) -> None:
+def test_laws_need_a_minimum_torque(size: float, large: bool) -> None:
     scale = float(question().posterior.evidence.data.scale[0])
     one = pose(LIBRARY, law("torque_offset", offset=size * LEAST_TORQUE_SHARE * scale), noise=1e-3)
     assert is_admissible(one.selection(), one.group("torque_offset", 0)) == large
 
 
-def test_laws_need_the_sign_that_physics_wants() -> None:
+def test_laws_need_the_physical_sign() -> None:
     one, wrong = question(VISCOUS), question(law("viscous_friction", coefficient=-0.3))
     assert is_admissible(one.selection(), one.group("viscous_friction", 0))
     assert not is_admissible(wrong.selection(), wrong.group("viscous_friction", 0))

@@ -84,7 +84,7 @@ def test_laws_of_recordings_have_their_full_size(offset: float) -> None:
     assert abs(numbers(found)["offset"] - offset) < abs(float(first.value[first.place(group)][0]) - offset)
 
 
-def test_sizes_that_no_recording_has_are_not_tried(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_impossible_sizes_are_not_tried(monkeypatch: pytest.MonkeyPatch) -> None:
     one = pose((law("encoder_offset"),), law("encoder_offset", offset=2.0))
     monkeypatch.setattr(shape_optimisation, "_optimise", lambda *_: pytest.fail("tried"))
     before = one.selection(one.group("encoder_offset", 0))

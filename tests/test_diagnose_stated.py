@@ -1,4 +1,4 @@
-"""Stated numbers that held-out rows want otherwise are named with both sizes, and others are not."""
+"""Stated parameters that contradict held-out rows are named with both values; others are not."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ STATED, MORE = DRIVES["1r"].coulomb_friction[0], 0.25
 
 
 def handed_out(question: Posed, level: float) -> ExtendedSimulation:
-    """A simulation with all stated numbers of laws refitted, that of dry friction to a level."""
+    """A simulation with all stated parameters of laws refitted; dry friction gets the given level."""
     model, laws = question.dataset.model, list[Law]()
     for law in model.laws:
         dry = law.effect.name == "coulomb_friction"
@@ -26,7 +26,7 @@ def handed_out(question: Posed, level: float) -> ExtendedSimulation:
     return ExtendedSimulation({}, prediction, frozenset(), refitted, {}, {})
 
 
-def test_a_number_of_another_size_is_named_with_both() -> None:
+def test_a_wrong_stated_parameter_is_named_with_both_values() -> None:
     question = posed("1r", fault("coulomb_friction", 1, level=MORE))
     extended = handed_out(question, STATED + MORE)
     (found,) = stated_number_findings(question.dataset, question.session, question.found(), extended)
@@ -36,7 +36,7 @@ def test_a_number_of_another_size_is_named_with_both() -> None:
     assert 0 < found.std["level"] < MORE / 3 and 0 < found.held_out_gain < 1
 
 
-def test_numbers_that_are_as_stated_are_not_named() -> None:
+def test_correct_stated_parameters_are_not_named() -> None:
     question = posed("1r")
     extended = handed_out(question, STATED)
     assert not list(stated_number_findings(question.dataset, question.session, question.found(), extended))

@@ -1,4 +1,4 @@
-"""How sure a law may be by its gain in parts of the recordings, and what is handed out, on small evidence."""
+"""Limit of a law's log odds from its gain in parts of the recordings, and the results, on small evidence."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ COUNT = 800
 
 
 def steady(torque: Array, rest: Array, prior: float = 0.5) -> float:
-    """Log odds of a law with this torque (N,) [N.m], where all laws leave (N,) [N.m]."""
+    """Log odds of a law with torque (N,) [N.m] and a residual (N,) [N.m] of all laws."""
     group = SimpleNamespace(claim=SimpleNamespace(key=KEY))
     data = SimpleNamespace(rows=lambda _: [0], raw=lambda *_: torque[:, None])
     posterior = SimpleNamespace(evidence=SimpleNamespace(data=data), priors={KEY: float(np.log(prior))})
@@ -36,7 +36,7 @@ def steady(torque: Array, rest: Array, prior: float = 0.5) -> float:
 
 
 class _Always:
-    """One value, whatever is asked for."""
+    """One value for all keys."""
 
     def __init__(self, value: Array) -> None:
         self.value = value
@@ -49,11 +49,11 @@ def noise(seed: int, size: float = 0.1) -> Array:
     return size * np.random.default_rng(seed).standard_normal(COUNT)
 
 
-def test_a_law_that_gains_everywhere_may_be_sure() -> None:
+def test_a_law_with_even_gain_may_be_certain() -> None:
     assert steady(np.sin(np.arange(COUNT) / 9.0), noise(0)) > 20
 
 
-def test_a_law_that_gains_here_and_loses_there_is_not_sure() -> None:
+def test_a_law_with_uneven_gain_is_uncertain() -> None:
     torque = np.sin(np.arange(COUNT) / 9.0)
     half = np.arange(COUNT) < COUNT / 2
     imitated = np.where(half, 0.9, -0.9) * torque + noise(1)  # there at twice the size, then not at all
@@ -83,7 +83,7 @@ def test_joints_that_are_predicted_worse_weigh_more() -> None:
     assert error_change(rows(worse), rows(before)) > error_change(rows(better), rows(before)) + 4 * np.log(1.3)
 
 
-def test_coefficients_that_are_held_stay_zero() -> None:
+def test_held_coefficients_stay_zero() -> None:
     rng = np.random.default_rng(6)
     x, truth = rng.standard_normal((200, 3)), np.array([1.0, -2.0, 0.5])
     fit = solve(np.arange(3), x.T @ x, x.T @ (x @ truth), 1e-9 * np.eye(3))
@@ -105,7 +105,7 @@ def test_noise_decays() -> None:
 @pytest.mark.parametrize(
     ("kept", "itself", "likely"), [(True, False, 0.999), (False, False, 0.5), (False, True, 0.999)]
 )
-def test_a_law_that_is_left_out_is_no_likelier_than_not(kept: bool, itself: bool, likely: float) -> None:
+def test_a_pruned_law_has_at_most_even_odds(kept: bool, itself: bool, likely: float) -> None:
     group = Group(0, 1, cast(Any, SimpleNamespace(key=KEY)))
     contender = Contender(group, evidence=9.2, shares={KEY: 1.0}, candidates={}, unexplained=0.0)
     extended = SimpleNamespace(kept={group} if kept else set(), log_bayes={group: 0.0}, laws={group: (SIGN,)})
@@ -114,12 +114,12 @@ def test_a_law_that_is_left_out_is_no_likelier_than_not(kept: bool, itself: bool
 
 
 @pytest.mark.parametrize(("best", "further", "found"), [(0.4, 0, 0.4), (2.5, 0, 1.0), (2.5, 4, 2.5), (-2.5, 4, -1.0)])
-def test_sizes_in_the_record_are_reached_outwards(best: float, further: int, found: float) -> None:
+def test_sizes_of_recording_laws_are_searched_outwards(best: float, further: int, found: float) -> None:
     steps = _minimised(lambda x: float((x[0] - best) ** 2), np.zeros(1), further)
     assert steps.x[0] == pytest.approx(found, abs=0.02)
 
 
 @pytest.mark.parametrize(("error", "std", "vague"), [(0.002, 0.04, True), (0.03, 0.04, False), (0.002, 0.0, False)])
-def test_a_law_whose_coefficients_are_hardly_not_zero_is_vague(error: float, std: float, vague: bool) -> None:
+def test_a_law_with_insignificant_coefficients_is_vague(error: float, std: float, vague: bool) -> None:
     assert _is_vague(Law(EFFECTS["torque_gain"], (0,), {"error": error}), {"error": std}) == vague
     assert not _is_vague(SIGN, {})

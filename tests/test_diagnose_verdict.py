@@ -68,7 +68,7 @@ def test_twins_are_compared_however_unlikely_they_are() -> None:
     assert energies["fluid_drag", (0,)] < 1e-6 * energies[group.claim.key]
 
 
-def test_a_dependence_is_no_rival_by_what_a_formula_misses() -> None:
+def test_a_dependence_is_no_rival_because_of_formula_errors() -> None:
     one = pose((*LIBRARY, UNKNOWN), SPRING, noise=1.0)
     (spring,) = ranked(one, "spring")
     group = one.group("spring", 0)
@@ -96,7 +96,7 @@ def test_torque_that_a_rival_makes_beside_the_law_does_not_count_for_it() -> Non
     assert viscous.instead is not one.group("spring", 0)
 
 
-def test_a_likelier_rival_takes_the_place() -> None:
+def test_a_likelier_rival_replaces_the_law() -> None:
     one = pose(LIBRARY, VISCOUS)
     wrong = one.selection(one.group("coulomb_friction", 0))
     (contender,) = rank_contenders(one.dataset, wrong)
@@ -112,7 +112,7 @@ def test_a_law_without_torque_is_dropped() -> None:
     assert names(better) == {"viscous_friction"} and sure.group is better.selected[0]
 
 
-def test_held_out_rows_count_like_others() -> None:
+def test_held_out_rows_have_equal_weight() -> None:
     (viscous,) = ranked(pose(LIBRARY, VISCOUS), "viscous_friction")
     unsure = replace(viscous, evidence=2.0, steadiness=np.inf)
     assert unsure.with_held_out(-2.0, refused=False).log == pytest.approx(0.0)
@@ -141,7 +141,7 @@ def test_a_law_that_explains_all_is_named() -> None:
     assert not decided.is_quiet([0])
 
 
-def test_noise_alone_is_nothing() -> None:
+def test_noise_alone_gives_nothing_missing() -> None:
     decided = verdict(pose((*LIBRARY, UNKNOWN)))
     assert decided.name == "nothing_missing" and decided.causes == () and decided.is_quiet([0])
 

@@ -1,6 +1,6 @@
-"""What is public says what it is: shapes and units of arrays, and the errors it raises.
+"""Docstrings of public names: shapes and units of arrays, and the errors raised.
 
-An array is told by a line `name: (N, n) [rad or m]`, in the docstring or beside a field; `[1]` has no dimension.
+An array is documented by a line `name: (N, n) [rad or m]`, in the docstring or beside a field; `[1]` has no dimension.
 An override is documented where the method was first documented.
 """
 
@@ -23,7 +23,7 @@ Function = ast.FunctionDef | ast.AsyncFunctionDef
 
 @dataclass(frozen=True)
 class Class:
-    """What an override may inherit from."""
+    """Methods that an override may inherit its documentation from."""
 
     bases: tuple[str, ...]
     docstrings: Mapping[str, str]  # of its own methods
@@ -66,7 +66,7 @@ def kinds(annotation: ast.expr | None) -> set[str]:
 
 
 def lacks(name: str, annotation: ast.expr | None, text: str) -> str:
-    """What the text does not say about an array, "" when it says all. Truth values and indices have no unit."""
+    """Missing information about an array, or "". Truth values and indices have no unit."""
     found = kinds(annotation)
     if not found & {"Array", "NDArray"}:
         return ""
@@ -78,7 +78,7 @@ def lacks(name: str, annotation: ast.expr | None, text: str) -> str:
 
 
 def raised(function: Function) -> set[str]:
-    """Names of the errors in its raise statements; NotImplementedError only marks what a subclass must write."""
+    """Names of the errors in its raise statements; NotImplementedError is ignored."""
     errors = (node.exc for node in ast.walk(function) if isinstance(node, ast.Raise) and node.exc)
     names = (ast.unparse(error.func if isinstance(error, ast.Call) else error) for error in errors)
     return {name.split(".")[-1] for name in names if name.endswith("Error")} - {"NotImplementedError"}
@@ -98,8 +98,8 @@ def in_function(function: Function, text: str) -> Iterator[str]:
     for argument in (*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs, arguments.vararg, arguments.kwarg):
         if argument and (lack := lacks(argument.arg, argument.annotation, text)):
             yield lack
-    told = text.partition("Raises:")[2]
-    yield from (f"`Raises:` does not name {error}" for error in sorted(raised(function)) if error not in told)
+    section = text.partition("Raises:")[2]
+    yield from (f"`Raises:` does not name {error}" for error in sorted(raised(function)) if error not in section)
 
 
 def in_class(node: ast.ClassDef, lines: list[str], known: Classes) -> Iterator[tuple[int, str]]:
@@ -118,7 +118,7 @@ def in_class(node: ast.ClassDef, lines: list[str], known: Classes) -> Iterator[t
 
 
 def failures(source: str, known: Classes) -> Iterator[tuple[int, str]]:
-    """Line and sentence of each thing that is public and not told."""
+    """Line and message of each undocumented public name."""
     tree = ast.parse(source)
     for node in tree.body:
         if isinstance(node, ast.ClassDef) and node.name[0] != "_":
@@ -127,7 +127,7 @@ def failures(source: str, known: Classes) -> Iterator[tuple[int, str]]:
             yield from ((node.lineno, f"{node.name} {lack}") for lack in in_function(node, ""))
 
 
-def test_what_is_public_is_told() -> None:
+def test_public_names_are_documented() -> None:
     sources = {path.relative_to(PACKAGE.parent): path.read_text() for path in sorted(PACKAGE.rglob("*.py"))}
     known = classes(map(ast.parse, sources.values()))
     found = [f"{path}:{line}: {what}" for path, text in sources.items() for line, what in failures(text, known)]
@@ -136,7 +136,7 @@ def test_what_is_public_is_told() -> None:
 
 PLANTED = '''
 def bare(): ...
-def untold(q: Array):
+def undocumented(q: Array):
     """Do it to q (all of it)."""
 def unitless(q: NDArray[np.float64] | None):
     """q: (N, n) positions."""
@@ -149,7 +149,7 @@ class Kind:
     def run(self): ...
 '''
 
-TOLD = '''
+DOCUMENTED = '''
 def full(q: Array, mask: NDArray[np.bool_], f: Callable[[Array], Array]):
     """Do it.
 
@@ -178,11 +178,11 @@ class Child(Base):
 '''
 
 
-def test_planted_silence_is_caught() -> None:
+def test_planted_omissions_are_caught() -> None:
     found = [what for _, what in failures(PLANTED, classes(iter([ast.parse(PLANTED)])))]
     assert found == [
         "bare has no docstring",
-        "untold q needs `q: (shape) [unit]`",
+        "undocumented q needs `q: (shape) [unit]`",
         "unitless q needs `q: (shape) [unit]`",
         "silent `Raises:` does not name RobotError",
         "Kind: value needs `value: (shape) [unit]`",
@@ -190,5 +190,5 @@ def test_planted_silence_is_caught() -> None:
     ]
 
 
-def test_what_is_told_passes() -> None:
-    assert list(failures(TOLD, classes(iter([ast.parse(TOLD)])))) == []
+def test_complete_documentation_passes() -> None:
+    assert list(failures(DOCUMENTED, classes(iter([ast.parse(DOCUMENTED)])))) == []

@@ -1,4 +1,4 @@
-"""Every effect obeys the contract, the simulator agrees with it, and the contract catches what it must."""
+"""Every effect obeys the contract, the simulator agrees with it, and planted errors are caught."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ DESIGN = """
     base_tilt joint_coupling torque_saturation external_contact fluid_drag torque_sign channel_swap"""
 
 
-def test_every_law_is_there() -> None:
+def test_every_law_is_registered() -> None:
     assert set(EFFECTS.names) == set(DESIGN.split())
     assert EFFECTS.names[:4] == EFFECT_NAMES
     assert all(EFFECTS[name].name == name for name in EFFECTS.names)

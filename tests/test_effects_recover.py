@@ -1,4 +1,4 @@
-"""Every law's numbers come back from a simulated recording with noise and friction beside it."""
+"""Parameters of every law are identified from a simulated recording with noise and friction."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ SECONDS, SEED = 8.0, 5  # longer ones and other seeds: python -m benchmarks.effe
 
 
 @pytest.mark.parametrize("effect", list(EFFECTS), ids=lambda e: e.name)
-def test_numbers_come_back(effect: Effect) -> None:
+def test_parameters_are_recovered(effect: Effect) -> None:
     planted = case(effect, SEED, SECONDS)
     far = misses(planted, recover(planted))
     assert far

@@ -1,4 +1,4 @@
-"""Estimators beside least squares: the same where there is no noise, without its bias where positions are noisy."""
+"""Estimators compared with least squares: equal without noise, unbiased where positions are noisy."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def test_without_noise_all_agree_with_least_squares(how: str) -> None:
     assert not other.flags
 
 
-def test_bias_of_least_squares_goes() -> None:
+def test_bias_of_least_squares_is_removed() -> None:
     ways = ("wls", "iv", "tls", "oe")
     means = {how: np.mean([off(identified(how, seed, NOISE, 0.01, WIDE)) for seed in SEEDS]) for how in ways}
     assert means["iv"] < 0.5 * means["wls"]
@@ -82,7 +82,7 @@ def test_bias_of_least_squares_goes() -> None:
     assert means["tls"] < 0.8 * means["wls"]
 
 
-def test_intervals_hold_the_truth_better_than_those_of_least_squares_widened_by_its_misfit() -> None:
+def test_intervals_cover_the_truth_better_than_inflated_least_squares() -> None:
     def away(how: str) -> float:
         found = [identified(how, seed, MUCH, 0.02, WIDE) for seed in SEEDS[:2]]
         z = [(f.estimate.value - truth(ARM, f.session)) / f.estimate.std for f in found]
@@ -91,7 +91,7 @@ def test_intervals_hold_the_truth_better_than_those_of_least_squares_widened_by_
     assert away("iv") < 1.2 and away("iv") < away("wls") < 1.7
 
 
-def test_nothing_changes_without_being_asked_for() -> None:
+def test_the_default_is_unchanged() -> None:
     session = identified(None, 0, NOISE, 0.02, WIDE)
     assert session.estimate.method == "instrumental variables"
     assert any("desired positions served as instruments" in note for note in session.notes)
@@ -123,7 +123,7 @@ def test_stated_gains_take_the_place_of_those_found() -> None:
     assert off(found) < 0.05
 
 
-def test_outliers_count_less_with_any_of_them() -> None:
+def test_every_estimator_downweights_outliers() -> None:
     made = columns(0, 0.0)
     rng = np.random.default_rng(4)
     for start in rng.integers(0, len(made["t"]) - 40, 6):
@@ -137,7 +137,7 @@ def test_outliers_count_less_with_any_of_them() -> None:
         assert robust < 0.6 * plain, how
 
 
-def test_what_cannot_be_is_refused() -> None:
+def test_impossible_options_are_refused() -> None:
     blind = signid.read_recording(columns(0, NOISE, desired=False), arm())
     for how in ("iv", "oe"):
         with pytest.raises(OptionError, match=rf"estimator {how} .* q_des_J of every joint; joint_1 has none"):
@@ -153,7 +153,7 @@ def test_noise_beyond_total_least_squares_is_flagged() -> None:
     assert any("position noise is" in flag and "lower the cut-off" in flag for flag in found.flags)
 
 
-def test_a_joint_that_was_not_moved_stays_untold() -> None:
+def test_a_joint_at_rest_stays_unidentified() -> None:
     made = trial(signid.load_robot("3r"), rest=(2,))
     for how in ("tls", "iv", "oe"):
         found = signid.identify(made.robot, [made.recording(q_des=made.q)], estimator=how)
@@ -168,7 +168,7 @@ def test_encoder_noise_is_measured() -> None:
         assert np.allclose(measured, size, rtol=0.1)
 
 
-def test_another_package_can_bring_one(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_another_package_can_register_an_estimator(monkeypatch: pytest.MonkeyPatch) -> None:
     import importlib.metadata
 
     point = importlib.metadata.EntryPoint("mine", "signid.estimation.estimators.wls:PLUGIN", "signid.estimators")
@@ -181,8 +181,8 @@ def test_the_command_names_the_estimator(how: str, tmp_path: Path, capfd: pytest
     path = tmp_path / "recording.parquet"
     pl.DataFrame(columns(0, 1e-4)).write_parquet(path)
     assert run(["identify", str(ROOT / "robots" / "3r"), str(path), "--estimator", how, "--json"]) == 0
-    told = json.loads(capfd.readouterr().out)
-    assert told["estimator"] == ESTIMATORS[how].title
+    document = json.loads(capfd.readouterr().out)
+    assert document["estimator"] == ESTIMATORS[how].title
 
 
 def test_the_command_refuses_in_one_sentence(capfd: pytest.CaptureFixture[str]) -> None:

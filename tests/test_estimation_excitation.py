@@ -1,4 +1,4 @@
-"""What a motion cannot tell is said: joints that stand still, joints in step."""
+"""Poor excitation is flagged: joints at rest, joints in step."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def judged(made: Trial, **changes: Array) -> tuple[Estimate, ExcitationVerdict]:
     return found, judge_excitation(session.task, factors, found)
 
 
-def test_what_is_not_told_is_said(arm: Robot) -> None:
+def test_poor_excitation_is_reported(arm: Robot) -> None:
     found, verdict = judged(trial(arm, rest=(2,)))
     assert np.isinf(found.std).any()
     assert verdict.resting == ("joint_3",)

@@ -1,4 +1,4 @@
-"""Standard parameters that a real robot could have: kept where possible, moved little where not, proved always."""
+"""Physically consistent standard parameters: base parameters kept where possible, else moved little, and certified."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from dataclasses import replace
 import cvxpy as cp
 import numpy as np
 import pytest
+from captured import Captured, captured
 from numpy.testing import assert_allclose
-from told import Told, told
 
 from signid.estimation.feasible import ConsistentFit, fit_consistent, problem as problems, solve, standard_from_base
 from signid.estimation.feasible.fit import _verified
@@ -19,12 +19,12 @@ from signid.estimation.feasible.prior import feasible_prior, inertial
 from signid.types import Estimate, pseudo_inertia
 
 
-def fitted(case: Told) -> ConsistentFit:
+def fitted(case: Captured) -> ConsistentFit:
     return fit_consistent(case.base, case.estimate, case.prior)
 
 
-def least_chi2(case: Told) -> float:
-    """Of any feasible parameters, by a formulation without prior, barrier or Newton's method."""
+def least_chi2(case: Captured) -> float:
+    """Least chi2 of feasible parameters, by a formulation without prior, barrier or Newton's method."""
     x = cp.Variable(len(case.base.labels))
     root = problems.information_root(case.estimate.information)
     basis = np.array([pseudo_inertia(e) for e in np.eye(10)]).reshape(10, 16).T
@@ -40,8 +40,8 @@ def least_chi2(case: Told) -> float:
     return float(problem.value)
 
 
-def moved_to(case: Told, name: str, value: float) -> Told:
-    """The same recordings, had they told another value for one coefficient."""
+def moved_to(case: Captured, name: str, value: float) -> Captured:
+    """The same case with another estimate of one coefficient."""
     where = next(i for i, k in enumerate(case.base.independent) if case.base.labels[k].name == name)
     changed = case.estimate.value.copy()
     changed[where] = value
@@ -50,7 +50,7 @@ def moved_to(case: Told, name: str, value: float) -> Told:
 
 def test_noise_free_base_parameters_are_kept() -> None:
     for name in ("1r", "3r"):
-        case = told(name, noise=1e-9)
+        case = captured(name, noise=1e-9)
         fit = fitted(case)
         assert fit.feasible_without_moving and fit.parameters.is_feasible() and not fit.notes
         assert_allclose(fit.base_value, case.estimate.value, rtol=0, atol=1e-9 * np.abs(case.estimate.value).max())
@@ -58,8 +58,8 @@ def test_noise_free_base_parameters_are_kept() -> None:
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_noisy_base_parameters_are_kept_where_a_robot_could_have_them(seed: int) -> None:
-    case = told("3r", noise=0.03, seed=seed)
+def test_noisy_consistent_base_parameters_are_kept(seed: int) -> None:
+    case = captured("3r", noise=0.03, seed=seed)
     fit, least = fitted(case), least_chi2(case)
     assert fit.parameters.is_feasible()
     assert least - 1e-6 <= fit.chi2 <= least + 0.5
@@ -69,8 +69,8 @@ def test_noisy_base_parameters_are_kept_where_a_robot_could_have_them(seed: int)
         assert fit.moved < 0.5
 
 
-def test_what_is_reported_belongs_together() -> None:
-    for case in (told("3r", 0.1), moved_to(told("3r", 0.1), "coulomb_friction_2", -0.5)):
+def test_reported_values_are_consistent() -> None:
+    for case in (captured("3r", 0.1), moved_to(captured("3r", 0.1), "coulomb_friction_2", -0.5)):
         fit = fitted(case)
         away = fit.base_value - case.estimate.value
         assert_allclose(fit.base_value, case.base.combination @ fit.parameters.values, rtol=0, atol=0)
@@ -79,8 +79,8 @@ def test_what_is_reported_belongs_together() -> None:
         assert fit.moved == np.abs(fit.moves).max()
 
 
-def test_negative_friction_is_moved_to_zero_and_no_further_than_it_must() -> None:
-    kept = told("3r", noise=0.01, seed=1)
+def test_negative_friction_moves_to_zero_by_the_least_change() -> None:
+    kept = captured("3r", noise=0.01, seed=1)
     assert fitted(kept).feasible_without_moving
     case = moved_to(kept, "coulomb_friction_2", -0.05)
     fit = fitted(case)
@@ -91,7 +91,7 @@ def test_negative_friction_is_moved_to_zero_and_no_further_than_it_must() -> Non
 
 
 def test_two_solvers_agree() -> None:
-    case = told("3r", noise=0.05)
+    case = captured("3r", noise=0.05)
     problem = problems.build_problem(case.base, case.estimate, case.prior, 1e-2)
     asked, status = solve._ask(problem)
     assert status == "optimal" and asked is not None
@@ -103,8 +103,8 @@ def test_two_solvers_agree() -> None:
         assert_allclose(problem.matrix @ alone, problem.matrix @ u, atol=1e-3)
 
 
-def test_a_failing_solver_costs_nothing_but_a_note(monkeypatch: pytest.MonkeyPatch) -> None:
-    case = told("3r", noise=0.05)
+def test_a_failing_solver_only_adds_a_note(monkeypatch: pytest.MonkeyPatch) -> None:
+    case = captured("3r", noise=0.05)
     well = fitted(case)
     monkeypatch.setattr(solve, "trace", lambda problem, heavier: None)
     by_solver = fitted(case)
@@ -116,8 +116,8 @@ def test_a_failing_solver_costs_nothing_but_a_note(monkeypatch: pytest.MonkeyPat
     assert_allclose(alone.chi2, well.chi2, rtol=1e-6)
 
 
-def test_no_solver_is_believed(monkeypatch: pytest.MonkeyPatch) -> None:
-    case = told("3r", noise=0.05)
+def test_solver_answers_are_verified(monkeypatch: pytest.MonkeyPatch) -> None:
+    case = captured("3r", noise=0.05)
     u = problems.build_problem(case.base, case.estimate, case.prior, 1e-2).start
     u[:10] = pack(np.diag([1.0, 1.0, -1e-9, 1.0]))
     monkeypatch.setattr(solve, "trace", lambda problem, heavier: None)
@@ -127,7 +127,7 @@ def test_no_solver_is_believed(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_an_infeasible_answer_is_drawn_to_the_prior_by_the_least_share() -> None:
-    prior = told("3r", noise=0.05).prior
+    prior = captured("3r", noise=0.05).prior
     matrix, values = pseudo_inertia(prior.values[:10]), prior.values.copy()
     least, axes = np.linalg.eigh(matrix)
     values[:10] = TO_INERTIAL @ pack(matrix - (1.001 * least[0]) * np.outer(axes[:, 0], axes[:, 0]))
@@ -138,8 +138,8 @@ def test_an_infeasible_answer_is_drawn_to_the_prior_by_the_least_share() -> None
     assert share == 0 and np.array_equal(untouched.values, prior.values)
 
 
-def test_bodies_that_no_torque_shows_keep_the_prior() -> None:
-    case = told("3r", noise=0.02)
+def test_unidentifiable_bodies_keep_the_prior() -> None:
+    case = captured("3r", noise=0.02)
     combination = case.base.combination.copy()
     combination[:, 20:30] = 0
     fit = fit_consistent(replace(case.base, combination=combination), case.estimate, case.prior)
@@ -147,8 +147,8 @@ def test_bodies_that_no_torque_shows_keep_the_prior() -> None:
     assert not np.allclose(fit.parameters.values[10:20], case.prior.values[10:20])
 
 
-def test_massless_flat_and_impossible_bodies_of_the_prior_are_replaced_and_said() -> None:
-    case = told("3r", noise=0.02)
+def test_massless_flat_and_impossible_bodies_of_the_prior_are_replaced_with_a_note() -> None:
+    case = captured("3r", noise=0.02)
     values = case.prior.values.copy()
     values[:10] = 0
     values[10:20] = [1, 0, 0, 0, 0, 0, 0, 0, 0, 0]
@@ -166,8 +166,8 @@ def test_massless_flat_and_impossible_bodies_of_the_prior_are_replaced_and_said(
     assert made.is_feasible() and made.values[10] == 1 and made.values[0] == 0.05
 
 
-def test_what_the_recordings_do_not_tell_comes_from_the_prior() -> None:
-    case = told("3r", noise=0.02, seed=1)
+def test_unidentifiable_parameters_come_from_the_prior() -> None:
+    case = captured("3r", noise=0.02, seed=1)
     lost = case.base.rank // 2
     information, covariance = case.estimate.information.copy(), np.full((case.base.rank,) * 2, 0.0)
     information[:lost], information[:, :lost] = 0, 0
@@ -183,13 +183,13 @@ def test_what_the_recordings_do_not_tell_comes_from_the_prior() -> None:
 
 
 def test_a_heavier_prior_pulls_harder_where_the_estimate_must_move() -> None:
-    case = moved_to(told("3r", noise=0.05), "coulomb_friction_2", -1.0)
+    case = moved_to(captured("3r", noise=0.05), "coulomb_friction_2", -1.0)
     fits = [fit_consistent(case.base, case.estimate, case.prior, prior_weight=w) for w in (1e-4, 1e-2, 1.0)]
     assert fits[0].chi2 < fits[1].chi2 < fits[2].chi2
 
 
-def test_absurd_estimates_still_give_a_possible_robot() -> None:
-    case = told("3r", noise=1e-6)
+def test_absurd_estimates_still_give_a_consistent_robot() -> None:
+    case = captured("3r", noise=1e-6)
     rng = np.random.default_rng(3)
     value = case.estimate.value + 0.05 * np.abs(case.estimate.value) * rng.standard_normal(case.base.rank) - 0.02
     absurd = replace(case, estimate=replace(case.estimate, value=value))
@@ -198,27 +198,27 @@ def test_absurd_estimates_still_give_a_possible_robot() -> None:
     assert fit.chi2 < 1.2 * least_chi2(absurd)
 
 
-def test_the_same_question_has_the_same_answer() -> None:
-    case = told("3r", noise=0.05)
+def test_results_are_reproducible() -> None:
+    case = captured("3r", noise=0.05)
     assert np.array_equal(fitted(case).parameters.values, fitted(case).parameters.values)
 
 
 @pytest.mark.parametrize("name", ["panda", "g1"])
 def test_large_robots_are_fitted(name: str) -> None:
-    case = told(name, noise=0.05, rows=200)
+    case = captured(name, noise=0.05, rows=200)
     assert fitted(case).parameters.is_feasible()
 
 
 def test_the_nearest_standard_parameters_reproduce_the_base_parameters() -> None:
     for name in ("1r", "3r", "panda"):
-        case = told(name, noise=0.05)
+        case = captured(name, noise=0.05)
         got = standard_from_base(case.base, case.estimate.value, case.prior)
         error = np.abs(case.base.combination @ got.values - case.estimate.value)
         assert error.max() < 1e-12 * np.abs(case.estimate.value).max()
 
 
 def test_the_nearest_is_the_prior_itself_when_it_fits_and_no_detour_otherwise() -> None:
-    case = told("3r", noise=0.05, laws=False)
+    case = captured("3r", noise=0.05, laws=False)
     own = standard_from_base(case.base, case.base.combination @ case.prior.values, case.prior)
     assert_allclose(own.values, case.prior.values, rtol=0, atol=1e-12)
     got = standard_from_base(case.base, case.estimate.value, case.prior)
@@ -229,7 +229,7 @@ def test_the_nearest_is_the_prior_itself_when_it_fits_and_no_detour_otherwise() 
 
 
 def test_labels_must_agree() -> None:
-    case, other = told("3r", noise=0.05), told("3r", noise=0.05, laws=False)
+    case, other = captured("3r", noise=0.05), captured("3r", noise=0.05, laws=False)
     with pytest.raises(ValueError, match="build both from the same robot and the same laws"):
         fit_consistent(case.base, case.estimate, other.prior)
     with pytest.raises(ValueError, match="labels"):

@@ -1,4 +1,4 @@
-"""Base parameters from factors: exact where there is no noise, honest where there is."""
+"""Base parameters from factors: exact without noise, with valid intervals otherwise."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def test_coloured_noise_widens_the_intervals(arm: Robot) -> None:
     assert np.sqrt(np.mean(((found.value - right) / found.std) ** 2)) < 1.5
 
 
-def test_a_joint_without_torque_is_told_by_the_others(arm: Robot) -> None:
+def test_a_joint_without_torque_is_identified_from_the_others(arm: Robot) -> None:
     import signid
 
     made = trial(arm)
@@ -104,12 +104,12 @@ def test_instruments_repair_a_coarse_encoder(arm: Robot) -> None:
     wide = Options(cutoff=10.0)
     session, plain = solve(made, wide, q=coarse, tau=tau)
     assert plain.method == "weighted least squares"
-    told, repaired = solve(made, wide, q=coarse, tau=tau, q_des=made.q)
+    instrumented, repaired = solve(made, wide, q=coarse, tau=tau, q_des=made.q)
     assert repaired.method == "instrumental variables"
-    assert error(told, repaired) < 0.5 * error(session, plain)
+    assert error(instrumented, repaired) < 0.5 * error(session, plain)
 
 
-def test_instruments_that_tell_nothing_are_left(arm: Robot) -> None:
+def test_weak_instruments_are_not_used(arm: Robot) -> None:
     made = trial(arm)
     other = trial(arm, seed=9)
     found = solve(made, Options(), q_des=other.q)[1]
@@ -154,7 +154,7 @@ def test_noise_alone_is_no_discrepancy(arm: Robot) -> None:
 
 
 @pytest.mark.parametrize("error", ["friction", "ripple", "delay", "hold"])
-def test_intervals_hold_where_the_model_is_in_error(arm: Robot, error: str) -> None:
+def test_intervals_cover_the_truth_under_model_error(arm: Robot, error: str) -> None:
     shares: list[tuple[float, float]] = []
     for seed in range(6):
         made = trial(arm, seed=seed, seconds=40, rate=500.0)

@@ -1,4 +1,4 @@
-"""Penalty-based retrieval: it finds what the convex fit finds on small robots, and says so when it does not."""
+"""Penalty-based retrieval: agrees with the convex fit on small robots, and notes disagreement."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from captured import Captured, captured
 from numpy.testing import assert_allclose
-from told import Told, told
 
 from signid.errors import OptionError
 from signid.estimation.feasible import fit_consistent
@@ -20,7 +20,7 @@ from signid.types import Array, Parameters
 LINKS = ("link_1", "link_2", "link_3")
 
 
-def retrieved(case: Told, bounds: Bounds | None = None, **options: object) -> Retrieval:
+def retrieved(case: Captured, bounds: Bounds | None = None, **options: object) -> Retrieval:
     return retrieve(case.base, case.estimate, case.prior, bounds, **options)  # type: ignore[arg-type]
 
 
@@ -30,7 +30,7 @@ def slope(function: object, x: Array, step: float = 1e-6) -> Array:
 
 @pytest.mark.parametrize(("name", "laws"), [("1r", False), ("1r", True), ("3r", False)])
 def test_noise_free_base_parameters_are_found_by_every_run(name: str, laws: bool) -> None:
-    case = told(name, noise=1e-6, laws=laws)
+    case = captured(name, noise=1e-6, laws=laws)
     got = retrieved(case, runs=2)
     assert got.feasible and got.converged and got.parameters.is_feasible() and got.violation == 0
     value = case.base.combination @ got.parameters.values
@@ -40,21 +40,21 @@ def test_noise_free_base_parameters_are_found_by_every_run(name: str, laws: bool
 
 
 def test_a_noisy_arm_is_retrieved_about_as_well_as_by_the_convex_fit() -> None:
-    case = told("3r", noise=0.02, seed=6, laws=False)
+    case = captured("3r", noise=0.02, seed=6, laws=False)
     got, fit = retrieved(case, runs=1), fit_consistent(case.base, case.estimate, case.prior)
     assert fit.feasible_without_moving
     assert got.feasible and got.chi2 < 1e-3
 
 
-def test_noise_that_no_robot_could_have_costs_little_more_than_it_must() -> None:
-    case = told("3r", noise=0.05, seed=3, laws=False)
+def test_inconsistent_estimates_cost_little_more_than_necessary() -> None:
+    case = captured("3r", noise=0.05, seed=3, laws=False)
     got, fit = retrieved(case, runs=1), fit_consistent(case.base, case.estimate, case.prior)
     assert not fit.feasible_without_moving
     assert got.feasible and got.converged and 1 < got.chi2 < 1.2 * fit.chi2
 
 
-def test_what_no_robot_could_have_is_said() -> None:
-    case = told("3r", noise=0.02, seed=6, laws=False)
+def test_inconsistent_estimates_are_noted() -> None:
+    case = captured("3r", noise=0.02, seed=6, laws=False)
     box = bounds_around(case.base, case.estimate, case.prior)
     lower, upper = box.lower.copy(), box.upper.copy()
     lower[24], upper[24], upper[[26, 29]] = 1.0, 1.1, 0.1  # Ixx of link 3 above Iyy + Izz
@@ -63,14 +63,14 @@ def test_what_no_robot_could_have_is_said() -> None:
     assert any("the parameters are infeasible" in note for note in got.notes)
 
 
-def test_a_spent_budget_is_said() -> None:
-    got = retrieved(told("3r", noise=0.02), runs=1, rounds=2, budget_global=50, budget_local=5)
+def test_a_spent_budget_is_noted() -> None:
+    got = retrieved(captured("3r", noise=0.02), runs=1, rounds=2, budget_global=50, budget_local=5)
     assert not got.converged and "did not converge within" in got.notes[0]
     assert got.best.evaluations <= 50 + (2 + 6) * 5
 
 
 def test_a_larger_robot_stays_within_its_budget() -> None:
-    case = told("panda", noise=0.05, rows=100)
+    case = captured("panda", noise=0.05, rows=100)
     got = retrieved(case, runs=1, rounds=3, budget_global=1000, budget_local=300)
     assert got.best.evaluations <= 1000 + (3 + 6) * 300
     assert got.feasible == got.parameters.is_feasible()
@@ -78,7 +78,7 @@ def test_a_larger_robot_stays_within_its_budget() -> None:
 
 
 def test_the_best_run_is_kept() -> None:
-    got = retrieved(told("3r", noise=0.02), runs=3, rounds=3, budget_global=400, budget_local=60)
+    got = retrieved(captured("3r", noise=0.02), runs=3, rounds=3, budget_global=400, budget_local=60)
     assert got.best in got.runs
     rivals = [run for run in got.runs if run.feasible == got.feasible]
     assert got.cost == min(run.cost for run in rivals)
@@ -86,21 +86,21 @@ def test_the_best_run_is_kept() -> None:
 
 
 def test_seeds_decide() -> None:
-    case = told("1r", noise=0.02)
+    case = captured("1r", noise=0.02)
     first, again, other = (retrieved(case, runs=1, budget_global=300, seed=seed) for seed in (4, 4, 5))
     assert np.array_equal(first.parameters.values, again.parameters.values)
     assert not np.array_equal(first.parameters.values, other.parameters.values)
 
 
 def test_the_total_mass_is_kept_in_its_range() -> None:
-    case = told("3r", noise=0.02, seed=6, laws=False)
+    case = captured("3r", noise=0.02, seed=6, laws=False)
     for total in ((4.0, 5.0), (18.0, 19.0)):
         got = retrieved(case, runs=1, total_mass=total)
         assert total[0] - 0.01 <= got.parameters.bodies()[:, 0].sum() <= total[1] + 0.01
 
 
 def test_other_algorithms_can_be_named() -> None:
-    case = told("1r", noise=0.02)
+    case = captured("1r", noise=0.02)
     got = retrieved(case, runs=1, global_algorithm="GN_ESCH", local_algorithm="LN_SBPLX", budget_global=500)
     assert got.feasible and got.chi2 < 1e-3
     for option, name in [("global_algorithm", "GN_CRS"), ("local_algorithm", "LD_LBFG")]:
@@ -111,37 +111,37 @@ def test_other_algorithms_can_be_named() -> None:
 @pytest.mark.parametrize("name", ["GN_CRS2_LM", "GN_DIRECT_L", "GN_ISRES"])
 @pytest.mark.parametrize("local", ["LN_SBPLX", "LN_BOBYQA", "LD_SLSQP"])
 def test_the_usual_algorithms_retrieve_a_pendulum(name: str, local: str) -> None:
-    case = told("1r", noise=1e-3, laws=False)
+    case = captured("1r", noise=1e-3, laws=False)
     got = retrieved(case, runs=1, global_algorithm=name, local_algorithm=local, budget_global=2000)
     assert got.feasible and got.converged and got.chi2 < 1e-3
 
 
 def test_an_arm_is_retrieved_by_sequential_quadratic_programming() -> None:
-    got = retrieved(told("3r", noise=1e-3, laws=False), runs=1, local_algorithm="LD_SLSQP")
+    got = retrieved(captured("3r", noise=1e-3, laws=False), runs=1, local_algorithm="LD_SLSQP")
     assert got.feasible and got.converged and got.chi2 < 1e-3
 
 
 def test_an_arm_is_retrieved_without_gradients() -> None:
-    got = retrieved(told("3r", noise=0.05, laws=True, seed=6), runs=1, local_algorithm="LN_SBPLX")
+    got = retrieved(captured("3r", noise=0.05, laws=True, seed=6), runs=1, local_algorithm="LN_SBPLX")
     assert got.feasible and got.chi2 < 10
 
 
 @pytest.mark.parametrize("name", ["ur5", "panda"])
 def test_six_and_seven_joints_with_friction_are_retrieved(name: str) -> None:
-    case = told(name, noise=1e-3)
+    case = captured(name, noise=1e-3)
     got = retrieved(case, runs=1)
     assert got.feasible and got.converged and got.chi2 < 1e-3
     value = case.base.combination @ got.parameters.values
     assert np.linalg.norm(value - case.estimate.value) < 1e-6 * np.linalg.norm(case.estimate.value)
 
 
-def test_an_algorithm_that_cannot_do_it_is_said() -> None:
-    got = retrieved(told("3r", noise=0.02, seed=6), runs=1, global_algorithm="GN_AGS")  # at most 10 unknowns
+def test_an_unsuitable_algorithm_is_noted() -> None:
+    got = retrieved(captured("3r", noise=0.02, seed=6), runs=1, global_algorithm="GN_AGS")  # at most 10 unknowns
     assert got.feasible and any(note.startswith("NLopt's GN_AGS failed") for note in got.notes)
 
 
-def test_what_the_box_fixes_stays() -> None:
-    case = told("3r", noise=0.02, seed=6, laws=False)
+def test_fixed_parameters_stay() -> None:
+    case = captured("3r", noise=0.02, seed=6, laws=False)
     box = bounds_around(case.base, case.estimate, case.prior)
     fixed = np.isin(np.arange(30) % 10, [5, 7, 8])  # products of inertia
     lower, upper = np.where(fixed, case.truth.values, box.lower), np.where(fixed, case.truth.values, box.upper)
@@ -150,7 +150,7 @@ def test_what_the_box_fixes_stays() -> None:
 
 
 def test_gradients_are_those_of_the_cost() -> None:
-    case = told("3r", noise=0.02)
+    case = captured("3r", noise=0.02)
     physics = physics_of(case.base, case.estimate, case.prior, (1.0, 2.0))
     game = cost_of(case.base, case.estimate, bounds_around(case.base, case.estimate, case.prior), physics)
     for seed in range(3):
@@ -164,8 +164,8 @@ def test_gradients_are_those_of_the_cost() -> None:
             assert_allclose(problem.gradient(z), expected, rtol=0, atol=1e-6 * np.abs(expected).max())
 
 
-def test_the_penalty_knows_what_is_possible() -> None:
-    case = told("3r", noise=0.02)
+def test_the_penalty_is_zero_for_consistent_bodies() -> None:
+    case = captured("3r", noise=0.02)
     physics = physics_of(case.base, case.estimate, case.prior)
     for possible in (case.prior, case.truth):
         assert physics.violation(possible.values)[0] == 0
@@ -180,7 +180,7 @@ def test_the_penalty_knows_what_is_possible() -> None:
 
 def test_the_box_holds_the_description_and_the_truth() -> None:
     for name in ("1r", "3r", "ur5"):
-        case = told(name, noise=0.02)
+        case = captured(name, noise=0.02)
         box = bounds_around(case.base, case.estimate, case.prior)
         for held in (case.prior.values, case.truth.values):
             assert (box.lower <= held).all() and (held <= box.upper).all()
@@ -189,7 +189,7 @@ def test_the_box_holds_the_description_and_the_truth() -> None:
 
 
 def test_bounds_are_read_and_kept(tmp_path: Path) -> None:
-    case = told("3r", noise=0.02, seed=6, laws=False)
+    case = captured("3r", noise=0.02, seed=6, laws=False)
     file = tmp_path / "bounds.toml"
     file.write_text("[link.link_2]\nmass = [1.0, 1.01]\nfirst_moment = [[0.1, 0.2], [0, 0], [-0.2, 0.0]]\n")
     default = bounds_around(case.base, case.estimate, case.prior)
@@ -220,7 +220,7 @@ def test_bounds_are_read_and_kept(tmp_path: Path) -> None:
         ('[link.link_1]\ninertia = "large"\n', "expected 6 pairs"),
     ],
 )
-def test_bad_bounds_are_told_in_one_sentence(tmp_path: Path, text: str, sentence: str) -> None:
+def test_bad_bounds_are_refused_in_one_sentence(tmp_path: Path, text: str, sentence: str) -> None:
     file = tmp_path / "bounds.toml"
     file.write_text(text)
     with pytest.raises(OptionError, match=sentence) as fault:
@@ -228,8 +228,8 @@ def test_bad_bounds_are_told_in_one_sentence(tmp_path: Path, text: str, sentence
     assert "\n" not in str(fault.value)
 
 
-def test_bad_questions_are_told_in_one_sentence(tmp_path: Path) -> None:
-    case = told("1r", noise=0.02)
+def test_bad_arguments_are_refused_in_one_sentence(tmp_path: Path) -> None:
+    case = captured("1r", noise=0.02)
     with pytest.raises(OptionError, match="cannot read the bounds file"):
         read_bounds(tmp_path / "none.toml", LINKS, Bounds(np.zeros(30), np.ones(30)))
     with pytest.raises(OptionError, match="give at least 1 of each"):

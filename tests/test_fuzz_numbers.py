@@ -1,4 +1,4 @@
-"""Numbers that no recording should have, and motions that tell nothing: a flag or a sentence, never a traceback."""
+"""Extreme numbers in recordings, and motions without information: a flag or a message, never a traceback."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ TROUBLE = {
 
 @pytest.mark.parametrize("name", TROUBLE)
 @pytest.mark.parametrize("unsigned", [False, True])
-def test_trouble_is_told_by_identify(name: str, unsigned: bool) -> None:
+def test_extreme_numbers_are_reported_by_identify(name: str, unsigned: bool) -> None:
     robot, columns = signid.load_robot("3r"), spoilt(TROUBLE[name])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -104,7 +104,7 @@ def test_trouble_is_told_by_identify(name: str, unsigned: bool) -> None:
 
 
 @pytest.mark.parametrize("name", [x for x in TROUBLE if "large" in x or "rests" in x or "twice" in x or "step" in x])
-def test_trouble_is_told_by_diagnose(name: str) -> None:
+def test_extreme_numbers_are_reported_by_diagnose(name: str) -> None:
     diagnosed(spoilt(TROUBLE[name]))
 
 
@@ -128,13 +128,13 @@ def test_a_joint_that_moves_in_jerks_is_diagnosed() -> None:
     diagnosed(columns)
 
 
-def test_what_is_recommended_is_longer_than_what_was_recorded() -> None:
+def test_the_recommended_duration_exceeds_the_recorded_one() -> None:
     for seconds, whole in ((22.4, 32.0), (31.99, 31.99)):
-        told = amount_finding(Amount(100, 41, seconds, 1.0001 * seconds, whole), 7).sentence
-        assert float(told.split("record for ")[1].split(" s")[0]) > whole + 0.5, told
+        sentence = amount_finding(Amount(100, 41, seconds, 1.0001 * seconds, whole), 7).sentence
+        assert float(sentence.split("record for ")[1].split(" s")[0]) > whole + 0.5, sentence
 
 
-def test_equations_that_rounding_made_improper_are_solved() -> None:
+def test_equations_made_indefinite_by_rounding_are_solved() -> None:
     gram = np.ones((3, 3)) - 1e-10 * np.eye(3)
     found = solve(np.arange(3), gram, np.ones(3), 1e-14 * np.eye(3))
     assert np.isfinite(found.value).all()
@@ -149,7 +149,7 @@ def test_a_link_may_have_the_name_of_a_joint() -> None:
     assert len(simulate(model, track(model, motion), 0.5).t)
 
 
-def test_of_a_long_recording_stretches_are_taken_and_it_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_stretches_of_a_long_recording_are_used_with_a_note(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(motions, "JOINT_SECONDS", 9 * 12.0)
     monkeypatch.setattr(motions, "MIN_SECONDS", 1.0)
     robot = signid.load_robot("3r")

@@ -1,4 +1,4 @@
-"""Whatever a file holds, it is read or refused by a sentence: files that were damaged, and some made to do harm."""
+"""Damaged and malicious files are read or refused with a message."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ EXAMPLES, SLOW = 60, 4
 
 @st.composite
 def damaged(draw: st.DrawFn, seeds: tuple[bytes, ...]) -> bytes:
-    """A file with some of it overwritten, taken out, repeated, or put in."""
+    """A file with bytes overwritten, removed, repeated, or inserted."""
     content = draw(st.sampled_from(seeds))
     for _ in range(draw(st.integers(1, 4))):
         start, length = draw(st.integers(0, len(content))), draw(st.integers(0, 40))
@@ -27,7 +27,7 @@ def damaged(draw: st.DrawFn, seeds: tuple[bytes, ...]) -> bytes:
 
 
 @pytest.mark.parametrize("reader", readers(), ids=lambda reader: reader.name)
-def test_what_is_damaged_is_read_or_refused(reader: Reader) -> None:
+def test_damaged_files_are_read_or_refused(reader: Reader) -> None:
     @settings(max_examples=SLOW if reader.slow else EXAMPLES)
     @given(damaged(tuple(reader.seeds)))
     def check(content: bytes) -> None:
@@ -40,11 +40,11 @@ def test_what_is_damaged_is_read_or_refused(reader: Reader) -> None:
 
 @pytest.mark.parametrize("reader", readers(), ids=lambda reader: reader.name)
 @pytest.mark.parametrize("token", [b"", b"\0", *TOKENS], ids=lambda token: repr(token[:12]))
-def test_what_makes_no_sense_is_refused(reader: Reader, token: bytes, tmp_path: Path) -> None:
+def test_malicious_files_are_refused(reader: Reader, token: bytes, tmp_path: Path) -> None:
     if not reader.slow:
         assert not reader(token, tmp_path) or reader.name in ("actuators", "columns", "bounds"), "nothing is enough"
 
 
 @pytest.mark.parametrize("reader", readers(), ids=lambda reader: reader.name)
-def test_what_is_whole_is_read(reader: Reader, tmp_path: Path) -> None:
+def test_intact_files_are_read(reader: Reader, tmp_path: Path) -> None:
     assert reader(reader.seeds[0], tmp_path)

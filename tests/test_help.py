@@ -1,4 +1,4 @@
-"""What --help shows to someone who has just installed: an example that works, defaults, units, whole sentences."""
+"""Output of --help: an example that works, defaults, units, whole sentences."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ def shown(command: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureF
 
 
 def example(text: str) -> list[str]:
-    """The arguments of the example, which stands in one line."""
+    """Arguments of the one-line example."""
     found = re.findall(r"^  Example: signid (.+)$", text, re.MULTILINE)
     assert len(found) == 1
     return shlex.split(found[0])
 
 
-def test_the_front_page_has_a_whole_sentence_for_each(
+def test_the_command_list_has_a_sentence_for_each_command(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = shown("", monkeypatch, capsys)
@@ -46,7 +46,7 @@ def test_the_front_page_has_a_whole_sentence_for_each(
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_help_is_whole(command: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_is_complete(command: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     out = shown(command, monkeypatch, capsys)
     assert max(map(len, out.splitlines())) <= 80 and "..." not in out.partition("Arguments:")[0].partition("\n")[2]
     assert "\n\n  Example: " in out and out.rstrip().splitlines()[-1].startswith("  Example: "), "nothing dangles"
@@ -56,7 +56,7 @@ def test_help_is_whole(command: str, monkeypatch: pytest.MonkeyPatch, capsys: py
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_options_tell_units_and_defaults(
+def test_options_state_units_and_defaults(
     command: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     units = {"HZ": "[Hz]", "S": "[s]", "M": "[m]"}
@@ -67,9 +67,9 @@ def test_options_tell_units_and_defaults(
         assert help.endswith((".", "].")), f"{option.name}: {help}"
         assert units.get(option.metavar, "") in help, f"{option.name}: {help}"
         optional = option.multiple or option.is_flag or option.default is not None
-        told = any(word in help for word in ("efault", "Needed", "Repeatable"))
+        shown = any(word in help for word in ("efault", "Needed", "Repeatable"))
         apart = option.name in ("columns", "diagnosis", "html", "torque", "kp", "kd", "urdf", "mjcf", "function")
-        assert optional or told or apart or command == "export", f"{option.name}: {help} tells no default"
+        assert optional or shown or apart or command == "export", f"{option.name}: {help} shows no default"
 
 
 def test_the_examples_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:

@@ -41,7 +41,7 @@ def test_the_estimate_is_the_truth_within_its_intervals(found: Identification, a
     assert np.mean(np.abs(found.base_value - right) < 3 * found.estimate.std + 0.01) == 1
 
 
-def test_the_fit_is_judged_by_what_was_held_out(found: Identification) -> None:
+def test_the_fit_is_evaluated_on_held_out_rows(found: Identification) -> None:
     assert (found.fit.held_out_r2 > 0.999).all()
     assert_allclose(found.fit.held_out_rms, found.fit.train_rms, rtol=0.5)
     assert (found.fit.noise_floor < found.fit.held_out_rms).all()
@@ -88,7 +88,7 @@ def test_unknown_options_are_refused(arm: Robot) -> None:
 
 
 def swinging(arm: Robot, size: float, frequency: float, stop: float = np.inf) -> dict[str, Array]:
-    """Joints that swing, each at its own time, and stand still from some time [s] on."""
+    """Joints that swing one at a time and stand still from some time [s] on."""
     t, rng = np.arange(0, 20, 0.005), np.random.default_rng(0)
     rate = 2 * np.pi * frequency * np.array([1.0, 1.13, 1.29])
     phase = np.outer(np.minimum(t, stop), rate) + np.arange(3)
@@ -98,22 +98,22 @@ def swinging(arm: Robot, size: float, frequency: float, stop: float = np.inf) ->
     return {"t": t, "q": q + 1e-6 * rng.standard_normal(q.shape) * moves, "tau": torque}
 
 
-def test_rows_that_are_all_near_reversals_are_told(arm: Robot) -> None:
+def test_rows_all_near_reversals_are_reported(arm: Robot) -> None:
     recording = signid.read_recording(swinging(arm, 0.01, 6.0), arm)
     found = signid.identify(arm, [recording], options=Options(cutoff=3.0))
     assert any("joint_1, joint_2, joint_3 lie near reversals" in flag for flag in found.flags)
     assert any("25 of 25 base parameters are not identifiable" in flag for flag in found.flags)
     stated = found.base.combination @ stated_parameters(found.session.task).values
-    assert_allclose(found.estimate.value, stated), "what is not told stays as it is described"
+    assert_allclose(found.estimate.value, stated), "unidentifiable parameters keep the values of the description"
 
 
-def test_a_robot_at_rest_does_not_judge(arm: Robot) -> None:
+def test_held_out_rows_at_rest_do_not_evaluate_the_fit(arm: Robot) -> None:
     found = signid.identify(arm, [signid.read_recording(swinging(arm, 0.6, 0.35, stop=12.0), arm)])
     assert np.isnan(found.fit.held_out_r2).all() and np.isfinite(found.fit.held_out_rms).all()
     assert sum("is constant, so it has no R2" in note for note in found.notes) == 3
 
 
-def test_check_tells_before_anything_is_fitted(arm: Robot) -> None:
+def test_check_reports_before_the_fit(arm: Robot) -> None:
     good = signid.check(arm, [trial(arm).recording()])
     poor = signid.check(arm, [trial(arm, rest=(2,)).recording()])
     assert good.flags == ()
@@ -137,7 +137,7 @@ def test_effects_that_least_squares_cannot_fit_are_refused(arm: Robot, monkeypat
             signid.identify(arm, [recording])
 
 
-def test_what_is_not_needed_is_not_imported(tmp_path: Path) -> None:
+def test_unneeded_modules_are_not_imported(tmp_path: Path) -> None:
     recording = Path(__file__).parents[1] / "robots" / "3r" / "recording.parquet"
     command = ["identify", "3r", str(recording), "-o", str(tmp_path / "result")]
     heavy = {"scipy", "cvxpy", "mujoco", "signid.simulation.rollout", "signid.simulation.plant"}

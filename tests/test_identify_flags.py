@@ -122,14 +122,14 @@ def test_a_model_worse_than_the_description_is_flagged(robot: Robot, healthy: Ta
     assert "joint_3" in flag and f"{found.fit.held_out_rms[2]:.3g}" in flag and "signid diagnose" in flag
 
 
-def test_factors_alone_tell_bad_fits(robot: Robot, healthy: Table) -> None:
+def test_factors_alone_reveal_bad_fits(robot: Robot, healthy: Table) -> None:
     table = dict(healthy)
     foreign(table)
     reduced = signid.reduce(robot, [signid.read_recording(table, robot)])
     assert any("much of the torque of joint_3" in flag for flag in signid.identify(robot, reduced).flags)
 
 
-def test_a_description_without_bodies_is_not_the_judge(healthy: Table, tmp_path: Path) -> None:
+def test_a_description_without_bodies_is_no_comparison(healthy: Table, tmp_path: Path) -> None:
     text = (FOLDER / "robot.urdf").read_text()
     bare = re.sub(r"<inertial>.*?</inertial>", "", text, flags=re.DOTALL)
     (tmp_path / "bare.urdf").write_text(bare)
@@ -138,7 +138,7 @@ def test_a_description_without_bodies_is_not_the_judge(healthy: Table, tmp_path:
     assert not [flag for flag in found.flags if "signid check" in flag], found.flags
 
 
-def test_a_recording_too_short_to_hold_anything_out_judges_itself(robot: Robot, healthy: Table) -> None:
+def test_a_recording_too_short_for_held_out_rows_is_evaluated_on_itself(robot: Robot, healthy: Table) -> None:
     table = {key: x[:1000] for key, x in healthy.items()}
     options = signid.Options(cutoff=5.0)
     found = signid.identify(robot, [signid.read_recording(table, robot)], options=options)

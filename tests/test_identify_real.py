@@ -1,4 +1,4 @@
-"""Real recordings: what is identified holds on what was held out, and poor motion is flagged."""
+"""Real recordings: models predict held-out torque, and poor motion is flagged."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def test_ur10e_holds_on_other_days(data: Path, judge: str, least: tuple[float, .
     assert_array_less(least, found.fit.held_out_r2)
 
 
-def test_emps_agrees_with_what_was_published(data: Path) -> None:
+def test_emps_agrees_with_published_parameters(data: Path) -> None:
     found = identify(data, *GOOD["emps"], "emps_pulses")
     published = dict(zip(("m", "viscous", "coulomb", "torque"), (95.1089, 203.5034, 20.3935, -3.1648), strict=True))
     for expression, value in zip(found.base.expressions, found.base_value, strict=True):
@@ -117,7 +117,7 @@ def test_a_joint_that_is_hardly_predicted_is_named(data: Path) -> None:
     assert not any(f"joint_{j}" in flag for j in (1, 2, 3, 4) for flag in found.flags)
 
 
-def test_emps_rubs_differently_in_its_two_directions(data: Path) -> None:
+def test_emps_has_direction_dependent_friction(data: Path) -> None:
     options = Options(effects=("asymmetric_friction", "armature"))
     found = identify(data, *GOOD["emps"], "emps_pulses", options=options)
     published = [95.1540, 166.7061, 240.4236, 20.1440, 20.6277]

@@ -1,4 +1,4 @@
-"""What a description alone tells: base parameters, and what no motion shows."""
+"""Inspection of a description: base parameters and unidentifiable parameters."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from signid.inspect import inspect
 from signid.robot import load_robot, names
 
 
-def test_inspection_names_what_no_motion_can_tell() -> None:
+def test_inspection_names_unidentifiable_parameters() -> None:
     found = inspect(load_robot("3r"))
     assert {"m_1", "mz_2", "Ixx_1"} <= set(found.invisible)
     assert "Izz_1" in found.combined
@@ -17,7 +17,7 @@ def test_inspection_names_what_no_motion_can_tell() -> None:
 
 
 @pytest.mark.parametrize("name", sorted(names()))
-def test_every_robot_is_inspected_or_refused_in_a_sentence(name: str) -> None:
+def test_every_robot_is_inspected_or_refused_in_one_sentence(name: str) -> None:
     try:
         found = inspect(load_robot(name))
     except RobotError as error:

@@ -99,7 +99,7 @@ def test_imports_inside_the_package_are_relative() -> None:
     assert not found, "\n" + "\n".join(found)
 
 
-def test_every_room_stands_in_the_table() -> None:
+def test_every_room_is_in_the_table() -> None:
     for room, order in ROOMS.items():
         there = {path.stem for path in (PACKAGE / room).iterdir() if path.suffix == ".py" or path in rooms()}
         assert there == set(order.split()), room
@@ -140,14 +140,14 @@ def test_planted_imports_are_caught() -> None:
 
 
 def is_reexport(node: ast.stmt) -> bool:
-    """A docstring, an import, a plain name, or what makes imports lazy."""
+    """A docstring, an import, a plain name, or code for lazy imports."""
     if isinstance(node, ast.If):
         return ast.unparse(node.test) == "TYPE_CHECKING" and all(map(is_reexport, node.body)) and not node.orelse
     docstring = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
     return docstring or isinstance(node, ast.Import | ast.ImportFrom | ast.Assign | ast.AnnAssign)
 
 
-def test_the_face_of_the_package_only_reexports() -> None:
+def test_package_init_files_only_reexport() -> None:
     source = (PACKAGE / "__init__.py").read_text()
     assert len(source.splitlines()) <= 40
     assert [ast.unparse(node) for node in ast.parse(source).body if not is_reexport(node)] == []

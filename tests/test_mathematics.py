@@ -1,4 +1,4 @@
-"""The pages of mathematics name files and functions that are there."""
+"""Pages of mathematics name existing files and functions."""
 
 from __future__ import annotations
 
@@ -53,13 +53,13 @@ def _holds(defined: dict[str, set[str]], rest: list[str]) -> bool:
 
 
 @pytest.mark.parametrize("room", ROOMS)
-def test_what_a_page_of_mathematics_names_is_there(room: str) -> None:
+def test_names_on_pages_of_mathematics_exist(room: str) -> None:
     named = list(unresolved((PACKAGE / room / "README.md").read_text(encoding="utf-8"), PACKAGE / room))
     assert [name for name, there in named if not there] == []
     assert len(named) >= FEWEST
 
 
-def test_a_name_that_is_not_there_is_found() -> None:
+def test_a_missing_name_is_found() -> None:
     text = "`search/stepwise.nothing`, `evidence/nowhere`, `Selection.nothing`, `search/prune.prune`, `signid`"
     assert [name for name, there in unresolved(text, PACKAGE / "diagnose") if not there] == [
         "search/stepwise.nothing",

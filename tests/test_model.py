@@ -107,7 +107,7 @@ def test_an_edited_model_keeps_the_covariance_and_an_old_one_has_none(found: Ide
     assert load_model(written(tmp_path, document)).covariance is None
 
 
-def test_a_variance_without_end_is_written_as_null(found: Identification, tmp_path: Path) -> None:
+def test_an_infinite_variance_is_written_as_null(found: Identification, tmp_path: Path) -> None:
     known = found.model.covariance
     assert known is not None
     matrix = known.matrix.copy()
@@ -118,7 +118,7 @@ def test_a_variance_without_end_is_written_as_null(found: Identification, tmp_pa
     assert kept is not None and np.flatnonzero(np.isinf(kept.std)).tolist() == [2]
 
 
-def test_a_covariance_goes_where_joints_are_held(found: Identification, arm: Robot) -> None:
+def test_a_covariance_is_dropped_when_joints_are_held(found: Identification, arm: Robot) -> None:
     held = signid.load_robot("3r", lock={"joint_2": 0.0})
     fewer, _ = restrict_joints(found.model, [trial(held).recording()])
     same, _ = restrict_joints(found.model, [trial(arm).recording()])
@@ -146,7 +146,7 @@ def test_a_malformed_covariance_is_refused(change: Any, what: str, found: Identi
     assert what in str(caught.value) and "covariance" in str(caught.value) and "\n" not in str(caught.value)
 
 
-def test_what_is_no_model_is_refused(arm: Robot, tmp_path: Path) -> None:
+def test_invalid_models_are_refused(arm: Robot, tmp_path: Path) -> None:
     path = tmp_path / "model.json"
     unknown = Model(arm, stated_inertials(arm), (Law(EFFECTS["armature"], (0,), {"inertia": 1.0}),)).document()
     unknown["effects"][0]["joint"] = "elbow"

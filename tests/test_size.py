@@ -22,7 +22,7 @@ def name(path: Path) -> str:
     return path.relative_to(ROOT).as_posix()
 
 
-def tell(found: list[str]) -> None:
+def report(found: list[str]) -> None:
     assert not found, "\n" + "\n".join(found)
 
 
@@ -74,21 +74,21 @@ def foreign(text: str) -> Iterator[str]:
 
 def test_files_are_small() -> None:
     sizes = {path: len(path.read_text().splitlines()) for path in OWN}
-    tell([f"{name(path)}: {n} lines of {limit(path)}" for path, n in sizes.items() if n > limit(path)])
+    report([f"{name(path)}: {n} lines of {limit(path)}" for path, n in sizes.items() if n > limit(path)])
 
 
 def test_functions_are_small() -> None:
     functions = ((p, f) for p, f in nodes(OWN) if isinstance(f, ast.FunctionDef | ast.AsyncFunctionDef))
-    tell([f"{name(p)}:{f.lineno}: {f.name} {n} lines of 40" for p, f in functions if (n := body_lines(f)) > 40])
+    report([f"{name(p)}:{f.lineno}: {f.name} {n} lines of 40" for p, f in functions if (n := body_lines(f)) > 40])
 
 
 def test_modules_have_names_that_say_something() -> None:
     parts = {path: {part.strip("_") for part in path.relative_to(ROOT).with_suffix("").parts} for path in OWN}
-    tell([name(path) for path, words in parts.items() if words & VAGUE])
+    report([name(path) for path, words in parts.items() if words & VAGUE])
 
 
 def test_the_library_neither_prints_nor_evaluates_nor_pickles() -> None:
-    tell([f"{name(p)}:{getattr(node, 'lineno', 0)}: {why}" for p, node in nodes(LIBRARY) if (why := misuse(node))])
+    report([f"{name(p)}:{getattr(node, 'lineno', 0)}: {why}" for p, node in nodes(LIBRARY) if (why := misuse(node))])
 
 
 def test_nothing_tracked_names_a_machine_or_a_registry() -> None:
@@ -99,7 +99,7 @@ def test_nothing_tracked_names_a_machine_or_a_registry() -> None:
         except UnicodeDecodeError:
             continue  # not text
         found += [f"{name(path)}:{line}" for line in foreign(text)]
-    tell(found)
+    report(found)
 
 
 def test_planted_faults_are_caught() -> None:

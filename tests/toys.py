@@ -1,4 +1,4 @@
-"""Small robot descriptions, put together from parts."""
+"""Small robot descriptions, built from parts."""
 
 from __future__ import annotations
 

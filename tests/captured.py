@@ -1,4 +1,4 @@
-"""What recordings of a robot with known parameters would have told: a base map, an estimate, a prior that is off."""
+"""Identification results of a robot with known parameters: base map, estimate and inexact prior."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from signid.types import Array, BaseMap, Estimate, Law, Parameters
 
 
 @dataclass(frozen=True)
-class Told:
-    """A question to the retrieval of standard parameters, and its answer."""
+class Captured:
+    """Input of the retrieval of standard parameters, and the true parameters."""
 
     base: BaseMap
     estimate: Estimate
@@ -25,10 +25,10 @@ class Told:
     truth: Parameters
 
 
-def told(name: str, noise: float, seed: int = 0, laws: bool = True, rows: int = 400) -> Told:
-    """A robot whose bodies weigh 0.6 to 1.5 times what is stated, seen in `rows` random states.
+def captured(name: str, noise: float, seed: int = 0, laws: bool = True, rows: int = 400) -> Captured:
+    """Robot with bodies of 0.6 to 1.5 times the stated mass, sampled in `rows` random states.
 
-    `noise` counts in the rms torque of each joint.
+    `noise` is relative to the rms torque of each joint.
     """
     robot, rng = load_robot(name), np.random.default_rng(seed)
     effects = [Law(EFFECTS[name], (j,)) for name in EFFECT_NAMES for j in range(len(robot.joints))] if laws else []
@@ -46,7 +46,7 @@ def told(name: str, noise: float, seed: int = 0, laws: bool = True, rows: int = 
     value = np.linalg.lstsq(whitened, (measured / size).ravel(), rcond=None)[0]
     information = whitened.T @ whitened
     found = Estimate(value, np.linalg.inv(information), information, size, (0,) * len(robot.joints))
-    return Told(base, found, prior, replace(prior, values=values))
+    return Captured(base, found, prior, replace(prior, values=values))
 
 
 def _stated(model: object) -> Array:
