@@ -148,8 +148,8 @@ def friction(cases: int = 10) -> tuple[SignProblem, Array, Facets]:
     rows = [np.repeat(np.kron(np.eye(2)[j], [v, 1.0])[None], 8, axis=0) for v, j in zip(forward, joints, strict=True)]
     right = [1.0 + j + 0.01 * rng.normal(size=8) for j in joints]
     problem = eliminate(rows, right, joints.tolist())
-    rows = np.kron(np.eye(2), [[1.0, 0.0], [2.0, 1.0], [2.0, -1.0]]) @ problem.back
-    return problem, forward, Facets(rows)
+    facets = np.kron(np.eye(2), [[1.0, 0.0], [2.0, 1.0], [2.0, -1.0]]) @ problem.back
+    return problem, forward, Facets(facets)
 
 
 @pytest.mark.parametrize("helped", [False, True])
