@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -138,15 +137,3 @@ def test_only_large_torque_jumps(smallest: float, place: int) -> None:
     model = np.where(np.arange(30) < 14, 1.0, -1.0)[:, None]
     signs = np.where(np.arange(30) < 10, 1.0, -1.0)[:, None]
     assert np.flatnonzero(np.diff(place_sign_changes(observed, signs, model)[:, 0]))[0] + 1 == place
-
-
-def test_every_function_that_the_page_names_is_there() -> None:
-    page = (PACKAGE / "signs" / "README.md").read_text()
-    named = re.findall(r"`(?:(?:rows|search|samples|posterior)/)?(\w+)\.(\w+)`", page)
-    sources = {path.stem: path.read_text() for path in (PACKAGE / "signs").rglob("*.py")}
-    classes = "\n".join(sources.values())
-    assert len(named) > 20
-    for module, name in named:
-        if (module, name) != ("thresholds", "py"):
-            text = sources.get(module, classes)
-            assert re.search(rf"(?:def|class) {name}\b|^    {name}:", text, re.MULTILINE), f"{module}.{name}"

@@ -26,6 +26,7 @@ LOUD = 3.0  # [noise floors] held-out rms from which on it is more than noise
 # more (TX40's coupled wrist, joint 5; the dVRK's MTM with its loops; an AK80-6 pendulum's echoed command)
 FAR, POOR = 50.0, 0.9
 WORSE = 1.05  # [1] rms over that of the description, from which on the fit is worse
+TRIFLE = 1e-3  # [1] held-out rms over the rms torque up to which no use of a model depends on it; heuristic
 USABLE = 0.5  # [1] smallest share of bodies with mass, for the description to be used as a simulation
 NEXT = "run signid check on the recordings, then signid diagnose"
 
@@ -64,7 +65,8 @@ def identification_flags(
     stated = session.task.base.combination @ stated_parameters(session.task).values
     described = judge_fit(session, rows.train, rows.test, stated)
     sound = moving & np.array([not any(joint in fault.joints for fault in faults) for joint in fit.joints])
-    return (*dict.fromkeys(sentences), *_bad(fit, rows.train, sound), *_worse(fit, described, sound))
+    worse = _worse(fit, described, sound & _matters(fit, rows.train))
+    return (*dict.fromkeys(sentences), *_bad(fit, rows.train, sound), *worse)
 
 
 def _faults(
@@ -101,6 +103,12 @@ def _worse(fit: Fit, described: Fit, sound: Mask) -> Iterator[str]:
             f"(rms {fit.held_out_rms[j]:.3g} instead of {described.held_out_rms[j]:.3g} {fit.unit[j]}): do not use the "
             f"model for it; run signid diagnose with the description and the recordings"
         )
+
+
+def _matters(fit: Fit, train: Factors) -> Mask:
+    """Joints (n,) whose held-out rms is more than a trifle of their torque."""
+    square = np.array([joint.whole[-1, -1] / max(joint.rows, 1) for joint in train.joints])
+    return np.asarray(fit.held_out_rms > TRIFLE * np.sqrt(square))
 
 
 def _floors(fit: Fit) -> Array:
