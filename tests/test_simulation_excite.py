@@ -15,7 +15,7 @@ from signid.regression.regressor import regressor
 from signid.robot import load_robot
 from signid.simulation.excite import Excitation, build_limits, excite
 from signid.simulation.excite.collision import build_collision
-from signid.simulation.excite.cost import Cost
+from signid.simulation.excite.cost import ExcitationCost
 from signid.simulation.excite.criterion import CRITERIA, Criterion
 from signid.simulation.excite.design import predict_precision
 from signid.simulation.excite.feasible import make_feasible
@@ -184,7 +184,7 @@ def test_criteria_know_their_slopes(criterion: Criterion) -> None:
 def test_costs_know_their_slopes(name: str) -> None:
     model, family = arm(name), Fourier(DURATION, 3, 1 / DURATION)
     problem = replace(problem_of(model, family), collision=None)
-    cost = Cost(problem, CRITERIA["determinant"], family, np.linspace(0, DURATION, 31), 100.0, 0.02)
+    cost = ExcitationCost(problem, CRITERIA["determinant"], family, np.linspace(0, DURATION, 31), 100.0, 0.02)
     z = np.random.default_rng(2).uniform(-0.6, 0.6, cost.sizes.size)  # some limits are exceeded
     value, slope = cost.value_and_slope(z)
     assert value == pytest.approx(cost.value(z), rel=1e-12)

@@ -22,7 +22,7 @@ from rich.table import Table
 
 from signid.model import Model, load_model
 from signid.recording import read_recording
-from signid.recording_faults import Finding, examine
+from signid.recording_faults import RecordingFault, examine
 from signid.regression.prepare import prepare
 
 from ..concealed.cases import Case, cases
@@ -49,7 +49,7 @@ class Row:
     seconds: float
 
 
-def examined(model: Model, logs: Sequence[Columns]) -> tuple[Sequence[Finding] | None, str, float]:
+def examined(model: Model, logs: Sequence[Columns]) -> tuple[Sequence[RecordingFault] | None, str, float]:
     """Findings (or the error that refuses the recordings) and processor time [s]."""
     start = time.process_time()
     try:
@@ -61,7 +61,7 @@ def examined(model: Model, logs: Sequence[Columns]) -> tuple[Sequence[Finding] |
 
 
 def outcome(
-    found: Sequence[Finding] | None, error: str, kind: str, about: tuple[str, ...]
+    found: Sequence[RecordingFault] | None, error: str, kind: str, about: tuple[str, ...]
 ) -> tuple[str, tuple[str, ...]]:
     """Outcome for a planted fault, and the kinds and joints of all findings."""
     if found is None:

@@ -10,7 +10,7 @@ import numpy as np
 from ..deadline import OutOfTimeError, steps_shown
 from ..errors import RecordingError
 from ..model import Model
-from ..recording_faults import Finding, RecordingFaults, examine
+from ..recording_faults import RecordingFault, RecordingFaults, examine
 from ..regression.prepare import rearrange
 from ..regression.session import Options, Part, Session, longest_piece
 from ..signs import Recovered
@@ -65,7 +65,7 @@ def prepare_session(
     return session, faults
 
 
-def _is_clear(fault: Finding) -> bool:
+def _is_clear(fault: RecordingFault) -> bool:
     """Whether few rows suffice for a recording fault: a sign or an order of torques that all parts agree on."""
     measured = fault.measures
     return fault.kind in CLEAR_KINDS and measured["agreement"] == 1 and measured["explained_after"] > CLEARLY_EXPLAINED

@@ -11,7 +11,7 @@ MOMENT, INERTIA = ([f"{name}_{k}" for k in ks.split()] for name, ks in
 VALUES = (1.0, 0.05, 0.02, 0.08, 0.0088, -0.001, 0.0109, -0.004, -0.0016, 0.0049)
 
 
-class Payload(BodyLaw):
+class PayloadLaw(BodyLaw):
     """Ten inertial parameters about the last joint's frame; without inertia terms, a point mass at its centre."""
 
     name, equation = "payload", f"body @ array([mass, {', '.join([*MOMENT, *INERTIA])}])"
@@ -37,4 +37,4 @@ class Payload(BodyLaw):
         add_body(model, body, self.coefficients(parameters))
 
 
-PLUGIN = Payload()
+PLUGIN = PayloadLaw()

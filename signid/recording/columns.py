@@ -9,7 +9,7 @@ from difflib import get_close_matches
 from ..errors import RecordingError, shorten
 from ..types import Robot, Table
 from .formats.base import About
-from .mapping import ColumnMap, Columns, Signal, read_map, split
+from .mapping import ColumnMap, ParsedColumns, Signal, read_map, split
 from .names import suggest
 from .numbering import check_numbering
 from .source import Opened
@@ -71,7 +71,7 @@ def _is_number(signal: Signal, robot: Robot) -> bool:
     return not signal.mapped and not any(token in robot.joints for _, token in split(signal.logical))
 
 
-def _in_units(opened: Opened, columns: Columns, signals: Mapping[tuple[str, int], Signal], robot: Robot) -> Table:
+def _in_units(opened: Opened, columns: ParsedColumns, signals: Mapping[tuple[str, int], Signal], robot: Robot) -> Table:
     """Table with all signals in the units of recordings."""
     changes: dict[str, Change] = {}
     for (kind, joint), signal in signals.items():

@@ -12,7 +12,7 @@ from ..types import Array, Frozen, Input, Recording, Robot
 from . import read_recording
 from .columns import TORQUES, resolve, unstated
 from .formats.base import About, MemoryTable
-from .mapping import ColumnMap, Columns, Signal, read_map, split
+from .mapping import ColumnMap, ParsedColumns, Signal, read_map, split
 from .names import OFFER, propose
 from .sampling.clock import read_clock
 from .source import Opened, Source, open_source
@@ -111,7 +111,7 @@ def _kind(name: str) -> str:
     return pairs[0][0] if pairs else "t" if name == "t" else ""
 
 
-def _signals(opened: Opened, mapping: Columns) -> list[Signal]:
+def _signals(opened: Opened, mapping: ParsedColumns) -> list[Signal]:
     signals = list(mapping.signals(opened.table.columns, opened.name))
     names = [signal.logical for signal in signals]
     if twice := next((name for name in names if names.count(name) > 1), None):
@@ -122,7 +122,7 @@ def _signals(opened: Opened, mapping: Columns) -> list[Signal]:
     return signals
 
 
-def _values(opened: Opened, mapping: Columns, signal: Signal, robot: Robot | None) -> tuple[Array | None, str]:
+def _values(opened: Opened, mapping: ParsedColumns, signal: Signal, robot: Robot | None) -> tuple[Array | None, str]:
     """Column (N,) in the unit of recordings (None if it holds no numbers), and its unit in the source."""
     table, kind = opened.table, _kind(signal.logical)
     key = resolve(signal.logical, robot) if robot and kind not in ("", "t") else None

@@ -25,7 +25,7 @@ class Signal(NamedTuple):
     mapped: bool
 
 
-class Columns(NamedTuple):
+class ParsedColumns(NamedTuple):
     """A parsed column map."""
 
     named: Mapping[str, str]  # column by signal name
@@ -74,7 +74,7 @@ def split(logical: str) -> list[tuple[str, str]]:
     return [(kind, logical[len(kind) + 1 :]) for kind in KINDS if logical.startswith(kind + "_")]
 
 
-def read_map(given: ColumnMap | None, units: Mapping[str, str] | None = None) -> Columns:
+def read_map(given: ColumnMap | None, units: Mapping[str, str] | None = None) -> ParsedColumns:
     """Parse a column map.
 
     Args:
@@ -100,7 +100,7 @@ def read_map(given: ColumnMap | None, units: Mapping[str, str] | None = None) ->
             raise RecordingError(f"{name} uses column {column!r} for both {key} and {twin}; each needs its own")
     joints, pattern = _joints(name, table.get("joints", {}))
     by_kind = {**_units(name, table.get("units", {})), **_units("--unit", units or {})}
-    return Columns(named, own, by_kind, joints, pattern)
+    return ParsedColumns(named, own, by_kind, joints, pattern)
 
 
 def _from_file(path: str | Path) -> tuple[str, Mapping[str, Any]]:

@@ -6,6 +6,6 @@ torque that is late or clipped. Each `Finding` has a sentence: the fault, its ev
 
 from .examine import examine
 from .identified import IdentifiedData, identification_flags
-from .result import REFUSE, Finding, RecordingFaults
+from .result import REFUSE, RecordingFault, RecordingFaults
 
-__all__ = ["REFUSE", "Finding", "RecordingFaults", "IdentifiedData", "examine", "identification_flags"]
+__all__ = ["REFUSE", "RecordingFault", "RecordingFaults", "IdentifiedData", "examine", "identification_flags"]

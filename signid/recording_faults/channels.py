@@ -9,7 +9,7 @@ import numpy as np
 
 from ..regression.session import PIECE, Part
 from ..types import Array, Mask, Samples
-from .evidence import Evidence
+from .evidence import FaultEvidence
 
 LEVELS = 200  # smallest number of distinct values; with fewer, a standstill looks like quantisation
 # Clipping: smallest number of samples at the extreme value, their smallest share of all samples [1], and the smallest
@@ -107,7 +107,7 @@ def _runs(mask: Array) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
-def judge_absolute(evidence: Evidence, parts: Sequence[Part]) -> Mask:
+def judge_absolute(evidence: FaultEvidence, parts: Sequence[Part]) -> Mask:
     """Mask (n,) of joints with absolute values in a signed torque column.
 
     If at least one joint shows it, all joints whose torque is never negative are included.

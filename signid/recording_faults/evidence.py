@@ -63,7 +63,7 @@ class Signals(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence(Frozen):
+class FaultEvidence(Frozen):
     """K rows of n joints, and the recorded torque around them."""
 
     model: Model  # bodies and laws without memory, without friction
@@ -117,7 +117,7 @@ class Evidence(Frozen):
         return [Curve(t, torque) for t, torque in self.torques]
 
 
-def gather(model: Model, session: Session, parts: Sequence[Part]) -> Evidence | None:
+def gather(model: Model, session: Session, parts: Sequence[Part]) -> FaultEvidence | None:
     """Evidence of some recordings; None if all are too short.
 
     Args:
@@ -139,7 +139,7 @@ def gather(model: Model, session: Session, parts: Sequence[Part]) -> Evidence | 
     q, *signals = (np.concatenate(x) for x in list(zip(*rows, strict=True))[1:])
     rotors = model.bodies().armature @ np.abs(task.robot.drive)
     recorded = [recording.signed & np.array([bool(c) for c in recording.columns["tau"]]) for recording, _ in parts]
-    return Evidence(
+    return FaultEvidence(
         replace(frictionless, laws=tuple(law for law in frictionless.laws if _is_plain(law))),
         np.asarray(np.all(recorded, axis=0)),
         np.asarray(rotors > 0),

@@ -16,8 +16,8 @@ from ..regression.session import Part, Session
 from ..types import Array, Mask
 from .channels import judge_absolute, judge_channels
 from .correction import Correction
-from .evidence import Evidence, Signals, gather
-from .fits import Columns, unexplained
+from .evidence import FaultEvidence, Signals, gather
+from .fits import FitColumns, unexplained
 from .gains import Gains, judge_gains
 from .lag import Lags, judge_lags
 from .limits import judge_amount, judge_limits
@@ -34,7 +34,7 @@ from .messages import (
     unexplained_finding,
     unsigned_unit_finding,
 )
-from .result import UNCERTAIN, Finding, RecordingFaults
+from .result import UNCERTAIN, RecordingFault, RecordingFaults
 from .search import Claim, informative_torques, search
 
 # [1] smallest unexplained share of a joint's torque that is a fault, and smallest deviation of that torque over the
@@ -84,7 +84,7 @@ def examine(
     evidence = gather(model, session, parts)
     if evidence is not None and signed is not None:
         evidence = replace(evidence, signed=evidence.signed & signed)
-    absolute = list[Finding]()
+    absolute = list[RecordingFault]()
     if evidence is not None and (lost := judge_absolute(evidence, parts)).any():
         absolute = [absolute_finding([robot.joints[j] for j in np.flatnonzero(lost)])]
         evidence = replace(evidence, signed=evidence.signed & ~lost)
@@ -94,7 +94,7 @@ def examine(
     return _result(robot.joints, evidence, seen, findings)
 
 
-def _see(evidence: Evidence) -> _Seen:
+def _see(evidence: FaultEvidence) -> _Seen:
     informative = informative_torques(evidence.plain, evidence.signed)
     claims = search(evidence, informative)
     done = claims[-1].correction if claims else Correction.none(len(informative))
@@ -103,7 +103,9 @@ def _see(evidence: Evidence) -> _Seen:
     return _Seen(informative, claims, done, left, lags, judge_gains(evidence, done))
 
 
-def _causes(session: Session, parts: Sequence[Part], evidence: Evidence | None, seen: _Seen | None) -> list[Finding]:
+def _causes(
+    session: Session, parts: Sequence[Part], evidence: FaultEvidence | None, seen: _Seen | None
+) -> list[RecordingFault]:
     amount = judge_amount(session, parts)
     found = [] if amount.enough else [amount_finding(amount, len(session.robot.joints))]
     if evidence is not None and seen is not None:
@@ -114,10 +116,10 @@ def _causes(session: Session, parts: Sequence[Part], evidence: Evidence | None, 
 def _effects(
     session: Session,
     parts: Sequence[Part],
-    evidence: Evidence | None,
+    evidence: FaultEvidence | None,
     excitation: ExcitationVerdict | None,
-    causes: Sequence[Finding],
-) -> Iterator[Finding]:
+    causes: Sequence[RecordingFault],
+) -> Iterator[RecordingFault]:
     """Findings on limits and excitation that no more severe fault can cause."""
     reasons = {joint for f in causes if f.kind in REASONS for joint in f.joints or session.robot.joints}
     for beyond in judge_limits(evidence, parts, session):
@@ -127,7 +129,7 @@ def _effects(
         yield from excitation_findings(_excitation(session) if excitation is None else excitation)
 
 
-def _torque_findings(evidence: Evidence, seen: _Seen) -> Iterator[Finding]:
+def _torque_findings(evidence: FaultEvidence, seen: _Seen) -> Iterator[RecordingFault]:
     robot, joints, x = evidence.robot, evidence.robot.joints, evidence.corrected(seen.done)
     yield from claim_findings(seen.claims, joints, len(np.unique(evidence.block)))
     yield from lag_findings(seen.lags, seen.done, joints)
@@ -151,7 +153,7 @@ def _excitation(session: Session) -> ExcitationVerdict:
 
 
 def _result(
-    joints: tuple[str, ...], evidence: Evidence | None, seen: _Seen | None, findings: Sequence[Finding]
+    joints: tuple[str, ...], evidence: FaultEvidence | None, seen: _Seen | None, findings: Sequence[RecordingFault]
 ) -> RecordingFaults:
     nothing, unknown = np.full(len(joints), np.nan), (UNCERTAIN,) * len(joints)
     if evidence is None or seen is None:
@@ -164,7 +166,7 @@ def _result(
 
 def _verdicts(x: Signals, seen: _Seen) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Verdicts on signs and on order, by comparison with all others."""
-    n, columns = len(seen.informative), [Columns(x, j) for j in range(len(seen.informative))]
+    n, columns = len(seen.informative), [FitColumns(x, j) for j in range(len(seen.informative))]
     wrong = [{j for c in seen.claims if c.kind in kinds for j in c.joints} for kinds in (SIGNS, ORDERS)]
     signs: list[str] = []
     order: list[str] = []

@@ -12,7 +12,7 @@ from .evidence import Signals
 ROUNDING = 1e-12  # [1] rounding error over the largest number
 
 
-class Fit(NamedTuple):
+class ColumnFit(NamedTuple):
     """Fit: torque = gain * predicted + friction + rotor + offset, with non-negative coefficients except the offset."""
 
     gain: float  # [1] factor on the predicted torque
@@ -21,7 +21,7 @@ class Fit(NamedTuple):
     power: float  # [N2.m2 or N2] variance of the torque
 
 
-class Columns:
+class FitColumns:
     """Columns of one joint, factorised for fits of several torques."""
 
     def __init__(self, x: Signals, joint: int, predicted: bool = True, rotor: bool = True) -> None:
@@ -32,7 +32,7 @@ class Columns:
         self.size = np.maximum(np.linalg.norm(self.columns, axis=0), 1e-300)
         self.basis, self.factor = np.linalg.qr(self.columns / self.size)
 
-    def fit(self, torque: Array) -> Fit:
+    def fit(self, torque: Array) -> ColumnFit:
         """Fit a torque by non-negative least squares.
 
         Args:
@@ -43,12 +43,12 @@ class Columns:
         residual = y - self.columns @ found
         power = float(y @ y)
         share = float(residual @ residual) / power if power else 1.0
-        return Fit(float(found[0]), share, residual, power / len(y))
+        return ColumnFit(float(found[0]), share, residual, power / len(y))
 
 
-def fit_joints(x: Signals) -> list[Fit]:
+def fit_joints(x: Signals) -> list[ColumnFit]:
     """Fits of all joints' torques by their own columns."""
-    return [Columns(x, j).fit(x.torque[:, j]) for j in range(x.torque.shape[1])]
+    return [FitColumns(x, j).fit(x.torque[:, j]) for j in range(x.torque.shape[1])]
 
 
 def unexplained(x: Signals) -> Array:

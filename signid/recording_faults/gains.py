@@ -9,8 +9,8 @@ import numpy as np
 from ..regression.projection import least_squares
 from ..types import Array, Mask
 from .correction import Correction
-from .evidence import Evidence, Signals
-from .fits import Columns
+from .evidence import FaultEvidence, Signals
+from .fits import FitColumns
 
 # [1] largest unexplained share of a good fit; smallest unexplained share without the prediction, over that with it, and
 # absolute
@@ -35,7 +35,7 @@ class Gains(NamedTuple):
     lone: tuple[int, ...]  # joints with a wrong gain of their own
 
 
-def judge_gains(evidence: Evidence, done: Correction) -> Gains:
+def judge_gains(evidence: FaultEvidence, done: Correction) -> Gains:
     """Estimate factors of the corrected torques.
 
     Args:
@@ -49,7 +49,7 @@ def judge_gains(evidence: Evidence, done: Correction) -> Gains:
     usable = evidence.signed & (np.std(x.predicted, axis=0) >= SMALL * strongest) & (speed >= MOVES * speed.max())
     for j in np.flatnonzero(usable).tolist():
         rotor = not evidence.rotors[j]
-        fit, without = (Columns(x, j, own, rotor).fit(x.torque[:, j]) for own in (True, False))
+        fit, without = (FitColumns(x, j, own, rotor).fit(x.torque[:, j]) for own in (True, False))
         if fit.unexplained <= FITS and without.unexplained >= max(LEAST, RIGID * fit.unexplained):
             spread[j] = _spread(evidence, x, j, fit.gain, rotor)
             factor[j] = fit.gain if spread[j] <= SURE else np.nan
@@ -71,7 +71,7 @@ def judge_gains(evidence: Evidence, done: Correction) -> Gains:
 class _Rivals(NamedTuple):
     """Changed inertials of a single body as the rival explanation of factors."""
 
-    evidence: Evidence
+    evidence: FaultEvidence
     done: Correction
     x: Signals
     factor: Array  # (n,) [1]
@@ -85,25 +85,25 @@ class _Rivals(NamedTuple):
         return _residual(x._replace(predicted=x.predicted * own), known) <= RIVAL * rival
 
 
-def _spread(evidence: Evidence, x: Signals, joint: int, gain: float, rotor: bool) -> float:
+def _spread(evidence: FaultEvidence, x: Signals, joint: int, gain: float, rotor: bool) -> float:
     """Standard error of a gain's logarithm, by the jackknife over blocks."""
     blocks = np.unique(evidence.block)
     gains = []
     for k in blocks:
         kept = evidence.block != k
         rows = Signals(*(signal[kept] for signal in x))
-        gains.append(Columns(rows, joint, rotor=rotor).fit(rows.torque[:, joint]).gain)
+        gains.append(FitColumns(rows, joint, rotor=rotor).fit(rows.torque[:, joint]).gain)
     return float(np.sqrt((len(blocks) - 1) * np.mean((np.array(gains) - gain) ** 2)) / max(gain, 1e-300))
 
 
-def _inertial(evidence: Evidence, x: Signals) -> float:
+def _inertial(evidence: FaultEvidence, x: Signals) -> float:
     """Factor of the strongest joint without a rotor, for a robot whose factors gravity does not show; else 1."""
     size = np.where(evidence.signed, np.std(x.predicted, axis=0), 0.0)
     joint = int(np.argmax(size))
     if size[joint] == 0:
         return 1.0
-    fit = Columns(x, joint, rotor=False).fit(x.torque[:, joint])
-    without = Columns(x, joint, predicted=False, rotor=False).fit(x.torque[:, joint])
+    fit = FitColumns(x, joint, rotor=False).fit(x.torque[:, joint])
+    without = FitColumns(x, joint, predicted=False, rotor=False).fit(x.torque[:, joint])
     informative = fit.unexplained <= FITS and without.unexplained >= max(LEAST, RIGID * fit.unexplained)
     return fit.gain if informative and not 1 / LONE < fit.gain < ROTOR else 1.0
 

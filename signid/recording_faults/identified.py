@@ -17,7 +17,7 @@ from ..regression.session import Session
 from ..types import Array, Mask, Recording, Robot
 from .delay import Delay, estimate_delay
 from .examine import examine
-from .result import NOTE, Finding
+from .result import NOTE, RecordingFault
 
 LOUD = 3.0  # [noise floors] held-out rms from which on it is more than noise
 # A joint fits badly if its held-out rms exceeds FAR [noise floors], and its held-out R2 is below `LITTLE`, or R2 with
@@ -52,7 +52,7 @@ def identification_flags(
         fit: fit of the model.
         value: (b,) [units of base] base parameters by least squares, without physical constraints.
     """
-    session, faults = rows.session, list[Finding]()
+    session, faults = rows.session, list[RecordingFault]()
     sentences = [flag for recording in rows.recordings for flag in recording.flags]
     moving = np.array([joint not in excitation.resting for joint in fit.joints])
     if rows.recordings:
@@ -71,7 +71,7 @@ def identification_flags(
 
 def _faults(
     session: Session, simulation: Model, excitation: ExcitationVerdict, fit: Fit, signed: Mask
-) -> list[Finding]:
+) -> list[RecordingFault]:
     """Recording faults except poor excitation, which an identification reports itself."""
     found = examine(simulation, session, excitation, signed).findings
     return [f for f in found if f.severity != NOTE and f.kind != "excitation" and _holds(f, fit)]
@@ -134,7 +134,7 @@ def _negative_viscosity(value: Array, task: Task) -> float:
     return float(np.mean(signs)) if signs else 0.0
 
 
-def _holds(fault: Finding, fit: Fit) -> bool:
+def _holds(fault: RecordingFault, fit: Fit) -> bool:
     """Whether a fault remains after the fit: torque that the model explains belongs to its motion."""
     if fault.kind != "unexplained torque":
         return True

@@ -8,8 +8,8 @@ import numpy as np
 
 from ..types import Array, Mask
 from .correction import Correction
-from .evidence import LAG, Evidence
-from .fits import Columns
+from .evidence import LAG, FaultEvidence
+from .fits import FitColumns
 
 STEPS = 25  # candidates on either side of zero
 LARGE, LATE = 0.25, 0.08  # [1] change of the torque by a lag over the rms torque, and [s]: from these on a lag is large
@@ -29,10 +29,10 @@ class Lags(NamedTuple):
     large: Mask  # (n,) whether it is more than a mild delay
 
 
-def lag_table(evidence: Evidence, done: Correction) -> tuple[Array, Array]:
+def lag_table(evidence: FaultEvidence, done: Correction) -> tuple[Array, Array]:
     """Candidate lags (L,) [s], and unexplained shares (L, n) [1] of the torques with each of them."""
     lags, x = np.asarray(LAG / STEPS * np.arange(-STEPS, STEPS + 1)), evidence.corrected(done)
-    columns = [Columns(x, j) for j in range(len(done.lag))]
+    columns = [FitColumns(x, j) for j in range(len(done.lag))]
     left: Array = np.empty((len(lags), len(columns)))
     for k, lag in enumerate(lags):
         torque = evidence.late(done.lag + lag)[:, list(done.tau_from)] * done.tau_sign
@@ -40,7 +40,7 @@ def lag_table(evidence: Evidence, done: Correction) -> tuple[Array, Array]:
     return lags, left
 
 
-def judge_lags(evidence: Evidence, done: Correction, informative: Mask) -> Lags:
+def judge_lags(evidence: FaultEvidence, done: Correction, informative: Mask) -> Lags:
     """Estimate the remaining lags of the corrected torques.
 
     Args:
@@ -68,7 +68,7 @@ def judge_lags(evidence: Evidence, done: Correction, informative: Mask) -> Lags:
     return Lags(own, common if together else np.nan, share, saves & (share >= LARGE) & (np.abs(best) >= LATE))
 
 
-def _change(evidence: Evidence, done: Correction, lag: Array) -> Array:
+def _change(evidence: FaultEvidence, done: Correction, lag: Array) -> Array:
     """Rms (n,) [N.m or N] of the change of each joint's torque by its lag."""
     places = list(done.tau_from)
     late = np.zeros_like(lag)

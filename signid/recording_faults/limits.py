@@ -10,7 +10,7 @@ import numpy as np
 from ..regression.rows import consumed
 from ..regression.session import Part, Session
 from ..types import Array, Indices
-from .evidence import Evidence
+from .evidence import FaultEvidence
 
 PER_UNKNOWN = 2.5  # smallest number of rows per unknown, for the joint with most unknowns, to estimate noise
 BEYOND = 3.0  # [1] largest cut-off over the highest frequency of the motion
@@ -43,7 +43,7 @@ class Amount(NamedTuple):
         return self.rows >= PER_UNKNOWN * self.unknowns
 
 
-def judge_limits(evidence: Evidence | None, parts: Sequence[Part], session: Session) -> list[Beyond]:
+def judge_limits(evidence: FaultEvidence | None, parts: Sequence[Part], session: Session) -> list[Beyond]:
     """Values beyond the limits of the description, with a tolerance for noise."""
     robot, found = session.robot, []
     lower, upper = (np.array([getattr(s, key) for _, s in parts]) for key in ("lower", "upper"))

@@ -14,7 +14,7 @@ from .correction import Correction
 from .gains import Gains
 from .lag import Lags
 from .limits import Amount, Beyond
-from .result import NOTE, REFUSE, WARN, Finding, named, percent
+from .result import NOTE, REFUSE, WARN, RecordingFault, named, percent
 from .search import Claim
 
 KINDS = {  # kind -> fault of some joints, correction that was tried, advice
@@ -40,7 +40,7 @@ SPARE = 1.05  # [1] recommended duration over the necessary one
 LARGE, FAR = 5.0, 1.5  # [1] factor of units from which on a diagnosis is meaningless; torque over its limit for a flag
 
 
-def claim_findings(claims: Sequence[Claim], joints: Sequence[str], blocks: int) -> Iterator[Finding]:
+def claim_findings(claims: Sequence[Claim], joints: Sequence[str], blocks: int) -> Iterator[RecordingFault]:
     """One finding per kind of sign or unit, and one per exchange; lags have their own findings."""
     groups: dict[tuple[str, int], list[Claim]] = {}
     for k, claim in enumerate(claims):
@@ -57,7 +57,7 @@ def claim_findings(claims: Sequence[Claim], joints: Sequence[str], blocks: int) 
         sentence = f"{fault.format(named(about))}: {how}, {gain} ({better}); {advice}{_equally_likely(rivals)}"
         mild = kind in DIAGNOSABLE or any(rival in DIAGNOSABLE for rival, _ in rivals)
         measures = {"explained_before": 1 - before, "explained_after": 1 - after, "agreement": sure}
-        yield Finding(kind, about, WARN if mild else REFUSE, measures, sentence, tuple(rivals))
+        yield RecordingFault(kind, about, WARN if mild else REFUSE, measures, sentence, tuple(rivals))
 
 
 def _equally_likely(rivals: Sequence[tuple[str, tuple[str, ...]]]) -> str:
@@ -65,7 +65,7 @@ def _equally_likely(rivals: Sequence[tuple[str, tuple[str, ...]]]) -> str:
     return f" (equally likely: {'; '.join(others[:3])})" if others else ""
 
 
-def lag_findings(lags: Lags, done: Correction, joints: Sequence[str]) -> Iterator[Finding]:
+def lag_findings(lags: Lags, done: Correction, joints: Sequence[str]) -> Iterator[RecordingFault]:
     """One finding for a lag of all joints, else one per joint."""
     before = done.lag[list(done.tau_from)]
     odd = np.flatnonzero((before != 0) | lags.large).tolist()
@@ -81,10 +81,12 @@ def lag_findings(lags: Lags, done: Correction, joints: Sequence[str]) -> Iterato
         side = "late" if lag > 0 else "early"
         fault = f"the torque of {who} is recorded {1e3 * abs(lag):.0f} ms {side} against the motion"
         advice = "record both with one clock, or shift the columns by that time"
-        yield Finding("lag", about, WARN, {"lag": lag, "share": float(lags.share[group].max())}, f"{fault}; {advice}")
+        yield RecordingFault(
+            "lag", about, WARN, {"lag": lag, "share": float(lags.share[group].max())}, f"{fault}; {advice}"
+        )
 
 
-def factor_findings(gains: Gains, robot: Robot) -> Iterator[Finding]:
+def factor_findings(gains: Gains, robot: Robot) -> Iterator[RecordingFault]:
     """Findings on the unit of all torques, and on gains of single joints."""
     middle = gains.common
     if middle != 1.0:
@@ -93,14 +95,14 @@ def factor_findings(gains: Gains, robot: Robot) -> Iterator[Finding]:
         fault = f"all torques are {middle:.3g} times the predicted ones: {guess}"
         severity = REFUSE if abs(log(middle)) > log(LARGE) else WARN
         advice = "convert them to N.m (N), name currents current_J with a torque_constant, or correct the masses"
-        yield Finding("units", (), severity, {"factor": middle}, f"{fault}; {advice}")
+        yield RecordingFault("units", (), severity, {"factor": middle}, f"{fault}; {advice}")
     known = gains.factor[np.isfinite(gains.factor)]
     for j in gains.lone:
         ratio = float(gains.factor[j] / np.median(known))
         fault = f"the torque of {named([robot.joints[j]])} is {ratio:.3g} times the one that the other joints suggest"
         sure = f"± {percent(2 * gains.spread[j])}; no other mass of a link explains it"
         advice = "check its unit, its torque constant and its gear ratio"
-        yield Finding("gain", (robot.joints[j],), WARN, {"factor": ratio}, f"{fault} ({sure}); {advice}")
+        yield RecordingFault("gain", (robot.joints[j],), WARN, {"factor": ratio}, f"{fault} ({sure}); {advice}")
 
 
 def _currents(gains: Gains, robot: Robot) -> str:
@@ -113,28 +115,32 @@ def _currents(gains: Gains, robot: Robot) -> str:
     return "their unit or the description's masses are wrong"
 
 
-def unsigned_unit_finding(ratio: float) -> Finding:
+def unsigned_unit_finding(ratio: float) -> RecordingFault:
     """Finding on absolute torques of a size that friction cannot explain."""
     fault = f"absolute torques are {ratio:.3g} times the predicted ones"
-    return Finding("units", (), WARN, {"factor": ratio}, f"{fault}: their unit is wrong; convert them to N.m (N)")
+    return RecordingFault(
+        "units", (), WARN, {"factor": ratio}, f"{fault}: their unit is wrong; convert them to N.m (N)"
+    )
 
 
-def absolute_finding(joints: Sequence[str]) -> Finding:
+def absolute_finding(joints: Sequence[str]) -> RecordingFault:
     """Finding on absolute torque in columns of signed torque."""
     fault = f"the torque of {named(joints)} is never negative although the predicted torque changes its sign"
     advice = "these are absolute values: name the columns abs_tau_JOINT, or use --unsigned (unsigned=True)"
-    return Finding("absolute torque", tuple(joints), REFUSE, {}, f"{fault}; {advice}")
+    return RecordingFault("absolute torque", tuple(joints), REFUSE, {}, f"{fault}; {advice}")
 
 
-def unexplained_finding(joint: str, explained: float) -> Finding:
+def unexplained_finding(joint: str, explained: float) -> RecordingFault:
     """Finding on torque that does not belong to its motion."""
     fault = f"the torque of {named([joint])} does not follow from its motion: model and friction explain"
     advice = "check that the column is measured, not commanded, and belongs to the joint"
     measures = {"explained": explained}
-    return Finding("unexplained torque", (joint,), WARN, measures, f"{fault} {percent(explained)} of it; {advice}")
+    return RecordingFault(
+        "unexplained torque", (joint,), WARN, measures, f"{fault} {percent(explained)} of it; {advice}"
+    )
 
 
-def amount_finding(amount: Amount, joints: int) -> Finding:
+def amount_finding(amount: Amount, joints: int) -> RecordingFault:
     """Finding on too little data to distinguish noise from unknowns."""
     training = "" if amount.whole == amount.seconds else " of training data"
     fault = f"{amount.seconds:.3g} s{training} of {joints} joint{'s' if joints > 1 else ''} are too little"
@@ -142,17 +148,17 @@ def amount_finding(amount: Amount, joints: int) -> Finding:
     measures = {"rows": float(amount.rows), "unknowns": float(amount.unknowns), "needed": amount.needed}
     share = amount.whole / amount.seconds if amount.seconds else 1.0
     advice = f"record for {np.ceil(SPARE * share * amount.needed):.0f} s or more"
-    return Finding("too little data", (), REFUSE, measures, f"{fault}: {why}; {advice}")
+    return RecordingFault("too little data", (), REFUSE, measures, f"{fault}: {why}; {advice}")
 
 
-def excitation_findings(found: ExcitationVerdict) -> Iterator[Finding]:
+def excitation_findings(found: ExcitationVerdict) -> Iterator[RecordingFault]:
     """Findings on insufficient excitation."""
     share = float(found.shares[0]) if len(found.shares) else 0.0
     for sentence in found.sentences:
-        yield Finding("excitation", found.resting, WARN, {"share": share}, sentence)
+        yield RecordingFault("excitation", found.resting, WARN, {"share": share}, sentence)
 
 
-def channel_finding(fault: Fault, robot: Robot) -> Finding:
+def channel_finding(fault: Fault, robot: Robot) -> RecordingFault:
     """Finding on a clipped, stuck or skipping channel."""
     joint, unit = robot.joints[fault.joint], "N" if robot.prismatic[fault.joint] else "N.m"
     sentence = {
@@ -163,10 +169,10 @@ def channel_finding(fault: Fault, robot: Robot) -> Finding:
         "skipping position": f"the position of {joint} stands still and then jumps, {fault.times} times, for up "
         f"to {fault.value:.2g} s: samples were lost; leave them empty instead of repeating the last one",
     }[fault.kind]
-    return Finding(fault.kind, (joint,), WARN, {"count": float(fault.times), "value": fault.value}, sentence)
+    return RecordingFault(fault.kind, (joint,), WARN, {"count": float(fault.times), "value": fault.value}, sentence)
 
 
-def limit_finding(found: Beyond, robot: Robot) -> Finding:
+def limit_finding(found: Beyond, robot: Robot) -> RecordingFault:
     """Finding on a value beyond a limit of the description."""
     joint, slides = robot.joints[found.joint], int(robot.prismatic[found.joint])
     units = {"torque": ("N.m", "N"), "velocity": ("rad/s", "m/s"), "position": ("rad", "m")}
@@ -175,4 +181,4 @@ def limit_finding(found: Beyond, robot: Robot) -> Finding:
     advice = f"check {check}, or correct the description"
     severity = WARN if found.kind == "torque" and found.value >= FAR * found.limit else NOTE
     measures = {"value": found.value, "limit": found.limit}
-    return Finding(f"{found.kind} limit", (joint,), severity, measures, f"{fact} of {found.limit:.4g}; {advice}")
+    return RecordingFault(f"{found.kind} limit", (joint,), severity, measures, f"{fact} of {found.limit:.4g}; {advice}")

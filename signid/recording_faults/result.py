@@ -12,7 +12,7 @@ UNCERTAIN = "uncertain"  # verdict in files
 
 
 @dataclass(frozen=True)
-class Finding:
+class RecordingFault:
     """Recording fault, with a sentence on the fault, its evidence and how to correct it."""
 
     kind: str  # "torque sign"
@@ -33,7 +33,7 @@ class RecordingFaults(Frozen):
     lag: Array  # (n,) [s] by which torque is late; NaN if it is not identifiable
     signs: tuple[str, ...]  # (n,) verdicts on the sign of torque relative to position
     order: tuple[str, ...]  # (n,) verdicts on the joint of a torque column
-    findings: tuple[Finding, ...]
+    findings: tuple[RecordingFault, ...]
 
     @property
     def refusal(self) -> str:

@@ -12,8 +12,8 @@ import numpy as np
 from ..deadline import time_is_up
 from ..types import Array, Frozen, Indices, Mask
 from .correction import Correction
-from .evidence import Evidence, Signals
-from .fits import Columns, fit_joints, unexplained
+from .evidence import FaultEvidence, Signals
+from .fits import FitColumns, fit_joints, unexplained
 from .lag import LATE, lag_table
 
 SEARCH = "the search for recording faults"
@@ -28,7 +28,7 @@ WIDE = 2 * np.pi  # smallest range of a position in degrees; smaller ones are ra
 UNITS = {"degrees": np.pi / 180, "revolutions": 2 * np.pi, "millimetres": 1e-3}
 
 
-class Trial(NamedTuple):
+class CorrectionTrial(NamedTuple):
     """Candidate correction."""
 
     kind: str
@@ -47,13 +47,13 @@ class Claim(Frozen):
     before: float  # [1] unexplained share of the variance, mean over the joints whose torque it improves
     after: float  # [1] the same after the correction
     agreement: float  # [1] share of the blocks in which it improves the fit
-    rivals: tuple[Trial, ...] = ()  # equally good corrections
+    rivals: tuple[CorrectionTrial, ...] = ()  # equally good corrections
 
 
 class Evaluated(NamedTuple):
     """Candidate with its unexplained shares."""
 
-    trial: Trial
+    trial: CorrectionTrial
     left: Array  # (n,) [1] unexplained shares
     rank: tuple[float, float]  # smaller is better
 
@@ -71,7 +71,7 @@ def informative_torques(x: Signals, signed: Mask) -> Mask:
     return np.asarray(signed & (size > 0) & (size >= WEAK * strong) & (size >= STEADY * rms))
 
 
-def search(evidence: Evidence, informative: Mask) -> list[Claim]:
+def search(evidence: FaultEvidence, informative: Mask) -> list[Claim]:
     """Find all claims, each the best one after those before it.
 
     Args:
@@ -90,7 +90,7 @@ def search(evidence: Evidence, informative: Mask) -> list[Claim]:
     return claims
 
 
-def _next(evidence: Evidence, done: Correction, informative: Mask) -> Claim | None:
+def _next(evidence: FaultEvidence, done: Correction, informative: Mask) -> Claim | None:
     before = _left(evidence, done)
     if _nats(before, informative) - informative.sum() * np.log(WELL) < WORTH:
         return None
@@ -119,41 +119,41 @@ def _next(evidence: Evidence, done: Correction, informative: Mask) -> Claim | No
     return Claim(*best.trial, gained, *shares, agreement, tuple(rivals))
 
 
-def _left(evidence: Evidence, correction: Correction) -> Array:
+def _left(evidence: FaultEvidence, correction: Correction) -> Array:
     """Unexplained shares (n,) [1] of the torques' variances, in the order of the recording's columns."""
     out = np.empty(len(correction.tau_from))
     out[list(correction.tau_from)] = unexplained(evidence.corrected(correction))
     return out
 
 
-def _betters_all(trial: Trial, done: Correction, informative: Mask, before: Array, left: Array) -> bool:
+def _betters_all(trial: CorrectionTrial, done: Correction, informative: Mask, before: Array, left: Array) -> bool:
     """Whether an exchange improves all informative torques of its joints; an improvement of one may be chance."""
     columns = [k for k in (done.tau_from[j] for j in trial.joints) if informative[k]]
     return "order" not in trial.kind or all(left[k] <= max(before[k], WELL) for k in columns)
 
 
-def _trials(evidence: Evidence, done: Correction, informative: Mask) -> Iterator[Trial]:
+def _trials(evidence: FaultEvidence, done: Correction, informative: Mask) -> Iterator[CorrectionTrial]:
     n, prismatic = len(informative), evidence.robot.prismatic
     for i in range(n):
         if informative[i]:
-            yield Trial("torque sign", (i,), done.scale((i,), torque=-1))
-        yield Trial("position sign", (i,), done.scale((i,), position=-1))
-        yield Trial("axis", (i,), done.scale((i,), position=-1, torque=-1))
+            yield CorrectionTrial("torque sign", (i,), done.scale((i,), torque=-1))
+        yield CorrectionTrial("position sign", (i,), done.scale((i,), position=-1))
+        yield CorrectionTrial("axis", (i,), done.scale((i,), position=-1, torque=-1))
     order = _best_order(evidence.corrected(done), informative)
     moved = tuple(i for i in range(n) if order[i] != i)
     if len(moved) > 2:
-        yield Trial("torque order", moved, done.exchange(order, torques=True))
+        yield CorrectionTrial("torque order", moved, done.exchange(order, torques=True))
     for i, j in combinations(range(n), 2):
         swapped = tuple(j if k == i else i if k == j else k for k in range(n))
         if informative[i] and informative[j]:
-            yield Trial("torque order", (i, j), done.exchange(swapped, torques=True))
-        yield Trial("position order", (i, j), done.exchange(swapped, positions=True))
-        yield Trial("joint order", (i, j), done.exchange(swapped, positions=True, torques=True))
+            yield CorrectionTrial("torque order", (i, j), done.exchange(swapped, torques=True))
+        yield CorrectionTrial("position order", (i, j), done.exchange(swapped, positions=True))
+        yield CorrectionTrial("joint order", (i, j), done.exchange(swapped, positions=True, torques=True))
     for unit, scale in UNITS.items():
         which = tuple(np.flatnonzero(prismatic == (unit == "millimetres")).tolist())
         for joints in sorted({which, *((j,) for j in which)} - {()}):
             if unit != "degrees" or np.ptp(evidence.q[:, list(joints)], axis=0).max() > WIDE:
-                yield Trial(unit, joints, done.scale(joints, position=scale))
+                yield CorrectionTrial(unit, joints, done.scale(joints, position=scale))
     yield from _lags(evidence, done, informative)
 
 
@@ -163,26 +163,26 @@ def _best_order(x: Signals, informative: Mask) -> tuple[int, ...]:
 
     left = np.where(np.eye(len(informative)), 0.0, 2.0)
     for i in np.flatnonzero(informative):
-        columns = Columns(x, int(i))
+        columns = FitColumns(x, int(i))
         for j in np.flatnonzero(informative):
             left[i, j] = min(columns.fit(sign * x.torque[:, j]).unexplained for sign in (1, -1))
     return tuple(linear_sum_assignment(left)[1].tolist())
 
 
-def _lags(evidence: Evidence, done: Correction, informative: Mask) -> Iterator[Trial]:
+def _lags(evidence: FaultEvidence, done: Correction, informative: Mask) -> Iterator[CorrectionTrial]:
     lags, left = lag_table(evidence, done)
     for joints in sorted({tuple(range(len(informative))), *((j,) for j in np.flatnonzero(informative).tolist())}):
         own = left[:, [j for j in joints if informative[j]]]
         best = int(np.argmin(np.log(np.maximum(own, CLOSELY)).sum(axis=1)))
         if lags[best]:
-            yield Trial("lag", joints, done.earlier(joints, float(lags[best])))
+            yield CorrectionTrial("lag", joints, done.earlier(joints, float(lags[best])))
 
 
 def _nats(left: Array, informative: Mask, floor: float = WELL) -> float:
     return float(np.sum(np.log(np.maximum(left[informative], floor))))
 
 
-def _agreement(evidence: Evidence, before: Correction, after: Correction, columns: Indices) -> float:
+def _agreement(evidence: FaultEvidence, before: Correction, after: Correction, columns: Indices) -> float:
     """Share [1] of the blocks in which a correction reduces the residual of some columns of torque."""
     old, new = (fit_joints(evidence.corrected(c)) for c in (before, after))
     blocks = np.unique(evidence.block)

@@ -14,7 +14,6 @@ LEAST_RATE = 100.0  # [Hz] of the grid, at least; logs: one UR10e recording had 
 MOST_SAMPLES = 20_000  # [samples] of all recordings together; longer ones are thinned further; heuristic: memory, time
 POSITION_BANDWIDTH = 2.0  # [cut-offs] positions pass up to here: less than in a fit, since torque stays unfiltered and
 # encoder noise in the acceleration hides small torques; heuristic
-REVERSAL_WIDTHS = 5.0  # [widths of a reversal] a joint that is slower may have friction of either sign; as in a fit
 
 # Segments: stretches of one sign
 

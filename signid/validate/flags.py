@@ -11,13 +11,13 @@ from ..estimation.fit_quality import LITTLE
 from ..recording_faults import RecordingFaults
 from ..recording_faults.result import REFUSE, WARN
 from ..simulation.rollout import RollOut
-from .joints import Candidate
+from .joints import ModelCandidate
 from .result import ValidatedModel
 
 OF_A_FIT = ("too little data", "excitation")  # kinds of faults that matter only for a fit
 
 
-def joint_flags(candidates: Sequence[Candidate], recorded: Sequence[str]) -> Iterator[str]:
+def joint_flags(candidates: Sequence[ModelCandidate], recorded: Sequence[str]) -> Iterator[str]:
     """A sentence on each model that does not move all joints that the recordings move.
 
     Args:
@@ -32,7 +32,7 @@ def joint_flags(candidates: Sequence[Candidate], recorded: Sequence[str]) -> Ite
             )
 
 
-def constant_flags(candidates: Sequence[Candidate]) -> Iterator[str]:
+def constant_flags(candidates: Sequence[ModelCandidate]) -> Iterator[str]:
     """A sentence on each model whose torque constants differ from those that converted the recorded currents."""
     for one in candidates:
         stated = np.abs(one.model.robot.actuators.torque_constant)

@@ -13,7 +13,7 @@ from ..simulation.rollout.joints import restrict_joints
 from ..types import Recording
 
 
-class Candidate(NamedTuple):
+class ModelCandidate(NamedTuple):
     """Model to be validated, and the recordings of its joints."""
 
     name: str
@@ -22,7 +22,7 @@ class Candidate(NamedTuple):
     notes: tuple[str, ...]
 
 
-def share_joints(name: str, model: Model, recordings: Sequence[Recording]) -> Candidate:
+def share_joints(name: str, model: Model, recordings: Sequence[Recording]) -> ModelCandidate:
     """Model and recordings of the joints that both have.
 
     Args:
@@ -42,7 +42,7 @@ def share_joints(name: str, model: Model, recordings: Sequence[Recording]) -> Ca
         )
     given = tuple(r if r.joints == shared else _of_joints(r, shared) for r in recordings)
     restricted, notes = restrict_joints(model, given)
-    return Candidate(name, restricted, given, tuple(f"{name}: {note}" for note in notes))
+    return ModelCandidate(name, restricted, given, tuple(f"{name}: {note}" for note in notes))
 
 
 def _of_joints(recording: Recording, joints: Sequence[str]) -> Recording:

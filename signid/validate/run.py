@@ -19,7 +19,7 @@ from ..regression.session import Options, Session, only_once
 from ..simulation.rollout import RollOut, roll_out
 from ..types import Input, Progress, Recording
 from .flags import constant_flags, fault_flags, joint_flags, rollout_notes, row_flags, row_notes
-from .joints import Candidate, share_joints
+from .joints import ModelCandidate, share_joints
 from .result import ValidatedModel, Validation
 from .rows import model_rows
 
@@ -117,7 +117,7 @@ def _check(models: Mapping[str, Model], recordings: Sequence[Recording]) -> None
             )
 
 
-def _sessions(candidates: Sequence[Candidate], options: Options) -> dict[tuple[str, ...], Session]:
+def _sessions(candidates: Sequence[ModelCandidate], options: Options) -> dict[tuple[str, ...], Session]:
     """Recordings over the joints of each model; one band for all."""
 
     def made(options: Options) -> dict[tuple[str, ...], Session]:
@@ -132,7 +132,7 @@ def _sessions(candidates: Sequence[Candidate], options: Options) -> dict[tuple[s
     return sessions
 
 
-def _roll_out(session: Session, one: Candidate, candidates: Sequence[Candidate]) -> _Rolled:
+def _roll_out(session: Session, one: ModelCandidate, candidates: Sequence[ModelCandidate]) -> _Rolled:
     """Short simulations in windows that leave room for the laws of all models, so that all have the same windows."""
     laws = tuple(law for other in candidates for law in other.model.laws)
     try:

@@ -16,7 +16,7 @@ from ..terminal import DONE, bars
 
 if TYPE_CHECKING:
     from ...model import Model
-    from ...output.report import Run
+    from ...output.report import SimulationRun
     from ...simulation.plant import Sensors, Torques
     from ...types import Trajectory
 
@@ -121,12 +121,12 @@ def _run(
     loop: LoopOptions,
     sensors: Sensors,
     run: RunOptions,
-) -> Run:
+) -> SimulationRun:
     """Simulate and record the known model with the injected laws."""
     from ...effects.naming import parse_law
     from ...errors import OptionError
     from ...model import Model
-    from ...output.report import Run
+    from ...output.report import SimulationRun
     from ...simulation.plant import Torques, record, simulate
 
     drive, seconds = given_drive(known, asked, loop, plant.duration, plant.step, run.seed)
@@ -147,4 +147,4 @@ def _run(
             progress=progress,
         )
     columns = record(known.robot, moved, sensors, desired=not isinstance(drive, Torques), seed=run.seed)
-    return Run(model, injected, moved, columns, sensors, drive, plant.integrator)
+    return SimulationRun(model, injected, moved, columns, sensors, drive, plant.integrator)

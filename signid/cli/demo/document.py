@@ -8,7 +8,7 @@ from ...effects.naming import law_name, law_place
 from ...output.report.diagnosis.document import law_numbers
 from ...output.report.results.documents import fit_with_errors, provenance
 from ...types import Input
-from .outcome import Outcome
+from .outcome import LawOutcome
 from .run import BITS, DURATION, NOISE, RATE, Story
 
 
@@ -36,7 +36,7 @@ def story_document(story: Story, name: str) -> dict[str, Any]:
     }
 
 
-def _concealed(story: Story, outcome: Outcome) -> dict[str, Any]:
+def _concealed(story: Story, outcome: LawOutcome) -> dict[str, Any]:
     """A concealed law and its estimated parameters, if it was found."""
     robot, (law, kind, finding, probability), named = story.simulation.robot, outcome, outcome.found
     found = law_numbers(robot, named.law, named.std) if named else {}

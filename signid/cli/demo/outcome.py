@@ -12,7 +12,7 @@ from ...types import Law
 FOUND, MINOR, RIVAL, MISSED = "found", "minor", "alternative", "missed"
 
 
-class Outcome(NamedTuple):
+class LawOutcome(NamedTuple):
     """Result for a concealed law."""
 
     law: Law
@@ -26,12 +26,12 @@ class Outcome(NamedTuple):
         return self.finding if self.kind in (FOUND, MINOR) else None
 
 
-def judge(concealed: Sequence[Law], result: Diagnosis) -> tuple[Outcome, ...]:
+def judge(concealed: Sequence[Law], result: Diagnosis) -> tuple[LawOutcome, ...]:
     """Compare each concealed law with the findings."""
     return tuple(_outcome(law, result) for law in concealed)
 
 
-def misses(outcomes: Sequence[Outcome], result: Diagnosis) -> Iterator[str]:
+def misses(outcomes: Sequence[LawOutcome], result: Diagnosis) -> Iterator[str]:
     """Yield a sentence for each law that was missed or named without being concealed."""
     for law, kind, finding, probability in outcomes:
         concealed = f"{law_name(law, result.robot)} was concealed"
@@ -45,15 +45,15 @@ def misses(outcomes: Sequence[Outcome], result: Diagnosis) -> Iterator[str]:
             yield f"{law_name(cause.law, result.robot)} was named but not concealed"
 
 
-def _outcome(law: Law, result: Diagnosis) -> Outcome:
+def _outcome(law: Law, result: Diagnosis) -> LawOutcome:
     for finding in result.findings:
         if _same(finding.law, law):
-            return Outcome(law, FOUND if finding.role == "cause" else MINOR, finding, finding.probability)
+            return LawOutcome(law, FOUND if finding.role == "cause" else MINOR, finding, finding.probability)
     for finding in result.findings:
         for rival in finding.alternatives:
             if _same(rival.law, law):
-                return Outcome(law, RIVAL, finding, rival.probability)
-    return Outcome(law, MISSED, None, 0.0)
+                return LawOutcome(law, RIVAL, finding, rival.probability)
+    return LawOutcome(law, MISSED, None, 0.0)
 
 
 def _same(one: Law, other: Law) -> bool:

@@ -23,7 +23,7 @@ from ...simulation.excite import build_limits, excite
 from ...simulation.plant import Sensors, record
 from ...types import Array, Frozen, Law, Progress, Robot, Trajectory
 from .conceal import conceal, weak_torque
-from .outcome import Outcome, judge, misses
+from .outcome import LawOutcome, judge, misses
 from .plant import run_plant
 
 RECORDINGS = ("recording.csv", "held_out.csv")  # training data, held-out data
@@ -46,7 +46,7 @@ class Story(Frozen):
     seed: int
 
     @property
-    def outcomes(self) -> tuple[Outcome, ...]:
+    def outcomes(self) -> tuple[LawOutcome, ...]:
         """Result for each concealed law."""
         return judge(self.concealed, self.result)
 

@@ -21,7 +21,7 @@ from ...output.report.diagnosis.words import alternative_words, unexplained_word
 from ...output.report.layout import heading, new_table, note_lines, paragraph, plural
 from ...output.report.results.signs import confidence
 from ...types import TWO_SIDED
-from .outcome import FOUND, MINOR, MISSED, RIVAL, Outcome, misses
+from .outcome import FOUND, MINOR, MISSED, RIVAL, LawOutcome, misses
 from .run import BITS, DURATION, NOISE, RATE, RECORDINGS, Story
 
 OUTCOMES = {
@@ -112,7 +112,7 @@ def _comparison(story: Story) -> Table:
     return table
 
 
-def _numbers(story: Story, outcome: Outcome) -> Iterator[tuple[str, str, str, str, str]]:
+def _numbers(story: Story, outcome: LawOutcome) -> Iterator[tuple[str, str, str, str, str]]:
     """Yield key, true value, estimate, half-width of its interval and unit of each parameter."""
     named = outcome.found
     for key, true in law_numbers(story.simulation.robot, outcome.law, {}).items():
@@ -139,7 +139,7 @@ def _sum(story: Story) -> Iterator[str]:
     yield from (f"{flag}." for flag in misses(story.outcomes, story.result))
 
 
-def _near(outcome: Outcome) -> Iterator[bool]:
+def _near(outcome: LawOutcome) -> Iterator[bool]:
     """Yield for each parameter whether the interval contains the true value."""
     law, named = outcome.law, outcome.found
     for key, std in named.std.items() if named else ():

@@ -6,13 +6,13 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from ...deadline import time_is_up
-from ...estimation.fit_quality import Fit
+from ...estimation.fit_quality import LITTLE, Fit
 from ...types import Array
 from ..data.noise import Noise
 from ..extend.holdout import Prediction, fit_of
 from ..search.stepwise import SEARCH
 from .findings import Conclusions
-from .thresholds import LOUD, LOW_R2, WORSE
+from .thresholds import LOUD, WORSE
 
 FALLBACK = (
     "the search was cut short, and with the laws found so far the held-out torque of {} is predicted worse than by the "
@@ -42,7 +42,7 @@ def holdout_warnings(before: Fit, after: Fit) -> Iterator[str]:
                 f"the torque of {joint} on held-out recordings is predicted worse than before "
                 f"({then:.3g} -> {now:.3g} {unit}): do not use the extended simulation for it"
             )
-        elif r2 < LOW_R2 and now > LOUD * irreducible:
+        elif r2 < LITTLE and now > LOUD * irreducible:
             yield (
                 f"the extended simulation still predicts little of the torque of {joint} on held-out recordings "
                 f"(R2 {r2:.2f}): what is missing there was not found"

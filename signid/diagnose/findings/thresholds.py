@@ -54,7 +54,6 @@ EMPIRICAL_GAIN = 0.3  # share of the held-out sum of squares that an empirical f
 
 # Held-out warnings (holdout_warnings.py)
 WORSE = 1.05  # held-out rms after over before that is worse [1]; heuristic
-LOW_R2 = 0.5  # held-out R2 below which torque is hardly predicted [1]; heuristic
 LOUD = 3.0  # held-out rms over irreducible rms above which it matters [1]; heuristic
 
 # Intervals (intervals.py)

@@ -5,6 +5,6 @@ This is the classical method (`signid identify --method pbrp`). The default, a c
 """
 
 from .bounds import Bounds, bounds_around, read_bounds
-from .search import Retrieval, Run, retrieve
+from .search import Retrieval, SearchRun, retrieve
 
-__all__ = ["Bounds", "Retrieval", "Run", "bounds_around", "read_bounds", "retrieve"]
+__all__ = ["Bounds", "Retrieval", "SearchRun", "bounds_around", "read_bounds", "retrieve"]

@@ -17,7 +17,7 @@ _LARGE = 1e3  # [squared standard deviations] cost above which a search that sto
 
 
 @dataclass(frozen=True, eq=False)
-class Cost(Frozen):
+class PenaltyCost(Frozen):
     """Cost |matrix z - target|^2 + rest + weight * violation of physics, z (d,) in the unit cube.
 
     Free standard parameters are x = lower + (upper - lower) z; those with equal bounds are fixed.
@@ -68,7 +68,7 @@ class Cost(Frozen):
         return Problem(cost, np.zeros(len(z)), np.ones(len(z)), z, gradient, SEARCH)
 
 
-def cost_over(box: Bounds, physics: Physics, matrix: Array, target: Array, rest: float = 0.0) -> Cost:
+def cost_over(box: Bounds, physics: Physics, matrix: Array, target: Array, rest: float = 0.0) -> PenaltyCost:
     """Cost |matrix x - target|^2 + rest over the standard parameters x of a box.
 
     Args:
@@ -80,10 +80,10 @@ def cost_over(box: Bounds, physics: Physics, matrix: Array, target: Array, rest:
     """
     free = np.flatnonzero(box.upper > box.lower)
     inside = matrix[:, free] * (box.upper - box.lower)[free]
-    return Cost(inside, target - matrix @ box.lower, rest, free, box, physics)
+    return PenaltyCost(inside, target - matrix @ box.lower, rest, free, box, physics)
 
 
-def descend(cost: Cost, z: Array, weights: Iterable[float], algorithm: str, budget: int, seed: int) -> Optimum:
+def descend(cost: PenaltyCost, z: Array, weights: Iterable[float], algorithm: str, budget: int, seed: int) -> Optimum:
     """Rounds of one algorithm; each has its own weight of the penalty and starts where the last one ended.
 
     Args:

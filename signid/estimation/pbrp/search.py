@@ -13,7 +13,7 @@ from ...optimisers import OPTIMISERS, Optimum
 from ...types import BaseMap, Estimate, Frozen, Label, Parameters
 from ..feasible.problem import information_root
 from .bounds import Bounds, bounds_around, check_box
-from .cost import SEARCH, Cost, cost_over, descend
+from .cost import SEARCH, PenaltyCost, cost_over, descend
 from .penalty import Physics, physics_of
 
 _SHARPEST = 1e4  # [standard deviations per width of the box] largest sharpness that the search resolves
@@ -24,7 +24,7 @@ _BUDGETS = {"LN_SBPLX": 10_000, "LN_NELDERMEAD": 10_000}  # the same for algorit
 
 
 @dataclass(frozen=True)
-class Run:
+class SearchRun:
     """Result of one start of the search."""
 
     cost: float  # chi2 with limited sharpness, plus the last penalty
@@ -41,8 +41,8 @@ class Retrieval(Frozen):
     """Best run, and all runs."""
 
     parameters: Parameters
-    best: Run
-    runs: tuple[Run, ...]
+    best: SearchRun
+    runs: tuple[SearchRun, ...]
     global_algorithm: str
     local_algorithm: str
     seed: int
@@ -149,11 +149,11 @@ def retrieve(
 
 
 class _Found(NamedTuple):
-    run: Run
+    run: SearchRun
     ends: list[Optimum]  # of the global algorithm, of the regular rounds, of each additional round
 
 
-def cost_of(base: BaseMap, estimate: Estimate, box: Bounds, physics: Physics) -> Cost:
+def cost_of(base: BaseMap, estimate: Estimate, box: Bounds, physics: Physics) -> PenaltyCost:
     """Cost of a search: squared distance from an estimate with limited sharpness, plus the penalty.
 
     Args:
@@ -173,14 +173,14 @@ def cost_of(base: BaseMap, estimate: Estimate, box: Bounds, physics: Physics) ->
     return cost_over(box, physics, rotated @ base.combination, rotated @ estimate.value)
 
 
-def _evaluated(base: BaseMap, estimate: Estimate, cost: Cost, weight: float, ends: list[Optimum]) -> Run:
+def _evaluated(base: BaseMap, estimate: Estimate, cost: PenaltyCost, weight: float, ends: list[Optimum]) -> SearchRun:
     """Result of a run, with feasibility and convergence tested independently of NLopt's status."""
     z = ends[-1].x
     x, last = cost.standard(z), cost.problem(z, weight)
     assert last.gradient is not None, "a cost has one"
     away, slope, value = base.combination @ x - estimate.value, last.gradient(z), last.objective(z)
     in_sight = float(np.max(np.abs(slope) * np.where(slope > 0, z, 1 - z), initial=0.0))
-    return Run(
+    return SearchRun(
         cost=value,
         chi2=max(float(away @ estimate.information @ away), 0.0),
         violation=cost.physics.excess(x),
@@ -191,7 +191,7 @@ def _evaluated(base: BaseMap, estimate: Estimate, cost: Cost, weight: float, end
     )
 
 
-def _notes(found: _Found, cost: Cost, labels: tuple[Label, ...]) -> tuple[str, ...]:
+def _notes(found: _Found, cost: PenaltyCost, labels: tuple[Label, ...]) -> tuple[str, ...]:
     run, ends = found
     at_edge = (ends[-1].x == 1.0) | ((ends[-1].x == 0.0) & ~np.isin(cost.free, cost.physics.positive))
     edge = [labels[i].name for i in cost.free[at_edge]]

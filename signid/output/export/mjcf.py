@@ -13,8 +13,8 @@ from ...robot.dynamics import joint_of_row, own_row
 from ...types import Law, Robot
 from .beyond import BODIES, Exported, commented, fixed_note, held, lacking, summed
 from .inertial import LEAST, Principal
-from .places import Axis, Follower, followers, places
-from .possible import Bodies, possible_bodies
+from .places import AxisPlace, Follower, followers, places
+from .possible import PossibleBodies, possible_bodies
 from .shapes import Shapes, quaternion, read_shapes, words
 
 _NUMBERS = {"damping": "viscous_friction", "frictionloss": "coulomb_friction", "armature": "armature"}
@@ -71,7 +71,7 @@ def _each(parent: Any, tag: str, entries: Sequence[dict[str, str]]) -> None:
         parent.getparent().remove(parent)
 
 
-def _tree(world: Any, model: Model, shapes: Shapes, bodies: Bodies) -> None:
+def _tree(world: Any, model: Model, shapes: Shapes, bodies: PossibleBodies) -> None:
     from lxml import etree
 
     robot, nodes = model.robot, [world]
@@ -108,7 +108,7 @@ def _inertial(body: Principal) -> dict[str, str]:
     return {**pose, "mass": repr(body.mass), "diaginertia": words(body.moments)}
 
 
-def _joint(model: Model, axis: Axis) -> dict[str, str]:
+def _joint(model: Model, axis: AxisPlace) -> dict[str, str]:
     robot = model.robot
     stated = {"name": axis.name, "type": "slide" if axis.slide else "hinge", "axis": words(axis.direction)}
     if np.any(axis.at):
@@ -152,7 +152,7 @@ def _motors(model: Model) -> list[dict[str, str]]:
     ]
 
 
-def _notes(model: Model, follow: Sequence[Follower], bodies: Bodies) -> list[str]:
+def _notes(model: Model, follow: Sequence[Follower], bodies: PossibleBodies) -> list[str]:
     robot = model.robot
     notes = fixed_note(robot, "they are rigid in the MJCF")
     if beyond := lacking(robot, model.laws, mjcf_laws(model)):

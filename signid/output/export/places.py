@@ -13,7 +13,7 @@ from ...robot.dynamics import own_row
 from ...types import Array, Robot
 
 
-class Axis(NamedTuple):
+class AxisPlace(NamedTuple):
     """A joint axis: its row in the model, and its pose in the body."""
 
     row: int
@@ -28,7 +28,7 @@ class Place(NamedTuple):
 
     parent: int
     pose: Any  # pin.SE3
-    axes: tuple[Axis, ...]
+    axes: tuple[AxisPlace, ...]
 
 
 class Follower(NamedTuple):
@@ -81,8 +81,8 @@ def _parts(joint: Any) -> list[tuple[Any, Any]]:
     return list(zip(whole.joints, whole.jointPlacements, strict=True))
 
 
-def _axis(name: str, row: int, frame: Any, motion: Array) -> Axis:
+def _axis(name: str, row: int, frame: Any, motion: Array) -> AxisPlace:
     slide = bool(np.any(motion[:3]))
-    return Axis(
+    return AxisPlace(
         row, name, slide, frame.translation, frame.rotation @ motion[:3] if slide else frame.rotation @ motion[3:]
     )

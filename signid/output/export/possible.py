@@ -18,7 +18,7 @@ from .inertial import LEAST, Principal, principal
 _SURE = 1e8  # size of a base parameter over its standard deviation
 
 
-class Bodies(NamedTuple):
+class PossibleBodies(NamedTuple):
     """Bodies of the links, separate payload bodies, and notes on changes."""
 
     links: list[Principal]  # nb
@@ -26,7 +26,7 @@ class Bodies(NamedTuple):
     notes: list[str]
 
 
-def possible_bodies(model: Model) -> Bodies:
+def possible_bodies(model: Model) -> PossibleBodies:
     """Return the bodies of a model; if some are inconsistent, replace all by consistent ones with the same torque.
 
     Args:
@@ -41,7 +41,7 @@ def possible_bodies(model: Model) -> Bodies:
     links = [principal(x) for x in bare.whole_inertials()]
     odd = [name for name, body in zip(model.robot.links, links, strict=True) if body is None]
     if not odd:
-        return Bodies([body for body in links if body], loads, [])
+        return PossibleBodies([body for body in links if body], loads, [])
     changed = _exchanged(model)
     bodies = [] if changed is None else [body for body in map(principal, changed) if body]
     if len(bodies) < len(links):
@@ -50,7 +50,7 @@ def possible_bodies(model: Model) -> Bodies:
             "consistent ones give the same torque; identify with --method convex, or export to a URDF"
         )
     note = f"inertials are replaced by consistent ones with the same torque, since {shorten(odd)} had inconsistent ones"
-    return Bodies(bodies, [], [note])
+    return PossibleBodies(bodies, [], [note])
 
 
 def _loads(model: Model) -> list[tuple[Law, Principal]]:

@@ -17,7 +17,7 @@ from ...types import Law
 SCHEMA, MODEL = "signid.diagnosis/1", "model.json"
 
 
-class Finding(NamedTuple):
+class ReplayFinding(NamedTuple):
     """A finding, as far as it is displayed."""
 
     law: Law
@@ -26,15 +26,15 @@ class Finding(NamedTuple):
     cause: bool
 
 
-class Found(NamedTuple):
+class ReplayFindings(NamedTuple):
     """A diagnosis, as far as it is displayed."""
 
     verdict: str
     after: Model  # the extended simulation
-    findings: tuple[Finding, ...]
+    findings: tuple[ReplayFinding, ...]
 
 
-def read_found(diagnosis: Diagnosis | str | Path) -> Found:
+def read_found(diagnosis: Diagnosis | str | Path) -> ReplayFindings:
     """Read the findings of a Diagnosis, or of diagnosis.json with model.json in the same folder.
 
     Args:
@@ -44,8 +44,8 @@ def read_found(diagnosis: Diagnosis | str | Path) -> Found:
         OptionError: the file is not a diagnosis, or model.json is missing.
     """
     if isinstance(diagnosis, Diagnosis):
-        findings = (Finding(x.law, x.std, x.probability, x.role == "cause") for x in diagnosis.findings)
-        return Found(diagnosis.verdict, diagnosis.model, tuple(findings))
+        findings = (ReplayFinding(x.law, x.std, x.probability, x.role == "cause") for x in diagnosis.findings)
+        return ReplayFindings(diagnosis.verdict, diagnosis.model, tuple(findings))
     path = Path(diagnosis)
     path = path / "diagnosis.json" if path.is_dir() else path
     if path.is_file() and not path.with_name(MODEL).is_file():
@@ -55,7 +55,7 @@ def read_found(diagnosis: Diagnosis | str | Path) -> Found:
         if content["schema"] != SCHEMA:
             raise OptionError(f"{path} holds {content['schema']!r}; expected {SCHEMA!r} as `signid diagnose` writes it")
         after = load_model(path.with_name(MODEL))
-        return Found(str(content["verdict"]), after, tuple(_finding(x, after) for x in content["findings"]))
+        return ReplayFindings(str(content["verdict"]), after, tuple(_finding(x, after) for x in content["findings"]))
     except OSError as error:
         raise OptionError(f"cannot read {path}: {error.strerror}; give diagnosis.json of `signid diagnose`") from None
     except SignidError:
@@ -64,10 +64,10 @@ def read_found(diagnosis: Diagnosis | str | Path) -> Found:
         raise OptionError(f"{path} is not a diagnosis.json of `signid diagnose` ({error!r})") from None
 
 
-def _finding(entry: Mapping[str, Any], after: Model) -> Finding:
+def _finding(entry: Mapping[str, Any], after: Model) -> ReplayFinding:
     numbers = entry["parameters"]
     values = {key: number["value"] for key, number in numbers.items()}
-    return Finding(
+    return ReplayFinding(
         law=law_at(EFFECTS[entry["effect"]], after.robot, entry["joint"], values),
         std={key: number["std"] for key, number in numbers.items()},
         probability=float(entry["probability"]),

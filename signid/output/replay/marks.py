@@ -13,7 +13,7 @@ from ...effects.base import BodyLaw
 from ...effects.naming import law_place
 from ...robot.dynamics import joint_of_row, own_row
 from ...types import TWO_SIDED, Coefficient, Law, Robot
-from .found import Finding
+from .found import ReplayFinding
 from .poses import axis
 
 DENSITY = 3000.0  # density at which a payload is drawn [kg/m3]
@@ -40,7 +40,7 @@ class Mark:
         return asdict(self)
 
 
-def marks(robot: Robot, findings: Sequence[Finding], reach: float) -> list[Mark]:
+def marks(robot: Robot, findings: Sequence[ReplayFinding], reach: float) -> list[Mark]:
     """Place a mark for each finding, causes first.
 
     Args:
@@ -52,7 +52,7 @@ def marks(robot: Robot, findings: Sequence[Finding], reach: float) -> list[Mark]
     return sorted(found, key=lambda mark: not mark.cause)
 
 
-def _mark(robot: Robot, finding: Finding, reach: float) -> Mark:
+def _mark(robot: Robot, finding: ReplayFinding, reach: float) -> Mark:
     law = finding.law
     joint, values = law_place(law, robot)
     where = f" of {joint}" + (f" and {values['partner']}" if "partner" in values else "")
@@ -91,7 +91,7 @@ def _body(robot: Robot, law: Law, words: tuple[str, tuple[str, ...], bool], reac
     return Mark("body", body, title, lines, cause, _tuple(centre), _tuple(along), min(radius, reach / 4))
 
 
-def _numbers(robot: Robot, finding: Finding) -> tuple[str, ...]:
+def _numbers(robot: Robot, finding: ReplayFinding) -> tuple[str, ...]:
     """The first parameters with their 95 % intervals, and the probability."""
     law, shown = finding.law, list[str]()
     single = len(law.joints) == 1

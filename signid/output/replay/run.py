@@ -12,7 +12,7 @@ from ...errors import OptionError
 from ...model import Model
 from ...simulation.rollout.joints import restrict_joints
 from ...types import Recording, Robot
-from .found import Found, read_found
+from .found import ReplayFindings, read_found
 from .marks import marks
 from .page import Replay
 from .part import part
@@ -101,7 +101,7 @@ def _check(recording: Recording, horizon: float, rate: float) -> None:
         )
 
 
-def _check_same(model: Model, found: Found | None) -> None:
+def _check_same(model: Model, found: ReplayFindings | None) -> None:
     if found is None:
         return
     lacking = [joint for joint in found.after.robot.joints if joint not in model.robot.joints]

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from .results.payload import payload_document as payload_document, payload_tables as payload_tables
     from .results.signs import signed_csv as signed_csv, signs_document as signs_document, signs_tables as signs_tables
     from .results.simulation import (
-        Run as Run,
+        SimulationRun as SimulationRun,
         simulation_document as simulation_document,
         simulation_tables as simulation_tables,
     )

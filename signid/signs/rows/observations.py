@@ -10,13 +10,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ...recording.sampling import samples
-from ...regression.filters import moving_minimum
 from ...regression.motion import Motion, build_motion, margin
 from ...regression.regressor import base_rows
-from ...regression.rows import Task
+from ...regression.rows import Task, away_from_reversals
 from ...regression.session import Part
 from ...types import Array, Frozen, Indices, Mask, Samples, prismatic_unit
-from ..thresholds import CUTOFF_SAMPLES, LEAST_RATE, MOST_SAMPLES, POSITION_BANDWIDTH, REVERSAL_WIDTHS
+from ..thresholds import CUTOFF_SAMPLES, LEAST_RATE, MOST_SAMPLES, POSITION_BANDWIDTH
 
 WINDOW = 8192  # [samples] of a recording processed at a time; bounds memory
 
@@ -222,6 +221,4 @@ def _recorded(motion: Motion) -> Array:
 
 
 def _steady(task: Task, motion: Motion, reach: int) -> Mask:
-    return np.asarray(
-        (moving_minimum(np.abs(motion.v), reach) >= REVERSAL_WIDTHS * task.slow) | ~np.array(task.reverses)
-    )
+    return np.asarray(away_from_reversals(motion.v, reach, task.slow) | ~np.array(task.reverses))

@@ -19,7 +19,7 @@ REVERSAL = 0.03  # [1] speed over its limit below which the direction of frictio
 
 
 @dataclass(frozen=True, eq=False)
-class Cost(Frozen):
+class ExcitationCost(Frozen):
     """Cost of a motion with scaled parameters z (n * d,) [1]: mean position relative to the middle, then the rest."""
 
     problem: ExcitationProblem

@@ -13,7 +13,7 @@ from ...effects import EFFECT_NAMES
 from ...errors import OptionError
 from ...model import Model
 from ...types import Array, Progress, Trajectory
-from .cost import Cost
+from .cost import ExcitationCost
 from .criterion import CRITERIA
 from .feasible import FeasibleMotion, grid, make_feasible
 from .limits import Limits, build_limits
@@ -21,7 +21,7 @@ from .motions.family import FAMILIES
 from .motions.random_motion import at_rate, check_duration, random_parameters, sample
 from .problem import ExcitationProblem
 from .result import Excitation, budget_notes
-from .search import GRID, SPARE, Budget, Found, enforce_limits, search
+from .search import GRID, SPARE, Budget, FoundMotion, enforce_limits, search
 from .setup import build_problem, usual_laws
 
 RANDOM = "random"  # kind of motion without a search
@@ -79,7 +79,7 @@ def excite(
     limits = limits or build_limits(model.robot)
     problem, notes = build_problem(model, usual_laws(model, effects), family, limits, clearance, seed)
     instants = int(np.ceil(PER_PERIOD * harmonics * frequency * duration))
-    cost = Cost(problem, CRITERIA[criterion], family, np.linspace(0, duration, instants + 1), PENALTY, SPARE)
+    cost = ExcitationCost(problem, CRITERIA[criterion], family, np.linspace(0, duration, instants + 1), PENALTY, SPARE)
     budget = budget or Budget.usual(len(model.robot.joints))
     feasible, found = (_random if kind == RANDOM else _optimised)(cost, budget, seed, progress)
     small = (
@@ -124,14 +124,18 @@ def _check(kind: str, criterion: str, rate: float, duration: float, harmonics: i
         raise OptionError(f"the rate is {rate:g} Hz; give a positive one")
 
 
-def _random(cost: Cost, budget: Budget, seed: int, progress: Progress | None) -> tuple[FeasibleMotion, Found]:
+def _random(
+    cost: ExcitationCost, budget: Budget, seed: int, progress: Progress | None
+) -> tuple[FeasibleMotion, FoundMotion]:
     """Random motion within all limits."""
     fine = cost.family.basis(np.arange(0, cost.family.duration, GRID))
     x = random_parameters(fine, cost.problem.limits, np.random.default_rng(seed))
-    return make_feasible(cost.problem, cost.family, x), Found(x, 1, spent=False)
+    return make_feasible(cost.problem, cost.family, x), FoundMotion(x, 1, spent=False)
 
 
-def _optimised(cost: Cost, budget: Budget, seed: int, progress: Progress | None) -> tuple[FeasibleMotion, Found]:
+def _optimised(
+    cost: ExcitationCost, budget: Budget, seed: int, progress: Progress | None
+) -> tuple[FeasibleMotion, FoundMotion]:
     """Best motion within all limits; if it had to shrink, its last stage is repeated with twice as many instants."""
     found = search(cost, budget, seed, progress)
     feasible = make_feasible(cost.problem, cost.family, found.x)
@@ -142,7 +146,7 @@ def _optimised(cost: Cost, budget: Budget, seed: int, progress: Progress | None)
     other = make_feasible(cost.problem, cost.family, again.x)
     best = min(feasible, other, key=lambda end: cost.value(cost.relative(end.x)))
     spent = found.spent or again.spent
-    return best, Found(again.x, found.evaluations + again.evaluations, spent)
+    return best, FoundMotion(again.x, found.evaluations + again.evaluations, spent)
 
 
 class Precision(NamedTuple):

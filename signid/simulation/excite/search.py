@@ -8,7 +8,7 @@ import numpy as np
 
 from ...optimisers import OPTIMISERS, Optimum, Problem
 from ...types import Array, Frozen, Progress
-from .cost import Cost
+from .cost import ExcitationCost
 from .motions.random_motion import fit_inside, random_parameters
 
 SEARCH = "the search for a motion"
@@ -41,7 +41,7 @@ class Budget:
 
 
 @dataclass(frozen=True, eq=False)
-class Found(Frozen):
+class FoundMotion(Frozen):
     """Result of a search."""
 
     x: Array  # (n, d) [rad or m] parameters
@@ -49,7 +49,7 @@ class Found(Frozen):
     spent: bool  # whether the budget ended the search before an optimum
 
 
-def search(cost: Cost, budget: Budget, seed: int, progress: Progress | None = None) -> Found:
+def search(cost: ExcitationCost, budget: Budget, seed: int, progress: Progress | None = None) -> FoundMotion:
     """Search for the motion of least cost; the last stage has firm penalties, so that limits are nearly obeyed.
 
     The global stage are local searches from the best random motions. In 63 dimensions and 500 evaluations NLopt's
@@ -72,10 +72,10 @@ def search(cost: Cost, budget: Budget, seed: int, progress: Progress | None = No
     best = watched.improve(min(tried, key=lambda end: end.value).x, budget.long, "improving")
     settled = enforce_limits(cost, cost.parameters(best.x), budget, progress)
     spent = settled.spent or best.status == "budget"
-    return Found(settled.x, watched.count + settled.evaluations, spent)
+    return FoundMotion(settled.x, watched.count + settled.evaluations, spent)
 
 
-def enforce_limits(cost: Cost, x: Array, budget: Budget, progress: Progress | None = None) -> Found:
+def enforce_limits(cost: ExcitationCost, x: Array, budget: Budget, progress: Progress | None = None) -> FoundMotion:
     """Last stage of a search: minimise the cost with firm penalties.
 
     Args:
@@ -89,13 +89,13 @@ def enforce_limits(cost: Cost, x: Array, budget: Budget, progress: Progress | No
     best = watched.improve(np.clip(cost.relative(x), -BOX, BOX), budget.firm, "settling")
     fine = cost.family.basis(np.arange(0, cost.t[-1], GRID))
     x = fit_inside(fine, cost.problem.limits, cost.parameters(best.x))
-    return Found(x, watched.count, best.status == "budget")
+    return FoundMotion(x, watched.count, best.status == "budget")
 
 
 class _Watched:
     """Cost that counts evaluations, reports progress and caches the last value."""
 
-    def __init__(self, cost: Cost, budget: Budget, progress: Progress | None, before: int = 0) -> None:
+    def __init__(self, cost: ExcitationCost, budget: Budget, progress: Progress | None, before: int = 0) -> None:
         self.cost, self.budget, self.progress = cost, budget, progress
         self.count, self.before, self.stage = 0, before, "drawing"
         self.last: tuple[bytes, float] = b"", np.inf

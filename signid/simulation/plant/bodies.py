@@ -20,7 +20,7 @@ BOUNDED = {"RUBX": pin.JointModelRX, "RUBY": pin.JointModelRY, "RUBZ": pin.Joint
 
 
 @dataclass(frozen=True, eq=False)
-class Bodies(Frozen):
+class PlantBodies(Frozen):
     """Bodies with c coordinates: one per joint, and the deflection of each elastic joint.
 
     Model position = drive @ coordinates + rest. If the coordinates are those of the model, drive is the identity.
@@ -42,7 +42,7 @@ class Bodies(Frozen):
         return nv == count and np.array_equal(self.drive, np.eye(nv)) and not self.rest.any()
 
 
-def build_bodies(model: Model) -> Bodies:
+def build_bodies(model: Model) -> PlantBodies:
     """Bodies of a model with its body laws; each joint with a transmission law is split into motor and link side.
 
     Raises:
@@ -65,7 +65,7 @@ def build_bodies(model: Model) -> Bodies:
     n = len(robot.joints)
     last = own_row(robot, n - 1)
     tip = flex_rows[soft.index(n - 1)] if n - 1 in soft else motor_rows[rows.tolist().index(last)]
-    return Bodies(
+    return PlantBodies(
         parted,
         place[:n],
         np.array(soft, dtype=np.intp),

@@ -10,7 +10,7 @@ import pinocchio as pin
 from ...errors import RobotError
 from ...robot.dynamics import mass_matrices, point_jacobian
 from ...types import Array
-from .bodies import Bodies
+from .bodies import PlantBodies
 
 THREADS = 1  # threads of abaInParallel; on a loaded machine several threads wait for each other for milliseconds
 
@@ -18,7 +18,7 @@ THREADS = 1  # threads of abaInParallel; on a loaded machine several threads wai
 class Dynamics:
     """Pinocchio's dynamics for B copies of the same bodies in different states; it owns the models' data."""
 
-    def __init__(self, bodies: Bodies, copies: int) -> None:
+    def __init__(self, bodies: PlantBodies, copies: int) -> None:
         self.bodies, self.model, self.data = bodies, bodies.model, bodies.model.createData()
         self.armature = bodies.model.armature.copy()
         self.bare = bodies.model.copy()

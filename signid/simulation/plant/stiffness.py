@@ -8,7 +8,7 @@ import numpy as np
 
 from ...errors import OptionError
 from ...types import Array, Robot
-from .bodies import Bodies
+from .bodies import PlantBodies
 from .dynamics import Dynamics
 from .effect_terms import Term
 from .state import Moment
@@ -23,7 +23,7 @@ RINGING, DECAY = 0.3, 0.5  # [1] largest step times frequency, and times decay r
 class ProbedPlant(Protocol):
     """Plant whose laws are measured."""
 
-    bodies: Bodies
+    bodies: PlantBodies
     dynamics: Dynamics
     moment: Moment
     terms: tuple[Term, ...]

@@ -23,7 +23,7 @@ FAR = 0.005, 0.05  # rms tracking error from which a joint is noted, prismatic [
 
 
 @dataclass(frozen=True)
-class Run:
+class SimulationRun:
     """A simulation with its model, drive and recording."""
 
     model: Model  # including the injected laws
@@ -67,7 +67,7 @@ class Run:
         return np.asarray(np.sqrt(np.mean((self.simulation.desired - self.simulation.true_q) ** 2, axis=0)))
 
 
-def simulation_document(run: Run, inputs: Sequence[Input] = (), seed: int = 0) -> Document:
+def simulation_document(run: SimulationRun, inputs: Sequence[Input] = (), seed: int = 0) -> Document:
     """Build the output of `signid simulate --json`.
 
     Args:
@@ -100,7 +100,7 @@ def simulation_document(run: Run, inputs: Sequence[Input] = (), seed: int = 0) -
     }
 
 
-def simulation_tables(run: Run) -> list[RenderableType]:
+def simulation_tables(run: SimulationRun) -> list[RenderableType]:
     """Acting laws, and recorded torque and tracking error of each joint."""
     robot, laws = run.model.robot, new_table("law", "joint", "parameter", "value>", "unit", "")
     for law in run.acting:

@@ -26,7 +26,7 @@ PENALTY = 1e3  # [1] on the mean square excess over a limit; the objective is th
 LEAST = 1e-30  # [1] smallest distance, since the log of zero is infinite
 
 
-class Candidate(NamedTuple):
+class MotionCandidate(NamedTuple):
     """Motion and the distance of the laws along it."""
 
     family: Family
@@ -49,17 +49,17 @@ class MotionSearch(Frozen):
     seed: int
     progress: Progress | None
 
-    def random_pool(self) -> list[Candidate]:
+    def random_pool(self) -> list[MotionCandidate]:
         """Random motions of random centre and size, scaled to the limits of position, velocity and acceleration."""
         rng, limits, found = np.random.default_rng(self.seed), self.laws.problem.limits, []
         for k in range(POOL):
             family = self.families[k % len(self.families)]
             x = random_parameters(self._bases[id(family)], limits, rng, AMPLITUDE)
-            found.append(Candidate(family, x, self.distance(family, x)))
+            found.append(MotionCandidate(family, x, self.distance(family, x)))
             self._report("drawing motions", k, POOL)
         return found
 
-    def improve(self, pool: Sequence[Candidate], ways: Sequence[int]) -> list[Candidate]:
+    def improve(self, pool: Sequence[MotionCandidate], ways: Sequence[int]) -> list[MotionCandidate]:
         """The best motions of a pool, improved one after another."""
         ranked = sorted(pool, key=lambda one: self.objective(one.family, one.x, ways), reverse=True)[:POLISHED]
         return [self._improved(one, ways, k) for k, one in enumerate(ranked)]
@@ -84,7 +84,7 @@ class MotionSearch(Frozen):
         """Smaller one of the distances that count."""
         return min((distance.seen[way] for way in ways), default=0.0)
 
-    def _improved(self, start: Candidate, ways: Sequence[int], turn: int) -> Candidate:
+    def _improved(self, start: MotionCandidate, ways: Sequence[int], turn: int) -> MotionCandidate:
         family, limits = start.family, self.laws.problem.limits
         basis, count = self._bases[id(family)], 0
         sizes = column_sizes(basis, limits)
@@ -103,7 +103,7 @@ class MotionSearch(Frozen):
         problem = Problem(cost, -reach, reach, np.zeros(sizes.size), search=SEARCH)
         best = OPTIMISERS["nlopt"].minimise(problem, algorithm=ALGORITHM, budget_evaluations=EVALUATIONS)
         x = inside(best.x)
-        return Candidate(family, x, self.distance(family, x), best.evaluations, best.status == "budget")
+        return MotionCandidate(family, x, self.distance(family, x), best.evaluations, best.status == "budget")
 
     @cached_property
     def _bases(self) -> dict[int, Array]:
