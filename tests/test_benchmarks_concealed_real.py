@@ -64,8 +64,8 @@ def test_a_pair_matches_in_either_order() -> None:
         ("late", (0, 1, 2), "the torque of all joints is recorded 30 ms late against the motion; record both", True),
         ("late", (0, 1, 2), "the torque of all joints is recorded 30 ms early against the motion; record both", False),
         ("early", (0, 1, 2), "the torque of all joints is recorded 30 ms early against the motion; record both", True),
-        ("gain", (2,), "the torque of c is 1.15 times what the other joints let expect (± 2 %)", True),
-        ("", (2,), "the torque of c is 1.15 times what the other joints let expect (± 2 %)", False),
+        ("gain", (2,), "the torque of c is 1.15 times the one that the other joints suggest (± 2 %)", True),
+        ("", (2,), "the torque of c is 1.15 times the one that the other joints suggest (± 2 %)", False),
     ],
 )
 def test_a_flag_names_the_fault_and_its_joints(fault: str, joints: tuple[int, ...], sentence: str, right: bool) -> None:
