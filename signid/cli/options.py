@@ -25,6 +25,12 @@ SimulationName = Annotated[
 Recordings = Annotated[
     list[str], typer.Argument(metavar="RECORDING", help="CSV, Parquet, NPZ, ROS bag or LeRobot dataset.")
 ]
+OutputFolder = Annotated[
+    str | None, typer.Option("--output", "-o", metavar="DIR", help="Output folder. Needed, unless --json.")
+]
+HeldOut = Annotated[
+    Texts, typer.Option(metavar="RECORDING", help="Held-out recording. Repeatable. Default: see above.")
+]
 Columns = Annotated[str | None, typer.Option(metavar="FILE", help='TOML of other column names: q_elbow = "elbow_pos".')]
 Effects = Annotated[
     str | None, typer.Option(metavar="A,B", help=f"Laws at every joint, or none. Default: {', '.join(EFFECT_NAMES)}.")

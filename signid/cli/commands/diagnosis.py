@@ -10,7 +10,19 @@ import typer
 from ...deadline import USUAL, time_limit
 from ..app import app
 from ..arguments import given_command, given_model, given_recordings, simulation_inputs
-from ..options import Columns, Cutoff, Recordings, RunOptions, SimulationArguments, Texts, TimeLimit, Unsigned, expanded
+from ..options import (
+    Columns,
+    Cutoff,
+    HeldOut,
+    OutputFolder,
+    Recordings,
+    RunOptions,
+    SimulationArguments,
+    Texts,
+    TimeLimit,
+    Unsigned,
+    expanded,
+)
 from ..output import check_folder
 from ..terminal import bars
 
@@ -19,12 +31,8 @@ from ..terminal import bars
 class DiagnoseOptions:
     """Recordings, search and output of a diagnosis."""
 
-    output: Annotated[
-        str | None, typer.Option("--output", "-o", metavar="DIR", help="Output folder. Needed, unless --json.")
-    ] = None
-    held_out: Annotated[
-        Texts, typer.Option(metavar="RECORDING", help="Held-out recording. Repeatable. Default: see above.")
-    ] = None
+    output: OutputFolder = None
+    held_out: HeldOut = None
     reference: Annotated[
         Texts, typer.Option(metavar="RECORDING", help="Recording of the robot in a healthy state. Repeatable.")
     ] = None

@@ -11,7 +11,18 @@ from ...deadline import USUAL, time_limit
 from ...errors import OptionError
 from ..app import app
 from ..arguments import given_command, given_effects, given_inputs, given_options, given_recordings, given_robot
-from ..options import Effects, Recordings, RobotArguments, RowOptions, RunOptions, Texts, TimeLimit, Unsigned, expanded
+from ..options import (
+    Effects,
+    HeldOut,
+    OutputFolder,
+    Recordings,
+    RobotArguments,
+    RowOptions,
+    RunOptions,
+    TimeLimit,
+    Unsigned,
+    expanded,
+)
 from ..output import check_folder
 from ..terminal import DONE, bars, write_flags
 
@@ -65,12 +76,8 @@ def check(
 class IdentifyOptions:
     """Method, data and output of an identification."""
 
-    output: Annotated[
-        str | None, typer.Option("--output", "-o", metavar="DIR", help="Output folder. Needed, unless --json.")
-    ] = None
-    held_out: Annotated[
-        Texts, typer.Option(metavar="RECORDING", help="Held-out recording. Repeatable. Default: see above.")
-    ] = None
+    output: OutputFolder = None
+    held_out: HeldOut = None
     method: Annotated[
         str | None,
         typer.Option(
