@@ -14,9 +14,8 @@ from .recording.sampling import Sampling
 from .recording_faults import RecordingFaults, examine
 from .regression.bandwidth import Band
 from .regression.factors import Factors
-from .regression.prepare import prepare, rearrange
 from .regression.session import Options, Session
-from .signs import Signs, recover
+from .signs import Signs, prepare_and_recover
 from .types import Array, BaseMap, Frozen, Progress, Recording, Robot
 
 WELL, BARELY = (
@@ -68,10 +67,8 @@ def check(
         InputError: a recording or an option cannot be used; the sentence says which and why.
     """
     options = options or Options()
-    signed = all(recording.signed.all() for recording in recordings)
-    session = prepare(robot, recordings, recordings, options, scaled=signed)
-    recovered = recover(session, progress=progress)
-    session = session if signed else rearrange(robot, recovered.learning, options)  # noise of signed torque
+    recovered = prepare_and_recover(robot, recordings, recordings, options=options, progress=progress)
+    session = recovered.session_to_fit(robot)
     factors = session.reduce(session.train, progress=progress)
     found = estimate(factors, session.task.base, whiten=options.whiten)
     found = recovered.widen(found, factors, session.task.base, options.whiten)

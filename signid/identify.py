@@ -18,11 +18,11 @@ from .model import Model, fitted_model, stated_parameters
 from .recording_faults import IdentifiedData, identification_flags
 from .regression.covariance import base_covariance
 from .regression.factors import LAGS, Factors, Weigh
-from .regression.prepare import ITSELF, prepare, rearrange
+from .regression.prepare import ITSELF
 from .regression.reduced import Reduced
 from .regression.rows import Rows
 from .regression.session import Options, Session, only_once, recordings_used
-from .signs import Recovered, Signs, recover
+from .signs import Recovered, Signs, prepare_and_recover
 from .types import Array, BaseMap, Estimate, Frozen, Input, Parameters, Progress, Recording, Robot
 
 HUBER = 1.345  # residual, in standard deviations, beyond which a row counts less
@@ -105,10 +105,9 @@ def identify(
         return _from_factors(robot, recordings, held_out, method or METHODS[0], search, options)
     everything = (*recordings, *held_out)
     only_once(everything)
-    session = prepare(robot, recordings, held_out, options, scaled=all(r.signed.all() for r in everything))
-    recovered = recover(session, method=signs, progress=progress)
+    recovered = prepare_and_recover(robot, recordings, held_out, options=options, method=signs, progress=progress)
     method = method or METHODS[-1 if recovered.signs is not None and signs == "tree" else 0]
-    session = session if session.signed else rearrange(robot, recovered.learning, options)  # noise of signed torque
+    session = recovered.session_to_fit(robot)
     train, test, weigh = _factors(session, options, progress)
     given = Given(session, train, _prior(session), options.whiten, weigh, progress)
     found = _conclude(given, test, way, recovered, method, search)

@@ -73,14 +73,14 @@ def test_other_options_need_no_other_survey(surveyed: list[Recording]) -> None:
 
 def test_the_cut_off_of_a_diagnosis_reaches_the_search_for_signs(monkeypatch: pytest.MonkeyPatch) -> None:
     recording, cutoffs = read(unsigned=True)[1], list[float]()
-    run = importlib.import_module("signid.diagnose.run")
-    recover = run.recover
+    module = importlib.import_module("signid.signs.recover")
+    recover = module.recover
 
     def watched(session: Session, **more: object) -> object:
         cutoffs.append(session.task.band.cutoff)
         return recover(session, **more)
 
-    monkeypatch.setattr(run, "recover", watched)
+    monkeypatch.setattr(module, "recover", watched)
     with signid.time_limit(1e-3):
         signid.diagnose(signid.load_model("3r"), [recording], options=Options(cutoff=5.0))
     assert cutoffs == [5.0]

@@ -11,10 +11,9 @@ from ..errors import InputError, OptionError
 from ..model import Model
 from ..recording_faults import RecordingFaults
 from ..regression.base_parameters import build_base
-from ..regression.prepare import prepare
 from ..regression.session import Options, Session, recordings_used
 from ..robot.dynamics import own_body
-from ..signs import Recovered, recover
+from ..signs import Recovered, prepare_and_recover
 from ..simulation.rollout import RollOut, roll_out
 from ..simulation.rollout.joints import restrict_joints
 from ..types import Progress, Recording
@@ -68,7 +67,10 @@ def diagnose(
     show, options = progress or _no_progress, replace(options or Options(), effects=())
     healthy = diagnose(model, reference, skip=skip, options=options, progress=progress) if reference else None
     given, notes = restrict_joints(model, [*recordings, *held_out])
-    recovered = _recovered(given, recordings, held_out, options, progress)
+    friction = replace(options, effects=EFFECT_NAMES)  # the search for signs needs it
+    recovered = prepare_and_recover(
+        given.robot, recordings, held_out, options=options, unsigned=friction, progress=progress
+    )
     model = restrict_joints(_lasting(healthy.model), [*recordings, *held_out])[0] if healthy else given
     session, faults = prepare_session(model, recovered, options, show)
     session = with_held_out(model, session)
@@ -125,19 +127,6 @@ def _search(
         result = select(dataset, posterior, skip, healthy)
     progress("evaluating", 0.7)
     return result
-
-
-def _recovered(
-    model: Model,
-    recordings: Sequence[Recording],
-    held_out: Sequence[Recording],
-    options: Options,
-    progress: Progress | None,
-) -> Recovered:
-    """Prepare the recordings once, and recover the signs of torques."""
-    signed = all(recording.signed.all() for recording in (*recordings, *held_out))
-    own = options if signed else replace(options, effects=EFFECT_NAMES)
-    return recover(prepare(model.robot, recordings, held_out, own, scaled=signed), progress=progress)
 
 
 def _flags(given: Recovered, faults: RecordingFaults) -> tuple[str, ...]:

@@ -17,7 +17,7 @@ Files in the order of the data:
 - `result`: what `recover` returns. `thresholds`: tuned values.
 """
 
-from .recover import Recovered, recover
+from .recover import Recovered, prepare_and_recover, recover
 from .result import Gain, SignProof, Signs, SignSegment, Trace
 
-__all__ = ["Gain", "Recovered", "SignProof", "SignSegment", "Signs", "Trace", "recover"]
+__all__ = ["Gain", "Recovered", "SignProof", "SignSegment", "Signs", "Trace", "prepare_and_recover", "recover"]

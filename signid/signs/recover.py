@@ -6,14 +6,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..deadline import steps_shown
 from ..errors import OptionError, RecordingError, shorten
 from ..recording import with_signs
 from ..regression.factors import Factors
+from ..regression.prepare import prepare, rearrange
 from ..regression.rows import Task
-from ..regression.session import Part, Session
-from ..types import Array, BaseMap, Estimate, Progress, Recording
+from ..regression.session import Options, Part, Session
+from ..types import Array, BaseMap, Estimate, Progress, Recording, Robot
 from .infer import infer
 from .inferred import Inferred
 from .posterior.flags import raise_flags
@@ -50,6 +52,10 @@ class Recovered:
         """
         return found if self.gains is None else widen_estimate(found, factors, base, self.gains.covariance, whiten)
 
+    def session_to_fit(self, robot: Robot) -> Session:
+        """Session to estimate with; recovered signs give another noise of the torque, so it is arranged again."""
+        return self.session if self.signs is None else rearrange(robot, self.learning, self.learning.options)
+
     @property
     def flags(self) -> tuple[str, ...]:
         """Reasons not to rely on the signs."""
@@ -59,6 +65,35 @@ class Recovered:
     def notes(self) -> tuple[str, ...]:
         """Remarks on how the signs were found."""
         return () if self.signs is None else self.signs.notes
+
+
+def prepare_and_recover(
+    robot: Robot,
+    recordings: Sequence[Recording],
+    held_out: Sequence[Recording] = (),
+    *,
+    options: Options,
+    unsigned: Options | None = None,
+    method: str = "exact",
+    progress: Progress | None = None,
+) -> Recovered:
+    """Prepare recordings once, and recover their signs; only signed currents need torque constants.
+
+    Args:
+        robot: as `load_robot` gives it.
+        recordings: recordings to learn from.
+        held_out: held-out recordings.
+        options: effects, cut-off and the like.
+        unsigned: options where a torque lacks its sign. None: `options`.
+        method: as for `recover`.
+        progress: called with the current step and the share that is done.
+
+    Raises:
+        OptionError, RecordingError: as `prepare` and `recover` do.
+    """
+    signed = all(recording.signed.all() for recording in (*recordings, *held_out))
+    own = options if signed or unsigned is None else unsigned
+    return recover(prepare(robot, recordings, held_out, own, scaled=signed), method=method, progress=progress)
 
 
 def recover(session: Session, *, method: str = "exact", progress: Progress | None = None) -> Recovered:
@@ -102,9 +137,12 @@ def recover(session: Session, *, method: str = "exact", progress: Progress | Non
     signed, expected = dict[Recording, Recording](), dict[Recording, Recording]()
     for part in (*learn, *others):
         step = thinning(task, [part] if part in others else learn)
-        signed[part[0]], expected[part[0]] = _with(task, part, traced[part[0]], step, inferred)
-    whole = session.exchange(signed)
-    learning = session.exchange({r: x[r] for x, some in ((signed, others), (expected, learn)) for r, _ in some})
+        signs = _signs(task, part, traced[part[0]], step, inferred)
+        signed[part[0]] = with_signs(part[0], signs)
+        if part in learn:
+            refined = inferred.refined
+            expected[part[0]] = with_signs(part[0], expect_signs(task, part, refined.value, refined.sigma, signs))
+    whole, learning = session.exchange(signed), session.exchange(signed | expected)
     notes = (*_notes(observed, inferred), *_unused(observed, learn))
     return Recovered(whole, learning, _result(session, observed, inferred, notes, tuple(traced.values()), method))
 
@@ -145,14 +183,11 @@ def _followed(task: Task, part: Part, inferred: Inferred) -> dict[Recording, Tra
     return _traces(observed, [part], inferred, refined.signs)
 
 
-def _with(task: Task, part: Part, trace: Trace, step: int, inferred: Inferred) -> tuple[Recording, Recording]:
-    """The recording with the signs found, and with expected signs."""
-    recording, sampling = part
-    thinned, refined = Signed(trace.t, trace.first, trace.signs), inferred.refined
-    placed = place_jumps(task, part, step, thinned, trace.magnitude, refined.value)
-    signs = signs_of_rows(recording, sampling, placed.t, placed.first, placed.signs.astype(np.int8))
-    expected = expect_signs(task, part, refined.value, refined.sigma, signs)
-    return with_signs(recording, signs), with_signs(recording, expected)
+def _signs(task: Task, part: Part, trace: Trace, step: int, inferred: Inferred) -> NDArray[np.int8]:
+    """The signs found, per row of the recording."""
+    thinned = Signed(trace.t, trace.first, trace.signs)
+    placed = place_jumps(task, part, step, thinned, trace.magnitude, inferred.refined.value)
+    return signs_of_rows(*part, placed.t, placed.first, placed.signs.astype(np.int8))
 
 
 def _result(
