@@ -29,7 +29,7 @@ def place(effect: Effect, robot: Robot, joint: str | None, partner: str | None =
     if joint is not None and scope == "robot":
         raise OptionError(f"effect {effect.name!r} acts on the whole robot; write it without @{joint}")
     named = [name for name in (joint, partner) if name is not None]
-    found = tuple(find(name, robot.joints, robot.numbers, robot.name) for name in named)
+    found = tuple(find(name, robot) for name in named)
     if joint is None:
         return places(effect, n)[0]
     if len(set(found)) < len(found):

@@ -6,10 +6,9 @@ held fixed; mimic joints follow. `urdf_from_dh` generates a URDF from Denavit-Ha
 
 from .configuration import configuration
 from .description.dh import DHLink, urdf_from_dh
-from .hold import hold, resting
+from .joints import hold, resting, weld
 from .load import held_positions, load_robot, robot_from_text
 from .locate import locate, names
-from .weld import weld
 
 __all__ = [
     "DHLink",

@@ -50,7 +50,7 @@ def _read(path: Path) -> dict[str, Any]:
 def _fill(values: dict[str, Array], tables: dict[str, Any], robot: Robot) -> None:
     seen: set[int] = set()
     for name, table in tables.items():
-        joint = find(name, robot.joints, robot.numbers, robot.name)
+        joint = find(name, robot)
         if joint in seen:
             raise RobotError(f"joint {robot.joints[joint]} has two tables, by name and by number; keep one")
         seen.add(joint)

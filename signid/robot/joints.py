@@ -1,24 +1,95 @@
-"""Look up joints by name or number."""
+"""Look up joints by name or number, and hold joints of a robot or of a Pinocchio model fixed."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import fields, replace
 from difflib import get_close_matches
+from math import isfinite, nan
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from ..errors import RobotError, shorten
+from ..types import Actuators, Array, Robot
+
+if TYPE_CHECKING:
+    import pinocchio as pin
+
+_BY_JOINT = ("prismatic", "lower", "upper", "velocity_limit", "effort_limit")  # arrays (n,) of a robot
 
 
-def find(given: str | int, names: Sequence[str], numbers: Sequence[int], robot: str) -> int:
-    """Index in `names` of a joint given by its name or, if no joint has that name, by its number.
+def find(given: str | int, robot: Robot) -> int:
+    """Index of a joint of a robot, given by its name or, if no joint has that name, by its number.
 
     Raises:
         RobotError: no moving joint has that name or number.
     """
     text = str(given)
-    if text in names:
-        return names.index(text)
-    if text.isascii() and text.isdigit() and int(text) in numbers:
-        return numbers.index(int(text))
-    close = get_close_matches(text, names, n=3, cutoff=0.6)
-    advice = f"did you mean {' or '.join(close)}?" if close else f"choose from {shorten(names)}"
-    raise RobotError(f"{robot} has no joint {text!r} that moves by itself; {advice}")
+    if text in robot.joints:
+        return robot.index(text)
+    if text.isascii() and text.isdigit() and int(text) in robot.numbers:
+        return robot.numbers.index(int(text))
+    close = get_close_matches(text, robot.joints, n=3, cutoff=0.6)
+    advice = f"did you mean {' or '.join(close)}?" if close else f"choose from {shorten(robot.joints)}"
+    raise RobotError(f"{robot.name} has no joint {text!r} that moves by itself; {advice}")
+
+
+def hold(robot: Robot, positions: Mapping[str, float]) -> Robot:
+    """Hold joints (by name or number) at given positions [rad or m]; their mimic joints follow.
+
+    Raises:
+        RobotError: unknown or repeated joint, position that is not finite, or no joint left to move.
+    """
+    if not positions:
+        return robot
+    held: dict[int, float] = {}
+    for joint, value in positions.items():
+        i = find(joint, robot)
+        if i in held:
+            raise RobotError(f"joint {robot.joints[i]} of {robot.name} has two positions to be held at; give one")
+        held[i] = _position(robot.joints[i], value)
+    keep = [i for i in range(len(robot.joints)) if i not in held]
+    if not keep:
+        raise RobotError(f"every joint of {robot.name} would be held fixed; leave at least one to move")
+    each = [f"{robot.joints[i]} at {held[i]:.6g} {'m' if robot.prismatic[i] else 'rad'}" for i in sorted(held)]
+    return replace(
+        robot,
+        joints=tuple(robot.joints[i] for i in keep),
+        numbers=tuple(robot.numbers[i] for i in keep),
+        drive=robot.drive[:, keep],
+        rest=robot.rest + sum((robot.drive[:, i] * value for i, value in held.items()), np.zeros(len(robot.rest))),
+        actuators=Actuators(*(getattr(robot.actuators, item.name)[keep] for item in fields(Actuators))),
+        notes=(*robot.notes, f"held fixed: {shorten(each)}"),
+        **{key: getattr(robot, key)[keep] for key in _BY_JOINT},
+    )
+
+
+def resting(robot: Robot, but: Collection[str] = ()) -> dict[str, float]:
+    """Rest positions [rad or m] of all joints except `but`: zero, or the nearest position within the limits."""
+    rest = np.clip(0.0, robot.lower, robot.upper)
+    return {joint: float(rest[i]) for i, joint in enumerate(robot.joints) if joint not in but}
+
+
+def _position(joint: str, value: Any) -> float:
+    try:
+        number = nan if isinstance(value, bool | str) else float(value)
+    except (TypeError, ValueError, OverflowError):
+        number = nan
+    if not isfinite(number):
+        raise RobotError(f"joint {joint} cannot be held at {value!r}; give a finite number in rad or m")
+    return number
+
+
+def weld(model: pin.Model, held: Sequence[int], configuration: Array) -> pin.Model:
+    """Model in which the bodies of held joints are merged with their parents; the names of links are lost.
+
+    `held` are indices of joints of the model; configuration: (nq,) where they are held [rad, m or 1].
+    """
+    import pinocchio as pin
+
+    named = pin.Model(model)
+    for i, frame in enumerate(named.frames):
+        if frame.type == pin.FrameType.BODY:
+            frame.name = f"body {i}"  # Pinocchio rejects links with the name of a joint
+    return pin.buildReducedModel(named, list(held), configuration)

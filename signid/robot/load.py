@@ -14,8 +14,7 @@ from ..types import Actuators, Array, Robot
 from .actuators import read_actuators
 from .description.document import Document, parse, read_document
 from .description.draft import Axis, Draft
-from .hold import hold, resting
-from .joints import find
+from .joints import find, hold, resting
 from .locate import locate
 
 
@@ -55,13 +54,10 @@ def load_robot(
 
 
 def robot_from_text(text: str, kind: str, name: str, *, lock: Mapping[str, float] | None = None) -> Robot:
-    """Load a robot from the text of its description.
+    """Load a robot from the text of its description, its `document`.
 
-    Args:
-        text: the `document` of a robot.
-        kind: "urdf" or "mjcf".
-        name: name of the robot if the text has none.
-        lock: positions [rad or m] of joints to be held fixed; positions of mimic joints are ignored.
+    `kind` is "urdf" or "mjcf"; `name` counts if the text has none. Joints of `lock` are held fixed at these positions
+    [rad or m], mimic joints excepted.
 
     Raises:
         RobotError: invalid text or joint name.
@@ -89,12 +85,10 @@ def held_positions(robot: Robot) -> dict[str, float]:
 
 def _draft(document: Document) -> Draft:
     if document.root.tag == "mujoco":
-        from .description.mjcf import read_mjcf
-
-        return read_mjcf(document)
-    from .description.urdf import read_urdf
-
-    return read_urdf(document)
+        from .description.mjcf import read_mjcf as read
+    else:
+        from .description.urdf import read_urdf as read
+    return read(document)
 
 
 def _assemble(draft: Draft, document: Document) -> Robot:
@@ -151,37 +145,26 @@ def _resolve(axis: Axis, draft: Draft) -> tuple[str | None, float, float]:
 
 def _stated(draft: Draft, drive: Array) -> Actuators:
     """Friction and armature stated by the description; those of mimic joints are added to the joint they follow."""
-
-    def reflected(values: dict[int, float], weight: Array) -> Array:
-        total = np.full(drive.shape[1], np.nan)
-        for row, value in values.items():
-            columns = np.flatnonzero(drive[row])
-            total[columns] = np.nan_to_num(total[columns]) + weight[row, columns] * value
-        return total
-
-    def given(key: str) -> dict[int, float]:
-        return {axis.row: value for axis in draft.axes if not np.isnan(value := getattr(axis, key))}
-
-    nothing = np.full(drive.shape[1], np.nan)
-    return Actuators(
-        armature=reflected(given("armature"), drive**2),
-        viscous_friction=reflected(given("viscous"), drive**2),
-        coulomb_friction=reflected(given("coulomb"), np.abs(drive)),
-        torque_offset=nothing,
-        torque_constant=nothing,
-    )
+    totals = np.full((5, drive.shape[1]), np.nan)  # in the order of Actuators
+    weights = {"armature": drive**2, "viscous": drive**2, "coulomb": np.abs(drive)}
+    for total, (key, weight) in zip(totals, weights.items(), strict=False):
+        for axis in draft.axes:
+            columns = np.flatnonzero(drive[axis.row])
+            if not np.isnan(value := getattr(axis, key)):
+                total[columns] = np.nan_to_num(total[columns]) + weight[axis.row, columns] * value
+    return Actuators(*totals)
 
 
 def _held(robot: Robot, joints: Sequence[str] | None, lock: Mapping[str, float]) -> dict[str, float]:
     """Positions of the held joints: those locked, and those not among `joints`."""
-    locked = {robot.joints[find(joint, robot.joints, robot.numbers, robot.name)]: joint for joint in lock}
+    locked = {robot.joints[find(joint, robot)]: joint for joint in lock}
     held = {name: lock[joint] for name, joint in locked.items()}
     if len(held) < len(lock):
         raise RobotError(f"a joint of {robot.name} is locked twice, by name and by number; give one position for it")
     if joints is None:
         return held
     wanted = [joints] if isinstance(joints, str) else joints
-    moving = {robot.joints[find(joint, robot.joints, robot.numbers, robot.name)] for joint in wanted}
+    moving = {robot.joints[find(joint, robot)] for joint in wanted}
     if both := sorted(moving & held.keys()):
         raise RobotError(f"{shorten(both)} would both move and be locked; name a joint only once")
     return resting(robot, but=moving) | held

@@ -1,15 +1,21 @@
-"""Locate robot descriptions: by path, in signid, or in example-robot-data."""
+"""Locate robot descriptions, by path, in signid, or in example-robot-data, and the mesh files that they may read."""
 
 from __future__ import annotations
 
+import os
+from collections import Counter
+from collections.abc import Sequence
 from difflib import get_close_matches
 from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path
+from urllib.parse import unquote
 
 from ..errors import RobotError, shorten
+from .description.sandbox import may_read
 
 _DATA = "example-robot-data"
+_PACKAGE, _FILE = ("package://", "model://"), "file://"
 _FAMILIAR = {  # names in the loaders of example-robot-data -> file stems
     "alexander": "alexander_v1.lowerBodyOnly",
     "anymal": "anymal_b_simple/anymal",
@@ -78,12 +84,32 @@ def robots_folder() -> Path:
     return inside if inside.is_dir() else package.parent / "robots"
 
 
-def examples_share() -> Path | None:
-    """Folder of example-robot-data, below the prefix of Pinocchio (wheels and conda)."""
+def find_mesh(name: str, description: str, package_dirs: Sequence[str | Path] = ()) -> Path | None:
+    """File of a mesh; None if there is none.
+
+    Files outside the description's folder, a package, or `package_dirs` are never returned. Packages are searched in
+    `package_dirs`, in ROS_PACKAGE_PATH, above the description and in example-robot-data.
+
+    Args:
+        name: package://PACKAGE/PATH, file://PATH, or a path relative to the description.
+        description: path of the description, empty if unknown.
+        package_dirs: packages, or folders that contain packages.
+    """
+    package = next((head for head in _PACKAGE if name.startswith(head)), None)
+    try:
+        if package is not None:
+            return _in_package(unquote(name.removeprefix(package)), description, package_dirs)
+        return _beside(Path(unquote(name.removeprefix(_FILE))), description, package_dirs)
+    except (OSError, ValueError):  # a name too long for the file system, or with a null character
+        return None
+
+
+def _shared() -> list[Path]:
+    """Folder of example-robot-data, if any, below the prefix of Pinocchio (wheels and conda)."""
     spec = find_spec("pinocchio")
     above = Path(spec.origin).parents if spec is not None and spec.origin else ()
     places = (prefix / part for prefix in above for part in ("share", "Library/share"))  # the latter on Windows
-    return next((place for place in places if (place / _DATA / "robots").is_dir()), None)
+    return [place for place in places if (place / _DATA / "robots").is_dir()][:1]
 
 
 def _unknown(path: Path, given: str, by_case: dict[str, str]) -> str:
@@ -96,31 +122,41 @@ def _unknown(path: Path, given: str, by_case: dict[str, str]) -> str:
     return f"there is no file and no robot named {given!r}; {advice}"
 
 
+def _in_package(inside: str, description: str, package_dirs: Sequence[str | Path]) -> Path | None:
+    package, _, rest = inside.partition("/")
+    if ".." in Path(inside).parts or package in ("", "."):
+        return None
+    stated = filter(None, os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep))
+    above = Path(description).resolve().parents[:-1] if description else ()
+    for root in (*map(Path, (*package_dirs, *stated)), *above, *_shared()):
+        if (root / inside).is_file():
+            return root / inside
+        if root.name == package and (root / rest).is_file():
+            return root / rest
+    return None
+
+
+def _beside(path: Path, description: str, package_dirs: Sequence[str | Path]) -> Path | None:
+    near = Path(description).parent if description else None
+    place = path if path.is_absolute() else near and near / path
+    folders = [*package_dirs, *_shared(), *([near] if near else [])]
+    return place if place and may_read(place, folders) and place.is_file() else None
+
+
 @lru_cache(maxsize=1)
 def _known() -> dict[str, Path]:
-    return _examples() | _own()
-
-
-def _own() -> dict[str, Path]:
-    return {path.parent.name: path for path in sorted(robots_folder().glob("*/robot.urdf"))}
+    return _examples() | {path.parent.name: path for path in sorted(robots_folder().glob("*/robot.urdf"))}
 
 
 def _examples() -> dict[str, Path]:
     """URDF files of example-robot-data by stem, or by "folder/stem" if the stem is ambiguous."""
-    share = examples_share()
-    if share is None:
+    if not _shared():
         return {}
-    folder = share / _DATA / "robots"
-    by_stem: dict[str, list[Path]] = {}
-    for path in sorted(folder.rglob("*.urdf")):
-        by_stem.setdefault(path.stem, []).append(path)
-    full = {_qualified(path, folder): path for paths in by_stem.values() for path in paths}
-    unique = {stem: paths[0] for stem, paths in by_stem.items() if len(paths) == 1}
+    folder = _shared()[0] / _DATA / "robots"
+    paths = sorted(folder.rglob("*.urdf"))
+    count = Counter(path.stem for path in paths)
+    full = {f"{path.relative_to(folder).parts[0].removesuffix('_description')}/{path.stem}": path for path in paths}
+    unique = {path.stem: path for path in paths if count[path.stem] == 1}
     familiar = {name: (unique | full)[stem] for name, stem in _FAMILIAR.items() if stem in unique or stem in full}
     found = {path.stem: path for path in sorted(folder.rglob("*.sdf"))} | unique | familiar
-    hidden = {name: path for name, path in full.items() if path not in found.values()}
-    return found | hidden
-
-
-def _qualified(path: Path, folder: Path) -> str:
-    return f"{path.relative_to(folder).parts[0].removesuffix('_description')}/{path.stem}"
+    return found | {name: path for name, path in full.items() if path not in found.values()}

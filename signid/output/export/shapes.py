@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from ...errors import shorten
 from ...robot.description.document import children, parse
-from ...robot.meshes import find_mesh
+from ...robot.locate import find_mesh
 from ...types import Array, Robot
 
 _FACES, _HEADER, _FACE = 200_000, 84, 50  # STL limits of MuJoCo: faces; size of header and of a face [bytes]

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...errors import shorten
 from ...robot.description.document import children, parse
-from ...robot.meshes import find_mesh
+from ...robot.locate import find_mesh
 from ...types import Array, Robot
 from .poses import own_axis
 from .simplify import share, simplify

@@ -14,8 +14,7 @@ import numpy as np
 from ...errors import RobotError, shorten
 from ..configuration import is_plain
 from .document import Document
-from .draft import Axis, Draft, Mimic
-from .inertials import impossible_notes, massless_note
+from .draft import Axis, Draft, Mimic, impossible_notes, massless_note
 from .mjcf_tree import below_world, compiler_setting, included, joint_attribute, prepare
 from .tree import MOST
 
@@ -47,7 +46,8 @@ def read_mjcf(document: Document) -> Draft:
     notes += impossible_notes({name: (body.mass, body.inertia) for name, body in bodies.items()})
     if still:
         notes.append(f"held fixed at neutral: {shorten(still)}")
-    draft = Draft(
+    model.armature = np.zeros(model.nv)  # armature is a law, not part of the rigid bodies
+    return Draft(
         name=root.get("model") or document.stem,
         model=model,
         axes=tuple(replace(axis, mimic=mimics.get(axis.name)) for axis in axes),
@@ -57,8 +57,6 @@ def read_mjcf(document: Document) -> Draft:
         notes=tuple(notes),
         still=frozenset(still),
     )
-    model.armature = np.zeros(model.nv)  # armature is a law, not part of the rigid bodies
-    return draft
 
 
 def _build(root: Any) -> pin.Model:
@@ -79,16 +77,11 @@ def _build(root: Any) -> pin.Model:
 
 
 def _check_numbers(model: pin.Model) -> None:
-    """Check the numbers of the model, because Pinocchio accepts words among numbers.
-
-    Raises:
-        RobotError: pose or inertial that is not finite.
-    """
+    """Reject poses and inertials that are not finite, because Pinocchio accepts words among numbers."""
     for name, place, body in list(zip(model.names, model.jointPlacements, model.inertias, strict=True))[1:]:
         if not (np.isfinite(place.homogeneous).all() and np.isfinite(body.toDynamicParameters()).all()):
-            raise RobotError(
-                f"the body of joint {name!r} has a pose or an <inertial> that is not a finite number; correct it"
-            )
+            fault = "has a pose or an <inertial> that is not a finite number; correct it"
+            raise RobotError(f"the body of joint {name!r} {fault}")
 
 
 def _gravity(root: Any) -> Any:
@@ -114,8 +107,7 @@ def _axes(root: Any, model: pin.Model) -> tuple[list[Axis], list[str]]:
         joint = model.joints[model.getJointId(name)]
         parts = list(joint.extract().joints) if joint.shortname() == "JointModelComposite" else [joint]
         if is_plain(joint) and len(parts) == len(nodes):
-            rows = range(joint.idx_v, joint.idx_v + len(nodes))
-            axes += [_axis(root, node, row, model) for node, row in zip(nodes, rows, strict=True)]
+            axes += [_axis(root, node, row, model) for row, node in enumerate(nodes, joint.idx_v)]
         else:
             still += names
     return axes, still
@@ -127,8 +119,8 @@ def _axis(root: Any, node: Any, row: int, model: pin.Model) -> Axis:
     degrees = compiler_setting(root, "angle", "degree") == "degree" and not prismatic
     ends = _numbers(joint_attribute(root, node, "range", ""), f"joint {node.get('name')!r} has range", False)
     limited = joint_attribute(root, node, "limited", "auto")
-    if limited == "auto" and compiler_setting(root, "autolimits") == "false":
-        limited = "false"
+    if limited == "auto":
+        limited = compiler_setting(root, "autolimits")
     free = limited == "false" or len(ends) != 2
     lower, upper = (-inf, inf) if free else (x * (pi / 180 if degrees else 1.0) for x in ends)
     return Axis(
@@ -153,12 +145,10 @@ def _mimics(root: Any) -> tuple[dict[str, Mimic], list[str]]:
     for node in (node for group in root.iterchildren("equality") for node in group.iterchildren("*")):
         terms = _numbers(node.get("polycoef") or "0 1", f"the constraint of joint {node.get('joint1')!r} has polycoef")
         linear = node.tag == "joint" and node.get("joint2") and not any(terms[2:]) and not shifted
-        if node.get("active") == "false":
-            continue
-        if linear and len(terms) >= 2:
+        if linear and len(terms) >= 2 and node.get("active") != "false":
             found[node.get("joint1")] = Mimic(node.get("joint2"), terms[1], terms[0])
         else:
-            other += 1
+            other += node.get("active") != "false"
     return found, [f"{other} equality constraints are ignored: they are not linear between two joints"] if other else []
 
 

@@ -13,19 +13,18 @@ from .sandbox import may_read
 
 _KEPT = ("body", "joint", "freejoint", "inertial", "geom")  # elements of a body that are kept
 _UNREAD = ("frame", "replicate", "composite", "attach", "flexcomp")  # unsupported elements that create bodies
+_CONTACT = ("contype", "conaffinity", "group")  # Pinocchio ignores the mass of geometry without contact
 _DEPTH = 20  # maximum depth of nested includes
 
 
 def included(root: Any, folder: Path, text: str) -> str:
-    """Resolve the includes of an MJCF tree in place and return its text.
+    """Resolve the includes of an MJCF tree in place and return its text."""
+    from lxml import etree
 
-    Raises:
-        RobotError: unreadable included file.
-    """
     if next(root.iter("include"), None) is None:
         return text
     _include(root, folder, 0)
-    return _text(root)
+    return str(etree.tostring(root, encoding="unicode"))
 
 
 def prepare(root: Any) -> list[str]:
@@ -35,24 +34,13 @@ def prepare(root: Any) -> list[str]:
         RobotError: the file uses elements that Pinocchio reads incorrectly.
     """
     notes = [*_name(root), *_prune(root), *_fix(root)]
-    _check_classes(root)
-    return notes
-
-
-def _check_classes(root: Any) -> None:
     known = {"main", *(node.get("class") for node in root.iter("default"))}
     for node in below_world(root, _KEPT):
         for name in (node.get("class"), node.get("childclass")):
             if name and name not in known:
-                raise RobotError(
-                    f"a <{node.tag}> has the class {name!r}, which the file does not define; add its <default>"
-                )
-
-
-def _text(root: Any) -> str:
-    from lxml import etree
-
-    return str(etree.tostring(root, encoding="unicode"))
+                fault = "which the file does not define; add its <default>"
+                raise RobotError(f"a <{node.tag}> has the class {name!r}, {fault}")
+    return notes
 
 
 def _include(element: Any, folder: Path, depth: int) -> None:
@@ -78,17 +66,15 @@ def _include(element: Any, folder: Path, depth: int) -> None:
 def _name(root: Any) -> Iterator[str]:
     """Name all unnamed bodies and joints, which Pinocchio would ignore."""
     used = {node.get("name") for node in root.iter("body", "joint", "freejoint")}
-    numbered = 0
-    for kinds, stem in ((("joint", "freejoint"), "joint"), (("body",), "body")):
-        unnamed = [node for node in below_world(root, kinds) if not node.get("name")]
+    numbered = sum(not node.get("name") for node in below_world(root, ("joint", "freejoint")))
+    for kinds in (("joint", "freejoint"), ("body",)):
         for number, node in enumerate(below_world(root, kinds), 1):
             if not node.get("name"):
-                name = f"{stem}_{number}"
+                name = f"{kinds[0]}_{number}"
                 while name in used:
                     name += "_"
                 node.set("name", name)
                 used.add(name)
-        numbered += len(unnamed) if stem == "joint" else 0
     names = [node.get("name") for node in below_world(root, ("joint", "freejoint"))]
     for name in names:
         if names.count(name) > 1:
@@ -105,9 +91,8 @@ def below_world(root: Any, kinds: tuple[str, ...]) -> list[Any]:
 def _prune(root: Any) -> Iterator[str]:
     """Remove elements without influence on the dynamics; geometry counts only for bodies without inertial."""
     for node in below_world(root, _UNREAD):
-        raise RobotError(
-            f"the file uses <{node.tag}>, which signid does not read; give the compiled model as saved by MuJoCo"
-        )
+        advice = "give the compiled model as saved by MuJoCo"
+        raise RobotError(f"the file uses <{node.tag}>, which signid does not read; {advice}")
     if compiler_setting(root, "coordinate") == "global":
         raise RobotError("the file uses global coordinates; load and save it with MuJoCo 2.3.3 or older")
     everywhere = compiler_setting(root, "inertiafromgeom") == "true"
@@ -124,12 +109,7 @@ def _prune(root: Any) -> Iterator[str]:
                 lost.append(body.get("name"))
                 body.remove(node)
     for node in root.iter("geom"):
-        for key in (
-            "material",
-            "contype",
-            "conaffinity",
-            "group",
-        ):  # Pinocchio ignores the mass of geometry without contact
+        for key in ("material", *_CONTACT):
             node.attrib.pop(key, None)
     if lost:
         yield f"the mass of the meshes of {shorten(sorted(set(lost)))} is not computed; add an <inertial> there"
@@ -157,13 +137,9 @@ def compiler_setting(root: Any, key: str, default: str = "") -> str:
 
 def joint_attribute(root: Any, node: Any, key: str, default: str) -> str:
     """Attribute of a joint, by default from its class."""
-    if node.get(key):
-        return str(node.get(key))
     near = (above.get("childclass") for above in node.iterancestors("body") if above.get("childclass"))
     name = node.get("class") or next(near, None)
     classes = [x for x in root.iter("default") if x.get("class") == name] if name else []
-    for group in [*classes, *(y for x in classes for y in x.iterancestors("default")), *root.iterchildren("default")]:
-        for stated in group.iterchildren("joint"):
-            if stated.get(key):
-                return str(stated.get(key))
-    return default
+    groups = [*classes, *(y for x in classes for y in x.iterancestors("default")), *root.iterchildren("default")]
+    stated = (joint.get(key) for joint in (node, *(x for group in groups for x in group.iterchildren("joint"))))
+    return str(next(filter(None, stated), default))

@@ -3,124 +3,95 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
 from math import inf, isfinite, nan
-from typing import Any
+from typing import Any, NamedTuple
 
 from ...errors import RobotError, shorten
 from .document import children
-from .draft import Mimic
+from .draft import Axis, Mimic
 
 Vector = tuple[float, float, float]
 MOVING = ("revolute", "continuous", "prismatic")
 HELD = ("floating", "planar")
-_KINDS = (*MOVING, *HELD, "fixed")
-_MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 MOST = 1000  # maximum number of links
+_KINDS = (*MOVING, *HELD, "fixed")
 _BEYOND = 1e6  # [rad or m] limits from here on count as no limits
+_ZERO = (0.0, 0.0, 0.0)
 
 
-@dataclass(frozen=True)
-class Pose:
+class Pose(NamedTuple):
     """Pose of a frame in its parent: position [m] and roll, pitch, yaw [rad]."""
 
-    xyz: Vector = (0.0, 0.0, 0.0)
-    rpy: Vector = (0.0, 0.0, 0.0)
+    xyz: Vector
+    rpy: Vector
 
 
-@dataclass(frozen=True)
-class Inertial:
+class Inertial(NamedTuple):
     """Mass [kg], pose of the centre of mass, and ixx ixy ixz iyy iyz izz about it [kg.m2]."""
 
     mass: float
     pose: Pose
     moments: tuple[float, ...]
 
-    @property
-    def matrix(self) -> tuple[Vector, Vector, Vector]:
-        """Inertia (3, 3) [kg.m2]."""
-        xx, xy, xz, yy, yz, zz = self.moments
-        return (xx, xy, xz), (xy, yy, yz), (xz, yz, zz)
 
-
-@dataclass(frozen=True)
-class Link:
-    """A link and its first <inertial>, if any."""
-
-    name: str
-    inertial: Inertial | None
-
-
-@dataclass(frozen=True)
-class Joint:
-    """A joint as stated by the file; NaN friction where not stated."""
+class Joint(NamedTuple):
+    """A joint as stated by the file."""
 
     name: str
     kind: str
     parent: str
     child: str
     pose: Pose
-    axis: Vector = (1.0, 0.0, 0.0)
-    lower: float = -inf
-    upper: float = inf
-    velocity: float = inf
-    effort: float = inf
-    viscous: float = nan
-    coulomb: float = nan
-    mimic: Mimic | None = None
+    axis: Axis  # without limits if it does not move
+    direction: Vector = (1.0, 0.0, 0.0)
 
 
-@dataclass(frozen=True)
-class Tree:
-    """Links and joints in the order of the file."""
+class Tree(NamedTuple):
+    """Inertials of the links by name (the first one of each, if any) and joints, in the order of the file."""
 
     name: str
-    links: tuple[Link, ...]
+    links: Mapping[str, Inertial | None]
     joints: tuple[Joint, ...]
     root: str
 
 
 def read_tree(robot: Any, fallback: str) -> Tree:
-    """Read the tree of a <robot> element.
-
-    Args:
-        robot: the element.
-        fallback: name of the robot if the file has none.
+    """Read the tree of a <robot> element; `fallback` names the robot if the file does not.
 
     Raises:
         RobotError: invalid name, number or tree.
     """
     if len(children(robot, "link")) > MOST:
         raise RobotError(f"the file has more than {MOST} links; give the description of one robot")
-    links = tuple(_link(element) for element in children(robot, "link"))
+    links = [_link(element) for element in children(robot, "link")]
     joints = tuple(_joint(element) for element in children(robot, "joint"))
-    return Tree(robot.get("name") or fallback, links, joints, _root(links, joints))
+    return Tree(robot.get("name") or fallback, dict(links), joints, _root([name for name, _ in links], joints))
 
 
-def _root(links: tuple[Link, ...], joints: tuple[Joint, ...]) -> str:
-    names = [link.name for link in links]
-    for what, given in (("links", names), ("joints", [joint.name for joint in joints])):
+def _root(links: list[str], joints: tuple[Joint, ...]) -> str:
+    known = set(links)
+    for what, given in (("links", links), ("joints", [joint.name for joint in joints])):
         for twice in _repeated(given):
             raise RobotError(f"the file has two {what} named {twice!r}; give each its own name")
-    known = set(names)
     for joint in joints:
         for link in (joint.parent, joint.child):
             if link not in known:
                 raise RobotError(f"joint {joint.name!r} refers to a link {link!r} that the file does not have")
     for child in _repeated([joint.child for joint in joints]):
         raise RobotError(f"link {child!r} is the child of two joints; a URDF must be a tree")
-    roots = [link.name for link in links if link.name not in {joint.child for joint in joints}]
+    parents = {joint.child: joint.parent for joint in joints}
+    roots = [link for link in links if link not in parents]
     if not links:
         raise RobotError("the file has no link, and so no moving joint; give the complete description")
     if not roots:
         raise RobotError("the file has joints in a circle and no root link; a URDF must be a tree")
     if len(roots) > 1:
-        raise RobotError(
-            f"the file has {len(roots)} root links ({shorten(roots)}); connect them to one tree by fixed joints"
-        )
-    reached, parents = {roots[0]}, {joint.child: joint.parent for joint in joints}
-    for link in names:
+        advice = "connect them to one tree by fixed joints"
+        raise RobotError(f"the file has {len(roots)} root links ({shorten(roots)}); {advice}")
+    reached = {roots[0]}
+    for link in links:
         chain = []
         while link not in reached:
             if link in chain:
@@ -135,16 +106,14 @@ def _repeated(names: list[str]) -> Iterator[str]:
     return (name for name, count in Counter(names).items() if count > 1)
 
 
-def _link(element: Any) -> Link:
+def _link(element: Any) -> tuple[str, Inertial | None]:
     name = _name(element, "link")
-    stated = children(element, "inertial")
-    if not stated:
-        return Link(name, None)
-    where = f"link {name!r}"
-    mass, inertia = children(stated[0], "mass"), children(stated[0], "inertia")
-    moments = tuple(_number(inertia[0], key, where, 0.0) if inertia else 0.0 for key in _MOMENTS)
-    kilograms = _number(mass[0], "value", where, 0.0) if mass else 0.0
-    return Link(name, Inertial(kilograms, _pose(stated[0], where), moments))
+    stated, where = _child(element, "inertial"), f"link {name!r}"
+    if stated is None:
+        return name, None
+    moments = tuple(_number(_child(stated, "inertia"), key, where, 0.0) for key in MOMENTS)
+    mass = _number(_child(stated, "mass"), "value", where, 0.0)
+    return name, Inertial(mass, _pose(stated, where), moments)
 
 
 def _joint(element: Any) -> Joint:
@@ -156,9 +125,11 @@ def _joint(element: Any) -> Joint:
     parent, child = (_end(element, end, where) for end in ("parent", "child"))
     pose = _pose(element, where)
     if kind not in MOVING:
-        return Joint(name, kind, parent, child, pose)
-    axis, limits = _axis(element, where), _limits(element, where, kind)
-    return Joint(name, kind, parent, child, pose, axis, *limits, *_rest(element, where))
+        return Joint(name, kind, parent, child, pose, Axis(name))
+    direction = _vector(_child(element, "axis"), "xyz", where, (1.0, 0.0, 0.0))
+    if not any(direction):
+        raise RobotError(f"{where} has the axis 0 0 0; give it a direction")
+    return Joint(name, kind, parent, child, pose, _axis(element, name, kind), direction)
 
 
 def _end(element: Any, end: str, where: str) -> str:
@@ -168,45 +139,38 @@ def _end(element: Any, end: str, where: str) -> str:
     raise RobotError(f"{where} has no {end} link; add <{end} link=...>")
 
 
-def _axis(element: Any, where: str) -> Vector:
-    found = children(element, "axis")
-    axis = _vector(found[0], "xyz", where, (1.0, 0.0, 0.0)) if found else (1.0, 0.0, 0.0)
-    if not any(axis):
-        raise RobotError(f"{where} has the axis 0 0 0; give it a direction")
-    return axis
+def _axis(element: Any, name: str, kind: str) -> Axis:
+    """Limits, friction and mimic element; missing limits and limits of zero are none."""
+    where, limit, dynamics = f"joint {name!r}", _child(element, "limit"), _child(element, "dynamics")
+    lower, upper, velocity, effort = (
+        _number(limit, key, where, 0.0, finite=False) for key in ("lower", "upper", "velocity", "effort")
+    )
+    limited = kind != "continuous" and lower < upper
+    return Axis(
+        name,
+        prismatic=kind == "prismatic",
+        lower=lower if limited and lower > -_BEYOND else -inf,
+        upper=upper if limited and upper < _BEYOND else inf,
+        velocity=abs(velocity) or inf,
+        effort=abs(effort) or inf,
+        viscous=_number(dynamics, "damping", where, nan),
+        coulomb=_number(dynamics, "friction", where, nan),
+        mimic=_mimic(_child(element, "mimic"), where),
+    )
 
 
-def _limits(element: Any, where: str, kind: str) -> tuple[float, float, float, float]:
-    """Lower, upper, velocity and effort limit; missing values and zeros mean no limit."""
-    found = children(element, "limit")
-    if not found:
-        return -inf, inf, inf, inf
-    lower, upper = (_number(found[0], key, where, 0.0, finite=False) for key in ("lower", "upper"))
-    velocity, effort = (abs(_number(found[0], key, where, 0.0, finite=False)) or inf for key in ("velocity", "effort"))
-    if kind == "continuous" or not lower < upper:
-        return -inf, inf, velocity, effort
-    return (-inf if lower <= -_BEYOND else lower), (inf if upper >= _BEYOND else upper), velocity, effort
-
-
-def _rest(element: Any, where: str) -> tuple[float, float, Mimic | None]:
-    """Viscous and Coulomb friction, and the mimic element."""
-    dynamics, mimic = children(element, "dynamics"), children(element, "mimic")
-    friction = [_number(dynamics[0], key, where, nan) if dynamics else nan for key in ("damping", "friction")]
-    if not mimic:
-        return friction[0], friction[1], None
-    followed = mimic[0].get("joint")
-    if not followed:
+def _mimic(element: Any, where: str) -> Mimic | None:
+    if element is None:
+        return None
+    if not element.get("joint"):
         raise RobotError(f"{where} has a <mimic> without a joint; name the joint that it follows")
-    scale = _number(mimic[0], "multiplier", where, 1.0), _number(mimic[0], "offset", where, 0.0)
-    return friction[0], friction[1], Mimic(followed, *scale)
+    scale = _number(element, "multiplier", where, 1.0), _number(element, "offset", where, 0.0)
+    return Mimic(element.get("joint"), *scale)
 
 
 def _pose(element: Any, where: str) -> Pose:
-    found = children(element, "origin")
-    if not found:
-        return Pose()
-    zero = (0.0, 0.0, 0.0)
-    return Pose(_vector(found[0], "xyz", where, zero), _vector(found[0], "rpy", where, zero))
+    origin = _child(element, "origin")
+    return Pose(_vector(origin, "xyz", where, _ZERO), _vector(origin, "rpy", where, _ZERO))
 
 
 def _name(element: Any, what: str) -> str:
@@ -216,8 +180,13 @@ def _name(element: Any, what: str) -> str:
     return name
 
 
+def _child(element: Any, tag: str) -> Any:
+    """First child of a tag, None if there is none."""
+    return next(iter(children(element, tag)), None)
+
+
 def _vector(element: Any, key: str, where: str, default: Vector) -> Vector:
-    text = element.get(key)
+    text = None if element is None else element.get(key)
     if text is None:
         return default
     values = [_float(word, key, where) for word in text.split()]
@@ -227,7 +196,7 @@ def _vector(element: Any, key: str, where: str, default: Vector) -> Vector:
 
 
 def _number(element: Any, key: str, where: str, default: float, finite: bool = True) -> float:
-    text = element.get(key)
+    text = None if element is None else element.get(key)
     return default if text is None else _float(text, key, where, finite)
 
 

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Container, Iterator
+from dataclasses import replace
+from math import inf
 from xml.sax.saxutils import quoteattr
 
+import numpy as np
+
 from ...errors import RobotError, shorten
+from ...types import Array
 from .document import Document
-from .draft import Axis, Draft
-from .inertials import inertial_notes
-from .tree import HELD, MOVING, Inertial, Joint, Pose, Tree, read_tree
+from .draft import Draft, impossible_notes, massless_note
+from .tree import HELD, MOMENTS, MOVING, Joint, Pose, Tree, read_tree
 
 
 def read_urdf(document: Document) -> Draft:
@@ -20,59 +25,49 @@ def read_urdf(document: Document) -> Draft:
     import pinocchio as pin
 
     tree = read_tree(document.root, document.stem)
-    if not any(joint.kind in MOVING for joint in tree.joints):
+    moving = [joint for joint in tree.joints if joint.kind in MOVING]
+    if not moving:
         raise RobotError("the file has no moving joint (revolute, continuous, prismatic): nothing to identify")
     try:
-        model = pin.buildModelFromXML(mechanism(tree))
+        model = pin.buildModelFromXML(_mechanism(tree))
     except (ValueError, RuntimeError) as error:
         raise RobotError(f"Pinocchio cannot build it: {str(error).strip().splitlines()[-1]}") from None
     child = {joint.name: joint.child for joint in tree.joints}
-    stray = [joint for joint in _moving(tree) if joint.mimic and joint.mimic.joint not in child]
+    axes = []
+    for axis in (joint.axis for joint in moving):
+        known = axis.mimic if axis.mimic and axis.mimic.joint in child else None
+        axes.append(replace(axis, row=model.joints[model.getJointId(axis.name)].idx_v, mimic=known))
+    unnamed = () if document.root.get("name") else (f"the robot has no name; it is named {tree.name} after its file",)
     return Draft(
         name=tree.name,
         model=model,
-        axes=tuple(
-            _axis(joint, model.joints[model.getJointId(joint.name)].idx_v, joint in stray) for joint in _moving(tree)
-        ),
+        axes=tuple(axes),
         links=tuple(child[name] for name in list(model.names)[1:]),
         document=document.text,
         kind="urdf",
-        notes=(
-            *_name_note(document, tree),
-            *_stray_notes(stray),
-            *inertial_notes(tree),
-            *_held_notes(tree),
-            *_limit_notes(tree),
-        ),
+        notes=(*unnamed, *_notes(tree, moving, child)),
         still=frozenset(joint.name for joint in tree.joints if joint.kind not in MOVING),
     )
 
 
-def mechanism(tree: Tree) -> str:
+def _mechanism(tree: Tree) -> str:
     """URDF text of links, inertials and joints alone, with placeholder limits."""
     lines = [f"<robot name={quoteattr(tree.name)}>"]
-    lines += [f"<link name={quoteattr(link.name)}>{_inertial(link.inertial)}</link>" for link in tree.links]
-    lines += [_joint(joint) for joint in tree.joints]
+    for link, inertial in tree.links.items():
+        content = ""
+        if inertial is not None:
+            moments = " ".join(f'{key}="{x!r}"' for key, x in zip(MOMENTS, inertial.moments, strict=True))
+            content = f'{_origin(inertial.pose)}<mass value="{inertial.mass!r}"/><inertia {moments}/>'
+            content = f"<inertial>{content}</inertial>"
+        lines.append(f"<link name={quoteattr(link)}>{content}</link>")
+    for joint in tree.joints:
+        name, parent, child = (quoteattr(x) for x in (joint.name, joint.parent, joint.child))
+        lines.append(
+            f'<joint name={name} type="{joint.kind}">{_origin(joint.pose)}'
+            f"<parent link={parent}/><child link={child}/>"
+            f'<axis xyz="{_words(joint.direction)}"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+        )
     return "\n".join([*lines, "</robot>"])
-
-
-def _inertial(inertial: Inertial | None) -> str:
-    if inertial is None:
-        return ""
-    xx, xy, xz, yy, yz, zz = inertial.moments
-    return (
-        f'<inertial>{_origin(inertial.pose)}<mass value="{inertial.mass!r}"/>'
-        f'<inertia ixx="{xx!r}" ixy="{xy!r}" ixz="{xz!r}" iyy="{yy!r}" iyz="{yz!r}" izz="{zz!r}"/></inertial>'
-    )
-
-
-def _joint(joint: Joint) -> str:
-    name, parent, child = (quoteattr(x) for x in (joint.name, joint.parent, joint.child))
-    return (
-        f'<joint name={name} type="{joint.kind}">{_origin(joint.pose)}'
-        f"<parent link={parent}/><child link={child}/>"
-        f'<axis xyz="{_words(joint.axis)}"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
-    )
 
 
 def _origin(pose: Pose) -> str:
@@ -83,43 +78,45 @@ def _words(vector: tuple[float, float, float]) -> str:
     return " ".join(map(repr, vector))
 
 
-def _moving(tree: Tree) -> list[Joint]:
-    return [joint for joint in tree.joints if joint.kind in MOVING]
-
-
-def _axis(joint: Joint, row: int, stray: bool) -> Axis:
-    return Axis(
-        name=joint.name,
-        row=row,
-        prismatic=joint.kind == "prismatic",
-        lower=joint.lower,
-        upper=joint.upper,
-        velocity=joint.velocity,
-        effort=joint.effort,
-        viscous=joint.viscous,
-        coulomb=joint.coulomb,
-        mimic=None if stray else joint.mimic,
-    )
-
-
-def _name_note(document: Document, tree: Tree) -> tuple[str, ...]:
-    return () if document.root.get("name") else (f"the robot has no name; it is named {tree.name} after its file",)
-
-
-def _stray_notes(stray: list[Joint]) -> tuple[str, ...]:
-    each = [f"{joint.name} ({joint.mimic.joint})" for joint in stray if joint.mimic]
-    return (f"treated as independent, because they mimic joints that do not exist: {shorten(each)}",) if stray else ()
-
-
-def _held_notes(tree: Tree) -> tuple[str, ...]:
-    held = [f"{joint.name} ({joint.kind})" for joint in tree.joints if joint.kind in HELD]
-    return (f"held fixed at neutral: {shorten(held)}",) if held else ()
-
-
-def _limit_notes(tree: Tree) -> tuple[str, ...]:
+def _notes(tree: Tree, moving: list[Joint], known: Container[str]) -> Iterator[str]:
+    """One sentence for each kind of defect of the moving joints and links."""
+    mimics = [(joint.name, joint.axis.mimic.joint) for joint in moving if joint.axis.mimic]
+    if stray := [f"{name} ({followed})" for name, followed in mimics if followed not in known]:
+        yield f"treated as independent, because they mimic joints that do not exist: {shorten(stray)}"
+    yield from _inertial_notes(tree)
+    if held := [f"{joint.name} ({joint.kind})" for joint in tree.joints if joint.kind in HELD]:
+        yield f"held fixed at neutral: {shorten(held)}"
     lacking = {
-        "position": [x.name for x in _moving(tree) if x.kind != "continuous" and x.upper - x.lower == float("inf")],
-        "velocity": [x.name for x in _moving(tree) if x.velocity == float("inf")],
-        "effort": [x.name for x in _moving(tree) if x.effort == float("inf")],
+        "position": [x.name for x in moving if x.kind != "continuous" and x.axis.upper - x.axis.lower == inf],
+        "velocity": [x.name for x in moving if x.axis.velocity == inf],
+        "effort": [x.name for x in moving if x.axis.effort == inf],
     }
-    return tuple(f"no {what} limit is stated for {shorten(found)}" for what, found in lacking.items() if found)
+    yield from (f"no {what} limit is stated for {shorten(found)}" for what, found in lacking.items() if found)
+
+
+def _inertial_notes(tree: Tree) -> tuple[str, ...]:
+    """Notes on moving links; a link counts with those rigidly attached to it."""
+    carried = _carriers(tree)
+    bodies: dict[str, float] = {}
+    stated: dict[str, tuple[float, Array]] = {}
+    for link, inertial in tree.links.items():
+        if name := carried.get(link):
+            bodies[name] = bodies.get(name, 0.0) + (inertial.mass if inertial else 0.0)
+            if inertial:
+                stated[link] = inertial.mass, np.array(inertial.moments)[[[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
+    return massless_note(bodies) + impossible_notes(stated)
+
+
+def _carriers(tree: Tree) -> dict[str, str | None]:
+    """Moving link that each link is rigidly attached to (itself if it moves); None at the base."""
+    below: dict[str, list[Joint]] = {}
+    for joint in tree.joints:
+        below.setdefault(joint.parent, []).append(joint)
+    result: dict[str, str | None] = {tree.root: None}
+    stack = [tree.root]
+    while stack:
+        parent = stack.pop()
+        for joint in below.get(parent, ()):
+            result[joint.child] = result[parent] if joint.kind == "fixed" else joint.child
+            stack.append(joint.child)
+    return result

@@ -12,7 +12,7 @@ import pinocchio as pin
 from ...errors import RobotError
 from ...robot import configuration
 from ...robot.description.document import parse
-from ...robot.meshes import find_mesh
+from ...robot.locate import find_mesh
 from ...types import Array, Frozen, Robot
 from .limits import Limits
 
