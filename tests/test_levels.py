@@ -21,7 +21,7 @@ ROOMS = {  # modules and folders of a folder in the order of the data; one impor
     "factors session prepare reduced",
     "recording": "table units frames numbering signed mapping formats source names columns sampling gallery read "
     "__init__ convert",
-    "robot": "configuration dynamics joints actuators description locate load __init__",
+    "robot": "dynamics joints actuators description locate load __init__",
     "signs": "thresholds result rows search samples inferred tree posterior infer torque_constants recover __init__",
     "simulation": "__init__ plant excite rollout",
     "simulation/excite": "result criterion limits collision motions problem cost feasible search setup design "

@@ -4,9 +4,8 @@ Sources are URDF, xacro and MJCF files, robots that come with signid, and those 
 held fixed; mimic joints follow. `urdf_from_dh` generates a URDF from Denavit-Hartenberg parameters.
 """
 
-from .configuration import configuration
 from .description.dh import DHLink, urdf_from_dh
-from .joints import hold, resting, weld
+from .joints import configuration, hold, resting, weld
 from .load import held_positions, load_robot, robot_from_text
 from .locate import locate, names
 

@@ -25,11 +25,7 @@ class Sensitivity(NamedTuple):
 def rigid_torque(robot: Robot, q: Array, v: Array, a: Array) -> Array:
     """Inverse dynamics: torque (N, n) [N.m or N] of the inertials of the description.
 
-    Args:
-        robot: the robot.
-        q: (N, nq) [rad, m or 1].
-        v: (N, nv) [rad/s or m/s].
-        a: (N, nv) [rad/s2 or m/s2].
+    q: (N, nq) [rad, m or 1]; v: (N, nv) [rad/s or m/s]; a: (N, nv) [rad/s2 or m/s2].
     """
     model, data = robot.model, robot.model.createData()
     rows = [pin.rnea(model, data, *state).copy() for state in zip(q, v, a, strict=True)]
@@ -37,24 +33,15 @@ def rigid_torque(robot: Robot, q: Array, v: Array, a: Array) -> Array:
 
 
 def effective_inertia(robot: Robot, q: Array) -> Array:
-    """Diagonal of the joint-space mass matrix, (N, n) [kg.m2 or kg].
-
-    Args:
-        robot: the robot.
-        q: (N, nq) [rad, m or 1].
-    """
+    """Diagonal of the joint-space mass matrix, (N, n) [kg.m2 or kg]; q: (N, nq) [rad, m or 1]."""
     mass = _masses(robot.model, robot.model.createData(), q)
     return np.asarray(np.einsum("ij,tik,kj->tj", robot.drive, mass, robot.drive, optimize=True))
 
 
 def mass_matrices(model: Any, data: Any, q: Array, drive: Array) -> Array:
-    """Mass matrices (N, n, n) over the independent coordinates, rotors included [kg.m2 or kg].
+    """Mass matrices (N, n, n) over the independent coordinates of a pin.Model, rotors included [kg.m2 or kg].
 
-    Args:
-        model: a pin.Model.
-        data: its pin.Data.
-        q: (N, nq) [rad, m or 1].
-        drive: (nv, n) model velocity per coordinate velocity [1].
+    q: (N, nq) [rad, m or 1]; drive: (nv, n) model velocity per coordinate velocity [1].
     """
     return np.asarray(drive.T @ _masses(model, data, q) @ drive)
 
@@ -68,11 +55,7 @@ def _masses(model: Any, data: Any, q: Array) -> Array:
 def sensitivity(robot: Robot, q: Array, v: Array, a: Array) -> Sensitivity:
     """Derivatives of the rigid-body torque with respect to the motion.
 
-    Args:
-        robot: the robot.
-        q: (N, nq) [rad, m or 1].
-        v: (N, nv) [rad/s or m/s].
-        a: (N, nv) [rad/s2 or m/s2].
+    q: (N, nq) [rad, m or 1]; v: (N, nv) [rad/s or m/s]; a: (N, nv) [rad/s2 or m/s2].
 
     Source: Carpentier, Mansard, Analytical derivatives of rigid body dynamics algorithms, RSS 2018.
     """
@@ -88,11 +71,7 @@ def sensitivity(robot: Robot, q: Array, v: Array, a: Array) -> Sensitivity:
 def body_regressor(robot: Robot, q: Array, v: Array, a: Array) -> Array:
     """Regressor (N, n, nb, 10) of the inertial parameters, in Pinocchio's order.
 
-    Args:
-        robot: the robot.
-        q: (N, nq) [rad, m or 1].
-        v: (N, nv) [rad/s or m/s].
-        a: (N, nv) [rad/s2 or m/s2].
+    q: (N, nq) [rad, m or 1]; v: (N, nv) [rad/s or m/s]; a: (N, nv) [rad/s2 or m/s2].
     """
     model, data = robot.model, robot.model.createData()
     out = np.empty((len(q), model.nv, 10 * (model.njoints - 1)))
@@ -103,13 +82,7 @@ def body_regressor(robot: Robot, q: Array, v: Array, a: Array) -> Array:
 
 
 def gravity_torque(robot: Robot, q: Array, gravity: Sequence[float] | Array) -> Array:
-    """Static torque (N, n) [N.m or N] in a gravity field.
-
-    Args:
-        robot: the robot.
-        q: (N, nq) [rad, m or 1].
-        gravity: (3,) [m/s2].
-    """
+    """Static torque (N, n) [N.m or N] in a gravity field; q: (N, nq) [rad, m or 1]; gravity: (3,) [m/s2]."""
     model = robot.model.copy()
     model.gravity.linear = np.asarray(gravity, float)
     data = model.createData()
@@ -118,26 +91,16 @@ def gravity_torque(robot: Robot, q: Array, gravity: Sequence[float] | Array) -> 
 
 
 def tip_jacobian(robot: Robot, q: Array) -> Array:
-    """Jacobian (N, 3, n) [m/rad or 1] of the last link's centre of mass, in the world's axes.
-
-    Args:
-        robot: the robot.
-        q: (N, nq) [rad, m or 1].
-    """
+    """Jacobian (N, 3, n) [m/rad or 1] of the last link's centre of mass in the world; q: (N, nq) [rad, m or 1]."""
     model, data, tip = robot.model, robot.model.createData(), own_body(robot, len(robot.joints) - 1) + 1
     rows = [point_jacobian(model, data, state, tip, model.inertias[tip].lever) for state in q]
     return np.asarray(np.array(rows).reshape(len(q), 3, model.nv) @ robot.drive)
 
 
 def point_jacobian(model: Any, data: Any, q: Array, joint: int, point: Array) -> Array:
-    """Jacobian (3, nv) [m/rad or 1] of a point on the body of a joint, in the world's axes.
+    """Jacobian (3, nv) [m/rad or 1] of a point on the body of a joint of a pin.Model, in the world's axes.
 
-    Args:
-        model: a pin.Model.
-        data: its pin.Data.
-        q: (nq,) [rad, m or 1].
-        joint: index of the joint in the model.
-        point: (3,) position in the frame of the joint [m].
+    q: (nq,) [rad, m or 1]; point: (3,) position in the frame of the joint [m].
     """
     pin.computeJointJacobians(model, data, q)
     jacobian = np.reshape(pin.getJointJacobian(model, data, joint, pin.LOCAL_WORLD_ALIGNED), (6, model.nv))

@@ -1,4 +1,4 @@
-"""Look up joints by name or number, and hold joints of a robot or of a Pinocchio model fixed."""
+"""Joints: by name or number, held fixed in a robot or a Pinocchio model, and as a configuration of the model."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import RobotError, shorten
+from ..errors import InputError, RobotError, shorten
 from ..types import Actuators, Array, Robot
 
 if TYPE_CHECKING:
@@ -93,3 +93,34 @@ def weld(model: pin.Model, held: Sequence[int], configuration: Array) -> pin.Mod
         if frame.type == pin.FrameType.BODY:
             frame.name = f"body {i}"  # Pinocchio rejects links with the name of a joint
     return pin.buildReducedModel(named, list(held), configuration)
+
+
+def configuration(robot: Robot, q: Array) -> Array:
+    """Compute configurations (N, nq) [rad, m or 1] of the model at joint positions q (N, n) [rad or m], or one (nq,).
+
+    Mimic and held joints are included, continuous joints are cos and sin.
+
+    Raises:
+        InputError: the last axis of q does not match the number of joints.
+    """
+    import pinocchio as pin
+
+    q = np.asarray(q, float)
+    n = len(robot.joints)
+    if q.ndim == 0 or q.shape[-1] != n:
+        raise InputError(f"positions of {robot.name} have shape {q.shape}; give one column for each of its {n} joints")
+    position = q @ robot.drive.T + robot.rest  # (N, nv)
+    result = np.empty((*q.shape[:-1], robot.model.nq))
+    result[...] = pin.neutral(robot.model)
+    for joint in list(robot.model.joints)[1:]:
+        if joint.nq == 2 and joint.nv == 1:
+            result[..., joint.idx_q] = np.cos(position[..., joint.idx_v])
+            result[..., joint.idx_q + 1] = np.sin(position[..., joint.idx_v])
+        elif is_plain(joint):
+            result[..., joint.idx_q : joint.idx_q + joint.nq] = position[..., joint.idx_v : joint.idx_v + joint.nv]
+    return result
+
+
+def is_plain(joint: Any) -> bool:
+    """Whether the configuration of a model joint equals its positions: one axis, or several independent axes."""
+    return bool(joint.nq == joint.nv and (joint.nv == 1 or joint.shortname() == "JointModelComposite"))

@@ -88,12 +88,8 @@ def find_mesh(name: str, description: str, package_dirs: Sequence[str | Path] = 
     """File of a mesh; None if there is none.
 
     Files outside the description's folder, a package, or `package_dirs` are never returned. Packages are searched in
-    `package_dirs`, in ROS_PACKAGE_PATH, above the description and in example-robot-data.
-
-    Args:
-        name: package://PACKAGE/PATH, file://PATH, or a path relative to the description.
-        description: path of the description, empty if unknown.
-        package_dirs: packages, or folders that contain packages.
+    `package_dirs` (packages, or folders of packages), in ROS_PACKAGE_PATH, above the description and in
+    example-robot-data. The name is package://PACKAGE/PATH, file://PATH, or a path relative to the description.
     """
     package = next((head for head in _PACKAGE if name.startswith(head)), None)
     try:

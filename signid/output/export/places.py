@@ -8,8 +8,8 @@ import numpy as np
 import pinocchio as pin
 
 from ...robot import configuration
-from ...robot.configuration import is_plain
 from ...robot.dynamics import own_row
+from ...robot.joints import is_plain
 from ...types import Array, Robot
 
 

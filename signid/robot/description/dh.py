@@ -60,54 +60,36 @@ def urdf_from_dh(name: str, links: Sequence[DHLink]) -> str:
     origin, parent = _origin((0.0, 0.0, 0.0), 0.0, 0.0), "base_link"
     for i, link in enumerate(links, 1):
         _check(link, i)
-        lines += [*_joint(i, link, parent, origin), *_link(i, link)]
+        limits = {"lower": link.lower, "upper": link.upper, "velocity": link.velocity, "effort": link.effort}
+        stated = " ".join(f'{key}="{_text(value)}"' for key, value in limits.items() if isfinite(value))
+        kind, more = "prismatic" if link.prismatic else "revolute", ('<axis xyz="0 0 1"/>', f"<limit {stated}/>")
+        lines += [*_joint(f"joint_{i}", kind, parent, f"link_{i}", origin, *more), *_link(i, link)]
         origin, parent = _origin(_translation(link), link.alpha, link.theta), f"link_{i}"
-    tool = ['  <joint name="tool_joint" type="fixed">', f"    {origin}", f'    <parent link="{parent}"/>']
-    lines += [*tool, '    <child link="tool"/>', "  </joint>", '  <link name="tool"/>', "</robot>", ""]
-    return "\n".join(lines)
+    tool = _joint("tool_joint", "fixed", parent, "tool", origin)
+    return "\n".join([*lines, *tool, '  <link name="tool"/>', "</robot>", ""])
 
 
-def _joint(i: int, link: DHLink, parent: str, origin: str) -> list[str]:
-    limits = {"lower": link.lower, "upper": link.upper, "velocity": link.velocity, "effort": link.effort}
-    stated = " ".join(f'{key}="{_text(value)}"' for key, value in limits.items() if isfinite(value))
-    return [
-        f'  <joint name="joint_{i}" type="{"prismatic" if link.prismatic else "revolute"}">',
-        f"    {origin}",
-        f'    <parent link="{parent}"/>',
-        f'    <child link="link_{i}"/>',
-        '    <axis xyz="0 0 1"/>',
-        f"    <limit {stated}/>",
-        "  </joint>",
-    ]
+def _joint(name: str, kind: str, parent: str, child: str, origin: str, *more: str) -> list[str]:
+    inside = [origin, f'<parent link="{parent}"/>', f'<child link="{child}"/>', *more]
+    return [f'  <joint name="{name}" type="{kind}">', *(f"    {element}" for element in inside), "  </joint>"]
 
 
 def _link(i: int, link: DHLink) -> list[str]:
     """Link with inertial and box in the axes of the DH frame."""
-    rotation = _rotation(link)
+    (ct, st), (ca, sa) = (cos(link.theta), sin(link.theta)), (cos(link.alpha), sin(link.alpha))
+    rotation = np.array([[ct, -st * ca, st * sa], [st, ct * ca, -ct * sa], [0.0, sa, ca]])  # Rot_z(theta) Rot_x(alpha)
     centre = tuple(np.add(_translation(link), rotation @ np.asarray(link.centre, float)))
     origin = _origin(centre, link.alpha, link.theta)
     inertia = _inertia(link.inertia)
     moments = zip(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), inertia[np.triu_indices(3)], strict=True)
     six = " ".join(f'{key}="{_text(value)}"' for key, value in moments)
-    lines = [
-        f'  <link name="link_{i}">',
-        "    <inertial>",
-        f"      {origin}",
-        f'      <mass value="{_text(link.mass)}"/>',
-        f"      <inertia {six}/>",
-        "    </inertial>",
-    ]
+    parts = {"inertial": [origin, f'<mass value="{_text(link.mass)}"/>', f"<inertia {six}/>"]}
     if link.box is not None:
-        size = " ".join(map(_text, link.box))
-        shape = f'      <geometry><box size="{size}"/></geometry>'
-        lines += ["    <visual>", f"      {origin}", shape, "    </visual>"]
+        parts["visual"] = [origin, f'<geometry><box size="{" ".join(map(_text, link.box))}"/></geometry>']
+    lines = [f'  <link name="link_{i}">']
+    for tag, inside in parts.items():
+        lines += [f"    <{tag}>", *(f"      {element}" for element in inside), f"    </{tag}>"]
     return [*lines, "  </link>"]
-
-
-def _rotation(link: DHLink) -> Array:
-    """(3, 3) Rot_z(theta) Rot_x(alpha) [1]."""
-    (ct, st), (ca, sa) = (cos(link.theta), sin(link.theta)), (cos(link.alpha), sin(link.alpha))
-    return np.array([[ct, -st * ca, st * sa], [st, ct * ca, -ct * sa], [0.0, sa, ca]])
 
 
 def _translation(link: DHLink) -> tuple[float, float, float]:

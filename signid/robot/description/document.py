@@ -16,7 +16,6 @@ from typing import Any
 from ...errors import RobotError
 from . import sandbox
 
-_XACRO = "xacro"  # part of the namespace of xacro tags
 _DECLARATION = re.compile(r"\s*<\?xml\s[^>]*\?>")
 _ADVICE = {
     "sdf": "the file is SDF; signid reads URDF, xacro and MJCF, so convert it first",
@@ -51,7 +50,7 @@ def read_document(path: Path, package_dirs: Sequence[str | Path] = ()) -> Docume
     except UnicodeDecodeError as error:
         raise RobotError(f"the file is not UTF-8 text (byte {error.start}); save it as UTF-8") from None
     root = parse(text)
-    if path.suffix == ".xacro" or any(_XACRO in str(tag) for tag in _namespaces(root)):
+    if path.suffix == ".xacro" or any("xacro" in namespace for namespace in _namespaces(root)):
         text = _expand(path, package_dirs)
         root = parse(text)
     if local(root) not in ("robot", "mujoco"):
@@ -118,9 +117,7 @@ def _expand(path: Path, package_dirs: Sequence[str | Path]) -> str:
         command = [sys.executable, "-P", "-X", "utf8", str(Path(sandbox.__file__).absolute()), *given]
         beside, there = path.absolute().parent, {**os.environ, "TMPDIR": scratch}
         try:
-            done = subprocess.run(
-                command, cwd=beside, env=there, capture_output=True, timeout=sandbox.SECONDS, check=False
-            )
+            done = subprocess.run(command, cwd=beside, env=there, capture_output=True, timeout=sandbox.SECONDS)
         except subprocess.TimeoutExpired:
             raise RobotError(f"xacro cannot expand it in {sandbox.SECONDS} s; check for endless macros") from None
     if done.returncode:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import RobotError, shorten
-from ..configuration import is_plain
+from ..joints import is_plain
 from .document import Document
 from .draft import Axis, Draft, Mimic, impossible_notes, massless_note
 from .mjcf_tree import below_world, compiler_setting, included, joint_attribute, prepare

@@ -27,18 +27,10 @@ def may_read(path: str | Path, folders: Sequence[str | Path]) -> bool:
     """Whether a description may refer to a file: it lies below one of the folders, or in a ROS package.
 
     Symbolic links are followed, since a description cannot create any.
-
-    Args:
-        path: path of the file.
-        folders: folder of the description, and the folders given for packages.
     """
     place = Path(os.path.normpath(Path(path).absolute()))
     allowed = {Path(os.path.normpath(Path(folder).absolute())) for folder in folders}
-    return any(folder in allowed or _is_package(folder) for folder in place.parents)
-
-
-def _is_package(folder: Path) -> bool:
-    return any((folder / name).is_file() for name in MANIFESTS)
+    return any(folder in allowed or any((folder / name).is_file() for name in MANIFESTS) for folder in place.parents)
 
 
 def _guard(folders: Sequence[str], scratch: str) -> None:
