@@ -17,8 +17,7 @@ from swing import csv, swing
 from signid.cli import run
 from signid.errors import OutputError, RecordingError
 from signid.output.report import write_files
-from signid.recording.formats import csv_, memory
-from signid.recording.formats.find import find_format
+from signid.recording.formats import csv_, find_format, memory
 
 HERE = Path(__file__).parents[1]
 THERE = {**os.environ, "PYTHONPATH": str(HERE), "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}

@@ -11,7 +11,7 @@ import pytest
 
 import signid
 from signid.cli import run
-from signid.recording.formats.find import find_format
+from signid.recording.formats import find_format
 from signid.types import Array, Robot
 
 FOLDER = Path(__file__).parents[1] / "robots" / "3r"

@@ -20,8 +20,7 @@ from test_recording_formats_ros import opened
 
 from signid.errors import OptionError, RecordingError
 from signid.recording import read_recording
-from signid.recording.formats import FORMATS, memory
-from signid.recording.formats.find import find_format
+from signid.recording.formats import FORMATS, find_format, memory
 
 FILES = ("a.bag", "bare.db3", "bare.mcap")
 

@@ -12,7 +12,7 @@ from plant import law, model, waves
 import signid
 from signid.errors import OptionError, RecordingError
 from signid.model import Model
-from signid.recording.formats.find import find_format
+from signid.recording.formats import find_format
 from signid.simulation.plant import Sensors, Simulation, record, simulate, track
 
 SECONDS, STEP = 20.0, 1e-3

@@ -19,7 +19,7 @@ from signid.errors import SignidError
 from signid.estimation.pbrp.bounds import Bounds, read_bounds
 from signid.output.replay.found import read_found
 from signid.recording import read_recording
-from signid.recording.formats.find import find_format
+from signid.recording.formats import find_format
 from signid.recording.mapping import ColumnMap
 from signid.recording.sampling import survey
 from signid.robot.actuators import read_actuators

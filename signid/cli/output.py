@@ -44,7 +44,7 @@ def check_file(output: str | None, json: bool) -> None:
         OutputError: the folder is not writable.
     """
     from ..output.report import probe_folder
-    from ..recording.formats.find import find_format
+    from ..recording.formats import find_format
 
     if output == "" or (output is None and not json):
         raise OptionError("no file for the result was named; add -o FILE, or --json to print a summary instead")
@@ -63,7 +63,7 @@ def write_columns(output: str | None, columns: Mapping[str, Array]) -> Sequence[
         columns: (N,) each, by name [units of the columns of these names].
     """
     from ..output.report import write_files
-    from ..recording.formats.find import find_format
+    from ..recording.formats import find_format
 
     if output is None:
         return []

@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 
 from ..errors import OptionError, RecordingError
 from ..types import Table
+from .formats import find_format
 from .formats.base import memory_table
-from .formats.find import find_format
 from .frames import Frame, columns_of
 
 Source = str | Path | Mapping[str, ArrayLike] | Frame

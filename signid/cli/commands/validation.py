@@ -106,7 +106,7 @@ def _is_model(name: str) -> bool:
     Raises:
         OptionError: it is neither a model nor a recording, or is ambiguous.
     """
-    from ...recording.formats.find import find_format
+    from ...recording.formats import find_format
     from ...robot.locate import locate
 
     path = Path(name)

@@ -14,7 +14,7 @@ from ...output.export.mjcf import mjcf_laws
 from ...output.replay import Replay, replay
 from ...output.report import write_files
 from ...recording import read_recording
-from ...recording.formats.find import find_format
+from ...recording.formats import find_format
 from ...regression.motion import Motion
 from ...regression.session import Options
 from ...robot import hold, resting

@@ -23,6 +23,7 @@ from ...types import Array, Table
 from .base import MOST, Format, MemoryTable
 from .memory import free_memory, require_memory
 
+SEPARATORS = ",;\t"
 TIMES = 3  # peak memory while reading [times the size of the text]
 BROKEN = (pl.exceptions.PolarsError, pl.exceptions.PanicException)
 # texts of missing values, in addition to empty cells and NaN
@@ -47,11 +48,6 @@ class Csv(Format):
     description = "text table with a header, comma, semicolon or tab separated, plain or gzip"
 
     def open(self, path: Path) -> Table:
-        """Open a text table.
-
-        Raises:
-            RecordingError: no text table with a header, or a line with too many cells.
-        """
         content = _content(path)
         try:
             layout = _layout(path, content)
@@ -79,9 +75,8 @@ def _content(path: Path) -> bytes:
     except OSError as error:
         raise RecordingError(f"{path} cannot be read: {error.strerror}") from error
     if len(content) > MOST:
-        raise RecordingError(
-            f"{path} holds more than {MOST / 1e9:.3g} GB; give long recordings as Parquet, which is read in chunks"
-        )
+        advice = "give long recordings as Parquet, which is read in chunks"
+        raise RecordingError(f"{path} holds more than {MOST / 1e9:.3g} GB; {advice}")
     if b"\0" in content[:65536]:
         raise RecordingError(f"{path} is not a text table: it holds binary data; correct the suffix of its name")
     return content
@@ -109,21 +104,16 @@ def _layout(path: Path, content: bytes) -> _Layout:
         raise RecordingError(f"{path} has no header: line {skip} holds numbers; put names such as t,q_1,tau_1 above it")
     if len(names) == 1 and len(names[0].split()) > 1:
         raise RecordingError(f"{path} separates its columns by blanks; expected commas, semicolons or tabs")
-    repeated = [name for name, count in Counter(names).items() if name and count > 1]
-    if repeated:
+    if repeated := [name for name, count in Counter(names).items() if name and count > 1]:
         raise RecordingError(f"{path} names column {repeated[0]!r} twice in its header; give every column its own name")
     full = tuple(name or f"unnamed {i}" for i, name in enumerate(names, 1))
-    separator = _separator(header)
+    separator = max(SEPARATORS, key=header.count)
     below = first if commented else next(lines, b"").decode("utf-8", "replace")
     return _Layout(full, separator, skip - commented, separator == ";" and "," in below)
 
 
-def _separator(header: str) -> str:
-    return max(",;\t", key=header.count)
-
-
 def _split(line: str) -> list[str]:
-    return next(csv.reader([line], delimiter=_separator(line)), [])
+    return next(csv.reader([line], delimiter=max(SEPARATORS, key=line.count)), [])
 
 
 def _is_numeric(cells: Iterable[str]) -> bool:
@@ -179,8 +169,8 @@ def _shape_fault(path: Path, content: bytes, layout: _Layout) -> str:
     with suppress(csv.Error):  # cell larger than the limit of csv
         for row, cells in enumerate(csv.reader(samples, delimiter=layout.separator), 1):
             if len(cells) > width:
-                fault = f"{path} has {len(cells)} cells in row {row}, but its header names {width} columns"
-                return f"{fault}; correct that line"
+                fault = f"has {len(cells)} cells in row {row}, but its header names {width} columns"
+                return f"{path} {fault}; correct that line"
     return f"{path} is not a table of lines of {width} cells each; write it again as plain CSV"
 
 

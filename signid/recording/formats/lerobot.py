@@ -38,23 +38,14 @@ class LeRobot(Format):
     description = "LeRobot dataset: its folder, or one of its Parquet files"
 
     def recognises(self, path: Path) -> bool:
-        """Whether meta/info.json is in the folder or above the file."""
-        if path.is_dir():
-            return (path / "meta" / "info.json").is_file()
-        return super().recognises(path) and _home(path) is not None
+        return (path.is_dir() or super().recognises(path)) and _home(path) is not None
 
     def files(self, path: Path) -> Sequence[Path]:
-        """Description and tables."""
         home = _home(path) or path
         tables = sorted(home.glob("data/*/*.parquet")) if path.is_dir() else [path]
         return [home / "meta" / "info.json", *(table for table in tables if table.is_file())]
 
     def open(self, path: Path) -> Table:
-        """Open all episodes of a dataset or of one of its files.
-
-        Raises:
-            RecordingError: unreadable description or table, or a table that does not match the description.
-        """
         described, *tables = self.files(path)
         info = _info(described)
         if not tables:
@@ -104,7 +95,7 @@ def _table(path: Path, frame: pl.DataFrame, info: Mapping[str, Any]) -> MemoryTa
         if feature in frame.columns:
             values = _matrix(path, frame[feature])
             names = _names(feature, values.shape[1], info)
-            if names is None:
+            if not names:
                 names = [str(k + 1) for k in range(values.shape[1])]
                 notes += (f"{feature} has no names in meta/info.json: assigned to joints 1 to {len(names)} in turn",)
             for name, value in zip(names, values.T, strict=True):
@@ -127,12 +118,11 @@ def _time(path: Path, frame: pl.DataFrame, fps: float) -> tuple[Array, tuple[str
         t = number / fps
         notes = (f"time is the frame index at {fps:g} Hz, as LeRobot writes it, not the time of measurement",)
     assert t is not None, "one of the two is there"
-    episode = _plain(frame, "episode_index")
-    episode = np.zeros(len(t)) if episode is None else episode
+    known = _plain(frame, "episode_index")
+    episode = np.zeros(len(t)) if known is None else known
     starts = np.flatnonzero(np.diff(episode, prepend=np.nan) != 0)
     ends = np.append(starts[1:], len(t))
-    clock = 0.0
-    t = t.copy()
+    clock, t = 0.0, t.copy()
     for start, end in zip(starts, ends, strict=True):
         t[start:end] += clock - t[start]
         clock = t[end - 1] + max(BREAK[0], BREAK[1] / fps)
@@ -159,14 +149,13 @@ def _matrix(path: Path, series: pl.Series) -> Array:
     return np.asarray(lists.list.to_array(sizes[0]).to_numpy()).reshape(-1, sizes[0])
 
 
-def _names(feature: str, size: int, info: Mapping[str, Any]) -> list[str] | None:
-    """Names of the values of a feature; None if the description has none."""
+def _names(feature: str, size: int, info: Mapping[str, Any]) -> list[str]:
+    """Names of the values of a feature; empty if the description has none."""
     names = info["features"].get(feature, {}).get("names")
     while isinstance(names, Mapping):
         names = next(iter(names.values()), None)
-    if isinstance(names, list) and len(names) == size and all(isinstance(name, str) for name in names):
-        return names
-    return None
+    fits = isinstance(names, list) and len(names) == size and all(isinstance(name, str) for name in names)
+    return list(names) if fits else []
 
 
 def _column(kind: str, name: str) -> str:

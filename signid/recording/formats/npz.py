@@ -27,14 +27,9 @@ class Npz(Format):
     description = "NumPy archive of arrays named as the columns"
 
     def open(self, path: Path) -> Table:
-        """Open the arrays of an archive.
-
-        Raises:
-            RecordingError: no NumPy archive, a truncated one, or a factor file.
-        """
         if is_factor_file(path):
-            fault = f"{path} holds factors of signid reduce instead of samples"
-            raise RecordingError(f"{fault}; only signid identify reads factors; give the recording here")
+            advice = "only signid identify reads factors; give the recording here"
+            raise RecordingError(f"{path} holds factors of signid reduce instead of samples; {advice}")
         try:
             arrays = dict(_arrays(np.load(path, allow_pickle=False)))
         except MemoryError:

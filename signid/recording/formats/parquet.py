@@ -16,6 +16,7 @@ from .base import Format, refusal
 
 SLAB = 262_144  # [rows] decoded at once
 BROKEN = (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError)
+NUMBERS = (pl.Boolean, pl.Null, pl.Datetime, pl.Duration)  # types that are read as numbers
 KEPT = 2  # number of slabs in memory, so that reads across a boundary decode nothing twice
 
 
@@ -37,8 +38,9 @@ class ParquetTable:
             RecordingError: missing or non-numeric column, or damaged file.
         """
         for name in names:
-            if name not in self._schema or not self._is_number(name):
-                reason = f"holds {self._schema[name]}, expected numbers" if name in self._schema else None
+            kind = self._schema.get(name)
+            if not (kind and (kind.is_numeric() or kind in NUMBERS)):
+                reason = f"holds {kind}, expected numbers" if kind else None
                 raise RecordingError(refusal(str(self._path), name, reason, self.columns))
         stop = max(start, min(stop, self.rows))
         result = np.empty((len(names), stop - start))
@@ -48,10 +50,6 @@ class ParquetTable:
             for i, name in enumerate(names):
                 result[i, low - start : high - start] = slab[name][low - k * SLAB : high - k * SLAB]
         return result.T
-
-    def _is_number(self, name: str) -> bool:
-        kind = self._schema[name]
-        return kind.is_numeric() or kind in (pl.Boolean, pl.Null) or isinstance(kind, pl.Datetime | pl.Duration)
 
     def _slab(self, k: int, names: Sequence[str]) -> dict[str, Array]:
         slab = self._slabs.setdefault(k, {})
@@ -91,11 +89,6 @@ class Parquet(Format):
     description = "Apache Parquet, streamed"
 
     def open(self, path: Path) -> Table:
-        """Open a file; its samples are read on demand.
-
-        Raises:
-            RecordingError: no Parquet file, or a truncated one.
-        """
         try:
             return ParquetTable(path)
         except BROKEN as error:

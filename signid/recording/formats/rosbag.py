@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from difflib import get_close_matches
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ...errors import RecordingError, shorten
 from ...types import Table
@@ -15,13 +15,10 @@ from .bag_time import join
 from .base import Format, Topic
 from .memory import memory_limited
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
 PARTS = (".db3", ".mcap", ".zstd", ".yaml")  # suffixes of the files in a bag folder
 SHOWN = 120  # maximum length of a quoted library message [characters]
 STANDARD = ("sensor_msgs/", "trajectory_msgs/")  # message types that are equal in all releases of ROS
-Topics = Mapping[str, list[Any]]  # rosbags connections by topic
+Topics = dict[str, list[Any]]  # rosbags connections by topic
 
 
 class RosBag(Format):
@@ -31,37 +28,31 @@ class RosBag(Format):
     description = "ROS 1 bag, ROS 2 bag (its folder, .db3 or .mcap): JointState, JointTrajectory, controller state"
 
     def recognises(self, path: Path) -> bool:
-        """Whether the name, or the metadata.yaml of a folder, is that of a bag."""
         return (path / "metadata.yaml").is_file() if path.is_dir() else super().recognises(path)
 
     def files(self, path: Path) -> Sequence[Path]:
-        """Files that are read from a folder; a file itself."""
         if not path.is_dir():
             return [path]
         return sorted(part for part in path.iterdir() if part.suffix in PARTS and part.is_file())
 
     def open(self, path: Path) -> Table:
-        """Open the only topic of joint states or, without one, of controller states or trajectories.
-
-        Raises:
-            RecordingError: damaged bag, missing library, or not exactly one such topic.
-        """
         return self.select(path, ())
 
     def select(self, path: Path, topics: Sequence[str]) -> Table:
-        """Open topics, joined in time.
-
-        Raises:
-            RecordingError: damaged bag, missing library, or missing or unreadable topic.
-        """
         with _one_error(path), memory_limited(), _reader(path) as (bag, first):
-            known = _topics(bag)
+            known: Topics = {}
+            for connection in bag.connections:
+                known.setdefault(connection.topic, []).append(connection)
             chosen = _named(path, known, topics) if topics else _chosen(path, known, bag, first)
             gathered = _gathered(bag, known, chosen, first)
             if empty := [gather.topic for gather in gathered if not gather.readings]:
                 raise RecordingError(f"{path}: topic {empty[0]} holds no joints; name another topic")
-            others = [_unread(*each) for each in known.items() if each[0] not in chosen and _kind(each[1]) in READERS]
-            return join(gathered, [*map(_topic, gathered), *others], str(path))
+            unread = [
+                Topic(name, _kind(at), sum(c.msgcount for c in at), float("nan"), (), False)
+                for name, at in known.items()
+                if name not in chosen and _kind(at) in READERS
+            ]
+            return join(gathered, [*map(_topic, gathered), *unread], str(path))
 
 
 @contextmanager
@@ -96,13 +87,6 @@ def _reader(path: Path) -> Iterator[tuple[Any, bool]]:
     first = path.suffix.lower() == ".bag"
     with Reader1(path) if first else Reader2(path) as bag:
         yield bag, first
-
-
-def _topics(bag: Any) -> Topics:
-    found: dict[str, list[Any]] = {}
-    for connection in bag.connections:
-        found.setdefault(connection.topic, []).append(connection)
-    return found
 
 
 def _kind(connections: Sequence[Any]) -> str:
@@ -152,9 +136,8 @@ def _gathered(bag: Any, known: Topics, names: Sequence[str], first: bool) -> lis
     read = {name: Gather(name, _kind(known[name])) for name in names}
     wanted = [connection for name in names for connection in known[name]]
     decode = _decoders(wanted, first)
-    for connection, received, data in bag.messages(connections=wanted):
-        kind = connection.msgtype
-        read[connection.topic].add(decode[kind](data, kind), received)
+    for at, received, data in bag.messages(connections=wanted):
+        read[at.topic].add(decode[at.msgtype](data, at.msgtype), received)
     return list(read.values())
 
 
@@ -179,10 +162,6 @@ def _decoders(connections: Sequence[Any], first: bool) -> dict[str, Any]:
 
 def _topic(gather: Gather) -> Topic:
     return Topic(gather.topic, gather.kind, gather.messages, gather.rate, gather.joints, True)
-
-
-def _unread(name: str, connections: Sequence[Any]) -> Topic:
-    return Topic(name, _kind(connections), sum(c.msgcount for c in connections), float("nan"), (), False)
 
 
 PLUGIN = RosBag()
