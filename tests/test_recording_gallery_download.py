@@ -9,8 +9,7 @@ from serving import TEXT, Server, send, serve, toy
 
 from signid.errors import DownloadError, OptionError
 from signid.recording.gallery import DATA, DataSet, DownloadLimits, Product, fetch
-from signid.recording.gallery.download import is_allowed
-from signid.recording.gallery.fetch import check_source
+from signid.recording.gallery.download import check_source, is_allowed
 
 PATH = "logs/a_toy.csv"
 HASTE = DownloadLimits(size=10_000, silence=0.3, total=0.6)

@@ -1,13 +1,12 @@
 """Public recordings of real robots: sources, licences and downloads.
 
-Nothing is downloaded automatically. Each data set is one module; other packages register theirs at the entry point
+Nothing is downloaded automatically. `sets` lists the data sets; other packages register theirs at the entry point
 `signid.data`.
 """
 
-from .base import DATA, DataSet, Product
-from .download import DownloadLimits
-from .fetch import check_source, fetch
-from .place import data_folder, is_complete, recordings
+from .base import DataSet, Product
+from .download import DownloadLimits, check_source, fetch
+from .place import DATA, data_folder, is_complete, recordings
 
 __all__ = [
     "DATA",

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from ...errors import OptionError
-from ...registry import Registry
 
 _PLAIN = re.compile(r"\w[\w.+-]*")  # file names without a path
 UNSTATED = "none stated (all rights reserved)"
@@ -45,9 +44,8 @@ class DataSet:
         paths = [self.repository, *self.sources, *(path for _, path in self.carried)]
         for name in (self.name, self.folder, *files, *(part for path in paths for part in path.split("/"))):
             if not _PLAIN.fullmatch(name):
-                raise OptionError(
-                    f"data set {self.name} has a file or folder named {name!r}; give a name without a path"
-                )
+                fault = f"has a file or folder named {name!r}; give a name without a path"
+                raise OptionError(f"data set {self.name} {fault}")
 
     @property
     def sources(self) -> tuple[str, ...]:
@@ -63,6 +61,3 @@ class DataSet:
     def home(self) -> str:
         """Web page of the repository at the commit."""
         return f"https://github.com/{self.repository}/tree/{self.commit}"
-
-
-DATA: Registry[DataSet] = Registry("data", __package__, "_1r _3r emps panda tx40 ur10e")

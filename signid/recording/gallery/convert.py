@@ -1,4 +1,4 @@
-"""Convert source files to the text of a recording or a URDF, reproducibly on all machines."""
+"""Convert the source files of each data set to a recording or a URDF, reproducibly on all machines."""
 
 from __future__ import annotations
 
@@ -11,14 +11,13 @@ import numpy as np
 from ...types import Array
 
 DIGITS = 9  # significant digits of numbers
+SPLINES = {"pos": "position", "vel": "velocity", "acc": "acceleration"}  # variables of the files of 1r and 3r
+_RATIO = np.array([32.0, 32.0, 45.0, -48.0, 45.0, 32.0])  # gear ratios of the TX40; motor 6 also turns with joint 5
+_OFFSET = np.array([0, -np.pi / 2, np.pi / 2, 0, 0, 0])  # [rad] of the TX40
 
 
-def read_numbers(raw: bytes, skip: int = 0) -> Array:
-    """Numbers (rows, columns) of a text [units of the source].
-
-    Args:
-        raw: comma-separated text.
-        skip: number of header lines.
+def _read_numbers(raw: bytes, skip: int = 0) -> Array:
+    """Numbers (rows, columns) of comma-separated text below `skip` lines of header [units of the source].
 
     Raises:
         ValueError: the text is not a table of numbers.
@@ -29,30 +28,20 @@ def read_numbers(raw: bytes, skip: int = 0) -> Array:
     return np.loadtxt(io.BytesIO(lines[0]), delimiter=",", ndmin=2)
 
 
-def read_matrix(raw: bytes, name: str) -> Array:
+def _read_matrix(raw: bytes, name: str) -> Array:
     """Variable of a MATLAB file, (rows, columns) [unit of the source]."""
     from scipy.io import loadmat
 
     return np.asarray(loadmat(io.BytesIO(raw), variable_names=[name])[name], np.float64)
 
 
-def by_joint(kind: str, values: Array) -> dict[str, Array]:
-    """Split a matrix into the columns KIND_1, KIND_2, ...
-
-    Args:
-        kind: kind of the columns, such as q or tau.
-        values: (N, n) [unit of the kind].
-    """
+def _by_joint(kind: str, values: Array) -> dict[str, Array]:
+    """Split a matrix into the columns KIND_1, KIND_2, ...; values: (N, n) [unit of the kind]."""
     return {f"{kind}_{j + 1}": column for j, column in enumerate(values.T)}
 
 
-def write_table(columns: Mapping[str, Array], digits: int = DIGITS) -> str:
-    """CSV text with a header and one line per sample.
-
-    Args:
-        columns: (N,) each, by name [units of the columns].
-        digits: number of significant digits.
-    """
+def _write_table(columns: Mapping[str, Array], digits: int = DIGITS) -> str:
+    """CSV text with a header and one line per sample; columns: (N,) each, by name [units of the columns]."""
     text = io.StringIO()
     text.write(",".join(columns) + "\n")
     np.savetxt(text, np.column_stack(list(columns.values())), fmt=f"%.{digits}g", delimiter=",")
@@ -63,3 +52,76 @@ def without_meshes(raw: bytes) -> str:
     """URDF text without visual and collision elements, whose meshes are not downloaded."""
     text = raw.decode("utf-8-sig").replace("\r\n", "\n")
     return re.sub(r"<(visual|collision)\b.*?</\1>", "", text, flags=re.DOTALL)
+
+
+def _instants(samples: int, step: float = 0.02) -> Array:
+    """Times of the samples, (N,) [s]; the simulated arms 1r and 3r have 50 Hz."""
+    return np.arange(samples, dtype=np.float64) * step
+
+
+def pendulum(regressor: bytes, torque: bytes, position: bytes = b"", velocity: bytes = b"") -> str:
+    """Recording of 1r; without a trajectory file, sin q and acceleration come from the regressor."""
+    rows = _read_matrix(regressor, "Y_stack")
+    columns = {"t": _instants(len(rows)), "sin_q_1": rows[:, 0], "ddq_1": rows[:, 1]}
+    columns["tau_1"] = _read_matrix(torque, "u_stack")[:, 0]
+    for kind, raw, part in (("q_1", position, "pos"), ("dq_1", velocity, "vel")):
+        columns |= {kind: _read_matrix(raw, SPLINES[part])[0]} if raw else {}
+    return _write_table(columns)
+
+
+def arm(torque: bytes, *raw: bytes) -> str:
+    """Recording of 3r: torque, position, velocity and acceleration of each joint."""
+    tau = _read_matrix(torque, "u_stack").reshape(-1, 3)
+    columns = {"t": _instants(len(tau))}
+    for k, (kind, part) in enumerate(zip(("q", "dq", "ddq"), SPLINES, strict=True)):
+        values = [_read_matrix(raw[3 * joint + k], SPLINES[part])[0] for joint in range(3)]
+        columns |= _by_joint(kind, np.column_stack(values))
+    return _write_table({**columns, **_by_joint("tau", tau)})
+
+
+def motion(*raw: bytes) -> str:
+    """Trajectory of one joint, without torque."""
+    values = [_read_matrix(part, name)[0] for part, name in zip(raw, SPLINES.values(), strict=True)]
+    return _write_table({"t": _instants(len(values[0])), **dict(zip(("q", "dq", "ddq"), values, strict=True))})
+
+
+def emps(raw: bytes, pulses: tuple[str, ...] = ()) -> str:
+    """Recording of EMPS with force = input voltage of the drive times its gain."""
+    t, q, voltage, reference, gain, *more = (
+        _read_matrix(raw, name)[:, 0] for name in ("t", "qm", "vir", "qg", "gtau", *pulses)
+    )
+    columns = {"t": t - t[0], "q_1": q, "tau_1": gain * voltage, "voltage_1": voltage, "q_ref_1": reference}
+    return _write_table({**columns, **dict(zip(pulses, more, strict=True))})
+
+
+def emps_pulses(raw: bytes) -> str:
+    """Recording of EMPS with pulses of force."""
+    return emps(raw, ("pulses_N",))
+
+
+def panda(*raw: bytes) -> str:
+    """Recording of the Panda: times, positions, velocities and torques, seven numbers per sample."""
+    time, *parts = (_read_numbers(part) for part in raw)
+    columns = {"t": time[:, 0]}
+    for kind, values in zip(("q", "dq", "tau"), parts, strict=True):
+        columns |= _by_joint(kind, values.reshape(-1, 7))
+    return _write_table(columns)
+
+
+def tx40(positions: bytes, torques: bytes) -> str:
+    """Recording of the TX40 at its joints; without a matrix product, so digits do not depend on the BLAS library."""
+    motor, current = _read_numbers(positions, skip=1), _read_numbers(torques, skip=1)
+    q, tau = motor * (1 / _RATIO), current * _RATIO
+    q[:, 5] -= motor[:, 4] * (1 / _RATIO[4])
+    tau[:, 4] += current[:, 5] * _RATIO[5]
+    columns = {"t": _instants(len(q), 2e-4), **_by_joint("q", q + _OFFSET), **_by_joint("tau", tau)}
+    return _write_table({**columns, **_by_joint("q_motor", motor), **_by_joint("current", current)}, digits=7)
+
+
+def ur10e(raw: bytes) -> str:
+    """Recording of the UR10e from the log of its controller, 31 numbers per sample."""
+    values = _read_numbers(raw)
+    columns = {"t": values[:, 0] - values[0, 0]}
+    for k, kind in enumerate(("q", "dq", "current", "current_des", "tau_des")):
+        columns |= _by_joint(kind, values[:, 1 + 6 * k : 7 + 6 * k])
+    return _write_table(columns)

@@ -1,4 +1,4 @@
-"""Folder of downloaded recordings: SIGNID_DATA, or the folder data."""
+"""Known data sets, and the folder of downloaded recordings: SIGNID_DATA, or the folder data."""
 
 from __future__ import annotations
 
@@ -9,9 +9,22 @@ from pathlib import Path
 from zlib import error as ZlibError
 
 from ...errors import RecordingError
-from .base import DATA, DataSet
+from ...registry import Registry
+from .base import DataSet
 
 VARIABLE = "SIGNID_DATA"
+
+
+class _Gallery(Registry[DataSet]):
+    """Data sets of signid, whose module is imported on access, and of other packages."""
+
+    def __getitem__(self, name: str) -> DataSet:
+        from .sets import SETS
+
+        return SETS[name] if name in SETS else super().__getitem__(name)
+
+
+DATA = _Gallery("data", __package__, "1r 3r emps panda tx40 ur10e")
 
 
 def data_folder() -> Path:
