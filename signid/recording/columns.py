@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
+
+import numpy as np
 
 from ..errors import RecordingError, shorten
 from ..types import Robot, Table
 from .formats.base import About
 from .mapping import ColumnMap, ParsedColumns, Signal, read_map, split
 from .names import suggest
-from .numbering import check_numbering
 from .source import Opened
-from .units import Change, in_units
+from .units import DerivedTable
 
 TORQUES = ("tau", "current", "abs_tau", "abs_current")  # in the order of preference
+WHEEL = re.compile(r"wheel|caster|castor|rotor|propeller", re.IGNORECASE)
+FINGER = re.compile(r"finger|thumb|gripper|jaw|hand", re.IGNORECASE)
+LONG = 150  # maximum length of a map within a message [characters]
+ARM = "arm joint"  # a revolute joint that is no wheel and no finger
 CLOSE = 0.7  # minimum similarity of names (difflib) for a suggestion [1]
 
 
@@ -61,26 +67,25 @@ def assign_columns(opened: Opened, given: ColumnMap | None, robot: Robot) -> Ass
                 raise RecordingError(f"{source} has {names}, which are the same signal of one joint; keep one of them")
             signals[key] = signal if signal.mapped else rival
     notes = _ignored(unassigned, signals, robot, opened)
-    numbered = [j for (kind, j), signal in signals.items() if kind == "q" and _is_number(signal, robot)]
-    flags = check_numbering(source, robot, numbered)
+    numbered = [
+        j
+        for (kind, j), signal in signals.items()
+        if kind == "q" and not signal.mapped and not any(token in robot.joints for _, token in split(signal.logical))
+    ]
+    flags = _uncertain(source, robot, numbered)
     return Assignment(signals, notes, _in_units(opened, columns, signals, robot), flags)
-
-
-def _is_number(signal: Signal, robot: Robot) -> bool:
-    """Whether a column names its joint by number, without a column map."""
-    return not signal.mapped and not any(token in robot.joints for _, token in split(signal.logical))
 
 
 def _in_units(opened: Opened, columns: ParsedColumns, signals: Mapping[tuple[str, int], Signal], robot: Robot) -> Table:
     """Table with all signals in the units of recordings."""
-    changes: dict[str, Change] = {}
+    changes = {}
     for (kind, joint), signal in signals.items():
         change = columns.change(signal, kind, None if kind == "t" else bool(robot.prismatic[joint]), opened.name)
         if change is not None:
-            changes[signal.column] = change
+            changes[signal.column] = change.apply
         elif signal.column in About.of(opened.table).unstated:
             raise RecordingError(unstated(opened.name, signal.column, kind))
-    return in_units(opened.table, changes) if changes else opened.table
+    return DerivedTable(opened.table, changes) if changes else opened.table
 
 
 def unstated(source: str, column: str, kind: str) -> str:
@@ -110,11 +115,7 @@ def _is_held(token: str, robot: Robot) -> bool:
 def _ignored(
     unassigned: Iterable[Signal], signals: Mapping[tuple[str, int], Signal], robot: Robot, opened: Opened
 ) -> tuple[str, ...]:
-    """Note on the ignored signals of unknown joints; without names such as "q_motor_1", a quantity of joint 1.
-
-    Raises:
-        RecordingError: a signal that a joint lacks, or that the column map names, has no joint.
-    """
+    """Note on ignored signals of unknown joints, unless a joint lacks them; names like "q_motor_1" are quantities."""
     ignored = []
     for signal in unassigned:
         kind, token = split(signal.logical)[0]
@@ -136,3 +137,70 @@ def _ignored(
 def _range(numbers: Sequence[int]) -> str:
     whole = tuple(range(numbers[0], numbers[-1] + 1)) == tuple(numbers)
     return f"{numbers[0]} to {numbers[-1]}" if whole else ", ".join(map(str, numbers))
+
+
+def _uncertain(source: str, robot: Robot, joints: Sequence[int]) -> tuple[str, ...]:
+    """Flag joint numbers that may not follow the order of the description, or reject numbers of several kinds of joint.
+
+    Numbers are certain if every moving joint has one, if they match digits in the joint names (3 in panda_joint3), or
+    if no other chain of arm joints has the same length.
+    """
+    joints = sorted(joints, key=lambda j: robot.numbers[j])
+    numbers = [robot.numbers[j] for j in joints]
+    if robot.model is None or len(joints) in (0, 1, len(robot.joints)) or _digits(robot, joints) == numbers:
+        return ()
+    parents = _parents(robot)
+    rivals = [rival for rival in _chains(robot, parents, len(joints)) if set(rival) != set(joints)]
+    kinds = {_kind(robot, parents, j) for j in joints}
+    if not rivals or (kinds == {ARM} and _is_chain(joints, parents)):
+        return ()
+    rival = max(rivals, key=lambda r: _digits(robot, r) == numbers)
+    names = [robot.joints[j] for j in rival]
+    lines = [f'{name} = "{number}"' for name, number in zip(names, numbers, strict=True)]
+    whole = f"joints = {{ {', '.join(lines)} }}"
+    meant = whole if len(whole) <= LONG else f"below [joints] {lines[0]}, {lines[1]} to {lines[-1]}, a line each"
+    sentence = (
+        f"{source}: in the order of the description, columns {numbers[0]} to {numbers[-1]} belong to "
+        f"{shorten([robot.joints[j] for j in joints], 3)}, but {names[0]} to {names[-1]} may be meant; "
+        f"state the joints in a column map (--columns): {meant}"
+    )
+    if len(kinds) > 1:
+        raise RecordingError(sentence)
+    return (sentence,)
+
+
+def _digits(robot: Robot, joints: Sequence[int]) -> list[int]:
+    """Last number in each joint name, 0 if there is none."""
+    found = ([0, *map(int, re.findall(r"\d+", robot.joints[j]))] for j in joints)
+    return [numbers[-1] for numbers in found]
+
+
+def _parents(robot: Robot) -> list[list[int]]:
+    """Ancestors of each joint, nearest last."""
+    ids = [robot.model.getJointId(name) for name in robot.joints]
+    return [[ids.index(k) for k in list(robot.model.supports[i])[:-1] if k in ids] for i in ids]
+
+
+def _kind(robot: Robot, parents: Sequence[Sequence[int]], joint: int) -> str:
+    """Kind of a joint: wheel, finger, slide or arm joint."""
+    name = robot.joints[joint]
+    alone = not parents[joint] and not any(joint in above for above in parents)
+    if WHEEL.search(name) or (alone and not np.isfinite(robot.lower[joint]) and not robot.prismatic[joint]):
+        return "wheel"
+    if FINGER.search(name):
+        return "finger"
+    return "slide" if robot.prismatic[joint] else ARM
+
+
+def _is_chain(joints: Sequence[int], parents: Sequence[Sequence[int]]) -> bool:
+    """Whether the joints form a serial chain."""
+    order = sorted(joints, key=lambda j: len(parents[j]))
+    return all(set(order[:k]) <= set(parents[j]) for k, j in enumerate(order))
+
+
+def _chains(robot: Robot, parents: Sequence[Sequence[int]], count: int) -> Iterator[tuple[int, ...]]:
+    """Serial chains of `count` arm joints that are consecutive in the description."""
+    for start in range(len(robot.joints) - count + 1):
+        run = tuple(range(start, start + count))
+        if _is_chain(run, parents) and all(_kind(robot, parents, j) == ARM for j in run):
+            yield run

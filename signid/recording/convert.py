@@ -16,7 +16,7 @@ from .mapping import ColumnMap, ParsedColumns, Signal, read_map, split
 from .names import OFFER, propose
 from .sampling.clock import read_clock
 from .source import Opened, Source, open_source
-from .units import in_units
+from .units import DerivedTable
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,7 @@ def _values(opened: Opened, mapping: ParsedColumns, signal: Signal, robot: Robot
         if signal.mapped:
             raise
         return None, ""
-    converted = in_units(table, {signal.column: change}) if change else table
+    converted = DerivedTable(table, {signal.column: change.apply}) if change else table
     own = mapping.own.get(signal.logical, "") if signal.mapped else ""
     unit = own if isinstance(own, str) else f"value * {own.scale:g} + {own.offset:g}"
     unit = unit or (mapping.units.get(kind, "") if change else "")

@@ -1,23 +1,25 @@
-"""Read recordings of a robot."""
+"""Read recordings of a robot, and apply recovered signs."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ..errors import RecordingError, shorten
 from ..types import Array, Recording, Robot, Table
 from .columns import TORQUES, Assignment, assign_columns
 from .formats.base import About
-from .frames import columns_of
 from .mapping import ColumnMap
 from .names import suggest
 from .sampling.clock import CHUNK
-from .source import Opened, Source, open_source
-from .table import DerivedTable
+from .source import Opened, Source, columns_of, open_source
+from .units import DerivedTable
 
 
 def read_recording(
@@ -99,23 +101,46 @@ def need_constants(recordings: Sequence[Recording]) -> None:
     for recording in recordings:
         if recording.scaled is not None and not recording.scaled.all():
             names = [joint for joint, known in zip(recording.joints, recording.scaled, strict=True) if not known]
-            raise RecordingError(
-                _no_constant(recording.path or "the recording", names, "let identification estimate it")
-            )
+            source, advice = recording.path or "the recording", "let identification estimate it"
+            raise RecordingError(_no_constant(source, names, advice))
+
+
+def with_signs(recording: Recording, signs: NDArray[np.int8] | NDArray[np.float32]) -> Recording:
+    """Apply signs to the absolute torques of a recording; signed torques are unchanged.
+
+    signs: (rows, n) of each row of the file: -1, 1, or between for expected torques; 0 where unknown, which makes NaN.
+
+    Raises:
+        RecordingError: the signs do not have one value per row and joint.
+    """
+    shape = len(recording), len(recording.joints)
+    if signs.shape != shape:
+        fault = f"{recording.path or 'the recording'} has {shape[0]} rows of {shape[1]} joints"
+        raise RecordingError(f"{fault}, the signs have the shape {signs.shape}; give a sign for each row and joint")
+    columns = recording.columns["tau"]
+    unsigned = np.flatnonzero(~recording.signed).tolist()
+    table = DerivedTable(recording.table, {columns[j]: partial(_apply, signs[:, j]) for j in unsigned})
+    return replace(recording, table=table, signed=np.ones(shape[1], dtype=bool))
+
+
+def _apply(signs: NDArray[Any], values: Array, start: int) -> Array:
+    sign = signs[start : start + len(values)]
+    return np.where(sign == 0, np.nan, np.abs(values) * sign)
+
+
+def _absolute(values: Array, start: int) -> Array:
+    return np.abs(values)
 
 
 def _by_joint(source: Mapping[str, ArrayLike], robot: Robot) -> Mapping[str, ArrayLike]:
     """Split matrices with a column per joint into columns by joint number; other arrays are unchanged."""
     columns: dict[str, ArrayLike] = {}
     for key, value in source.items():
-        wide = np.ndim(value) == 2 and np.shape(value)[1] == len(robot.joints)
-        parts = dict(zip(robot.numbers, np.transpose(value), strict=True)) if wide else {}
-        columns |= {f"{key}_{joint}": part for joint, part in parts.items()} if wide else {key: value}
+        if np.ndim(value) == 2 and np.shape(value)[1] == len(robot.joints):
+            columns |= {f"{key}_{j}": part for j, part in zip(robot.numbers, np.transpose(value), strict=True)}
+        else:
+            columns[key] = value
     return columns
-
-
-def _absolute(values: Array, start: int) -> Array:
-    return np.abs(values)
 
 
 def _joints(found: Assignment, robot: Robot, opened: Opened) -> list[int]:
@@ -135,9 +160,8 @@ def _joints(found: Assignment, robot: Robot, opened: Opened) -> list[int]:
 
 
 def _check_samples(table: Table, source: str, chosen: Mapping[str, tuple[str, ...]], torques: Sequence[str]) -> None:
-    table.read(
-        [column for group in chosen.values() for column in group if column], 0, 0
-    )  # raises if a column is not numeric
+    used = [column for group in chosen.values() for column in group if column]
+    table.read(used, 0, 0)  # raises if a column is not numeric
     if not table.rows:
         raise RecordingError(f"{source} has a header but no samples; record the robot in motion")
     names = [column for column, kind in zip(chosen["tau"], torques, strict=True) if kind.startswith("abs_")]
@@ -171,13 +195,9 @@ def _no_constant(source: str, names: Sequence[str], advice: str) -> str:
 
 
 def _notes(found: Assignment, robot: Robot, joints: Sequence[int]) -> Iterator[str]:
-    absent = [j for j in range(len(robot.joints)) if j not in joints]
-    if absent:
-        one = len(absent) == 1
-        names = ", ".join(robot.joints[j] for j in absent)
-        fact = f"joint{'' if one else 's'} {names} {'has' if one else 'have'} no position column and "
-        yield fact + f"{'is' if one else 'are'} held fixed"
+    if absent := [name for j, name in enumerate(robot.joints) if j not in joints]:
+        subject, verbs = ("joint", ("has", "is")) if len(absent) == 1 else ("joints", ("have", "are"))
+        yield f"{subject} {', '.join(absent)} {verbs[0]} no position column and {verbs[1]} held fixed"
     for kind, other in ((a, b) for i, a in enumerate(TORQUES) for b in TORQUES[i + 1 :]):
-        both = [robot.joints[j] for j in joints if found.torque(j) == kind and found.column(other, j)]
-        if both:
+        if both := [robot.joints[j] for j in joints if found.torque(j) == kind and found.column(other, j)]:
             yield f"{kind} is used instead of {other}, because both are recorded: {', '.join(both)}"

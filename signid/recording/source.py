@@ -1,20 +1,27 @@
-"""Open sources of samples: files or folders of a known format, arrays, or frames."""
+"""Open sources of samples: files or folders of a known format, arrays, or frames of pandas, polars or arrow."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from hashlib import file_digest, sha256
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple, Protocol, cast
 
 import numpy as np
+import polars as pl
 from numpy.typing import ArrayLike
 
 from ..errors import OptionError, RecordingError
 from ..types import Table
 from .formats import find_format
 from .formats.base import memory_table
-from .frames import Frame, columns_of
+
+
+class Frame(Protocol):
+    """A container of named columns: pandas or polars frame, arrow table, structured array."""
+
+    def __getitem__(self, name: Any, /) -> Any: ...
+
 
 Source = str | Path | Mapping[str, ArrayLike] | Frame
 
@@ -29,11 +36,9 @@ class Opened(NamedTuple):
 
 
 def open_source(source: Source, topics: Sequence[str] = ()) -> Opened:
-    """Open a file or folder, arrays by name, or a frame of pandas, polars or arrow.
+    """Open a file or folder, arrays (N,) or (N, n) by column name, or a frame [s, rad or m, N.m or N, A].
 
-    Args:
-        source: a file or folder, arrays (N,) or (N, n) by column name, or a frame [s, rad or m, N.m or N, A].
-        topics: topics of a log, joined in time; by default the only suitable one.
+    `topics` of a log are joined in time; by default, the only suitable one is read.
 
     Raises:
         OptionError: topics of a source without topics.
@@ -61,13 +66,57 @@ def digest_of(path: Path) -> str:
     """
     files = find_format(path).files(path) if path.is_dir() else [path]
     try:
-        digests = {file.as_posix(): _digest(file) for file in files}
+        digests = [_digest(file) for file in files]
     except OSError as error:
         raise RecordingError(f"recording {path} cannot be read: {error.strerror}") from error
     if not path.is_dir():
-        return next(iter(digests.values()))
-    lines = (f"{digest}  {Path(name).relative_to(path).as_posix()}\n" for name, digest in digests.items())
+        return digests[0]
+    lines = (f"{digest}  {file.relative_to(path).as_posix()}\n" for file, digest in zip(files, digests, strict=True))
     return sha256("".join(lines).encode()).hexdigest()
+
+
+def columns_of(source: Mapping[str, ArrayLike] | Frame) -> Mapping[str, ArrayLike]:
+    """Columns by name; an index of dates or durations, or named t, becomes column t if there is none.
+
+    Raises:
+        RecordingError: the source is no frame, or two columns have the same name.
+    """
+    if isinstance(source, Mapping):
+        return source
+    if isinstance(source, np.ndarray) and source.dtype.names:
+        return {name: source[name] for name in source.dtype.names}
+    if hasattr(source, "iloc"):
+        return _of_pandas(source)
+    if isinstance(source, pl.LazyFrame):
+        source = source.collect()
+    elif hasattr(source, "__arrow_c_stream__") and not isinstance(source, pl.DataFrame):
+        source = pl.DataFrame(cast(Any, source))
+    if isinstance(source, pl.DataFrame):
+        return {column.name: column.to_numpy() for column in source}
+    expected = "expected a file, arrays by column name, or a frame of pandas, polars or arrow"
+    raise RecordingError(f"a recording cannot be read from {type(source).__name__}; {expected}")
+
+
+def _of_pandas(frame: Any) -> dict[str, ArrayLike]:
+    names = [str(name) for name in frame.columns]
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise RecordingError(f"the frame has two columns {twice!r}; give every column its own name")
+    columns = {name: _numbers(frame.iloc[:, k]) for k, name in enumerate(names)}
+    index = frame.index
+    if "t" not in columns and (index.name == "t" or getattr(index.dtype, "kind", "") in "mM"):
+        columns["t"] = _numbers(index)
+    return columns
+
+
+def _numbers(series: Any) -> ArrayLike:
+    """Numbers, dates or durations as a numpy array; missing values are NaN."""
+    kind = getattr(series.dtype, "kind", "O")
+    if kind in ("M", "m"):
+        return np.asarray(series.to_numpy(dtype=f"{'datetime64' if kind == 'M' else 'timedelta64'}[ns]"))
+    if kind in ("b", "i", "u", "f"):
+        return np.asarray(series.to_numpy(dtype=np.float64, na_value=np.nan))
+    return np.asarray(series.to_numpy(dtype=object))
 
 
 def _bytes(column: np.ndarray) -> bytes:

@@ -1,18 +1,16 @@
-"""Units of logs, with exact factors to the units of recordings."""
+"""Units of logs, with exact factors to the units of recordings, and tables with converted columns."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from math import pi
 from typing import NamedTuple
 
 from ..errors import RecordingError, shorten
 from ..types import Array, Table
-from .table import DerivedTable
 
-Factor = tuple[float, float]  # numerator and denominator of the factor
-
-TIME: Mapping[str, Factor] = {
+Units = Mapping[str, tuple[float, float]]  # numerator and denominator of the factor by unit
+TIME: Units = {
     "s": (1, 1),
     "ms": (1, 1e3),
     "us": (1, 1e6),
@@ -20,9 +18,10 @@ TIME: Mapping[str, Factor] = {
     "min": (60, 1),
     "h": (3600, 1),
 }
-ANGLE: Mapping[str, Factor] = {"rad": (1, 1), "mrad": (1, 1e3), "deg": (pi, 180), "rev": (2 * pi, 1)}
-LENGTH: Mapping[str, Factor] = {"m": (1, 1), "cm": (1, 100), "mm": (1, 1e3), "um": (1, 1e6)}
-TORQUE: Mapping[str, Factor] = {
+ANGLE: Units = {"rad": (1, 1), "mrad": (1, 1e3), "deg": (pi, 180), "rev": (2 * pi, 1)}
+LENGTH: Units = {"m": (1, 1), "cm": (1, 100), "mm": (1, 1e3), "um": (1, 1e6)}
+FORCE: Units = {"N": (1, 1), "mN": (1, 1e3), "kN": (1e3, 1), "kgf": (9.80665, 1)}
+TORQUE: Units = {
     "N.m": (1, 1),
     "mN.m": (1, 1e3),
     "N.cm": (1, 100),
@@ -31,15 +30,14 @@ TORQUE: Mapping[str, Factor] = {
     "kgf.m": (9.80665, 1),
     "kgf.cm": (9.80665, 100),
 }
-FORCE: Mapping[str, Factor] = {"N": (1, 1), "mN": (1, 1e3), "kN": (1e3, 1), "kgf": (9.80665, 1)}
-CURRENT: Mapping[str, Factor] = {"A": (1, 1), "mA": (1, 1e3)}
+CURRENT: Units = {"A": (1, 1), "mA": (1, 1e3)}
 
 
-def _rates(units: Mapping[str, Factor], power: str) -> dict[str, Factor]:
+def _rates(units: Units, power: str) -> Units:
     return {f"{unit}/s{power}": factor for unit, factor in units.items()}
 
 
-OF: Mapping[str, tuple[Mapping[str, Factor], Mapping[str, Factor]]] = {  # at revolute and at prismatic joints
+OF: Mapping[str, tuple[Units, Units]] = {  # at revolute and at prismatic joints
     "t": (TIME, TIME),
     "q": (ANGLE, LENGTH),
     "q_des": (ANGLE, LENGTH),
@@ -60,18 +58,14 @@ class Change(NamedTuple):
     offset: float = 0.0
 
     def apply(self, values: Array, start: int = 0) -> Array:
-        """Convert values (N,) [unit of the source] that begin at row `start`."""
+        """Convert values (N,) [unit of the source]; `start` is not used."""
         return values * self.scale / self.over + self.offset
 
 
 def change_of(unit: str, kind: str, prismatic: bool | None, subject: str) -> Change:
-    """Conversion from a unit to that of recordings.
+    """Conversion from a unit ("N.m" and "Nm" are equivalent) of a kind of column (q, tau, ...) to that of recordings.
 
-    Args:
-        unit: name of the unit, "deg"; "N.m" and "Nm" are equivalent.
-        kind: kind of the column: t, q, tau, ...
-        prismatic: whether the joint is prismatic; None if unknown.
-        subject: subject of the error message.
+    `prismatic` is None if the type of the joint is unknown; `subject` begins the error message.
 
     Raises:
         RecordingError: unknown unit, or a unit that does not fit the kind of column or joint.
@@ -81,13 +75,26 @@ def change_of(unit: str, kind: str, prismatic: bool | None, subject: str) -> Cha
     spelt = {name.replace(".", ""): name for name in known}
     name = unit if unit in known else spelt.get(unit.replace("*", "").replace(" ", ""), "")
     if not name:
-        at = (
-            "" if prismatic is None or turning is sliding else f" at a {'prismatic' if prismatic else 'revolute'} joint"
-        )
+        joint = "prismatic" if prismatic else "revolute"
+        at = "" if prismatic is None or turning is sliding else f" at a {joint} joint"
         raise RecordingError(f"{subject} has the unit {unit!r}; expected{at} {shorten(list(known), 12)}")
     return Change(*known[name])
 
 
-def in_units(table: Table, changes: Mapping[str, Change]) -> Table:
-    """Table with converted columns."""
-    return DerivedTable(table, {name: change.apply for name, change in changes.items()})
+class DerivedTable:
+    """A table that applies functions to some columns of another one as they are read.
+
+    Functions map the values (N,) of a column and the number of their first row to new values (N,).
+    """
+
+    def __init__(self, table: Table, functions: Mapping[str, Callable[[Array, int], Array]]) -> None:
+        self._table, self._functions = table, functions
+        self.columns, self.rows = table.columns, table.rows
+
+    def read(self, names: Sequence[str], start: int, stop: int) -> Array:
+        """Rows start..stop of the named columns, (stop - start, len(names))."""
+        values = self._table.read(names, start, stop).copy()
+        for k, name in enumerate(names):
+            if name in self._functions:
+                values[:, k] = self._functions[name](values[:, k], start)
+        return values

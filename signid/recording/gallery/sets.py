@@ -44,12 +44,8 @@ def _arm(numbers: str, sha256: str) -> Product:
 
 
 def _trajectory(number: int, sha256: str) -> Product:
-    return Product(
-        f"3dof_validation_trajectory{number}.csv.gz",
-        _splines("3-dof", number, *convert.SPLINES),
-        convert.motion,
-        sha256,
-    )
+    paths = _splines("3-dof", number, *convert.SPLINES)
+    return Product(f"3dof_validation_trajectory{number}.csv.gz", paths, convert.motion, sha256)
 
 
 def _ur10e(path: str, sha256: str) -> Product:
