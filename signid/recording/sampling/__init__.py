@@ -3,8 +3,7 @@
 Nonuniform time steps are resampled; gaps and missing values split a recording into stretches.
 """
 
-from .grid import samples
-from .stretch import Sampling, excerpt, select_stretches, split
+from .grid import Sampling, excerpt, samples, select_stretches, split
 from .survey import survey
 
 __all__ = ["Sampling", "excerpt", "samples", "split", "select_stretches", "survey"]

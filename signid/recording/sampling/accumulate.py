@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ...types import Array
 from .clock import Clock
-from .stretch import BRIEFEST, SHORTEST, STRIDE
+from .grid import BRIEFEST, SHORTEST, STRIDE, Stretch
 
 SMOOTH = 0.02  # [s] averaging time of velocities
 WINDOWS = (16, 256)  # [samples] lengths over which a uniform clock must not drift
@@ -61,14 +61,10 @@ class OpenStretch:
     stop: int = 0
     kept: int = 0
 
-
-@dataclass
-class Gaps:
-    """Gaps in time."""
-
-    count: int = 0
-    longest: float = 0.0  # [s]
-    at: float = 0.0  # [s] start of the longest
+    def closed(self, period: float, uniform: bool) -> Stretch:
+        """The whole stretch on a grid of a period [s]."""
+        size = self.kept if uniform else int((self.t - self.stamps[0]) / period * (1 + 1e-9)) + 1
+        return Stretch(self.start, self.stop, np.array(self.stamps), self.kept, size, 0, size)
 
 
 class Accumulator:
@@ -79,7 +75,8 @@ class Accumulator:
         n = len(round_)
         self.clock, self.round, self.total = clock, round_, Range.empty(n)
         self.stretches: list[OpenStretch] = []
-        self.gaps, self.short, self.uniform = Gaps(), 0, True
+        self.gaps, self.longest_gap = 0, (0.0, 0.0)  # number; length and start [s]
+        self.short, self.uniform = 0, True
         self.turn_rows: list[int] = []
         self.turns: list[Array] = []
         self._open: OpenStretch | None = None
@@ -88,15 +85,10 @@ class Accumulator:
     def take(
         self, start: int, t: Array, q: Array, tau: Array, missing: NDArray[np.bool_], dropped: NDArray[np.bool_]
     ) -> None:
-        """Add a chunk of N rows.
+        """Add a chunk of N rows, the first of which has the number `start`.
 
-        Args:
-            start: number of the first row.
-            t: (N,) nondecreasing times [s].
-            q: (N, n) [rad or m].
-            tau: (N, n) [N.m or N].
-            missing: (N,) rows that lack a value.
-            dropped: (N,) rows that repeat a time.
+        t: (N,) nondecreasing times [s]; q: (N, n) [rad or m]; tau: (N, n) [N.m or N];
+        missing: (N,) rows that lack a value; dropped: (N,) rows that repeat a time.
         """
         index = np.flatnonzero(~missing & ~dropped)
         if not len(index):
@@ -105,7 +97,10 @@ class Accumulator:
         gone = np.diff(np.cumsum(missing)[index], prepend=-1 if self._missing else 0) > 0
         step = np.diff(t[index], prepend=self._last)
         late = ~gone & (step > self.clock.gap)
-        self._count_gaps(late, step, t[index])
+        self.gaps += int(late.sum())
+        worst = int(np.argmax(np.where(late, step, 0.0)))
+        if late[worst] and step[worst] > self.longest_gap[0]:
+            self.longest_gap = float(step[worst]), float(t[index[worst]] - step[worst])
         breaks = gone | late
         breaks[0] |= self._open is None
         self._last, self._missing = float(t[index[-1]]), bool(missing[index[-1] :].any())
@@ -117,9 +112,8 @@ class Accumulator:
             rows = index[bounds[k] : bounds[k + 1]]
             if breaks[bounds[k]]:
                 self.close()
-                self._open = OpenStretch(
-                    start + int(rows[0]), Range.empty(len(self.round)), 0 * self._turned, q[rows[0]]
-                )
+                none = Range.empty(len(self.round))
+                self._open = OpenStretch(start + int(rows[0]), none, 0 * self._turned, q[rows[0]])
             assert self._open is not None, "the first row starts a stretch"
             self._extend(self._open, start + rows, t[rows], q[rows], tau[rows])
 
@@ -134,13 +128,6 @@ class Accumulator:
             self.stretches.append(self._open)
         self._turned = self._turned + self._open.turns
         self._open = None
-
-    def _count_gaps(self, late: NDArray[np.bool_], step: Array, t: Array) -> None:
-        self.gaps.count += int(late.sum())
-        if late.any():
-            k = int(np.argmax(np.where(late, step, 0.0)))
-            if step[k] > self.gaps.longest:
-                self.gaps.longest, self.gaps.at = float(step[k]), float(t[k] - step[k])
 
     def _extend(self, stretch: OpenStretch, rows: Rows, t: Array, q: Array, tau: Array) -> None:
         steps = np.diff(t, prepend=stretch.t) if stretch.kept else np.diff(t)
@@ -166,10 +153,7 @@ class Accumulator:
         return np.asarray(q + 2 * np.pi * turns)
 
     def _measure(self, t: Array, q: Array, tau: Array, steps: Array) -> Range:
-        x, y = (
-            np.ascontiguousarray(q.T),
-            np.ascontiguousarray(tau.T),
-        )  # reductions over contiguous rows are several times faster
+        x, y = map(np.ascontiguousarray, (q.T, tau.T))  # reductions over contiguous rows are several times faster
         lag = min(max(1, round(SMOOTH / self.clock.period)), len(t) - 1)
         velocity = (x[:, lag:] - x[:, :-lag]) / (t[lag:] - t[:-lag]) if lag else x[:, :0]
         ends = (float(steps.min()), float(steps.max())) if len(steps) else (np.inf, 0.0)

@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...errors import RecordingError
 from ...types import Array, Recording, Robot
 from .accumulate import Accumulator
 from .clock import likely_unit
@@ -26,7 +25,6 @@ BRIDGE = "signid convert --drop-missing bridges short gaps"
 class Facts(NamedTuple):
     """Results of the pass over a recording."""
 
-    name: str
     recording: Recording
     robot: Robot
     accumulated: Accumulator
@@ -45,29 +43,19 @@ class Facts(NamedTuple):
         return np.asarray(self.accumulated.total.upper - self.accumulated.total.lower > STILL)
 
     @property
-    def revolute(self) -> tuple[bool, ...]:
-        """Whether each joint is revolute, (n,)."""
-        return tuple(not self.robot.prismatic[self.robot.index(joint)] for joint in self.recording.joints)
+    def place(self) -> list[int]:
+        """Index of each joint in the robot."""
+        return [self.robot.index(joint) for joint in self.recording.joints]
 
     @property
     def limits(self) -> tuple[Array, Array]:
         """Lower and upper limits, (n,) each [rad or m]; infinite where the description has no valid limits."""
-        place = [self.robot.index(joint) for joint in self.recording.joints]
-        lower, upper = self.robot.lower[place], self.robot.upper[place]
+        lower, upper = self.robot.lower[self.place], self.robot.upper[self.place]
         return np.where(lower < upper, lower, -np.inf), np.where(lower < upper, upper, np.inf)
 
 
-def refuse(facts: Facts) -> None:
-    """Reject an unusable recording.
-
-    Raises:
-        RecordingError: first fault found.
-    """
-    for fault in _faults(facts):
-        raise RecordingError(f"{facts.name}: {fault}")
-
-
-def _faults(facts: Facts) -> Iterator[str]:
+def faults(facts: Facts) -> Iterator[str]:
+    """Reasons why a recording is unusable."""
     rows, clock = len(facts.recording), facts.accumulated.clock
     for column, count in facts.missing.items():
         if count == rows:
@@ -94,15 +82,14 @@ def _faults(facts: Facts) -> Iterator[str]:
 
 def _degrees(facts: Facts) -> Iterator[str]:
     total, (lower, upper) = facts.accumulated.total, facts.limits
-    names = facts.recording.columns["q"]
-    for j in np.flatnonzero(facts.revolute):
+    names, fastest = facts.recording.columns["q"], facts.robot.velocity_limit[facts.place]
+    for j in np.flatnonzero(~facts.robot.prismatic[facts.place]):
         low, high = total.lower[j], total.upper[j]
         reach, advice = f"column {names[j]!r} goes from {low:.4g} to {high:.4g}", "convert it to radians"
         if np.isfinite(lower[j]) and np.isfinite(upper[j]):
             fits = low * DEGREE > lower[j] - 0.1 and high * DEGREE < upper[j] + 0.1
             beyond = max(high - upper[j], lower[j] - low)
-            too_fast = facts.speed[j] > facts.robot.velocity_limit[facts.robot.index(facts.recording.joints[j])]
-            if fits and beyond > FAR and (too_fast or beyond > RANGES * (upper[j] - lower[j])):
+            if fits and beyond > FAR and (facts.speed[j] > fastest[j] or beyond > RANGES * (upper[j] - lower[j])):
                 yield f"{reach}, limits are {lower[j]:.4g} to {upper[j]:.4g} rad: it is in degrees; {advice}"
         elif high - low > SPIN and facts.speed[j] > RACE:
             yield f"{reach} at {facts.speed[j]:.4g} each second: it seems to be in degrees; {advice}"
@@ -132,9 +119,10 @@ def _implausible(facts: Facts) -> Iterator[str]:
 def notes(facts: Facts) -> Iterator[str]:
     """Notes on a usable recording, one sentence each."""
     accumulated, rows = facts.accumulated, len(facts.recording)
-    if accumulated.gaps.count:
-        longest = f"the longest {accumulated.gaps.longest:.3g} s at t = {accumulated.gaps.at:.6g} s"
-        yield f"{_count(accumulated.gaps.count, 'gap')} in time split the recording, {longest}"
+    if accumulated.gaps:
+        length, at = accumulated.longest_gap
+        longest = f"the longest {length:.3g} s at t = {at:.6g} s"
+        yield f"{_count(accumulated.gaps, 'gap')} in time split the recording, {longest}"
     if any(facts.missing.values()):
         where = ", ".join(f"{count} in {name}" for name, count in facts.missing.items() if count)
         omitted = f"{_count(facts.incomplete, 'sample')} of {rows} omitted"
@@ -155,7 +143,7 @@ def _joint_notes(facts: Facts) -> Iterator[str]:
     total = facts.accumulated.total
     wraps = {int(j) for turns in facts.accumulated.turns for j in np.flatnonzero(turns)}
     for j, joint in enumerate(recording.joints):
-        column, unit = recording.columns["q"][j], "rad" if facts.revolute[j] else "m"
+        column, unit = recording.columns["q"][j], "m" if facts.robot.prismatic[facts.place[j]] else "rad"
         beyond = max(total.upper[j] - upper[j], lower[j] - total.lower[j])
         if not facts.moves[j]:
             yield f"column {column} is constant: {joint} did not move"

@@ -1,16 +1,125 @@
-"""Samples on the uniform grid of a span, bitwise independent of the requested range."""
+"""Stretches of usable rows, and samples on their uniform time grids."""
 
 from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...types import Array, Recording, Samples
-from .stretch import STRIDE, Sampling, Span, Stretch
+from ...errors import RecordingError
+from ...types import Array, Frozen, Recording, Samples
+
+STRIDE = 4096  # [kept rows] between two stored time stamps
+SHORTEST = 8  # minimum length of a stretch [samples]
+BRIEFEST = 0.5  # minimum duration of a stretch [s]
+COUNT = 6  # number of stretches of a subsample
+Span = tuple[int, int]
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch(Frozen):
+    """Consecutive rows start..stop of a file without the dropped ones, and the used part of their grid."""
+
+    start: int
+    stop: int
+    stamps: Array  # (k,) [s] times of the first and every 4096th kept row
+    kept: int  # number of rows without the dropped ones
+    size: int  # number of grid samples over all rows
+    first: int  # first grid sample of the span
+    count: int  # number of samples of the span
+
+    def part(self, low: int, high: int) -> Stretch:
+        """Samples low..high of this stretch."""
+        return replace(self, first=self.first + low, count=high - low)
+
+
+@dataclass(frozen=True, eq=False)
+class Sampling(Frozen):
+    """Sampling and usable rows of a recording of n joints; rows count from 0 here and from 1 in messages."""
+
+    period: float  # [s] of the uniform grid: mean for uniform sampling, else median
+    uniform: bool  # whether the rows form the grid
+    jitter: tuple[float, float]  # [s] shortest and longest time step between kept samples of a span
+    duplicates: int  # number of rows with the time of the previous row
+    spans: tuple[Span, ...]  # usable rows start..stop
+    lower: Array  # (n,) [rad or m] smallest position
+    upper: Array  # (n,) [rad or m] largest position
+    speed: Array  # (n,) [rad/s or m/s] rms velocity
+    torque_rms: Array  # (n,) [N.m or N], NaN for joints without torque
+    rows: int  # number of usable rows
+    duration: float  # total duration of all spans [s]
+    notes: tuple[str, ...]
+    stretches: tuple[Stretch, ...]  # one per span
+    dropped: NDArray[np.intp]  # (duplicates,) dropped rows
+    turn_rows: NDArray[np.intp]  # (k,) rows at which an encoder wraps
+    turns: Array  # (k, n) full turns to be added from these rows on [1]
+    incomplete: frozenset[str]  # columns with missing values
+
+    def stretch(self, span: Span) -> Stretch:
+        """Stretch of a span.
+
+        Raises:
+            KeyError: unknown span.
+        """
+        i = bisect_left(self.spans, tuple(span))
+        if i == len(self.spans) or self.spans[i] != tuple(span):
+            raise KeyError(span)
+        return self.stretches[i]
+
+    def length(self, span: Span) -> int:
+        """Number of samples of the uniform grid over a span."""
+        return self.stretch(span).count
+
+
+def split(sampling: Sampling, share: float) -> tuple[Sampling, Sampling]:
+    """Split a recording in time into a share of its samples and the rest, on the same grid.
+
+    Raises:
+        RecordingError: one of the two parts is too short.
+    """
+    least = max(SHORTEST, round(BRIEFEST / sampling.period))
+    cut = round(share * sum(stretch.count for stretch in sampling.stretches))
+    first, last = [], []
+    for stretch in sampling.stretches:
+        k = min(max(cut, 0), stretch.count)
+        k = 0 if k < least else stretch.count if stretch.count - k < least else k
+        if k:
+            first.append(stretch.part(0, k))
+        if k < stretch.count:
+            last.append(stretch.part(k, stretch.count))
+        cut -= stretch.count
+    if not first or not last:
+        fault = f"the recording is too short ({sampling.duration:.3g} s) to hold out {1 - share:.0%} of it"
+        raise RecordingError(f"{fault}; record for longer, or give another recording to hold out")
+    return _restrict(sampling, first), _restrict(sampling, last)
+
+
+def excerpt(sampling: Sampling, span: Span, low: int, high: int) -> Sampling:
+    """Samples low..high of one span, on the same grid."""
+    return _restrict(sampling, [sampling.stretch(span).part(low, high)])
+
+
+def select_stretches(sampling: Sampling, seconds: float) -> Sampling:
+    """Select equally spaced stretches with a total duration [s]; a shorter recording is returned unchanged."""
+    total = sum(stretch.count for stretch in sampling.stretches)
+    size = max(SHORTEST, round(seconds / sampling.period / COUNT))
+    if total <= COUNT * size:
+        return sampling
+    starts = np.linspace(0, total - size, COUNT).round().astype(int).tolist()
+    ends = np.cumsum([stretch.count for stretch in sampling.stretches])
+    parts = []
+    for start in starts:
+        for stretch, end in zip(sampling.stretches, ends.tolist(), strict=True):
+            low, high = max(0, start + stretch.count - end), min(stretch.count, start + size + stretch.count - end)
+            parts += [stretch.part(low, high)] if high - low >= SHORTEST else []
+    return _restrict(sampling, parts)
 
 
 def samples(recording: Recording, sampling: Sampling, span: Span, start: int, stop: int) -> Samples:
-    """Read samples start..stop of the uniform grid of a span; only the required rows of the file are read.
+    """Read samples start..stop of the uniform grid of a span, bitwise independent of the range; reads only these rows.
 
     For uniform sampling, the samples are the rows without duplicates, at the ideal times of the grid. Otherwise signals
     are interpolated by cubic Hermite splines with the slopes of parabolas through three neighbours (Catmull-Rom on
@@ -43,26 +152,19 @@ def _rows(recording: Recording, sampling: Sampling, stretch: Stretch, low: int, 
     if len(inside):
         found = Samples._make(x if x is None else np.delete(x, inside, axis=0) for x in found)
     if len(sampling.turn_rows):
-        rows = np.delete(np.arange(begin, end), inside)
-        turns = _turns(sampling, rows) - _turns(sampling, np.array([stretch.start]))
-        found = _unwrap(found, turns, np.asarray(sampling.turns.any(axis=0)))
+        found = _unwrap(found, sampling, np.delete(np.arange(begin, end), inside), stretch.start)
     return found
 
 
-def _turns(sampling: Sampling, rows: NDArray[np.intp]) -> Array:
-    """Full turns (len(rows), n) to be added at some rows."""
-    n = sampling.turns.shape[1]
-    count = np.searchsorted(sampling.turn_rows, rows, side="right")
-    return np.concatenate([np.zeros((1, n)), sampling.turns])[count]
-
-
-def _unwrap(found: Samples, turns: Array, wraps: NDArray[np.bool_]) -> Samples:
-    """Add full turns to positions; shift desired positions of wrapping joints by full turns to the nearest value."""
-    q = found.q + 2 * np.pi * turns
+def _unwrap(found: Samples, sampling: Sampling, rows: NDArray[np.intp], start: int) -> Samples:
+    """Add full turns to positions at `rows`; desired positions of wrapping joints become the nearest equal angle."""
+    turns = np.concatenate([np.zeros((1, sampling.turns.shape[1])), sampling.turns])
+    before, at = (np.searchsorted(sampling.turn_rows, x, side="right") for x in (start, rows))
+    q = found.q + 2 * np.pi * (turns[at] - turns[before])
     if found.q_des is None:
         return found._replace(q=q)
     nearest = found.q_des + 2 * np.pi * np.round((q - found.q_des) / (2 * np.pi))
-    return found._replace(q=q, q_des=np.where(wraps, nearest, found.q_des))
+    return found._replace(q=q, q_des=np.where(sampling.turns.any(axis=0), nearest, found.q_des))
 
 
 def _interpolate(rows: Samples, t: Array, unsigned: NDArray[np.bool_]) -> Samples:
@@ -88,7 +190,23 @@ def _hermite(stamps: Array, y: Array, t: Array, linear: NDArray[np.bool_]) -> Ar
     u = after / h[i]
     d, s, e = chord[i], slope[i], slope[i + 1]
     smooth = y[i] + after * (s + u * ((3 * d - 2 * s - e) + u * (s + e - 2 * d)))
-    if not linear.any():
-        return smooth
-    straight = np.maximum(y[i] + after * d, 0.0)
-    return np.where(linear, straight, smooth)
+    return np.where(linear, np.maximum(y[i] + after * d, 0.0), smooth) if linear.any() else smooth
+
+
+def _restrict(sampling: Sampling, stretches: Sequence[Stretch]) -> Sampling:
+    """Restrict a sampling to parts of its stretches, in their order."""
+    spans = tuple(_span(stretch) for stretch in stretches)
+    return replace(
+        sampling,
+        spans=spans,
+        stretches=tuple(stretches),
+        rows=sum(stop - start for start, stop in spans),
+        duration=sum((stretch.count - 1) * sampling.period for stretch in stretches),
+    )
+
+
+def _span(stretch: Stretch) -> Span:
+    """Rows of the used part of a stretch; approximate for nonuniform sampling."""
+    rows = stretch.stop - stretch.start
+    low, high = (round(rows * k / stretch.size) for k in (stretch.first, stretch.first + stretch.count))
+    return stretch.start + low, stretch.start + high

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from ...errors import RecordingError
 from ...types import Array, Recording, Robot, Samples
-from .accumulate import Accumulator, OpenStretch
-from .checks import Facts, notes, refuse
+from .accumulate import Accumulator
+from .checks import Facts, faults, notes
 from .clock import CHUNK, Clock, read_clock
-from .stretch import Sampling, Stretch
+from .grid import Sampling
 
 SIGNALS = ("t", "q", "tau", "dq", "ddq", "q_des")
 NEEDED = ("t", "q", "tau")
@@ -94,8 +94,9 @@ def survey(recording: Recording, robot: Robot) -> Sampling:
         accumulated.take(start, chunk.t, chunk.q, chunk.tau, missing, repeated)
     accumulated.close()
     dropped = np.concatenate(columns.dropped)
-    facts = Facts(name, recording, robot, accumulated, columns.missing, columns.incomplete, len(dropped))
-    refuse(facts)
+    facts = Facts(recording, robot, accumulated, columns.missing, columns.incomplete, len(dropped))
+    for fault in faults(facts):
+        raise RecordingError(f"{name}: {fault}")
     return _sampling(facts, clock, dropped)
 
 
@@ -117,14 +118,9 @@ def _sampling(facts: Facts, clock: Clock, dropped: NDArray[np.intp]) -> Sampling
         rows=kept,
         duration=duration,
         notes=tuple(notes(facts)),
-        stretches=tuple(_stretch(stretch, period, accumulated.uniform) for stretch in accumulated.stretches),
+        stretches=tuple(stretch.closed(period, accumulated.uniform) for stretch in accumulated.stretches),
         dropped=dropped,
         turn_rows=np.array(accumulated.turn_rows, np.intp),
         turns=np.array(accumulated.turns).reshape(-1, len(total.lower)),
         incomplete=frozenset(name for name, count in facts.missing.items() if count),
     )
-
-
-def _stretch(found: OpenStretch, period: float, uniform: bool) -> Stretch:
-    size = found.kept if uniform else int((found.t - found.stamps[0]) / period * (1 + 1e-9)) + 1
-    return Stretch(found.start, found.stop, np.array(found.stamps), found.kept, size, 0, size)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...recording.sampling.stretch import Stretch
+from ...recording.sampling.grid import Stretch
 from ...regression.rows import Task
 from ...regression.session import Part
 from ...types import Array

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...recording.sampling import Sampling
-from ...recording.sampling.stretch import Stretch
+from ...recording.sampling.grid import Stretch
 from ...types import Array, Indices, Mask, Recording
 
 CHUNK = 65_536  # [rows] read at a time; bounds memory

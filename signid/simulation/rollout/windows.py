@@ -11,7 +11,7 @@ from ...effects.base import ActuatorLaw, RecordingLaw, TransmissionLaw, of_kind
 from ...errors import RecordingError
 from ...model import Model
 from ...recording.sampling import Sampling, samples
-from ...recording.sampling.stretch import Span
+from ...recording.sampling.grid import Span
 from ...regression.bandwidth import Band
 from ...regression.motion import Motion, build_motion, margin
 from ...regression.session import Part
