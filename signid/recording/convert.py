@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,8 +20,7 @@ from .source import Opened, Source, open_source
 from .units import DerivedTable
 
 
-@dataclass(frozen=True)
-class Pace:
+class Pace(NamedTuple):
     """Timing of a recording."""
 
     duration: float  # [s]
@@ -62,19 +62,9 @@ def convert(
 ) -> Conversion:
     """Convert all numeric columns to the names and units of recordings; other columns keep their names.
 
-    Reading the converted columns gives the same recording as reading the source.
-
-    Args:
-        source: file, bag, dataset, frame, or arrays by name [s, rad or m, N.m or N, A], as for `read_recording`.
-        columns: column map, as for `read_recording`.
-        units: units of the source by kind of column: {"q": "deg", "t": "ns"}.
-        topics: topics of a ROS bag, joined in time; by default the only suitable one.
-        robot: robot whose joint names are checked.
-        drop_missing: omit rows without time, position or torque, which bridges short gaps.
-
-    Raises:
-        OptionError: topics of a source without topics.
-        RecordingError: invalid source or column map, or unknown unit.
+    Reading the converted columns gives the same recording as reading the source. Source, column map and topics are as
+    for `read_recording`; `units` are those of the source by kind of column, {"q": "deg", "t": "ns"}. A robot's joint
+    names are checked. `drop_missing` omits rows without time, position or torque, which bridges short gaps.
     """
     opened = open_source(source, topics)
     mapping = read_map(columns, units)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import permutations
 from math import isfinite
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -35,11 +36,7 @@ class ParsedColumns(NamedTuple):
     pattern: tuple[str, str] | None  # prefix and suffix of joint names in the source
 
     def change(self, signal: Signal, kind: str, prismatic: bool | None, source: str) -> Change | None:
-        """Conversion of a column to the unit of recordings; None if no unit is stated.
-
-        Raises:
-            RecordingError: the unit does not fit the column.
-        """
+        """Conversion of a column to the unit of recordings; None if no unit is stated."""
         own = self.own.get(signal.logical) if signal.mapped else None
         if isinstance(own, Change):
             return own
@@ -75,12 +72,7 @@ def split(logical: str) -> list[tuple[str, str]]:
 
 
 def read_map(given: ColumnMap | None, units: Mapping[str, str] | None = None) -> ParsedColumns:
-    """Parse a column map.
-
-    Args:
-        given: mapping or TOML file: column by signal name, "elbow_pos" or {"column": "elbow_pos", "unit": "deg"};
-            `joints` and `units`.
-        units: units by kind of column, which override those of the map.
+    """Parse a column map: a mapping or a TOML file; `units` by kind of column override those of the map.
 
     Raises:
         RecordingError: unreadable or invalid column map.
@@ -95,8 +87,8 @@ def read_map(given: ColumnMap | None, units: Mapping[str, str] | None = None) ->
             raise RecordingError(f"{name} gives {key!r}; expected t, or {'_, '.join(reversed(KINDS))}_ and a joint")
         named[key], unit = _column(name, key, value)
         own |= {key: unit} if unit else {}
-    for key, column in named.items():
-        if twin := next((k for k, other in named.items() if other == column and k != key), None):
+    for (key, column), (twin, other) in permutations(named.items(), 2):
+        if column == other:
             raise RecordingError(f"{name} uses column {column!r} for both {key} and {twin}; each needs its own")
     joints, pattern = _joints(name, table.get("joints", {}))
     by_kind = {**_units(name, table.get("units", {})), **_units("--unit", units or {})}
@@ -128,13 +120,10 @@ def _column(name: str, key: str, value: object) -> tuple[str, str | Change]:
     if all(number is None for number in numbers):
         return value["column"], unit
     scale, offset = (default if x is None else x for x, default in zip(numbers, (1.0, 0.0), strict=True))
-    if (
-        any(isinstance(x, bool) or not isinstance(x, int | float) or not isfinite(x) for x in (scale, offset))
-        or not scale
-    ):
-        raise RecordingError(
-            f"{name} gives {key} an invalid scale or offset; expected numbers for value * scale + offset"
-        )
+    valid = (isinstance(x, int | float) and not isinstance(x, bool) and isfinite(x) for x in (scale, offset))
+    if not (all(valid) and scale):
+        expected = "expected numbers for value * scale + offset"
+        raise RecordingError(f"{name} gives {key} an invalid scale or offset; {expected}")
     return value["column"], Change(float(scale), 1.0, float(offset))
 
 

@@ -57,7 +57,11 @@ def propose(columns: Sequence[str], robot: Robot) -> tuple[str, ...]:
     elif match and set(match) <= named:
         lines += [TABLE, *(f"{_key(joint)} = {_quoted(token)}" for token, joint in match.items())]
     else:
-        lines += _each(unmatched, match)
+        signals: dict[str, _Guess] = {}
+        for guess in unmatched:
+            if guess.joint in match:
+                signals.setdefault(f"{guess.kind}_{match[guess.joint]}", guess)
+        lines += [_line(key, guess) for key, guess in signals.items()]
     if "t" not in columns and (time := next((guess for guess in guesses if guess.kind == "t"), None)):
         lines.insert(0, _line("t", time))
     return tuple(lines)
@@ -65,13 +69,13 @@ def propose(columns: Sequence[str], robot: Robot) -> tuple[str, ...]:
 
 def suggest(columns: Sequence[str], robot: Robot) -> str:
     """End of a message about columns that do not match; "" without a suggestion."""
-    lines = propose(columns, robot)
+    lines = list(propose(columns, robot))
     if not lines:
         return ""
-    text = "; ".join(lines)
     if TABLE in lines:
         at = lines.index(TABLE)
-        text = "; ".join([*lines[:at], f"joints = {{ {', '.join(lines[at + 1 :])} }}"])
+        lines[at:] = [f"joints = {{ {', '.join(lines[at + 1 :])} }}"]
+    text = "; ".join(lines)
     content = f" with {text}" if len(text) <= INLINE else f" that begins {text[: INLINE - 4]} ..."
     return f"{OFFER}{content} may fit: signid convert --robot prints it"
 
@@ -128,23 +132,9 @@ def _likeness(token: str, joint: str, robot: Robot, tokens: Sequence[str]) -> fl
     return max(inside, SequenceMatcher(None, one, other).ratio())
 
 
-def _each(guesses: Sequence[_Guess], match: Mapping[str, str]) -> list[str]:
-    """One line per signal; the first of several matching columns counts."""
-    lines: dict[str, str] = {}
-    for guess in guesses:
-        if guess.joint in match:
-            key = f"{guess.kind}_{match[guess.joint]}"
-            lines.setdefault(key, _line(key, guess))
-    return list(lines.values())
-
-
 def _line(key: str, guess: _Guess) -> str:
-    unit = f", unit = {_quoted(guess.unit)}" if guess.unit else ""
-    return (
-        f"{_key(key)} = {{ column = {_quoted(guess.column)}{unit} }}"
-        if unit
-        else f"{_key(key)} = {_quoted(guess.column)}"
-    )
+    column = _quoted(guess.column)
+    return f"{_key(key)} = " + (f"{{ column = {column}, unit = {_quoted(guess.unit)} }}" if guess.unit else column)
 
 
 def _key(name: str) -> str:

@@ -5,19 +5,13 @@ from __future__ import annotations
 from array import array
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import RecordingError
-from ...types import Array
-
-if TYPE_CHECKING:
-    Ints = array[int]
-    Floats = array[float]
-else:
-    Ints = Floats = array  # not subscriptable at run time
 
 MOST = 1000  # maximum number of joints, or lists of joints, in a topic
 Stamps = NDArray[np.int64]  # [ns]
@@ -36,14 +30,10 @@ class Reading(NamedTuple):
 class Layout:
     """All readings of one list of joints; `signals` holds the values of all joints, reading by reading."""
 
-    received: Ints = field(default_factory=lambda: array("q"))  # time of receipt [ns]
-    stamps: Ints = field(default_factory=lambda: array("q"))  # header stamp [ns], 0 if not set
-    order: Ints = field(default_factory=lambda: array("q"))  # index of arrival in the topic
-    signals: dict[str, Floats] = field(default_factory=dict)
-
-    def values(self, kind: str, joints: int) -> Array:
-        """Values (N, joints) of one kind [rad or m, N.m or N, and their rates], NaN where missing."""
-        return np.frombuffer(self.signals[kind]).reshape(-1, joints)
+    received: array[int] = field(default_factory=partial(array, "q"))  # time of receipt [ns]
+    stamps: array[int] = field(default_factory=partial(array, "q"))  # header stamp [ns], 0 if not set
+    order: array[int] = field(default_factory=partial(array, "q"))  # index of arrival in the topic
+    signals: dict[str, array[float]] = field(default_factory=dict)  # by kind, NaN where missing
 
 
 class Gather:
@@ -72,11 +62,7 @@ class Gather:
         return (self.messages - 1) * 1e9 / (self.last - self.first) if self.last > self.first else np.nan
 
     def add(self, message: Any, received: int) -> None:
-        """Add a message received at a time [ns].
-
-        Raises:
-            RecordingError: repeated joint name, or too many joints.
-        """
+        """Add a message received at a time [ns]; joint names that repeat, or are too many, are an error."""
         self.first, self.last = (self.first if self.messages else received), received
         self.messages += 1
         for reading in self._read(message):
@@ -85,15 +71,13 @@ class Gather:
 
     def _take(self, reading: Reading, received: int) -> None:
         names = tuple(reading.names)
-        layout = self.layouts.get(names)
-        if layout is None:
-            layout = self._open(names)
+        layout = self.layouts.get(names) or self._open(names)
         for kind, values in reading.values.items():
-            column = layout.signals.get(kind)
-            if column is None:
+            if kind not in layout.signals:
                 if not len(values):
                     continue
-                column = layout.signals[kind] = array("d", [np.nan]) * (len(names) * len(layout.order))
+                layout.signals[kind] = array("d", [np.nan]) * (len(names) * len(layout.order))
+            column = layout.signals[kind]
             if len(values) == len(names):
                 column.frombytes(np.ascontiguousarray(values, np.float64).tobytes())
             else:
@@ -106,9 +90,8 @@ class Gather:
 
     def _open(self, names: tuple[str, ...]) -> Layout:
         if len(self.layouts) >= MOST or len({*self.joints, *names}) > MOST:
-            raise RecordingError(
-                f"topic {self.topic} names more than {MOST} joints, or lists of joints; give the topic of one robot"
-            )
+            fault = f"names more than {MOST} joints, or lists of joints; give the topic of one robot"
+            raise RecordingError(f"topic {self.topic} {fault}")
         if len(set(names)) < len(names):
             raise RecordingError(f"topic {self.topic} names a joint twice in one message; correct its publisher")
         return self.layouts.setdefault(names, Layout())
@@ -137,12 +120,8 @@ def _controller_state(message: Any) -> Iterator[Reading]:
     def first(points: Sequence[Any], part: str) -> Sequence[float]:
         return next((values for point in points if len(values := getattr(point, part))), ())
 
-    values = {
-        "q": first(actual, "positions"),
-        "dq": first(actual, "velocities"),
-        "tau": first(actual, "effort"),
-        "q_des": first(desired, "positions"),
-    }
+    values = {kind: first(actual, part) for kind, part in (("q", "positions"), ("dq", "velocities"), ("tau", "effort"))}
+    values["q_des"] = first(desired, "positions")
     yield Reading(message.joint_names, _nanoseconds(message.header.stamp), 0, values)
 
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from itertools import chain
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,8 +22,7 @@ GAP, GAP_NS = 3.5, 0.01e9  # a gap exceeds both [periods], [ns] and is not inter
 WRAP = 5.0  # [rad] larger jumps of position are wraps of the encoder
 
 
-@dataclass(frozen=True)
-class _Stream:
+class _Stream(NamedTuple):
     """Joints with common time stamps."""
 
     topic: str
@@ -47,9 +46,6 @@ def join(gathered: Sequence[Gather], topics: Sequence[Topic], source: str) -> Me
     The slowest topic with positions or torques defines the rows. Topics of similar or higher rate are interpolated at
     these rows, but not across gaps; slower topics are omitted. Header stamps are used if they are set, increase, and
     come from one clock; otherwise the times of receipt.
-
-    Raises:
-        RecordingError: the topics have neither positions nor torques, or do not overlap in time.
     """
     by_header, clock = _clock(gathered)
     notes: list[str] = []
@@ -110,7 +106,7 @@ def _streams(gather: Gather, by_header: bool, only_plans: bool, notes: list[str]
 def _values(names: Sequence[str], layout: Layout, kind: str, joint: str) -> Array:
     if kind not in layout.signals:
         return np.full(len(layout.order), np.nan)
-    return layout.values(kind, len(names))[:, names.index(joint)]
+    return np.frombuffer(layout.signals[kind]).reshape(-1, len(names))[:, names.index(joint)]
 
 
 def _in_order(
@@ -147,8 +143,7 @@ def _base(streams: Sequence[_Stream], source: str) -> _Stream:
             mains[stream.topic] = max(mains.get(stream.topic, stream), stream, key=lambda each: each.weight)
     if not mains:
         raise RecordingError(f"{source}: the topics have no position and no torque; name other topics")
-    single = [topic for topic, stream in mains.items() if len(stream.t) < 2]
-    if single and len(mains) > 1:
+    if len(mains) > 1 and (single := [topic for topic, stream in mains.items() if len(stream.t) < 2]):
         raise RecordingError(f"{source}: topic {single[0]} has a single reading and cannot be joined to another")
     return max(mains.values(), key=lambda each: each.period)
 

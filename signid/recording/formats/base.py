@@ -81,11 +81,7 @@ class Format(ABC):
         return type(self).encode is not Format.encode
 
     def encode(self, columns: Mapping[str, Array], file: str) -> bytes:
-        """Encode columns as the content of a file, deterministically.
-
-        Args:
-            columns: (N,) each, by name [s, rad or m, N.m or N].
-            file: name of the file, for formats with several suffixes.
+        """Encode columns, (N,) each [s, rad or m, N.m or N], as the content of a file of a name, deterministically.
 
         Raises:
             OptionError: the format does not support writing.
@@ -127,17 +123,12 @@ def refusal(source: str, column: str, reason: str | None, columns: Sequence[str]
 
 
 def memory_table(arrays: Mapping[str, ArrayLike], source: str) -> MemoryTable:
-    """Table of arrays by name; a matrix "q" becomes the columns q_1 to q_n.
-
-    Args:
-        arrays: each (N,) or (N, n), in the units of the columns [s, rad or m, N.m or N, A]; dates become seconds since
-            the first one.
-        source: name of the source in error messages.
+    """Table of arrays (N,) by name; dates become seconds since the first, a matrix "q" (N, n) the columns q_1 to q_n.
 
     Raises:
         RecordingError: transposed matrix.
     """
-    given = {name: seconds(np.asarray(value)) for name, value in arrays.items()}
+    given = {name: _seconds(np.asarray(value)) for name, value in arrays.items()}
     columns: dict[str, np.ndarray] = {}
     for name, value in given.items():
         if value.ndim == 2 and 1 < value.shape[1] == np.size(given.get("t", ())) != value.shape[0]:
@@ -147,31 +138,22 @@ def memory_table(arrays: Mapping[str, ArrayLike], source: str) -> MemoryTable:
             columns.update({f"{name}_{k + 1}": value[:, k] for k in range(value.shape[1])})
         else:
             columns[name] = value.ravel() if name == "t" else value
-    length = _length(columns)
-    faults = {name: fault for name, column in columns.items() if (fault := _fault(column, *length))}
+    sizes = {name: len(column) for name, column in columns.items() if column.ndim == 1}
+    longest = "t" if "t" in sizes else max(sizes, key=lambda each: sizes[each], default="t")
+    rows = sizes.get(longest, 0)
+    faults = {name: fault for name, column in columns.items() if (fault := _fault(column, longest, rows))}
     usable = {name: np.array(column, np.float64) for name, column in columns.items() if name not in faults}
     return MemoryTable(usable, faults, source)
 
 
-def seconds(stamps: np.ndarray) -> np.ndarray:
-    """Convert dates to seconds since the first one, and durations to seconds; other arrays are unchanged.
-
-    Args:
-        stamps: (...,) [1] array of any type.
-    """
+def _seconds(stamps: np.ndarray) -> np.ndarray:
+    """Dates as seconds since the first one, and durations as seconds; other arrays are unchanged."""
     if stamps.dtype.kind not in "Mm":
         return stamps
     known = stamps[~np.isnat(stamps)]
     since = stamps - known[0] if stamps.dtype.kind == "M" and len(known) else stamps
     count = since.astype("timedelta64[ns]").astype(np.int64) / 1e9
     return np.where(np.isnat(since), np.nan, count)
-
-
-def _length(columns: Mapping[str, np.ndarray]) -> tuple[str, int]:
-    """Column that defines the number of samples (t, or else the longest), and that number."""
-    sizes = {name: len(column) for name, column in columns.items() if column.ndim == 1}
-    name = "t" if "t" in sizes else max(sizes, key=lambda each: sizes[each], default="t")
-    return name, sizes.get(name, 0)
 
 
 def _fault(column: np.ndarray, reference: str, rows: int) -> str:

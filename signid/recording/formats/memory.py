@@ -14,12 +14,7 @@ _LIMITED = Lock()
 
 
 def require_memory(path: Path, size: float, advice: str = "give it as Parquet, which is read in chunks") -> None:
-    """Reject a file that does not fit into memory.
-
-    Args:
-        path: path of the file.
-        size: memory required to read it [bytes].
-        advice: remedy in the error message.
+    """Reject a file that does not fit into memory; `size` is what reading it requires [bytes].
 
     Raises:
         RecordingError: not enough memory.
