@@ -17,7 +17,7 @@ from swing import csv, swing
 from signid.cli import run
 from signid.errors import OutputError, RecordingError
 from signid.output.report import write_files
-from signid.recording.formats import csv_, find_format, memory
+from signid.recording.formats import base, csv_, find_format
 
 HERE = Path(__file__).parents[1]
 THERE = {**os.environ, "PYTHONPATH": str(HERE), "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
@@ -164,7 +164,7 @@ def test_strange_paths_work_everywhere(
 def test_too_little_memory_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "r.csv"
     path.write_text(csv(swing()))
-    monkeypatch.setattr(memory, "free_memory", lambda: 1000.0)
+    monkeypatch.setattr(base, "free_memory", lambda: 1000.0)
     with pytest.raises(RecordingError, match="Parquet"):
         find_format(path).open(path)
     monkeypatch.setattr(csv_, "free_memory", lambda: 1000.0)

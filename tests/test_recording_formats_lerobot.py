@@ -16,7 +16,7 @@ from test_recording_formats import sentence
 
 from signid.errors import RecordingError
 from signid.recording import read_recording
-from signid.recording.formats import FORMATS, memory
+from signid.recording.formats import FORMATS, base
 from signid.recording.formats.base import About
 
 FPS = 50
@@ -209,7 +209,7 @@ def test_datasets_that_cannot_be_read(case: str, tmp_path: Path) -> None:
 
 def test_datasets_larger_than_memory_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = two_episodes(tmp_path, together=True)
-    monkeypatch.setattr(memory, "free_memory", lambda: 1000.0)
+    monkeypatch.setattr(base, "free_memory", lambda: 1000.0)
     with pytest.raises(RecordingError, match="GB of memory.*fewer episodes"):
         read_recording(path, arm(), columns=DEGREES)
 

@@ -20,7 +20,7 @@ from test_recording_formats_ros import opened
 
 from signid.errors import OptionError, RecordingError
 from signid.recording import read_recording
-from signid.recording.formats import FORMATS, find_format, memory
+from signid.recording.formats import FORMATS, base, find_format
 
 FILES = ("a.bag", "bare.db3", "bare.mcap")
 
@@ -202,7 +202,7 @@ def test_a_bag_that_unpacks_to_more_than_memory_holds(tmp_path: Path, monkeypatc
     at = content.index(b"BZh")
     path.write_bytes(content[:at] + bomb + content[at + len(bomb) :])
     refused(path, "damaged")
-    monkeypatch.setattr(memory, "free_memory", lambda: 1e8)
+    monkeypatch.setattr(base, "free_memory", lambda: 1e8)
     refused(path, "more memory than there is")
     assert resource.getrlimit(resource.RLIMIT_AS) == limits
 

@@ -22,8 +22,8 @@ from signid.recording import read_recording
 from signid.recording.formats import find_format
 from signid.recording.mapping import ColumnMap
 from signid.recording.sampling import survey
-from signid.robot.actuators import read_actuators
 from signid.robot.description import sandbox
+from signid.robot.load import read_actuators
 from signid.simulation.plant import read_motion
 from signid.types import Robot
 

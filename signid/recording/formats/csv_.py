@@ -20,8 +20,7 @@ import polars as pl
 
 from ...errors import RecordingError
 from ...types import Array, Table
-from .base import MOST, Format, MemoryTable
-from .memory import free_memory, require_memory
+from .base import MOST, Format, MemoryTable, free_memory, require_memory
 
 SEPARATORS = ",;\t"
 TIMES = 3  # peak memory while reading [times the size of the text]

@@ -12,8 +12,7 @@ import polars as pl
 from ...errors import RecordingError, shorten
 from ...toml_json import read_json
 from ...types import Array, Table
-from .base import About, Format, MemoryTable
-from .memory import require_memory
+from .base import About, Format, MemoryTable, require_memory
 from .parquet import BROKEN
 
 KINDS = {  # kind of column by feature

@@ -13,8 +13,7 @@ import numpy as np
 
 from ...errors import RecordingError
 from ...types import Array, Table
-from .base import MOST, Format, memory_table
-from .memory import free_memory
+from .base import MOST, Format, free_memory, memory_table
 
 HEADER, FACTORS = "header", b'"schema": "signid.factors/'  # array that identifies a factor file, and its content
 BEGINNING = 1024  # length of the part of that array that is searched [bytes]

@@ -12,8 +12,7 @@ from ...errors import RecordingError, shorten
 from ...types import Table
 from .bag_messages import READERS, Gather
 from .bag_time import join
-from .base import Format, Topic
-from .memory import memory_limited
+from .base import Format, Topic, memory_limited
 
 PARTS = (".db3", ".mcap", ".zstd", ".yaml")  # suffixes of the files in a bag folder
 SHOWN = 120  # maximum length of a quoted library message [characters]

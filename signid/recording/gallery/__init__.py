@@ -4,9 +4,8 @@ Nothing is downloaded automatically. `sets` lists the data sets; other packages 
 `signid.data`.
 """
 
-from .base import DataSet, Product
-from .download import DownloadLimits, check_source, fetch
-from .place import DATA, data_folder, is_complete, recordings
+from .download import DATA, DownloadLimits, check_source, data_folder, fetch, is_complete, recordings
+from .sets import DataSet, Product
 
 __all__ = [
     "DATA",

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
+from ...errors import OptionError
 from . import convert
-from .base import UNSTATED, DataSet, Product
 
+_PLAIN = re.compile(r"\w[\w.+-]*")  # file names without a path
+UNSTATED = "none stated (all rights reserved)"
 _PANDA = "matlab/data/Exciting_Traj/Trajectory_1/rbt_log/exciting_traj_{}.txt"
 _TX40 = "examples/staubli_TX40"
 _UR10E = {
@@ -24,6 +28,57 @@ _UR10E = {
     "jointwise_motion/20_01_22-joint_6": "9d76d480995ab91dceec5b19e52db9f8eeb5e5ca3f209d53f87e5b5f187694e0",
     "validation_data/20_01_17-ptp_10_points": "c5eae0be26309ea5b44db8c638f23aa26283b372a1974268c9a0a8fd23d2d6a6",
 }
+
+
+@dataclass(frozen=True)
+class Product:
+    """A file that is converted from source files."""
+
+    name: str
+    sources: tuple[str, ...]  # paths in the repository, in the order of the arguments of `make`
+    make: Callable[..., str]
+    sha256: str  # expected digest of the text before compression
+
+
+@dataclass(frozen=True)
+class DataSet:
+    """Public recordings at one commit of a repository on GitHub."""
+
+    name: str
+    title: str
+    folder: str
+    seconds: float  # duration of all recordings [s]
+    repository: str  # OWNER/NAME
+    commit: str
+    licence: str
+    cite: str
+    megabytes: float  # approximate download size
+    products: tuple[Product, ...]
+    carried: tuple[tuple[str, str], ...] = ()  # files that come with signid: name, and path below robots/
+    example: str = ""  # command of an example; empty: robots/NAME/identify.py
+
+    def __post_init__(self) -> None:
+        files = [*(product.name for product in self.products), *(name for name, _ in self.carried)]
+        paths = [self.repository, *self.sources, *(path for _, path in self.carried)]
+        for name in (self.name, self.folder, *files, *(part for path in paths for part in path.split("/"))):
+            if not _PLAIN.fullmatch(name):
+                fault = f"has a file or folder named {name!r}; give a name without a path"
+                raise OptionError(f"data set {self.name} {fault}")
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """Paths of all files to download, without repetitions."""
+        return tuple(dict.fromkeys(path for product in self.products for path in product.sources))
+
+    @property
+    def base(self) -> str:
+        """Base address of the source files."""
+        return f"https://raw.githubusercontent.com/{self.repository}/{self.commit}"
+
+    @property
+    def home(self) -> str:
+        """Web page of the repository at the commit."""
+        return f"https://github.com/{self.repository}/tree/{self.commit}"
 
 
 def _splines(arm: str, number: int, *parts: str) -> tuple[str, ...]:

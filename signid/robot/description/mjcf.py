@@ -13,8 +13,7 @@ import numpy as np
 
 from ...errors import RobotError, shorten
 from ..joints import is_plain
-from .document import Document
-from .draft import Axis, Draft, Mimic, impossible_notes, massless_note
+from .document import Axis, Document, Draft, Mimic, impossible_notes, massless_note
 from .mjcf_tree import below_world, compiler_setting, included, joint_attribute, prepare
 from .tree import MOST
 

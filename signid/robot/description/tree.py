@@ -8,8 +8,7 @@ from math import inf, isfinite, nan
 from typing import Any, NamedTuple
 
 from ...errors import RobotError, shorten
-from .document import children
-from .draft import Axis, Mimic
+from .document import Axis, Mimic, children
 
 Vector = tuple[float, float, float]
 MOVING = ("revolute", "continuous", "prismatic")

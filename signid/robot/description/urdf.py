@@ -11,8 +11,7 @@ import numpy as np
 
 from ...errors import RobotError, shorten
 from ...types import Array
-from .document import Document
-from .draft import Draft, impossible_notes, massless_note
+from .document import Document, Draft, impossible_notes, massless_note
 from .tree import HELD, MOMENTS, MOVING, Joint, Pose, Tree, read_tree
 
 
