@@ -15,7 +15,7 @@ from .formats.base import About
 from .mapping import ColumnMap, ParsedColumns, Signal, read_map, split
 from .names import suggest
 from .source import Opened
-from .units import DerivedTable
+from .units import Change, DerivedTable, change_of
 
 TORQUES = ("tau", "current", "abs_tau", "abs_current")  # in the order of preference
 WHEEL = re.compile(r"wheel|caster|castor|rotor|propeller", re.IGNORECASE)
@@ -80,19 +80,31 @@ def _in_units(opened: Opened, columns: ParsedColumns, signals: Mapping[tuple[str
     """Table with all signals in the units of recordings."""
     changes = {}
     for (kind, joint), signal in signals.items():
-        change = columns.change(signal, kind, None if kind == "t" else bool(robot.prismatic[joint]), opened.name)
-        if change is not None:
+        prismatic = None if kind == "t" else bool(robot.prismatic[joint])
+        if change := conversion(opened, columns, signal, kind, prismatic):
             changes[signal.column] = change.apply
-        elif signal.column in About.of(opened.table).unstated:
-            raise RecordingError(unstated(opened.name, signal.column, kind))
     return DerivedTable(opened.table, changes) if changes else opened.table
 
 
-def unstated(source: str, column: str, kind: str) -> str:
-    """Error message for a column without a stated unit."""
+def conversion(
+    opened: Opened, columns: ParsedColumns, signal: Signal, kind: str, prismatic: bool | None
+) -> Change | None:
+    """Conversion of a column to the unit of recordings; None if it has that unit.
+
+    Raises:
+        RecordingError: the unit is not stated, or does not fit the column.
+    """
+    own = columns.own.get(signal.logical) if signal.mapped else None
+    if isinstance(own, Change):
+        return own
+    if unit := own or columns.units.get(kind):
+        return change_of(unit, kind, prismatic, f"{opened.name}: column {signal.column!r}")
+    if signal.column not in About.of(opened.table).unstated:
+        return None
     typical = {"q": "deg, or rad", "q_des": "deg, or rad", "tau": "N.m", "current": "mA"}.get(kind, "rad/s")
+    fault = f"does not state the unit of column {signal.column!r} (such as {typical})"
     advice = f'state it, {kind} = "..." below [units] in a column map (--columns), or signid convert --unit {kind}=...'
-    return f"{source} does not state the unit of column {column!r} (such as {typical}); {advice}"
+    raise RecordingError(f"{opened.name} {fault}; {advice}")
 
 
 def resolve(logical: str, robot: Robot) -> tuple[str, int] | None:
@@ -103,13 +115,10 @@ def resolve(logical: str, robot: Robot) -> tuple[str, int] | None:
             return kind, robot.joints.index(token)
         if token.isdecimal() and int(token) in robot.numbers:
             return kind, robot.numbers.index(int(token))
-    return None if pairs and not any(_is_held(token, robot) for _, token in pairs) else ("", -1)
-
-
-def _is_held(token: str, robot: Robot) -> bool:
-    """Whether a joint of the description is not an independent joint of the robot."""
     names = [] if robot.model is None else list(robot.model.names)[1:]
-    return token in names or (token.isdecimal() and 0 < int(token) <= max(len(names), *robot.numbers))
+    most = max(len(names), *robot.numbers)
+    held = any(token in names or (token.isdecimal() and 0 < int(token) <= most) for _, token in pairs)
+    return None if pairs and not held else ("", -1)
 
 
 def _ignored(
@@ -126,17 +135,15 @@ def _ignored(
         quantity = any(resolve(f"q_{token[i + 1 :]}", robot) for i, letter in enumerate(token) if letter == "_" and i)
         if signal.mapped or (lacking and (close or token.isdecimal() or (kind == "q" and not quantity))):
             guess = f" (perhaps {lower[close[0]]} is meant)" if close else ""
-            joints = f"{shorten(robot.joints, 12)}, numbered {_range(robot.numbers)}"
+            first, last = robot.numbers[0], robot.numbers[-1]
+            whole = robot.numbers == tuple(range(first, last + 1))
+            numbers = f"{first} to {last}" if whole else ", ".join(map(str, robot.numbers))
+            joints = f"{shorten(robot.joints, 12)}, numbered {numbers}"
             fault = f"{opened.name}: {signal.logical} names no joint of {robot.name}{guess}; it has {joints}"
             raise RecordingError(fault + suggest(opened.table.columns, robot))
         if token.isdecimal() or (kind == "q" and not quantity):
             ignored.append(signal.column)
     return (f"ignored, because {robot.name} has no such joint: {shorten(ignored, 12)}",) if ignored else ()
-
-
-def _range(numbers: Sequence[int]) -> str:
-    whole = tuple(range(numbers[0], numbers[-1] + 1)) == tuple(numbers)
-    return f"{numbers[0]} to {numbers[-1]}" if whole else ", ".join(map(str, numbers))
 
 
 def _uncertain(source: str, robot: Robot, joints: Sequence[int]) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import RecordingError, shorten
 from ..types import Array, Frozen, Input, Recording, Robot
 from . import read_recording
-from .columns import TORQUES, resolve, unstated
+from .columns import TORQUES, conversion, resolve
 from .formats.base import About, MemoryTable
 from .mapping import ColumnMap, ParsedColumns, Signal, read_map, split
 from .names import OFFER, propose
@@ -88,7 +88,11 @@ def convert(
         found, dropped = _complete(found)
         notes += dropped
     pace, flags = _pace(opened.name, found)
-    flags += _unfit(opened.name, found, robot)
+    if robot:
+        try:
+            read_recording(found, robot)
+        except RecordingError as error:
+            flags.append(opened.name + str(error).partition(OFFER)[0].removeprefix("the recording"))
     suggested = propose(tuple(found), robot) if robot else ()
     file = Input(opened.path or opened.name, opened.sha256, "converted")
     notes += [] if flags else _lacking(found, about)
@@ -117,9 +121,7 @@ def _values(opened: Opened, mapping: ParsedColumns, signal: Signal, robot: Robot
     table, kind = opened.table, _kind(signal.logical)
     key = resolve(signal.logical, robot) if robot and kind not in ("", "t") else None
     prismatic = bool(robot.prismatic[key[1]]) if robot and key and key[1] >= 0 else None
-    change = mapping.change(signal, kind, prismatic, opened.name) if kind else None
-    if change is None and kind and signal.column in About.of(table).unstated:
-        raise RecordingError(unstated(opened.name, signal.column, kind))
+    change = conversion(opened, mapping, signal, kind, prismatic) if kind else None
     try:
         table.read([signal.column], 0, 0)
     except RecordingError:
@@ -159,17 +161,6 @@ def _pace(name: str, found: Mapping[str, Array]) -> tuple[Pace | None, list[str]
     pace = Pace(float(steps.sum()), 1 / clock.period, len(long), float(long.max(initial=0.0)))
     back = int(np.sum(steps < 0))
     return pace, [f"{name}: time goes back after {back} of its rows; sort the rows by time"] if back else []
-
-
-def _unfit(name: str, found: Mapping[str, Array], robot: Robot | None) -> list[str]:
-    """Reasons why the columns are not a valid recording of the robot."""
-    if robot is None:
-        return []
-    try:
-        read_recording(found, robot)
-    except RecordingError as error:
-        return [name + str(error).partition(OFFER)[0].removeprefix("the recording")]
-    return []
 
 
 def _lacking(found: Mapping[str, Array], about: About) -> Iterator[str]:

@@ -35,14 +35,6 @@ class ParsedColumns(NamedTuple):
     joints: Mapping[str, str]  # joint name by its name in the source
     pattern: tuple[str, str] | None  # prefix and suffix of joint names in the source
 
-    def change(self, signal: Signal, kind: str, prismatic: bool | None, source: str) -> Change | None:
-        """Conversion of a column to the unit of recordings; None if no unit is stated."""
-        own = self.own.get(signal.logical) if signal.mapped else None
-        if isinstance(own, Change):
-            return own
-        unit = own or self.units.get(kind)
-        return None if unit is None else change_of(unit, kind, prismatic, f"{source}: column {signal.column!r}")
-
     def signals(self, columns: Sequence[str], source: str) -> Iterator[Signal]:
         """Columns under their mapped names; a mapped column loses its original name.
 

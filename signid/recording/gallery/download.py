@@ -7,13 +7,14 @@ import os
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from hashlib import sha256
 from http.client import HTTPException, HTTPResponse, IncompleteRead, responses
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, NoReturn
 from urllib.error import HTTPError
 from urllib.parse import quote, urlsplit
-from urllib.request import HTTPRedirectHandler, OpenerDirector, ProxyHandler, Request, build_opener
+from urllib.request import HTTPRedirectHandler, ProxyHandler, Request, build_opener
 from zlib import error as ZlibError
 
 from ...errors import DownloadError, OptionError, RecordingError
@@ -44,13 +45,13 @@ LIMITS = DownloadLimits()
 
 
 class _Gallery(Registry[DataSet]):
-    """Data sets of signid, whose module is imported on access, and of other packages."""
+    """Data sets of signid, which are no modules, and of other packages."""
 
     def __getitem__(self, name: str) -> DataSet:
         return SETS[name] if name in SETS else super().__getitem__(name)
 
 
-DATA = _Gallery("data", __package__, "1r 3r emps panda tx40 ur10e")
+DATA = _Gallery("data", __package__, " ".join(SETS))
 
 
 def data_folder() -> Path:
@@ -94,34 +95,21 @@ def fetch(
 ) -> dict[str, bytes]:
     """Download the files of a data set and return their contents by name, without writing them.
 
-    Args:
-        wanted: the data set.
-        source: address of a copy of the repository at the same commit; by default GitHub.
-        limits: limits of each download.
-        progress: function of the current step and its completed share [1].
-
-    Raises:
-        OptionError: the source is neither https nor of this machine.
-        DownloadError: failed download, or a converted file with a wrong digest.
+    `source` is the address of a copy of the repository at the same commit; by default GitHub. The limits are those of
+    each file.
     """
     base = wanted.base if source is None else check_source(source)
+
+    def report(done: int, share: float) -> None:
+        if progress is not None:
+            progress(f"downloading {wanted.name}", (done + share) / len(wanted.sources))
+
     raw = {
-        path: _download(f"{base}/{quote(path)}", limits, _share(progress, wanted, k))
-        for k, path in enumerate(wanted.sources)
+        path: _download(f"{base}/{quote(path)}", limits, partial(report, k)) for k, path in enumerate(wanted.sources)
     }
     made = {product.name: _make(product, raw, wanted, base) for product in wanted.products}
     carried = {name: (robots_folder() / path).read_bytes() for name, path in wanted.carried}
     return {**made, **carried, f"source_{wanted.name}.txt": _note(wanted, base).encode()}
-
-
-def _share(progress: Progress | None, wanted: DataSet, done: int) -> Callable[[float], None]:
-    """Progress function of one file that reports the share of all files."""
-
-    def report(share: float) -> None:
-        if progress is not None:
-            progress(f"downloading {wanted.name}", (done + share) / len(wanted.sources))
-
-    return report
 
 
 def check_source(source: str) -> str:
@@ -137,20 +125,17 @@ def check_source(source: str) -> str:
 
 
 def _make(product: Product, raw: Mapping[str, bytes], wanted: DataSet, base: str) -> bytes:
+    advice = f"try again, or name a copy of the repository at commit {wanted.commit[:12]} by --source URL"
+    after = f"nothing was written; {advice}"
     try:
         text = product.make(*(raw[path] for path in product.sources)).encode()
     except Exception as error:  # readers of unexpected files raise many types
-        raise DownloadError(_fault(product, wanted, base, f"cannot be read ({error})")) from error
+        raise DownloadError(f"{product.name} from {base} cannot be read ({error}); {after}") from error
     digest = sha256(text).hexdigest()
     if digest != product.sha256:
         fact = f"has another content (sha256 {digest[:12]}... instead of {product.sha256[:12]}...)"
-        raise DownloadError(_fault(product, wanted, base, fact))
+        raise DownloadError(f"{product.name} from {base} {fact}; {after}")
     return gzip.compress(text, mtime=0) if product.name.endswith(".gz") else text
-
-
-def _fault(product: Product, wanted: DataSet, base: str, fact: str) -> str:
-    advice = f"try again, or name a copy of the repository at commit {wanted.commit[:12]} by --source URL"
-    return f"{product.name} from {base} {fact}; nothing was written; {advice}"
 
 
 def _note(wanted: DataSet, base: str) -> str:
@@ -182,7 +167,8 @@ def _download(address: str, limits: DownloadLimits, progress: Callable[[float], 
     """Download a file; `progress` gets the completed share [1], 0 if the server does not state the size."""
     request = Request(address, headers={"User-Agent": f"signid/{__version__}"})
     try:
-        with _opener(address).open(request, timeout=limits.silence) as response:
+        opener = build_opener(_Redirect, *([ProxyHandler({})] if _is_local(address) else []))
+        with opener.open(request, timeout=limits.silence) as response:
             return _read(response, address, limits, progress)
     except DownloadError:
         raise
@@ -221,10 +207,6 @@ class _Redirect(HTTPRedirectHandler):
         if not is_allowed(newurl, _is_local(req.full_url)):
             _fail(req.full_url, f"it redirects to {newurl!r}, which is not encrypted", again="")
         return super().redirect_request(req, fp, code, msg, headers, newurl)  # type: ignore[arg-type]
-
-
-def _opener(address: str) -> OpenerDirector:
-    return build_opener(_Redirect, *([ProxyHandler({})] if _is_local(address) else []))
 
 
 def _is_local(address: str) -> bool:
