@@ -73,17 +73,12 @@ def assign_columns(opened: Opened, given: ColumnMap | None, robot: Robot) -> Ass
         if kind == "q" and not signal.mapped and not any(token in robot.joints for _, token in split(signal.logical))
     ]
     flags = _uncertain(source, robot, numbered)
-    return Assignment(signals, notes, _in_units(opened, columns, signals, robot), flags)
-
-
-def _in_units(opened: Opened, columns: ParsedColumns, signals: Mapping[tuple[str, int], Signal], robot: Robot) -> Table:
-    """Table with all signals in the units of recordings."""
     changes = {}
     for (kind, joint), signal in signals.items():
         prismatic = None if kind == "t" else bool(robot.prismatic[joint])
         if change := conversion(opened, columns, signal, kind, prismatic):
             changes[signal.column] = change.apply
-    return DerivedTable(opened.table, changes) if changes else opened.table
+    return Assignment(signals, notes, DerivedTable(opened.table, changes) if changes else opened.table, flags)
 
 
 def conversion(

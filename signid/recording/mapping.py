@@ -69,7 +69,16 @@ def read_map(given: ColumnMap | None, units: Mapping[str, str] | None = None) ->
     Raises:
         RecordingError: unreadable or invalid column map.
     """
-    name, table = ("the column map", given or {}) if given is None or isinstance(given, Mapping) else _from_file(given)
+    if given is None or isinstance(given, Mapping):
+        name, table = "the column map", given or {}
+    else:
+        name = f"column map {given}"
+        try:
+            table = read_toml(given)
+        except OSError as error:
+            raise RecordingError(f"{name} cannot be read: {error.strerror}") from error
+        except ValueError as error:
+            raise RecordingError(f'{name} is not TOML such as q_elbow = "elbow_pos": {error}') from error
     named: dict[str, str] = {}
     own: dict[str, str | Change] = {}
     for key, value in table.items():
@@ -85,16 +94,6 @@ def read_map(given: ColumnMap | None, units: Mapping[str, str] | None = None) ->
     joints, pattern = _joints(name, table.get("joints", {}))
     by_kind = {**_units(name, table.get("units", {})), **_units("--unit", units or {})}
     return ParsedColumns(named, own, by_kind, joints, pattern)
-
-
-def _from_file(path: str | Path) -> tuple[str, Mapping[str, Any]]:
-    name = f"column map {path}"
-    try:
-        return name, read_toml(path)
-    except OSError as error:
-        raise RecordingError(f"{name} cannot be read: {error.strerror}") from error
-    except ValueError as error:
-        raise RecordingError(f'{name} is not TOML such as q_elbow = "elbow_pos": {error}') from error
 
 
 def _column(name: str, key: str, value: object) -> tuple[str, str | Change]:

@@ -50,7 +50,9 @@ def open_source(source: Source, topics: Sequence[str] = ()) -> Opened:
         columns = columns_of(source)
         digest = sha256()
         for name in sorted(columns):
-            digest.update(name.encode() + b"\0" + _bytes(np.asarray(columns[name])))
+            column = np.asarray(columns[name])
+            plain = np.ascontiguousarray(column).tobytes() if column.dtype != object else repr(column.tolist()).encode()
+            digest.update(name.encode() + b"\0" + plain)
         return Opened(memory_table(columns, "the recording"), "the recording", "", digest.hexdigest())
     path = Path(source)
     if not path.is_file() and not path.is_dir():
@@ -117,10 +119,6 @@ def _numbers(series: Any) -> ArrayLike:
     if kind in ("b", "i", "u", "f"):
         return np.asarray(series.to_numpy(dtype=np.float64, na_value=np.nan))
     return np.asarray(series.to_numpy(dtype=object))
-
-
-def _bytes(column: np.ndarray) -> bytes:
-    return repr(column.tolist()).encode() if column.dtype == object else np.ascontiguousarray(column).tobytes()
 
 
 def _digest(file: Path) -> str:

@@ -64,12 +64,17 @@ def locate(source: str | Path) -> Path:
     except OSError as error:
         raise RobotError(f"{given[:80]} cannot be reached ({error.strerror}); check the path") from None
     known = _known()
-    if given in known:
-        return known[given]
     by_case = {name.casefold(): name for name in sorted(known, reverse=True)}
-    if given.casefold() in by_case:
-        return known[by_case[given.casefold()]]
-    raise RobotError(_unknown(path, given, by_case))
+    name = given if given in known else by_case.get(given.casefold())
+    if name is not None:
+        return known[name]
+    if path.is_dir():
+        raise RobotError(f"{given} is a folder without a robot.urdf; give the URDF, xacro or MJCF file itself")
+    if path.suffix in (".urdf", ".xacro", ".xml", ".mjcf", ".sdf") or len(path.parts) > 1:
+        raise RobotError(f"there is no file {given}; check the path of the robot description")
+    close = [by_case[name] for name in get_close_matches(given.casefold(), by_case, n=3, cutoff=0.5)]
+    advice = f"did you mean {' or '.join(close)}?" if close else f"some known names are {shorten(names(), 12)}"
+    raise RobotError(f"there is no file and no robot named {given!r}; {advice}")
 
 
 def names() -> tuple[str, ...]:
@@ -106,16 +111,6 @@ def _shared() -> list[Path]:
     above = Path(spec.origin).parents if spec is not None and spec.origin else ()
     places = (prefix / part for prefix in above for part in ("share", "Library/share"))  # the latter on Windows
     return [place for place in places if (place / _DATA / "robots").is_dir()][:1]
-
-
-def _unknown(path: Path, given: str, by_case: dict[str, str]) -> str:
-    if path.is_dir():
-        return f"{given} is a folder without a robot.urdf; give the URDF, xacro or MJCF file itself"
-    if path.suffix in (".urdf", ".xacro", ".xml", ".mjcf", ".sdf") or len(path.parts) > 1:
-        return f"there is no file {given}; check the path of the robot description"
-    close = [by_case[name] for name in get_close_matches(given.casefold(), by_case, n=3, cutoff=0.5)]
-    advice = f"did you mean {' or '.join(close)}?" if close else f"some known names are {shorten(names(), 12)}"
-    return f"there is no file and no robot named {given!r}; {advice}"
 
 
 def _in_package(inside: str, description: str, package_dirs: Sequence[str | Path]) -> Path | None:

@@ -56,9 +56,14 @@ class ParquetTable:
         self._slabs.move_to_end(k)
         while len(self._slabs) > KEPT:
             self._slabs.popitem(last=False)
-        for name in dict.fromkeys(names):
+        for name in names:  # decoding several at once needs much more memory for large row groups
             if name not in slab:
-                slab[name] = self._decode(name, k)
+                try:
+                    frame = self._scan.select(self._number(name)).slice(k * SLAB, SLAB).collect()
+                except BROKEN as error:
+                    fault = f"is damaged after row {k * SLAB}; copy or write it again"
+                    raise RecordingError(f"{self._path} {fault}") from error
+                slab[name] = frame[name].to_numpy()
         return slab
 
     def _number(self, name: str) -> pl.Expr:
@@ -72,14 +77,6 @@ class ParquetTable:
                 self._since[name] = self._scan.select(column.drop_nulls().first()).collect().item() or 0
             column = (column - self._since[name]) / 1e9
         return column.cast(pl.Float64)
-
-    def _decode(self, name: str, k: int) -> Array:
-        """Decode one column of a slab; decoding several at once needs much more memory for large row groups."""
-        try:
-            frame = self._scan.select(self._number(name)).slice(k * SLAB, SLAB).collect()
-        except BROKEN as error:
-            raise RecordingError(f"{self._path} is damaged after row {k * SLAB}; copy or write it again") from error
-        return frame[name].to_numpy()
 
 
 class Parquet(Format):

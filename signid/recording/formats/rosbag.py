@@ -17,6 +17,7 @@ from .base import Format, Topic, memory_limited
 PARTS = (".db3", ".mcap", ".zstd", ".yaml")  # suffixes of the files in a bag folder
 SHOWN = 120  # maximum length of a quoted library message [characters]
 STANDARD = ("sensor_msgs/", "trajectory_msgs/")  # message types that are equal in all releases of ROS
+EXPECTED = " or ".join(", ".join(kind.rpartition("/")[2] for kind in READERS).rsplit(", ", 1))
 Topics = dict[str, list[Any]]  # rosbags connections by topic
 
 
@@ -104,7 +105,7 @@ def _named(path: Path, known: Topics, topics: Sequence[str]) -> list[str]:
             raise RecordingError(f"{path} has no topic {asked}{guess}; it has {shorten(sorted(known)) or 'none'}")
         if _kind(known[name]) not in READERS:
             kinds = shorten(sorted({connection.msgtype for connection in known[name]}))
-            raise RecordingError(f"{path}: topic {name} holds {kinds}; expected {_expected()}")
+            raise RecordingError(f"{path}: topic {name} holds {kinds}; expected {EXPECTED}")
         names.append(name)
     return names
 
@@ -122,12 +123,7 @@ def _chosen(path: Path, known: Topics, bag: Any, first: bool) -> list[str]:
         if names:
             return names
     others = shorten(sorted(f"{name} ({connections[0].msgtype})" for name, connections in known.items()), 3)
-    raise RecordingError(f"{path} has no messages of {_expected()}; it has {others or 'no topic'}")
-
-
-def _expected() -> str:
-    names = [kind.rpartition("/")[2] for kind in READERS]
-    return f"{', '.join(names[:-1])} or {names[-1]}"
+    raise RecordingError(f"{path} has no messages of {EXPECTED}; it has {others or 'no topic'}")
 
 
 def _gathered(bag: Any, known: Topics, names: Sequence[str], first: bool) -> list[Gather]:

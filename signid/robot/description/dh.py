@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...errors import RobotError
-from ...types import Array
 
 _DIGITS = 12  # decimals of computed numbers, so that cos(pi/2) is 0
 
@@ -80,7 +79,9 @@ def _link(i: int, link: DHLink) -> list[str]:
     rotation = np.array([[ct, -st * ca, st * sa], [st, ct * ca, -ct * sa], [0.0, sa, ca]])  # Rot_z(theta) Rot_x(alpha)
     centre = tuple(np.add(_translation(link), rotation @ np.asarray(link.centre, float)))
     origin = _origin(centre, link.alpha, link.theta)
-    inertia = _inertia(link.inertia)
+    inertia = np.asarray(link.inertia, float)
+    if inertia.ndim == 1:  # principal moments, or six in Pinocchio's order
+        inertia = np.diag(inertia) if len(inertia) == 3 else inertia[[[0, 1, 3], [1, 2, 4], [3, 4, 5]]]
     moments = zip(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), inertia[np.triu_indices(3)], strict=True)
     six = " ".join(f'{key}="{_text(value)}"' for key, value in moments)
     parts = {"inertial": [origin, f'<mass value="{_text(link.mass)}"/>', f"<inertia {six}/>"]}
@@ -100,16 +101,6 @@ def _origin(xyz: Sequence[float], alpha: float, theta: float) -> str:
     """Origin element; roll and yaw of the URDF equal alpha and theta."""
     position = " ".join(_text(round(x, _DIGITS)) for x in xyz)
     return f'<origin xyz="{position}" rpy="{_text(alpha)} 0 {_text(theta)}"/>'
-
-
-def _inertia(given: ArrayLike) -> Array:
-    """Inertia (3, 3) [kg.m2] from principal moments, six moments in Pinocchio's order, or the full matrix."""
-    inertia = np.asarray(given, float)
-    if inertia.shape == (3,):
-        return np.diag(inertia)
-    if inertia.shape == (6,):
-        return inertia[[[0, 1, 3], [1, 2, 4], [3, 4, 5]]]
-    return inertia
 
 
 def _text(value: float) -> str:

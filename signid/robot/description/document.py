@@ -105,7 +105,9 @@ def read_document(path: Path, package_dirs: Sequence[str | Path] = ()) -> Docume
     except UnicodeDecodeError as error:
         raise RobotError(f"the file is not UTF-8 text (byte {error.start}); save it as UTF-8") from None
     root = parse(text)
-    if path.suffix == ".xacro" or any("xacro" in namespace for namespace in _namespaces(root)):
+    # namespaces of tags in use: unused declarations often remain after an expansion
+    tags = [element.tag for element in root.iter() if isinstance(element.tag, str) and element.tag[0] == "{"]
+    if path.suffix == ".xacro" or any("xacro" in tag.partition("}")[0] for tag in tags):
         text = _expand(path, package_dirs)
         root = parse(text)
     if local(root) not in ("robot", "mujoco"):
@@ -158,11 +160,6 @@ def _parser(recover: bool = False) -> Any:
     from lxml import etree
 
     return etree.XMLParser(encoding="utf-8", resolve_entities=False, no_network=True, load_dtd=False, recover=recover)
-
-
-def _namespaces(root: Any) -> set[str]:
-    """Namespaces of the tags in use; unused declarations often remain after an expansion."""
-    return {tag.tag.partition("}")[0] for tag in root.iter() if isinstance(tag.tag, str) and tag.tag[0] == "{"}
 
 
 def _expand(path: Path, package_dirs: Sequence[str | Path]) -> str:
