@@ -19,7 +19,7 @@ ROOMS = {  # modules and folders of a folder in the order of the data; one impor
     "estimation": "__init__ fit_quality discrepancy excitation feasible pbrp least_squares standard estimators",
     "regression": "__init__ filters covariance projection bandwidth motion regressor base_parameters rows row_sample "
     "factors session prepare reduced",
-    "recording": "units mapping formats source names columns sampling gallery read __init__ convert",
+    "recording": "mapping formats source names columns sampling gallery read __init__ convert",
     "robot": "dynamics joints description locate load __init__",
     "signs": "thresholds result rows search samples inferred tree posterior infer torque_constants recover __init__",
     "simulation": "__init__ plant excite rollout",

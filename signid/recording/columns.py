@@ -12,10 +12,9 @@ import numpy as np
 from ..errors import RecordingError, shorten
 from ..types import Robot, Table
 from .formats.base import About
-from .mapping import ColumnMap, ParsedColumns, Signal, read_map, split
+from .mapping import Change, ColumnMap, DerivedTable, ParsedColumns, Signal, change_of, read_map, split
 from .names import suggest
 from .source import Opened
-from .units import Change, DerivedTable, change_of
 
 TORQUES = ("tau", "current", "abs_tau", "abs_current")  # in the order of preference
 WHEEL = re.compile(r"wheel|caster|castor|rotor|propeller", re.IGNORECASE)

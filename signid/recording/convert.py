@@ -13,11 +13,10 @@ from ..types import Array, Frozen, Input, Recording, Robot
 from . import read_recording
 from .columns import TORQUES, conversion, resolve
 from .formats.base import About, MemoryTable
-from .mapping import ColumnMap, ParsedColumns, Signal, read_map, split
+from .mapping import ColumnMap, DerivedTable, ParsedColumns, Signal, read_map, split
 from .names import OFFER, propose
 from .sampling.clock import read_clock
 from .source import Opened, Source, open_source
-from .units import DerivedTable
 
 
 class Pace(NamedTuple):

@@ -1,21 +1,84 @@
-"""Column map: signals, joint names and units of the columns of a source."""
+"""Column maps: signals, joint names and units of the columns of a source, with exact factors to those of recordings."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import permutations
-from math import isfinite
+from math import isfinite, pi
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from ..errors import RecordingError, shorten
 from ..toml_json import read_toml
-from .units import OF, Change, change_of
+from ..types import Array, Table
 
+Units = Mapping[str, tuple[float, float]]  # numerator and denominator of the factor by unit
+TIME: Units = {"s": (1, 1), "ms": (1, 1e3), "us": (1, 1e6), "ns": (1, 1e9), "min": (60, 1), "h": (3600, 1)}
+ANGLE: Units = {"rad": (1, 1), "mrad": (1, 1e3), "deg": (pi, 180), "rev": (2 * pi, 1)}
+LENGTH: Units = {"m": (1, 1), "cm": (1, 100), "mm": (1, 1e3), "um": (1, 1e6)}
+FORCE: Units = {"N": (1, 1), "mN": (1, 1e3), "kN": (1e3, 1), "kgf": (9.80665, 1)}
+TORQUE: Units = {
+    "N.m": (1, 1),
+    "mN.m": (1, 1e3),
+    "N.cm": (1, 100),
+    "N.mm": (1, 1e3),
+    "kN.m": (1e3, 1),
+    "kgf.m": (9.80665, 1),
+    "kgf.cm": (9.80665, 100),
+}
+CURRENT: Units = {"A": (1, 1), "mA": (1, 1e3)}
+
+
+def _rates(units: Units, power: str) -> Units:
+    return {f"{unit}/s{power}": factor for unit, factor in units.items()}
+
+
+OF: Mapping[str, tuple[Units, Units]] = {  # at revolute and at prismatic joints
+    "t": (TIME, TIME),
+    "q": (ANGLE, LENGTH),
+    "q_des": (ANGLE, LENGTH),
+    "dq": ({**_rates(ANGLE, ""), "rpm": (pi, 30)}, _rates(LENGTH, "")),
+    "ddq": (_rates(ANGLE, "2"), _rates(LENGTH, "2")),
+    "tau": (TORQUE, FORCE),
+    "abs_tau": (TORQUE, FORCE),
+    "current": (CURRENT, CURRENT),
+    "abs_current": (CURRENT, CURRENT),
+}
 KINDS = ("abs_current", "abs_tau", "current", "q_des", "ddq", "dq", "tau", "q")  # longer prefixes first
 FIELDS = ("column", "unit", "scale", "offset")  # keys of a column in the long form
 
 ColumnMap = str | Path | Mapping[str, Any]
+
+
+class Change(NamedTuple):
+    """Conversion of a unit: value * scale / over + offset."""
+
+    scale: float = 1.0
+    over: float = 1.0
+    offset: float = 0.0
+
+    def apply(self, values: Array, start: int = 0) -> Array:
+        """Convert values (N,) [unit of the source]; `start` is not used."""
+        return values * self.scale / self.over + self.offset
+
+
+class DerivedTable:
+    """A table that applies functions to some columns of another one as they are read.
+
+    Functions map the values (N,) of a column and the number of their first row to new values (N,).
+    """
+
+    def __init__(self, table: Table, functions: Mapping[str, Callable[[Array, int], Array]]) -> None:
+        self._table, self._functions = table, functions
+        self.columns, self.rows = table.columns, table.rows
+
+    def read(self, names: Sequence[str], start: int, stop: int) -> Array:
+        """Rows start..stop of the named columns, (stop - start, len(names))."""
+        values = self._table.read(names, start, stop).copy()
+        for k, name in enumerate(names):
+            if name in self._functions:
+                values[:, k] = self._functions[name](values[:, k], start)
+        return values
 
 
 class Signal(NamedTuple):
@@ -56,6 +119,25 @@ class ParsedColumns(NamedTuple):
                 inner = token[len(self.pattern[0]) : len(token) - len(self.pattern[1])]
                 return f"{kind}_{inner}" if inner else name
         return name
+
+
+def change_of(unit: str, kind: str, prismatic: bool | None, subject: str) -> Change:
+    """Conversion from a unit ("N.m" and "Nm" are equivalent) of a kind of column (q, tau, ...) to that of recordings.
+
+    `prismatic` is None if the type of the joint is unknown; `subject` begins the error message.
+
+    Raises:
+        RecordingError: unknown unit, or a unit that does not fit the kind of column or joint.
+    """
+    turning, sliding = OF[kind]
+    known = {**sliding, **turning} if prismatic is None else sliding if prismatic else turning
+    spelt = {name.replace(".", ""): name for name in known}
+    name = unit if unit in known else spelt.get(unit.replace("*", "").replace(" ", ""), "")
+    if not name:
+        joint = "prismatic" if prismatic else "revolute"
+        at = "" if prismatic is None or turning is sliding else f" at a {joint} joint"
+        raise RecordingError(f"{subject} has the unit {unit!r}; expected{at} {shorten(list(known), 12)}")
+    return Change(*known[name])
 
 
 def split(logical: str) -> list[tuple[str, str]]:

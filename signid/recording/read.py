@@ -15,11 +15,10 @@ from ..errors import RecordingError, shorten
 from ..types import Array, Recording, Robot, Table
 from .columns import TORQUES, Assignment, assign_columns
 from .formats.base import About
-from .mapping import ColumnMap
+from .mapping import ColumnMap, DerivedTable
 from .names import suggest
 from .sampling.clock import CHUNK
 from .source import Opened, Source, columns_of, open_source
-from .units import DerivedTable
 
 
 def read_recording(

@@ -91,7 +91,7 @@ def _check(source: str, output: str | None, json: bool) -> None:
 
 def _units(texts: list[str] | tuple[()]) -> dict[str, str]:
     """Units by kind of column."""
-    from ...recording.units import OF
+    from ...recording.mapping import OF
 
     units: dict[str, str] = {}
     for text in texts:
