@@ -149,14 +149,18 @@ def _resolve(axis: Axis, draft: Draft) -> tuple[str | None, float, float]:
 
 def _stated(draft: Draft, drive: Array) -> Actuators:
     """Friction and armature stated by the description; those of mimic joints are added to the joint they follow."""
-    totals = np.full((5, drive.shape[1]), np.nan)  # in the order of Actuators
-    weights = {"armature": drive**2, "viscous": drive**2, "coulomb": np.abs(drive)}
-    for total, (key, weight) in zip(totals, weights.items(), strict=False):
+    nothing = np.full(drive.shape[1], np.nan)
+
+    def reflected(key: str, weight: Array) -> Array:
+        total = nothing.copy()
         for axis in draft.axes:
-            columns = np.flatnonzero(drive[axis.row])
             if not np.isnan(value := getattr(axis, key)):
+                columns = np.flatnonzero(drive[axis.row])
                 total[columns] = np.nan_to_num(total[columns]) + weight[axis.row, columns] * value
-    return Actuators(*totals)
+        return total
+
+    armature, viscous = (reflected(key, drive**2) for key in ("armature", "viscous"))
+    return Actuators(armature, viscous, reflected("coulomb", np.abs(drive)), nothing, nothing)
 
 
 def _held(robot: Robot, joints: Sequence[str] | None, lock: Mapping[str, float]) -> dict[str, float]:

@@ -11,8 +11,27 @@ from . import convert
 
 _PLAIN = re.compile(r"\w[\w.+-]*")  # file names without a path
 UNSTATED = "none stated (all rights reserved)"
-_PANDA = "matlab/data/Exciting_Traj/Trajectory_1/rbt_log/exciting_traj_{}.txt"
+_PANDA = tuple(
+    f"matlab/data/Exciting_Traj/Trajectory_1/rbt_log/exciting_traj_{part}.txt"
+    for part in ("time", "positions", "velocity", "torques")
+)
 _TX40 = "examples/staubli_TX40"
+_SHA256 = {  # of the texts before compression
+    "1dof_experiment1.csv.gz": "20ddb28ed49156518a8f3dd5c84a103a7011a0fa842f8dcab7297efed78d1fc7",
+    "1dof_experiment_easy1.csv.gz": "f82c8e9be39a993b1b40eae0ffdd1adadff2bbef757bce9852d59e1b1b9eec34",
+    "1dof_experiment_easy2.csv.gz": "9d2a8e4189c26da8d2b42f955ebe76a68d290f036738a027a300880e0b0d282a",
+    "3dof_experiment123.csv.gz": "109baaf678c88b3e012bde5b348de490df513a427fad175cf1c23a69234b2eca",
+    "3dof_experiment456.csv.gz": "b9cb9cdcf3686f32d710df522725722cb4d82e298b59acc1294f81ce1111fec0",
+    "3dof_validation_trajectory7.csv.gz": "d6f52687fe11d00df5840b208262d306702f5a410baf607fa35bb90d00e5d7aa",
+    "3dof_validation_trajectory8.csv.gz": "a3e1a4051269193d9ce59e7ec4d87f3d3ac59313bfda89c8feafa423f77a1d59",
+    "3dof_validation_trajectory9.csv.gz": "0c4f60b1d9ee45edcf40e40a4ac69bcf74914dc332dd9e3efa352d2ad09c0943",
+    "emps_train.csv.gz": "2619315f3d0488106b8a80b8aaee1356823a4d73e544960ad434ab3d9c072a8e",
+    "emps_pulses.csv.gz": "dd404ed0437b7ee64a6185ed24a506e7a57ae6ac67b2a24039847f032f3fecd4",
+    "exciting_traj_1.csv.gz": "edea80d89d487dfd7c95a151a2b8e3745e7ad7693a1bc25d52bcefe323fa9303",
+    "exciting_traj.csv.gz": "4b0ba4d6c95e04870101dc6c96a530ffbe141b2470a3a4191f9d0df5a1b5586b",
+    "tx40.urdf": "bdbe0ad7dab085348f20a003af6e585172a6bbe3e1b7a4f65dd86f2a59f2f385",
+    "ur10e.urdf": "582f3dc2e1c70338f2b384c86e548cfa37810c840ccab220cb9c723151e57506",
+}
 _UR10E = {
     "identification_data/20_01_31-unload": "3bbdf2e4ed1ede1390225396206855e15f259e8bd3769832ade130d6709b33bf",
     "identification_data/20_02_10-30sec_12harm": "17a262d5c1dcc008b8e5aef98b4b63b8c0ca17732a61c4e6e587c33d1934567e",
@@ -86,21 +105,24 @@ def _splines(arm: str, number: int, *parts: str) -> tuple[str, ...]:
     return tuple(f"Code/data/{arm}/trajectory{number}/{part}.mat" for part in parts)
 
 
-def _pendulum(name: str, sha256: str, *parts: str) -> Product:
-    stacks = [f"Code/data/1-dof/experiment{name}/{stack}.mat" for stack in ("Y_stack", "u_stack")]
-    paths = (*stacks, *_splines("1-dof", 1, *parts))
-    return Product(f"1dof_experiment{name}.csv.gz", paths, convert.pendulum, sha256)
+def _product(name: str, make: Callable[..., str], *sources: str) -> Product:
+    return Product(name, sources, make, _SHA256[name])
 
 
-def _arm(numbers: str, sha256: str) -> Product:
+def _pendulum(name: str, *parts: str) -> Product:
+    stacks = [f"Code/data/1-dof/{name}/{stack}.mat" for stack in ("Y_stack", "u_stack")]
+    return _product(f"1dof_{name}.csv.gz", convert.pendulum, *stacks, *_splines("1-dof", 1, *parts))
+
+
+def _arm(numbers: str) -> Product:
     paths = [path for number in numbers for path in _splines("3-dof", int(number), *convert.SPLINES)]
     name = f"experiment{numbers}"
-    return Product(f"3dof_{name}.csv.gz", (f"Code/data/3-dof/{name}/u_stack.mat", *paths), convert.arm, sha256)
+    return _product(f"3dof_{name}.csv.gz", convert.arm, f"Code/data/3-dof/{name}/u_stack.mat", *paths)
 
 
-def _trajectory(number: int, sha256: str) -> Product:
+def _trajectory(number: int) -> Product:
     paths = _splines("3-dof", number, *convert.SPLINES)
-    return Product(f"3dof_validation_trajectory{number}.csv.gz", paths, convert.motion, sha256)
+    return _product(f"3dof_validation_trajectory{number}.csv.gz", convert.motion, *paths)
 
 
 def _ur10e(path: str, sha256: str) -> Product:
@@ -119,24 +141,14 @@ PENDULUM = DataSet(
     licence=UNSTATED,
     cite="its repository: dynamic identification of a 1R and a 3R robot without the signs of their torques",
     megabytes=0.1,
-    products=(
-        _pendulum("1", "20ddb28ed49156518a8f3dd5c84a103a7011a0fa842f8dcab7297efed78d1fc7", "pos", "vel"),
-        _pendulum("_easy1", "f82c8e9be39a993b1b40eae0ffdd1adadff2bbef757bce9852d59e1b1b9eec34"),
-        _pendulum("_easy2", "9d2a8e4189c26da8d2b42f955ebe76a68d290f036738a027a300880e0b0d282a"),
-    ),
+    products=(_pendulum("experiment1", "pos", "vel"), _pendulum("experiment_easy1"), _pendulum("experiment_easy2")),
 )
 ARM = replace(
     PENDULUM,
     name="3r",
     title="the simulated arm 3r, without noise, 50 Hz",
     megabytes=0.2,
-    products=(
-        _arm("123", "109baaf678c88b3e012bde5b348de490df513a427fad175cf1c23a69234b2eca"),
-        _arm("456", "b9cb9cdcf3686f32d710df522725722cb4d82e298b59acc1294f81ce1111fec0"),
-        _trajectory(7, "d6f52687fe11d00df5840b208262d306702f5a410baf607fa35bb90d00e5d7aa"),
-        _trajectory(8, "a3e1a4051269193d9ce59e7ec4d87f3d3ac59313bfda89c8feafa423f77a1d59"),
-        _trajectory(9, "0c4f60b1d9ee45edcf40e40a4ac69bcf74914dc332dd9e3efa352d2ad09c0943"),
-    ),
+    products=(_arm("123"), _arm("456"), _trajectory(7), _trajectory(8), _trajectory(9)),
     example="signid identify 3r {folder}/3dof_experiment123.csv.gz --effects none -o result",
 )
 EMPS = DataSet(
@@ -150,18 +162,8 @@ EMPS = DataSet(
     cite="Janot, Gautier, Brunot, Data Set and Reference Models of EMPS, Nonlinear Sys. Id. Benchmarks, 2019",
     megabytes=2,
     products=(
-        Product(
-            "emps_train.csv.gz",
-            ("examples/EMPS/data/DATA_EMPS.mat",),
-            convert.emps,
-            "2619315f3d0488106b8a80b8aaee1356823a4d73e544960ad434ab3d9c072a8e",
-        ),
-        Product(
-            "emps_pulses.csv.gz",
-            ("examples/EMPS/data/DATA_EMPS_PULSES.mat",),
-            convert.emps_pulses,
-            "dd404ed0437b7ee64a6185ed24a506e7a57ae6ac67b2a24039847f032f3fecd4",
-        ),
+        _product("emps_train.csv.gz", convert.emps, "examples/EMPS/data/DATA_EMPS.mat"),
+        _product("emps_pulses.csv.gz", convert.emps_pulses, "examples/EMPS/data/DATA_EMPS_PULSES.mat"),
     ),
     carried=(("emps.urdf", "emps/robot.urdf"),),
 )
@@ -175,14 +177,7 @@ PANDA = DataSet(
     licence="GPL-3.0",
     cite="Gaz, Cognetti, Oliva, Robuffo Giordano, De Luca, IEEE Robotics and Automation Letters 4(4), 2019",
     megabytes=4.1,
-    products=(
-        Product(
-            "exciting_traj_1.csv.gz",
-            tuple(_PANDA.format(part) for part in ("time", "positions", "velocity", "torques")),
-            convert.panda,
-            "edea80d89d487dfd7c95a151a2b8e3745e7ad7693a1bc25d52bcefe323fa9303",
-        ),
-    ),
+    products=(_product("exciting_traj_1.csv.gz", convert.panda, *_PANDA),),
     carried=(("panda.urdf", "panda/arm.urdf"),),
 )
 TX40 = DataSet(
@@ -196,18 +191,10 @@ TX40 = DataSet(
     cite="Nguyen, Bonnet, Sabbah, Gautier, Fernbach and others, FIGAROH, IEEE-RAS Humanoids, 2023",
     megabytes=5,
     products=(
-        Product(
-            "exciting_traj.csv.gz",
-            (f"{_TX40}/data/pos_read_data.csv", f"{_TX40}/data/curr_data.csv"),
-            convert.tx40,
-            "4b0ba4d6c95e04870101dc6c96a530ffbe141b2470a3a4191f9d0df5a1b5586b",
+        _product(
+            "exciting_traj.csv.gz", convert.tx40, f"{_TX40}/data/pos_read_data.csv", f"{_TX40}/data/curr_data.csv"
         ),
-        Product(
-            "tx40.urdf",
-            (f"{_TX40}/urdf/tx40_mdh_modified.urdf",),
-            convert.without_meshes,
-            "bdbe0ad7dab085348f20a003af6e585172a6bbe3e1b7a4f65dd86f2a59f2f385",
-        ),
+        _product("tx40.urdf", convert.without_meshes, f"{_TX40}/urdf/tx40_mdh_modified.urdf"),
     ),
 )
 UR10E = DataSet(
@@ -222,12 +209,7 @@ UR10E = DataSet(
     megabytes=17,
     products=(
         *(_ur10e(path, sha256) for path, sha256 in _UR10E.items()),
-        Product(
-            "ur10e.urdf",
-            ("URe/urdf/ur10e.urdf",),
-            convert.without_meshes,
-            "582f3dc2e1c70338f2b384c86e548cfa37810c840ccab220cb9c723151e57506",
-        ),
+        _product("ur10e.urdf", convert.without_meshes, "URe/urdf/ur10e.urdf"),
     ),
 )
 SETS = {each.name: each for each in (PENDULUM, ARM, EMPS, PANDA, TX40, UR10E)}
