@@ -13,9 +13,9 @@ from signid.recording import read_recording
 from signid.regression.prepare import prepare
 from signid.regression.rows import Task
 from signid.regression.session import Options
-from signid.signs.rows.observations import Observed, observe
-from signid.signs.rows.segments import threshold_runs
+from signid.signs.observations import Observed, observe
 from signid.signs.search.problem import Segment, build_problem, orthonormalise
+from signid.signs.segments import threshold_runs
 from signid.types import Array
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from signless import Lost, lost
 
-from signid.signs.posterior.confidence import inflation
+from signid.signs.posterior import inflation
 from signid.signs.samples.markov_chain import coupling, expected_signs, likeliest_signs, refine_signs
 from signid.signs.search.problem import Segment
 from signid.types import Array

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from signid.errors import RecordingError
-from signid.signs.rows.observations import Observed
-from signid.signs.rows.segments import runs_between_minima, split_by_signs, split_impure, threshold_runs
+from signid.signs.observations import Observed
 from signid.signs.search.problem import Segment
+from signid.signs.segments import runs_between_minima, split_by_signs, split_impure, threshold_runs
 from signid.types import Array, Mask
 
 PERIOD = 0.01  # s

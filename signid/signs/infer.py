@@ -2,24 +2,54 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from ..regression.rows import Task
 from ..types import Array, Frozen
-from .inferred import ChooseSigns, Inferred, SignChoice
-from .posterior.confidence import inflation, joint_flip_probability
-from .posterior.recheck import apply_signs, recheck_signs
-from .rows.observations import Observed
-from .rows.segments import Segment, runs_between_minima, split_by_signs, split_impure, threshold_runs
+from .observations import Observed
+from .posterior import apply_signs, inflation, joint_flip_probability, recheck_signs
+from .result import SignProof
 from .samples.markov_chain import RefinedSigns, refine_signs
 from .search.cone import cone_inequalities
-from .search.friction import known_rows
 from .search.problem import KnownRows, SignProblem, build_problem, signed_rows
-from .search.segment_search import SegmentSearch
+from .search.segment_search import SegmentSearch, known_rows
+from .segments import Segment, runs_between_minima, split_by_signs, split_impure, threshold_runs
 from .thresholds import CORRELATED_RESIDUAL, LARGE_RESIDUAL, NOISE_FLOOR, SPLIT_ROUNDS
+
+
+@dataclass(frozen=True, eq=False)
+class Inferred(Frozen):
+    """Signs of S segments and N samples of n joints, their confidence, and the evidence for flags."""
+
+    segments: tuple[Segment, ...]  # S
+    signs: Array  # (S,) s [1]
+    confidence: Array  # (S,) [1]
+    refined: RefinedSigns
+    inflation: Array  # (n,) kappa, samples per independent sample of the residual [1]
+    threshold: Array  # (n,) [N.m or N]
+    problem: SignProblem  # weighted in standard deviations
+    proof: SignProof
+    complete: bool  # whether every rival within the window was enumerated
+    flip_probability: dict[int, float]  # joint -> probability that all its signs are inverted
+    impure: dict[int, int]  # joint -> segments in which torque changed its sign
+    finer: bool  # whether segments between low minima were used
+    notes: tuple[str, ...]
+
+
+class SignChoice(NamedTuple):
+    """Signs of the segments of a problem, and how they were found."""
+
+    signs: Array  # (S,) s [1]
+    coordinates: Array  # (r,) z [standard deviations]
+    proof: SignProof
+    notes: tuple[str, ...] = ()
+
+
+ChooseSigns = Callable[[SignProblem, Sequence[Segment]], SignChoice]
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,16 +66,8 @@ def infer(task: Task, observed: Observed, seed: int = 0, choose: ChooseSigns | N
     """Infer the signs of the joints whose torque has none.
 
     The problem is solved twice: weighted by the rms torque of the joints, to start the refinement of samples, then in
-    standard deviations, from which signs, confidence and (for the exact search) the proof are reported.
-
-    Args:
-        task: robot, laws and base map of the rows.
-        observed: observations.
-        seed: seed of all random numbers.
-        choose: another first search, whose signs then stay and whose proof is reported; None: exact search.
-
-    Raises:
-        RecordingError: a torque has no segment.
+    standard deviations, from which signs, confidence and (for the exact search) the proof are reported. With another
+    first search, `choose`, its signs stay and its proof is reported.
     """
     segments, threshold = threshold_runs(observed)
     search, finer = SegmentSearch(observed, cone_inequalities(task, observed, seed), seed), False

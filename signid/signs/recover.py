@@ -16,18 +16,16 @@ from ..regression.prepare import prepare, rearrange
 from ..regression.rows import Task
 from ..regression.session import Options, Part, Session
 from ..types import Array, BaseMap, Estimate, Progress, Recording, Robot
-from .infer import infer
-from .inferred import Inferred
-from .posterior.flags import raise_flags
+from .flags import raise_flags
+from .infer import Inferred, infer
+from .observations import Observed, observe, thinning
 from .result import Signs, SignSegment, Trace
-from .rows.observations import Observed, observe, thinning
-from .samples.expected_signs import expect_signs
-from .samples.jumps import Signed, place_jumps
+from .samples.full_rate import Signed, expect_signs, place_jumps
 from .samples.markov_chain import refine_signs
 from .samples.rows_of_file import signs_of_rows
+from .torque_constants.constants import widen_estimate
 from .torque_constants.find import TorqueConstants, find_gains
-from .torque_constants.from_shared_parameters import widen_estimate
-from .tree.method import by_tree
+from .tree.tree import by_tree
 
 METHODS = ("exact", "tree")
 
@@ -42,14 +40,7 @@ class Recovered:
     gains: TorqueConstants | None = None  # torque constants that were not known
 
     def widen(self, found: Estimate, factors: Factors, base: BaseMap, whiten: bool) -> Estimate:
-        """The estimate with the uncertainty of the torque constants that were found.
-
-        Args:
-            found: estimate with exact constants.
-            factors: factors that it comes from.
-            base: base map of the columns.
-            whiten: as for the estimate.
-        """
+        """The estimate with the uncertainty of the torque constants that were found."""
         return found if self.gains is None else widen_estimate(found, factors, base, self.gains.covariance, whiten)
 
     def session_to_fit(self, robot: Robot) -> Session:
@@ -79,17 +70,7 @@ def prepare_and_recover(
 ) -> Recovered:
     """Prepare recordings once, and recover their signs; only signed currents need torque constants.
 
-    Args:
-        robot: as `load_robot` gives it.
-        recordings: recordings to learn from.
-        held_out: held-out recordings.
-        options: effects, cut-off and the like.
-        unsigned: options where a torque lacks its sign. None: `options`.
-        method: as for `recover`.
-        progress: called with the current step and the share that is done.
-
-    Raises:
-        OptionError, RecordingError: as `prepare` and `recover` do.
+    Where a torque lacks its sign, the options `unsigned` take the place of `options`, unless None.
     """
     signed = all(recording.signed.all() for recording in (*recordings, *held_out))
     own = options if signed or unsigned is None else unsigned
@@ -97,15 +78,11 @@ def prepare_and_recover(
 
 
 def recover(session: Session, *, method: str = "exact", progress: Progress | None = None) -> Recovered:
-    """The session with the signs of all torques.
+    """The session with the signs of all torques, which needs laws of friction among its effects.
 
     Signs are searched in the recordings of which at least a part is learned from, whole. Those of other recordings
-    follow from the model that the search found. Torque constants that are not known are found first.
-
-    Args:
-        session: recordings with laws of friction among its effects.
-        method: `exact`: proved by branch and bound within physics; `tree`: the classical tree of sign choices.
-        progress: called with what is being done and the share that is done.
+    follow from the model that the search found. Torque constants that are not known are found first. The method is
+    `exact`, proved by branch and bound within physics, or `tree`, the classical tree of sign choices.
 
     Raises:
         OptionError: there is no such method, or a torque constant is neither known nor identifiable.

@@ -20,9 +20,8 @@ from ...robot import hold, resting
 from ...types import Array, BaseMap, Indices, Input, Law, Robot
 from ...version import __version__
 from ..bandwidth import Band
-from ..factors import Factors, JointFactors, Node, reduce_rows
+from ..factors import Factors, JointFactors, Node, RowSample, reduce_rows
 from ..regressor import labels
-from ..row_sample import RowSample
 from ..rows import Task
 from .reduce import WHOLE, Reduced
 

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...types import Array, Frozen, Mask
-from ..rows.observations import Observed
-from ..rows.segments import place_sign_changes
+from ..observations import Observed
 from ..search.problem import orthonormalise, signed_rows
+from ..segments import place_sign_changes
 
 INFLATION = 10.0  # [samples per independent sample] kappa of the residual; logs: with 1, signs of small torques
 # follow the model, and parameter errors are 3 to 7 times larger
@@ -42,16 +42,17 @@ class RefinedSigns(Frozen):
 def refine_signs(observed: Observed, weights: Array, value: Array, *, rounds: int = ROUNDS) -> RefinedSigns:
     """Infer the signs of all samples by expectation maximisation, from approximate parameters.
 
-    E step: with m the predicted and a the absolute torque of a sample, the log-odds of a positive sign are
-    2 m a / (kappa sigma^2); messages along the chain give E[s]. M step: z = U'(E[s] a w). Parameters are fitted to
-    expected signs, since a fit to the most probable ones takes noise around zero for torque. Samples near reversals do
-    not enter the fit; their log-odds use the variance of their own residual.
+    E step: with m the predicted and a the absolute torque of a sample, the log-odds of a positive sign are 2 m a /
+    (kappa sigma^2); messages along the chain give E[s]. M step: z = U'(E[s] a w). Parameters are fitted to expected
+    signs, since a fit to the most probable ones takes noise around zero for torque. Samples near reversals do not enter
+    the fit; their log-odds use the variance of their own residual.
 
     Args:
         observed: observations.
         weights: (n,) w [1/N.m or 1/N] weight of each joint's torque.
         value: (b,) theta to start from [units of base].
         rounds: largest number of rounds.
+
 
     Source: Dempster, Laird, Rubin, J. Royal Statistical Society B 39(1), 1977; Rabiner, Proc. IEEE 77(2), 1989.
     """
@@ -81,15 +82,10 @@ def refine_signs(observed: Observed, weights: Array, value: Array, *, rounds: in
 
 
 def coupling(magnitude: Array, first: Mask, same: float = SAME) -> Array:
-    """Log-odds that a sample has the sign of the one before it: (N, h) [1], 0 where a span begins.
+    """Log-odds that a sample has the sign of the one before it: (N, h) [1], 0 where a span begins (`first`).
 
-    Torque is modelled as a random walk with the local mean squared step d^2 of |torque|: the log-odds of neighbours
-    a, a' are 2 a a' / d^2 + same. Neighbours that are large compared with d have the same sign.
-
-    Args:
-        magnitude: (N, h) a, absolute torque [N.m or N].
-        first: (N,) whether a span begins with a sample.
-        same: log-odds whatever the torques.
+    Torque is modelled as a random walk with the local mean squared step d^2 of magnitude a (N, h) [N.m or N]: the
+    log-odds of neighbours a, a' are 2 a a' / d^2 + same. Neighbours that are large compared with d have the same sign.
     """
     inside = np.broadcast_to(~first[:, None], magnitude.shape)
     step = np.diff(magnitude, axis=0, prepend=magnitude[:1]) ** 2 * inside
@@ -121,9 +117,7 @@ def expected_signs(odds: Array, tied: Array) -> Array:
 def likeliest_signs(odds: Array, tied: Array) -> Array:
     """Most probable signs of h whole chains: (N, h) [1], -1 or 1.
 
-    Args:
-        odds: (N, h) [1] log-odds of a positive sign from each sample alone.
-        tied: (N, h) [1] log-odds that a sample has the sign of the one before it, at least 0.
+    Log-odds are those of `expected_signs`: odds (N, h) [1] and tied (N, h) [1], at least 0.
 
     Source: Viterbi, IEEE Trans. Information Theory 13(2), 1967.
     """

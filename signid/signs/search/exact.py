@@ -12,10 +12,10 @@ from ...deadline import show_step, time_is_up
 from ...types import Array, Frozen
 from ..result import SignProof
 from .branch_and_bound import BUDGET, SEARCH, Incumbent, TreeBudget, branch
-from .certificate import certify
+from .cone import PhysicalCone
 from .local_search import TURNS, ascend, climb
-from .problem import SignProblem
-from .scores import ConvexCone, Scores, WholeSpace
+from .problem import SignProblem, certify
+from .scores import Scores
 
 NARROW = 200  # [nodes per level] of the first trees; ten times as many once they give nothing new; heuristic
 PATTERNS = 9  # [groups of segments] up to which all patterns of flips are tried: 2^8 patterns; heuristic
@@ -33,11 +33,6 @@ class SignSolution(Frozen):
     proof: SignProof
     cuts: Array  # (r, C) [1] normals c with c'z <= 0 in the cone
 
-    @property
-    def incumbent(self) -> Incumbent:
-        """Start of a tree that looks for other signs."""
-        return Incumbent(self.signs, self.coordinates, self.cuts)
-
 
 class RivalSigns(NamedTuple):
     """Signs almost as good as the best, itself included; s and -s are different rivals."""
@@ -54,7 +49,7 @@ class RivalSigns(NamedTuple):
 
 def search_signs(
     problem: SignProblem,
-    cone: ConvexCone | None = None,
+    cone: PhysicalCone | None = None,
     moves: Sequence[Array] = (),
     start: Array | None = None,
     *,
@@ -79,7 +74,7 @@ def search_signs(
     tries = climb(problem, seed=seed)[None]
     if start is not None:
         tries = np.concatenate([tries, start[None], ascend(problem, start[None], pairs=True)])
-    free = Scores(problem, WholeSpace())
+    free = Scores(problem, None)
     free.add(tries)
     lower, certified = certify(problem, free.signs)
     lower, nodes = _prove(free, (), free.best if certified else lower, budget)
@@ -97,21 +92,17 @@ def search_signs(
 
 
 def enumerate_near(
-    problem: SignProblem, cone: ConvexCone | None, solution: SignSolution, window: float, budget: TreeBudget = NEAR
+    problem: SignProblem, cone: PhysicalCone | None, solution: SignSolution, window: float, budget: TreeBudget = NEAR
 ) -> RivalSigns:
     """List all signs whose loss exceeds that of a solution by at most a window; the best ones if there are too many.
 
-    Args:
-        problem: boolean least squares.
-        cone: cone of the search.
-        solution: result of the search, or any other signs.
-        window: excess loss [squared standard deviations].
-        budget: limits of the tree; its width also limits the number of distances computed.
+    The window is in squared standard deviations. The width of the budget also limits the number of distances computed.
     """
     limit = solution.loss + window
-    scores = Scores(problem, cone or WholeSpace(), limit, solution.cuts)
+    scores = Scores(problem, cone, limit, solution.cuts)
     scores.add(solution.signs[None])
-    tree = branch(problem, solution.incumbent, limit - problem.loss(solution.signs), budget)
+    best = Incumbent(solution.signs, solution.coordinates, solution.cuts)
+    tree = branch(problem, best, limit - problem.loss(solution.signs), budget)
     beyond = min(tree.beyond, scores.add(tree.leaves, budget.width))
     signs, losses = scores.ranked()
     inside = losses <= limit + scores.same
@@ -127,7 +118,8 @@ def _prove(scores: Scores, moves: Sequence[Array], lower: float, budget: TreeBud
         show_step("searching signs", nodes / budget.nodes)
         before = scores.best, scores.cuts.shape[1]
         window = scores.best - scores.problem.loss(scores.signs)
-        tree = branch(scores.problem, scores.incumbent, window, TreeBudget(width, budget.nodes - nodes))
+        best = Incumbent(scores.signs, scores.coordinates, scores.cuts)
+        tree = branch(scores.problem, best, window, TreeBudget(width, budget.nodes - nodes))
         rest = min(tree.beyond, scores.add(tree.leaves, SCORED))
         lower = max(lower, min(rest, scores.best))
         nodes += tree.nodes

@@ -15,16 +15,7 @@ TURNS = 20  # [flips per segment] at most, since rounding errors could go on for
 
 
 def climb(problem: SignProblem, starts: int = STARTS, seed: int = 0) -> Array:
-    """The best local optimum of many starts; a known segment has sign +1.
-
-    Args:
-        problem: boolean least squares.
-        starts: number of starts.
-        seed: seed of the random starts.
-
-    Returns:
-        (S,) [1].
-    """
+    """The best local optimum (S,) [1] of many starts; a known segment has sign +1."""
     ends = np.unique(ascend(problem, _starts(problem, starts, seed)), axis=0)
     losses = np.array([problem.loss(signs) for signs in ends])
     best = np.argsort(losses, kind="stable")[:PAIRED]
@@ -34,19 +25,10 @@ def climb(problem: SignProblem, starts: int = STARTS, seed: int = 0) -> Array:
 
 
 def ascend(problem: SignProblem, starts: Array, joints: bool = True, pairs: bool = False) -> Array:
-    """Local optima of steepest ascent by flips of segments, then of whole joints, then of pairs, until none helps.
+    """Local optima (K, S) [1] of steepest ascent from starts (K, S) [1], by flips of segments, whole joints and pairs.
 
     A known segment may be flipped on the way; in the end all signs are inverted where it is -1, which has the same
     loss. Local optima are candidates without proof, so an ascent that is cut short does no harm.
-
-    Args:
-        problem: boolean least squares.
-        starts: (K, S) s [1].
-        joints: whether to flip whole joints.
-        pairs: whether to flip pairs of segments.
-
-    Returns:
-        (K, S) [1].
     """
     gram = problem.projections.T @ problem.projections
     signs = np.array(starts, dtype=float)

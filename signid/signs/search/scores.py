@@ -2,59 +2,27 @@
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import numpy as np
 
 from ...types import Array
-from .branch_and_bound import ROUNDING, Incumbent, bounds
+from .branch_and_bound import ROUNDING, bounds
+from .cone import PhysicalCone
 from .problem import SignProblem
 
 CUTS = 64  # half-spaces kept, since each bound costs a sweep over them; heuristic
 WORTH = 0.9  # [squared distance] a half-space is kept where those before it give a lower bound below; heuristic
 
 
-class ConvexCone(Protocol):
-    """Convex cone of coordinates z, such as those that a real robot can have."""
-
-    def distance(self, z: Array) -> tuple[float, Array]:
-        """Squared distance from the cone, and its point nearest to z (r,) [standard deviations].
-
-        Alternatively, a lower bound on the distance and a point outside the cone.
-
-        Args:
-            z: (r,) [standard deviations].
-        """
-        ...
-
-
-class WholeSpace:
-    """Cone of all coordinates."""
-
-    def distance(self, z: Array) -> tuple[float, Array]:
-        """Zero, and z itself (r,) [standard deviations].
-
-        Args:
-            z: (r,) [standard deviations].
-        """
-        return 0.0, z
-
-
 class Scores:
-    """Loss J_c(s) = J(s) + dist^2(B s, cone) of all signs evaluated so far, and the best of them.
+    """Loss J_c(s) = J(s) + dist^2(B s, cone) of all signs evaluated so far, and the best of them; cone None: all z.
 
     With p the point of the cone nearest to z, (z - p)'y <= 0 for every y in the cone: each distance gives a half-space
-    (a cut) that bounds the distances of other signs from below.
-
-    Args:
-        problem: boolean least squares.
-        cone: cone of coordinates.
-        limit: [squared standard deviations] signs of larger loss are skipped; None: signs worse than the best.
-        cuts: (r, C) [1] normals of half-spaces already known.
+    (a cut) that bounds the distances of other signs from below. Signs of a loss above `limit` are skipped; None: signs
+    worse than the best.
     """
 
     def __init__(
-        self, problem: SignProblem, cone: ConvexCone, limit: float | None = None, cuts: Array | None = None
+        self, problem: SignProblem, cone: PhysicalCone | None, limit: float | None = None, cuts: Array | None = None
     ) -> None:
         self.problem, self.cone, self._limit = problem, cone, limit
         self.same = ROUNDING * float(problem.energies.sum())
@@ -67,20 +35,11 @@ class Scores:
         """Loss from which signs are skipped [squared standard deviations]."""
         return (self.best if self._limit is None else self._limit) + self.same
 
-    @property
-    def incumbent(self) -> Incumbent:
-        """The best signs, their coordinates, and the cuts."""
-        return Incumbent(self.signs, self.coordinates, self.cuts)
-
     def add(self, signs: Array, most: int | None = None) -> float:
-        """Evaluate signs and their opposites in the order of their lower bounds, while these are below the limit.
+        """Evaluate signs (K, S) [1] and their opposites, in the order of their lower bounds, up to the limit.
 
-        Returns a lower bound on the losses that were left out though they may be below the limit; inf if there are
-        none.
-
-        Args:
-            signs: (K, S) s [1].
-            most: approximate number of distances to compute; None: all.
+        About `most` distances are computed. Returns a lower bound on the losses that were left out though they may be
+        below the limit; inf if there are none.
         """
         both = signs if self.problem.anchored else np.concatenate([signs, -signs])
         floors = bounds(self.problem, both, self.cuts)
@@ -95,7 +54,7 @@ class Scores:
 
     def attained(self) -> bool:
         """Whether the coordinates of the best signs lie in the cone, so that their loss is more than a lower bound."""
-        return self.cone.distance(self.coordinates)[0] <= self.same
+        return self._distance(self.coordinates)[0] <= self.same
 
     def ranked(self) -> tuple[Array, Array]:
         """All evaluated signs (K, S) [1] and their losses (K,) [squared standard deviations], ascending."""
@@ -103,6 +62,9 @@ class Scores:
         at = np.argsort(losses, kind="stable")
         signs = np.array([np.frombuffer(key, dtype=np.int8) for key in self._seen], dtype=float)
         return signs[at], losses[at]
+
+    def _distance(self, z: Array) -> tuple[float, Array]:
+        return (0.0, z) if self.cone is None else self.cone.distance(z)
 
     def _add(self, signs: Array) -> bool:
         """Evaluate signs (S,), unless they were evaluated before or are bounded above the limit."""
@@ -114,7 +76,7 @@ class Scores:
         if loss + bound >= self.limit:
             return False
         z = self.problem.coordinates(signs)
-        squared, nearest = self.cone.distance(z)
+        squared, nearest = self._distance(z)
         self._seen[key] = loss + squared
         if loss + squared < self.best:
             self.best, self.signs, self.coordinates = loss + squared, np.array(signs), nearest

@@ -15,12 +15,11 @@ from ...regression.rows import Task
 from ...regression.session import Session
 from ...types import Array, Frozen, Mask, Progress, Recording, Robot, prismatic_unit
 from ..infer import infer
+from ..observations import Observed, observe
 from ..result import Gain, Signs
-from ..rows.observations import Observed, observe
 from ..samples.rows_of_file import signs_of_rows
 from ..thresholds import INERTIAL_ERROR
-from .from_description import combine, describe_constants
-from .from_shared_parameters import Constants, share_constants
+from .constants import Constants, combine, describe_constants, share_constants
 
 ROUNDS = 5  # most rounds of signs and constants in turn
 SETTLED, CALM = 0.01, 0.1  # change of a constant at which rounds end: relative [1], in its standard deviations [1]
@@ -65,11 +64,7 @@ def find_gains(session: Session, progress: Progress | None = None) -> TorqueCons
     Each joint's signs are searched by itself, where its constant does not matter; the signed currents determine the
     constants, by the base parameters that joints share, and with those the signs are searched in all joints together;
     again until nothing changes. Where no joint's constant is known, or where joints share too little, the inertials
-    that the description states set the scale.
-
-    Args:
-        session: the recordings; those of which a part is learned from are used, whole.
-        progress: called with what is being done and the share that is done.
+    that the description states set the scale. Recordings of which a part is learned from are used, whole.
 
     Raises:
         OptionError: a constant is not identifiable; the sentence says what to state.

@@ -38,15 +38,10 @@ def condition_order(
     """Order the segments: the smallest set whose stacked rows are well conditioned, then greedily.
 
     Each later segment is the one that gives the smallest condition number with all before it, over base parameters in
-    their own units. All sets of one, two ... segments are tried; if a limit ends that, the first set is chosen one
-    segment at a time and `complete` is False. Friction of a joint acts in its own segments only, so seven joints need
-    at least seven segments, and 93 segments have 1e10 such sets. A segment of known sign comes first.
-
-    Args:
-        problem: boolean least squares.
-        threshold: condition number of a well-conditioned set.
-        largest: largest number of segments of the sets that are all tried.
-        budget: largest number of sets that are tried.
+    their own units. All sets of one, two ... `largest` segments are tried, `budget` sets at most; if a limit ends that,
+    the first set is chosen one segment at a time and `complete` is False. Friction of a joint acts in its own segments
+    only, so seven joints need at least seven segments, and 93 segments have 1e10 such sets. A segment of known sign
+    comes first.
 
     Source: the condition number as a measure of excitation: Gautier, Khalil, Int. J. Robotics Research 11(4), 1992.
     """

@@ -6,13 +6,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ...errors import shorten
-from ...types import Indices
-from ..inferred import Inferred
-from ..rows.observations import Observed
-from ..search.friction import friction_patterns
-from ..search.local_search import ascend
-from ..thresholds import (
+from ..errors import shorten
+from ..types import Indices
+from .infer import Inferred
+from .observations import Observed
+from .search.local_search import ascend
+from .search.segment_search import friction_patterns
+from .thresholds import (
     COARSE_STEP,
     CORRELATED_RESIDUAL,
     FLIP_PROBABILITY,

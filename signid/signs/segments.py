@@ -7,9 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...errors import RecordingError
-from ...types import Array, Indices, Mask
-from ..thresholds import (
+from ..errors import RecordingError
+from ..types import Array, Indices, Mask
+from .observations import Observed
+from .thresholds import (
     JUMP_TORQUE,
     MINIMUM_CEILING,
     MINIMUM_FLOOR,
@@ -22,7 +23,6 @@ from ..thresholds import (
     SPLIT_DEVIATIONS,
     SPLIT_SAMPLES,
 )
-from .observations import Observed
 
 
 class Segment(NamedTuple):
@@ -34,11 +34,7 @@ class Segment(NamedTuple):
 
 
 def threshold_runs(observed: Observed, quantile: float = SEGMENT_QUANTILE) -> tuple[list[Segment], Array]:
-    """Runs of |torque| at or above its quantile, and the thresholds (n,) [N.m or N].
-
-    Args:
-        observed: observations.
-        quantile: quantile of |torque| in motion [1].
+    """Runs of |torque| at or above its quantile in motion, and the thresholds (n,) [N.m or N].
 
     Raises:
         RecordingError: a joint's torque is zero throughout, or no run above its threshold is long enough.
@@ -76,7 +72,7 @@ def runs_between_minima(observed: Observed) -> list[Segment]:
 def split_impure(
     observed: Observed, segments: Sequence[Segment], predicted: Array, noise: Array
 ) -> tuple[list[Segment], int]:
-    """Split segments where the torque of a model clearly changes its sign; also returns the number of splits.
+    """Split segments where a model clearly changes sign, and count the splits.
 
     Args:
         observed: observations.
@@ -94,13 +90,7 @@ def split_impure(
 
 
 def split_by_signs(observed: Observed, segments: Sequence[Segment], signs: Array) -> list[Segment]:
-    """Split segments where the signs of their samples change.
-
-    Args:
-        observed: observations.
-        segments: segments to split.
-        signs: (N, n) [1] signs of the samples.
-    """
+    """Split segments where the signs (N, n) [1] of their samples change."""
     found = []
     for joint, start, stop in segments:
         own = signs[start:stop, joint]
@@ -118,13 +108,7 @@ def in_motion(observed: Observed, joint: int) -> Mask:
 
 
 def runs(observed: Observed, joint: int, inside: Mask) -> Iterator[Segment]:
-    """Runs of consecutive samples of a mask; a run ends where a span does.
-
-    Args:
-        observed: observations.
-        joint: joint of the runs.
-        inside: (N,) mask of the samples.
-    """
+    """Runs of consecutive samples inside a mask (N,); a run ends where a span does."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], inside, [0]]).astype(np.int8)))
     begins = np.flatnonzero(observed.first)
     for start, stop in edges.reshape(-1, 2).tolist():
@@ -189,15 +173,10 @@ def _too_short(observed: Observed, joint: int, found: Sequence[Segment]) -> str:
 
 
 def place_sign_changes(observed: Observed, signs: Array, predicted: Array) -> Array:
-    """Move changes of sign near a reversal to where the model has them; returns signs (N, n) [1].
+    """Move changes of the signs (N, n) [1] near a reversal to where the model, predicted (N, n) [N.m or N], has them.
 
     Applies to stretches near a reversal whose ends differ in sign and whose torque is large throughout: the torque
     jumped past zero, so absolute values do not show where friction changed its sign.
-
-    Args:
-        observed: observations.
-        signs: (N, n) [1] signs of the samples.
-        predicted: (N, n) torque of the model [N.m or N].
     """
     found, begins = signs.copy(), np.flatnonzero(observed.first)
     for joint in observed.hidden:
@@ -217,11 +196,7 @@ def place_sign_changes(observed: Observed, signs: Array, predicted: Array) -> Ar
 def place_sign_change(before: float, after: float, size: Array, model: Array) -> int:
     """Number of samples with the sign `before` that minimises the squared residual of a model; the rest has `after`.
 
-    Args:
-        before: sign at the beginning.
-        after: sign at the end.
-        size: (K,) absolute torque [N.m or N].
-        model: (K,) torque of the model [N.m or N].
+    The absolute torque size (K,) [N.m or N] is compared with the torque of the model (K,) [N.m or N].
     """
     gain = (before * size - model) ** 2 - (after * size - model) ** 2  # of one more sample with the sign before
     return int(np.argmin(np.append(0.0, np.cumsum(gain))))

@@ -9,13 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...recording.sampling import samples
-from ...regression.motion import Motion, build_motion, margin
-from ...regression.regressor import base_rows
-from ...regression.rows import Task, away_from_reversals
-from ...regression.session import Part
-from ...types import Array, Frozen, Indices, Mask, Samples, prismatic_unit
-from ..thresholds import CUTOFF_SAMPLES, LEAST_RATE, MOST_SAMPLES, POSITION_BANDWIDTH
+from ..recording.sampling import samples
+from ..regression.motion import Motion, build_motion, margin
+from ..regression.regressor import base_rows
+from ..regression.rows import Task, away_from_reversals
+from ..regression.session import Part
+from ..types import Array, Frozen, Indices, Mask, Samples, prismatic_unit
+from .thresholds import CUTOFF_SAMPLES, LEAST_RATE, MOST_SAMPLES, POSITION_BANDWIDTH
 
 WINDOW = 8192  # [samples] of a recording processed at a time; bounds memory
 
@@ -60,23 +60,14 @@ class Observed(Frozen):
         return np.asarray(np.where(self.rms > 0, self.rms, 1.0))
 
     def rows(self, joint: int, at: slice | Mask | Indices = slice(None)) -> Array:
-        """(M, b) rows of a joint over all base parameters [torque per unit of each].
-
-        Args:
-            joint: index of the joint.
-            at: samples.
-        """
+        """(M, b) rows of a joint at some samples, over all base parameters [torque per unit of each]."""
         own = self.columns[joint][at]
         wide = np.zeros((len(own), self.count))
         wide[:, self.seen[joint]] = own
         return wide
 
     def predict(self, value: Array) -> Array:
-        """(N, n) torque of a model [N.m or N].
-
-        Args:
-            value: (b,) base parameters [units of base].
-        """
+        """(N, n) torque [N.m or N] of a model with base parameters value (b,) [units of base]."""
         return _predicted(self.columns, self.seen, value)
 
 
@@ -89,13 +80,7 @@ class MotionWindow(NamedTuple):
 
 
 def observe(task: Task, parts: Sequence[Part], most: int = MOST_SAMPLES) -> Observed:
-    """Build the rows of some recordings, thinned for the search.
-
-    Args:
-        task: robot, laws, base map and band.
-        parts: recordings and their sampling.
-        most: largest number of samples of all recordings together.
-    """
+    """Rows of some recordings, thinned so that all together have at most `most` samples."""
     step = thinning(task, parts, most)
     pieces = [(k, *window) for k, part in enumerate(parts) for window in motion_windows(task, part, step)]
     rows = [columns_of(task, _thin(motion, step)) for _, _, motion, _ in pieces]
@@ -125,23 +110,12 @@ def observe(task: Task, parts: Sequence[Part], most: int = MOST_SAMPLES) -> Obse
 
 
 def columns_of(task: Task, motion: Motion) -> list[Array]:
-    """Regressor columns per joint (N, m) [torque per unit of the base parameter], without those that are zero.
-
-    Args:
-        task: laws and base map.
-        motion: N samples.
-    """
+    """Regressor columns per joint (N, m) [torque per unit of the base parameter], without those that are zero."""
     return base_rows(motion, task.laws, [task.base.independent[seen] for seen in _seen(task)])
 
 
 def predict(task: Task, motion: Motion, value: Array) -> Array:
-    """(N, n) torque of a model [N.m or N].
-
-    Args:
-        task: laws and base map.
-        motion: N samples.
-        value: (b,) base parameters [units of base].
-    """
+    """(N, n) torque [N.m or N] of a model with base parameters value (b,) [units of base]."""
     return _predicted(columns_of(task, motion), _seen(task), value)
 
 
