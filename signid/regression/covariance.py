@@ -57,10 +57,7 @@ class Covariance(Frozen):
 def base_covariance(base: BaseMap, values: Array, matrix: Array) -> Covariance:
     """Covariance of base parameters with the names of their standard parameters.
 
-    Args:
-        base: base map.
-        values: (b,) base parameters of the model [units of base].
-        matrix: (b, b) covariance of their errors [units of base].
+    The values (b,) [units of base] are those of the model, the matrix (b, b) [units of base] is that of their errors.
     """
     names = [label.name for label in base.labels]
     bodies = [k for k, label in enumerate(base.labels) if label.body is not None]
@@ -69,11 +66,7 @@ def base_covariance(base: BaseMap, values: Array, matrix: Array) -> Covariance:
 
 
 def read_covariance(content: Mapping[str, Any], bodies: int) -> Covariance:
-    """Covariance in the content of a model.json.
-
-    Args:
-        content: object of `Covariance.document`.
-        bodies: number of bodies of the robot.
+    """Covariance in the content of a model.json, the object of `Covariance.document`.
 
     Raises:
         ValueError: the content is malformed; the message says where.

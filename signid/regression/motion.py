@@ -108,20 +108,13 @@ class Motion(Frozen):
         return np.asarray(self.bodies[:, :, own_body(self.robot, joint)])
 
     def gravity_torque(self, gravity: Array) -> Array:
-        """Torque (N, n) that holds the robot in a gravity field [N.m or N].
-
-        Args:
-            gravity: (3,) [m/s2].
-        """
+        """Torque (N, n) that holds the robot in a field of gravity (3,) [m/s2], [N.m or N]."""
         return gravity_torque(self.robot, self.configuration, gravity)
 
     def shift(self, joint: int, change: Array, *, exactly: bool = False) -> Array:
-        """Change of torque (N, n) [N.m or N] if the link of a joint moved at q + change instead of q.
+        """Change of torque (N, n) [N.m or N] if the link of a joint moved at q + change (N,) [rad or m] instead of q.
 
-        Args:
-            joint: joint whose link moved differently.
-            change: (N,) [rad or m].
-            exactly: compute `load` minus the load at q - change, instead of the derivative at q.
+        If `exactly`: `load` minus the load at q - change, instead of the derivative at q.
         """
         first, second = _derivatives(change, self.dt)
         if exactly:
@@ -218,7 +211,7 @@ def build_motion(
 
     Args:
         robot: robot with the joints of the samples.
-        samples: uniform samples, q (N, n) [rad or m], tau (N, n) [N.m or N].
+        samples: uniform samples.
         band: band with the position cut-off.
         period: sampling period [s].
         recorded_derivatives: take recorded dq and ddq instead of differentiating q.

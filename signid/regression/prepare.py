@@ -43,14 +43,7 @@ def prepare(
     """Prepare a session: joints, laws, base map, band and the split into training and held-out recordings.
 
     Without held-out recordings the last of several is held out, or the last 30 % of the only one. Nothing is held out
-    of an only recording that is too short for that.
-
-    Args:
-        robot: as `load_robot` gives it.
-        recordings: recordings to learn from.
-        held_out: held-out recordings.
-        options: effects, cut-off and the like.
-        scaled: whether every torque must be in N.m or N; False: currents without torque constants are accepted.
+    of an only recording that is too short for that. Unless `scaled`, currents without torque constants are accepted.
 
     Raises:
         RecordingError: a recording cannot be used, or recordings do not fit together.
@@ -69,11 +62,6 @@ def prepare(
 
 def rearrange(robot: Robot, session: Session, options: Options) -> Session:
     """The same recordings with other options: effects, cut-off and the like. No recording is read as a whole again.
-
-    Args:
-        robot: as `load_robot` gives it.
-        session: its recordings, prepared.
-        options: the other options.
 
     Raises:
         RecordingError: the recordings do not fit together.

@@ -104,16 +104,9 @@ def torque_rates(task: Task, recording: Recording, sampling: Sampling) -> Iterat
 
 
 def cut_rows(task: Task, sampling: Sampling, start: int, stop: int) -> Iterator[tuple[Sampling, int]]:
-    """Samplings that give some of the windows of `read_rows`, equal to the last bit, span by span.
+    """Samplings that give the windows start..stop of `read_rows`, counted over all spans, equal to the last bit.
 
-    Args:
-        task: definition of the rows.
-        sampling: sampling of the whole recording.
-        start: first window, counted over all spans.
-        stop: window after the last.
-
-    Yields:
-        The sampling of one span, and the number of extra windows at its beginning, which give the lagged rows.
+    Yields, span by span, the sampling and the number of extra windows at its beginning, which give the lagged rows.
     """
     grid, before = _grid(task), 0
     for span in sampling.spans:
@@ -198,13 +191,7 @@ def _window_rows(task: Task, window: Samples, period: float, grid: _Grid, first:
 
 
 def choose_reach(motions: Sequence[Motion], band: Band, slow: Array) -> tuple[int, ...]:
-    """Distance of rows from reversals, per joint [samples]: the largest candidate that keeps enough rows.
-
-    Args:
-        motions: stretches of the recordings.
-        band: band with the length of the filter.
-        slow: (n,) [rad/s or m/s] width of a reversal.
-    """
+    """Per joint, the largest distance of rows from reversals, slow (n,) [rad/s or m/s] wide, that keeps enough rows."""
     reaches = [min(int(np.ceil(share * band.rate / band.cutoff)), len(band.taps) // 2) for share in REACHES]
     if not motions:
         return (reaches[-1],) * len(slow)
@@ -225,12 +212,9 @@ def _steady(task: Task, motion: Motion) -> Mask:
 
 
 def away_from_reversals(v: Array, reach: int, slow: Array) -> Mask:
-    """Mask (N, n) of samples around which the speed stays above `STILL` widths of a reversal.
+    """Mask (N, n) of samples within `reach` of which the speed stays above `STILL` widths of a reversal.
 
-    Args:
-        v: (N, n) velocity [rad/s or m/s].
-        reach: samples on either side that are looked at.
-        slow: (n,) width of a reversal [rad/s or m/s].
+    Velocity: v (N, n) [rad/s or m/s]; width: slow (n,) [rad/s or m/s].
     """
     return np.asarray(moving_minimum(np.abs(v), reach) >= STILL * slow)
 

@@ -75,11 +75,7 @@ class Session(Frozen):
         return tuple(part for part in self.whole if part[0] in train)
 
     def exchange(self, new: Mapping[Recording, Recording]) -> Session:
-        """The same with other recordings of the same rows in the place of some.
-
-        Args:
-            new: recordings of this session, and what takes their place.
-        """
+        """The same with other recordings of the same rows in the place of some."""
         train, held_out, *given = (
             tuple((new.get(recording, recording), sampling) for recording, sampling in parts)
             for parts in (self.train, self.held_out, *self.given)
@@ -139,13 +135,7 @@ def common_rate(parts: Sequence[Part], advice: str) -> float:
 def recordings_used(
     recordings: Sequence[Recording], held_out: Sequence[Recording], reference: Sequence[Recording] = ()
 ) -> tuple[Input, ...]:
-    """Recordings with their roles, as a session splits them.
-
-    Args:
-        recordings: recordings to learn from.
-        held_out: held-out recordings.
-        reference: recordings of the healthy robot.
-    """
+    """Recordings with their roles, as a session splits them; reference recordings are of the healthy robot."""
     given = [*recordings]
     parts = [(LEARNED, given[:-1]), (HELD_OUT, given[-1:])] if len(given) > 1 else [(SHARED, given)]
     parts = [(LEARNED, given), (HELD_OUT, [*held_out])] if held_out else parts

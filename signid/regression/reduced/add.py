@@ -22,11 +22,8 @@ SAME = 1e-9  # [1] relative tolerance between tasks that two machines computed
 def add_up(parts: Sequence[Reduced]) -> Reduced:
     """Sum of factors: as if all recordings were reduced together; held-out factors add to held-out factors.
 
-    The factors must have the same task: robot, held joints, laws, base parameters, band, widths of reversals, lags.
-    `reduce(..., like=...)` ensures this. Parts of the same recordings must be complete.
-
-    Args:
-        parts: factors to add, at least one.
+    The factors, at least one, must have the same task: robot, held joints, laws, base parameters, band, widths of
+    reversals, lags. `reduce(..., like=...)` ensures this. Parts of the same recordings must be complete.
 
     Raises:
         OptionError: the tasks differ, or a part is missing or given twice.
