@@ -87,12 +87,12 @@ def _placed(jump: _Jump, before: Array, after: Array) -> Array:
 
 def _jumps(task: Task, part: Part, step: int, changing: Mask, value: Array) -> Iterator[_Jump]:
     passed = 0
-    for _, motion, _ in motion_windows(task, part, step):
+    for _, motion, torque, _ in motion_windows(task, part, step):
         count = -(-len(motion) // step)
         for k in np.flatnonzero(changing[passed : passed + count - 1]).tolist():
-            some = replace(motion[k * step : (k + 1) * step + 1], slow=None)  # friction changes its sign at once
-            assert some.recorded is not None, "windows carry torque"
-            yield _Jump(passed + k, some.t, np.abs(np.nan_to_num(some.recorded)), predict(task, some, value))
+            here = slice(k * step, (k + 1) * step + 1)
+            some = replace(motion[here], slow=None)  # friction changes its sign at once
+            yield _Jump(passed + k, some.t, np.abs(np.nan_to_num(torque[here])), predict(task, some, value))
         passed += count
 
 
@@ -127,9 +127,8 @@ def _expected(task: Task, part: Part, value: Array, sigma: Array) -> list[Weight
     """Expectations of the samples of the grid, window by window; NaN near reversals."""
     found: list[Weights] = []
     variance = np.where(sigma > 0, INFLATION * sigma**2, np.inf)
-    for _, motion, steady in motion_windows(task, part, 1):
-        assert motion.recorded is not None, "windows carry torque"
-        magnitude = np.abs(np.nan_to_num(motion.recorded))
+    for _, motion, torque, steady in motion_windows(task, part, 1):
+        magnitude = np.abs(np.nan_to_num(torque))
         odds = np.clip(2 * predict(task, motion, value) * magnitude / variance, -CLEAR_ODDS, CLEAR_ODDS)
         expected = expected_signs(odds, coupling(magnitude, np.arange(len(odds)) == 0, 0.0))
         found.append(np.where(steady, expected, np.nan).astype(np.float32))

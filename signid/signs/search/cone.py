@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...regression.motion import Motion
+from ...regression.regressor import base_rows
 from ...regression.rows import Task
 from ...types import Array, Frozen
-from ..observations import Observed, columns_of, law_coefficients
+from ..observations import Observed, law_coefficients
 from ..thresholds import OFFSET_LIMIT
 from .problem import SignProblem
 
@@ -38,7 +39,8 @@ def kinetic_rows(task: Task, q: Array, x: Array) -> Array:
     """
     n = len(task.robot.joints)
     t, still = np.arange(len(q), dtype=np.float64), np.zeros_like(q)
-    at_rest, pushed = (columns_of(task, Motion(task.robot, t, q, still, a, slow=task.slow)) for a in (still, x))
+    motions = (Motion(task.robot, t, q, still, a, slow=task.slow) for a in (still, x))
+    at_rest, pushed = (base_rows(motion, task.laws, task.wanted) for motion in motions)
     rows = np.zeros((len(q), task.base.rank))
     for j in range(n):
         rows[:, task.seen(j)] += x[:, j, None] * (pushed[j] - at_rest[j])

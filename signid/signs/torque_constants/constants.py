@@ -34,6 +34,8 @@ class Constants(Frozen):
 
     log: Array  # (n,) logarithms of constants in [N.m/A or N/A]
     covariance: Array  # (n, n) of the logarithms [1]; 0: known constant; inf or large: unidentifiable
+    described: bool = False  # whether the description was needed
+    settled: bool = True  # whether signs and constants no longer changed in the last round
 
     @property
     def std(self) -> Array:
@@ -56,7 +58,7 @@ def share_constants(factors: Factors, base: BaseMap, unknown: Mask) -> Constants
     Source: Gautier, Vandanjon, Presse, IEEE ICRA 1994 (drive gains beside inertial parameters).
     """
     n, rank = len(unknown), base.rank
-    free = np.flatnonzero(unknown & _recorded(factors))
+    free = np.flatnonzero(unknown & np.array([joint.counts[0] > 0 for joint in factors.joints]))
     log, step = np.zeros(n), np.zeros(len(free))
     log[free] = _start(factors, free, rank)
     value = estimate(_scaled(factors, log), base, np.zeros(rank)).value
@@ -97,10 +99,6 @@ def move(joint: JointFactors, columns: Array, scale: float = 1.0) -> JointFactor
     own = turn[-m - 1 :, -k - 1 :]
     whole = own.T @ joint.whole @ own
     return replace(joint, grams=turn.T @ joint.grams @ turn, whole=whole, total=scale * joint.total)
-
-
-def _recorded(factors: Factors) -> Mask:
-    return np.array([joint.counts[0] > 0 for joint in factors.joints])
 
 
 def _scaled(factors: Factors, log: Array) -> Factors:
