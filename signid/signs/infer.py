@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -60,6 +60,7 @@ class _Attempt(Frozen):
     choice: SignChoice
     refined: RefinedSigns
     splits: int
+    finer: bool = False  # whether segments are runs between minima
 
 
 def infer(task: Task, observed: Observed, seed: int = 0, choose: ChooseSigns | None = None) -> Inferred:
@@ -70,13 +71,14 @@ def infer(task: Task, observed: Observed, seed: int = 0, choose: ChooseSigns | N
     first search, `choose`, its signs stay and its proof is reported.
     """
     segments, threshold = threshold_runs(observed)
-    search, finer = SegmentSearch(observed, cone_inequalities(task, observed, seed), seed), False
+    search = SegmentSearch(observed, cone_inequalities(task, observed, seed), seed)
     if choose is None:
-        attempt, finer = _search_exactly(search, segments)
+        attempt = _search_exactly(search, segments)
     else:
         attempt = _attempt(observed, segments, choose, signed_rows(observed, 1 / observed.scale), rounds=1)
     refined = attempt.refined
-    kappa = _inflations(observed, refined, split_by_signs(observed, segments, refined.signs))
+    pure = tuple(split_by_signs(observed, segments, refined.signs))
+    kappa = _inflations(observed, replace(attempt, segments=pure))
     sigma = np.maximum(refined.sigma, NOISE_FLOOR * observed.scale)
     rechecked = recheck_signs(search, segments, refined, 1 / (sigma * np.sqrt(kappa)), choose is None)
     solution, count = rechecked.solution, len(rechecked.segments)
@@ -92,16 +94,13 @@ def infer(task: Task, observed: Observed, seed: int = 0, choose: ChooseSigns | N
         complete=rechecked.rivals.complete,
         flip_probability=joint_flip_probability(rechecked.problem, solution.signs, rechecked.rivals),
         impure=_impure(segments, rechecked.segments),
-        finer=finer,
+        finer=attempt.finer,
         notes=attempt.choice.notes,
     )
 
 
-def _search_exactly(search: SegmentSearch, segments: Sequence[Segment]) -> tuple[_Attempt, bool]:
-    """Search the runs above the threshold; if they hid changes of sign, also runs between minima, and keep the better.
-
-    The second value says whether the runs between minima were kept.
-    """
+def _search_exactly(search: SegmentSearch, segments: Sequence[Segment]) -> _Attempt:
+    """Search the runs above the threshold; if they hid changes of sign, also runs between minima; keep the better."""
     observed = search.observed
     known = known_rows(observed, 1 / observed.scale)
 
@@ -110,19 +109,16 @@ def _search_exactly(search: SegmentSearch, segments: Sequence[Segment]) -> tuple
         return SignChoice(solution.signs, solution.coordinates, solution.proof)
 
     attempt = _attempt(observed, segments, choose, known)
-    if attempt.splits or _is_suspect(observed, attempt):
+    large = attempt.refined.sigma / observed.scale > LARGE_RESIDUAL
+    if attempt.splits or np.any(large & (_inflations(observed, attempt) > CORRELATED_RESIDUAL)):
         other = _attempt(observed, runs_between_minima(observed), choose, known)
         if other.refined.loss < attempt.refined.loss:
-            return other, True
-    return attempt, False
+            return replace(other, finer=True)
+    return attempt
 
 
 def _attempt(
-    observed: Observed,
-    segments: Sequence[Segment],
-    choose: ChooseSigns,
-    known: KnownRows,
-    rounds: int = SPLIT_ROUNDS,
+    observed: Observed, segments: Sequence[Segment], choose: ChooseSigns, known: KnownRows, rounds: int = SPLIT_ROUNDS
 ) -> _Attempt:
     """Search, split segments in which the model changes sign, and search again; then refine the signs of samples."""
     weights, total = 1 / observed.scale, 0
@@ -135,19 +131,12 @@ def _attempt(
         total += splits
         if not splits:
             break
-    refined = refine_signs(observed, weights, problem.back @ choice.coordinates)
-    return _Attempt(tuple(segments), choice, refined, total)
+    return _Attempt(tuple(segments), choice, refine_signs(observed, problem.back @ choice.coordinates), total)
 
 
-def _is_suspect(observed: Observed, attempt: _Attempt) -> bool:
-    """Whether the residual of some joint is large and correlated."""
-    large = attempt.refined.sigma / observed.scale > LARGE_RESIDUAL
-    kappa = _inflations(observed, attempt.refined, attempt.segments)
-    return bool(np.any(large & (kappa > CORRELATED_RESIDUAL)))
-
-
-def _inflations(observed: Observed, refined: RefinedSigns, segments: Sequence[Segment]) -> Array:
+def _inflations(observed: Observed, attempt: _Attempt) -> Array:
     """Autocorrelation time kappa (n,) of each joint's residual inside its segments, away from reversals [1]."""
+    refined, segments = attempt.refined, attempt.segments
     residual = refined.signs * np.abs(observed.torque) - observed.predict(refined.value)
     residual[~observed.steady] = np.nan
     kappa = np.ones(len(observed.joints))

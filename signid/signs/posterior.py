@@ -124,7 +124,7 @@ def apply_signs(observed: Observed, refined: RefinedSigns, rechecked: RecheckedS
     signs = rechecked.solution.signs[: len(rechecked.segments)]
     if any(_majority(refined, s) != sign for s, sign in zip(rechecked.segments, signs, strict=True)):
         value = rechecked.problem.back @ rechecked.solution.coordinates
-        refined = refine_signs(observed, 1 / observed.scale, value)
+        refined = refine_signs(observed, value)
     samples = refined.signs.copy()
     for (joint, start, stop), sign in zip(rechecked.segments, signs, strict=True):
         samples[start:stop, joint] = sign

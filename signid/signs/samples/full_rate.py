@@ -14,6 +14,7 @@ from ...regression.rows import Task
 from ...regression.session import Part
 from ...types import Array, Indices, Mask
 from ..observations import motion_windows, predict
+from ..result import Trace
 from ..segments import place_sign_change
 from ..thresholds import JUMP_TORQUE
 from .markov_chain import CLEAR_ODDS, coupling, expected_signs
@@ -22,14 +23,6 @@ CHUNK = 65_536  # [rows] read at a time; bounds memory
 INFLATION = 4.0  # [rows per independent row] kappa of the residual at full rate; heuristic
 CONTRADICTS = 0.96  # [1] |expectation| of the opposite sign from which the sign found before stays; heuristic
 Weights = NDArray[np.float32]
-
-
-class Signed(NamedTuple):
-    """M samples of one recording and their signs."""
-
-    t: Array  # (M,) [s]
-    first: Indices  # (k,) samples at which a span begins
-    signs: Array  # (M, n) [1]
 
 
 class _Jump(NamedTuple):
@@ -41,21 +34,15 @@ class _Jump(NamedTuple):
     predicted: Array  # (K, n) [N.m or N]
 
 
-def place_jumps(task: Task, part: Part, step: int, thinned: Signed, magnitude: Array, value: Array) -> Signed:
+def place_jumps(task: Task, part: Part, step: int, thinned: Trace, value: Array) -> tuple[Array, Indices, Array]:
     """Add the samples between two thinned ones where torque jumped past zero, with the signs that fit the model best.
 
     A torque that passes through zero has its smallest absolute value there. A torque that jumps, as at a reversal of
-    friction, leaves no such trace, so the jump is placed where the residual of the model is smallest.
-
-    Args:
-        task: robot, laws, base map and band of the samples.
-        part: recording and its sampling.
-        step: number of recorded samples per thinned sample.
-        thinned: M thinned samples and their signs.
-        magnitude: (M, n) absolute torque of the thinned samples [N.m or N]; NaN where none is recorded.
-        value: (b,) base parameters [units of base].
+    friction, leaves no such trace, so the jump is placed where the residual of the model with base parameters
+    value (b,) [units of base] is smallest. A thinned sample stands for `step` recorded ones. Returns times, beginnings
+    of spans and signs as in a `Trace`.
     """
-    size = np.nan_to_num(magnitude)
+    size = np.nan_to_num(thinned.magnitude)
     large = size > JUMP_TORQUE * np.sqrt(np.mean(size**2, axis=0))
     changing = (thinned.signs[1:] != thinned.signs[:-1]) & large[1:] & large[:-1]
     changing[thinned.first[1:] - 1] = False
@@ -67,13 +54,10 @@ def place_jumps(task: Task, part: Part, step: int, thinned: Signed, magnitude: A
         t.append(jump.t[1:-1])
         inner.append(own[1:-1])
     if not after:
-        return Signed(thinned.t, thinned.first, signs)
+        return thinned.t, thinned.first, signs
     place = np.array(after, dtype=np.intp) + 1
-    return Signed(
-        np.insert(thinned.t, place, np.concatenate(t)),
-        thinned.first + np.searchsorted(place, thinned.first, side="right"),
-        np.insert(signs, place, np.concatenate(inner), axis=0),
-    )
+    first = thinned.first + np.searchsorted(place, thinned.first, side="right")
+    return np.insert(thinned.t, place, np.concatenate(t)), first, np.insert(signs, place, np.concatenate(inner), axis=0)
 
 
 def _placed(jump: _Jump, before: Array, after: Array) -> Array:
@@ -102,12 +86,8 @@ def expect_signs(task: Task, part: Part, value: Array, sigma: Array, signs: NDAr
     A torque below its noise that is given the sign of the model is biased towards the model; with the expectation of
     the sign it is not. Near reversals, and where the chain clearly contradicts a sign, the sign stays.
 
-    Args:
-        task: robot, laws, base map and band.
-        part: recording and its sampling.
-        value: (b,) base parameters [units of base].
-        sigma: (n,) standard deviation of the model's residual [N.m or N].
-        signs: (rows, n) signs found for the rows of the file, 0 where there is none.
+    The model has base parameters value (b,) [units of base], and a residual of standard deviation
+    sigma (n,) [N.m or N]. The signs (rows, n) [1] are those found for the rows of the file, 0 where there is none.
 
     Source: E step of Dempster, Laird, Rubin, J. Royal Statistical Society B 39(1), 1977.
     """

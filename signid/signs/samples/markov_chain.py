@@ -39,7 +39,7 @@ class RefinedSigns(Frozen):
     change: float  # relative change of z in the last round
 
 
-def refine_signs(observed: Observed, weights: Array, value: Array, *, rounds: int = ROUNDS) -> RefinedSigns:
+def refine_signs(observed: Observed, value: Array, *, rounds: int = ROUNDS) -> RefinedSigns:
     """Infer the signs of all samples by expectation maximisation, from approximate parameters.
 
     E step: with m the predicted and a the absolute torque of a sample, the log-odds of a positive sign are 2 m a /
@@ -47,17 +47,13 @@ def refine_signs(observed: Observed, weights: Array, value: Array, *, rounds: in
     signs, since a fit to the most probable ones takes noise around zero for torque. Samples near reversals do not enter
     the fit; their log-odds use the variance of their own residual.
 
-    Args:
-        observed: observations.
-        weights: (n,) w [1/N.m or 1/N] weight of each joint's torque.
-        value: (b,) theta to start from [units of base].
-        rounds: largest number of rounds.
+    Each joint's torque has the weight w of one over its rms; the start is value (b,) [units of base].
 
 
     Source: Dempster, Laird, Rubin, J. Royal Statistical Society B 39(1), 1977; Rabiner, Proc. IEEE 77(2), 1989.
     """
     hidden = list(observed.hidden)
-    fit = _ParameterFit.of(observed, weights)
+    fit = _ParameterFit.of(observed, 1 / observed.scale)
     magnitude = np.abs(observed.torque[:, hidden])
     tied = coupling(magnitude, observed.first)
     z, done, change = np.zeros(fit.back.shape[1]), 0, np.inf
