@@ -88,7 +88,7 @@ def test_a_model_of_the_other_sign_splits_a_segment_where_torque_is_lowest() -> 
 def test_segments_are_cut_where_samples_change_sign() -> None:
     signs = np.ones((10, 1))
     signs[4:7] = -1
-    assert split_by_signs(seen(wave(10)), [Segment(0, 1, 9)], signs) == [
+    assert split_by_signs([Segment(0, 1, 9)], signs) == [
         Segment(0, 1, 4),
         Segment(0, 4, 7),
         Segment(0, 7, 9),

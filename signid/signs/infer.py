@@ -77,7 +77,7 @@ def infer(task: Task, observed: Observed, seed: int = 0, choose: ChooseSigns | N
     else:
         attempt = _attempt(observed, segments, choose, signed_rows(observed, 1 / observed.scale), rounds=1)
     refined = attempt.refined
-    pure = tuple(split_by_signs(observed, segments, refined.signs))
+    pure = tuple(split_by_signs(segments, refined.signs))
     kappa = _inflations(observed, replace(attempt, segments=pure))
     sigma = np.maximum(refined.sigma, NOISE_FLOOR * observed.scale)
     rechecked = recheck_signs(search, segments, refined, 1 / (sigma * np.sqrt(kappa)), choose is None)

@@ -14,8 +14,8 @@ from .result import SignProof
 from .samples.markov_chain import RefinedSigns, refine_signs
 from .search.cone import PhysicalCone
 from .search.exact import RivalSigns, SignSolution, enumerate_near
-from .search.problem import SignProblem
-from .search.segment_search import SegmentSearch
+from .search.problem import SignProblem, build_problem
+from .search.segment_search import SegmentSearch, known_rows
 from .segments import Segment, split_by_signs
 from .thresholds import CONFIDENT, RECHECK_ROUNDS, RIVAL_WINDOW
 
@@ -32,10 +32,10 @@ def sign_confidence(problem: SignProblem, signs: Array, rivals: RivalSigns) -> A
     rivals, but at most 1 / (1 + exp(-dJ_i/2)) with dJ_i the rise of J when segment i alone is flipped. The problem is
     weighted by one over the standard deviation of independent samples.
     """
-    weights = rivals.weights
-    same = rivals.signs == signs
+    weights, same, b = rivals.weights, rivals.signs == signs, problem.projections
     marginal = weights @ same / max(float(weights.sum()), 1e-300) if len(weights) else np.ones(problem.count)
-    flipped = 1 / (1 + np.exp(np.clip(-_flip_costs(problem, signs) / 2, -700, 700)))
+    costs = 4 * signs * (b.T @ (b @ signs)) - 4 * np.sum(b**2, axis=0)  # dJ_i = 4 s_i b_i'B s - 4 |b_i|^2
+    flipped = 1 / (1 + np.exp(np.clip(-costs / 2, -700, 700)))
     return np.where(problem.joints < 0, 1.0, np.minimum(marginal, flipped))
 
 
@@ -49,12 +49,6 @@ def joint_flip_probability(problem: SignProblem, signs: Array, rivals: RivalSign
         share = np.average(rivals.signs[:, own] != signs[own], axis=1, weights=problem.energies[own] + 1e-300)
         found[joint] = float(weights[share > 0.5].sum()) / total
     return found
-
-
-def _flip_costs(problem: SignProblem, signs: Array) -> Array:
-    """(S,) dJ_i = 4 s_i b_i'B s - 4 |b_i|^2 [squared standard deviations]."""
-    b = problem.projections
-    return np.asarray(4 * signs * (b.T @ (b @ signs)) - 4 * np.sum(b**2, axis=0))
 
 
 def inflation(residual: Array, runs: Sequence[tuple[int, int]]) -> float:
@@ -103,9 +97,10 @@ def recheck_signs(
     signs do not change, and only their rivals are enumerated. Of each joint's torque, weights (n,) [1/N.m or 1/N] are
     one over the standard deviation of independent samples.
     """
-    segments = [s for s in split_by_signs(search.observed, runs, refined.signs) if s.stop - s.start >= LEAST_SAMPLES]
+    known = known_rows(search.observed, weights)
+    segments = [s for s in split_by_signs(runs, refined.signs) if s.length >= LEAST_SAMPLES]
     for left in reversed(range(RECHECK_ROUNDS)):
-        problem = search.build(segments, weights)
+        problem = build_problem(search.observed, segments, weights, known)
         start = np.array([_majority(refined, s) for s in segments] + [1.0] * (problem.count - len(segments)))
         cone = search.cone(problem)
         solution = search.solve(problem, segments, start) if free else _unchanged(problem, cone, start)
@@ -114,8 +109,7 @@ def recheck_signs(
         uncertain = {run for run in runs if _is_uncertain(run, segments, confidence)}
         if not uncertain or not left:
             break
-        segments = [s for s in segments if not any(_holds(run, s) for run in uncertain)]
-        segments = sorted([*segments, *uncertain])
+        segments = sorted([*(s for s in segments if not any(_holds(run, s) for run in uncertain)), *uncertain])
     return RecheckedSigns(segments, problem, solution, rivals, confidence)
 
 
@@ -123,8 +117,7 @@ def apply_signs(observed: Observed, refined: RefinedSigns, rechecked: RecheckedS
     """Give all samples of a segment the sign of the segment; refine again if a sign changed."""
     signs = rechecked.solution.signs[: len(rechecked.segments)]
     if any(_majority(refined, s) != sign for s, sign in zip(rechecked.segments, signs, strict=True)):
-        value = rechecked.problem.back @ rechecked.solution.coordinates
-        refined = refine_signs(observed, value)
+        refined = refine_signs(observed, rechecked.problem.back @ rechecked.solution.coordinates)
     samples = refined.signs.copy()
     for (joint, start, stop), sign in zip(rechecked.segments, signs, strict=True):
         samples[start:stop, joint] = sign

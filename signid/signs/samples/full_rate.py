@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,15 +24,6 @@ CONTRADICTS = 0.96  # [1] |expectation| of the opposite sign from which the sign
 Weights = NDArray[np.float32]
 
 
-class _Jump(NamedTuple):
-    """All K samples from one thinned sample to the next, both included."""
-
-    after: int  # index of the thinned sample at which they begin
-    t: Array  # (K,) [s]
-    size: Array  # (K, n) absolute torque [N.m or N]
-    predicted: Array  # (K, n) [N.m or N]
-
-
 def place_jumps(task: Task, part: Part, step: int, thinned: Trace, value: Array) -> tuple[Array, Indices, Array]:
     """Add the samples between two thinned ones where torque jumped past zero, with the signs that fit the model best.
 
@@ -47,11 +37,10 @@ def place_jumps(task: Task, part: Part, step: int, thinned: Trace, value: Array)
     changing = (thinned.signs[1:] != thinned.signs[:-1]) & large[1:] & large[:-1]
     changing[thinned.first[1:] - 1] = False
     signs, after, t, inner = thinned.signs.copy(), [], [], []
-    for jump in _jumps(task, part, step, changing.any(axis=1), value):
-        own = _placed(jump, thinned.signs[jump.after], thinned.signs[jump.after + 1])
-        signs[[jump.after, jump.after + 1]] = own[[0, -1]]
-        after += [jump.after] * (len(own) - 2)
-        t.append(jump.t[1:-1])
+    for at, times, own in _jumps(task, part, step, changing.any(axis=1), thinned.signs, value):
+        signs[[at, at + 1]] = own[[0, -1]]
+        after += [at] * (len(own) - 2)
+        t.append(times[1:-1])
         inner.append(own[1:-1])
     if not after:
         return thinned.t, thinned.first, signs
@@ -60,23 +49,21 @@ def place_jumps(task: Task, part: Part, step: int, thinned: Trace, value: Array)
     return np.insert(thinned.t, place, np.concatenate(t)), first, np.insert(signs, place, np.concatenate(inner), axis=0)
 
 
-def _placed(jump: _Jump, before: Array, after: Array) -> Array:
-    """Signs (K, n) that change once per joint, where the squared residual of the model is smallest."""
-    signs = np.repeat(before[None], len(jump.t), axis=0)
-    for j in np.flatnonzero(before != after):
-        size, model = jump.size[:, j], jump.predicted[:, j]
-        signs[place_sign_change(before[j], after[j], size, model) :, j] = after[j]
-    return signs
-
-
-def _jumps(task: Task, part: Part, step: int, changing: Mask, value: Array) -> Iterator[_Jump]:
+def _jumps(
+    task: Task, part: Part, step: int, changing: Mask, thinned: Array, value: Array
+) -> Iterator[tuple[int, Array, Array]]:
+    """Thinned samples before a jump; times (K,) and signs (K, n) of all samples from each to the next."""
     passed = 0
     for _, motion, torque, _ in motion_windows(task, part, step):
         count = -(-len(motion) // step)
         for k in np.flatnonzero(changing[passed : passed + count - 1]).tolist():
-            here = slice(k * step, (k + 1) * step + 1)
+            here, (before, after) = slice(k * step, (k + 1) * step + 1), thinned[passed + k : passed + k + 2]
             some = replace(motion[here], slow=None)  # friction changes its sign at once
-            yield _Jump(passed + k, some.t, np.abs(np.nan_to_num(torque[here])), predict(task, some, value))
+            size, model = np.abs(np.nan_to_num(torque[here])), predict(task, some, value)
+            signs = np.repeat(before[None], len(some), axis=0)
+            for j in np.flatnonzero(before != after):
+                signs[place_sign_change(before[j], after[j], size[:, j], model[:, j]) :, j] = after[j]
+            yield passed + k, some.t, signs
         passed += count
 
 
@@ -92,26 +79,17 @@ def expect_signs(task: Task, part: Part, value: Array, sigma: Array, signs: NDAr
     Source: E step of Dempster, Laird, Rubin, J. Royal Statistical Society B 39(1), 1977.
     """
     recording, sampling = part
-    pieces = iter(_expected(task, part, value, sigma))
-    found = signs.astype(np.float32)
-    for stretch in sampling.stretches:
-        expected = [next(pieces)]
-        while sum(map(len, expected)) < stretch.count:
-            expected.append(next(pieces))
-        _assign(found, part, stretch, np.concatenate(expected))
-    found[:, recording.signed] = signs[:, recording.signed]
-    return found
-
-
-def _expected(task: Task, part: Part, value: Array, sigma: Array) -> list[Weights]:
-    """Expectations of the samples of the grid, window by window; NaN near reversals."""
-    found: list[Weights] = []
+    grid: list[Weights] = []  # expectations of the samples of the grid, window by window; NaN near reversals
     variance = np.where(sigma > 0, INFLATION * sigma**2, np.inf)
     for _, motion, torque, steady in motion_windows(task, part, 1):
         magnitude = np.abs(np.nan_to_num(torque))
         odds = np.clip(2 * predict(task, motion, value) * magnitude / variance, -CLEAR_ODDS, CLEAR_ODDS)
         expected = expected_signs(odds, coupling(magnitude, np.arange(len(odds)) == 0, 0.0))
-        found.append(np.where(steady, expected, np.nan).astype(np.float32))
+        grid.append(np.where(steady, expected, np.nan).astype(np.float32))
+    found, ends = signs.astype(np.float32), np.cumsum([stretch.count for stretch in sampling.stretches])
+    for stretch, own in zip(sampling.stretches, np.split(np.concatenate(grid), ends[:-1]), strict=True):
+        _assign(found, part, stretch, own)
+    found[:, recording.signed] = signs[:, recording.signed]
     return found
 
 

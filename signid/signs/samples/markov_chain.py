@@ -45,15 +45,13 @@ def refine_signs(observed: Observed, value: Array, *, rounds: int = ROUNDS) -> R
     E step: with m the predicted and a the absolute torque of a sample, the log-odds of a positive sign are 2 m a /
     (kappa sigma^2); messages along the chain give E[s]. M step: z = U'(E[s] a w). Parameters are fitted to expected
     signs, since a fit to the most probable ones takes noise around zero for torque. Samples near reversals do not enter
-    the fit; their log-odds use the variance of their own residual.
-
-    Each joint's torque has the weight w of one over its rms; the start is value (b,) [units of base].
-
+    the fit; their log-odds use the variance of their own residual. Weights w are one over the rms torque of a joint;
+    the start is value (b,) [units of base].
 
     Source: Dempster, Laird, Rubin, J. Royal Statistical Society B 39(1), 1977; Rabiner, Proc. IEEE 77(2), 1989.
     """
     hidden = list(observed.hidden)
-    fit = _ParameterFit.of(observed, 1 / observed.scale)
+    fit = _ParameterFit.of(observed)
     magnitude = np.abs(observed.torque[:, hidden])
     tied = coupling(magnitude, observed.first)
     z, done, change = np.zeros(fit.back.shape[1]), 0, np.inf
@@ -72,8 +70,11 @@ def refine_signs(observed: Observed, value: Array, *, rounds: int = ROUNDS) -> R
     signs = np.sign(observed.torque) * (observed.known & observed.signed)
     mean = signs.copy()
     signs[:, hidden], mean[:, hidden] = likeliest_signs(odds, tied), expected
-    signs = place_sign_changes(observed, signs, observed.predict(value))
-    sigma = _deviation(observed, mean, value)
+    predicted = observed.predict(value)
+    signs = place_sign_changes(observed, signs, predicted)
+    torque = np.abs(observed.torque)
+    squares = np.maximum(torque**2 - 2 * mean * torque * predicted + predicted**2, 0)  # expected, of the residual
+    sigma = np.where(observed.known, np.sqrt(_mean(squares, _fitted(observed))), 0.0)
     return RefinedSigns(signs, mean, value, sigma, max(fit.energy - float(z @ z), 0.0), done, change)
 
 
@@ -161,13 +162,6 @@ def _least(torque: Array) -> Array:
     return np.asarray(EXACT**2 * np.mean(torque**2, axis=0) + 1e-300)
 
 
-def _deviation(observed: Observed, mean: Array, value: Array) -> Array:
-    """(n,) root mean expected squared residual of the fitted samples [N.m or N]."""
-    torque, predicted = np.abs(observed.torque), observed.predict(value)
-    squares = np.maximum(torque**2 - 2 * mean * torque * predicted + predicted**2, 0)
-    return np.where(observed.known, np.sqrt(_mean(squares, _fitted(observed))), 0.0)
-
-
 def _fitted(observed: Observed) -> Mask:
     """(N, n) samples that the parameters are fitted to: the steady ones, or all of a joint without any."""
     return observed.steady | ~observed.steady.any(0)
@@ -185,9 +179,8 @@ class _ParameterFit:
     energy: float  # sum of the squared right-hand sides
 
     @classmethod
-    def of(cls, observed: Observed, weights: Array) -> _ParameterFit:
-        hidden = list(observed.hidden)
-        fitted = _fitted(observed)
+    def of(cls, observed: Observed) -> _ParameterFit:
+        hidden, weights, fitted = list(observed.hidden), 1 / observed.scale, _fitted(observed)
         rows = [observed.rows(j, fitted[:, j]) * weights[j] for j in hidden]
         signed = signed_rows(observed, weights)
         unsigned = (observed.torque * weights)[:, hidden][fitted[:, hidden]]

@@ -13,7 +13,7 @@ from ..segments import Segment
 from ..thresholds import FRICTION_PRIOR, PRIOR_STRENGTH
 from .cone import PhysicalCone
 from .exact import SignSolution, search_signs
-from .problem import KnownRows, SignProblem, build_problem, signed_rows
+from .problem import KnownRows, SignProblem, signed_rows
 
 
 def known_rows(observed: Observed, weights: Array) -> KnownRows:
@@ -59,10 +59,6 @@ class SegmentSearch(Frozen):
     observed: Observed
     inequalities: Array  # (g, b) rows c with c'theta >= 0 [1 over units of base]
     seed: int = 0
-
-    def build(self, segments: Sequence[Segment], weights: Array) -> SignProblem:
-        """Problem of segments whose sign is unknown, with the known rows, for weights (n,) [1/N.m or 1/N]."""
-        return build_problem(self.observed, segments, weights, known_rows(self.observed, weights))
 
     def cone(self, problem: SignProblem) -> PhysicalCone:
         """The physical cone in the coordinates of a problem."""
