@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import reduce as fold
 from itertools import chain
@@ -17,6 +17,8 @@ from ..rows import Task
 from .reduce import WHOLE, Reduced
 
 SAME = 1e-9  # [1] relative tolerance between tasks that two machines computed
+FILTERS = "filters"
+SUMS = ("train", "held_out")
 
 
 def add_up(parts: Sequence[Reduced]) -> Reduced:
@@ -47,35 +49,40 @@ def _joined(parts: Sequence[Reduced]) -> Reduced:
     if len(parts) == 1:
         return parts[0]
     ordered = sorted(parts, key=lambda part: part.share)
-    train, held_out = (
-        total(cascade(chain.from_iterable(getattr(part, name) for part in ordered))) for name in ("train", "held_out")
-    )
+    train, held_out = (total(cascade(chain(*(getattr(part, name) for part in ordered)))) for name in SUMS)
     assert train is not None and held_out is not None, "all parts together have windows"
     return replace(ordered[0], train=(Node(0, 0, train),), held_out=(Node(0, 0, held_out),), share=WHOLE)
 
 
 def _sum(one: Reduced, other: Reduced) -> Reduced:
-    train, held_out = (
-        getattr(one, name)[0].factors + getattr(other, name)[0].factors for name in ("train", "held_out")
-    )
+    train, held_out = (getattr(one, name)[0].factors + getattr(other, name)[0].factors for name in SUMS)
     return replace(one, train=(Node(0, 0, train),), held_out=(Node(0, 0, held_out),))
 
 
 def _difference(one: Reduced, other: Reduced) -> str:
     """Sentence on the first difference of two tasks; "" if they are the same."""
-    for name, key in (("robot or its held joints", _robot), ("laws", _laws), ("base parameters", _base)):
-        if not _close(key(one.task), key(other.task)):
-            return f"their {name} differ"
+    pairs = zip(_definition(one.task).items(), _definition(other.task).values(), strict=True)
+    differs = next((name for (name, ours), theirs in pairs if not all(map(_alike, ours, theirs))), "")
+    if differs and differs != FILTERS:
+        return f"their {differs} differ"
     if -1 not in (one.lags, other.lags) and one.lags != other.lags:
         return "one was reduced for white noise"
-    if not _close(_filter(one.task), _filter(other.task)):
+    if differs:
         bands = " and ".join(f"{each.task.band.cutoff:.3g} Hz" for each in (one, other))
         return f"their filters differ (cut-offs {bands}, or the noise levels that set them)"
     return ""
 
 
-def _close(ours: Iterable[Any], theirs: Iterable[Any]) -> bool:
-    return all(_alike(a, b) for a, b in zip(ours, theirs, strict=True))
+def _definition(task: Task) -> dict[str, tuple[Any, ...]]:
+    """Everything that the rows of a task depend on, under the names in messages."""
+    robot, base, band = task.robot, task.base, task.band
+    laws = tuple((law.effect.name, law.joints) for law in task.laws)
+    return {
+        "robot or its held joints": (robot.sha256, robot.joints, robot.rest, robot.drive),
+        "laws": (laws, task.recorded_derivatives, task.instruments),
+        "base parameters": (base.independent.tolist(), base.combination, base.sees.tolist()),
+        FILTERS: (band.rate, band.factor, band.filtered, band.beyond, band.torque_floor, task.slow, task.reach),
+    }
 
 
 def _alike(a: Any, b: Any) -> bool:
@@ -83,24 +90,6 @@ def _alike(a: Any, b: Any) -> bool:
         return bool(a == b)
     size = float(np.max(np.abs(a), initial=0.0, where=np.isfinite(a)))
     return np.shape(a) == np.shape(b) and np.allclose(a, b, rtol=SAME, atol=SAME * size)
-
-
-def _robot(task: Task) -> tuple[Any, ...]:
-    robot = task.robot
-    return robot.sha256, robot.joints, robot.rest, robot.drive
-
-
-def _laws(task: Task) -> tuple[Any, ...]:
-    return tuple((law.effect.name, law.joints) for law in task.laws), task.recorded_derivatives, task.instruments
-
-
-def _base(task: Task) -> tuple[Any, ...]:
-    return task.base.independent.tolist(), task.base.combination, task.base.sees.tolist()
-
-
-def _filter(task: Task) -> tuple[Any, ...]:
-    band = task.band
-    return band.rate, band.factor, band.filtered, band.beyond, band.torque_floor, task.slow, task.reach
 
 
 def _sets(parts: Sequence[Reduced]) -> list[list[Reduced]]:
