@@ -136,10 +136,9 @@ def recordings_used(
     recordings: Sequence[Recording], held_out: Sequence[Recording], reference: Sequence[Recording] = ()
 ) -> tuple[Input, ...]:
     """Recordings with their roles, as a session splits them; reference recordings are of the healthy robot."""
-    given = [*recordings]
-    parts = [(LEARNED, given[:-1]), (HELD_OUT, given[-1:])] if len(given) > 1 else [(SHARED, given)]
-    parts = [(LEARNED, given), (HELD_OUT, [*held_out])] if held_out else parts
-    roles = {(r.path, r.sha256): role for role, some in [*parts, (REFERENCE, [*reference])] for r in some}
+    parts = [(LEARNED, recordings[:-1]), (HELD_OUT, recordings[-1:])] if len(recordings) > 1 else [(SHARED, recordings)]
+    parts = [(LEARNED, recordings), (HELD_OUT, held_out)] if held_out else parts
+    roles = {(r.path, r.sha256): role for role, some in [*parts, (REFERENCE, reference)] for r in some}
     return tuple(Input(path, digest, f"recording, {role}") for (path, digest), role in roles.items())
 
 
@@ -152,10 +151,10 @@ def only_once(recordings: Sequence[Recording]) -> None:
     seen: dict[str, str] = {}
     for recording in recordings:
         if recording.sha256 in seen:
-            again = (
-                f"{recording.path or 'one recording'} holds the same samples as {seen[recording.sha256] or 'another'}"
+            one, other = recording.path or "one recording", seen[recording.sha256] or "another"
+            raise OptionError(
+                f"{one} holds the same samples as {other}; give each recording once, to learn from or as held out"
             )
-            raise OptionError(f"{again}; give each recording once, to learn from or as held out")
         seen[recording.sha256] = recording.path
 
 

@@ -133,23 +133,19 @@ def _prove(scores: Scores, moves: Sequence[Array], lower: float, budget: TreeBud
 
 def _improve(scores: Scores, moves: Sequence[Array]) -> None:
     """Flip joints, apply moves, flip segments, until the loss no longer falls, for TURNS rounds at most."""
+    problem = scores.problem
     for _ in range(TURNS):
         if time_is_up(SEARCH):
             break
         before = scores.best
         for starts in (_joint_flips(scores), _moved(scores, moves)):
-            scores.add(np.concatenate([starts, ascend(scores.problem, starts, joints=False)]))
-        _flip_segments(scores)
-        if scores.best >= before - scores.same:
-            break
-
-
-def _flip_segments(scores: Scores) -> None:
-    problem = scores.problem
-    flips = 1 - 2 * np.eye(problem.count)[: problem.count - int(problem.anchored)]
-    for _ in range(TURNS * problem.count):
-        before = scores.best
-        scores.add(scores.signs * flips)
+            scores.add(np.concatenate([starts, ascend(problem, starts, joints=False)]))
+        flips = 1 - 2 * np.eye(problem.count)[: problem.count - int(problem.anchored)]
+        for _ in range(TURNS * problem.count):
+            start = scores.best
+            scores.add(scores.signs * flips)
+            if scores.best >= start - scores.same:
+                break
         if scores.best >= before - scores.same:
             break
 
