@@ -38,7 +38,8 @@ class Lost:
     def value(self, segments: list[Segment]) -> Array:
         """(b,) by least squares of segments, each with the sign that most of its torque has."""
         signs = np.array([np.sign(self.torque[s.start : s.stop, s.joint].sum()) for s in segments])
-        return build_problem(self.observed, segments, self.weights).value(signs)
+        problem = build_problem(self.observed, segments, self.weights)
+        return problem.back @ problem.coordinates(signs)
 
     def with_signs(self) -> Array:
         """(b,) by least squares of all steady rows, their signs known."""

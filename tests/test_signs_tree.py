@@ -127,7 +127,9 @@ def test_two_segments_of_a_pendulum_by_any_local_algorithm(algorithm: str, resta
     assert toy.problem.count == 2 and got.nodes == 6 and got.evaluations <= 6 * restarts * 3 * budget
     assert np.array_equal(got.signs, toy.signs)
     assert_allclose(got.value, toy.base.combination @ toy.truth, rtol=0, atol=1e-6)
-    assert_allclose(toy.problem.value(got.signs), toy.base.combination @ toy.truth, rtol=0, atol=1e-9)
+    assert_allclose(
+        toy.problem.back @ toy.problem.coordinates(got.signs), toy.base.combination @ toy.truth, rtol=0, atol=1e-9
+    )
 
 
 def test_all_signs_of_an_arm() -> None:
@@ -136,7 +138,9 @@ def test_all_signs_of_an_arm() -> None:
     assert np.array_equal(got.signs, toy.signs) and got.loss < 1e-3 * toy.problem.energies.sum()
     assert got.nodes == 2**2 + 2 * 2 * (toy.problem.count - 2)
     assert said == sorted(said) and said[-1] == 1
-    assert_allclose(toy.problem.value(got.signs), toy.base.combination @ toy.truth, rtol=0, atol=1e-6)
+    assert_allclose(
+        toy.problem.back @ toy.problem.coordinates(got.signs), toy.base.combination @ toy.truth, rtol=0, atol=1e-6
+    )
 
 
 def test_rows_of_known_sign_are_kept() -> None:

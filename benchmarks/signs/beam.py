@@ -33,7 +33,7 @@ def beam(
         raise OptionError(f"unknown solver {solve!r}; choose from {', '.join(SOLVERS)}")
     node, nodes = grow(problem, order, start, width, _by_pseudo_inverse if solve == SOLVERS[0] else _by_factor)
     signs = in_place(node.signs, order)
-    return TreeResult(signs, problem.value(signs), node.loss, nodes, nodes)
+    return TreeResult(signs, problem.back @ problem.coordinates(signs), node.loss, nodes, nodes)
 
 
 def _by_pseudo_inverse(level: TreeLevel, right: Array) -> TreeNode:

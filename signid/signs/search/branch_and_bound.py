@@ -93,18 +93,26 @@ class _Relaxed(NamedTuple):
 
     def floors(self, energy: float, sums: Array, cuts: Array) -> Array:
         """(W,) lower bounds on the loss of all leaves of W nodes with sums g (W, r)."""
-        own, planes = self._half(sums.T), self._half(cuts)
-        prices = _prices(planes, own)
-        own -= planes @ prices
+        own = self._outside(sums, cuts)
         return np.asarray(energy - self.heights.sum() - np.einsum("rw,rw->w", own, own))
 
     def solve(self, sums: Array, cuts: Array) -> Array:
         """(r, W) minimisers z of the lower bounds."""
         from scipy.linalg import solve_triangular
 
-        own, planes = self._half(sums.T), self._half(cuts)
-        own -= planes @ _prices(planes, own)
+        own = self._outside(sums, cuts)
         return np.asarray(solve_triangular(self.factor, own, trans="T", lower=True, check_finite=False))
+
+    def _outside(self, sums: Array, cuts: Array) -> Array:
+        """(r, W) half-solved sums less planes @ prices, of least length over prices >= 0 by sweeps of coordinate descent."""
+        own, planes = self._half(sums.T), self._half(cuts)
+        gram, inner = planes.T @ planes, planes.T @ own
+        prices = np.zeros(inner.shape)
+        for _ in range(SWEEPS):
+            for k, row in enumerate(gram):
+                prices[k] = np.maximum(prices[k] + (inner[k] - row @ prices) / row[k], 0.0)
+        own -= planes @ prices
+        return own
 
     def _half(self, columns: Array) -> Array:
         if not columns.size:
@@ -112,16 +120,6 @@ class _Relaxed(NamedTuple):
         from scipy.linalg import solve_triangular
 
         return np.asarray(solve_triangular(self.factor, columns, lower=True, check_finite=False))
-
-
-def _prices(planes: Array, own: Array) -> Array:
-    """(C, W) multipliers >= 0 that minimise |own - planes @ prices|, by a few sweeps of coordinate descent."""
-    gram, inner = planes.T @ planes, planes.T @ own
-    prices = np.zeros(inner.shape)
-    for _ in range(SWEEPS):
-        for k, row in enumerate(gram):
-            prices[k] = np.maximum(prices[k] + (inner[k] - row @ prices) / row[k], 0.0)
-    return prices
 
 
 class _Tree:

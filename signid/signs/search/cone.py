@@ -28,7 +28,9 @@ def cone_inequalities(task: Task, observed: Observed, seed: int = 0) -> Array:
     ones; law coefficients that are not negative; and |offset| <= 2 Coulomb friction where a joint has both, since
     friction alone fits as well as an offset of its size with signs that are all equal.
     """
-    return np.concatenate([_energy_rows(task, observed, seed), _positive_rows(task), _offset_rows(task)])
+    labels = [task.base.labels[k] for k in task.base.independent]
+    positive = np.eye(task.base.rank)[[k for k in law_coefficients(task) if labels[k].positive]]
+    return np.concatenate([_energy_rows(task, observed, seed), positive, _offset_rows(task)])
 
 
 def kinetic_rows(task: Task, q: Array, x: Array) -> Array:
@@ -57,11 +59,6 @@ def _energy_rows(task: Task, observed: Observed, seed: int) -> Array:
     return kinetic_rows(task, q, np.concatenate([single, mixed]))
 
 
-def _positive_rows(task: Task) -> Array:
-    labels = [task.base.labels[k] for k in task.base.independent]
-    return np.eye(task.base.rank)[[k for k in law_coefficients(task) if labels[k].positive]]
-
-
 def _offset_rows(task: Task) -> Array:
     own = {law: k for k, law in law_coefficients(task).items()}
     unit, rows = np.eye(task.base.rank), [np.zeros((0, task.base.rank))]
@@ -86,7 +83,9 @@ class PhysicalCone(Frozen):
         moved = rows @ problem.back
         length = np.linalg.norm(moved, axis=1)
         kept = length > ZERO_ROW * (np.abs(rows) @ size)
-        return cls(_distinct(moved[kept] / length[kept, None]))
+        unit = moved[kept] / length[kept, None]
+        distinct = np.unique(np.round(unit, 9), axis=0, return_index=True)[1]
+        return cls(unit[np.sort(distinct)])
 
     def distance(self, z: Array) -> tuple[float, Array]:
         """Squared distance from the cone of z (r,) [standard deviations], and the point of the cone nearest to z (r,).
@@ -120,8 +119,3 @@ def _multipliers(rows: Array, z: Array) -> Array:
         found = np.maximum(lsq_linear(rows.T, -z, (0, np.inf), method="bvls", max_iter=ROUNDS * len(rows)).x, 0.0)
     step = rows.T @ found
     return np.asarray(found * max(-float(step @ z), 0.0) / max(float(step @ step), 1e-300))
-
-
-def _distinct(rows: Array) -> Array:
-    _, at = np.unique(np.round(rows, 9), axis=0, return_index=True)
-    return rows[np.sort(at)]

@@ -58,10 +58,6 @@ class SignProblem(Frozen):
         """J(s) of the signs (S,) [1], at least 0 [squared standard deviations]."""
         return max(float(self.energies.sum() - np.sum(self.coordinates(signs) ** 2)), 0.0)
 
-    def value(self, signs: Array) -> Array:
-        """Base parameters theta = back B s, (b,) [units of base], that minimise the loss of the signs (S,) [1]."""
-        return np.asarray(self.back @ self.coordinates(signs))
-
 
 def build_problem(
     observed: Observed, segments: Sequence[Segment], weights: Array, known: KnownRows | None = None
