@@ -134,14 +134,10 @@ def reduce_rows(task: Task, rows: Iterable[Rows], lags: int = LAGS, weigh: Weigh
 def window_factors(
     task: Task, rows: Iterable[Rows], lags: int = LAGS, weigh: Weigh | None = None, past: int = 0
 ) -> Iterator[Factors]:
-    """Factors of each of consecutive windows of rows, of one recording or of several.
+    """Factors of each of consecutive windows of rows, of one recording or of several, up to the highest lag.
 
-    Args:
-        task: task of the rows.
-        rows: windows.
-        lags: highest lag kept.
-        weigh: robust weight of each row, in [0, 1]; None: all rows have weight 1.
-        past: number of windows at the beginning that only give the lagged rows of the next window.
+    Each row has a robust weight in [0, 1], or 1. The `past` windows at the beginning only give the lagged rows of the
+    next.
     """
     seen = tuple(map(np.flatnonzero, task.base.sees))
     empty = tails = [np.zeros((0, c + 1)) for c in _widths(task)]

@@ -61,12 +61,7 @@ def prepare(
 
 
 def rearrange(robot: Robot, session: Session, options: Options) -> Session:
-    """The same recordings with other options: effects, cut-off and the like. No recording is read as a whole again.
-
-    Raises:
-        RecordingError: the recordings do not fit together.
-        OptionError: an effect or an option is unknown.
-    """
+    """The same recordings with other options: effects, cut-off and the like. No recording is read as a whole again."""
     return _arranged(session.robot, session.given, options, robot.notes)
 
 

@@ -84,8 +84,6 @@ def recover(session: Session, *, method: str = "exact", progress: Progress | Non
 
     Raises:
         OptionError: there is no such method, or a torque constant is neither known nor identifiable.
-        RecordingError: a recording lacks a torque that another has without its sign, or a torque has no stretch of one
-            sign.
     """
     if method not in METHODS:
         raise OptionError(f"signs {method!r} is none of {', '.join(METHODS)}")

@@ -88,13 +88,9 @@ def runs_between_minima(observed: Observed) -> list[Segment]:
 def split_impure(
     observed: Observed, segments: Sequence[Segment], predicted: Array, noise: Array
 ) -> tuple[list[Segment], int]:
-    """Split segments where a model clearly changes sign, and count the splits.
+    """Split segments where a model, predicted (N, n) [N.m or N], clearly changes sign, and count the splits.
 
-    Args:
-        observed: observations.
-        segments: segments to split.
-        predicted: (N, n) torque of the model [N.m or N].
-        noise: (n,) standard deviation of its residual [N.m or N].
+    The standard deviation of its residual is noise (n,) [N.m or N].
     """
     found: list[Segment] = []
     for segment in segments:

@@ -100,9 +100,7 @@ def coupling(magnitude: Array, first: Mask, same: float = SAME) -> Array:
 def expected_signs(odds: Array, tied: Array) -> Array:
     """Expectations of the signs of h chains: (N, h) E[s] = tanh(log-odds / 2) [1].
 
-    Args:
-        odds: (N, h) [1] log-odds of a positive sign from each sample alone.
-        tied: (N, h) [1] log-odds that a sample has the sign of the one before it.
+    A sample alone has the log-odds odds (N, h) [1] of a positive sign, and tied (N, h) [1] of the sign before it.
 
     Source: forward and backward messages of Rabiner, Proc. IEEE 77(2), 1989, as odds.
     """

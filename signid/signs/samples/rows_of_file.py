@@ -29,14 +29,10 @@ def signs_of_rows(recording: Recording, sampling: Sampling, t: Array, first: Ind
     Between two samples of different sign, the change is at the smallest |torque| recorded between them. Before the
     first and after the last sample of a span the nearest sign continues; it changes at minima near zero (below 5 % of
     the joint's rms torque, or within a step between rows) where the torque is smoother with a change of sign. Torques
-    that have their sign get 1.
+    that have their sign get 1. The recording is read piece by piece.
 
-    Args:
-        recording: recording of n joints; read piece by piece.
-        sampling: its spans, or some of them; rows of other spans get 0.
-        t: (M,) [s] times of the samples, on the grids of those spans that are long enough.
-        first: (k,) samples at which a span begins.
-        signs: (M, n) signs of the samples.
+    The M samples at times t (M,) [s] with signs (M, n) [1] lie on the grids of the spans that are long enough, and
+    start a span at the indices first (k,).
     """
     found = np.zeros((len(recording), len(recording.joints)), np.int8)
     pieces = [slice(*ends) for ends in pairwise([*first.tolist(), len(t)])]

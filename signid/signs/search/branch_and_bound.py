@@ -104,7 +104,7 @@ class _Relaxed(NamedTuple):
         return np.asarray(solve_triangular(self.factor, own, trans="T", lower=True, check_finite=False))
 
     def _outside(self, sums: Array, cuts: Array) -> Array:
-        """(r, W) half-solved sums less planes @ prices, of least length over prices >= 0 by sweeps of coordinate descent."""
+        """(r, W) half-solved sums less planes @ prices; a few sweeps over prices >= 0 make them short."""
         own, planes = self._half(sums.T), self._half(cuts)
         gram, inner = planes.T @ planes, planes.T @ own
         prices = np.zeros(inner.shape)

@@ -135,14 +135,8 @@ def search_signs(
     segments from there, then branch and bound in which half-spaces that contain the cone raise the bounds. If a budget
     ends the search, the proof states the remaining gap. Where s and -s have the same loss, either may be returned.
 
-    Args:
-        problem: boolean least squares.
-        cone: coordinates that a real robot can have; None: all.
-        moves: arrays (S,) [1], without the known segment or with it: signs that the segments of a joint may have
-            together, or be multiplied by; 0: no proposal.
-        start: (S,) s [1] signs that may be good.
-        seed: seed of the random starts.
-        budget: limits of the trees, with and without the cone.
+    The signs start (S,) [1] may be good. The segments of a joint may have the signs of moves (S,) [1] together, or be
+    multiplied by them; 0: no proposal. Moves may leave the known segment out.
     """
     tries = climb(problem, seed=seed)[None]
     if start is not None:

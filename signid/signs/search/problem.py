@@ -75,12 +75,10 @@ def build_problem(
 
 
 def eliminate(rows: Sequence[Array], right: Sequence[Array], joints: Sequence[int]) -> SignProblem:
-    """Eliminate the base parameters from the rows of S segments.
+    """Eliminate the base parameters from the S segments of some joints.
 
-    Args:
-        rows: S arrays Y_i (k, b) [standard deviations per unit of base].
-        right: S arrays u_i (k,) [standard deviations]: absolute torque, or a known right-hand side.
-        joints: joint of each segment; the last is -1 if its right-hand side is known.
+    Their rows Y_i are (k, b) [standard deviations per unit of base]. On the right u_i (k,) [standard deviations] are
+    the absolute torque, or a known right-hand side of the last segment, whose joint then is -1.
 
     Source: variable projection: Golub, Pereyra, SIAM J. Numer. Anal. 10(2), 1973.
     """

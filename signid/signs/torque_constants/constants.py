@@ -44,16 +44,11 @@ class Constants(Frozen):
 
 
 def share_constants(factors: Factors, base: BaseMap, unknown: Mask) -> Constants:
-    """Torque constants K of some joints from those of the others; torque / K was recorded.
+    """Torque constants K of the joints `unknown` (n,) from those of the others, at least one; torque / K was recorded.
 
     Gauss-Newton over K and base parameters, with each joint's residual in its recorded unit, since small K would
     otherwise make small residuals. The logarithm of a constant is one more parameter, whose column is the predicted
     torque. The start is a grid search over one joint after the other, the best identifiable constant first.
-
-    Args:
-        factors: factors of n joints, in torque or, where the constant is unknown, in A; at least one joint is known.
-        base: base map.
-        unknown: (n,) joints whose constant is unknown.
 
     Source: Gautier, Vandanjon, Presse, IEEE ICRA 1994 (drive gains beside inertial parameters).
     """

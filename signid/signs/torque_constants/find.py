@@ -57,7 +57,6 @@ def find_gains(session: Session, progress: Progress | None = None) -> TorqueCons
 
     Raises:
         OptionError: a constant is not identifiable; the sentence says what to state.
-        RecordingError: recordings lack constants of different joints.
     """
     robot, unknown = session.robot, _unknown(session.recordings)
     if not unknown.any():

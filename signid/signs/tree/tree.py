@@ -77,13 +77,7 @@ def grow(
 ) -> tuple[TreeNode, int]:
     """Grow a tree; returns the best node of the last level with the evaluations of all, and the number of nodes.
 
-    Args:
-        problem: boolean least squares.
-        order: (S,) order of the segments.
-        start: number of segments of which all signs are tried before nodes are dropped.
-        width: nodes kept per level.
-        solve: solver of a node.
-        progress: called with the share of levels done.
+    The segments are taken in order (S,). All signs of the first `start` of them are tried before nodes are dropped.
 
     Raises:
         OptionError: the width is not positive.
