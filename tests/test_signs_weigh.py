@@ -10,10 +10,9 @@ from signless import lost
 
 from signid.signs import posterior as weigh_module
 from signid.signs.infer import infer
-from signid.signs.posterior import recheck_signs
+from signid.signs.posterior import SegmentSearch, recheck_signs
 from signid.signs.search.cone import cone_inequalities
 from signid.signs.search.problem import SignProblem
-from signid.signs.search.segment_search import SegmentSearch
 from signid.types import Array
 
 

@@ -8,11 +8,11 @@ Files in the order of the data:
 - `recover`: recordings -> recordings with signs. `torque_constants` comes first if constants are unknown: `find`,
   `constants`.
 - `observations` (recordings -> rows), `segments` (absolute torque -> segments), `infer` (rows -> signs).
-- `search`: `problem` (boolean least squares), `cone` (physical constraints), `exact` (the search) with
-  `local_search` and `branch_and_bound`; `segment_search` joins them, with a friction prior.
+- `search`: `problem` (boolean least squares, friction prior), `cone` (physical constraints), `exact` (the search) with
+  `local_search` and `branch_and_bound`.
 - `tree`: the classical search, with `condition` (order of segments).
 - `samples`: `markov_chain` (signs of samples), `full_rate` (jumps, expected signs), `rows_of_file`.
-- `posterior` (second search, confidence), `flags`.
+- `posterior` (search of segments, confidence), `flags`.
 - `result`: what `recover` returns. `thresholds`: tuned values.
 """
 

@@ -11,7 +11,7 @@ from ..types import Indices
 from .infer import Inferred
 from .observations import Observed
 from .search.local_search import ascend
-from .search.segment_search import friction_patterns
+from .search.problem import friction_patterns
 from .thresholds import (
     COARSE_STEP,
     CORRELATED_RESIDUAL,

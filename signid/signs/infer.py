@@ -11,12 +11,11 @@ import numpy as np
 from ..regression.rows import Task
 from ..types import Array, Frozen
 from .observations import Observed
-from .posterior import apply_signs, inflation, joint_flip_probability, recheck_signs
+from .posterior import SegmentSearch, apply_signs, inflation, joint_flip_probability, recheck_signs
 from .result import SignProof
 from .samples.markov_chain import RefinedSigns, refine_signs
 from .search.cone import cone_inequalities
-from .search.problem import KnownRows, SignProblem, build_problem, signed_rows
-from .search.segment_search import SegmentSearch, known_rows
+from .search.problem import KnownRows, SignProblem, build_problem, known_rows, signed_rows
 from .segments import Segment, runs_between_minima, split_by_signs, split_impure, threshold_runs
 from .thresholds import CORRELATED_RESIDUAL, LARGE_RESIDUAL, NOISE_FLOOR, SPLIT_ROUNDS
 

@@ -1,21 +1,20 @@
-"""Second search, weighted in standard deviations, and the posterior of the signs: confidence of each segment."""
+"""Search over the signs of segments, repeated in standard deviations, and their posterior: confidence of each."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from ..types import Array
+from ..types import Array, Frozen
 from .observations import Observed
 from .result import SignProof
 from .samples.markov_chain import RefinedSigns, refine_signs
 from .search.cone import PhysicalCone
-from .search.exact import RivalSigns, SignSolution, enumerate_near
-from .search.problem import SignProblem, build_problem
-from .search.segment_search import SegmentSearch, known_rows
+from .search.exact import RivalSigns, SignSolution, enumerate_near, search_signs
+from .search.problem import SignProblem, build_problem, friction_patterns, known_rows
 from .segments import Segment, split_by_signs
 from .thresholds import CONFIDENT, RECHECK_ROUNDS, RIVAL_WINDOW
 
@@ -75,6 +74,24 @@ def inflation(residual: Array, runs: Sequence[tuple[int, int]]) -> float:
             break
         total += 2 * correlation
     return total
+
+
+@dataclass(frozen=True, eq=False)
+class SegmentSearch(Frozen):
+    """Search over the signs of any segments of some observations."""
+
+    observed: Observed
+    inequalities: Array  # (g, b) rows c with c'theta >= 0 [1 over units of base]
+    seed: int = 0
+
+    def cone(self, problem: SignProblem) -> PhysicalCone:
+        """The physical cone in the coordinates of a problem."""
+        return PhysicalCone.of(problem, self.inequalities)
+
+    def solve(self, problem: SignProblem, segments: Sequence[Segment], start: Array | None = None) -> SignSolution:
+        """The signs of lowest loss within the cone; start (S,) [1] may be good. `segments` lack the known one."""
+        patterns = friction_patterns(problem, self.observed, segments)
+        return search_signs(problem, self.cone(problem), patterns, start, seed=self.seed)
 
 
 class RecheckedSigns(NamedTuple):

@@ -126,8 +126,6 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
             arrays = {name: archive[name] for name in archive.files}
         header = json.loads(arrays.pop(HEADER).tobytes())
         schema, whole = header["schema"], header["sha256"] == _hash(arrays)
-    except SignidError:
-        raise
     except MemoryError:
         raise OptionError(
             f"{path} expands to more than {LARGEST >> 30} GiB, and factors are far smaller; reduce the recordings again"
