@@ -14,22 +14,23 @@ Value = TypeVar("Value", bound=np.generic)
 FIRST = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0.0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
 SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])
 HALF = 4  # samples that a difference needs on either side
+ATTENUATION = 60.0  # [dB] of the stop band of a low-pass; Kaiser's formulas hold from 50 on
 SEGMENT = 64  # smallest number of samples of a segment in `Decimator`, unless the filter is shorter
 
 
-def lowpass(rate: float, cutoff: float, attenuation: float = 60.0) -> Array:
+def lowpass(rate: float, cutoff: float) -> Array:
     """Taps of a symmetric Kaiser low-pass with pass band up to 0.75 cutoff and stop band from 1.25 cutoff on.
 
     The odd number of taps (k,) [1] sum to 1. The cut-off is the frequency of half amplitude [Hz]; from 0.4 of the
-    sampling rate on there is no filter. The stop band is attenuated by `attenuation` [dB], at least 50.
+    sampling rate on there is no filter.
 
     Source: Kaiser, Nonrecursive digital filter design using the I0-sinh window function, IEEE ISCAS 1974. Own code,
     since importing scipy.signal takes longer than most identifications.
     """
     if cutoff >= 0.4 * rate:
         return np.ones(1)
-    count = int(np.ceil((attenuation - 7.95) / (2.285 * np.pi * cutoff / rate) + 1)) | 1
-    taps = np.sinc(2 * cutoff / rate * (np.arange(count) - count // 2)) * np.kaiser(count, 0.1102 * (attenuation - 8.7))
+    count = int(np.ceil((ATTENUATION - 7.95) / (2.285 * np.pi * cutoff / rate) + 1)) | 1
+    taps = np.sinc(2 * cutoff / rate * (np.arange(count) - count // 2)) * np.kaiser(count, 0.1102 * (ATTENUATION - 8.7))
     return np.asarray(taps / taps.sum())
 
 

@@ -81,6 +81,7 @@ def infer(task: Task, observed: Observed, seed: int = 0, choose: ChooseSigns | N
     sigma = np.maximum(refined.sigma, NOISE_FLOOR * observed.scale)
     rechecked = recheck_signs(search, segments, refined, 1 / (sigma * np.sqrt(kappa)), choose is None)
     solution, count = rechecked.solution, len(rechecked.segments)
+    split = [run.joint for run in segments if run not in set(rechecked.segments)]
     return Inferred(
         segments=tuple(rechecked.segments),
         signs=solution.signs[:count],
@@ -92,7 +93,7 @@ def infer(task: Task, observed: Observed, seed: int = 0, choose: ChooseSigns | N
         proof=solution.proof if choose is None else attempt.choice.proof,
         complete=rechecked.rivals.complete,
         flip_probability=joint_flip_probability(rechecked.problem, solution.signs, rechecked.rivals),
-        impure=_impure(segments, rechecked.segments),
+        impure={joint: split.count(joint) for joint in sorted(set(split))},
         finer=attempt.finer,
         notes=attempt.choice.notes,
     )
@@ -142,9 +143,3 @@ def _inflations(observed: Observed, attempt: _Attempt) -> Array:
     for joint in observed.hidden:
         kappa[joint] = inflation(residual[:, joint], [(s.start, s.stop) for s in segments if s.joint == joint])
     return kappa
-
-
-def _impure(runs: Sequence[Segment], segments: Sequence[Segment]) -> dict[int, int]:
-    """Joint -> number of its runs that were split."""
-    split = [run.joint for run in runs if run not in set(segments)]
-    return {joint: split.count(joint) for joint in sorted(set(split))}

@@ -6,13 +6,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import reduce as fold
 from itertools import chain
+from operator import add
 from typing import Any
 
 import numpy as np
 
 from ...errors import OptionError, shorten
 from ...types import Input
-from ..factors import Node, cascade, total
+from ..factors import Factors, Node, cascade, total
 from ..rows import Task
 from .reduce import WHOLE, Reduced
 
@@ -38,10 +39,11 @@ def add_up(parts: Sequence[Reduced]) -> Reduced:
                 f"the factors of {_names(parts[0])} and of {_names(other)} cannot be added: {differs}; "
                 f"reduce one of them like the other (--like)"
             )
-    whole = fold(_sum, [_joined(found) for found in _sets(parts)])
-    files = dict.fromkeys(file for part in parts for file in part.inputs)
-    notes = dict.fromkeys(note for part in parts for note in part.notes)
-    return replace(whole, inputs=tuple(files), notes=tuple(notes))
+    joined = [_joined(found) for found in _sets(parts)]
+    train, held_out = (fold(add, [getattr(part, name)[0].factors for part in joined]) for name in SUMS)
+    files = tuple(dict.fromkeys(file for part in parts for file in part.inputs))
+    notes = tuple(dict.fromkeys(note for part in parts for note in part.notes))
+    return replace(joined[0], train=_whole(train), held_out=_whole(held_out), inputs=files, notes=notes)
 
 
 def _joined(parts: Sequence[Reduced]) -> Reduced:
@@ -51,12 +53,11 @@ def _joined(parts: Sequence[Reduced]) -> Reduced:
     ordered = sorted(parts, key=lambda part: part.share)
     train, held_out = (total(cascade(chain(*(getattr(part, name) for part in ordered)))) for name in SUMS)
     assert train is not None and held_out is not None, "all parts together have windows"
-    return replace(ordered[0], train=(Node(0, 0, train),), held_out=(Node(0, 0, held_out),), share=WHOLE)
+    return replace(ordered[0], train=_whole(train), held_out=_whole(held_out), share=WHOLE)
 
 
-def _sum(one: Reduced, other: Reduced) -> Reduced:
-    train, held_out = (getattr(one, name)[0].factors + getattr(other, name)[0].factors for name in SUMS)
-    return replace(one, train=(Node(0, 0, train),), held_out=(Node(0, 0, held_out),))
+def _whole(factors: Factors) -> tuple[Node]:
+    return (Node(0, 0, factors),)
 
 
 def _difference(one: Reduced, other: Reduced) -> str:

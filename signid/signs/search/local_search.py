@@ -14,9 +14,9 @@ LEAST = 1e-12  # [total energy] smallest gain of a flip; rounding
 TURNS = 20  # [flips per segment] at most, since rounding errors could go on for ever; heuristic
 
 
-def climb(problem: SignProblem, starts: int = STARTS, seed: int = 0) -> Array:
+def climb(problem: SignProblem, seed: int = 0) -> Array:
     """The best local optimum (S,) [1] of many starts; a known segment has sign +1."""
-    ends = np.unique(ascend(problem, _starts(problem, starts, seed)), axis=0)
+    ends = np.unique(ascend(problem, _starts(problem, STARTS, seed)), axis=0)
     losses = np.array([problem.loss(signs) for signs in ends])
     best = np.argsort(losses, kind="stable")[:PAIRED]
     ends[best] = ascend(problem, ends[best], pairs=True)
