@@ -16,7 +16,7 @@ TURNS = 20  # [flips per segment] at most, since rounding errors could go on for
 
 def climb(problem: SignProblem, seed: int = 0) -> Array:
     """The best local optimum (S,) [1] of many starts; a known segment has sign +1."""
-    ends = np.unique(ascend(problem, _starts(problem, STARTS, seed)), axis=0)
+    ends = np.unique(ascend(problem, _starts(problem, seed)), axis=0)
     losses = np.array([problem.loss(signs) for signs in ends])
     best = np.argsort(losses, kind="stable")[:PAIRED]
     ends[best] = ascend(problem, ends[best], pairs=True)
@@ -49,7 +49,7 @@ def ascend(problem: SignProblem, starts: Array, joints: bool = True, pairs: bool
     return signs * signs[:, -1:] if problem.anchored else signs
 
 
-def _starts(problem: SignProblem, count: int, seed: int) -> Array:
+def _starts(problem: SignProblem, seed: int) -> Array:
     """(K, S) signs of leading singular vectors of B, plain and with unit columns; of random models; random signs."""
     rng = np.random.default_rng(seed)
     size = np.linalg.norm(problem.projections, axis=0)
@@ -57,7 +57,7 @@ def _starts(problem: SignProblem, count: int, seed: int) -> Array:
         np.linalg.svd(matrix, full_matrices=False)[2][:VECTORS]
         for matrix in (problem.projections, problem.projections / np.maximum(size, 1e-300))
     ]
-    left = max(count - 2 * VECTORS, 0)
+    left = STARTS - 2 * VECTORS
     models = rng.normal(size=(left - left // 2, len(problem.projections))) @ problem.projections
     return np.where(np.concatenate([*found, models, rng.normal(size=(left // 2, problem.count))]) >= 0, 1.0, -1.0)
 
