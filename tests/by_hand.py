@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from signid.signs.rows.observations import Observed
+from signid.signs.observations import Observed
 from signid.signs.samples.markov_chain import RefinedSigns
 from signid.signs.search.exact import RivalSigns
 from signid.signs.search.problem import SignProblem

@@ -13,9 +13,9 @@ from signid.recording import read_recording
 from signid.regression.prepare import prepare
 from signid.regression.rows import Task
 from signid.regression.session import Options
-from signid.signs.rows.observations import Observed, observe
-from signid.signs.rows.segments import threshold_runs
+from signid.signs.observations import Observed, observe
 from signid.signs.search.problem import Segment, build_problem, orthonormalise
+from signid.signs.segments import threshold_runs
 from signid.types import Array
 
 
@@ -38,7 +38,8 @@ class Lost:
     def value(self, segments: list[Segment]) -> Array:
         """(b,) by least squares of segments, each with the sign that most of its torque has."""
         signs = np.array([np.sign(self.torque[s.start : s.stop, s.joint].sum()) for s in segments])
-        return build_problem(self.observed, segments, self.weights).value(signs)
+        problem = build_problem(self.observed, segments, self.weights)
+        return problem.back @ problem.coordinates(signs)
 
     def with_signs(self) -> Array:
         """(b,) by least squares of all steady rows, their signs known."""

@@ -17,11 +17,12 @@ ROOMS = {  # modules and folders of a folder in the order of the data; one impor
     "output": "__init__ replay export report",
     "output/report": "numbers quantities joints layout write results diagnosis pages __init__",
     "estimation": "__init__ fit_quality discrepancy excitation feasible pbrp least_squares standard estimators",
-    "regression": "__init__ filters covariance projection bandwidth motion regressor base_parameters rows row_sample "
+    "regression": "__init__ filters covariance projection bandwidth motion regressor base_parameters rows "
     "factors session prepare reduced",
     "recording": "mapping formats source names columns sampling gallery read __init__ convert",
     "robot": "dynamics joints description locate load __init__",
-    "signs": "thresholds result rows search samples inferred tree posterior infer torque_constants recover __init__",
+    "signs": "thresholds result observations segments search samples posterior infer flags tree torque_constants "
+    "recover __init__",
     "simulation": "__init__ plant excite rollout",
     "simulation/excite": "result criterion limits collision motions problem cost feasible search setup design "
     "discriminate __init__",

@@ -9,8 +9,8 @@ import pytest
 from factored import columns
 
 import signid
+from signid.regression.factors import ROWS, RowSample, sample_rows
 from signid.regression.prepare import prepare
-from signid.regression.row_sample import ROWS, RowSample, sample_rows
 from signid.regression.rows import read_rows
 from signid.regression.session import Options, Session
 from signid.types import Robot

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from signless import Lost, lost
 
-from signid.signs.posterior.confidence import inflation
+from signid.signs.posterior import inflation
 from signid.signs.samples.markov_chain import coupling, expected_signs, likeliest_signs, refine_signs
 from signid.signs.search.problem import Segment
 from signid.types import Array
@@ -62,7 +62,7 @@ def test_neighbours_are_tied_where_torque_is_large() -> None:
 @pytest.mark.parametrize("seed", SEEDS)
 def test_signs_below_the_threshold_are_restored(seed: int) -> None:
     case = lost(0.02, seed)
-    refined = refine_signs(case.observed, case.weights, case.value(case.segments()))
+    refined = refine_signs(case.observed, case.value(case.segments()))
     right = refined.signs == np.sign(case.torque)
     small = np.abs(case.torque) < np.quantile(np.abs(case.torque), 0.1, axis=0)
     assert right.mean() > 0.99
@@ -84,7 +84,7 @@ def impure(case: Lost, joint: int) -> list[Segment]:
 def test_an_impure_segment_is_mended(seed: int) -> None:
     case = lost(0.02, seed)
     start = case.value(impure(case, 0))
-    refined = refine_signs(case.observed, case.weights, start)
+    refined = refine_signs(case.observed, start)
     assert case.misfit(start) > 5 * case.misfit(case.with_signs())
     assert case.misfit(refined.value) < 1.05 * case.misfit(case.with_signs())
     assert np.mean(refined.signs == np.sign(case.torque)) > 0.99
@@ -92,14 +92,14 @@ def test_an_impure_segment_is_mended(seed: int) -> None:
 
 def test_expected_signs_do_not_attenuate() -> None:
     cases = [lost(0.05, seed) for seed in SEEDS]
-    refined = [refine_signs(case.observed, case.weights, case.value(case.segments())) for case in cases]
+    refined = [refine_signs(case.observed, case.value(case.segments())) for case in cases]
     share = [case.misfit(r.value) / case.misfit(case.with_signs()) for case, r in zip(cases, refined, strict=True)]
     assert np.median(share) < 1.05
 
 
 def test_without_noise_parameters_are_exact() -> None:
     case = lost(0.0)
-    refined = refine_signs(case.observed, case.weights, case.value(case.segments()))
+    refined = refine_signs(case.observed, case.value(case.segments()))
     assert refined.value == pytest.approx(case.true, abs=1e-10)
     assert refined.loss < 1e-10
     assert refined.rounds < 12
@@ -114,7 +114,7 @@ def test_recorded_signs_stay_and_absent_torques_have_none() -> None:
         signed=np.array([True, False, True]),
         known=np.array([True, True, False]),
     )
-    refined = refine_signs(mixed, case.weights, case.value(case.segments()))
+    refined = refine_signs(mixed, case.value(case.segments()))
     assert np.array_equal(refined.signs[:, 0], np.sign(case.torque[:, 0]))
     assert np.mean(refined.signs[:, 1] == np.sign(case.torque[:, 1])) > 0.99
     assert not refined.signs[:, 2].any()
@@ -126,7 +126,7 @@ def test_joints_that_never_move_clear_of_a_reversal_still_teach() -> None:
     steady = case.observed.steady.copy()
     steady[:, 0] = False
     slow = replace(case.observed, steady=steady)
-    refined = refine_signs(slow, case.weights, case.true)
+    refined = refine_signs(slow, case.true)
     assert np.isfinite(refined.value).all()
     assert np.mean(refined.signs == np.sign(case.torque)) > 0.99
 
@@ -170,5 +170,5 @@ def test_samples_without_a_residual_do_not_count() -> None:
 def test_the_same_signs_come_out_again() -> None:
     case: Lost = lost(0.05)
     start = case.value(case.segments())
-    one, other = (refine_signs(case.observed, case.weights, start) for _ in range(2))
+    one, other = (refine_signs(case.observed, start) for _ in range(2))
     assert np.array_equal(one.expected, other.expected)

@@ -11,11 +11,10 @@ import pinocchio as pin
 import pytest
 from signless import Lost, lost
 
-from signid.signs.rows.observations import law_coefficients
+from signid.signs.observations import law_coefficients
 from signid.signs.search import exact
 from signid.signs.search.cone import PhysicalCone, cone_inequalities, kinetic_rows
-from signid.signs.search.friction import friction_prior
-from signid.signs.search.problem import SignProblem, build_problem
+from signid.signs.search.problem import SignProblem, build_problem, friction_prior
 from signid.types import Array
 
 

@@ -15,11 +15,11 @@ from signid.recording import read_recording
 from signid.regression.prepare import prepare
 from signid.robot import load_robot
 from signid.signs import recover
+from signid.signs.flags import raise_flags
 from signid.signs.infer import Inferred, infer
-from signid.signs.posterior.flags import raise_flags
+from signid.signs.observations import law_coefficients, observe
 from signid.signs.recover import _notes
 from signid.signs.result import SignProof
-from signid.signs.rows.observations import law_coefficients, observe
 
 
 @cache

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from by_hand import INERTIA, LAWS, T, observations, problem, refined
 
-from signid.signs.inferred import Inferred
-from signid.signs.posterior.flags import raise_flags
+from signid.signs.flags import raise_flags
+from signid.signs.infer import Inferred
+from signid.signs.observations import Observed
 from signid.signs.result import SignProof
-from signid.signs.rows.observations import Observed
-from signid.signs.rows.segments import Segment
+from signid.signs.segments import Segment
 
 
 def well() -> tuple[Observed, Inferred]:

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from signid.errors import RecordingError
-from signid.signs.rows.observations import Observed
-from signid.signs.rows.segments import runs_between_minima, split_by_signs, split_impure, threshold_runs
+from signid.signs.observations import Observed
 from signid.signs.search.problem import Segment
+from signid.signs.segments import runs_between_minima, split_by_signs, split_impure, threshold_runs
 from signid.types import Array, Mask
 
 PERIOD = 0.01  # s
@@ -88,7 +88,7 @@ def test_a_model_of_the_other_sign_splits_a_segment_where_torque_is_lowest() -> 
 def test_segments_are_cut_where_samples_change_sign() -> None:
     signs = np.ones((10, 1))
     signs[4:7] = -1
-    assert split_by_signs(seen(wave(10)), [Segment(0, 1, 9)], signs) == [
+    assert split_by_signs([Segment(0, 1, 9)], signs) == [
         Segment(0, 1, 4),
         Segment(0, 4, 7),
         Segment(0, 7, 9),

@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from signless import lost
 
+from signid.signs import posterior as weigh_module
 from signid.signs.infer import infer
-from signid.signs.posterior import recheck as weigh_module
-from signid.signs.posterior.recheck import recheck_signs
+from signid.signs.posterior import SegmentSearch, recheck_signs
 from signid.signs.search.cone import cone_inequalities
 from signid.signs.search.problem import SignProblem
-from signid.signs.search.segment_search import SegmentSearch
 from signid.types import Array
 
 

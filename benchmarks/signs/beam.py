@@ -6,7 +6,7 @@ import numpy as np
 
 from signid.errors import OptionError
 from signid.signs.search.problem import SignProblem
-from signid.signs.tree.beam import LOST, WIDTH, TreeLevel, TreeNode, TreeResult, grow, in_place
+from signid.signs.tree.tree import LOST, WIDTH, TreeLevel, TreeNode, TreeResult, grow, in_place
 from signid.types import Indices
 
 from .truth import Array
@@ -33,7 +33,7 @@ def beam(
         raise OptionError(f"unknown solver {solve!r}; choose from {', '.join(SOLVERS)}")
     node, nodes = grow(problem, order, start, width, _by_pseudo_inverse if solve == SOLVERS[0] else _by_factor)
     signs = in_place(node.signs, order)
-    return TreeResult(signs, problem.value(signs), node.loss, nodes, nodes)
+    return TreeResult(signs, problem.back @ problem.coordinates(signs), node.loss, nodes, nodes)
 
 
 def _by_pseudo_inverse(level: TreeLevel, right: Array) -> TreeNode:

@@ -12,7 +12,7 @@ import numpy as np
 
 import signid
 from signid.regression.session import Options
-from signid.signs.rows.segments import threshold_runs
+from signid.signs.segments import threshold_runs
 from signid.types import Robot
 
 from ..plants.bodies import Body, Drives

@@ -11,11 +11,11 @@ from rich.table import Table
 
 from signid.recording.sampling import survey
 from signid.signs.infer import infer
-from signid.signs.rows.observations import Observed, observe
-from signid.signs.rows.segments import threshold_runs
+from signid.signs.observations import Observed, observe
 from signid.signs.search.problem import Segment, build_problem
-from signid.signs.tree.beam import WIDTH
+from signid.signs.segments import threshold_runs
 from signid.signs.tree.condition import condition_order
+from signid.signs.tree.tree import WIDTH
 from signid.types import Indices
 
 from ..summary import frame

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..regression.row_sample import RowSample
+from ..regression.factors import RowSample
 from ..types import Array, BaseMap, Indices, Mask
 
 PROCESSES = ("v", "l", "q", "vl", "qv")  # states of each process: velocity, load, position

@@ -16,7 +16,7 @@ from ..regression.factors import LAGS, Factors
 from ..regression.prepare import prepare
 from ..regression.session import Options
 from ..robot.dynamics import own_body
-from ..signs.torque_constants.from_shared_parameters import constant_sensitivity
+from ..signs.torque_constants.constants import constant_sensitivity
 from ..types import (
     INERTIAL,
     INERTIAL_UNITS,

@@ -92,12 +92,8 @@ def choose_band(pieces: Sequence[Samples], rate: float, cutoff: float | None = N
     """Band for recordings of one rate: as wide as the motion needs, if encoder noise allows it on every joint.
 
     A cut-off f is allowed if the noise power of the acceleration below f is at most 1e-3 of its signal power. The
-    cut-off is at most three times the frequency below which 95 % of the acceleration's power lies.
-
-    Args:
-        pieces: stretches of uniform samples, q (N, n) [rad or m], tau (N, n) [N.m or N].
-        rate: sampling rate [Hz].
-        cutoff: cut-off chosen by the user [Hz]; infinite: no filter; None: from the noise.
+    cut-off is at most three times the frequency below which 95 % of the acceleration's power lies. A given cut-off [Hz]
+    is used as it is; infinite: no filter.
     """
     longest = max(len(piece.t) for piece in pieces)
     spectrum = _acceleration([piece.q for piece in pieces if 2 * len(piece.t) >= longest], rate)
@@ -113,11 +109,7 @@ def choose_band(pieces: Sequence[Samples], rate: float, cutoff: float | None = N
 
 
 def encoder_noise(q: Array) -> Array:
-    """Standard deviation (n,) of white position noise [rad or m], from differences of high order.
-
-    Args:
-        q: (N, n) [rad or m] uniform samples.
-    """
+    """Standard deviation (n,) of white noise of positions q (N, n) [rad or m], from differences of high order."""
     return np.asarray(np.sqrt(np.mean(np.diff(q, ORDER, axis=0) ** 2, axis=0) / comb(2 * ORDER, ORDER)))
 
 

@@ -25,13 +25,8 @@ def build_base(
     """Base map of a robot with laws, from random states, since a periodic motion can hide parameters.
 
     Columns are taken in order of preference while they are independent of those taken before, so that formulas read as
-    in textbooks: bodies from the base on, the inertia about a body's own joint axis first, laws last.
-
-    Args:
-        robot: robot with its moving joints; held joints stay at their values.
-        laws: linear laws whose coefficients count as parameters.
-        seed: seed of the random states.
-        measured: (n,) whether the torque of a joint is measured; default: every joint.
+    in textbooks: bodies from the base on, the inertia about a body's own joint axis first, laws last. Only joints whose
+    torque is `measured` count; default: every joint.
 
     Source: Gautier, Khalil, IEEE T-RA 6(3), 1990; numerically as Gautier, J. Robotic Systems 8(4), 1991.
     """

@@ -57,23 +57,16 @@ class Covariance(Frozen):
 def base_covariance(base: BaseMap, values: Array, matrix: Array) -> Covariance:
     """Covariance of base parameters with the names of their standard parameters.
 
-    Args:
-        base: base map.
-        values: (b,) base parameters of the model [units of base].
-        matrix: (b, b) covariance of their errors [units of base].
+    The values (b,) [units of base] are those of the model, the matrix (b, b) [units of base] is that of their errors.
     """
-    names = [label.name for label in base.labels]
     bodies = [k for k, label in enumerate(base.labels) if label.body is not None]
-    order = [*bodies, *_by_appearance(base.combination, set(bodies))]
-    return Covariance(tuple(names[k] for k in order), base.expressions, base.combination[:, order], values, matrix)
+    order = list(dict.fromkeys([*bodies, *np.nonzero(base.combination)[1].tolist()]))  # laws in order of appearance
+    names = tuple(base.labels[k].name for k in order)
+    return Covariance(names, base.expressions, base.combination[:, order], values, matrix)
 
 
 def read_covariance(content: Mapping[str, Any], bodies: int) -> Covariance:
-    """Covariance in the content of a model.json.
-
-    Args:
-        content: object of `Covariance.document`.
-        bodies: number of bodies of the robot.
+    """Covariance in the content of a model.json, the object of `Covariance.document`.
 
     Raises:
         ValueError: the content is malformed; the message says where.
@@ -103,18 +96,12 @@ def read_covariance(content: Mapping[str, Any], bodies: int) -> Covariance:
     return Covariance(labels, expressions, combination, values, _matrix(lower, b))
 
 
-def _by_appearance(combination: Array, bodies: set[int]) -> list[int]:
-    """Columns of laws in order of appearance."""
-    return list(dict.fromkeys(int(k) for row in combination for k in np.flatnonzero(row) if int(k) not in bodies))
-
-
 def _labels(terms: Sequence[Mapping[str, float]], bodies: int) -> tuple[str, ...]:
     own = [f"{name}_{body + 1}" for body in range(bodies) for name in INERTIAL]
-    laws = [name for name in dict.fromkeys(name for entry in terms for name in entry) if not _BODY.fullmatch(name)]
-    known = {*own, *laws}
-    if beyond := [name for entry in terms for name in entry if name not in known]:
+    labels = tuple(dict.fromkeys([*own, *(name for entry in terms for name in entry)]))
+    if beyond := [name for name in labels[len(own) :] if _BODY.fullmatch(name)]:
         raise ValueError(f"its terms name {beyond[0]}, and the robot has {bodies} bodies")
-    return (*own, *laws)
+    return labels
 
 
 def _matrix(lower: Array, b: int) -> Array:

@@ -1,20 +1,75 @@
-"""Rows -> factors: additive sums that estimation needs, of a size that does not grow with the recording."""
+"""Rows -> factors: additive sums and a sample of rows, of a size that does not grow with the recording."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from functools import reduce as fold
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..types import Array, Frozen, Indices
-from .row_sample import RowSample, sample_rows
+from ..types import Array, Frozen, Indices, Mask
 from .rows import Rows, Task
 
+ROWS = 512  # largest number of rows; with 256, intervals of real recordings contain the truth less often
+LEAST = 128  # smallest limit on the number of rows, for many columns
+NUMBERS = 2**18  # largest number of entries of `columns` above that: 2 MB
+SAMPLED = ("number", "q", "v", "torque", "slope", "kept", "columns")  # arrays of a `RowSample`
 LAGS = 6  # highest order of the autoregressive noise model
 Weigh = Callable[[int, Rows], Array]  # (joint, rows) -> weight (M,) [1] of each row
+
+
+@dataclass(frozen=True, eq=False)
+class RowSample(Frozen):
+    """K evenly spaced rows: those whose number is a multiple of `stride`, a power of two.
+
+    Rows are numbered by time, so that the sample does not depend on the order in which parts are added.
+    """
+
+    number: Indices  # (K,) number of each row: time over `period`
+    period: float  # [s] between neighbouring rows
+    stride: int  # [1] spacing of the sample, in rows
+    q: Array  # (K, n) [rad or m]
+    v: Array  # (K, n) [rad/s or m/s]
+    torque: Array  # (K, n) [N.m or N]
+    slope: Array  # (K, n) [N.m/s or N/s] derivative of the torque
+    kept: Mask  # (K, n) whether the row of the joint is valid
+    columns: Array  # (K, c) [torque per unit of the base parameter], joint by joint
+
+    def __add__(self, other: RowSample) -> RowSample:
+        both: dict[str, Any] = {key: np.concatenate([getattr(self, key), getattr(other, key)]) for key in SAMPLED}
+        return _thinned(replace(self, stride=max(self.stride, other.stride), **both))
+
+    def of(self, joint: int, seen: Sequence[Indices]) -> Array:
+        """Columns (K, m) of one joint [torque per unit of the base parameter]; `seen` are those of all joints."""
+        start = sum(len(columns) for columns in seen[:joint])
+        return self.columns[:, start : start + len(seen[joint])]
+
+
+def sample_rows(task: Task, window: Rows, weights: Sequence[Array] | None = None) -> RowSample:
+    """Sample of consecutive rows, with robust weights (M,) per joint [1], in [0, 1]."""
+    period = task.band.factor / task.band.rate
+    kept = window.steady & window.recorded
+    root = [np.sqrt(w) for w in weights] if weights else [np.ones(len(kept))] * kept.shape[1]
+    scale = np.where(kept, np.column_stack(root), 0.0)
+    columns = [x * scale[:, j, None] for j, x in enumerate(window.columns)]
+    signals = (window.q, window.v, window.torque * scale, window.slope * scale, np.concatenate(columns, axis=1))
+    q, v, torque, slope, joined = (x.astype(np.float32).astype(np.float64) for x in signals)  # halves the size of files
+    number = int(np.floor(window.t[0] / period)) + np.arange(len(window.t)) if len(window.t) else np.zeros(0, np.intp)
+    return _thinned(RowSample(number, period, 1, q, v, torque, slope, kept, joined))
+
+
+def _thinned(sample: RowSample) -> RowSample:
+    """Sample at the smallest stride that satisfies the limits."""
+    most = int(np.clip(NUMBERS // max(sample.columns.shape[1], 1), LEAST, ROWS))
+    stride, here = sample.stride, sample.number % sample.stride == 0
+    while np.count_nonzero(here) > most:
+        stride *= 2
+        here = sample.number % stride == 0
+    if here.all():
+        return replace(sample, stride=stride)
+    return replace(sample, stride=stride, **{key: getattr(sample, key)[here] for key in SAMPLED})
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,13 +86,7 @@ class JointFactors(Frozen):
     rows: int
 
     def __add__(self, other: JointFactors) -> JointFactors:
-        return JointFactors(
-            self.grams + other.grams,
-            self.counts + other.counts,
-            self.whole + other.whole,
-            self.total + other.total,
-            self.rows + other.rows,
-        )
+        return JointFactors(*(getattr(self, each.name) + getattr(other, each.name) for each in fields(self)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,45 +126,31 @@ class Node(NamedTuple):
 
 
 def reduce_rows(task: Task, rows: Iterable[Rows], lags: int = LAGS, weigh: Weigh | None = None) -> Factors:
-    """Factors of all rows, in one pass.
-
-    Args:
-        task: task of the rows.
-        rows: consecutive windows of one recording or of several.
-        lags: highest lag kept.
-        weigh: robust weight of each row, in [0, 1]; None: all rows have weight 1.
-    """
+    """Factors of all rows, in one pass, as the sum over `window_factors`."""
     nodes = cascade(Node(k, 0, one) for k, one in enumerate(window_factors(task, rows, lags, weigh)))
-    return total(nodes) or _nothing(task, lags, _sizes(task))
+    return total(nodes) or _nothing(task, lags)
 
 
 def window_factors(
     task: Task, rows: Iterable[Rows], lags: int = LAGS, weigh: Weigh | None = None, past: int = 0
 ) -> Iterator[Factors]:
-    """Factors of each window of rows.
+    """Factors of each of consecutive windows of rows, of one recording or of several, up to the highest lag.
 
-    Args:
-        task: task of the rows.
-        rows: consecutive windows of one recording or of several.
-        lags: highest lag kept.
-        weigh: robust weight of each row, in [0, 1]; None: all rows have weight 1.
-        past: number of windows at the beginning that only give the lagged rows of the next window.
+    Each row has a robust weight in [0, 1], or 1. The `past` windows at the beginning only give the lagged rows of the
+    next.
     """
-    sizes = _sizes(task)
-    empty = _nothing(task, lags, sizes)
-    tails = [np.zeros((0, c + 1)) for c in sizes]
+    seen = tuple(map(np.flatnonzero, task.base.sees))
+    empty = tails = [np.zeros((0, c + 1)) for c in _widths(task)]
     for number, window in enumerate(rows):
         if window.first:
-            tails = [np.zeros((0, c + 1)) for c in sizes]
-        parts = []
-        weights = [weigh(j, window) for j in range(len(sizes))] if weigh else None
-        for j in range(len(sizes)):
-            part, tails[j] = _reduce_joint(window, j, tails[j], lags, weights[j] if weights else None)
-            parts.append(part)
+            tails = empty
+        weights = [weigh(j, window) for j in range(len(seen))] if weigh else None
+        found = [_reduce_joint(window, j, tail, lags, weights[j] if weights else None) for j, tail in enumerate(tails)]
+        tails = [tail for _, tail in found]
         if number >= past:
             yield Factors(
-                tuple(parts),
-                empty.columns,
+                tuple(part for part, _ in found),
+                seen,
                 task.instruments,
                 window.q.min(0),
                 window.q.max(0),
@@ -127,13 +162,10 @@ def window_factors(
 
 
 def cascade(nodes: Iterable[Node]) -> list[Node]:
-    """Pairwise sums of neighbouring nodes, as far as pairs are complete.
+    """Pairwise sums of neighbouring nodes, as far as pairs are complete. Nodes ascend without overlap.
 
     The order of all additions follows from the numbers of the windows alone. So the sum is the same to the last bit on
     whichever machine its parts were computed, and rounding errors hardly grow with the number of windows.
-
-    Args:
-        nodes: nodes in ascending order, without overlap.
 
     Source: pairwise summation: Higham, Accuracy and Stability of Numerical Algorithms, 2002, section 4.2.
     """
@@ -180,18 +212,17 @@ def _reduce_joint(window: Rows, j: int, tail: Array, lags: int, weight: Array | 
     return JointFactors(grams, counts, share * whole, share * total, known * len(keep)), z[max(0, len(z) - lags) :]
 
 
-def _sizes(task: Task) -> list[int]:
+def _widths(task: Task) -> list[int]:
     """Number of columns in the factors of each joint."""
     sides = 2 if task.instruments else 1
-    return [sides * len(task.seen(j)) + 1 for j in range(len(task.reverses))]
+    return [sides * int(seen.sum()) + 1 for seen in task.base.sees]
 
 
-def _nothing(task: Task, lags: int, size: list[int]) -> Factors:
-    n = len(size)
+def _nothing(task: Task, lags: int) -> Factors:
+    seen, n = tuple(map(np.flatnonzero, task.base.sees)), len(task.base.sees)
     empty = tuple(
-        JointFactors(np.zeros((lags + 1, c, c)), np.zeros(lags + 1), np.zeros((len(task.seen(j)) + 1,) * 2), 0.0, 0)
-        for j, c in enumerate(size)
+        JointFactors(np.zeros((lags + 1, c, c)), np.zeros(lags + 1), np.zeros((len(columns) + 1,) * 2), 0.0, 0)
+        for columns, c in zip(seen, _widths(task), strict=True)
     )
-    seen = tuple(task.seen(j) for j in range(n))
     zeros = np.zeros(n)
     return Factors(empty, seen, task.instruments, zeros + np.inf, zeros - np.inf, np.zeros((n, n)), zeros, 0)

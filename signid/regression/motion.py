@@ -108,20 +108,13 @@ class Motion(Frozen):
         return np.asarray(self.bodies[:, :, own_body(self.robot, joint)])
 
     def gravity_torque(self, gravity: Array) -> Array:
-        """Torque (N, n) that holds the robot in a gravity field [N.m or N].
-
-        Args:
-            gravity: (3,) [m/s2].
-        """
+        """Torque (N, n) that holds the robot in a field of gravity (3,) [m/s2], [N.m or N]."""
         return gravity_torque(self.robot, self.configuration, gravity)
 
     def shift(self, joint: int, change: Array, *, exactly: bool = False) -> Array:
-        """Change of torque (N, n) [N.m or N] if the link of a joint moved at q + change instead of q.
+        """Change of torque (N, n) [N.m or N] if the link of a joint moved at q + change (N,) [rad or m] instead of q.
 
-        Args:
-            joint: joint whose link moved differently.
-            change: (N,) [rad or m].
-            exactly: compute `load` minus the load at q - change, instead of the derivative at q.
+        If `exactly`: `load` minus the load at q - change, instead of the derivative at q.
         """
         first, second = _derivatives(change, self.dt)
         if exactly:
@@ -142,13 +135,27 @@ class Motion(Frozen):
         return MotionView(self, tuple(joints))
 
 
+class _Signal:
+    """Signal of a motion at the samples and joints of a view."""
+
+    def __set_name__(self, view: type, name: str) -> None:
+        self.name = name
+
+    def __get__(self, view: MotionView, _: type) -> Array:
+        return view.cut(getattr(view.whole, self.name))
+
+
 class MotionView:
     """View of some joints of a motion; costly quantities are computed on first use."""
+
+    q, v, a = _Signal(), _Signal(), _Signal()
+    direction, load, inertia = _Signal(), _Signal(), _Signal()
 
     def __init__(self, whole: Motion, joints: tuple[int, ...], samples: Any = slice(None)) -> None:
         self.whole, self.joints, self.samples, self.dt = whole, joints, samples, whole.dt
 
-    def _cut(self, signal: Array) -> Array:
+    def cut(self, signal: Array) -> Array:
+        """A signal (N, n) [any unit] at the samples and joints of the view."""
         return np.asarray(signal[self.samples][..., list(self.joints)])
 
     @property
@@ -156,32 +163,8 @@ class MotionView:
         return np.asarray(self.whole.t[:, None][self.samples])
 
     @property
-    def q(self) -> Array:
-        return self._cut(self.whole.q)
-
-    @property
-    def v(self) -> Array:
-        return self._cut(self.whole.v)
-
-    @property
-    def a(self) -> Array:
-        return self._cut(self.whole.a)
-
-    @property
-    def direction(self) -> Array:
-        return self._cut(self.whole.direction)
-
-    @property
-    def load(self) -> Array:
-        return self._cut(self.whole.load)
-
-    @property
-    def inertia(self) -> Array:
-        return self._cut(self.whole.inertia)
-
-    @property
     def torque(self) -> Array:
-        return self.load if self.whole.predicted is None else self._cut(self.whole.predicted)
+        return self.load if self.whole.predicted is None else self.cut(self.whole.predicted)
 
     @property
     def recorded(self) -> Array:
@@ -192,7 +175,7 @@ class MotionView:
         """
         if self.whole.recorded is None:
             raise OptionError("this law needs the measured torque, and the motion has none; give a recording")
-        return self._cut(self.whole.recorded)
+        return self.cut(self.whole.recorded)
 
     def __getitem__(self, i: Any) -> View:
         return MotionView(self.whole, self.joints, i)
@@ -213,16 +196,9 @@ def build_motion(
 ) -> Motion:
     """Motion of a stretch of samples, `margin` samples shorter at either end.
 
-    Positions are low-passed by a symmetric FIR filter and differentiated by nine-point differences. Torque stays as
-    recorded: regressor columns and torque pass the same filter later.
-
-    Args:
-        robot: robot with the joints of the samples.
-        samples: uniform samples, q (N, n) [rad or m], tau (N, n) [N.m or N].
-        band: band with the position cut-off.
-        period: sampling period [s].
-        recorded_derivatives: take recorded dq and ddq instead of differentiating q.
-        slow: (n,) [rad/s or m/s] speed below which the direction of motion is uncertain.
+    Positions are low-passed by a symmetric FIR filter and differentiated by nine-point differences, or derivatives are
+    taken as recorded. Torque stays as recorded: regressor columns and torque pass the same filter later. Below the
+    speed slow (n,) [rad/s or m/s] the direction of motion is uncertain.
 
     Raises:
         OptionError: recorded derivatives are requested, and the recording has none.

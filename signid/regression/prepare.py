@@ -43,14 +43,7 @@ def prepare(
     """Prepare a session: joints, laws, base map, band and the split into training and held-out recordings.
 
     Without held-out recordings the last of several is held out, or the last 30 % of the only one. Nothing is held out
-    of an only recording that is too short for that.
-
-    Args:
-        robot: as `load_robot` gives it.
-        recordings: recordings to learn from.
-        held_out: held-out recordings.
-        options: effects, cut-off and the like.
-        scaled: whether every torque must be in N.m or N; False: currents without torque constants are accepted.
+    of an only recording that is too short for that. Unless `scaled`, currents without torque constants are accepted.
 
     Raises:
         RecordingError: a recording cannot be used, or recordings do not fit together.
@@ -68,17 +61,7 @@ def prepare(
 
 
 def rearrange(robot: Robot, session: Session, options: Options) -> Session:
-    """The same recordings with other options: effects, cut-off and the like. No recording is read as a whole again.
-
-    Args:
-        robot: as `load_robot` gives it.
-        session: its recordings, prepared.
-        options: the other options.
-
-    Raises:
-        RecordingError: the recordings do not fit together.
-        OptionError: an effect or an option is unknown.
-    """
+    """The same recordings with other options: effects, cut-off and the like. No recording is read as a whole again."""
     return _arranged(session.robot, session.given, options, robot.notes)
 
 
@@ -108,20 +91,20 @@ def _arranged(robot: Robot, given: tuple[Parts, Parts], options: Options, notes:
 
 def _split(train: Parts, test: Parts, band: Band) -> tuple[Parts, Parts]:
     """Training and held-out parts; the same object where an only recording is too short for both."""
-    if not test and len(train) > 1:
+    if test:
+        return train, test
+    if len(train) > 1:
         return train[:-1], train[-1:]
-    if not test:
-        recording, sampling = train[0]
-        first, last = split(sampling, TRAINING_SHARE)
-        if _rows([(recording, last)], band) == 0 and _rows(train, band) >= ENOUGH:
-            return train, train
-        return ((recording, first),), ((recording, last),)
-    return train, test
+    recording, sampling = train[0]
+    first, last = split(sampling, TRAINING_SHARE)
+    if _rows(last, band) == 0 and _rows(sampling, band) >= ENOUGH:
+        return train, train
+    return ((recording, first),), ((recording, last),)
 
 
-def _rows(parts: Sequence[Part], band: Band) -> int:
-    """About how many filtered rows some recordings give."""
-    lengths = (sampling.length(span) - consumed(band) - 1 for _, sampling in parts for span in sampling.spans)
+def _rows(sampling: Sampling, band: Band) -> int:
+    """About how many filtered rows a recording gives."""
+    lengths = (sampling.length(span) - consumed(band) - 1 for span in sampling.spans)
     return sum(max(0, length) // band.factor for length in lengths)
 
 
@@ -153,8 +136,9 @@ def _reach(robot: Robot, parts: Sequence[Part], band: Band, slow: Array) -> tupl
 
 def _only_linear(laws: Sequence[Law]) -> None:
     for law in laws:
-        effect, why = law.effect, ""
-        linear, shaped = effect.linear(), [key for key in effect.parameters if key not in effect.linear()]
+        effect, linear = law.effect, law.effect.linear()
+        shaped = [key for key in effect.parameters if key not in linear]
+        cannot = "which least squares cannot fit; choose effects that are linear in all parameters"
         if effect.scope != "joint":
             why = "acts on more than one joint, where least squares does not place it; choose effects of single joints"
         elif isinstance(effect, RecordingLaw | ActuatorLaw):
@@ -162,17 +146,12 @@ def _only_linear(laws: Sequence[Law]) -> None:
                 "changes what torque is recorded or applied, not what the motion takes; choose effects that take torque"
             )
         elif shaped:
-            why = (
-                f"has the shape parameters {', '.join(shaped)}, which least squares cannot fit; "
-                f"choose effects that are linear in all parameters"
-            )
+            why = f"has the shape parameters {', '.join(shaped)}, {cannot}"
         elif effect.coefficients(effect.example) != [effect.example[key] for key in linear]:
-            why = (
-                f"is not linear in {', '.join(linear)}, which least squares cannot fit; "
-                f"choose effects that are linear in all parameters"
-            )
-        if why:
-            raise OptionError(f"effect {effect.name!r} {why}")
+            why = f"is not linear in {', '.join(linear)}, {cannot}"
+        else:
+            continue
+        raise OptionError(f"effect {effect.name!r} {why}")
 
 
 def _wholly(recording: Recording, key: str) -> bool:
@@ -185,15 +164,12 @@ def _use_recorded(robot: Robot, parts: Sequence[Part], band: Band, options: Opti
         raise OptionError(f"derivatives {options.derivatives!r} is none of auto, computed, recorded")
     if options.derivatives == "computed":
         return False
-    keys = ("dq", "ddq")
-    has = all(_wholly(part[0], key) and _complete(part, key) for part in parts for key in keys)
+    has = all(_wholly(part[0], key) and _complete(part, key) for part in parts for key in ("dq", "ddq"))
     if options.derivatives == "recorded" and not has:
         raise OptionError(
             "derivatives 'recorded' was asked for; not every joint has dq_J and ddq_J columns without gaps"
         )
-    if options.derivatives == "recorded":
-        return True
-    return has and all(_agree(robot, part, band) for part in parts)
+    return has and (options.derivatives == "recorded" or all(_agree(robot, part, band) for part in parts))
 
 
 def _complete(part: Part, key: str) -> bool:
@@ -201,12 +177,12 @@ def _complete(part: Part, key: str) -> bool:
     recording, sampling = part
     if sampling.incomplete.isdisjoint(recording.columns[key]):
         return True
-    for span in sampling.spans:
-        for start in range(0, sampling.length(span), PIECE):
-            piece = samples(recording, sampling, span, start, min(start + PIECE, sampling.length(span)))
-            if not np.all(np.isfinite(getattr(piece, key))):
-                return False
-    return True
+    pieces = (
+        samples(recording, sampling, span, start, min(start + PIECE, sampling.length(span)))
+        for span in sampling.spans
+        for start in range(0, sampling.length(span), PIECE)
+    )
+    return all(np.all(np.isfinite(getattr(piece, key))) for piece in pieces)
 
 
 def _agree(robot: Robot, part: Part, band: Band) -> bool:

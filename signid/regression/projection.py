@@ -10,14 +10,10 @@ RANK = 1e-9  # [1] smallest singular value that counts, over the largest, column
 
 
 def least_squares(columns: Array, target: Array, least: float | None = None) -> Array:
-    """Least-squares solution of minimum norm, (k,) or (k, m).
+    """Least-squares solution of minimum norm for columns (N, k) [any] and target (N,) or (N, m) [any]: (k,) or (k, m).
 
-    LAPACK's divide-and-conquer SVD fails to converge for some regular matrices; then QR iteration is used.
-
-    Args:
-        columns: (N, k) [any unit].
-        target: (N,) or (N, m) [any unit].
-        least: smallest singular value that counts, over the largest [1]; None: machine precision times matrix size.
+    LAPACK's divide-and-conquer SVD fails to converge for some regular matrices; then QR iteration is used. Singular
+    values below `least` [1] of the largest do not count; None: machine precision times matrix size.
 
     Source: Anderson et al., LAPACK Users' Guide, SIAM 1999, section 2.3.2 (GELSD and GELSS).
     """
@@ -31,11 +27,9 @@ def least_squares(columns: Array, target: Array, least: float | None = None) -> 
 
 
 def leave(target: Array, columns: Array) -> Array:
-    """Residual of the least-squares fit of columns to a target, (N,) or (N, m) as the target.
+    """Residual of the least-squares fit of columns (N, k) [any unit] to a target (N,) or (N, m) [N.m or N].
 
-    Args:
-        target: (N,) or (N, m) [N.m or N].
-        columns: (N, k) [any unit]; columns of zeros are ignored.
+    Columns of zeros are ignored.
     """
     size = np.linalg.norm(columns, axis=0)
     scaled = columns[:, size > 0] / size[size > 0]

@@ -56,14 +56,10 @@ def base_rows(
     thin: Decimator | None = None,
     sparse: tuple[Motion, Decimator] | None = None,
 ) -> list[Array]:
-    """Columns `wanted[j]` (N, m_j) of the regressor's rows of each joint j.
+    """Columns `wanted[j]` (N, m_j) of the regressor's rows of each joint j: indices of standard parameters, ascending.
 
-    Args:
-        motion: N samples.
-        laws: laws of `labels`.
-        wanted: per joint, indices (m_j,) of standard parameters, ascending.
-        thin: filter and decimation of the columns, which then are (M, m_j).
-        sparse: decimated motion and its filter for the same rows; the columns of bodies are computed from it.
+    The filter `thin` decimates the columns, which then are (M, m_j). The columns of bodies are computed from `sparse`,
+    a decimated motion and its filter for the same rows, if there is one.
     """
     thin, rigid = thin or Decimator(np.ones(1), 1), 10 * len(motion.robot.links)
     split = [int(np.searchsorted(columns, rigid)) for columns in wanted]

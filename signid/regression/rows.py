@@ -82,11 +82,8 @@ def read_rows(task: Task, recording: Recording, sampling: Sampling) -> Iterator[
     Robots, 2002, section 12.6.
     """
     grid = _grid(task)
-    for span in sampling.spans:
-        total = grid.rows(sampling.length(span))
-        for k in range(0, total, grid.step):
-            window = samples(recording, sampling, span, *grid.samples(k, min(total, k + grid.step)))
-            yield _window_rows(task, window, sampling.period, grid, k == 0)
+    for first, window in grid.read(recording, sampling):
+        yield _window_rows(task, window, sampling.period, grid, first)
 
 
 def torque_rates(task: Task, recording: Recording, sampling: Sampling) -> Iterator[Array]:
@@ -95,25 +92,16 @@ def torque_rates(task: Task, recording: Recording, sampling: Sampling) -> Iterat
     Central differences of the samples pass the filter of the rows; joints without torque have 0.
     """
     grid, edge = _grid(task), margin(task.band, task.recorded_derivatives)
-    for span in sampling.spans:
-        total = grid.rows(sampling.length(span))
-        for k in range(0, total, grid.step):
-            tau = samples(recording, sampling, span, *grid.samples(k, min(total, k + grid.step))).tau
-            rate = np.gradient(np.where(np.isnan(tau).all(axis=0), 0.0, tau), sampling.period, axis=0)
-            yield grid.thin(rate[edge : len(rate) - edge])
+    for _, window in grid.read(recording, sampling):
+        tau = np.where(np.isnan(window.tau).all(axis=0), 0.0, window.tau)
+        rate = np.gradient(tau, sampling.period, axis=0)
+        yield grid.thin(rate[edge : len(rate) - edge])
 
 
 def cut_rows(task: Task, sampling: Sampling, start: int, stop: int) -> Iterator[tuple[Sampling, int]]:
-    """Samplings that give some of the windows of `read_rows`, equal to the last bit, span by span.
+    """Samplings that give the windows start..stop of `read_rows`, counted over all spans, equal to the last bit.
 
-    Args:
-        task: definition of the rows.
-        sampling: sampling of the whole recording.
-        start: first window, counted over all spans.
-        stop: window after the last.
-
-    Yields:
-        The sampling of one span, and the number of extra windows at its beginning, which give the lagged rows.
+    Yields, span by span, the sampling and the number of extra windows at its beginning, which give the lagged rows.
     """
     grid, before = _grid(task), 0
     for span in sampling.spans:
@@ -159,6 +147,13 @@ class _Grid(NamedTuple):
         """Range of samples, end exclusive, that rows start..stop need."""
         return start * self.thin.factor, (stop - 1) * self.thin.factor + self.reach + 1
 
+    def read(self, recording: Recording, sampling: Sampling) -> Iterator[tuple[bool, Samples]]:
+        """Whether a span begins with a window of rows, and the samples that the window needs."""
+        for span in sampling.spans:
+            total = self.rows(sampling.length(span))
+            for k in range(0, total, self.step):
+                yield k == 0, samples(recording, sampling, span, *self.samples(k, min(total, k + self.step)))
+
 
 def consumed(band: Band, recorded_derivatives: bool = False) -> int:
     """Number of samples that derivatives and low-pass remove from both ends of a stretch together."""
@@ -174,44 +169,29 @@ def _grid(task: Task) -> _Grid:
 
 
 def _window_rows(task: Task, window: Samples, period: float, grid: _Grid, first: bool) -> Rows:
-    thin = grid.thin
+    thin, instruments = grid.thin, None
     motion = build_motion(task.robot, window, task.band, period, task.recorded_derivatives, task.slow)
     assert motion.recorded is not None, "windows carry torque"
     columns = grid.columns(task, motion)
+    if task.instruments:
+        assert window.q_des is not None, "instruments are used only if every joint has q_des"
+        desired = build_motion(task.robot, window._replace(q=window.q_des), task.band, period, slow=task.slow)
+        instruments = grid.columns(task, desired)
     known = np.asarray(~np.isnan(motion.recorded).all(0))
     torque = np.where(known, motion.recorded, 0.0)
     slope = np.gradient(torque, period, axis=0) if len(torque) > 1 else np.zeros_like(torque)
     torque, slope, v, a = np.split(thin(np.concatenate([torque, slope, motion.v, motion.a], axis=1)), 4, axis=1)
-    return Rows(
-        first,
-        thin.at(motion.t),
-        thin.at(motion.q),
-        v,
-        a,
-        columns,
-        torque,
-        slope,
-        known,
-        thin.at(_steady(task, motion)),
-        _instruments(task, window, period, grid) if task.instruments else None,
-    )
+    t, q, steady = thin.at(motion.t), thin.at(motion.q), thin.at(_steady(task, motion))
+    return Rows(first, t, q, v, a, columns, torque, slope, known, steady, instruments)
 
 
 def choose_reach(motions: Sequence[Motion], band: Band, slow: Array) -> tuple[int, ...]:
-    """Distance of rows from reversals, per joint [samples]: the largest candidate that keeps enough rows.
-
-    Args:
-        motions: stretches of the recordings.
-        band: band with the length of the filter.
-        slow: (n,) [rad/s or m/s] width of a reversal.
-    """
+    """Per joint, the largest distance of rows from reversals, slow (n,) [rad/s or m/s] wide, that keeps enough rows."""
     reaches = [min(int(np.ceil(share * band.rate / band.cutoff)), len(band.taps) // 2) for share in REACHES]
     if not motions:
         return (reaches[-1],) * len(slow)
-    kept = [
-        np.concatenate([away_from_reversals(motion.v, reach, slow) for motion in motions]).mean(0) for reach in reaches
-    ]
-    enough = np.array(kept) >= KEPT  # (reaches, n)
+    away = [np.concatenate([away_from_reversals(motion.v, reach, slow) for motion in motions]) for reach in reaches]
+    enough = np.mean(away, axis=1) >= KEPT  # (reaches, n)
     return tuple(reaches[int(np.argmax(joint))] if joint.any() else reaches[-1] for joint in enough.T)
 
 
@@ -225,18 +205,8 @@ def _steady(task: Task, motion: Motion) -> Mask:
 
 
 def away_from_reversals(v: Array, reach: int, slow: Array) -> Mask:
-    """Mask (N, n) of samples around which the speed stays above `STILL` widths of a reversal.
+    """Mask (N, n) of samples within `reach` of which the speed stays above `STILL` widths of a reversal.
 
-    Args:
-        v: (N, n) velocity [rad/s or m/s].
-        reach: samples on either side that are looked at.
-        slow: (n,) width of a reversal [rad/s or m/s].
+    Velocity: v (N, n) [rad/s or m/s]; width: slow (n,) [rad/s or m/s].
     """
     return np.asarray(moving_minimum(np.abs(v), reach) >= STILL * slow)
-
-
-def _instruments(task: Task, window: Samples, period: float, grid: _Grid) -> list[Array]:
-    assert window.q_des is not None, "instruments are used only if every joint has q_des"
-    desired = window._replace(q=window.q_des)
-    motion = build_motion(task.robot, desired, task.band, period, slow=task.slow)
-    return grid.columns(task, motion)

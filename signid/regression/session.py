@@ -75,11 +75,7 @@ class Session(Frozen):
         return tuple(part for part in self.whole if part[0] in train)
 
     def exchange(self, new: Mapping[Recording, Recording]) -> Session:
-        """The same with other recordings of the same rows in the place of some.
-
-        Args:
-            new: recordings of this session, and what takes their place.
-        """
+        """The same with other recordings of the same rows in the place of some."""
         train, held_out, *given = (
             tuple((new.get(recording, recording), sampling) for recording, sampling in parts)
             for parts in (self.train, self.held_out, *self.given)
@@ -139,17 +135,10 @@ def common_rate(parts: Sequence[Part], advice: str) -> float:
 def recordings_used(
     recordings: Sequence[Recording], held_out: Sequence[Recording], reference: Sequence[Recording] = ()
 ) -> tuple[Input, ...]:
-    """Recordings with their roles, as a session splits them.
-
-    Args:
-        recordings: recordings to learn from.
-        held_out: held-out recordings.
-        reference: recordings of the healthy robot.
-    """
-    given = [*recordings]
-    parts = [(LEARNED, given[:-1]), (HELD_OUT, given[-1:])] if len(given) > 1 else [(SHARED, given)]
-    parts = [(LEARNED, given), (HELD_OUT, [*held_out])] if held_out else parts
-    roles = {(r.path, r.sha256): role for role, some in [*parts, (REFERENCE, [*reference])] for r in some}
+    """Recordings with their roles, as a session splits them; reference recordings are of the healthy robot."""
+    parts = [(LEARNED, recordings[:-1]), (HELD_OUT, recordings[-1:])] if len(recordings) > 1 else [(SHARED, recordings)]
+    parts = [(LEARNED, recordings), (HELD_OUT, held_out)] if held_out else parts
+    roles = {(r.path, r.sha256): role for role, some in [*parts, (REFERENCE, reference)] for r in some}
     return tuple(Input(path, digest, f"recording, {role}") for (path, digest), role in roles.items())
 
 
@@ -162,10 +151,10 @@ def only_once(recordings: Sequence[Recording]) -> None:
     seen: dict[str, str] = {}
     for recording in recordings:
         if recording.sha256 in seen:
-            again = (
-                f"{recording.path or 'one recording'} holds the same samples as {seen[recording.sha256] or 'another'}"
+            one, other = recording.path or "one recording", seen[recording.sha256] or "another"
+            raise OptionError(
+                f"{one} holds the same samples as {other}; give each recording once, to learn from or as held out"
             )
-            raise OptionError(f"{again}; give each recording once, to learn from or as held out")
         seen[recording.sha256] = recording.path
 
 

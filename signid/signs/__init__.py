@@ -6,14 +6,13 @@ together by boolean least squares within physical constraints; README.md in this
 Files in the order of the data:
 
 - `recover`: recordings -> recordings with signs. `torque_constants` comes first if constants are unknown: `find`,
-  `from_shared_parameters`, `from_description`.
-- `rows`: `observations` (recordings -> rows), `segments` (absolute torque -> segments).
-- `infer`: rows -> signs of segments and samples (`inferred`).
-- `search`: `problem` (boolean least squares), `friction` (prior rows), `cone` (physical constraints), `exact` (the
-  search) with `local_search`, `certificate`, `branch_and_bound` and `scores`; `segment_search` joins them.
-- `tree`: the classical search (`method`, `tree`) with `condition` (order of segments) and `beam` (nodes).
-- `samples`: `markov_chain` (signs of samples), `jumps`, `rows_of_file`, `expected_signs`.
-- `posterior`: `recheck` (second search), `confidence`, `flags`.
+  `constants`.
+- `observations` (recordings -> rows), `segments` (absolute torque -> segments), `infer` (rows -> signs).
+- `search`: `problem` (boolean least squares, friction prior), `cone` (physical constraints), `exact` (the search) with
+  `local_search` and `branch_and_bound`.
+- `tree`: the classical search, with `condition` (order of segments).
+- `samples`: `markov_chain` (signs of samples), `full_rate` (jumps, expected signs), `rows_of_file`.
+- `posterior` (search of segments, confidence), `flags`.
 - `result`: what `recover` returns. `thresholds`: tuned values.
 """
 

@@ -2,24 +2,53 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from ..regression.rows import Task
 from ..types import Array, Frozen
-from .inferred import ChooseSigns, Inferred, SignChoice
-from .posterior.confidence import inflation, joint_flip_probability
-from .posterior.recheck import apply_signs, recheck_signs
-from .rows.observations import Observed
-from .rows.segments import Segment, runs_between_minima, split_by_signs, split_impure, threshold_runs
+from .observations import Observed
+from .posterior import SegmentSearch, apply_signs, inflation, joint_flip_probability, recheck_signs
+from .result import SignProof
 from .samples.markov_chain import RefinedSigns, refine_signs
 from .search.cone import cone_inequalities
-from .search.friction import known_rows
-from .search.problem import KnownRows, SignProblem, build_problem, signed_rows
-from .search.segment_search import SegmentSearch
+from .search.problem import KnownRows, SignProblem, build_problem, known_rows, signed_rows
+from .segments import Segment, runs_between_minima, split_by_signs, split_impure, threshold_runs
 from .thresholds import CORRELATED_RESIDUAL, LARGE_RESIDUAL, NOISE_FLOOR, SPLIT_ROUNDS
+
+
+@dataclass(frozen=True, eq=False)
+class Inferred(Frozen):
+    """Signs of S segments and N samples of n joints, their confidence, and the evidence for flags."""
+
+    segments: tuple[Segment, ...]  # S
+    signs: Array  # (S,) s [1]
+    confidence: Array  # (S,) [1]
+    refined: RefinedSigns
+    inflation: Array  # (n,) kappa, samples per independent sample of the residual [1]
+    threshold: Array  # (n,) [N.m or N]
+    problem: SignProblem  # weighted in standard deviations
+    proof: SignProof
+    complete: bool  # whether every rival within the window was enumerated
+    flip_probability: dict[int, float]  # joint -> probability that all its signs are inverted
+    impure: dict[int, int]  # joint -> segments in which torque changed its sign
+    finer: bool  # whether segments between low minima were used
+    notes: tuple[str, ...]
+
+
+class SignChoice(NamedTuple):
+    """Signs of the segments of a problem, and how they were found."""
+
+    signs: Array  # (S,) s [1]
+    coordinates: Array  # (r,) z [standard deviations]
+    proof: SignProof
+    notes: tuple[str, ...] = ()
+
+
+ChooseSigns = Callable[[SignProblem, Sequence[Segment]], SignChoice]
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,34 +59,29 @@ class _Attempt(Frozen):
     choice: SignChoice
     refined: RefinedSigns
     splits: int
+    finer: bool = False  # whether segments are runs between minima
 
 
 def infer(task: Task, observed: Observed, seed: int = 0, choose: ChooseSigns | None = None) -> Inferred:
     """Infer the signs of the joints whose torque has none.
 
     The problem is solved twice: weighted by the rms torque of the joints, to start the refinement of samples, then in
-    standard deviations, from which signs, confidence and (for the exact search) the proof are reported.
-
-    Args:
-        task: robot, laws and base map of the rows.
-        observed: observations.
-        seed: seed of all random numbers.
-        choose: another first search, whose signs then stay and whose proof is reported; None: exact search.
-
-    Raises:
-        RecordingError: a torque has no segment.
+    standard deviations, from which signs, confidence and (for the exact search) the proof are reported. With another
+    first search, `choose`, its signs stay and its proof is reported.
     """
     segments, threshold = threshold_runs(observed)
-    search, finer = SegmentSearch(observed, cone_inequalities(task, observed, seed), seed), False
+    search = SegmentSearch(observed, cone_inequalities(task, observed, seed), seed)
     if choose is None:
-        attempt, finer = _search_exactly(search, segments)
+        attempt = _search_exactly(search, segments)
     else:
         attempt = _attempt(observed, segments, choose, signed_rows(observed, 1 / observed.scale), rounds=1)
     refined = attempt.refined
-    kappa = _inflations(observed, refined, split_by_signs(observed, segments, refined.signs))
+    pure = tuple(split_by_signs(segments, refined.signs))
+    kappa = _inflations(observed, replace(attempt, segments=pure))
     sigma = np.maximum(refined.sigma, NOISE_FLOOR * observed.scale)
     rechecked = recheck_signs(search, segments, refined, 1 / (sigma * np.sqrt(kappa)), choose is None)
     solution, count = rechecked.solution, len(rechecked.segments)
+    split = [run.joint for run in segments if run not in set(rechecked.segments)]
     return Inferred(
         segments=tuple(rechecked.segments),
         signs=solution.signs[:count],
@@ -69,17 +93,14 @@ def infer(task: Task, observed: Observed, seed: int = 0, choose: ChooseSigns | N
         proof=solution.proof if choose is None else attempt.choice.proof,
         complete=rechecked.rivals.complete,
         flip_probability=joint_flip_probability(rechecked.problem, solution.signs, rechecked.rivals),
-        impure=_impure(segments, rechecked.segments),
-        finer=finer,
+        impure={joint: split.count(joint) for joint in sorted(set(split))},
+        finer=attempt.finer,
         notes=attempt.choice.notes,
     )
 
 
-def _search_exactly(search: SegmentSearch, segments: Sequence[Segment]) -> tuple[_Attempt, bool]:
-    """Search the runs above the threshold; if they hid changes of sign, also runs between minima, and keep the better.
-
-    The second value says whether the runs between minima were kept.
-    """
+def _search_exactly(search: SegmentSearch, segments: Sequence[Segment]) -> _Attempt:
+    """Search the runs above the threshold; if they hid changes of sign, also runs between minima; keep the better."""
     observed = search.observed
     known = known_rows(observed, 1 / observed.scale)
 
@@ -88,19 +109,16 @@ def _search_exactly(search: SegmentSearch, segments: Sequence[Segment]) -> tuple
         return SignChoice(solution.signs, solution.coordinates, solution.proof)
 
     attempt = _attempt(observed, segments, choose, known)
-    if attempt.splits or _is_suspect(observed, attempt):
+    large = attempt.refined.sigma / observed.scale > LARGE_RESIDUAL
+    if attempt.splits or np.any(large & (_inflations(observed, attempt) > CORRELATED_RESIDUAL)):
         other = _attempt(observed, runs_between_minima(observed), choose, known)
         if other.refined.loss < attempt.refined.loss:
-            return other, True
-    return attempt, False
+            return replace(other, finer=True)
+    return attempt
 
 
 def _attempt(
-    observed: Observed,
-    segments: Sequence[Segment],
-    choose: ChooseSigns,
-    known: KnownRows,
-    rounds: int = SPLIT_ROUNDS,
+    observed: Observed, segments: Sequence[Segment], choose: ChooseSigns, known: KnownRows, rounds: int = SPLIT_ROUNDS
 ) -> _Attempt:
     """Search, split segments in which the model changes sign, and search again; then refine the signs of samples."""
     weights, total = 1 / observed.scale, 0
@@ -113,28 +131,15 @@ def _attempt(
         total += splits
         if not splits:
             break
-    refined = refine_signs(observed, weights, problem.back @ choice.coordinates)
-    return _Attempt(tuple(segments), choice, refined, total)
+    return _Attempt(tuple(segments), choice, refine_signs(observed, problem.back @ choice.coordinates), total)
 
 
-def _is_suspect(observed: Observed, attempt: _Attempt) -> bool:
-    """Whether the residual of some joint is large and correlated."""
-    large = attempt.refined.sigma / observed.scale > LARGE_RESIDUAL
-    kappa = _inflations(observed, attempt.refined, attempt.segments)
-    return bool(np.any(large & (kappa > CORRELATED_RESIDUAL)))
-
-
-def _inflations(observed: Observed, refined: RefinedSigns, segments: Sequence[Segment]) -> Array:
+def _inflations(observed: Observed, attempt: _Attempt) -> Array:
     """Autocorrelation time kappa (n,) of each joint's residual inside its segments, away from reversals [1]."""
+    refined, segments = attempt.refined, attempt.segments
     residual = refined.signs * np.abs(observed.torque) - observed.predict(refined.value)
     residual[~observed.steady] = np.nan
     kappa = np.ones(len(observed.joints))
     for joint in observed.hidden:
         kappa[joint] = inflation(residual[:, joint], [(s.start, s.stop) for s in segments if s.joint == joint])
     return kappa
-
-
-def _impure(runs: Sequence[Segment], segments: Sequence[Segment]) -> dict[int, int]:
-    """Joint -> number of its runs that were split."""
-    split = [run.joint for run in runs if run not in set(segments)]
-    return {joint: split.count(joint) for joint in sorted(set(split))}

@@ -6,28 +6,24 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..deadline import steps_shown
 from ..errors import OptionError, RecordingError, shorten
 from ..recording import with_signs
 from ..regression.factors import Factors
 from ..regression.prepare import prepare, rearrange
-from ..regression.rows import Task
 from ..regression.session import Options, Part, Session
-from ..types import Array, BaseMap, Estimate, Progress, Recording, Robot
-from .infer import infer
-from .inferred import Inferred
-from .posterior.flags import raise_flags
+from ..types import BaseMap, Estimate, Progress, Recording, Robot
+from .flags import raise_flags
+from .infer import Inferred, infer
+from .observations import Observed, observe, thinning
 from .result import Signs, SignSegment, Trace
-from .rows.observations import Observed, observe, thinning
-from .samples.expected_signs import expect_signs
-from .samples.jumps import Signed, place_jumps
-from .samples.markov_chain import refine_signs
+from .samples.full_rate import expect_signs, place_jumps
+from .samples.markov_chain import RefinedSigns, refine_signs
 from .samples.rows_of_file import signs_of_rows
+from .torque_constants.constants import widen_estimate
 from .torque_constants.find import TorqueConstants, find_gains
-from .torque_constants.from_shared_parameters import widen_estimate
-from .tree.method import by_tree
+from .tree.tree import by_tree
 
 METHODS = ("exact", "tree")
 
@@ -42,14 +38,7 @@ class Recovered:
     gains: TorqueConstants | None = None  # torque constants that were not known
 
     def widen(self, found: Estimate, factors: Factors, base: BaseMap, whiten: bool) -> Estimate:
-        """The estimate with the uncertainty of the torque constants that were found.
-
-        Args:
-            found: estimate with exact constants.
-            factors: factors that it comes from.
-            base: base map of the columns.
-            whiten: as for the estimate.
-        """
+        """The estimate with the uncertainty of the torque constants that were found."""
         return found if self.gains is None else widen_estimate(found, factors, base, self.gains.covariance, whiten)
 
     def session_to_fit(self, robot: Robot) -> Session:
@@ -79,17 +68,7 @@ def prepare_and_recover(
 ) -> Recovered:
     """Prepare recordings once, and recover their signs; only signed currents need torque constants.
 
-    Args:
-        robot: as `load_robot` gives it.
-        recordings: recordings to learn from.
-        held_out: held-out recordings.
-        options: effects, cut-off and the like.
-        unsigned: options where a torque lacks its sign. None: `options`.
-        method: as for `recover`.
-        progress: called with the current step and the share that is done.
-
-    Raises:
-        OptionError, RecordingError: as `prepare` and `recover` do.
+    Where a torque lacks its sign, the options `unsigned` take the place of `options`, unless None.
     """
     signed = all(recording.signed.all() for recording in (*recordings, *held_out))
     own = options if signed or unsigned is None else unsigned
@@ -97,20 +76,14 @@ def prepare_and_recover(
 
 
 def recover(session: Session, *, method: str = "exact", progress: Progress | None = None) -> Recovered:
-    """The session with the signs of all torques.
+    """The session with the signs of all torques, which needs laws of friction among its effects.
 
     Signs are searched in the recordings of which at least a part is learned from, whole. Those of other recordings
-    follow from the model that the search found. Torque constants that are not known are found first.
-
-    Args:
-        session: recordings with laws of friction among its effects.
-        method: `exact`: proved by branch and bound within physics; `tree`: the classical tree of sign choices.
-        progress: called with what is being done and the share that is done.
+    follow from the model that the search found. Torque constants that are not known are found first. The method is
+    `exact`, proved by branch and bound within physics, or `tree`, the classical tree of sign choices.
 
     Raises:
         OptionError: there is no such method, or a torque constant is neither known nor identifiable.
-        RecordingError: a recording lacks a torque that another has without its sign, or a torque has no stretch of one
-            sign.
     """
     if method not in METHODS:
         raise OptionError(f"signs {method!r} is none of {', '.join(METHODS)}")
@@ -130,18 +103,19 @@ def recover(session: Session, *, method: str = "exact", progress: Progress | Non
     choose = by_tree(task, seed, progress) if method == "tree" else None
     with steps_shown(progress):
         inferred = infer(task, observed, seed, choose)
-    traced = _traces(observed, learn, inferred, inferred.refined.signs)
+    value, traced = inferred.refined.value, _traces(observed, learn, inferred.refined)
     others = [part for part in session.whole if part not in learn and not part[0].signed.all()]
     for part in others:
-        traced |= _followed(task, part, inferred)
+        alone = observe(task, [part])
+        traced |= _traces(alone, [part], replace(refine_signs(alone, value, rounds=1), value=value))
     signed, expected = dict[Recording, Recording](), dict[Recording, Recording]()
     for part in (*learn, *others):
         step = thinning(task, [part] if part in others else learn)
-        signs = _signs(task, part, traced[part[0]], step, inferred)
+        t, first, placed = place_jumps(task, part, step, traced[part[0]], value)
+        signs = signs_of_rows(*part, t, first, placed.astype(np.int8))
         signed[part[0]] = with_signs(part[0], signs)
         if part in learn:
-            refined = inferred.refined
-            expected[part[0]] = with_signs(part[0], expect_signs(task, part, refined.value, refined.sigma, signs))
+            expected[part[0]] = with_signs(part[0], expect_signs(task, part, value, inferred.refined.sigma, signs))
     whole, learning = session.exchange(signed), session.exchange(signed | expected)
     notes = (*_notes(observed, inferred), *_unused(observed, learn))
     return Recovered(whole, learning, _result(session, observed, inferred, notes, tuple(traced.values()), method))
@@ -160,9 +134,9 @@ def _same_torques(recordings: Sequence[Recording]) -> None:
             )
 
 
-def _traces(observed: Observed, parts: Sequence[Part], inferred: Inferred, signs: Array) -> dict[Recording, Trace]:
-    """Per recording, its thinned samples with the signs (N, n) [1] found."""
-    predicted, found = observed.predict(inferred.refined.value), {}
+def _traces(observed: Observed, parts: Sequence[Part], refined: RefinedSigns) -> dict[Recording, Trace]:
+    """Per recording, its thinned samples with the signs found."""
+    predicted, found = observed.predict(refined.value), {}
     for k, (recording, _) in enumerate(parts):
         at = observed.part == k
         found[recording] = Trace(
@@ -170,24 +144,10 @@ def _traces(observed: Observed, parts: Sequence[Part], inferred: Inferred, signs
             t=observed.t[at],
             first=np.flatnonzero(observed.first[at]),
             magnitude=np.where(observed.known, np.abs(observed.torque[at]), np.nan),
-            signs=signs[at],
+            signs=refined.signs[at],
             predicted=predicted[at],
         )
     return found
-
-
-def _followed(task: Task, part: Part, inferred: Inferred) -> dict[Recording, Trace]:
-    """Signs of a recording that took no part in the search, by the model that the search found."""
-    observed = observe(task, [part])
-    refined = refine_signs(observed, 1 / observed.scale, inferred.refined.value, rounds=1)
-    return _traces(observed, [part], inferred, refined.signs)
-
-
-def _signs(task: Task, part: Part, trace: Trace, step: int, inferred: Inferred) -> NDArray[np.int8]:
-    """The signs found, per row of the recording."""
-    thinned = Signed(trace.t, trace.first, trace.signs)
-    placed = place_jumps(task, part, step, thinned, trace.magnitude, inferred.refined.value)
-    return signs_of_rows(*part, placed.t, placed.first, placed.signs.astype(np.int8))
 
 
 def _result(
@@ -198,13 +158,17 @@ def _result(
     traces: tuple[Trace, ...],
     method: str,
 ) -> Signs:
-    order = sorted(range(len(inferred.segments)), key=lambda k: _place(observed, inferred, k))
-    segments = tuple(_segment(observed, inferred, k) for k in order)
+    each = zip(inferred.segments, inferred.signs.tolist(), inferred.confidence.tolist(), strict=True)
+    part, t = observed.part.tolist(), observed.t.tolist()
+    segments = sorted(
+        SignSegment(part[start], joint, t[start], t[stop - 1], int(sign), confidence)
+        for (joint, start, stop), sign, confidence in each
+    )
     return Signs(
         joints=observed.joints,
         hidden=observed.hidden,
         method=method,
-        segments=segments,
+        segments=tuple(segments),
         threshold=inferred.threshold,
         proof=inferred.proof,
         flags=raise_flags(observed, inferred),
@@ -214,23 +178,6 @@ def _result(
         inflation=inferred.inflation,
         traces=traces,
         seed=session.options.seed,
-    )
-
-
-def _place(observed: Observed, inferred: Inferred, k: int) -> tuple[int, int, int]:
-    joint, start, _ = inferred.segments[k]
-    return int(observed.part[start]), joint, start
-
-
-def _segment(observed: Observed, inferred: Inferred, k: int) -> SignSegment:
-    joint, start, stop = inferred.segments[k]
-    return SignSegment(
-        part=int(observed.part[start]),
-        joint=joint,
-        start=float(observed.t[start]),
-        end=float(observed.t[stop - 1]),
-        sign=int(inferred.signs[k]),
-        confidence=float(inferred.confidence[k]),
     )
 
 

@@ -2,31 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import reduce as fold
 from itertools import chain
+from operator import add
 from typing import Any
 
 import numpy as np
 
 from ...errors import OptionError, shorten
 from ...types import Input
-from ..factors import Node, cascade, total
+from ..factors import Factors, Node, cascade, total
 from ..rows import Task
 from .reduce import WHOLE, Reduced
 
 SAME = 1e-9  # [1] relative tolerance between tasks that two machines computed
+FILTERS = "filters"
+SUMS = ("train", "held_out")
 
 
 def add_up(parts: Sequence[Reduced]) -> Reduced:
     """Sum of factors: as if all recordings were reduced together; held-out factors add to held-out factors.
 
-    The factors must have the same task: robot, held joints, laws, base parameters, band, widths of reversals, lags.
-    `reduce(..., like=...)` ensures this. Parts of the same recordings must be complete.
-
-    Args:
-        parts: factors to add, at least one.
+    The factors, at least one, must have the same task: robot, held joints, laws, base parameters, band, widths of
+    reversals, lags. `reduce(..., like=...)` ensures this. Parts of the same recordings must be complete.
 
     Raises:
         OptionError: the tasks differ, or a part is missing or given twice.
@@ -39,10 +39,11 @@ def add_up(parts: Sequence[Reduced]) -> Reduced:
                 f"the factors of {_names(parts[0])} and of {_names(other)} cannot be added: {differs}; "
                 f"reduce one of them like the other (--like)"
             )
-    whole = fold(_sum, [_joined(found) for found in _sets(parts)])
-    files = dict.fromkeys(file for part in parts for file in part.inputs)
-    notes = dict.fromkeys(note for part in parts for note in part.notes)
-    return replace(whole, inputs=tuple(files), notes=tuple(notes))
+    joined = [_joined(found) for found in _sets(parts)]
+    train, held_out = (fold(add, [getattr(part, name)[0].factors for part in joined]) for name in SUMS)
+    files = tuple(dict.fromkeys(file for part in parts for file in part.inputs))
+    notes = tuple(dict.fromkeys(note for part in parts for note in part.notes))
+    return replace(joined[0], train=_whole(train), held_out=_whole(held_out), inputs=files, notes=notes)
 
 
 def _joined(parts: Sequence[Reduced]) -> Reduced:
@@ -50,35 +51,39 @@ def _joined(parts: Sequence[Reduced]) -> Reduced:
     if len(parts) == 1:
         return parts[0]
     ordered = sorted(parts, key=lambda part: part.share)
-    train, held_out = (
-        total(cascade(chain.from_iterable(getattr(part, name) for part in ordered))) for name in ("train", "held_out")
-    )
+    train, held_out = (total(cascade(chain(*(getattr(part, name) for part in ordered)))) for name in SUMS)
     assert train is not None and held_out is not None, "all parts together have windows"
-    return replace(ordered[0], train=(Node(0, 0, train),), held_out=(Node(0, 0, held_out),), share=WHOLE)
+    return replace(ordered[0], train=_whole(train), held_out=_whole(held_out), share=WHOLE)
 
 
-def _sum(one: Reduced, other: Reduced) -> Reduced:
-    train, held_out = (
-        getattr(one, name)[0].factors + getattr(other, name)[0].factors for name in ("train", "held_out")
-    )
-    return replace(one, train=(Node(0, 0, train),), held_out=(Node(0, 0, held_out),))
+def _whole(factors: Factors) -> tuple[Node]:
+    return (Node(0, 0, factors),)
 
 
 def _difference(one: Reduced, other: Reduced) -> str:
     """Sentence on the first difference of two tasks; "" if they are the same."""
-    for name, key in (("robot or its held joints", _robot), ("laws", _laws), ("base parameters", _base)):
-        if not _close(key(one.task), key(other.task)):
-            return f"their {name} differ"
+    pairs = zip(_definition(one.task).items(), _definition(other.task).values(), strict=True)
+    differs = next((name for (name, ours), theirs in pairs if not all(map(_alike, ours, theirs))), "")
+    if differs and differs != FILTERS:
+        return f"their {differs} differ"
     if -1 not in (one.lags, other.lags) and one.lags != other.lags:
         return "one was reduced for white noise"
-    if not _close(_filter(one.task), _filter(other.task)):
+    if differs:
         bands = " and ".join(f"{each.task.band.cutoff:.3g} Hz" for each in (one, other))
         return f"their filters differ (cut-offs {bands}, or the noise levels that set them)"
     return ""
 
 
-def _close(ours: Iterable[Any], theirs: Iterable[Any]) -> bool:
-    return all(_alike(a, b) for a, b in zip(ours, theirs, strict=True))
+def _definition(task: Task) -> dict[str, tuple[Any, ...]]:
+    """Everything that the rows of a task depend on, under the names in messages."""
+    robot, base, band = task.robot, task.base, task.band
+    laws = tuple((law.effect.name, law.joints) for law in task.laws)
+    return {
+        "robot or its held joints": (robot.sha256, robot.joints, robot.rest, robot.drive),
+        "laws": (laws, task.recorded_derivatives, task.instruments),
+        "base parameters": (base.independent.tolist(), base.combination, base.sees.tolist()),
+        FILTERS: (band.rate, band.factor, band.filtered, band.beyond, band.torque_floor, task.slow, task.reach),
+    }
 
 
 def _alike(a: Any, b: Any) -> bool:
@@ -86,24 +91,6 @@ def _alike(a: Any, b: Any) -> bool:
         return bool(a == b)
     size = float(np.max(np.abs(a), initial=0.0, where=np.isfinite(a)))
     return np.shape(a) == np.shape(b) and np.allclose(a, b, rtol=SAME, atol=SAME * size)
-
-
-def _robot(task: Task) -> tuple[Any, ...]:
-    robot = task.robot
-    return robot.sha256, robot.joints, robot.rest, robot.drive
-
-
-def _laws(task: Task) -> tuple[Any, ...]:
-    return tuple((law.effect.name, law.joints) for law in task.laws), task.recorded_derivatives, task.instruments
-
-
-def _base(task: Task) -> tuple[Any, ...]:
-    return task.base.independent.tolist(), task.base.combination, task.base.sees.tolist()
-
-
-def _filter(task: Task) -> tuple[Any, ...]:
-    band = task.band
-    return band.rate, band.factor, band.filtered, band.beyond, band.torque_floor, task.slow, task.reach
 
 
 def _sets(parts: Sequence[Reduced]) -> list[list[Reduced]]:

@@ -20,9 +20,8 @@ from ...robot import hold, resting
 from ...types import Array, BaseMap, Indices, Input, Law, Robot
 from ...version import __version__
 from ..bandwidth import Band
-from ..factors import Factors, JointFactors, Node, reduce_rows
+from ..factors import SAMPLED, Factors, JointFactors, Node, RowSample, reduce_rows
 from ..regressor import labels
-from ..row_sample import RowSample
 from ..rows import Task
 from .reduce import WHOLE, Reduced
 
@@ -32,7 +31,6 @@ BASE = ("combination", "sees", "singular_values", "independent")
 BAND = ("per_joint", "velocity_noise", "torque_floor")
 MOTION = ("lower", "upper", "velocity", "acceleration")
 JOINT = ("grams", "counts", "whole")
-SAMPLE = ("number", "q", "v", "torque", "slope", "kept", "columns")
 SUMS = ("train", "held_out")
 FLAGS = ("recorded_derivatives", "instruments")
 
@@ -128,8 +126,6 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
             arrays = {name: archive[name] for name in archive.files}
         header = json.loads(arrays.pop(HEADER).tobytes())
         schema, whole = header["schema"], header["sha256"] == _hash(arrays)
-    except SignidError:
-        raise
     except MemoryError:
         raise OptionError(
             f"{path} expands to more than {LARGEST >> 30} GiB, and factors are far smaller; reduce the recordings again"
@@ -172,7 +168,7 @@ def _arrays(factors: Factors) -> dict[str, Any]:
     totals = np.array([[each.total, each.rows] for each in factors.joints] + [[0.0, factors.rows]])
     found: dict[str, Any] = {**joints, **{key: getattr(factors, key) for key in MOTION}, "totals": totals}
     if factors.sample is not None:
-        sample = {key: getattr(factors.sample, key) for key in SAMPLE}
+        sample = {key: getattr(factors.sample, key) for key in SAMPLED}
         single = {key: x.astype(np.float32) if x.dtype.kind == "f" else x for key, x in sample.items()}
         found |= {f"sample_{key}": x for key, x in single.items()}
         found["sample_stride"] = np.array(factors.sample.stride)
@@ -197,9 +193,9 @@ def _sample(part: str, arrays: Mapping[str, Array], task: Task, seen: Sequence[I
     """Sample of rows; None for files of earlier versions."""
     if f"{part}_sample_stride" not in arrays:
         return None
-    found: dict[str, Any] = {key: arrays[f"{part}_sample_{key}"] for key in SAMPLE}
+    found: dict[str, Any] = {key: arrays[f"{part}_sample_{key}"] for key in SAMPLED}
     wide, rows = (len(found["number"]), len(task.robot.joints)), found["columns"]
-    whole = all(found[key].shape == wide for key in SAMPLE[1:-1])
+    whole = all(found[key].shape == wide for key in SAMPLED[1:-1])
     if not whole or rows.shape != (wide[0], sum(map(len, seen))) or found["number"].dtype.kind != "i":
         raise ValueError("a sample of rows does not have the shape of its task")
     found = {key: x.astype(np.float64) if x.dtype.kind == "f" else x for key, x in found.items()}

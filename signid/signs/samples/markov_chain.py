@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...types import Array, Frozen, Mask
-from ..rows.observations import Observed
-from ..rows.segments import place_sign_changes
+from ..observations import Observed
 from ..search.problem import orthonormalise, signed_rows
+from ..segments import place_sign_changes
 
 INFLATION = 10.0  # [samples per independent sample] kappa of the residual; logs: with 1, signs of small torques
 # follow the model, and parameter errors are 3 to 7 times larger
@@ -39,24 +39,19 @@ class RefinedSigns(Frozen):
     change: float  # relative change of z in the last round
 
 
-def refine_signs(observed: Observed, weights: Array, value: Array, *, rounds: int = ROUNDS) -> RefinedSigns:
+def refine_signs(observed: Observed, value: Array, *, rounds: int = ROUNDS) -> RefinedSigns:
     """Infer the signs of all samples by expectation maximisation, from approximate parameters.
 
-    E step: with m the predicted and a the absolute torque of a sample, the log-odds of a positive sign are
-    2 m a / (kappa sigma^2); messages along the chain give E[s]. M step: z = U'(E[s] a w). Parameters are fitted to
-    expected signs, since a fit to the most probable ones takes noise around zero for torque. Samples near reversals do
-    not enter the fit; their log-odds use the variance of their own residual.
-
-    Args:
-        observed: observations.
-        weights: (n,) w [1/N.m or 1/N] weight of each joint's torque.
-        value: (b,) theta to start from [units of base].
-        rounds: largest number of rounds.
+    E step: with m the predicted and a the absolute torque of a sample, the log-odds of a positive sign are 2 m a /
+    (kappa sigma^2); messages along the chain give E[s]. M step: z = U'(E[s] a w). Parameters are fitted to expected
+    signs, since a fit to the most probable ones takes noise around zero for torque. Samples near reversals do not enter
+    the fit; their log-odds use the variance of their own residual. Weights w are one over the rms torque of a joint;
+    the start is value (b,) [units of base].
 
     Source: Dempster, Laird, Rubin, J. Royal Statistical Society B 39(1), 1977; Rabiner, Proc. IEEE 77(2), 1989.
     """
     hidden = list(observed.hidden)
-    fit = _ParameterFit.of(observed, weights)
+    fit = _ParameterFit.of(observed)
     magnitude = np.abs(observed.torque[:, hidden])
     tied = coupling(magnitude, observed.first)
     z, done, change = np.zeros(fit.back.shape[1]), 0, np.inf
@@ -75,21 +70,19 @@ def refine_signs(observed: Observed, weights: Array, value: Array, *, rounds: in
     signs = np.sign(observed.torque) * (observed.known & observed.signed)
     mean = signs.copy()
     signs[:, hidden], mean[:, hidden] = likeliest_signs(odds, tied), expected
-    signs = place_sign_changes(observed, signs, observed.predict(value))
-    sigma = _deviation(observed, mean, value)
+    predicted = observed.predict(value)
+    signs = place_sign_changes(observed, signs, predicted)
+    torque = np.abs(observed.torque)
+    squares = np.maximum(torque**2 - 2 * mean * torque * predicted + predicted**2, 0)  # expected, of the residual
+    sigma = np.where(observed.known, np.sqrt(_mean(squares, _fitted(observed))), 0.0)
     return RefinedSigns(signs, mean, value, sigma, max(fit.energy - float(z @ z), 0.0), done, change)
 
 
 def coupling(magnitude: Array, first: Mask, same: float = SAME) -> Array:
-    """Log-odds that a sample has the sign of the one before it: (N, h) [1], 0 where a span begins.
+    """Log-odds that a sample has the sign of the one before it: (N, h) [1], 0 where a span begins (`first`).
 
-    Torque is modelled as a random walk with the local mean squared step d^2 of |torque|: the log-odds of neighbours
-    a, a' are 2 a a' / d^2 + same. Neighbours that are large compared with d have the same sign.
-
-    Args:
-        magnitude: (N, h) a, absolute torque [N.m or N].
-        first: (N,) whether a span begins with a sample.
-        same: log-odds whatever the torques.
+    Torque is modelled as a random walk with the local mean squared step d^2 of magnitude a (N, h) [N.m or N]: the
+    log-odds of neighbours a, a' are 2 a a' / d^2 + same. Neighbours that are large compared with d have the same sign.
     """
     inside = np.broadcast_to(~first[:, None], magnitude.shape)
     step = np.diff(magnitude, axis=0, prepend=magnitude[:1]) ** 2 * inside
@@ -107,9 +100,7 @@ def coupling(magnitude: Array, first: Mask, same: float = SAME) -> Array:
 def expected_signs(odds: Array, tied: Array) -> Array:
     """Expectations of the signs of h chains: (N, h) E[s] = tanh(log-odds / 2) [1].
 
-    Args:
-        odds: (N, h) [1] log-odds of a positive sign from each sample alone.
-        tied: (N, h) [1] log-odds that a sample has the sign of the one before it.
+    A sample alone has the log-odds odds (N, h) [1] of a positive sign, and tied (N, h) [1] of the sign before it.
 
     Source: forward and backward messages of Rabiner, Proc. IEEE 77(2), 1989, as odds.
     """
@@ -121,9 +112,7 @@ def expected_signs(odds: Array, tied: Array) -> Array:
 def likeliest_signs(odds: Array, tied: Array) -> Array:
     """Most probable signs of h whole chains: (N, h) [1], -1 or 1.
 
-    Args:
-        odds: (N, h) [1] log-odds of a positive sign from each sample alone.
-        tied: (N, h) [1] log-odds that a sample has the sign of the one before it, at least 0.
+    Log-odds are those of `expected_signs`: odds (N, h) [1] and tied (N, h) [1], at least 0.
 
     Source: Viterbi, IEEE Trans. Information Theory 13(2), 1967.
     """
@@ -171,13 +160,6 @@ def _least(torque: Array) -> Array:
     return np.asarray(EXACT**2 * np.mean(torque**2, axis=0) + 1e-300)
 
 
-def _deviation(observed: Observed, mean: Array, value: Array) -> Array:
-    """(n,) root mean expected squared residual of the fitted samples [N.m or N]."""
-    torque, predicted = np.abs(observed.torque), observed.predict(value)
-    squares = np.maximum(torque**2 - 2 * mean * torque * predicted + predicted**2, 0)
-    return np.where(observed.known, np.sqrt(_mean(squares, _fitted(observed))), 0.0)
-
-
 def _fitted(observed: Observed) -> Mask:
     """(N, n) samples that the parameters are fitted to: the steady ones, or all of a joint without any."""
     return observed.steady | ~observed.steady.any(0)
@@ -195,9 +177,8 @@ class _ParameterFit:
     energy: float  # sum of the squared right-hand sides
 
     @classmethod
-    def of(cls, observed: Observed, weights: Array) -> _ParameterFit:
-        hidden = list(observed.hidden)
-        fitted = _fitted(observed)
+    def of(cls, observed: Observed) -> _ParameterFit:
+        hidden, weights, fitted = list(observed.hidden), 1 / observed.scale, _fitted(observed)
         rows = [observed.rows(j, fitted[:, j]) * weights[j] for j in hidden]
         signed = signed_rows(observed, weights)
         unsigned = (observed.torque * weights)[:, hidden][fitted[:, hidden]]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -30,19 +29,16 @@ def signs_of_rows(recording: Recording, sampling: Sampling, t: Array, first: Ind
     Between two samples of different sign, the change is at the smallest |torque| recorded between them. Before the
     first and after the last sample of a span the nearest sign continues; it changes at minima near zero (below 5 % of
     the joint's rms torque, or within a step between rows) where the torque is smoother with a change of sign. Torques
-    that have their sign get 1.
+    that have their sign get 1. The recording is read piece by piece.
 
-    Args:
-        recording: recording of n joints; read piece by piece.
-        sampling: its spans, or some of them; rows of other spans get 0.
-        t: (M,) [s] times of the samples, on the grids of those spans that are long enough.
-        first: (k,) samples at which a span begins.
-        signs: (M, n) signs of the samples.
+    The M samples at times t (M,) [s] with signs (M, n) [1] lie on the grids of the spans that are long enough, and
+    start a span at the indices first (k,).
     """
     found = np.zeros((len(recording), len(recording.joints)), np.int8)
     pieces = [slice(*ends) for ends in pairwise([*first.tolist(), len(t)])]
     for stretch in sampling.stretches:
-        if pieces and _holds(stretch, sampling.period, t[pieces[0]]):
+        low, high = _ends(stretch, sampling.period)
+        if pieces and low < t[pieces[0].start] and t[pieces[0].stop - 1] < high:
             piece = pieces.pop(0)
             _fill(found, _Span.of(recording, sampling, stretch, t[piece]), signs[piece])
     assert not pieces, "every span of the samples lies in one of the recording, in the same order"
@@ -100,11 +96,6 @@ def _ends(stretch: Stretch, period: float) -> tuple[float, float]:
     return float(stretch.stamps[0] + first * period), float(stretch.stamps[0] + last * period)
 
 
-def _holds(stretch: Stretch, period: float, t: Array) -> bool:
-    low, high = _ends(stretch, period)
-    return bool(low < t[0] and t[-1] < high)
-
-
 def _at(recording: Recording, sampling: Sampling, stretch: Stretch, t: Array) -> Indices:
     """First row at or after each instant t (k,): from the grid where rows lie on it, else from their stamps."""
     if sampling.uniform:
@@ -125,28 +116,21 @@ def _fill(found: Marks, span: _Span, signs: Marks) -> None:
     """Set the signs of the rows of a span."""
     own = signs[:, span.hidden]
     changes = np.repeat(span.at[1:, None], len(span.hidden), axis=1)  # rows from which the next sample's sign holds
-    for rows, which in _windows(span, own):
+    turning = np.flatnonzero((own[1:] != own[:-1]).any(axis=1))  # intervals between samples in which a sign changes
+    for some in np.split(turning, np.flatnonzero(np.diff(span.at[turning] // CHUNK)) + 1):
+        if not len(some):
+            continue
+        rows = span.read(int(span.at[some[0]]) - MORE, int(span.at[some[-1] + 1]) + MORE)
         for i in range(len(span.hidden)):
-            turning = which[own[which, i] != own[which + 1, i]]
-            if len(turning):
-                low, high = (_place(rows.number, span.at[turning + k]) for k in (0, 1))
-                changes[turning, i] = rows.number[_crossings(rows.t, rows.size[:, i], low, high, span.exact)]
+            which = some[own[some, i] != own[some + 1, i]]
+            if len(which):
+                places = (np.searchsorted(rows.number, span.at[which + k]) for k in (0, 1))
+                low, high = (np.minimum(place, len(rows.number) - 1) for place in places)
+                changes[which, i] = rows.number[_crossings(rows.t, rows.size[:, i], low, high, span.exact)]
     for i, j in enumerate(span.hidden):
         lengths = np.diff([span.begin, *changes[:, i], span.end])
         found[span.begin : span.end, j] = np.repeat(own[:, i], lengths)
     _edges(found, span, own)
-
-
-def _place(number: Indices, row: Indices) -> Indices:
-    return np.asarray(np.minimum(np.searchsorted(number, row), len(number) - 1))
-
-
-def _windows(span: _Span, signs: Marks) -> Iterator[tuple[_FileRows, Indices]]:
-    """Rows around some intervals between samples in which a sign changes, and the indices of the intervals."""
-    turning = np.flatnonzero((signs[1:] != signs[:-1]).any(axis=1))
-    for which in np.split(turning, np.flatnonzero(np.diff(span.at[turning] // CHUNK)) + 1):
-        if len(which):
-            yield span.read(int(span.at[which[0]]) - MORE, int(span.at[which[-1] + 1]) + MORE), which
 
 
 def _crossings(t: Array, size: Array, low: Indices, high: Indices, exact: bool) -> Indices:

@@ -55,21 +55,16 @@ def branch(
 ) -> BranchResult:
     """Find all signs whose loss is below that of the incumbent plus a window, or the best of them.
 
-    A node fixes the signs of the first segments of an order; g = sum s_i b_i over them. J(s) is the minimum over z of
-    E + |z|^2 - 2 sum_i s_i b_i'z with E = sum_i T_i. For a later segment, 2 |b_i'z| <= m_i + (b_i'z)^2 / m_i for any
-    m_i > 0, a parabola. So all leaves of the node lose at least
-    E - sum m_i + min_z (z'Mz - 2 g'z) with M = 1 - sum b_i b_i' / m_i, sums over later segments, if M is positive
-    definite. It is for m_i > T_i; from there the heights m_i ascend the mean bound of the nodes of a level. Nodes that
-    remain are bounded again with parabolas that touch at z, where this relaxation is tight.
+    A node fixes the signs of the first segments of an order; g = sum s_i b_i over them. J(s) is the minimum over z of E
+    + |z|^2 - 2 sum_i s_i b_i'z with E = sum_i T_i. For a later segment, 2 |b_i'z| <= m_i + (b_i'z)^2 / m_i for any m_i
+    > 0, a parabola. So all leaves of the node lose at least E - sum m_i + min_z (z'Mz - 2 g'z) with M = 1 - sum b_i
+    b_i' / m_i, sums over later segments, if M is positive definite. It is for m_i > T_i; from there the heights m_i
+    ascend the mean bound of the nodes of a level. Nodes that remain are bounded again with parabolas that touch at z,
+    where this relaxation is tight.
 
     A level keeps the nodes of lowest bound within the budget; the lowest bound dropped remains a proven bound. Only one
-    of s and -s is examined, unless a sign is known or there are cuts, which distinguish them.
-
-    Args:
-        problem: boolean least squares.
-        incumbent: signs to beat.
-        window: [squared standard deviations] added to the loss of the incumbent.
-        budget: limits of the tree.
+    of s and -s is examined, unless a sign is known or there are cuts, which distinguish them. The window is in squared
+    standard deviations.
     """
     cuts = np.zeros((len(problem.projections), 0)) if incumbent.cuts is None else incumbent.cuts
     z = problem.coordinates(incumbent.signs) if incumbent.coordinates is None else incumbent.coordinates
@@ -85,13 +80,7 @@ def branch(
 
 
 def bounds(problem: SignProblem, signs: Array, cuts: Array) -> Array:
-    """Lower bounds (K,) on J_c(s): J(s) plus the bound on the distance by the cuts [squared standard deviations].
-
-    Args:
-        problem: boolean least squares.
-        signs: (K, S) s [1].
-        cuts: (r, C) [1] normals.
-    """
+    """Lower bounds (K,) on J_c(s) [squared standard deviations] of signs (K, S) [1], by cuts (r, C) [1]."""
     plain = _Relaxed(np.zeros(0), np.eye(len(problem.projections)))
     return np.maximum(plain.floors(float(problem.energies.sum()), signs @ problem.projections.T, cuts), 0.0)
 
@@ -104,18 +93,26 @@ class _Relaxed(NamedTuple):
 
     def floors(self, energy: float, sums: Array, cuts: Array) -> Array:
         """(W,) lower bounds on the loss of all leaves of W nodes with sums g (W, r)."""
-        own, planes = self._half(sums.T), self._half(cuts)
-        prices = _prices(planes, own)
-        own -= planes @ prices
+        own = self._outside(sums, cuts)
         return np.asarray(energy - self.heights.sum() - np.einsum("rw,rw->w", own, own))
 
     def solve(self, sums: Array, cuts: Array) -> Array:
         """(r, W) minimisers z of the lower bounds."""
         from scipy.linalg import solve_triangular
 
-        own, planes = self._half(sums.T), self._half(cuts)
-        own -= planes @ _prices(planes, own)
+        own = self._outside(sums, cuts)
         return np.asarray(solve_triangular(self.factor, own, trans="T", lower=True, check_finite=False))
+
+    def _outside(self, sums: Array, cuts: Array) -> Array:
+        """(r, W) half-solved sums less planes @ prices; a few sweeps over prices >= 0 make them short."""
+        own, planes = self._half(sums.T), self._half(cuts)
+        gram, inner = planes.T @ planes, planes.T @ own
+        prices = np.zeros(inner.shape)
+        for _ in range(SWEEPS):
+            for k, row in enumerate(gram):
+                prices[k] = np.maximum(prices[k] + (inner[k] - row @ prices) / row[k], 0.0)
+        own -= planes @ prices
+        return own
 
     def _half(self, columns: Array) -> Array:
         if not columns.size:
@@ -123,16 +120,6 @@ class _Relaxed(NamedTuple):
         from scipy.linalg import solve_triangular
 
         return np.asarray(solve_triangular(self.factor, columns, lower=True, check_finite=False))
-
-
-def _prices(planes: Array, own: Array) -> Array:
-    """(C, W) multipliers >= 0 that minimise |own - planes @ prices|, by a few sweeps of coordinate descent."""
-    gram, inner = planes.T @ planes, planes.T @ own
-    prices = np.zeros(inner.shape)
-    for _ in range(SWEEPS):
-        for k, row in enumerate(gram):
-            prices[k] = np.maximum(prices[k] + (inner[k] - row @ prices) / row[k], 0.0)
-    return prices
 
 
 class _Tree:

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...regression.motion import Motion
+from ...regression.regressor import base_rows
 from ...regression.rows import Task
 from ...types import Array, Frozen
-from ..rows.observations import Observed, columns_of, law_coefficients
+from ..observations import Observed, law_coefficients
 from ..thresholds import OFFSET_LIMIT
 from .problem import SignProblem
 
@@ -26,28 +27,22 @@ def cone_inequalities(task: Task, observed: Observed, seed: int = 0) -> Array:
     Three kinds: kinetic energy x'M(q)x >= 0 at observed configurations, for each joint's velocity alone and for random
     ones; law coefficients that are not negative; and |offset| <= 2 Coulomb friction where a joint has both, since
     friction alone fits as well as an offset of its size with signs that are all equal.
-
-    Args:
-        task: robot, laws and base map.
-        observed: configurations, and the joints whose torque is known.
-        seed: seed of the random configurations and velocities.
     """
-    return np.concatenate([_energy_rows(task, observed, seed), _positive_rows(task), _offset_rows(task)])
+    labels = [task.base.labels[k] for k in task.base.independent]
+    positive = np.eye(task.base.rank)[[k for k in law_coefficients(task) if labels[k].positive]]
+    return np.concatenate([_energy_rows(task, observed, seed), positive, _offset_rows(task)])
 
 
 def kinetic_rows(task: Task, q: Array, x: Array) -> Array:
     """Rows (k, b) whose product with theta is x'M(q)x = x'(torque(q, 0, x) - torque(q, 0, 0)).
 
-    The third argument of the torque is the acceleration, here set to the velocity x.
-
-    Args:
-        task: robot, laws and base map.
-        q: (k, n) [rad or m] configurations.
-        x: (k, n) [rad/s or m/s] joint velocities, 0 at joints whose torque is unknown.
+    The third argument of the torque is the acceleration, here set to the velocities x (k, n) [rad/s or m/s], 0 at
+    joints whose torque is unknown. The configurations are q (k, n) [rad or m].
     """
     n = len(task.robot.joints)
     t, still = np.arange(len(q), dtype=np.float64), np.zeros_like(q)
-    at_rest, pushed = (columns_of(task, Motion(task.robot, t, q, still, a, slow=task.slow)) for a in (still, x))
+    motions = (Motion(task.robot, t, q, still, a, slow=task.slow) for a in (still, x))
+    at_rest, pushed = (base_rows(motion, task.laws, task.wanted) for motion in motions)
     rows = np.zeros((len(q), task.base.rank))
     for j in range(n):
         rows[:, task.seen(j)] += x[:, j, None] * (pushed[j] - at_rest[j])
@@ -62,11 +57,6 @@ def _energy_rows(task: Task, observed: Observed, seed: int) -> Array:
     single, mixed = np.tile(np.diag(size), (len(at), 1)), rng.standard_normal((len(at) * DIRECTIONS, n)) * size
     q = np.concatenate([observed.q[at].repeat(n, axis=0), observed.q[at].repeat(DIRECTIONS, axis=0)])
     return kinetic_rows(task, q, np.concatenate([single, mixed]))
-
-
-def _positive_rows(task: Task) -> Array:
-    labels = [task.base.labels[k] for k in task.base.independent]
-    return np.eye(task.base.rank)[[k for k in law_coefficients(task) if labels[k].positive]]
 
 
 def _offset_rows(task: Task) -> Array:
@@ -87,27 +77,21 @@ class PhysicalCone(Frozen):
 
     @classmethod
     def of(cls, problem: SignProblem, rows: Array) -> PhysicalCone:
-        """The cone in the coordinates of a problem, without rows on parameters that the problem cannot identify.
-
-        Args:
-            problem: boolean least squares.
-            rows: (g, b) inequalities of base parameters [1 over units of base].
-        """
+        """Cone in the coordinates of a problem, by rows (g, b) [1 over units of base] on identifiable parameters."""
         size = np.linalg.norm(problem.back, axis=1)  # 0: unidentifiable
         rows = rows[~np.any((rows != 0) & (size == 0), axis=1)]
         moved = rows @ problem.back
         length = np.linalg.norm(moved, axis=1)
         kept = length > ZERO_ROW * (np.abs(rows) @ size)
-        return cls(_distinct(moved[kept] / length[kept, None]))
+        unit = moved[kept] / length[kept, None]
+        distinct = np.unique(np.round(unit, 9), axis=0, return_index=True)[1]
+        return cls(unit[np.sort(distinct)])
 
     def distance(self, z: Array) -> tuple[float, Array]:
-        """Squared distance from the cone, and its point nearest to z (r,) [standard deviations].
+        """Squared distance from the cone of z (r,) [standard deviations], and the point of the cone nearest to z (r,).
 
         Only violated rows enter, as few are active. If their multipliers cannot be computed, the result is a lower
         bound on the distance and a point outside the cone.
-
-        Args:
-            z: (r,) [standard deviations].
 
         Source: the dual, non-negative least squares: Lawson, Hanson, Solving Least Squares Problems, 1974, chapter 23.
         """
@@ -135,8 +119,3 @@ def _multipliers(rows: Array, z: Array) -> Array:
         found = np.maximum(lsq_linear(rows.T, -z, (0, np.inf), method="bvls", max_iter=ROUNDS * len(rows)).x, 0.0)
     step = rows.T @ found
     return np.asarray(found * max(-float(step @ z), 0.0) / max(float(step @ step), 1e-300))
-
-
-def _distinct(rows: Array) -> Array:
-    _, at = np.unique(np.round(rows, 9), axis=0, return_index=True)
-    return rows[np.sort(at)]

@@ -11,16 +11,89 @@ import numpy as np
 from ...deadline import show_step, time_is_up
 from ...types import Array, Frozen
 from ..result import SignProof
-from .branch_and_bound import BUDGET, SEARCH, Incumbent, TreeBudget, branch
-from .certificate import certify
+from .branch_and_bound import BUDGET, ROUNDING, SEARCH, Incumbent, TreeBudget, bounds, branch
+from .cone import PhysicalCone
 from .local_search import TURNS, ascend, climb
-from .problem import SignProblem
-from .scores import ConvexCone, Scores, WholeSpace
+from .problem import SignProblem, certify
 
+CUTS = 64  # half-spaces kept, since each bound costs a sweep over them; heuristic
+WORTH = 0.9  # [squared distance] a half-space is kept where those before it give a lower bound below; heuristic
 NARROW = 200  # [nodes per level] of the first trees; ten times as many once they give nothing new; heuristic
 PATTERNS = 9  # [groups of segments] up to which all patterns of flips are tried: 2^8 patterns; heuristic
 SCORED = 500  # [leaves per tree] whose distance from the cone is computed, about 1 ms each; heuristic
 NEAR = TreeBudget(width=1000)  # of the enumeration of rivals; its width also limits the distances computed; heuristic
+
+
+class Scores:
+    """Loss J_c(s) = J(s) + dist^2(B s, cone) of all signs evaluated so far, and the best of them; cone None: all z.
+
+    With p the point of the cone nearest to z, (z - p)'y <= 0 for every y in the cone: each distance gives a half-space
+    (a cut) that bounds the distances of other signs from below. Signs of a loss above `limit` are skipped; None: signs
+    worse than the best.
+    """
+
+    def __init__(
+        self, problem: SignProblem, cone: PhysicalCone | None, limit: float | None = None, cuts: Array | None = None
+    ) -> None:
+        self.problem, self.cone, self._limit = problem, cone, limit
+        self.same = ROUNDING * float(problem.energies.sum())
+        self.cuts = np.zeros((len(problem.projections), 0)) if cuts is None else cuts
+        self.best, self.signs, self.coordinates = np.inf, np.zeros(0), np.zeros(0)
+        self._seen: dict[bytes, float] = {}
+
+    @property
+    def limit(self) -> float:
+        """Loss from which signs are skipped [squared standard deviations]."""
+        return (self.best if self._limit is None else self._limit) + self.same
+
+    def add(self, signs: Array, most: int | None = None) -> float:
+        """Evaluate signs (K, S) [1] and their opposites, in the order of their lower bounds, up to the limit.
+
+        About `most` distances are computed. Returns a lower bound on the losses that were left out though they may be
+        below the limit; inf if there are none.
+        """
+        both = signs if self.problem.anchored else np.concatenate([signs, -signs])
+        floors = bounds(self.problem, both, self.cuts)
+        count = 0
+        for k in np.argsort(floors, kind="stable").tolist():
+            if floors[k] >= self.limit:
+                break
+            if most is not None and count >= most:
+                return float(floors[k])
+            count += self._add(both[k])
+        return np.inf
+
+    def attained(self) -> bool:
+        """Whether the coordinates of the best signs lie in the cone, so that their loss is more than a lower bound."""
+        return self._distance(self.coordinates)[0] <= self.same
+
+    def ranked(self) -> tuple[Array, Array]:
+        """All evaluated signs (K, S) [1] and their losses (K,) [squared standard deviations], ascending."""
+        losses = np.array(list(self._seen.values()))
+        at = np.argsort(losses, kind="stable")
+        signs = np.array([np.frombuffer(key, dtype=np.int8) for key in self._seen], dtype=float)
+        return signs[at], losses[at]
+
+    def _distance(self, z: Array) -> tuple[float, Array]:
+        return (0.0, z) if self.cone is None else self.cone.distance(z)
+
+    def _add(self, signs: Array) -> bool:
+        """Evaluate signs (S,), unless they were evaluated before or are bounded above the limit."""
+        key = signs.astype(np.int8).tobytes()
+        if key in self._seen:
+            return False
+        loss = self.problem.loss(signs)
+        bound = float(bounds(self.problem, signs[None], self.cuts)[0]) - loss  # on the squared distance, by the cuts
+        if loss + bound >= self.limit:
+            return False
+        z = self.problem.coordinates(signs)
+        squared, nearest = self._distance(z)
+        self._seen[key] = loss + squared
+        if loss + squared < self.best:
+            self.best, self.signs, self.coordinates = loss + squared, np.array(signs), nearest
+        if squared > self.same and bound < WORTH * squared and self.cuts.shape[1] < CUTS:
+            self.cuts = np.column_stack([self.cuts, (z - nearest) / np.linalg.norm(z - nearest)])
+        return True
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,11 +105,6 @@ class SignSolution(Frozen):
     loss: float  # [squared standard deviations]
     proof: SignProof
     cuts: Array  # (r, C) [1] normals c with c'z <= 0 in the cone
-
-    @property
-    def incumbent(self) -> Incumbent:
-        """Start of a tree that looks for other signs."""
-        return Incumbent(self.signs, self.coordinates, self.cuts)
 
 
 class RivalSigns(NamedTuple):
@@ -54,7 +122,7 @@ class RivalSigns(NamedTuple):
 
 def search_signs(
     problem: SignProblem,
-    cone: ConvexCone | None = None,
+    cone: PhysicalCone | None = None,
     moves: Sequence[Array] = (),
     start: Array | None = None,
     *,
@@ -67,19 +135,13 @@ def search_signs(
     segments from there, then branch and bound in which half-spaces that contain the cone raise the bounds. If a budget
     ends the search, the proof states the remaining gap. Where s and -s have the same loss, either may be returned.
 
-    Args:
-        problem: boolean least squares.
-        cone: coordinates that a real robot can have; None: all.
-        moves: arrays (S,) [1], without the known segment or with it: signs that the segments of a joint may have
-            together, or be multiplied by; 0: no proposal.
-        start: (S,) s [1] signs that may be good.
-        seed: seed of the random starts.
-        budget: limits of the trees, with and without the cone.
+    The signs start (S,) [1] may be good. The segments of a joint may have the signs of moves (S,) [1] together, or be
+    multiplied by them; 0: no proposal. Moves may leave the known segment out.
     """
     tries = climb(problem, seed=seed)[None]
     if start is not None:
         tries = np.concatenate([tries, start[None], ascend(problem, start[None], pairs=True)])
-    free = Scores(problem, WholeSpace())
+    free = Scores(problem, None)
     free.add(tries)
     lower, certified = certify(problem, free.signs)
     lower, nodes = _prove(free, (), free.best if certified else lower, budget)
@@ -97,21 +159,17 @@ def search_signs(
 
 
 def enumerate_near(
-    problem: SignProblem, cone: ConvexCone | None, solution: SignSolution, window: float, budget: TreeBudget = NEAR
+    problem: SignProblem, cone: PhysicalCone | None, solution: SignSolution, window: float, budget: TreeBudget = NEAR
 ) -> RivalSigns:
     """List all signs whose loss exceeds that of a solution by at most a window; the best ones if there are too many.
 
-    Args:
-        problem: boolean least squares.
-        cone: cone of the search.
-        solution: result of the search, or any other signs.
-        window: excess loss [squared standard deviations].
-        budget: limits of the tree; its width also limits the number of distances computed.
+    The window is in squared standard deviations. The width of the budget also limits the number of distances computed.
     """
     limit = solution.loss + window
-    scores = Scores(problem, cone or WholeSpace(), limit, solution.cuts)
+    scores = Scores(problem, cone, limit, solution.cuts)
     scores.add(solution.signs[None])
-    tree = branch(problem, solution.incumbent, limit - problem.loss(solution.signs), budget)
+    best = Incumbent(solution.signs, solution.coordinates, solution.cuts)
+    tree = branch(problem, best, limit - problem.loss(solution.signs), budget)
     beyond = min(tree.beyond, scores.add(tree.leaves, budget.width))
     signs, losses = scores.ranked()
     inside = losses <= limit + scores.same
@@ -127,7 +185,8 @@ def _prove(scores: Scores, moves: Sequence[Array], lower: float, budget: TreeBud
         show_step("searching signs", nodes / budget.nodes)
         before = scores.best, scores.cuts.shape[1]
         window = scores.best - scores.problem.loss(scores.signs)
-        tree = branch(scores.problem, scores.incumbent, window, TreeBudget(width, budget.nodes - nodes))
+        best = Incumbent(scores.signs, scores.coordinates, scores.cuts)
+        tree = branch(scores.problem, best, window, TreeBudget(width, budget.nodes - nodes))
         rest = min(tree.beyond, scores.add(tree.leaves, SCORED))
         lower = max(lower, min(rest, scores.best))
         nodes += tree.nodes
@@ -141,23 +200,19 @@ def _prove(scores: Scores, moves: Sequence[Array], lower: float, budget: TreeBud
 
 def _improve(scores: Scores, moves: Sequence[Array]) -> None:
     """Flip joints, apply moves, flip segments, until the loss no longer falls, for TURNS rounds at most."""
+    problem = scores.problem
     for _ in range(TURNS):
         if time_is_up(SEARCH):
             break
         before = scores.best
         for starts in (_joint_flips(scores), _moved(scores, moves)):
-            scores.add(np.concatenate([starts, ascend(scores.problem, starts, joints=False)]))
-        _flip_segments(scores)
-        if scores.best >= before - scores.same:
-            break
-
-
-def _flip_segments(scores: Scores) -> None:
-    problem = scores.problem
-    flips = 1 - 2 * np.eye(problem.count)[: problem.count - int(problem.anchored)]
-    for _ in range(TURNS * problem.count):
-        before = scores.best
-        scores.add(scores.signs * flips)
+            scores.add(np.concatenate([starts, ascend(problem, starts, joints=False)]))
+        flips = 1 - 2 * np.eye(problem.count)[: problem.count - int(problem.anchored)]
+        for _ in range(TURNS * problem.count):
+            start = scores.best
+            scores.add(scores.signs * flips)
+            if scores.best >= start - scores.same:
+                break
         if scores.best >= before - scores.same:
             break
 

@@ -14,18 +14,9 @@ LEAST = 1e-12  # [total energy] smallest gain of a flip; rounding
 TURNS = 20  # [flips per segment] at most, since rounding errors could go on for ever; heuristic
 
 
-def climb(problem: SignProblem, starts: int = STARTS, seed: int = 0) -> Array:
-    """The best local optimum of many starts; a known segment has sign +1.
-
-    Args:
-        problem: boolean least squares.
-        starts: number of starts.
-        seed: seed of the random starts.
-
-    Returns:
-        (S,) [1].
-    """
-    ends = np.unique(ascend(problem, _starts(problem, starts, seed)), axis=0)
+def climb(problem: SignProblem, seed: int = 0) -> Array:
+    """The best local optimum (S,) [1] of many starts; a known segment has sign +1."""
+    ends = np.unique(ascend(problem, _starts(problem, seed)), axis=0)
     losses = np.array([problem.loss(signs) for signs in ends])
     best = np.argsort(losses, kind="stable")[:PAIRED]
     ends[best] = ascend(problem, ends[best], pairs=True)
@@ -34,19 +25,10 @@ def climb(problem: SignProblem, starts: int = STARTS, seed: int = 0) -> Array:
 
 
 def ascend(problem: SignProblem, starts: Array, joints: bool = True, pairs: bool = False) -> Array:
-    """Local optima of steepest ascent by flips of segments, then of whole joints, then of pairs, until none helps.
+    """Local optima (K, S) [1] of steepest ascent from starts (K, S) [1], by flips of segments, whole joints and pairs.
 
     A known segment may be flipped on the way; in the end all signs are inverted where it is -1, which has the same
     loss. Local optima are candidates without proof, so an ascent that is cut short does no harm.
-
-    Args:
-        problem: boolean least squares.
-        starts: (K, S) s [1].
-        joints: whether to flip whole joints.
-        pairs: whether to flip pairs of segments.
-
-    Returns:
-        (K, S) [1].
     """
     gram = problem.projections.T @ problem.projections
     signs = np.array(starts, dtype=float)
@@ -67,7 +49,7 @@ def ascend(problem: SignProblem, starts: Array, joints: bool = True, pairs: bool
     return signs * signs[:, -1:] if problem.anchored else signs
 
 
-def _starts(problem: SignProblem, count: int, seed: int) -> Array:
+def _starts(problem: SignProblem, seed: int) -> Array:
     """(K, S) signs of leading singular vectors of B, plain and with unit columns; of random models; random signs."""
     rng = np.random.default_rng(seed)
     size = np.linalg.norm(problem.projections, axis=0)
@@ -75,7 +57,7 @@ def _starts(problem: SignProblem, count: int, seed: int) -> Array:
         np.linalg.svd(matrix, full_matrices=False)[2][:VECTORS]
         for matrix in (problem.projections, problem.projections / np.maximum(size, 1e-300))
     ]
-    left = max(count - 2 * VECTORS, 0)
+    left = STARTS - 2 * VECTORS
     models = rng.normal(size=(left - left // 2, len(problem.projections))) @ problem.projections
     return np.where(np.concatenate([*found, models, rng.normal(size=(left // 2, problem.count))]) >= 0, 1.0, -1.0)
 

@@ -1,4 +1,4 @@
-"""Segments -> boolean least squares: one sign per segment, all parameters eliminated."""
+"""Segments -> boolean least squares: one sign per segment, all parameters eliminated; friction prior, certificate."""
 
 from __future__ import annotations
 
@@ -9,10 +9,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ...types import Array, Frozen, Indices
-from ..rows.observations import Observed
-from ..rows.segments import Segment
+from ..observations import Observed
+from ..segments import Segment
+from ..thresholds import FRICTION_PRIOR, PRIOR_STRENGTH
 
 RANK = 1e-7  # [largest singular value of the scaled rows] smaller ones count as zero; heuristic
+SLACK = 1e-12  # [total energy] negative eigenvalues or losses of this size are rounding errors
 
 
 class KnownRows(NamedTuple):
@@ -50,40 +52,20 @@ class SignProblem(Frozen):
         return bool(len(self.joints)) and self.joints[-1] < 0
 
     def coordinates(self, signs: Array) -> Array:
-        """Minimiser z = B s for given signs: (r,), or (r, k) [standard deviations].
-
-        Args:
-            signs: (S,) or (S, k) s [1].
-        """
+        """Minimiser z = B s, (r,) or (r, k) [standard deviations], for given signs (S,) or (S, k) [1]."""
         return np.asarray(self.projections @ signs)
 
     def loss(self, signs: Array) -> float:
-        """J(s), at least 0 [squared standard deviations].
-
-        Args:
-            signs: (S,) s [1].
-        """
+        """J(s) of the signs (S,) [1], at least 0 [squared standard deviations]."""
         return max(float(self.energies.sum() - np.sum(self.coordinates(signs) ** 2)), 0.0)
-
-    def value(self, signs: Array) -> Array:
-        """Base parameters theta = back B s that minimise the loss for given signs: (b,) [units of base].
-
-        Args:
-            signs: (S,) s [1].
-        """
-        return np.asarray(self.back @ self.coordinates(signs))
 
 
 def build_problem(
     observed: Observed, segments: Sequence[Segment], weights: Array, known: KnownRows | None = None
 ) -> SignProblem:
-    """Build the problem of some segments.
+    """Problem of some segments of joints whose torque has no sign, and of the rows `known`.
 
-    Args:
-        observed: observations.
-        segments: segments of the joints whose torque has no sign; their samples near reversals are left out.
-        weights: (n,) [1/N.m or 1/N] weight of each joint's torque.
-        known: rows with a known right-hand side.
+    Samples near reversals are left out. A joint's torque is weighted by its weights (n,) [1/N.m or 1/N].
     """
     inside = [_steady_samples(observed, s) for s in segments]
     rows = [observed.rows(s.joint, at) * weights[s.joint] for s, at in zip(segments, inside, strict=True)]
@@ -94,12 +76,10 @@ def build_problem(
 
 
 def eliminate(rows: Sequence[Array], right: Sequence[Array], joints: Sequence[int]) -> SignProblem:
-    """Eliminate the base parameters from the rows of S segments.
+    """Eliminate the base parameters from the S segments of some joints.
 
-    Args:
-        rows: S arrays Y_i (k, b) [standard deviations per unit of base].
-        right: S arrays u_i (k,) [standard deviations]: absolute torque, or a known right-hand side.
-        joints: joint of each segment; the last is -1 if its right-hand side is known.
+    Their rows Y_i are (k, b) [standard deviations per unit of base]. On the right u_i (k,) [standard deviations] are
+    the absolute torque, or a known right-hand side of the last segment, whose joint then is -1.
 
     Source: variable projection: Golub, Pereyra, SIAM J. Numer. Anal. 10(2), 1973.
     """
@@ -117,12 +97,7 @@ def eliminate(rows: Sequence[Array], right: Sequence[Array], joints: Sequence[in
 
 
 def signed_rows(observed: Observed, weights: Array) -> KnownRows:
-    """Rows of the joints whose torque has its sign.
-
-    Args:
-        observed: observations.
-        weights: (n,) [1/N.m or 1/N] weight of each joint's torque.
-    """
+    """Rows of the joints whose torque has its sign, with weights (n,) [1/N.m or 1/N]."""
     joints = np.flatnonzero(observed.known & observed.signed).tolist()
     matrix = [observed.rows(j, observed.steady[:, j]) * weights[j] for j in joints]
     target = [observed.torque[observed.steady[:, j], j] * weights[j] for j in joints]
@@ -130,12 +105,44 @@ def signed_rows(observed: Observed, weights: Array) -> KnownRows:
     return KnownRows(np.concatenate([nothing, *matrix]), np.concatenate([np.zeros(0), *target]))
 
 
-def orthonormalise(rows: Array) -> tuple[Array, Array]:
-    """Orthonormal U (M, r) that spans the columns of the rows, and back (b, r) with rows @ back = U.
+def known_rows(observed: Observed, weights: Array) -> KnownRows:
+    """Known rows with weights (n,) [1/N.m or 1/N]: joints whose torque has its sign, and the friction prior."""
+    parts = [signed_rows(observed, weights), friction_prior(observed, weights)]
+    return KnownRows(np.concatenate([p.matrix for p in parts]), np.concatenate([p.target for p in parts]))
 
-    Args:
-        rows: (M, b) stacked rows [any].
+
+def friction_prior(observed: Observed, weights: Array, strength: float = PRIOR_STRENGTH) -> KnownRows:
+    """Prior rows for offset, Coulomb and viscous friction of joints whose torque has no sign.
+
+    A row exists for each base parameter that is one of these coefficients alone, in units of the joint's rms torque and
+    velocity; with strength 1 it counts as a measurement. Rows do not grow with the weights (n,) [1/N.m or 1/N] of the
+    torque, so the prior loses influence as samples gain weight; a joint of weight 0 has no prior.
     """
+    torque, speed = observed.rms, np.sqrt(np.mean(observed.v**2, axis=0))
+    matrix, target = [np.zeros((0, observed.count))], []
+    for k, (name, joint) in observed.coefficients.items():
+        used = joint in observed.hidden and weights[joint] > 0 and torque[joint] * speed[joint] > 0
+        if name in FRICTION_PRIOR and used:
+            expected, deviation = FRICTION_PRIOR[name]
+            unit = torque[joint] / (speed[joint] if name == "viscous_friction" else 1.0)
+            matrix.append(np.eye(1, observed.count, k) * strength / (deviation * unit))
+            target.append(strength * expected / deviation)
+    return KnownRows(np.concatenate(matrix), np.array(target))
+
+
+def friction_patterns(problem: SignProblem, observed: Observed, segments: Sequence[Segment]) -> list[Array]:
+    """Per joint, the signs (S,) of the mean velocity in its segments; 0 in segments of other joints [1].
+
+    The search tries the signs of a joint as this pattern, as its opposite, and multiplied by it: Coulomb friction F
+    sign(v) fits as well as a constant offset F whose sign never changes.
+    """
+    velocity = np.array([np.sign(observed.v[s.start : s.stop, s.joint].mean()) or 1.0 for s in segments])
+    wide = np.append(velocity, np.zeros(problem.count - len(segments)))
+    return [np.where(problem.joints == joint, wide, 0.0) for joint in np.unique([s.joint for s in segments])]
+
+
+def orthonormalise(rows: Array) -> tuple[Array, Array]:
+    """Orthonormal U (M, r) that spans the columns of the rows (M, b) [any], and back (b, r) with rows @ back = U."""
     size = np.linalg.norm(rows, axis=0)
     size[size < 1e-12 * max(float(size.max(initial=0.0)), 1e-300)] = np.inf
     q, r = np.linalg.qr(rows / size)
@@ -148,3 +155,30 @@ def _steady_samples(observed: Observed, segment: Segment) -> Indices:
     at = np.arange(segment.start, segment.stop)
     steady = at[observed.steady[at, segment.joint]]
     return steady if len(steady) else at
+
+
+class Certificate(NamedTuple):
+    """Lower bound on the loss of all signs, and whether the given signs attain it."""
+
+    lower: float  # [squared standard deviations]
+    optimal: bool
+
+
+def certify(problem: SignProblem, signs: Array) -> Certificate:
+    """Lower bound on J from the eigenvalues at given signs; sufficient, but not necessary, for their optimality.
+
+    J(x) = x'Qx with Q = diag(T) - B'B. With D = diag(s (Q s)), every x in {-1, 1}^S has x'Qx >= tr D + S min(0,
+    eig_min(Q - D)), and tr D = J(s): s is optimal if Q - D has no negative eigenvalue. The signs (S,) [1] are usually a
+    local minimum.
+
+    Source: the dual of the semidefinite relaxation: Poljak, Rendl, Wolkowicz, J. Global Optimization 7, 1995.
+    """
+    from scipy.linalg import eigvalsh
+
+    multipliers = problem.energies - signs * (problem.projections.T @ problem.coordinates(signs))
+    slack = np.diag(problem.energies - multipliers) - problem.projections.T @ problem.projections
+    smallest = float(eigvalsh(slack, subset_by_index=[0, 0], check_finite=False)[0])
+    loss, short = problem.loss(signs), problem.count * max(0.0, -smallest)
+    return Certificate(
+        max(loss - short, 0.0), min(loss, short / problem.count) <= SLACK * float(problem.energies.sum())
+    )

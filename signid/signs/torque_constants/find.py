@@ -15,12 +15,11 @@ from ...regression.rows import Task
 from ...regression.session import Session
 from ...types import Array, Frozen, Mask, Progress, Recording, Robot, prismatic_unit
 from ..infer import infer
+from ..observations import Observed, observe
 from ..result import Gain, Signs
-from ..rows.observations import Observed, observe
 from ..samples.rows_of_file import signs_of_rows
 from ..thresholds import INERTIAL_ERROR
-from .from_description import combine, describe_constants
-from .from_shared_parameters import Constants, share_constants
+from .constants import Constants, combine, describe_constants, share_constants
 
 ROUNDS = 5  # most rounds of signs and constants in turn
 SETTLED, CALM = 0.01, 0.1  # change of a constant at which rounds end: relative [1], in its standard deviations [1]
@@ -32,22 +31,11 @@ ROUGH = 0.1  # the same, above which a constant is flagged as rough
 class TorqueConstants(Frozen):
     """Torque constants that n joints lacked."""
 
-    joints: tuple[str, ...]  # n
-    units: tuple[str, ...]  # n of them
-    unknown: Mask  # (n,)
+    gains: tuple[Gain, ...]  # of the joints where they were unknown
     value: Array  # (n,) [N.m/A or N/A] where the constant was unknown, else 1
     covariance: Array  # (n, n) [1] of its logarithm, 0 elsewhere
     notes: tuple[str, ...]
     flags: tuple[str, ...]
-
-    @property
-    def found(self) -> tuple[Gain, ...]:
-        """The torque constants of the joints where they were unknown."""
-        std = self.value * np.sqrt(np.diag(self.covariance))
-        return tuple(
-            Gain(self.joints[j], float(self.value[j]), float(std[j]), self.units[j])
-            for j in np.flatnonzero(self.unknown).tolist()
-        )
 
     def scale(self, recording: Recording) -> Recording:
         """The recording with its currents as torques."""
@@ -56,7 +44,7 @@ class TorqueConstants(Frozen):
     def describe(self, signs: Signs) -> Signs:
         """The signs found in scaled recordings, with constants, notes and flags."""
         notes, flags = (*self.notes, *signs.notes), (*self.flags, *signs.flags)
-        return replace(signs, gains=self.found, notes=notes, flags=flags)
+        return replace(signs, gains=self.gains, notes=notes, flags=flags)
 
 
 def find_gains(session: Session, progress: Progress | None = None) -> TorqueConstants | None:
@@ -65,44 +53,39 @@ def find_gains(session: Session, progress: Progress | None = None) -> TorqueCons
     Each joint's signs are searched by itself, where its constant does not matter; the signed currents determine the
     constants, by the base parameters that joints share, and with those the signs are searched in all joints together;
     again until nothing changes. Where no joint's constant is known, or where joints share too little, the inertials
-    that the description states set the scale.
-
-    Args:
-        session: the recordings; those of which a part is learned from are used, whole.
-        progress: called with what is being done and the share that is done.
+    that the description states set the scale. Recordings of which a part is learned from are used, whole.
 
     Raises:
         OptionError: a constant is not identifiable; the sentence says what to state.
-        RecordingError: recordings lack constants of different joints.
     """
-    unknown = _unknown(session.recordings)
+    robot, unknown = session.robot, _unknown(session.recordings)
     if not unknown.any():
         return None
     if progress is not None:
         progress("finding torque constants from", 0.0)
     observed = observe(session.task, session.learned)
     anchors = observed.known & ~unknown
-    if not anchors.any() and not stated_inertials(session.robot).any():
+    if not anchors.any() and not stated_inertials(robot).any():
         raise OptionError(
-            f"the torque constants of {_names(session.robot, unknown)} are not known, no torque of another joint is, "
-            f"and the description states no inertials to set the scale; {_state(session.robot, unknown)}, of one "
-            f"at least"
+            f"the torque constants of {_names(robot, unknown)} are not known, no torque of another joint is, and the "
+            f"description states no inertials to set the scale; {_state(robot, unknown)}, of one at least"
         )
     constants = _settle(session, observed, unknown)
-    _check(session.robot, constants, unknown)
+    lost = unknown & ~(constants.std <= LOOSE)
+    if lost.any():
+        raise OptionError(
+            f"the torque constant of {_names(robot, lost)} is not known, and neither parameters shared with other "
+            f"joints nor stated inertials determine it to {100 * LOOSE:.0f} %; {_state(robot, lost)}, or leave out the "
+            f"column of the current"
+        )
     value, std = np.where(unknown, np.exp(constants.log), 1.0), np.where(unknown, constants.std, 0.0)
     covariance = np.where(np.outer(unknown, unknown), constants.covariance, 0.0)
-    notes = tuple(_notes(session.robot, value, std, unknown, anchors, constants.described))
-    units = tuple(_unit(session.robot, j) for j in range(len(unknown)))
-    return TorqueConstants(
-        observed.joints, units, unknown, value, covariance, notes, tuple(_flags(session.robot, std, constants))
+    gains = tuple(
+        Gain(robot.joints[j], float(value[j]), float(value[j] * std[j]), _unit(robot, j))
+        for j in np.flatnonzero(unknown).tolist()
     )
-
-
-@dataclass(frozen=True, eq=False)
-class _ConstantsFound(Constants):
-    described: bool = False  # whether the description was needed
-    settled: bool = True  # whether signs and constants no longer changed in the last round
+    notes = tuple(_notes(robot, gains, std[unknown], anchors, constants.described))
+    return TorqueConstants(gains, value, covariance, notes, tuple(_flags(robot, std, constants)))
 
 
 def _unknown(recordings: Sequence[Recording]) -> Mask:
@@ -118,9 +101,9 @@ def _unknown(recordings: Sequence[Recording]) -> Mask:
     return np.asarray(lacking[0])
 
 
-def _settle(session: Session, observed: Observed, unknown: Mask) -> _ConstantsFound:
+def _settle(session: Session, observed: Observed, unknown: Mask) -> Constants:
     """Signs and constants in turn."""
-    found = _ConstantsFound(np.zeros(len(unknown)), np.diag(np.where(unknown, np.inf, 0.0)))
+    found = Constants(np.zeros(len(unknown)), np.diag(np.where(unknown, np.inf, 0.0)))
     signs = np.zeros_like(observed.torque)
     for _ in range(ROUNDS):
         last, signs = signs, _signs(session.task, observed, found, session.options.seed)
@@ -158,30 +141,19 @@ def _factors(session: Session, observed: Observed, signs: Array) -> Factors:
     return session.reduce(parts)
 
 
-def _constants(task: Task, factors: Factors, unknown: Mask) -> _ConstantsFound:
+def _constants(task: Task, factors: Factors, unknown: Mask) -> Constants:
     """Constants from parameters shared with joints of known constant; from the description where that is too little."""
     recorded = np.array([joint.counts[0] > 0 for joint in factors.joints])
     anchors = recorded & ~unknown
     shared = share_constants(factors, task.base, unknown) if anchors.any() else None
     if shared is not None and np.all(shared.std[unknown] <= LOOSE):
-        return _ConstantsFound(shared.log, shared.covariance)
+        return shared
     described = describe_constants(task, factors)
     reference = int(np.argmin(np.where(unknown, described.std, np.inf)))
     if shared is not None and not np.isfinite(described.std[reference]):
-        return _ConstantsFound(shared.log, shared.covariance)
+        return shared
     relative = share_constants(factors, task.base, recorded & (np.arange(len(unknown)) != reference))
-    both = combine(relative, described, anchors)
-    return _ConstantsFound(both.log, both.covariance, described=True)
-
-
-def _check(robot: Robot, found: Constants, unknown: Mask) -> None:
-    lost = unknown & ~(found.std <= LOOSE)
-    if lost.any():
-        raise OptionError(
-            f"the torque constant of {_names(robot, lost)} is not known, and neither parameters shared with other "
-            f"joints nor stated inertials determine it to {100 * LOOSE:.0f} %; {_state(robot, lost)}, or leave out the "
-            f"column of the current"
-        )
+    return replace(combine(relative, described, anchors), described=True)
 
 
 def _state(robot: Robot, joints: Mask) -> str:
@@ -197,11 +169,8 @@ def _names(robot: Robot, joints: Mask) -> str:
     return shorten([robot.joints[j] for j in np.flatnonzero(joints)])
 
 
-def _notes(robot: Robot, value: Array, std: Array, unknown: Mask, anchors: Mask, described: bool) -> Iterator[str]:
-    found = [
-        f"{robot.joints[j]} {value[j]:.3g} {_unit(robot, j)} (+- {100 * std[j]:.2g} %)"
-        for j in np.flatnonzero(unknown).tolist()
-    ]
+def _notes(robot: Robot, gains: Sequence[Gain], std: Array, anchors: Mask, described: bool) -> Iterator[str]:
+    found = [f"{joint} {k:.3g} {unit} (+- {100 * s:.2g} %)" for (joint, k, _, unit), s in zip(gains, std, strict=True)]
     yield f"unknown torque constants were found from the motion: {shorten(found)}"
     if anchors.any():
         yield f"torque constants rest on the torque of {_names(robot, anchors)}, which depends on the same inertials"
@@ -214,7 +183,7 @@ def _notes(robot: Robot, value: Array, std: Array, unknown: Mask, anchors: Mask,
     yield "standard deviations of parameters include the common uncertainty of these torque constants"
 
 
-def _flags(robot: Robot, std: Array, found: _ConstantsFound) -> Iterator[str]:
+def _flags(robot: Robot, std: Array, found: Constants) -> Iterator[str]:
     if not found.settled:
         yield (
             f"signs and torque constants still changed in the last of {ROUNDS} rounds: either may be wrong; state "

@@ -32,39 +32,27 @@ class SegmentOrder(NamedTuple):
     complete: bool  # whether all sets of that size and of smaller ones were tried
 
 
-def condition_order(
-    problem: SignProblem, threshold: float = CONDITION, largest: int = LARGEST, budget: int = SETS
-) -> SegmentOrder:
+def condition_order(problem: SignProblem, threshold: float = CONDITION, budget: int = SETS) -> SegmentOrder:
     """Order the segments: the smallest set whose stacked rows are well conditioned, then greedily.
 
     Each later segment is the one that gives the smallest condition number with all before it, over base parameters in
-    their own units. All sets of one, two ... segments are tried; if a limit ends that, the first set is chosen one
-    segment at a time and `complete` is False. Friction of a joint acts in its own segments only, so seven joints need
-    at least seven segments, and 93 segments have 1e10 such sets. A segment of known sign comes first.
-
-    Args:
-        problem: boolean least squares.
-        threshold: condition number of a well-conditioned set.
-        largest: largest number of segments of the sets that are all tried.
-        budget: largest number of sets that are tried.
+    their own units. All sets of one, two ... LARGEST segments are tried, `budget` sets at most; if a limit ends that,
+    the first set is chosen one segment at a time and `complete` is False. Friction of a joint acts in its own segments
+    only, so seven joints need at least seven segments, and 93 segments have 1e10 such sets. A segment of known sign
+    comes first.
 
     Source: the condition number as a measure of excitation: Gautier, Khalil, Int. J. Robotics Research 11(4), 1992.
     """
-    grams, unknown = _in_base(problem), problem.count - problem.anchored
+    left, size, _ = np.linalg.svd(np.linalg.pinv(problem.back), full_matrices=False)
+    turn, unknown = left * size, problem.count - problem.anchored
+    grams = turn.T @ problem.grams @ turn  # (S, r, r) with the eigenvalues over base parameters in their own units
     known = tuple(range(unknown, problem.count))
-    first, complete = _smallest(grams, known, problem.joints[:unknown], threshold, largest, budget)
+    first, complete = _smallest(grams, known, problem.joints[:unknown], threshold, budget)
     if first is None:
         first = _one_by_one(grams, known, unknown, threshold)[: len(known) + MOST]
     lost, condition = _conditioning(grams[list(first)].sum(0)[None])
     order = np.array(_one_by_one(grams, first, unknown), dtype=np.intp)
     return SegmentOrder(order, len(first), np.inf if lost[0] else float(condition[0]), complete)
-
-
-def _in_base(problem: SignProblem) -> Array:
-    """(S, r, r) Gram matrices with their eigenvalues over the base parameters in their own units."""
-    left, size, _ = np.linalg.svd(np.linalg.pinv(problem.back), full_matrices=False)
-    turn = left * size
-    return np.asarray(turn.T @ problem.grams @ turn)
 
 
 def _conditioning(grams: Array) -> tuple[Array, Array]:
@@ -75,12 +63,10 @@ def _conditioning(grams: Array) -> tuple[Array, Array]:
     return lost, np.sqrt(np.maximum(values[:, -1], 0.0) / np.maximum(least, 1e-300))
 
 
-def _smallest(
-    grams: Array, known: _Set, joints: Indices, threshold: float, largest: int, budget: int
-) -> tuple[_Set | None, bool]:
+def _smallest(grams: Array, known: _Set, joints: Indices, threshold: float, budget: int) -> tuple[_Set | None, bool]:
     """Best set of the smallest size that has a well-conditioned one, and whether all sets up to it were tried."""
     base, needed, own = grams[list(known)].sum(0), _needed(grams, joints), joints.tolist()
-    for size in range(0 if known else 1, min(largest, len(joints)) + 1):
+    for size in range(0 if known else 1, min(LARGEST, len(joints)) + 1):
         if size < len(needed):
             continue
         if comb(len(joints), size) > GENERATED * budget:
@@ -93,7 +79,7 @@ def _smallest(
         best = min(_tried(grams, base, taken), default=(0, np.inf, ()))
         if taken and best[0] == 0 and best[1] < threshold:
             return (*known, *best[2]), True
-    return None, largest >= len(joints)
+    return None, LARGEST >= len(joints)
 
 
 def _needed(grams: Array, joints: Indices) -> set[int]:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,14 +14,102 @@ from ...estimation.pbrp import Bounds, bounds_around
 from ...estimation.pbrp.bounds import check_box
 from ...estimation.pbrp.cost import cost_over, descend
 from ...estimation.pbrp.penalty import physics_of
-from ...types import Array, BaseMap, Estimate, Parameters, Progress
-from ..search.problem import SignProblem
-from .beam import WIDTH, TreeLevel, TreeNode, TreeResult, grow, in_place
+from ...model import stated_parameters
+from ...regression.rows import Task
+from ...types import Array, BaseMap, Estimate, Frozen, Indices, Parameters, Progress
+from ..infer import ChooseSigns, SignChoice
+from ..result import SignProof
+from ..search.problem import SignProblem, certify
+from ..segments import Segment
 from .condition import SegmentOrder, condition_order
 
+WIDTH = 5  # [nodes per level] kept, as in the classical method
+LOST = 1e-13  # [largest eigenvalue of a Gram matrix] smaller eigenvalues are rounding errors
+SCHEDULE = 10.0  # [squared standard deviations] penalty per round
 EXCESS = 0.01  # [loss of least squares with the same signs] excess loss of the best node that is noted; heuristic
 NEGLIGIBLE = 1e-6  # [total energy] excess loss that is never noted; heuristic
 SHOWN = 1e-3  # [information of all joints on a parameter] share from which a joint counts as showing it; heuristic
+NOTE = (
+    "signs were searched by the classical tree ({nodes} nodes, {evaluations} evaluations), which keeps few nodes per "
+    "level and proves nothing; samples below the threshold follow the model that it found"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class TreeResult(Frozen):
+    """Best node of the last level of a tree."""
+
+    signs: Array  # (S,) s [1]
+    value: Array  # (b,) base parameters [units of base]
+    loss: float  # [squared standard deviations]
+    nodes: int  # solved
+    evaluations: int  # of the loss, or least-squares solutions, over all nodes
+    notes: tuple[str, ...] = ()
+
+
+class TreeLevel(NamedTuple):
+    """The first k segments of an order, whose signs the nodes of a level choose.
+
+    With right = sum_i s_i b_i, their loss at z is |root z - turn right|^2 + energy - |turn right|^2. It equals the loss
+    over their stacked rows, as root'root is the Gram matrix of these.
+    """
+
+    gram: Array  # (r, r) sum of A_i [1]
+    root: Array  # (m, r) [1] root' root = gram
+    turn: Array  # (m, r) [1] pseudo-inverse of root'
+    energy: float  # sum of T_i [squared standard deviations]
+
+
+class TreeNode(NamedTuple):
+    """Signs of the segments of a level, and their solution."""
+
+    loss: float  # [squared standard deviations]
+    end: Array  # (d,) [any] unknowns of the solver
+    evaluations: int
+    signs: tuple[float, ...] = ()  # (k,) in the order of the segments
+
+
+Solve = Callable[[TreeLevel, Array], TreeNode]  # level, right side (r,) [standard deviations]
+
+
+def grow(
+    problem: SignProblem, order: Indices, start: int, width: int, solve: Solve, progress: Progress | None = None
+) -> tuple[TreeNode, int]:
+    """Grow a tree; returns the best node of the last level with the evaluations of all, and the number of nodes.
+
+    The segments are taken in order (S,). All signs of the first `start` of them are tried before nodes are dropped.
+
+    Raises:
+        OptionError: the width is not positive.
+    """
+    if width < 1:
+        raise OptionError(f"a tree cannot keep {width} nodes a level; keep at least 1")
+    choices = [(1.0,) if problem.joints[i] < 0 else (1.0, -1.0) for i in order]
+    pool, nodes, spent = [TreeNode(0.0, np.zeros(0), 0)], 0, 0
+    for k in range(max(start, 1), len(order) + 1):
+        level, members = _level(problem, order[:k]), problem.projections[:, order[:k]]
+        tried = [(*node.signs, *more) for node in pool for more in product(*choices[len(node.signs) : k])]
+        found = [solve(level, members @ np.array(signs))._replace(signs=signs) for signs in tried]
+        nodes, spent = nodes + len(found), spent + sum(node.evaluations for node in found)
+        pool = sorted(found, key=lambda node: node.loss)[:width]
+        if progress is not None:
+            progress("growing the tree of signs", k / len(order))
+    return pool[0]._replace(evaluations=spent), nodes
+
+
+def in_place(signs: Sequence[float], order: Indices) -> Array:
+    """Signs (S,) by segment [1], from signs in the order of a tree."""
+    out = np.empty(len(order))
+    out[order] = signs
+    return out
+
+
+def _level(problem: SignProblem, members: Indices) -> TreeLevel:
+    gram = problem.grams[members].sum(0)
+    values, axes = np.linalg.eigh(gram)
+    seen = values > LOST * values[-1]
+    size, axes = np.sqrt(values[seen])[:, None], axes[:, seen].T
+    return TreeLevel(gram, size * axes, axes / size, float(problem.energies[members].sum()))
 
 
 def search_tree(
@@ -27,51 +118,32 @@ def search_tree(
     prior: Parameters,
     bounds: Bounds | None = None,
     *,
-    forward: Array | None = None,
-    total_mass: tuple[float, float] | None = None,
     width: int = WIDTH,
     algorithm: str = "LN_SBPLX",
     restarts: int = 3,
     rounds: int = 3,
-    schedule: float = 10.0,
     budget: int = 1000,
     seed: int = 0,
     progress: Progress | None = None,
 ) -> TreeResult:
     """Find signs by a tree: all choices for a first set of segments, then two children per node, keeping the best.
 
-    Segments are ordered by `condition_order`. Each node is solved by a local algorithm over the standard parameters in
-    a box, from random starts: first for the loss alone, then with a growing penalty on violations of physics, each
-    round from the end of the last. The loss of the stacked rows is evaluated on a factor of their Gram matrix.
-
-    Args:
-        problem: boolean least squares.
-        base: base map.
-        prior: standard parameters of the description, for the box and the scales.
-        bounds: box; default: that of `box_of`.
-        forward: (r, b) [standard deviations per unit of base] from base parameters to the coordinates of the problem;
-            needed only if the segments do not identify all base parameters, r < b.
-        total_mass: smallest and largest sum of the masses of all moving bodies [kg].
-        width: nodes kept per level.
-        algorithm: local algorithm of NLopt.
-        restarts: random starts per node.
-        rounds: rounds of growing penalty per start; the first has none.
-        schedule: penalty per round [squared standard deviations].
-        budget: evaluations per round.
-        seed: seed of the starts.
-        progress: called with the share of levels done.
+    Segments are ordered by `condition_order`. Each node is solved by a local algorithm of NLopt over the standard
+    parameters in a box (default: around the description), from random starts: first for the loss alone, then with a
+    growing penalty on violations of physics, each round of `budget` evaluations from the end of the last. The loss of
+    the stacked rows is evaluated on a factor of their Gram matrix.
 
     Raises:
-        OptionError: unknown algorithm, or invalid width, restarts, rounds, bounds or range of mass.
-        ValueError: the prior does not have the labels of the base map.
+        OptionError: unknown algorithm, or invalid width, restarts, rounds or bounds.
     """
     if restarts < 1 or rounds < 1:
         raise OptionError(f"{restarts} starts of {rounds} rounds solve nothing; ask for at least 1 of each")
-    box = box_of(problem, base, prior, forward) if bounds is None else bounds
+    scales = _scales(problem, base)
+    box = bounds_around(base, scales, prior) if bounds is None else bounds
     check_box(box, base)
-    physics = physics_of(base, _scales(problem, base, forward), prior, total_mass)
-    standard, rng = _forward(problem, forward) @ base.combination, np.random.default_rng(seed)
-    weights = (schedule * np.arange(rounds)).tolist()
+    physics = physics_of(base, scales, prior)
+    standard, rng = problem.forward @ base.combination, np.random.default_rng(seed)
+    weights = (SCHEDULE * np.arange(rounds)).tolist()
 
     def solve(level: TreeLevel, right: Array) -> TreeNode:
         target = level.turn @ right
@@ -84,32 +156,13 @@ def search_tree(
     ordered = condition_order(problem)
     node, nodes = grow(problem, ordered.order, ordered.start, width, solve, progress)
     signs = in_place(node.signs, ordered.order)
-    notes = (*_order_notes(ordered), *_loss_notes(problem, signs, node), *_rank_notes(problem, forward))
+    notes = (*_order_notes(ordered), *_loss_notes(problem, signs, node))
     return TreeResult(signs, base.combination @ node.end, node.loss, nodes, node.evaluations, notes)
 
 
-def box_of(problem: SignProblem, base: BaseMap, prior: Parameters, forward: Array | None = None) -> Bounds:
-    """Box around the description; law coefficients extend to three times what the absolute torque could need.
-
-    Args:
-        problem: boolean least squares.
-        base: base map.
-        prior: standard parameters of the description.
-        forward: (r, b) [standard deviations per unit of base] as in `search_tree`.
-
-    Raises:
-        ValueError: the prior does not have the labels of the base map.
-    """
-    return bounds_around(base, _scales(problem, base, forward), prior)
-
-
-def _forward(problem: SignProblem, forward: Array | None) -> Array:
-    return np.asarray(np.linalg.pinv(problem.back)) if forward is None else forward
-
-
-def _scales(problem: SignProblem, base: BaseMap, forward: Array | None) -> Estimate:
+def _scales(problem: SignProblem, base: BaseMap) -> Estimate:
     """Scales of the base parameters: the value at which one alone makes the torque of a joint that depends on it."""
-    into, joints = _forward(problem, forward), np.unique(problem.joints)
+    into, joints = problem.forward, np.unique(problem.joints)
     grams = np.array([problem.grams[problem.joints == j].sum(0) for j in joints])
     energies = np.array([problem.energies[problem.joints == j].sum() for j in joints])
     shown = np.einsum("ri,jrs,si->ji", into, grams, into)
@@ -137,7 +190,15 @@ def _loss_notes(problem: SignProblem, signs: Array, node: TreeNode) -> Iterator[
         )
 
 
-def _rank_notes(problem: SignProblem, forward: Array | None) -> Iterator[str]:
-    unseen = len(problem.back) - problem.back.shape[1]
-    if unseen and forward is None:
-        yield f"{unseen} combinations of base parameters are identified by no segment; their minimum norm was taken"
+def by_tree(task: Task, seed: int, progress: Progress | None = None) -> ChooseSigns:
+    """Search by the tree of sign choices, each node solved over the standard parameters."""
+
+    def choose(problem: SignProblem, segments: Sequence[Segment]) -> SignChoice:
+        grown = search_tree(problem, task.base, stated_parameters(task), seed=seed, progress=progress)
+        loss, (lower, optimal) = problem.loss(grown.signs), certify(problem, grown.signs)
+        gap = 0.0 if optimal or loss <= 0 else min(max(1 - lower / loss, 0.0), 1.0)
+        note = NOTE.format(nodes=grown.nodes, evaluations=grown.evaluations)
+        proof = SignProof(optimal, gap, grown.nodes, optimal)
+        return SignChoice(grown.signs, problem.coordinates(grown.signs), proof, (note, *grown.notes))
+
+    return choose

@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...recording.sampling import samples
-from ...regression.motion import Motion, build_motion, margin
-from ...regression.regressor import base_rows
-from ...regression.rows import Task, away_from_reversals
-from ...regression.session import Part
-from ...types import Array, Frozen, Indices, Mask, Samples, prismatic_unit
-from ..thresholds import CUTOFF_SAMPLES, LEAST_RATE, MOST_SAMPLES, POSITION_BANDWIDTH
+from ..recording.sampling import samples
+from ..regression.motion import Motion, build_motion, margin
+from ..regression.regressor import base_rows
+from ..regression.rows import Task, away_from_reversals
+from ..regression.session import Part
+from ..types import Array, Frozen, Indices, Mask, Samples, prismatic_unit
+from .thresholds import CUTOFF_SAMPLES, LEAST_RATE, MOST_SAMPLES, POSITION_BANDWIDTH
 
 WINDOW = 8192  # [samples] of a recording processed at a time; bounds memory
 
@@ -60,24 +60,15 @@ class Observed(Frozen):
         return np.asarray(np.where(self.rms > 0, self.rms, 1.0))
 
     def rows(self, joint: int, at: slice | Mask | Indices = slice(None)) -> Array:
-        """(M, b) rows of a joint over all base parameters [torque per unit of each].
-
-        Args:
-            joint: index of the joint.
-            at: samples.
-        """
+        """(M, b) rows of a joint at some samples, over all base parameters [torque per unit of each]."""
         own = self.columns[joint][at]
         wide = np.zeros((len(own), self.count))
         wide[:, self.seen[joint]] = own
         return wide
 
     def predict(self, value: Array) -> Array:
-        """(N, n) torque of a model [N.m or N].
-
-        Args:
-            value: (b,) base parameters [units of base].
-        """
-        return _predicted(self.columns, self.seen, value)
+        """(N, n) torque [N.m or N] of a model with base parameters value (b,) [units of base]."""
+        return np.column_stack([own @ value[seen] for own, seen in zip(self.columns, self.seen, strict=True)])
 
 
 class MotionWindow(NamedTuple):
@@ -85,64 +76,45 @@ class MotionWindow(NamedTuple):
 
     first: bool  # whether a span begins with them
     motion: Motion
+    torque: Array  # (N, n) [N.m or N] as recorded, NaN where absent
     steady: Mask  # (N, n) far enough from a reversal, and from the ends of the span for the filter
 
 
-def observe(task: Task, parts: Sequence[Part], most: int = MOST_SAMPLES) -> Observed:
-    """Build the rows of some recordings, thinned for the search.
-
-    Args:
-        task: robot, laws, base map and band.
-        parts: recordings and their sampling.
-        most: largest number of samples of all recordings together.
-    """
-    step = thinning(task, parts, most)
-    pieces = [(k, *window) for k, part in enumerate(parts) for window in motion_windows(task, part, step)]
-    rows = [columns_of(task, _thin(motion, step)) for _, _, motion, _ in pieces]
-    recorded = np.concatenate([_recorded(motion)[::step] for _, _, motion, _ in pieces])
+def observe(task: Task, parts: Sequence[Part]) -> Observed:
+    """Rows of some recordings, thinned for the search."""
+    step = thinning(task, parts)
+    windows = [(k, window) for k, part in enumerate(parts) for window in motion_windows(task, part, step)]
+    motions = [window.motion[::step] for _, window in windows]
+    rows = [base_rows(motion, task.laws, task.wanted) for motion in motions]
+    recorded = np.concatenate([window.torque[::step] for _, window in windows])
     known = ~np.isnan(recorded).any(0)
-    lengths = [len(motion.t[::step]) for _, _, motion, _ in pieces]
+    lengths = [len(motion) for motion in motions]
     first = np.zeros(sum(lengths), dtype=bool)
-    first[np.cumsum([0, *lengths[:-1]])] = [begins for _, begins, _, _ in pieces]
+    first[np.cumsum([0, *lengths[:-1]])] = [window.first for _, window in windows]
     return Observed(
-        part=np.repeat([k for k, *_ in pieces], lengths).astype(np.intp),
+        part=np.repeat([k for k, _ in windows], lengths).astype(np.intp),
         first=first,
-        t=np.concatenate([motion.t[::step] for _, _, motion, _ in pieces]),
-        q=np.concatenate([motion.q[::step] for _, _, motion, _ in pieces]),
-        v=np.concatenate([motion.v[::step] for _, _, motion, _ in pieces]),
+        t=np.concatenate([motion.t for motion in motions]),
+        q=np.concatenate([motion.q for motion in motions]),
+        v=np.concatenate([motion.v for motion in motions]),
         columns=tuple(np.concatenate(c) for c in zip(*rows, strict=True)),
-        seen=_seen(task),
+        seen=tuple(map(np.flatnonzero, task.base.sees)),
         count=task.base.rank,
         joints=task.robot.joints,
         torque=np.where(known, recorded, 0.0),
         signed=np.all([recording.signed for recording, _ in parts], axis=0),
         known=known,
-        steady=np.concatenate([steady[::step] for *_, steady in pieces]),
+        steady=np.concatenate([window.steady[::step] for _, window in windows]),
         period=step / task.band.rate,
         coefficients=law_coefficients(task),
         units=tuple(prismatic_unit("N.m") if moves else "N.m" for moves in task.robot.prismatic),
     )
 
 
-def columns_of(task: Task, motion: Motion) -> list[Array]:
-    """Regressor columns per joint (N, m) [torque per unit of the base parameter], without those that are zero.
-
-    Args:
-        task: laws and base map.
-        motion: N samples.
-    """
-    return base_rows(motion, task.laws, [task.base.independent[seen] for seen in _seen(task)])
-
-
 def predict(task: Task, motion: Motion, value: Array) -> Array:
-    """(N, n) torque of a model [N.m or N].
-
-    Args:
-        task: laws and base map.
-        motion: N samples.
-        value: (b,) base parameters [units of base].
-    """
-    return _predicted(columns_of(task, motion), _seen(task), value)
+    """(N, n) torque [N.m or N] of a model with base parameters value (b,) [units of base]."""
+    columns = base_rows(motion, task.laws, task.wanted)
+    return np.column_stack([own @ value[task.seen(j)] for j, own in enumerate(columns)])
 
 
 def law_coefficients(task: Task) -> dict[int, tuple[str, int]]:
@@ -155,11 +127,11 @@ def law_coefficients(task: Task) -> dict[int, tuple[str, int]]:
     return found
 
 
-def thinning(task: Task, parts: Sequence[Part], most: int = MOST_SAMPLES) -> int:
+def thinning(task: Task, parts: Sequence[Part]) -> int:
     """Number of recorded samples per sample of the grid."""
     rate, total = task.band.rate, sum(s.length(span) for _, s in parts for span in s.spans)
     dense = max(LEAST_RATE, CUTOFF_SAMPLES * task.band.cutoff) if task.band.filtered else rate
-    return max(1, int(rate / dense), -(-total // most))
+    return max(1, int(rate / dense), -(-total // MOST_SAMPLES))
 
 
 def motion_windows(task: Task, part: Part, step: int) -> Iterator[MotionWindow]:
@@ -178,47 +150,15 @@ def motion_windows(task: Task, part: Part, step: int) -> Iterator[MotionWindow]:
             low, high = max(k - edge, 0), min(stop + edge, total)
             window = _extended(samples(recording, sampling, span, low, high), low - k + edge, stop + edge - high)
             motion = build_motion(task.robot, window, band, sampling.period, task.recorded_derivatives, task.slow)
+            assert motion.recorded is not None, "windows carry torque"
             place = np.arange(k, stop)
             whole = (place >= edge) & (place < total - edge)
-            yield MotionWindow(k == 0, motion, _steady(task, motion, reach) & whole[:, None])
-
-
-def _seen(task: Task) -> tuple[Indices, ...]:
-    return tuple(task.seen(j) for j in range(len(task.robot.joints)))
-
-
-def _predicted(columns: Sequence[Array], seen: Sequence[Indices], value: Array) -> Array:
-    return np.column_stack([c @ value[s] for c, s in zip(columns, seen, strict=True)])
+            steady = away_from_reversals(motion.v, reach, task.slow) | ~np.array(task.reverses)
+            yield MotionWindow(k == 0, motion, motion.recorded, steady & whole[:, None])
 
 
 def _extended(window: Samples, before: int, after: int) -> Samples:
-    if not before and not after:
-        return window
-
-    def longer(x: Array | None) -> Array | None:
-        if x is None:
-            return None
-        sides = ((before, after), *((0, 0),) * (x.ndim - 1))
-        return np.pad(x, sides, mode="reflect", reflect_type="odd")
-
-    return Samples(*(longer(x) for x in window))  # type: ignore[arg-type]
-
-
-def _thin(motion: Motion, step: int) -> Motion:
-    return Motion(
-        motion.robot,
-        motion.t[::step],
-        motion.q[::step],
-        motion.v[::step],
-        motion.a[::step],
-        slow=motion.slow,
-    )
-
-
-def _recorded(motion: Motion) -> Array:
-    assert motion.recorded is not None, "windows carry torque"
-    return motion.recorded
-
-
-def _steady(task: Task, motion: Motion, reach: int) -> Mask:
-    return np.asarray(away_from_reversals(motion.v, reach, task.slow) | ~np.array(task.reverses))
+    sides: Any = [(before, after), (0, 0)]
+    signals = {key: x for key, x in window._asdict().items() if x is not None}
+    longer = {key: np.pad(x, sides[: x.ndim], mode="reflect", reflect_type="odd") for key, x in signals.items()}
+    return window._replace(**longer)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
-from ...errors import RecordingError
-from ...types import Array, Indices, Mask
-from ..thresholds import (
+from ..errors import RecordingError
+from ..types import Array, Mask
+from .observations import Observed
+from .thresholds import (
     JUMP_TORQUE,
     MINIMUM_CEILING,
     MINIMUM_FLOOR,
@@ -22,7 +24,6 @@ from ..thresholds import (
     SPLIT_DEVIATIONS,
     SPLIT_SAMPLES,
 )
-from .observations import Observed
 
 
 class Segment(NamedTuple):
@@ -32,13 +33,18 @@ class Segment(NamedTuple):
     start: int
     stop: int
 
+    @property
+    def length(self) -> int:
+        """Number of samples."""
+        return self.stop - self.start
 
-def threshold_runs(observed: Observed, quantile: float = SEGMENT_QUANTILE) -> tuple[list[Segment], Array]:
-    """Runs of |torque| at or above its quantile, and the thresholds (n,) [N.m or N].
+    def cut(self, at: Iterable[int]) -> list[Segment]:
+        """The parts that begin at its start and at the given samples, in ascending order."""
+        return [Segment(self.joint, a, b) for a, b in pairwise([self.start, *at, self.stop])]
 
-    Args:
-        observed: observations.
-        quantile: quantile of |torque| in motion [1].
+
+def threshold_runs(observed: Observed) -> tuple[list[Segment], Array]:
+    """Runs of |torque| at or above its quantile in motion, and the thresholds (n,) [N.m or N].
 
     Raises:
         RecordingError: a joint's torque is zero throughout, or no run above its threshold is long enough.
@@ -47,11 +53,15 @@ def threshold_runs(observed: Observed, quantile: float = SEGMENT_QUANTILE) -> tu
     found: list[Segment] = []
     for joint in observed.hidden:
         magnitude, moving = np.abs(observed.torque[:, joint]), in_motion(observed, joint)
-        _need_torque(observed, joint, magnitude)
+        if not magnitude.any():
+            raise RecordingError(
+                f"the absolute torque of {observed.joints[joint]} is zero throughout; leave its column out, or check "
+                f"the logger"
+            )
         some = np.sort(magnitude[moving] if moving.any() else magnitude)
-        threshold[joint] = some[min(int(round(quantile * len(some))), len(some) - 1)]
+        threshold[joint] = some[min(int(round(SEGMENT_QUANTILE * len(some))), len(some) - 1)]
         above = list(runs(observed, joint, moving & (magnitude >= threshold[joint]) & (magnitude > 0)))
-        long = _long_runs(above, usual_length(observed))
+        long = _long_runs(above, max(SEGMENT_SAMPLES, round(SEGMENT_DURATION / observed.period)))
         if not long:
             raise RecordingError(_too_short(observed, joint, above))
         found += long
@@ -67,8 +77,10 @@ def runs_between_minima(observed: Observed) -> list[Segment]:
     for joint in observed.hidden:
         magnitude, moving = np.abs(observed.torque[:, joint]), in_motion(observed, joint)
         inside = moving & (magnitude >= MINIMUM_FLOOR * observed.rms[joint])
-        inside[_minima(magnitude, MINIMUM_CEILING * float(observed.rms[joint]))] = False
-        cut = [run for run in runs(observed, joint, inside) if run.stop - run.start >= SEGMENT_SAMPLES]
+        middle = magnitude[1:-1]
+        low = (middle <= magnitude[:-2]) & (middle < magnitude[2:]) & (middle < MINIMUM_CEILING * observed.rms[joint])
+        inside[1:-1][low] = False  # the last sample of a plateau
+        cut = [run for run in runs(observed, joint, inside) if run.length >= SEGMENT_SAMPLES]
         found += cut or [s for s in threshold_runs(observed)[0] if s.joint == joint]
     return found
 
@@ -76,36 +88,23 @@ def runs_between_minima(observed: Observed) -> list[Segment]:
 def split_impure(
     observed: Observed, segments: Sequence[Segment], predicted: Array, noise: Array
 ) -> tuple[list[Segment], int]:
-    """Split segments where the torque of a model clearly changes its sign; also returns the number of splits.
+    """Split segments where a model, predicted (N, n) [N.m or N], clearly changes sign, and count the splits.
 
-    Args:
-        observed: observations.
-        segments: segments to split.
-        predicted: (N, n) torque of the model [N.m or N].
-        noise: (n,) standard deviation of its residual [N.m or N].
+    The standard deviation of its residual is noise (n,) [N.m or N].
     """
     found: list[Segment] = []
     for segment in segments:
-        at = [*_changes(observed, segment, predicted[:, segment.joint], float(noise[segment.joint]))]
-        ends = [segment.start, *at, segment.stop]
-        parts = [Segment(segment.joint, a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
-        found += [part for part in parts if part.stop - part.start >= SPLIT_SAMPLES]
+        at = _changes(observed, segment, predicted[:, segment.joint], float(noise[segment.joint]))
+        found += [part for part in segment.cut(at) if part.length >= SPLIT_SAMPLES]
     return found, len(found) - len(segments)
 
 
-def split_by_signs(observed: Observed, segments: Sequence[Segment], signs: Array) -> list[Segment]:
-    """Split segments where the signs of their samples change.
-
-    Args:
-        observed: observations.
-        segments: segments to split.
-        signs: (N, n) [1] signs of the samples.
-    """
-    found = []
-    for joint, start, stop in segments:
-        own = signs[start:stop, joint]
-        ends = [start, *(start + 1 + np.flatnonzero(own[1:] != own[:-1])).tolist(), stop]
-        found += [Segment(joint, a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+def split_by_signs(segments: Sequence[Segment], signs: Array) -> list[Segment]:
+    """Split segments where the signs (N, n) [1] of their samples change."""
+    found: list[Segment] = []
+    for segment in segments:
+        own = signs[segment.start : segment.stop, segment.joint]
+        found += segment.cut((segment.start + 1 + np.flatnonzero(own[1:] != own[:-1])).tolist())
     return found
 
 
@@ -118,38 +117,20 @@ def in_motion(observed: Observed, joint: int) -> Mask:
 
 
 def runs(observed: Observed, joint: int, inside: Mask) -> Iterator[Segment]:
-    """Runs of consecutive samples of a mask; a run ends where a span does.
-
-    Args:
-        observed: observations.
-        joint: joint of the runs.
-        inside: (N,) mask of the samples.
-    """
+    """Runs of consecutive samples inside a mask (N,); a run ends where a span does."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], inside, [0]]).astype(np.int8)))
     begins = np.flatnonzero(observed.first)
     for start, stop in edges.reshape(-1, 2).tolist():
-        ends = [start, *begins[(begins > start) & (begins < stop)].tolist(), stop]
-        yield from (Segment(joint, a, b) for a, b in zip(ends[:-1], ends[1:], strict=True))
-
-
-def usual_length(observed: Observed) -> int:
-    """Usual smallest number of samples of a segment."""
-    return max(SEGMENT_SAMPLES, round(SEGMENT_DURATION / observed.period))
+        yield from Segment(joint, start, stop).cut(begins[(begins > start) & (begins < stop)].tolist())
 
 
 def _long_runs(found: Sequence[Segment], least: int) -> list[Segment]:
     """Runs of at least `least` samples; if they hold too few of all samples, runs of SEGMENT_SAMPLES or more."""
-    lengths = np.array([run.stop - run.start for run in found])
+    lengths = np.array([run.length for run in found])
     enough = lengths >= least
     if lengths[enough].sum() < SEGMENT_COVERAGE * lengths.sum():
         enough = lengths >= SEGMENT_SAMPLES
     return [run for run, keep in zip(found, enough, strict=True) if keep]
-
-
-def _minima(magnitude: Array, below: float) -> Indices:
-    """Local minima below `below`; the last sample of a plateau."""
-    inner = (magnitude[1:-1] <= magnitude[:-2]) & (magnitude[1:-1] < magnitude[2:]) & (magnitude[1:-1] < below)
-    return np.flatnonzero(inner) + 1
 
 
 def _changes(observed: Observed, segment: Segment, predicted: Array, noise: float) -> Iterator[int]:
@@ -167,16 +148,8 @@ def _changes(observed: Observed, segment: Segment, predicted: Array, noise: floa
             yield segment.start + int(one[-1] + np.argmin(magnitude[one[-1] : other[0] + 1]))
 
 
-def _need_torque(observed: Observed, joint: int, magnitude: Array) -> None:
-    if not magnitude.any():
-        raise RecordingError(
-            f"the absolute torque of {observed.joints[joint]} is zero throughout; leave its column out, or check the "
-            f"logger"
-        )
-
-
 def _too_short(observed: Observed, joint: int, found: Sequence[Segment]) -> str:
-    longest = max((run.stop - run.start for run in found), default=0)
+    longest = max((run.length for run in found), default=0)
     have = f"the longest has {longest} sample{'' if longest == 1 else 's'}, {SEGMENT_SAMPLES} are needed"
     fact = f"no run of |torque| of {observed.joints[joint]} above its threshold is long enough ({have})"
     moves = float(in_motion(observed, joint).mean())
@@ -189,15 +162,10 @@ def _too_short(observed: Observed, joint: int, found: Sequence[Segment]) -> str:
 
 
 def place_sign_changes(observed: Observed, signs: Array, predicted: Array) -> Array:
-    """Move changes of sign near a reversal to where the model has them; returns signs (N, n) [1].
+    """Move changes of the signs (N, n) [1] near a reversal to where the model, predicted (N, n) [N.m or N], has them.
 
     Applies to stretches near a reversal whose ends differ in sign and whose torque is large throughout: the torque
     jumped past zero, so absolute values do not show where friction changed its sign.
-
-    Args:
-        observed: observations.
-        signs: (N, n) [1] signs of the samples.
-        predicted: (N, n) torque of the model [N.m or N].
     """
     found, begins = signs.copy(), np.flatnonzero(observed.first)
     for joint in observed.hidden:
@@ -217,11 +185,7 @@ def place_sign_changes(observed: Observed, signs: Array, predicted: Array) -> Ar
 def place_sign_change(before: float, after: float, size: Array, model: Array) -> int:
     """Number of samples with the sign `before` that minimises the squared residual of a model; the rest has `after`.
 
-    Args:
-        before: sign at the beginning.
-        after: sign at the end.
-        size: (K,) absolute torque [N.m or N].
-        model: (K,) torque of the model [N.m or N].
+    The absolute torque size (K,) [N.m or N] is compared with the torque of the model (K,) [N.m or N].
     """
     gain = (before * size - model) ** 2 - (after * size - model) ** 2  # of one more sample with the sign before
     return int(np.argmin(np.append(0.0, np.cumsum(gain))))

@@ -6,13 +6,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ...errors import shorten
-from ...types import Indices
-from ..inferred import Inferred
-from ..rows.observations import Observed
-from ..search.friction import friction_patterns
-from ..search.local_search import ascend
-from ..thresholds import (
+from ..errors import shorten
+from ..types import Indices
+from .infer import Inferred
+from .observations import Observed
+from .search.local_search import ascend
+from .search.problem import friction_patterns
+from .thresholds import (
     COARSE_STEP,
     CORRELATED_RESIDUAL,
     FLIP_PROBABILITY,
@@ -66,28 +66,21 @@ def _unsettled(inferred: Inferred) -> Iterator[str]:
 
 
 def _undecided(observed: Observed, inferred: Inferred) -> Iterator[str]:
-    open_joints = [joint for joint, share in inferred.flip_probability.items() if share > FLIP_PROBABILITY]
-    if not open_joints:
+    joints = [joint for joint, share in inferred.flip_probability.items() if share > FLIP_PROBABILITY]
+    if not joints:
         return
-    names = shorten([observed.joints[j] for j in open_joints])
-    worst = max(inferred.flip_probability[j] for j in open_joints)
-    yield (
-        f"the sign of the torque of {names} is not decided: inverted as a whole it explains the recording nearly as "
-        f"well (probability {worst:.2g}); {_advice(observed, open_joints)}"
-    )
-
-
-def _advice(observed: Observed, joints: list[int]) -> str:
-    """Motion that decides the sign of joints: inertia is positive, friction brakes, and joints are coupled."""
+    names, worst = shorten([observed.joints[j] for j in joints]), max(inferred.flip_probability[j] for j in joints)
     acceleration = np.gradient(observed.v, observed.period, axis=0)
     rms = [np.sqrt(np.mean(acceleration[:, j] ** 2)) for j in joints]
     fastest = int(np.argmax(rms))
     unit = "m/s2" if observed.units[joints[fastest]] == "N" else "rad/s2"
     others = len(observed.hidden) > 1 and len(joints) < len(observed.hidden)
     together = ", together with the other joints," if others else ""
-    return (
-        f"record a motion in which it{together} accelerates harder (now {rms[fastest]:.2g} {unit} rms) and reverses "
-        f"more often, as one of `signid excite`, since inertia is positive and friction brakes"
+    yield (
+        f"the sign of the torque of {names} is not decided: inverted as a whole it explains the recording nearly as "
+        f"well (probability {worst:.2g}); record a motion in which it{together} accelerates "
+        f"harder (now {rms[fastest]:.2g} {unit} rms) and reverses more often, as one of `signid excite`, since inertia "
+        f"is positive and friction brakes"
     )
 
 

@@ -1,1 +1,0 @@
-"""Posterior of the signs: second search in standard deviations, confidence, flags."""

@@ -1,1 +1,0 @@
-"""Observations for sign recovery, and their segments of constant sign."""
