@@ -23,9 +23,8 @@ from ..result import Alternative, Finding, Unexplained
 from ..search.stepwise import required_log_odds
 from ..search.thresholds import FIRST_LOG_ODDS, NEXT_LOG_ODDS
 from .contender import Contender
-from .covariance import extended_covariance
 from .held_out_selection import ExtendedSimulation, select_on_held_out
-from .intervals import standard_deviations
+from .intervals import extended_covariance, standard_deviations
 from .separating_motion import tell_apart
 from .stated import stated_number_findings, stated_numbers, total_law
 from .thresholds import LEAST_PROBABILITY, PLAUSIBLE, SEPARATED, SEPARATED_PER_FINDING, UNSURE, VAGUE_STD
@@ -54,16 +53,7 @@ def conclude(
     verdict: Verdict,
     seed: int,
 ) -> Conclusions:
-    """Extend the simulation, and report each selected law with its numbers and alternatives.
-
-    Args:
-        dataset: motions and rows.
-        session: held-out recordings.
-        selection: the selected laws.
-        contenders: probability of each law, and its rivals.
-        verdict: roles of the laws.
-        seed: seed of the search for separating motions.
-    """
+    """Extend the simulation, and report each selected law with its numbers and alternatives."""
     order = [*verdict.causes, *verdict.secondary]
     extended = select_on_held_out(session, dataset.model, selection, order)
     stds = standard_deviations(dataset, selection, extended.laws)
@@ -93,11 +83,7 @@ def conclude(
 def _with_held_out(contender: Contender, extended: ExtendedSimulation, stds: Deviations, reused: bool) -> Contender:
     """Add the held-out evidence; refuse a law that is not in the extended simulation or whose numbers are vague.
 
-    Args:
-        contender: a law with its rivals.
-        extended: the extended simulation.
-        stds: standard deviations of all numbers.
-        reused: whether the training rows take the place of held-out rows, which then refuse nothing.
+    `reused`: whether the training rows take the place of held-out rows, which then refuse nothing.
     """
     group = contender.group
     vague = all(map(_is_vague, extended.laws[group], stds[group]))
@@ -148,8 +134,7 @@ class _Reporter(Frozen):
         in_model = group in self.extended.kept
         usual = FIRST_LOG_ODDS if len(selection.selected) == 1 else NEXT_LOG_ODDS
         whole = total_law(law, dataset.model, self.extended.prediction.model if in_model else None)
-        torque = torque_rows(dataset.thin, dataset.pieces, law)
-        share = np.zeros(dataset.table.joints)
+        torque, share = torque_rows(dataset.thin, dataset.pieces, law), np.zeros(dataset.table.joints)
         for j, x in torque.items():
             share[j] = np.sqrt(np.mean(x**2)) / selection.data.scale[j]
         loudest = max(torque, key=lambda j: share[j])

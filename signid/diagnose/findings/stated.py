@@ -35,12 +35,6 @@ def stated_number_findings(
 
     Either a law of the library is behind the residual, or only stated numbers are; in the second case, each refitted
     number is wrong or exactly as stated.
-
-    Args:
-        dataset: motions and rows.
-        session: held-out recordings.
-        selection: the selected laws.
-        extended: the extended simulation with its refitted numbers.
     """
     no_law, library = _library_probabilities(selection)
     wrong = {g: no_law * p for g, p in _wrong_probabilities(selection, extended).items()}
@@ -74,10 +68,7 @@ def stated_number_findings(
 def total_law(law: Law, given: Model, extended: Model | None) -> Law:
     """Sum of a law and of what the simulation states of it, or of simpler laws that it contains.
 
-    Args:
-        law: change of what the simulation states.
-        given: the simulation.
-        extended: the extended simulation; None where it does not contain the law.
+    `extended` is None where the extended simulation does not contain the law.
     """
     model = extended or Model(given.robot, given.inertials, extended_laws(given.laws, [law]))
     same = [other for other in model.laws if (other.effect.name, other.joints) == (law.effect.name, law.joints)]
@@ -86,12 +77,7 @@ def total_law(law: Law, given: Model, extended: Model | None) -> Law:
 
 
 def stated_numbers(model: Model, law: Law) -> dict[str, float]:
-    """Numbers that the simulation states of a law with the same joints and shape.
-
-    Args:
-        model: the simulation.
-        law: the law.
-    """
+    """Numbers that the simulation states of a law with the same joints and shape."""
     effect, out = law.effect, dict[str, float]()
     for other in (other for other in model.laws if other.joints == law.joints):
         if other.effect is effect and effect.shape(other.parameters) == effect.shape(law.parameters):
