@@ -1,4 +1,4 @@
-"""Raw samples -> faults of single channels: clipped or stuck torque, skipping positions, absolute torque."""
+"""Recordings -> faults of single channels, values beyond the limits of the description, and the amount of data."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..regression.session import PIECE, Part
+from ..regression.rows import consumed
+from ..regression.session import PIECE, Part, Session
 from ..types import Array, Mask, Samples
 from .evidence import FaultEvidence
 
@@ -23,10 +24,13 @@ HOLD, STEPS, JUMP = 0.05, 5, 3.0
 # Absolute torque: largest minimum of the torque over its maximum [1]; smallest share of the rows with the rarer sign of
 # the predicted torque [1]; number of joints without negative torque that friction cannot explain; largest residual of
 # the absolute predicted torque, over the residual of the signed one, and over the torque (sums of squares) [1]
-NEAR = 0.02
-BOTH = 0.1
-SEVERAL = 2
+NEAR, BOTH, SEVERAL = 0.02, 0.1, 2
 BETTER, ALIKE = 0.5, 0.2
+PER_UNKNOWN = 2.5  # smallest number of rows per unknown, for the joint with most unknowns, to estimate noise
+BEYOND = 3.0  # [1] largest cut-off over the highest frequency of the motion
+MOTION = 6.25  # [Hz] highest frequency of a motion; rows beyond it have no new information
+FAR = 0.05  # [ranges, or rad or m] excess of a position that is a rounding error of the description
+STRONG, FAST = 1.05, 1.2  # [1] tolerated torque and velocity over their limits
 
 
 class Fault(NamedTuple):
@@ -36,6 +40,30 @@ class Fault(NamedTuple):
     joint: int
     times: int  # number of samples; for skipping positions, number of skips
     value: float  # [N.m or N] clipped value, or [s] duration of a standstill
+
+
+class Beyond(NamedTuple):
+    """Largest value of a joint that exceeds a limit."""
+
+    kind: str  # "torque", "velocity", "position"
+    joint: int
+    value: float  # [N.m or N, rad/s or m/s, rad or m]
+    limit: float
+
+
+class Amount(NamedTuple):
+    """Amount of data."""
+
+    rows: int  # filtered rows of all recordings with new information
+    unknowns: int  # of the joint with most of them
+    seconds: float  # [s] of training data
+    needed: float  # [s] of training data needed for `PER_UNKNOWN`
+    whole: float  # [s] of training data and held-out data of the same recordings
+
+    @property
+    def enough(self) -> bool:
+        """Whether there are enough rows to distinguish noise from unknowns."""
+        return self.rows >= PER_UNKNOWN * self.unknowns
 
 
 def judge_channels(parts: Sequence[Part]) -> list[Fault]:
@@ -89,8 +117,7 @@ def _stuck(y: Array, q: Array, period: float) -> int:
 
 def _skips(q: Array, period: float) -> list[int]:
     """Length in samples of each standstill of a position that a jump follows."""
-    step = np.diff(q)
-    found = []
+    step, found = np.diff(q), []
     for a, b in _runs(step == 0):
         before, after = np.abs(step[max(a - STEPS, 0) : a]), np.abs(step[b + 1 : b + 1 + STEPS])
         if b - a < max(STEPS, HOLD / period) or len(before) < STEPS or len(after) < STEPS:
@@ -111,10 +138,6 @@ def judge_absolute(evidence: FaultEvidence, parts: Sequence[Part]) -> Mask:
     """Mask (n,) of joints with absolute values in a signed torque column.
 
     If at least one joint shows it, all joints whose torque is never negative are included.
-
-    Args:
-        evidence: rows of all recordings.
-        parts: recordings, of which the raw samples of the longest stretch are used.
     """
     predicted, torque = evidence.plain.predicted, evidence.plain.torque
     rarer = np.minimum((predicted > 0).mean(axis=0), (predicted < 0).mean(axis=0))
@@ -126,3 +149,40 @@ def judge_absolute(evidence: FaultEvidence, parts: Sequence[Part]) -> Mask:
     alike = (sizes <= BETTER * plain) & (sizes <= ALIKE * np.sum(torque**2, axis=0))
     lost = touches & (alike | ((touches & (sizes < plain)).sum() >= SEVERAL))
     return np.asarray(never if lost.any() else lost)
+
+
+def judge_limits(evidence: FaultEvidence | None, parts: Sequence[Part], session: Session) -> list[Beyond]:
+    """Values beyond the limits of the description, with a tolerance for noise."""
+    robot, found = session.robot, []
+    lower, upper = (np.array([getattr(s, key) for _, s in parts]) for key in ("lower", "upper"))
+    for j in range(len(robot.joints)):
+        low, high = float(robot.lower[j]), float(robot.upper[j])
+        room = FAR * max(1.0, high - low if np.isfinite(high - low) else 1.0)
+        top, bottom = float(upper[:, j].max()), float(lower[:, j].min())
+        if low < high and (top > high + room or bottom < low - room):
+            above = top - high >= low - bottom
+            found.append(Beyond("position", j, top if above else bottom, high if above else low))
+    if evidence is None:
+        return found
+    torque = np.max([np.abs(tau).max(axis=0) for _, tau in evidence.torques], axis=0)
+    for kind, value, limit, factor in (
+        ("velocity", np.abs(evidence.plain.v).max(axis=0), robot.velocity_limit, FAST),
+        ("torque", torque, robot.effort_limit, STRONG),
+    ):
+        over = np.flatnonzero((limit > 0) & (value > factor * limit))
+        found += [Beyond(kind, int(j), float(value[j]), float(limit[j])) for j in over]
+    return found
+
+
+def judge_amount(session: Session, parts: Sequence[Part]) -> Amount:
+    """Number of filtered rows and of unknowns."""
+    band, task = session.task.band, session.task
+    reach = consumed(band, task.recorded_derivatives)
+    lengths = [s.length(span) for _, s in parts for span in s.spans]
+    density, lost = 2 * min(band.cutoff, max(MOTION, band.cutoff / BEYOND)), len(lengths) * reach / band.rate
+    rows = sum(int(max(0, length - reach) / band.rate * density) for length in lengths)
+    unknowns = max((len(task.seen(j)) for j in range(len(task.robot.joints))), default=0)
+    seconds, wanted = sum(s.duration for _, s in parts), PER_UNKNOWN * unknowns
+    rest = sum(s.duration for r, s in session.held_out if any(r is used and s is not own for used, own in parts))
+    needed = max(wanted / density + lost, seconds * wanted / max(rows, 1))
+    return Amount(rows, unknowns, seconds, needed, seconds + rest)

@@ -1,4 +1,4 @@
-"""Session and model -> evidence for recording faults: up to 1500 rows with equally filtered signals."""
+"""Session and model -> evidence for recording faults: up to 1500 rows, and their signals after a correction."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from ..regression.motion import Motion, build_motion, margin
 from ..regression.rows import Task
 from ..regression.session import Part, Session, longest_piece
 from ..types import Array, Frozen, Indices, Law, Mask, Robot
-from .correction import Correction
 
 SAMPLES = 2**16  # largest number of samples of all recordings together
 FINE = 4  # samples of the filtered torque per row of identification, for lags between rows
@@ -35,11 +34,7 @@ class Curve(Frozen):
     x: Array  # (M, n) [any unit]
 
     def at(self, t: Array) -> Array:
-        """Values (K, n) by the polynomial through the nearest samples; constant beyond the ends.
-
-        Args:
-            t: (K,) [s].
-        """
+        """Values (K, n) at t: (K,) [s] by the polynomial through the nearest samples; constant beyond the ends."""
         count, last = min(NODES, len(self.t)), len(self.t) - 1
         place = (np.clip(t, self.t[0], self.t[-1]) - self.t[0]) / (self.t[-1] - self.t[0]) * last
         start = np.clip(np.floor(place).astype(np.intp) - count // 2 + 1, 0, last + 1 - count)
@@ -50,6 +45,49 @@ class Curve(Frozen):
             weight = np.prod((off[:, None] - others) / (k - others), axis=1)
             value += weight[:, None] * self.x[start + k]
         return value
+
+
+@dataclass(frozen=True, eq=False)
+class Correction(Frozen):
+    """Columns and factors of n joints in a recording, and the lag of each torque column."""
+
+    q_from: tuple[int, ...]  # (n,) column of each joint's position
+    q_scale: Array  # (n,) [1] factor on the position
+    tau_from: tuple[int, ...]  # (n,) column of each joint's torque
+    tau_sign: Array  # (n,) [1] factor on the torque
+    lag: Array  # (n,) [s] by which each column of torque is late
+
+    @classmethod
+    def none(cls, n: int) -> Correction:
+        """Correction of n joints that changes nothing."""
+        return cls(tuple(range(n)), np.ones(n), tuple(range(n)), np.ones(n), np.zeros(n))
+
+    @property
+    def keeps_positions(self) -> bool:
+        """Whether positions are unchanged."""
+        return self.q_from == tuple(range(len(self.q_from))) and bool(np.all(self.q_scale == 1))
+
+    def exchange(self, order: tuple[int, ...], positions: bool = False, torques: bool = False) -> Correction:
+        """Exchange columns: joint i gets those of joint order[i]."""
+        at, found = list(order), self
+        if positions:
+            found = replace(found, q_from=tuple(self.q_from[k] for k in at), q_scale=self.q_scale[at])
+        if torques:
+            found = replace(found, tau_from=tuple(self.tau_from[k] for k in at), tau_sign=self.tau_sign[at])
+        return found
+
+    def scale(self, joints: tuple[int, ...], position: float = 1.0, torque: float = 1.0) -> Correction:
+        """Multiply positions and torques of some joints by factors."""
+        q, tau = self.q_scale.copy(), self.tau_sign.copy()
+        q[list(joints)] *= position
+        tau[list(joints)] *= torque
+        return replace(self, q_scale=q, tau_sign=tau)
+
+    def earlier(self, joints: tuple[int, ...], lag: float) -> Correction:
+        """Shift torques of some joints, which were recorded late by `lag` [s]."""
+        late = self.lag.copy()
+        late[[self.tau_from[j] for j in joints]] += lag
+        return replace(self, lag=late)
 
 
 class Signals(NamedTuple):
@@ -85,25 +123,17 @@ class FaultEvidence(Frozen):
         plain, torque = self.plain, self.late(correction.lag)[:, list(correction.tau_from)] * correction.tau_sign
         if correction.keeps_positions:
             return plain._replace(torque=torque)
-        q, v, a = self.moved(correction)
+        motion = self.along(correction)
         direction = plain.direction[:, list(correction.q_from)] * np.sign(correction.q_scale)
-        return Signals(v, a, direction, self.model.inverse(self.along(correction)), torque)
+        return Signals(motion.v, motion.a, direction, self.model.inverse(motion), torque)
 
     def along(self, correction: Correction) -> Motion:
         """Motion after a correction, with rows as samples."""
-        return Motion(self.robot, np.concatenate(self.moments), *self.moved(correction))
-
-    def moved(self, correction: Correction) -> tuple[Array, Array, Array]:
-        """Positions, velocities and accelerations after a correction, (K, n) each [rad or m, per s, per s2]."""
-        q, v, a = (x[:, list(correction.q_from)] * correction.q_scale for x in (self.q, self.plain.v, self.plain.a))
-        return q, v, a
+        moved = (x[:, list(correction.q_from)] * correction.q_scale for x in (self.q, self.plain.v, self.plain.a))
+        return Motion(self.robot, np.concatenate(self.moments), *moved)
 
     def late(self, lag: Array) -> Array:
-        """Torque (K, n) [N.m or N] after the removal of lags.
-
-        Args:
-            lag: (n,) [s] by which each column of torque is late.
-        """
+        """Torque (K, n) [N.m or N] after the removal of lags; lag: (n,) [s] by which each column is late."""
         if not lag.any():
             return self.plain.torque
         late = np.empty_like(self.plain.torque)
@@ -118,13 +148,7 @@ class FaultEvidence(Frozen):
 
 
 def gather(model: Model, session: Session, parts: Sequence[Part]) -> FaultEvidence | None:
-    """Evidence of some recordings; None if all are too short.
-
-    Args:
-        model: model of the session's joints.
-        session: session with the band.
-        parts: recordings, of which the longest stretch is used.
-    """
+    """Evidence from the longest stretch of each recording; None if all are too short."""
     task, most = session.task, SAMPLES // max(1, len(parts))
     frictionless = replace(model, laws=tuple(law for law in model.laws if not law.effect.dissipative))
     thin = Decimator(task.band.taps, max(1, task.band.factor // FINE))

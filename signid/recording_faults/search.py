@@ -11,10 +11,9 @@ import numpy as np
 
 from ..deadline import time_is_up
 from ..types import Array, Frozen, Indices, Mask
-from .correction import Correction
-from .evidence import FaultEvidence, Signals
+from .evidence import Correction, FaultEvidence, Signals
 from .fits import FitColumns, fit_joints, unexplained
-from .lag import LATE, lag_table
+from .lag_and_gain import LATE, lag_table
 
 SEARCH = "the search for recording faults"
 WELL, CLOSELY = 0.05, 0.01  # [1] unexplained share of a good fit, and of the criterion for ties
@@ -59,12 +58,7 @@ class Evaluated(NamedTuple):
 
 
 def informative_torques(x: Signals, signed: Mask) -> Mask:
-    """Mask (n,) of joints with signed torque that is strong enough to be informative.
-
-    Args:
-        x: signals as recorded.
-        signed: (n,) whether torque is recorded with its sign.
-    """
+    """Mask (n,) of joints with torque that is recorded with its sign, signed: (n,), and strong enough to inform."""
     size = np.where(signed, np.std(x.torque, axis=0), 0.0)
     strong = np.sort(size)[-2:][0] if len(size) > 2 else size.max(initial=0.0)
     rms = np.sqrt(np.mean(x.torque**2, axis=0))
@@ -72,19 +66,12 @@ def informative_torques(x: Signals, signed: Mask) -> Mask:
 
 
 def search(evidence: FaultEvidence, informative: Mask) -> list[Claim]:
-    """Find all claims, each the best one after those before it.
-
-    Args:
-        evidence: evidence of the recordings.
-        informative: (n,) joints with informative torque.
-    """
-    claims: list[Claim] = []
-    done = Correction.none(len(informative))
+    """Find all claims, each the best one after those before it; informative: (n,) joints with informative torque."""
+    claims, done = list[Claim](), Correction.none(len(informative))
     for _ in range(2 * len(informative)):
         if time_is_up(SEARCH, answer=False):
             break
-        claim = _next(evidence, done, informative)
-        if claim is None:
+        if (claim := _next(evidence, done, informative)) is None:
             break
         claims, done = [*claims, claim], claim.correction
     return claims
@@ -184,11 +171,10 @@ def _nats(left: Array, informative: Mask, floor: float = WELL) -> float:
 
 def _agreement(evidence: FaultEvidence, before: Correction, after: Correction, columns: Indices) -> float:
     """Share [1] of the blocks in which a correction reduces the residual of some columns of torque."""
-    old, new = (fit_joints(evidence.corrected(c)) for c in (before, after))
-    blocks = np.unique(evidence.block)
-    size = [np.zeros(len(blocks)), np.zeros(len(blocks))]
-    for total, fits, correction in zip(size, (old, new), (before, after), strict=True):
+    blocks, size = np.unique(evidence.block), np.zeros((2, evidence.block.max() + 1))
+    for total, correction in zip(size, (before, after), strict=True):
+        fits = fit_joints(evidence.corrected(correction))
         for j in (correction.tau_from.index(k) for k in columns):
             square = fits[j].residual ** 2 / fits[j].power
-            total += [square[evidence.block == k].sum() for k in blocks]
-    return float(np.mean(size[1] < size[0]))
+            total += np.bincount(evidence.block, square, len(total))
+    return float(np.mean(size[1, blocks] < size[0, blocks]))
