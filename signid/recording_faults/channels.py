@@ -164,7 +164,7 @@ def judge_limits(evidence: FaultEvidence | None, parts: Sequence[Part], session:
             found.append(Beyond("position", j, top if above else bottom, high if above else low))
     if evidence is None:
         return found
-    torque = np.max([np.abs(tau).max(axis=0) for _, tau in evidence.torques], axis=0)
+    torque = np.max([np.abs(curve.x).max(axis=0) for curve in evidence.torques], axis=0)
     for kind, value, limit, factor in (
         ("velocity", np.abs(evidence.plain.v).max(axis=0), robot.velocity_limit, FAST),
         ("torque", torque, robot.effort_limit, STRONG),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +23,7 @@ BLOCKS = 8  # smallest number of blocks of all recordings; a fault must show in 
 LAG = 0.25  # [s] longest lag
 # Nodes of the interpolating polynomial. Measured error: 3 % for a sine of four samples per period, 0.05 % for eight
 NODES = 6
+SIGNALS = 6  # position, and those of `Signals`
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,11 +62,6 @@ class Correction(Frozen):
         """Correction of n joints that changes nothing."""
         return cls(tuple(range(n)), np.ones(n), tuple(range(n)), np.ones(n), np.zeros(n))
 
-    @property
-    def keeps_positions(self) -> bool:
-        """Whether positions are unchanged."""
-        return self.q_from == tuple(range(len(self.q_from))) and bool(np.all(self.q_scale == 1))
-
     def exchange(self, order: tuple[int, ...], positions: bool = False, torques: bool = False) -> Correction:
         """Exchange columns: joint i gets those of joint order[i]."""
         at, found = list(order), self
@@ -78,10 +73,8 @@ class Correction(Frozen):
 
     def scale(self, joints: tuple[int, ...], position: float = 1.0, torque: float = 1.0) -> Correction:
         """Multiply positions and torques of some joints by factors."""
-        q, tau = self.q_scale.copy(), self.tau_sign.copy()
-        q[list(joints)] *= position
-        tau[list(joints)] *= torque
-        return replace(self, q_scale=q, tau_sign=tau)
+        q, tau = (np.where(np.isin(np.arange(len(self.lag)), joints), x, 1.0) for x in (position, torque))
+        return replace(self, q_scale=self.q_scale * q, tau_sign=self.tau_sign * tau)
 
     def earlier(self, joints: tuple[int, ...], lag: float) -> Correction:
         """Shift torques of some joints, which were recorded late by `lag` [s]."""
@@ -109,7 +102,7 @@ class FaultEvidence(Frozen):
     rotors: Mask  # (n,) whether the model has a rotor at the joint
     q: Array  # (K, n) [rad or m]
     plain: Signals  # as recorded
-    torques: tuple[tuple[Array, Array], ...]  # of each recording, times (M,) [s] and torque (M, n) [N.m or N]
+    torques: tuple[Curve, ...]  # of each recording [N.m or N]
     moments: tuple[Array, ...]  # of each recording, (K_r,) times of its rows [s]
     block: Indices  # (K,) block of each row
 
@@ -121,7 +114,7 @@ class FaultEvidence(Frozen):
     def corrected(self, correction: Correction) -> Signals:
         """Signals after a correction."""
         plain, torque = self.plain, self.late(correction.lag)[:, list(correction.tau_from)] * correction.tau_sign
-        if correction.keeps_positions:
+        if correction.q_from == tuple(range(len(self.signed))) and np.all(correction.q_scale == 1):
             return plain._replace(torque=torque)
         motion = self.along(correction)
         direction = plain.direction[:, list(correction.q_from)] * np.sign(correction.q_scale)
@@ -138,13 +131,9 @@ class FaultEvidence(Frozen):
             return self.plain.torque
         late = np.empty_like(self.plain.torque)
         for d in np.unique(lag):
-            pieces = [curve.at(t + d) for curve, t in zip(self._curves, self.moments, strict=True)]
+            pieces = [curve.at(t + d) for curve, t in zip(self.torques, self.moments, strict=True)]
             late[:, lag == d] = np.concatenate(pieces)[:, lag == d]
         return late
-
-    @cached_property
-    def _curves(self) -> list[Curve]:
-        return [Curve(t, torque) for t, torque in self.torques]
 
 
 def gather(model: Model, session: Session, parts: Sequence[Part]) -> FaultEvidence | None:
@@ -152,15 +141,15 @@ def gather(model: Model, session: Session, parts: Sequence[Part]) -> FaultEviden
     task, most = session.task, SAMPLES // max(1, len(parts))
     frictionless = replace(model, laws=tuple(law for law in model.laws if not law.effect.dissipative))
     thin = Decimator(task.band.taps, max(1, task.band.factor // FINE))
-    pieces = [piece for part in parts if (piece := _piece(frictionless, task, part, thin, most)) is not None]
+    pieces = [_filtered(frictionless, task, part, thin, most) for part in parts]
     edge = round(LAG * task.band.rate / thin.factor)
-    pieces = [piece for piece in pieces if len(piece.t) > 2 * edge + BLOCKS]
+    pieces = [(t, x) for t, x in pieces if len(t) > 2 * edge + BLOCKS]
     if not pieces:
         return None
-    every = max(FINE, -(-sum(len(piece.t) for piece in pieces) // ROWS))
-    rows = [_Piece(*(x[edge : len(x) - edge : every] for x in piece)) for piece in pieces]
-    sizes, each = [len(piece.t) for piece in rows], -(-BLOCKS // len(rows))
-    q, *signals = (np.concatenate(x) for x in list(zip(*rows, strict=True))[1:])
+    every = max(FINE, -(-sum(len(t) for t, _ in pieces) // ROWS))
+    moments, rows = zip(*([x[edge : len(x) - edge : every] for x in piece] for piece in pieces), strict=True)
+    each = -(-BLOCKS // len(rows))
+    q, *signals = (np.ascontiguousarray(x) for x in np.split(np.concatenate(rows), SIGNALS, axis=1))
     rotors = model.bodies().armature @ np.abs(task.robot.drive)
     recorded = [recording.signed & np.array([bool(c) for c in recording.columns["tau"]]) for recording, _ in parts]
     return FaultEvidence(
@@ -169,33 +158,23 @@ def gather(model: Model, session: Session, parts: Sequence[Part]) -> FaultEviden
         np.asarray(rotors > 0),
         q,
         Signals(*signals),
-        tuple((piece.t, piece.torque) for piece in pieces),
-        tuple(piece.t for piece in rows),
-        np.concatenate([k * each + np.arange(size) * each // size for k, size in enumerate(sizes)]),
+        tuple(Curve(t, np.split(x, SIGNALS, axis=1)[-1]) for t, x in pieces),
+        moments,
+        np.concatenate([k * each + np.arange(len(t)) * each // len(t) for k, t in enumerate(moments)]),
     )
-
-
-class _Piece(NamedTuple):
-    t: Array
-    q: Array
-    v: Array
-    a: Array
-    direction: Array
-    predicted: Array
-    torque: Array
 
 
 def _is_plain(law: Law) -> bool:
     return isinstance(law.effect, BodyLaw | TorqueLaw) and not law.effect.memory
 
 
-def _piece(model: Model, task: Task, part: Part, thin: Decimator, most: int) -> _Piece | None:
-    samples = longest_piece(part, most)
+def _filtered(model: Model, task: Task, part: Part, thin: Decimator, most: int) -> tuple[Array, Array]:
+    """Times (M,) and filtered q, v, a, direction, predicted and recorded torque (M, 6 n); M = 0 if it is too short."""
+    samples, n = longest_piece(part, most), len(task.robot.joints)
     if len(samples.t) <= 2 * (margin(task.band, task.recorded_derivatives) + thin.half) + thin.factor:
-        return None
+        return np.zeros(0), np.zeros((0, SIGNALS * n))
     motion = build_motion(task.robot, samples, task.band, part[1].period, task.recorded_derivatives, task.slow)
     assert motion.recorded is not None, "recordings have torque by construction"
     torque = np.where(np.isnan(motion.recorded).any(axis=0), 0.0, motion.recorded)
     signals = (motion.q, motion.v, motion.a, motion.direction, model.inverse(motion), torque)
-    filtered = np.split(thin(np.concatenate(signals, axis=1)), len(signals), axis=1)
-    return _Piece(thin.at(motion.t), *filtered)
+    return thin.at(motion.t), thin(np.concatenate(signals, axis=1))

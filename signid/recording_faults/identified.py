@@ -77,12 +77,6 @@ class Delay(NamedTuple):
         return strong or self.scatter <= ALIKE
 
 
-class _JointDelay(NamedTuple):
-    delay: float  # [s]
-    std: float  # [s]
-    gain: float  # [1]
-
-
 def identification_flags(
     rows: IdentifiedData, model: Model, excitation: ExcitationVerdict, fit: Fit, value: Array
 ) -> tuple[str, ...]:
@@ -203,8 +197,8 @@ def _windows(session: Session) -> list[tuple[Rows, Array]]:
     return [(rows, rate) for rows, rate in out if len(rows.t) > 1]
 
 
-def _joint_delay(windows: list[tuple[Rows, Array]], joint: int) -> _JointDelay | None:
-    """Delay of one joint; None if its rows are not informative."""
+def _joint_delay(windows: list[tuple[Rows, Array]], joint: int) -> tuple[float, float, float] | None:
+    """Delay of one joint [s], its std [s] and its gain [1]; None if its rows are not informative."""
     kept = [rows.steady[:, joint] & rows.recorded[joint] for rows, _ in windows]
     pairs = list(zip(windows, kept, strict=True))
     if sum(int(k.sum()) for k in kept) < SPARE * max((rows.columns[joint].shape[1] for rows, _ in windows), default=1):
@@ -224,4 +218,4 @@ def _joint_delay(windows: list[tuple[Rows, Array]], joint: int) -> _JointDelay |
     rest = y + delay * d
     variance = float(rest @ rest) / len(y)
     std = max(variance * float(z @ z), 1e-300) ** 0.5 / overlap
-    return _JointDelay(delay, std, float(np.log(float(y @ y) / max(float(rest @ rest), 1e-300))))
+    return delay, std, float(np.log(float(y @ y) / max(float(rest @ rest), 1e-300)))

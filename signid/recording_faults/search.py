@@ -42,19 +42,10 @@ class Claim(Frozen):
     kind: str
     joints: tuple[int, ...]
     correction: Correction  # including those before it
-    nats: float  # [nats] reduction of the log unexplained variance, summed over the joints
     before: float  # [1] unexplained share of the variance, mean over the joints whose torque it improves
     after: float  # [1] the same after the correction
     agreement: float  # [1] share of the blocks in which it improves the fit
     rivals: tuple[CorrectionTrial, ...] = ()  # equally good corrections
-
-
-class Evaluated(NamedTuple):
-    """Candidate with its unexplained shares."""
-
-    trial: CorrectionTrial
-    left: Array  # (n,) [1] unexplained shares
-    rank: tuple[float, float]  # smaller is better
 
 
 def informative_torques(x: Signals, signed: Mask) -> Mask:
@@ -81,29 +72,29 @@ def _next(evidence: FaultEvidence, done: Correction, informative: Mask) -> Claim
     before = _left(evidence, done)
     if _nats(before, informative) - informative.sum() * np.log(WELL) < WORTH:
         return None
-    evaluated = []
+    evaluated = []  # rank (smaller is better), candidate, unexplained shares
     for trial in _trials(evidence, done, informative[list(done.tau_from)]):
         if time_is_up(SEARCH, answer=False):
             return None
         left = _left(evidence, trial.correction)
         if np.any((left - before)[evidence.signed] > WORSE) or not _betters_all(trial, done, informative, before, left):
             continue
-        evaluated.append(Evaluated(trial, left, (_nats(left, informative), _nats(left, informative, CLOSELY))))
+        evaluated.append(((_nats(left, informative), _nats(left, informative, CLOSELY)), trial, left))
     if not evaluated:
         return None
-    evaluated.sort(key=lambda j: (round(j.rank[0], 1), j.rank[1]))
-    best, gained = evaluated[0], _nats(before, informative) - evaluated[0].rank[0]
-    if best.trial.kind == "lag" and np.abs(best.trial.correction.lag - done.lag).max() < LATE:
+    evaluated.sort(key=lambda one: (round(one[0][0], 1), one[0][1]))
+    rank, best, left = evaluated[0]
+    if best.kind == "lag" and np.abs(best.correction.lag - done.lag).max() < LATE:
         return None
-    betters = np.flatnonzero(informative & (best.left <= BETTER * before))
-    if gained < WORTH or not np.any(best.left[betters] <= LEFT):
+    betters = np.flatnonzero(informative & (left <= BETTER * before))
+    if _nats(before, informative) - rank[0] < WORTH or not np.any(left[betters] <= LEFT):
         return None
-    agreement = _agreement(evidence, done, best.trial.correction, betters)
+    agreement = _agreement(evidence, done, best.correction, betters)
     if agreement < AGREE:
         return None
-    rivals = (j.trial for j in evaluated[1:] if j.rank[0] - best.rank[0] < NEARLY and j.rank[1] - best.rank[1] < NEARLY)
-    shares = float(before[betters].mean()), float(best.left[betters].mean())
-    return Claim(*best.trial, gained, *shares, agreement, tuple(rivals))
+    rivals = (trial for other, trial, _ in evaluated[1:] if np.all(np.subtract(other, rank) < NEARLY))
+    shares = float(before[betters].mean()), float(left[betters].mean())
+    return Claim(*best, *shares, agreement, tuple(rivals))
 
 
 def _left(evidence: FaultEvidence, correction: Correction) -> Array:

@@ -192,11 +192,7 @@ def _model_rows(model: Model, session: Session) -> tuple[_Rows, tuple[str, ...]]
     Rows are computed piece by piece: memory grows with their rate, twice the cut-off, not with the sampling rate. The
     choice of valid rows does not depend on the model.
     """
-    thin, found, finite = (
-        row_filter(session.task),
-        list[_Rows](),
-        np.ones(len(model.robot.joints), dtype=bool),
-    )
+    thin, finite, found = row_filter(session.task), np.ones(len(model.robot.joints), dtype=bool), list[_Rows]()
     with np.errstate(all="ignore"):
         for k, piece in enumerate(pieces(session.task, model, session.held_out)):
             residual, torque = filtered(piece, thin)
