@@ -20,7 +20,7 @@ from ..regression.prepare import prepare
 from ..regression.session import Options, Session, only_once
 from ..simulation.rollout import RollOut, roll_out
 from ..simulation.rollout.joints import restrict_joints
-from ..types import Array, Indices, Input, Progress, Recording
+from ..types import Input, Progress, Recording
 from .flags import constant_flags, fault_flags, joint_flags, rollout_notes, row_notes
 from .result import ModelCandidate, ValidatedModel, Validation
 
@@ -73,14 +73,13 @@ def validate(
         session = sessions[one.model.robot.joints]
         faults.append(examine(one.model, session, NO_EXCITATION))
         rolled = _roll_out(session, one, candidates) if rollout else _Rolled()
-        rows, lost = _model_rows(one.model, session)
-        fit = fit_rows(one.model.robot, rows.residual, rows.torque, session.task.band.torque_floor)
-        validated.append(ValidatedModel(one.name, one.model, fit, rolled.result, *rows))
+        model, lost = _validated(one, session, rolled.result)
+        validated.append(model)
         if lost:
             has = f"{one.name} predicts a torque of {shorten(lost)} that is not finite, so it has no rms"
             flags.append(f"{has}; correct the numbers of the model")
         flags += rolled.flags
-        notes += [*one.notes, *session.notes, *faults[-1].notes, *rolled.notes, *row_notes(validated[-1], lost)]
+        notes += [*one.notes, *session.notes, *faults[-1].notes, *rolled.notes, *row_notes(model, lost)]
     band = sessions[candidates[0].model.robot.joints].task.band
     return Validation(
         models=tuple(validated),
@@ -176,36 +175,30 @@ def _roll_out(session: Session, one: ModelCandidate, candidates: Sequence[ModelC
     return _Rolled(found, notes=tuple(rollout_notes(one.name, found, HORIZON)))
 
 
-class _Rows(NamedTuple):
-    """Filtered rows of a `ValidatedModel`."""
-
-    recording: Indices
-    stretch: Indices
-    t: Array
-    torque: Array
-    residual: Array
-
-
-def _model_rows(model: Model, session: Session) -> tuple[_Rows, tuple[str, ...]]:
-    """Rows of all recordings of a session, and the joints whose predicted torque is not finite: these have no residual.
+def _validated(
+    one: ModelCandidate, session: Session, rollout: RollOut | None
+) -> tuple[ValidatedModel, tuple[str, ...]]:
+    """A model on all recordings, and the joints whose predicted torque is not finite: these have no residual.
 
     Rows are computed piece by piece: memory grows with their rate, twice the cut-off, not with the sampling rate. The
     choice of valid rows does not depend on the model.
     """
-    thin, finite, found = row_filter(session.task), np.ones(len(model.robot.joints), dtype=bool), list[_Rows]()
+    model, band, found = one.model, session.task.band, []
+    thin, finite = row_filter(session.task), np.ones(len(model.robot.joints), dtype=bool)
     with np.errstate(all="ignore"):
         for k, piece in enumerate(pieces(session.task, model, session.held_out)):
             residual, torque = filtered(piece, thin)
             finite &= np.isfinite(np.asarray(piece.motion.predicted)).all(axis=0)
             t = thin.at(piece.motion.t)
-            found.append(_Rows(np.full(len(t), piece.recording), np.full(len(t), k), t, torque, residual))
+            found.append((np.full(len(t), piece.recording), np.full(len(t), k), t, torque, residual))
     if not found:
-        band = session.task.band
         raise RecordingError(
             f"every stretch of the recordings is shorter than the filter for {band.cutoff:.3g} Hz "
             f"({len(band.taps) / band.rate:.2g} s); record longer, or raise the cut-off"
         )
-    rows = _Rows(*(np.concatenate(column) for column in zip(*found, strict=True)))
+    recording, stretch, t, torque, residual = (np.concatenate(column) for column in zip(*found, strict=True))
+    residual = np.where(finite, residual, np.nan)
     measured = np.any([[bool(column) for column in r.columns["tau"]] for r, _ in session.held_out], axis=0)
     lost = tuple(model.robot.joints[j] for j in np.flatnonzero(measured & ~finite))
-    return rows._replace(residual=np.where(finite, rows.residual, np.nan)), lost
+    fit = fit_rows(model.robot, residual, torque, band.torque_floor)
+    return ValidatedModel(one.name, model, fit, rollout, recording, stretch, t, torque, residual), lost

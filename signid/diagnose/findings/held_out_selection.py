@@ -90,13 +90,9 @@ class Trials(Frozen):
         fit = self.fit(extension)
         return {group: read_laws(group, fit.value[fit.place(group)]) for group in extension.kept}
 
-    def model_of(self, extension: Extension) -> Model:
-        """Extended simulation."""
-        return self._build(extension)[0]
-
     def held_out(self, extension: Extension) -> ResidualRows:
         """Residuals of the extended simulation on the held-out rows, without their motions."""
-        return self._build(extension)[1]
+        return self.build(extension)[1]
 
     def refit_blocks(self) -> list[RefitBlock]:
         """Stated numbers that may be refitted: the laws of each joint, and all bodies."""
@@ -104,9 +100,10 @@ class Trials(Frozen):
         joints = dict.fromkeys(g.law.joints for g in refitted if g.law is not None)
         laws = [tuple(g for g in refitted if g.law is not None and g.law.joints == own) for own in joints]
         bodies = tuple(g for g in refitted if g.bodies)
-        return [block for block in (*laws, bodies) if block]
+        return [*laws, bodies] if bodies else laws
 
-    def _build(self, extension: Extension) -> tuple[Model, ResidualRows]:
+    def build(self, extension: Extension) -> tuple[Model, ResidualRows]:
+        """Extended simulation and its residuals on the held-out rows."""
         if extension not in self.built:
             fit = self.fit(extension)
             steps = fit.with_value(np.where(_among(fit, extension.groups), fit.value, 0.0))
@@ -121,7 +118,7 @@ class Trials(Frozen):
 
 def _among(fit: Fitted, groups: Sequence[Group]) -> Mask:
     """(k,) mask of the fitted columns that belong to some groups."""
-    return np.asarray(np.isin(fit.which, columns_of(groups) if groups else []))
+    return np.asarray(np.isin(fit.which, columns_of(groups)))
 
 
 def select_on_held_out(
@@ -141,7 +138,7 @@ def select_on_held_out(
         chosen, scores = other if better < -tuned.LEAST_GAIN else (chosen, scores)
     return ExtendedSimulation(
         laws={**trials.laws(separate), **trials.laws(chosen)},
-        prediction=predict(session, trials.model_of(chosen)),
+        prediction=predict(session, trials.build(chosen)[0]),
         kept=frozenset(chosen.kept),
         refitted=frozenset(chosen.groups),
         log_bayes={group: score.log_bayes for group, score in scores.items()},
