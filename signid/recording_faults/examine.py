@@ -75,11 +75,10 @@ def examine(
     findings += [] if amount.enough else [messages.amount_finding(amount, len(robot.joints))]
     if seen is not None:
         findings += _torque_findings(seen)
-    findings += [messages.channel_finding(fault, robot) for fault in judge_channels(parts)]
+    findings += judge_channels(parts, robot)
     # limits and excitation matter only without a more severe fault that can be their cause
     reasons = {joint for f in findings if f.kind in REASONS for joint in f.joints or robot.joints}
-    over = [one for one in judge_limits(evidence, parts, session) if robot.joints[one.joint] not in reasons]
-    findings += [messages.limit_finding(one, robot) for one in over]
+    findings += [fault for fault in judge_limits(evidence, parts, robot) if fault.joints[0] not in reasons]
     if evidence is not None and not reasons:
         if excitation is None:
             factors = session.reduce(session.train)

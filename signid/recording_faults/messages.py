@@ -9,10 +9,10 @@ import numpy as np
 
 from ..estimation.excitation import ExcitationVerdict
 from ..types import Robot
-from .channels import Amount, Beyond, Fault
+from .channels import Amount
 from .evidence import Correction
 from .lag_and_gain import Gains, Lags
-from .result import NOTE, REFUSE, WARN, RecordingFault
+from .result import REFUSE, WARN, RecordingFault
 from .search import Claim
 
 KINDS = {  # kind -> fault of some joints, correction that was tried, advice
@@ -35,7 +35,7 @@ DIAGNOSABLE = ("torque sign", "torque order", "lag")  # faults that a diagnosis 
 UNITS = {1e3: "mN.m", 1e-3: "kN.m", 10.197: "kgf.cm", 141.61: "ozf.in", 8.851: "lbf.in"}  # per N.m
 NEAR = log(1.35)  # [nats] largest distance of a factor from that of a unit
 SPARE = 1.05  # [1] recommended duration over the necessary one
-LARGE, FAR = 5.0, 1.5  # [1] factor of units from which on a diagnosis is meaningless; torque over its limit for a flag
+LARGE = 5.0  # [1] factor of units from which on a diagnosis is meaningless
 
 
 def claim_findings(claims: Sequence[Claim], joints: Sequence[str], blocks: int) -> Iterator[RecordingFault]:
@@ -145,32 +145,6 @@ def excitation_findings(found: ExcitationVerdict) -> Iterator[RecordingFault]:
     share = float(found.shares[0]) if len(found.shares) else 0.0
     for sentence in found.sentences:
         yield RecordingFault("excitation", found.resting, WARN, {"share": share}, sentence)
-
-
-def channel_finding(fault: Fault, robot: Robot) -> RecordingFault:
-    """Finding on a clipped, stuck or skipping channel."""
-    joint, unit = robot.joints[fault.joint], "N" if robot.prismatic[fault.joint] else "N.m"
-    sentence = {
-        "clipping": f"the torque of {joint} is clipped at {fault.value:.4g} {unit} in {fault.times} samples; "
-        "raise the limit of drive or logger, or move more slowly",
-        "stuck torque": f"the torque of {joint} is constant for {fault.value:.2g} s while the joint moves; "
-        "check the logger, or cut that part out",
-        "skipping position": f"the position of {joint} stands still and then jumps, {fault.times} times, for up "
-        f"to {fault.value:.2g} s: samples were lost; leave them empty instead of repeating the last one",
-    }[fault.kind]
-    return RecordingFault(fault.kind, (joint,), WARN, {"count": float(fault.times), "value": fault.value}, sentence)
-
-
-def limit_finding(found: Beyond, robot: Robot) -> RecordingFault:
-    """Finding on a value beyond a limit of the description."""
-    joint, slides = robot.joints[found.joint], int(robot.prismatic[found.joint])
-    units = {"torque": ("N.m", "N"), "velocity": ("rad/s", "m/s"), "position": ("rad", "m")}
-    fact = f"the {found.kind} of {joint} reaches {found.value:.4g} {units[found.kind][slides]}, beyond its limit"
-    check = {"torque": "its unit", "velocity": "time and unit", "position": "its zero and unit"}[found.kind]
-    sentence = f"{fact} of {found.limit:.4g}; check {check}, or correct the description"
-    severity = WARN if found.kind == "torque" and found.value >= FAR * found.limit else NOTE
-    measures = {"value": found.value, "limit": found.limit}
-    return RecordingFault(f"{found.kind} limit", (joint,), severity, measures, sentence)
 
 
 def _named(joints: Sequence[str]) -> str:
