@@ -14,7 +14,7 @@ from ..regression.filters import Decimator
 from ..regression.motion import Motion, build_motion, margin
 from ..regression.rows import Task
 from ..regression.session import Part, Session, longest_piece
-from ..types import Array, Frozen, Indices, Law, Mask, Robot
+from ..types import Array, Frozen, Indices, Mask, Robot
 
 SAMPLES = 2**16  # largest number of samples of all recordings together
 FINE = 4  # samples of the filtered torque per row of identification, for lags between rows
@@ -150,10 +150,12 @@ def gather(model: Model, session: Session, parts: Sequence[Part]) -> FaultEviden
     moments, rows = zip(*([x[edge : len(x) - edge : every] for x in piece] for piece in pieces), strict=True)
     each = -(-BLOCKS // len(rows))
     q, *signals = (np.ascontiguousarray(x) for x in np.split(np.concatenate(rows), SIGNALS, axis=1))
+    direct = [law for law in frictionless.laws if isinstance(law.effect, BodyLaw | TorqueLaw)]
+    plain = [law for law in direct if not law.effect.memory]
     rotors = model.bodies().armature @ np.abs(task.robot.drive)
     recorded = [recording.signed & np.array([bool(c) for c in recording.columns["tau"]]) for recording, _ in parts]
     return FaultEvidence(
-        replace(frictionless, laws=tuple(law for law in frictionless.laws if _is_plain(law))),
+        replace(frictionless, laws=tuple(plain)),
         np.asarray(np.all(recorded, axis=0)),
         np.asarray(rotors > 0),
         q,
@@ -162,10 +164,6 @@ def gather(model: Model, session: Session, parts: Sequence[Part]) -> FaultEviden
         moments,
         np.concatenate([k * each + np.arange(len(t)) * each // len(t) for k, t in enumerate(moments)]),
     )
-
-
-def _is_plain(law: Law) -> bool:
-    return isinstance(law.effect, BodyLaw | TorqueLaw) and not law.effect.memory
 
 
 def _filtered(model: Model, task: Task, part: Part, thin: Decimator, most: int) -> tuple[Array, Array]:

@@ -113,12 +113,14 @@ def _moved(law: Law, step: Array) -> Law:
 def _adds(law: Law, other: Law) -> bool:
     """Whether two laws add up to one law with the sum of their numbers."""
     effect = law.effect
-    if (effect.name, law.joints) != (other.effect.name, other.joints):
-        return False
     plain = [effect.filled(effect.example)[key] for key in effect.linear()]
-    return (
-        effect.shape(law.parameters) == effect.shape(other.parameters) and effect.coefficients(effect.example) == plain
-    )
+    return is_same(law, other) and effect.coefficients(effect.example) == plain
+
+
+def is_same(law: Law, other: Law) -> bool:
+    """Whether two laws have the same effect, joints and shape."""
+    one, two = ((x.effect.name, x.joints, x.effect.shape(x.parameters)) for x in (law, other))
+    return one == two
 
 
 def has_possible_numbers(group: Group, value: Array) -> bool:

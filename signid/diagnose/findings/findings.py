@@ -26,7 +26,7 @@ from .contender import Contender
 from .held_out_selection import ExtendedSimulation, select_on_held_out
 from .intervals import extended_covariance, standard_deviations
 from .separating_motion import tell_apart
-from .stated import stated_number_findings, stated_numbers, total_law
+from .stated import stated_number_findings, stated_numbers, torque_share, total_law
 from .thresholds import LEAST_PROBABILITY, PLAUSIBLE, SEPARATED, SEPARATED_PER_FINDING, UNSURE, VAGUE_STD
 from .verdict import Verdict
 
@@ -134,9 +134,8 @@ class _Reporter(Frozen):
         in_model = group in self.extended.kept
         usual = FIRST_LOG_ODDS if len(selection.selected) == 1 else NEXT_LOG_ODDS
         whole = total_law(law, dataset.model, self.extended.prediction.model if in_model else None)
-        torque, share = torque_rows(dataset.thin, dataset.pieces, law), np.zeros(dataset.table.joints)
-        for j, x in torque.items():
-            share[j] = np.sqrt(np.mean(x**2)) / selection.data.scale[j]
+        torque = torque_rows(dataset.thin, dataset.pieces, law)
+        share = torque_share(torque, selection.data.scale)
         loudest = max(torque, key=lambda j: share[j])
         joint = law.joints[0] if len(law.joints) <= 2 and law.joints[0] in torque else loudest
         return Finding(
