@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -26,14 +25,6 @@ from .result import ModelCandidate, ValidatedModel, Validation
 
 HORIZON = 0.5  # [s] of roll-outs, as in a diagnosis
 NO_EXCITATION = ExcitationVerdict(np.ones(1), np.ones(1), (), (), (), (), ())  # not judged: nothing is fitted
-
-
-class _Rolled(NamedTuple):
-    """The roll-out of a model, and what is to be said of it."""
-
-    result: RollOut | None = None
-    flags: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
 
 
 def validate(
@@ -72,14 +63,14 @@ def validate(
             progress(f"validating {one.name}", k / len(candidates))
         session = sessions[one.model.robot.joints]
         faults.append(examine(one.model, session, NO_EXCITATION))
-        rolled = _roll_out(session, one, candidates) if rollout else _Rolled()
-        model, lost = _validated(one, session, rolled.result)
+        rolled, failures, remarks = _roll_out(session, one, candidates) if rollout else (None, [], [])
+        model, lost = _validated(one, session, rolled)
         validated.append(model)
         if lost:
             has = f"{one.name} predicts a torque of {shorten(lost)} that is not finite, so it has no rms"
             flags.append(f"{has}; correct the numbers of the model")
-        flags += rolled.flags
-        notes += [*one.notes, *session.notes, *faults[-1].notes, *rolled.notes, *row_notes(model, lost)]
+        flags += failures
+        notes += [*one.notes, *session.notes, *faults[-1].notes, *remarks, *row_notes(model, lost)]
     band = sessions[candidates[0].model.robot.joints].task.band
     return Validation(
         models=tuple(validated),
@@ -163,16 +154,18 @@ def _sessions(candidates: Sequence[ModelCandidate], options: Options) -> dict[tu
     return sessions
 
 
-def _roll_out(session: Session, one: ModelCandidate, candidates: Sequence[ModelCandidate]) -> _Rolled:
-    """Short simulations in windows that leave room for the laws of all models, so that all have the same windows."""
+def _roll_out(
+    session: Session, one: ModelCandidate, candidates: Sequence[ModelCandidate]
+) -> tuple[RollOut | None, list[str], list[str]]:
+    """Short simulations, flags and notes; windows leave room for the laws of all models, so that all have the same."""
     laws = tuple(law for other in candidates for law in other.model.laws)
     try:
         found = roll_out(one.model, session, (HORIZON,), beside=replace(one.model, laws=laws))
     except RecordingError as error:
-        return _Rolled(notes=(f"no roll-out was made: {error}",))
+        return None, [], [f"no roll-out was made: {error}"]
     except InputError as error:
-        return _Rolled(flags=(f"{one.name} cannot be simulated: {error}",))
-    return _Rolled(found, notes=tuple(rollout_notes(one.name, found, HORIZON)))
+        return None, [f"{one.name} cannot be simulated: {error}"], []
+    return found, [], list(rollout_notes(one.name, found, HORIZON))
 
 
 def _validated(

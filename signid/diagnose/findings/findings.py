@@ -138,13 +138,14 @@ class _Reporter(Frozen):
         share = torque_share(torque, selection.data.scale)
         loudest = max(torque, key=lambda j: share[j])
         joint = law.joints[0] if len(law.joints) <= 2 and law.joints[0] in torque else loudest
+        timed = any(kind.unit == "s" for kind in law.effect.parameters.values() if isinstance(kind, Shape))
         return Finding(
             law=whole,
             std=std,
             role="cause" if group in self.causes else "secondary",
             probability=contender.probability,
             torque_share=share,
-            where=_place(dataset, joint, torque[joint], VARIABLES if _depends_on_time(law) else VARIABLES[:-1]),
+            where=_place(dataset, joint, torque[joint], VARIABLES if timed else VARIABLES[:-1]),
             statistic=float(selection.log_odds[group]),
             threshold=required_log_odds(selection.posterior, group, float(selection.prior_scale == 0), 0, usual),
             held_out_gain=self.extended.gain[group],
@@ -165,11 +166,6 @@ class _Reporter(Frozen):
 
 def _place(dataset: Dataset, joint: int, torque: Array, variables: Sequence[str] = VARIABLES) -> Location:
     return locate(dataset.table, joint, torque, bool(dataset.model.robot.prismatic[joint]), variables)
-
-
-def _depends_on_time(law: Law) -> bool:
-    """Whether a law has a shape in seconds."""
-    return any(kind.unit == "s" for kind in law.effect.parameters.values() if isinstance(kind, Shape))
 
 
 def _unexplained(dataset: Dataset, prediction: Prediction, verdict: Verdict) -> Iterator[Unexplained]:

@@ -124,12 +124,9 @@ def jackknife_variance(square: Array, right: Array, precision: Array, first: int
     whole = square.sum(axis=0) + precision
     size = np.sqrt(np.maximum(np.diag(whole), 1e-300))
     ridge = RIDGE * np.eye(len(size))
-    steps = [
-        np.linalg.solve((whole - x) / size / size[:, None] + ridge, y / size)[:first]
-        for x, y in zip(square, right, strict=True)
-    ]
+    steps = np.linalg.solve((whole - square) / size / size[:, None] + ridge, (right / size)[..., None])[:, :first, 0]
     count, ratio = len(square), float(stdtrit(len(square) - 1, LEVEL)) / TWO_SIDED
-    return np.asarray(ratio**2 * (count - 1) * np.var(np.array(steps) / size[:first], axis=0))
+    return np.asarray(ratio**2 * (count - 1) * np.var(steps / size[:first], axis=0))
 
 
 def _parts(dataset: Dataset) -> Indices:
