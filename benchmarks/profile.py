@@ -75,7 +75,7 @@ STAGES = {
         "diagnose/findings/alternatives.py:replace_weak": "search",
         "diagnose/search/prune.py:prune": "search",
         "diagnose/findings/findings.py:conclude": "numbers",
-        "diagnose/findings/empirical.py:add_empirical_torque": "numbers",
+        "diagnose/findings/held_out_prediction.py:add_empirical_torque": "numbers",
         "diagnose/extend/holdout.py:predict": "comparison",
         "diagnose/extend/holdout.py:compare": "comparison",
         "diagnose/run.py:_roll_out": "roll-outs",

@@ -12,8 +12,7 @@ from diagnosis_rows import Question, law, moved, names, pose
 from signid.diagnose.data.hypotheses import Hypothesis
 from signid.diagnose.findings import alternatives
 from signid.diagnose.findings.alternatives import limit_in_step, rank_contenders, replace_weak
-from signid.diagnose.findings.contender import Contender
-from signid.diagnose.findings.rival_torque import residual_energies
+from signid.diagnose.findings.contender import Contender, residual_energies
 from signid.diagnose.findings.thresholds import CAUSE_SHARE, FORMULA_ERROR, MOST_IN_STEP
 from signid.diagnose.findings.verdict import Verdict, decide_verdict
 from signid.diagnose.search.contributions import measure_contributions

@@ -15,7 +15,7 @@ from signid.diagnose.data.normal_equations import solve
 from signid.errors import InputError
 from signid.model import Model, stated_inertials
 from signid.recording.sampling import samples, select_stretches
-from signid.recording_faults.limits import Amount
+from signid.recording_faults.channels import Amount
 from signid.recording_faults.messages import amount_finding
 from signid.regression.motion import Motion
 from signid.regression.prepare import prepare

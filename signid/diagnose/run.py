@@ -24,9 +24,8 @@ from .evidence.knowledge import stated_prior
 from .evidence.posterior_odds import Posterior, StatedBodies
 from .extend.holdout import compare, predict
 from .findings.alternatives import limit_in_step, replace_weak
-from .findings.empirical import add_empirical_torque
 from .findings.findings import conclude
-from .findings.holdout_warnings import holdout_warnings, keep_given_if_worse
+from .findings.held_out_prediction import add_empirical_torque, holdout_warnings, keep_given_if_worse
 from .findings.verdict import decide_verdict
 from .preparation import build_in_time, prepare_session, with_held_out
 from .result import Diagnosis

@@ -17,11 +17,9 @@ class Armature(BodyLaw):
     twins = ("link_inertia",)
 
     def columns(self, x: View) -> list[Array]:
-        """Acceleration, (..., m) [rad/s2 or m/s2]."""
         return [x.a]
 
     def reshape(self, model: Any, row: int, body: int, inertia: float) -> None:
-        """Add to the armature of the pin.Model."""
         model.armature[row] += inertia
 
 

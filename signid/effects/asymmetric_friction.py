@@ -32,7 +32,6 @@ class AsymmetricFriction(TorqueLaw):
     twins = ("torque_offset",)
 
     def columns(self, x: View) -> list[Array]:
-        """Velocity and direction of motion, separately for each sign, (..., m) [rad/s or m/s, and 1]."""
         return [np.maximum(x.v, 0), np.minimum(x.v, 0), np.maximum(x.direction, 0), np.minimum(x.direction, 0)]
 
 

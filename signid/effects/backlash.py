@@ -20,12 +20,10 @@ class Backlash(TransmissionLaw):
     example = {"gap": 0.02}
 
     def hold(self, x: View, gap: float) -> Array:
-        """Spring and damper torque of a stop, (..., m) [N.m or N]."""
         pressed = x.q - np.clip(x.q, -gap / 2, gap / 2)
         return x.inertia * np.where(pressed == 0, 0, STOP**2 * pressed + 2 * STOP * x.v)
 
     def deflection(self, x: View, gap: float) -> list[Array]:
-        """Deflection of the link between its stops, (N, 1) [rad or m]."""
         return [fly(x, gap, STOP)]
 
 

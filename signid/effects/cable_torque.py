@@ -21,7 +21,6 @@ class CableTorque(TorqueLaw):
     example = {"cubic": 6.0, "centre": 0.3}
 
     def columns(self, x: View) -> list[Array]:
-        """Powers of position, third to zeroth, (..., m) [rad3 or m3, ..., 1]."""
         return [x.q**3, x.q**2, x.q, np.ones_like(x.q)]
 
     def coefficients(self, parameters: Numbers) -> list[float]:
@@ -30,7 +29,6 @@ class CableTorque(TorqueLaw):
         return [k, -3 * k * c, 3 * k * c**2, -k * c**3]
 
     def physical(self, coefficients: Sequence[float], shape: Numbers) -> dict[str, float]:
-        """Parameters from the coefficients of the two highest powers."""
         return {"cubic": float(coefficients[0]), "centre": float(-coefficients[1] / (3 * coefficients[0]))}
 
 

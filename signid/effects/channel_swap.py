@@ -14,7 +14,6 @@ class ChannelSwap(RecordingLaw):
     scope = "pair"
 
     def recorded_torque(self, x: View) -> Array:
-        """Exchanged torques of the two joints."""
         return x.torque[..., ::-1]
 
     acted_torque = recorded_torque

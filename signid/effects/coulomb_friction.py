@@ -15,7 +15,6 @@ class CoulombFriction(TorqueLaw):
     dissipative, reverses, usual = True, True, True
 
     def columns(self, x: View) -> list[Array]:
-        """Direction of motion, (..., m) [1]."""
         return [x.direction]
 
 

@@ -18,7 +18,6 @@ class Counterbalance(TorqueLaw):
     coefficients, physical = sine_cosine, amplitude_phase
 
     def columns(self, x: View) -> list[Array]:
-        """Sine and cosine of position, (..., m) [1]."""
         return [np.sin(x.q), np.cos(x.q)]
 
 

@@ -18,7 +18,6 @@ class EncoderOffset(RecordingLaw):
     twins = ("link_inertia", "base_tilt", "counterbalance", "payload")
 
     def recorded_q(self, x: View, offset: float) -> Array:
-        """Recorded position (..., m) [rad or m]."""
         return x.q + offset
 
 

@@ -27,11 +27,9 @@ class ExternalContact(TorqueLaw):
     scope, approximate = "robot", True
 
     def columns(self, x: View, start: float, end: float) -> list[Array]:
-        """Rows of the Jacobian within the window, zero outside, (..., n) [m/rad or 1]."""
         return [((x.t >= start) & (x.t <= end)) * x.whole.jacobian[..., axis, :] for axis in range(3)]
 
     def shapes(self, x: View) -> Iterator[dict[str, float]]:
-        """Candidate windows along the whole motion."""
         first, last = float(x.t.min()), float(x.t.max())
         for width in WIDTHS:
             yield from ({"start": s, "end": s + width} for s in np.arange(first, last - width, STEP).tolist())

@@ -19,7 +19,6 @@ class FluidDrag(TorqueLaw):
     twins = ("quadratic_friction",)
 
     def columns(self, x: View) -> list[Array]:
-        """Torque of unit drag, (..., n) [m3/s2 per rad, or m2/s2]."""
         jacobian = x.whole.jacobian
         w = np.einsum("...ij,...j->...i", jacobian, x.v)
         return [np.einsum("...ij,...i->...j", jacobian, w * np.linalg.norm(w, axis=-1, keepdims=True))]

@@ -20,7 +20,6 @@ class FrictionDrift(TorqueLaw):
     reverses = True
 
     def columns(self, x: View, time_constant: float) -> list[Array]:
-        """Direction of motion times an exponential approach to 1, (..., m) [1]."""
         return [(1 - np.exp(-x.t / time_constant)) * x.direction]
 
 

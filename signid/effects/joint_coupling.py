@@ -24,7 +24,6 @@ class JointCoupling(TorqueLaw):
     scope = "pair"
 
     def columns(self, x: View) -> list[Array]:
-        """Partner's acceleration and velocity, direction of the sum, (..., 2) [rad/s2, rad/s (or m), 1]."""
         both = np.tanh(x.v.sum(-1, keepdims=True) / SLOW)
         return [x.a[..., ::-1], x.v[..., ::-1], np.broadcast_to(both, x.v.shape)]
 

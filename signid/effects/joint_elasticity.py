@@ -23,11 +23,9 @@ class JointElasticity(TransmissionLaw):
     twins = ("armature",)
 
     def hold(self, x: View, stiffness: float) -> Array:
-        """Spring and damper torque."""
         return stiffness * (x.q + RELAXATION * x.v)
 
     def deflection(self, x: View, stiffness: float) -> list[Array]:
-        """Deflection of the link on its spring, (N, 1) [rad or m]."""
         return [oscillate(x, stiffness, RELAXATION * stiffness)]
 
     def shapes(self, x: View) -> Iterator[dict[str, float]]:

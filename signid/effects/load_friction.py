@@ -17,7 +17,6 @@ class LoadFriction(TorqueLaw):
     dissipative, reverses = True, True
 
     def columns(self, x: View) -> list[Array]:
-        """Magnitude of the load times the direction of motion, (..., m) [N.m or N]."""
         return [np.abs(x.load) * x.direction]
 
 

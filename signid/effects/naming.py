@@ -18,14 +18,13 @@ def place(effect: Effect, robot: Robot, joint: str | None, partner: str | None =
 
     Raises:
         OptionError: missing or superfluous joint.
-        RobotError: unknown joint.
     """
     n, scope = len(robot.joints), effect.scope
     if (partner is None) == (scope == "pair"):
         fault = "needs partner=JOINT" if scope == "pair" else "has no partner"
-        raise OptionError(f"effect {effect.name!r} {fault}; write {law_syntax(effect)}")
+        raise _fault(effect, fault)
     if joint is None and scope in ("joint", "pair", "link") and n != 1 + (scope == "pair"):
-        raise OptionError(f"effect {effect.name!r} acts at a joint and none is named; write {law_syntax(effect)}")
+        raise _fault(effect, "acts at a joint and none is named")
     if joint is not None and scope == "robot":
         raise OptionError(f"effect {effect.name!r} acts on the whole robot; write it without @{joint}")
     named = [name for name in (joint, partner) if name is not None]
@@ -62,22 +61,19 @@ def law_at(effect: Effect, robot: Robot, joint: str | None, parameters: Mapping[
 
     Raises:
         OptionError: missing, unknown or non-numeric parameter, or a joint that does not fit the effect.
-        RobotError: unknown joint.
     """
     partner = parameters.get("partner")
     joints = place(effect, robot, joint, None if partner is None else str(partner))
     values = {key: value for key, value in parameters.items() if key != "partner"}
     wanted = [key for key in effect.parameters if key not in effect.optional or key in values]
     if unknown := [key for key in values if key not in effect.parameters]:
-        raise OptionError(f"effect {effect.name!r} has no parameter {unknown[0]!r}; write {law_syntax(effect)}")
+        raise _fault(effect, f"has no parameter {unknown[0]!r}")
     if missing := [key for key in wanted if key not in values]:
-        raise OptionError(f"effect {effect.name!r} needs {', '.join(missing)}; write {law_syntax(effect)}")
+        raise _fault(effect, f"needs {', '.join(missing)}")
     try:
         numbers = {key: float(values[key]) for key in wanted}
     except ValueError:
-        raise OptionError(
-            f"effect {effect.name!r} has a parameter that is not a number; write {law_syntax(effect)}"
-        ) from None
+        raise _fault(effect, "has a parameter that is not a number") from None
     if absurd := [key for key, value in numbers.items() if not isfinite(value)]:
         raise OptionError(f"effect {effect.name!r}: {absurd[0]} is {numbers[absurd[0]]}; write {law_syntax(effect)}")
     return Law(effect, joints, numbers)
@@ -86,15 +82,11 @@ def law_at(effect: Effect, robot: Robot, joint: str | None, parameters: Mapping[
 def parse_law(text: str, robot: Robot, partial: bool = False) -> Law:
     """Parse the text of a law, such as `spring@elbow:stiffness=30,rest=0.2`.
 
-    Args:
-        text: EFFECT[@JOINT][:key=value,...]; an effect that couples two joints also has partner=JOINT. Without keys,
-            all parameters have typical values; with some keys, omitted coefficients are zero.
-        robot: the robot.
-        partial: whether parameters may be omitted.
+    The text is EFFECT[@JOINT][:key=value,...]; an effect that couples two joints also has partner=JOINT. Without keys,
+    all parameters have typical values; with some keys, omitted coefficients are zero, or absent from a partial law.
 
     Raises:
         OptionError: unknown effect, a joint that does not fit it, or a missing, unknown or invalid parameter.
-        RobotError: unknown joint.
     """
     head, colon, tail = text.strip().partition(":")
     name, at, joint = (part.strip() for part in head.partition("@"))
@@ -120,14 +112,15 @@ def law_syntax(effect: Effect) -> str:
     return f"{effect.name}{where}{':' if pairs else ''}{pairs}"
 
 
+def _fault(effect: Effect, fault: str) -> OptionError:
+    return OptionError(f"effect {effect.name!r} {fault}; write {law_syntax(effect)}")
+
+
 def _possible(law: Law) -> Law:
     """Check the signs of parameters: positive ones are not negative, shapes other than instants are positive."""
     for key, value in law.parameters.items():
-        parameter = law.effect.parameters[key]
-        if isinstance(parameter, Shape):
-            invalid = value <= 0 and bool(parameter.grid or parameter.unit != "s")
-        else:
-            invalid = value < 0 and parameter.positive
-        if invalid:
+        kind = law.effect.parameters[key]
+        positive = bool(kind.grid or kind.unit != "s") if isinstance(kind, Shape) else kind.positive
+        if positive and (value <= 0 if isinstance(kind, Shape) else value < 0):
             raise OptionError(f"effect {law.effect.name!r}: {key} is {value:g}; give a positive number")
     return law

@@ -28,7 +28,6 @@ class PositionFriction(TorqueLaw):
         return bool(frequency * np.ptp(x.q) > np.pi / 2)
 
     def columns(self, x: View, frequency: float) -> list[Array]:
-        """Sine and cosine of frequency * q times the direction of motion, (..., m) [1]."""
         return [np.sin(frequency * x.q) * x.direction, np.cos(frequency * x.q) * x.direction]
 
 

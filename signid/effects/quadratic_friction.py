@@ -18,7 +18,6 @@ class QuadraticFriction(TorqueLaw):
     twins = ("fluid_drag",)
 
     def columns(self, x: View) -> list[Array]:
-        """Velocity times its absolute value, (..., m) [rad2/s2 or m2/s2]."""
         return [x.v * np.abs(x.v)]
 
 

@@ -18,15 +18,12 @@ class Spring(TorqueLaw):
     example = {"stiffness": 8.0, "rest": 0.3}
 
     def columns(self, x: View) -> list[Array]:
-        """Position and one, (..., m) [rad or m, and 1]."""
         return [x.q, np.ones_like(x.q)]
 
     def coefficients(self, parameters: Numbers) -> list[float]:
-        """Stiffness and the constant -stiffness * rest."""
         return [parameters["stiffness"], -parameters["stiffness"] * parameters["rest"]]
 
     def physical(self, coefficients: Sequence[float], shape: Numbers) -> dict[str, float]:
-        """Stiffness and rest from the two coefficients."""
         stiffness, constant = map(float, coefficients)
         return {"stiffness": stiffness, "rest": -constant / stiffness}
 

@@ -12,15 +12,11 @@ class StribeckFriction(TorqueLaw):
     name, equation = "stribeck_friction", "level * exp(-((v / velocity) ** 2)) * sign(v)"
     source = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994, section 2"
     typical = "level 0.2 to 1 times that of Coulomb friction, velocity 0.01 to 0.2 rad/s"
-    parameters = {
-        "level": Coefficient("N.m", positive=True),
-        "velocity": Shape("rad/s", (0.12, 0.25, 0.5), of="speed"),
-    }
+    parameters = {"level": Coefficient("N.m", positive=True), "velocity": Shape("rad/s", (0.12, 0.25, 0.5), of="speed")}
     example = {"level": 3.0, "velocity": 0.3}
     dissipative, reverses = True, True
 
     def columns(self, x: View, velocity: float) -> list[Array]:
-        """Direction of motion times a Gaussian of the velocity, (..., m) [1]."""
         return [np.exp(-((x.v / velocity) ** 2)) * x.direction]
 
 

@@ -27,7 +27,6 @@ class TimeDelay(RecordingLaw):
         return np.asarray(np.where(beyond, 2 * at(inside) - at(2 * inside - wanted), at(inside)))
 
     def acted_torque(self, x: View, delay: float) -> Array:
-        """Torque shifted back."""
         return self.recorded_torque(x, -delay)
 
     def meaning(self, parameters: Numbers) -> str:

@@ -23,11 +23,9 @@ class TorqueGain(RecordingLaw):
         return FACTOR[0] <= 1 + parameters["error"] <= FACTOR[1]
 
     def recorded_torque(self, x: View, error: float) -> Array:
-        """Torque times the factor."""
         return (1 + error) * x.torque
 
     def acted_torque(self, x: View, error: float) -> Array:
-        """Torque over the factor."""
         return x.torque / (1 + error)
 
 

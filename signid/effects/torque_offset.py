@@ -18,7 +18,6 @@ class TorqueOffset(TorqueLaw):
     usual = True
 
     def columns(self, x: View) -> list[Array]:
-        """One, (..., m) [1]."""
         return [np.ones_like(x.q)]
 
 

@@ -26,7 +26,6 @@ class TorqueRipple(TorqueLaw):
         return bool(frequency * np.ptp(x.q) > 2 * np.pi)
 
     def columns(self, x: View, frequency: float) -> list[Array]:
-        """Sine and cosine of frequency * q, (..., m) [1]."""
         return [np.sin(frequency * x.q), np.cos(frequency * x.q)]
 
 

@@ -23,7 +23,6 @@ class TorqueSaturation(ActuatorLaw):
         return bool(often and np.quantile(np.abs(x.torque), 0.99) < 1.2 * limit)
 
     def applied_torque(self, x: View, limit: float) -> Array:
-        """Clipped torque."""
         return np.clip(x.torque, -limit, limit)
 
 

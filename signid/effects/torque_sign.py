@@ -14,7 +14,6 @@ class TorqueSign(RecordingLaw):
     twins = ("torque_gain",)
 
     def recorded_torque(self, x: View) -> Array:
-        """Negated torque."""
         return -x.torque
 
     acted_torque = recorded_torque

@@ -15,7 +15,6 @@ class ViscousFriction(TorqueLaw):
     dissipative, usual = True, True
 
     def columns(self, x: View) -> list[Array]:
-        """Velocity, (..., m) [rad/s or m/s]."""
         return [x.v]
 
 

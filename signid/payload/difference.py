@@ -6,12 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..estimation.feasible import ConsistentFit, fit_consistent
 from ..regression.factors import Factors
-from ..types import Array, BaseMap, Estimate, Frozen
+from ..types import INERTIAL, INERTIAL_UNITS, Array, BaseMap, Estimate, Frozen, Label, Parameters
 
 # [1] standard deviation of the change of friction and offsets between recordings: share of the coefficient, and of the
 # joint's rms torque; the larger one counts
 CHANGE, LITTLE = 0.1, 0.01
+RADIUS, LIGHT, FAR = 0.05, 0.05, 0.3  # prior load: radius of gyration [m], least mass [kg], farthest centre [m]
 RANK = 1e-8  # [1] smallest singular value of an identifiable direction, over the largest, columns scaled
 
 
@@ -34,23 +36,27 @@ class Difference(Frozen):
         information = np.linalg.inv(self.covariance / np.outer(size, size)) / np.outer(size, size)
         return Estimate(self.value, self.covariance, information, np.zeros(0), ())
 
+    def feasible(self) -> ConsistentFit:
+        """Nearest physically possible load, sought from a compact body with the difference's mass and centre."""
+        names, b = zip(INERTIAL, INERTIAL_UNITS, strict=True), len(self.value)
+        labels = tuple(Label(f"{name}_load", unit, body=0) for name, unit in names)
+        sees = np.ones((1, b), bool)
+        alone = BaseMap(labels, np.zeros(b, int), self.columns, ("",) * b, ("",) * b, sees, np.ones(1), 1.0)
+        mass = max(float(self.load[0]), LIGHT)
+        centre = self.load[1:4] / mass
+        centre = centre * min(1.0, FAR / max(float(np.linalg.norm(centre)), 1e-9))
+        turn = mass * (RADIUS**2 * np.eye(3) + centre @ centre * np.eye(3) - np.outer(centre, centre))
+        values = [mass, *(mass * centre), *turn[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]]
+        return fit_consistent(alone, self.estimate, Parameters(labels, np.array(values)))
 
-def subtract(
-    base: BaseMap, body: int, bare: Estimate, loaded: Estimate, factors: Factors, added: Array | None = None
-) -> Difference:
+
+def subtract(base: BaseMap, body: int, bare: Estimate, loaded: Estimate, factors: Factors, added: Array) -> Difference:
     """Fit the difference of two estimates by a body that is added to one of the robot's bodies.
 
     The robot's own parameters are equal in both estimates and cancel. Friction and offsets may have changed by about a
-    tenth.
-
-    Args:
-        base: base map of both estimates.
-        body: index of the body that carries the load.
-        bare: estimate without the load.
-        loaded: estimate with the load.
-        factors: factors of the recordings without the load, for the sizes of torque and speed.
-        added: (b, b) [units of base] covariance that widens the intervals but does not weight the fit, since most of
-            this error is equal with and without the load.
+    tenth. `factors` are those of the recordings without the load, for the sizes of torque and speed. The covariance
+    added: (b, b) [units of base] widens the intervals but does not weight the fit, since most of this error is equal
+    with and without the load.
 
     Source: Khalil, Gautier, Lemoine, Identification of the payload inertial parameters of industrial manipulators, IEEE
     ICRA 2007.
@@ -69,12 +75,9 @@ def subtract(
     load = gain @ value
     left = np.linalg.solve(root, value - columns @ load)
     misfit = max(1.0, float(left @ left) / max(count - rank, 1))
-    back = np.linalg.solve(root.T, left)
-    drifted = float(np.abs(size * (change.T @ back)).max(initial=0.0))
-    spread = misfit * spread
-    if added is not None:
-        finite = np.where(np.isinf(np.diag(spread))[:, None], 0.0, gain)
-        spread = spread + finite @ np.where(np.outer(known, known), added, 0.0) @ finite.T
+    drifted = float(np.abs(size * (change.T @ np.linalg.solve(root.T, left))).max(initial=0.0))
+    finite = np.where(np.isinf(np.diag(spread))[:, None], 0.0, gain)
+    spread = misfit * spread + finite @ np.where(np.outer(known, known), added, 0.0) @ finite.T
     return Difference(columns, value, misfit * covariance, load, spread, misfit, drifted)
 
 

@@ -1,15 +1,15 @@
-"""Recordings without and with a load -> the load's mass, centre and inertia."""
+"""Recordings without and with a load -> the load's mass, centre and inertia, with standard deviations."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..deadline import ends_in_time
+from ..effects import EFFECTS
 from ..errors import OptionError, RecordingError
-from ..estimation.feasible import fit_consistent
 from ..estimation.least_squares import estimate
 from ..model import stated_parameters
 from ..regression.factors import LAGS, Factors
@@ -17,28 +17,64 @@ from ..regression.prepare import prepare
 from ..regression.session import Options
 from ..robot.dynamics import own_body
 from ..signs.torque_constants.constants import constant_sensitivity
-from ..types import (
-    INERTIAL,
-    INERTIAL_UNITS,
-    Array,
-    BaseMap,
-    Estimate,
-    Input,
-    Label,
-    Mask,
-    Parameters,
-    Progress,
-    Recording,
-    Robot,
-)
+from ..types import Array, BaseMap, Estimate, Frozen, Input, Law, Mask, Progress, Recording, Robot
 from .difference import Difference, subtract
-from .result import Payload
 
-RADIUS, LIGHT, FAR = 0.05, 0.05, 0.3  # prior load: radius of gyration [m], least mass [kg], farthest centre [m]
 CERTAIN = 3.0  # standard deviations above which a mass is certain
 CONSTANT = 0.03  # relative standard deviation of a torque constant: a magnet loses a tenth of a per cent per kelvin
 DRIFT, MISFIT = 3.0, 10.0  # [1] changes of friction and misfit, in usual sizes, above which a note is given
 ROLES = ("recording, without the load", "recording, with the load")
+STEP = 1e-6  # [1] step of numerical derivatives, over a parameter's size
+
+
+@dataclass(frozen=True, eq=False)
+class Payload(Frozen):
+    """Body that the last link carries. `flags` name unreliable results; empty if there are none."""
+
+    robot: Robot
+    link: str  # link that carries the load; the load is expressed in the frame of its joint
+    inertial: Array  # (10,) in Pinocchio's order, about the joint's frame [kg, kg.m, kg.m2]
+    covariance: Array  # (10, 10) of the difference before it was made feasible [products of their units]
+    unidentified: tuple[str, ...]  # unidentifiable ones of mass, centre and inertia
+    moved: float  # [standard deviations] largest change of an identifiable number by feasibility
+    misfit: float  # [1] variance of the residual of the difference over that of noise; above 1 it widens the intervals
+    drifted: float  # [1] largest change of friction or offset, over its prior standard deviation
+    inputs: tuple[Input, ...]
+    cutoff: float  # [Hz]
+    seed: int
+    flags: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    @property
+    def mass(self) -> tuple[float, float]:
+        """Mass of the load, and its standard deviation [kg]."""
+        return float(self.inertial[0]), float(self._std(lambda x: x[:1])[0])
+
+    @property
+    def centre(self) -> tuple[Array, Array]:
+        """Centre of mass (3,) [m], and its standard deviation (3,) [m]."""
+        return self.inertial[1:4] / self.inertial[0], self._std(lambda x: x[1:4] / x[0])
+
+    @property
+    def inertia(self) -> tuple[Array, Array]:
+        """Inertia (6,) about the centre of mass, xx, xy, yy, xz, yz, zz [kg.m2], and its standard deviation (6,)."""
+        return _about_centre(self.inertial), self._std(_about_centre)
+
+    @property
+    def law(self) -> Law:
+        """Load as a law of a model."""
+        effect = EFFECTS["payload"]
+        values = dict(zip(effect.parameters, self.inertial.tolist(), strict=True))
+        return Law(effect, (len(self.robot.joints) - 1,), values)
+
+    def _std(self, of: Callable[[Array], Array]) -> Array:
+        """Standard deviations (k,) of a function of the ten numbers; infinite if unidentifiable."""
+        x, finite = self.inertial, np.isfinite(np.diag(self.covariance))
+        size = np.maximum(np.abs(x), 1e-3 * np.abs(x).max()) * STEP
+        slope = np.column_stack([(of(x + d) - of(x - d)) / (2 * s) for d, s in zip(np.diag(size), size, strict=True)])
+        known = np.where(np.outer(finite, finite), self.covariance, 0.0)
+        std = np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", slope, known, slope), 0.0))
+        return np.where(np.abs(slope[:, ~finite]).max(axis=1, initial=0.0) > 0, np.inf, std)
 
 
 @ends_in_time
@@ -78,17 +114,19 @@ def payload(
     base = session.task.base
     prior = base.combination @ stated_parameters(session.task).values
     bare, loaded = (estimate(replace(f, sample=None), base, prior, options.whiten) for f in factors)
-    added = _beyond_noise(base, prior, (bare, loaded), factors, _currents(both), options.whiten)
+    currents = np.any([recording.torque_per_unit != 1 for recording in both], axis=0)  # (n,) times a constant
+    added = _beyond_noise(base, prior, (bare, loaded), factors, currents, options.whiten)
     body = own_body(session.robot, len(session.robot.joints) - 1)
     difference = subtract(base, body, bare, loaded, factors[0], added)
-    fitted = fit_consistent(_one_body(difference), difference.estimate, _before(difference))
-    inertial = fitted.parameters.bodies()[0]
-    unidentifiable = _unidentifiable(difference)
+    fitted = difference.feasible()
+    lost = np.isinf(np.diag(difference.spread))
+    parts = {"mass": lost[:1], "centre of mass": lost[1:4], "inertia": lost[4:]}
+    unidentifiable = tuple(name for name, some in parts.items() if some.any())
     roles = zip((without, carrying), ROLES, strict=True)
     return Payload(
         robot=session.robot,
         link=session.robot.links[body],
-        inertial=inertial,
+        inertial=fitted.parameters.bodies()[0],
         covariance=difference.spread,
         unidentified=unidentifiable,
         moved=fitted.moved,
@@ -103,12 +141,7 @@ def payload(
 
 
 def _beyond_noise(
-    base: BaseMap,
-    prior: Array,
-    found: tuple[Estimate, Estimate],
-    factors: Sequence[Factors],
-    currents: Mask,
-    whiten: bool,
+    base: BaseMap, prior: Array, found: Sequence[Estimate], factors: Sequence[Factors], currents: Mask, whiten: bool
 ) -> Array:
     """Covariance (b, b) of the difference due to model discrepancy and to errors of torque constants."""
     turns, total = [], np.zeros((base.rank, base.rank))
@@ -117,11 +150,6 @@ def _beyond_noise(
         turns.append(constant_sensitivity(one, own, base, currents, whiten))
     apart = CONSTANT * (turns[1] - turns[0])
     return np.asarray(total + apart @ apart.T)
-
-
-def _currents(recordings: Sequence[Recording]) -> Mask:
-    """(n,) whether the torque of a joint is a current times its constant."""
-    return np.asarray(np.any([recording.torque_per_unit != 1 for recording in recordings], axis=0))
 
 
 def _check(without: Sequence[Recording], carrying: Sequence[Recording]) -> None:
@@ -135,32 +163,6 @@ def _check(without: Sequence[Recording], carrying: Sequence[Recording]) -> None:
         if not recording.signed.all():
             name = recording.path or "a recording"
             raise RecordingError(f"{name} lacks signs of torque; a load is found from torque that has its sign")
-
-
-def _one_body(difference: Difference) -> BaseMap:
-    """The load alone as what the difference is made of."""
-    names = zip(INERTIAL, INERTIAL_UNITS, strict=True)
-    labels = tuple(Label(f"{name}_load", unit, body=0) for name, unit in names)
-    b = len(difference.value)
-    return BaseMap(
-        labels, np.zeros(b, int), difference.columns, ("",) * b, ("",) * b, np.ones((1, b), bool), np.ones(1), 1.0
-    )
-
-
-def _before(difference: Difference) -> Parameters:
-    """A compact body with the mass and the centre of the difference, as a starting point."""
-    mass, moment = max(float(difference.load[0]), LIGHT), difference.load[1:4]
-    centre = moment / mass
-    centre = centre * min(1.0, FAR / max(float(np.linalg.norm(centre)), 1e-9))
-    turn = mass * (RADIUS**2 * np.eye(3) + centre @ centre * np.eye(3) - np.outer(centre, centre))
-    values = [mass, *(mass * centre), *turn[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]]
-    return Parameters(_one_body(difference).labels, np.array(values))
-
-
-def _unidentifiable(difference: Difference) -> tuple[str, ...]:
-    lost = np.isinf(np.diag(difference.spread))
-    parts = (("mass", lost[:1]), ("centre of mass", lost[1:4]), ("inertia", lost[4:]))
-    return tuple(name for name, some in parts if some.any())
 
 
 def _flags(difference: Difference, unidentifiable: Sequence[str]) -> tuple[str, ...]:
@@ -184,3 +186,10 @@ def _notes(difference: Difference) -> list[str]:
     if difference.drifted > DRIFT:
         notes.append(f"friction or an offset changed by {difference.drifted:.1f} times what is usual from day to day")
     return notes
+
+
+def _about_centre(inertial: Array) -> Array:
+    """Inertia (6,) about the centre of mass [kg.m2], in Pinocchio's order, of ten parameters about a frame's origin."""
+    m, (x, y, z) = inertial[0], inertial[1:4]
+    shift = np.array([y * y + z * z, -x * y, x * x + z * z, -x * z, -y * z, x * x + y * y])
+    return np.asarray(inertial[4:] - shift / m)

@@ -1,4 +1,4 @@
-"""Raw samples -> faults of single channels: clipped or stuck torque, skipping positions, absolute torque."""
+"""Recordings -> faults of single channels, values beyond the limits of the description, and the amount of data."""
 
 from __future__ import annotations
 
@@ -7,9 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..regression.session import PIECE, Part
-from ..types import Array, Mask, Samples
+from ..regression.rows import consumed
+from ..regression.session import PIECE, Part, Session
+from ..types import Array, Mask, Robot, Samples
 from .evidence import FaultEvidence
+from .result import NOTE, WARN, RecordingFault
 
 LEVELS = 200  # smallest number of distinct values; with fewer, a standstill looks like quantisation
 # Clipping: smallest number of samples at the extreme value, their smallest share of all samples [1], and the smallest
@@ -23,29 +25,54 @@ HOLD, STEPS, JUMP = 0.05, 5, 3.0
 # Absolute torque: largest minimum of the torque over its maximum [1]; smallest share of the rows with the rarer sign of
 # the predicted torque [1]; number of joints without negative torque that friction cannot explain; largest residual of
 # the absolute predicted torque, over the residual of the signed one, and over the torque (sums of squares) [1]
-NEAR = 0.02
-BOTH = 0.1
-SEVERAL = 2
+NEAR, BOTH, SEVERAL = 0.02, 0.1, 2
 BETTER, ALIKE = 0.5, 0.2
+PER_UNKNOWN = 2.5  # smallest number of rows per unknown, for the joint with most unknowns, to estimate noise
+BEYOND = 3.0  # [1] largest cut-off over the highest frequency of the motion
+MOTION = 6.25  # [Hz] highest frequency of a motion; rows beyond it have no new information
+FAR = 0.05  # [ranges, or rad or m] excess of a position that is a rounding error of the description
+STRONG, FAST, LARGE = 1.05, 1.2, 1.5  # [1] tolerated torque and velocity over their limits; torque that is a fault
+CHANNELS = {
+    "clipping": "the torque of {joint} is clipped at {value:.4g} {unit} in {count} samples; "
+    "raise the limit of drive or logger, or move more slowly",
+    "stuck torque": "the torque of {joint} is constant for {value:.2g} s while the joint moves; "
+    "check the logger, or cut that part out",
+    "skipping position": "the position of {joint} stands still and then jumps, {count} times, for up to {value:.2g} s: "
+    "samples were lost; leave them empty instead of repeating the last one",
+}
+LIMITS = {  # units of a revolute and of a prismatic joint; what to check
+    "torque": (("N.m", "N"), "its unit"),
+    "velocity": (("rad/s", "m/s"), "time and unit"),
+    "position": (("rad", "m"), "its zero and unit"),
+}
 
 
-class Fault(NamedTuple):
-    """Fault of a joint's channel."""
+class Amount(NamedTuple):
+    """Amount of data."""
 
-    kind: str  # "clipping", "stuck torque", "skipping position"
-    joint: int
-    times: int  # number of samples; for skipping positions, number of skips
-    value: float  # [N.m or N] clipped value, or [s] duration of a standstill
+    rows: int  # filtered rows of all recordings with new information
+    unknowns: int  # of the joint with most of them
+    seconds: float  # [s] of training data
+    needed: float  # [s] of training data needed for `PER_UNKNOWN`
+    whole: float  # [s] of training data and held-out data of the same recordings
+
+    @property
+    def enough(self) -> bool:
+        """Whether there are enough rows to distinguish noise from unknowns."""
+        return self.rows >= PER_UNKNOWN * self.unknowns
 
 
-def judge_channels(parts: Sequence[Part]) -> list[Fault]:
+def judge_channels(parts: Sequence[Part], robot: Robot) -> list[RecordingFault]:
     """Faults of single channels in the longest stretch of each recording; each kind at most once per joint."""
-    found: dict[tuple[str, int], Fault] = {}
+    found: dict[tuple[str, int], RecordingFault] = {}
     for part in parts:
         (recording, sampling), rows = part, longest_rows(part)
         for j, signed in enumerate(recording.signed):
-            for fault in _faults(rows.q[:, j], rows.tau[:, j], sampling.period, j, bool(signed)):
-                found.setdefault((fault.kind, j), fault)
+            joint, unit = robot.joints[j], "N" if robot.prismatic[j] else "N.m"
+            for kind, count, value in _faults(rows.q[:, j], rows.tau[:, j], sampling.period, bool(signed)):
+                measures = {"count": float(count), "value": value}
+                sentence = CHANNELS[kind].format(joint=joint, unit=unit, count=count, value=value)
+                found.setdefault((kind, j), RecordingFault(kind, (joint,), WARN, measures, sentence))
     return list(found.values())
 
 
@@ -56,16 +83,15 @@ def longest_rows(part: Part) -> Samples:
     return recording.read(start, min(stop, start + PIECE))
 
 
-def _faults(q: Array, tau: Array, period: float, joint: int, signed: bool) -> Iterator[Fault]:
+def _faults(q: Array, tau: Array, period: float, signed: bool) -> Iterator[tuple[str, int, float]]:
+    """Kind, number of samples or skips, and clipped value [N.m or N] or longest duration [s] of each fault."""
     if np.all(np.isfinite(tau)) and len(np.unique(tau)) >= LEVELS:
         sides = [(_clipped(side * tau, q), side) for side in (1.0, -1.0)[: 1 + signed]]
-        for count, side in sides:
-            if count:
-                yield Fault("clipping", joint, count, float(np.max(side * tau)))
+        yield from (("clipping", count, float(np.max(side * tau))) for count, side in sides if count)
         if not any(count for count, _ in sides) and (stuck := _stuck(tau, q, period)):
-            yield Fault("stuck torque", joint, stuck, stuck * period)
+            yield "stuck torque", stuck, stuck * period
     if skips := _skips(q, period):
-        yield Fault("skipping position", joint, len(skips), max(skips) * period)
+        yield "skipping position", len(skips), max(skips) * period
 
 
 def _clipped(y: Array, q: Array) -> int:
@@ -89,8 +115,7 @@ def _stuck(y: Array, q: Array, period: float) -> int:
 
 def _skips(q: Array, period: float) -> list[int]:
     """Length in samples of each standstill of a position that a jump follows."""
-    step = np.diff(q)
-    found = []
+    step, found = np.diff(q), []
     for a, b in _runs(step == 0):
         before, after = np.abs(step[max(a - STEPS, 0) : a]), np.abs(step[b + 1 : b + 1 + STEPS])
         if b - a < max(STEPS, HOLD / period) or len(before) < STEPS or len(after) < STEPS:
@@ -111,10 +136,6 @@ def judge_absolute(evidence: FaultEvidence, parts: Sequence[Part]) -> Mask:
     """Mask (n,) of joints with absolute values in a signed torque column.
 
     If at least one joint shows it, all joints whose torque is never negative are included.
-
-    Args:
-        evidence: rows of all recordings.
-        parts: recordings, of which the raw samples of the longest stretch are used.
     """
     predicted, torque = evidence.plain.predicted, evidence.plain.torque
     rarer = np.minimum((predicted > 0).mean(axis=0), (predicted < 0).mean(axis=0))
@@ -126,3 +147,48 @@ def judge_absolute(evidence: FaultEvidence, parts: Sequence[Part]) -> Mask:
     alike = (sizes <= BETTER * plain) & (sizes <= ALIKE * np.sum(torque**2, axis=0))
     lost = touches & (alike | ((touches & (sizes < plain)).sum() >= SEVERAL))
     return np.asarray(never if lost.any() else lost)
+
+
+def judge_limits(evidence: FaultEvidence | None, parts: Sequence[Part], robot: Robot) -> list[RecordingFault]:
+    """Values beyond the limits of the description, with a tolerance for noise."""
+    low, high, travel = robot.lower, robot.upper, robot.upper - robot.lower
+    bottom, top = np.min([s.lower for _, s in parts], axis=0), np.max([s.upper for _, s in parts], axis=0)
+    room = FAR * np.maximum(1.0, np.where(np.isfinite(travel), travel, 1.0))
+    above, over = top - high >= low - bottom, (low < high) & ((top > high + room) | (bottom < low - room))
+    found = [("position", np.where(above, top, bottom), np.where(above, high, low), over)]
+    if evidence is not None:
+        speed = np.abs(evidence.plain.v).max(axis=0)
+        torque = np.max([np.abs(curve.x).max(axis=0) for curve in evidence.torques], axis=0)
+        for kind, value, limit, most in (
+            ("velocity", speed, robot.velocity_limit, FAST),
+            ("torque", torque, robot.effort_limit, STRONG),
+        ):
+            found.append((kind, value, limit, (limit > 0) & (value > most * limit)))
+    return [
+        _limit_fault(kind, robot, int(j), float(value[j]), float(limit[j]))
+        for kind, value, limit, exceeded in found
+        for j in np.flatnonzero(exceeded)
+    ]
+
+
+def _limit_fault(kind: str, robot: Robot, j: int, value: float, limit: float) -> RecordingFault:
+    units, check = LIMITS[kind]
+    fact = f"the {kind} of {robot.joints[j]} reaches {value:.4g} {units[int(robot.prismatic[j])]}, beyond its limit"
+    sentence = f"{fact} of {limit:.4g}; check {check}, or correct the description"
+    severity = WARN if kind == "torque" and value >= LARGE * limit else NOTE
+    measures = {"value": value, "limit": limit}
+    return RecordingFault(f"{kind} limit", (robot.joints[j],), severity, measures, sentence)
+
+
+def judge_amount(session: Session, parts: Sequence[Part]) -> Amount:
+    """Number of filtered rows and of unknowns."""
+    band, task = session.task.band, session.task
+    reach = consumed(band, task.recorded_derivatives)
+    lengths = [s.length(span) for _, s in parts for span in s.spans]
+    density, lost = 2 * min(band.cutoff, max(MOTION, band.cutoff / BEYOND)), len(lengths) * reach / band.rate
+    rows = sum(int(max(0, length - reach) / band.rate * density) for length in lengths)
+    unknowns = max((len(task.seen(j)) for j in range(len(task.robot.joints))), default=0)
+    seconds, wanted = sum(s.duration for _, s in parts), PER_UNKNOWN * unknowns
+    rest = sum(s.duration for r, s in session.held_out if any(r is used and s is not own for used, own in parts))
+    needed = max(wanted / density + lost, seconds * wanted / max(rows, 1))
+    return Amount(rows, unknowns, seconds, needed, seconds + rest)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -12,28 +12,13 @@ from ..errors import OptionError
 from ..estimation.excitation import ExcitationVerdict, judge_excitation
 from ..estimation.least_squares import estimate
 from ..model import Model
-from ..regression.session import Part, Session
+from ..regression.session import Session
 from ..types import Array, Mask
-from .channels import judge_absolute, judge_channels
-from .correction import Correction
-from .evidence import FaultEvidence, Signals, gather
+from . import messages
+from .channels import judge_absolute, judge_amount, judge_channels, judge_limits
+from .evidence import Correction, FaultEvidence, Signals, gather
 from .fits import FitColumns, unexplained
-from .gains import Gains, judge_gains
-from .lag import Lags, judge_lags
-from .limits import judge_amount, judge_limits
-from .messages import (
-    KINDS,
-    absolute_finding,
-    amount_finding,
-    channel_finding,
-    claim_findings,
-    excitation_findings,
-    factor_findings,
-    lag_findings,
-    limit_finding,
-    unexplained_finding,
-    unsigned_unit_finding,
-)
+from .lag_and_gain import Gains, Lags, judge_gains, judge_lags
 from .result import UNCERTAIN, RecordingFault, RecordingFaults
 from .search import Claim, informative_torques, search
 
@@ -43,16 +28,19 @@ UNEXPLAINED, STRONG = 0.6, 0.05
 MOVES = 0.05  # [1] smallest rms velocity of that joint over the largest
 CLEAR = 0.2  # [1] difference of unexplained shares by which the right sign or order is better than a wrong one
 SIGNS, ORDERS = ("torque sign", "position sign", "axis"), ("torque order", "position order", "joint order")
-REASONS = (*KINDS, "absolute torque", "units", "gain", "unexplained torque")  # possible causes of other findings
+# possible causes of other findings
+REASONS = (*messages.KINDS, "absolute torque", "units", "gain", "unexplained torque")
 UNSIGNED = (0.1, 100.0)  # [1] range of absolute torque over predicted torque (rms) that friction can explain
 
 
 class _Seen(NamedTuple):
     """Faults of signed torque."""
 
+    evidence: FaultEvidence
     informative: Mask  # (n,) joints with informative torque
     claims: list[Claim]
     done: Correction  # all corrections together
+    signals: Signals  # after them
     left: Array  # (n,) [1] unexplained shares after them
     lags: Lags
     gains: Gains
@@ -65,13 +53,8 @@ def examine(
 
     A wrong order, sign, unit of angle or lag is claimed if its correction lets a passive joint with the model's bodies
     (with any friction, rotor and offset, not negative except the offset) explain the torque far better, in nearly all
-    blocks of the recordings. For torques without a sign only their sizes are checked.
-
-    Args:
-        model: model of the session's joints.
-        session: session by `prepare` with the recordings.
-        excitation: verdict on the excitation of the recordings, if it exists already.
-        signed: (n,) joints whose torque was recorded with its sign, if the session has recovered signs.
+    blocks of the recordings. For torques without a sign only their sizes are checked. If the session has recovered
+    signs, signed: (n,) are the joints whose torque was recorded with its sign.
 
     Raises:
         OptionError: the model has other joints.
@@ -81,95 +64,67 @@ def examine(
         fact = f"the simulation moves {', '.join(model.robot.joints)}, the recordings {', '.join(robot.joints)}"
         raise OptionError(f"{fact}; give a simulation of the recorded joints")
     parts = list({id(recording): (recording, s) for recording, s in (*session.held_out, *session.train)}.values())
-    evidence = gather(model, session, parts)
-    if evidence is not None and signed is not None:
-        evidence = replace(evidence, signed=evidence.signed & signed)
-    absolute = list[RecordingFault]()
-    if evidence is not None and (lost := judge_absolute(evidence, parts)).any():
-        absolute = [absolute_finding([robot.joints[j] for j in np.flatnonzero(lost)])]
-        evidence = replace(evidence, signed=evidence.signed & ~lost)
-    seen = None if evidence is None else _see(evidence)
-    causes = [*absolute, *_causes(session, parts, evidence, seen)]
-    findings = [*causes, *_effects(session, parts, evidence, excitation, causes)]
-    return _result(robot.joints, evidence, seen, findings)
+    evidence, seen, findings = gather(model, session, parts), None, list[RecordingFault]()
+    if evidence is not None:
+        evidence = evidence if signed is None else replace(evidence, signed=evidence.signed & signed)
+        if (lost := judge_absolute(evidence, parts)).any():
+            findings.append(messages.absolute_finding([robot.joints[j] for j in np.flatnonzero(lost)]))
+            evidence = replace(evidence, signed=evidence.signed & ~lost)
+        seen = _see(evidence)
+    amount = judge_amount(session, parts)
+    findings += [] if amount.enough else [messages.amount_finding(amount, len(robot.joints))]
+    if seen is not None:
+        findings += _torque_findings(seen)
+    findings += judge_channels(parts, robot)
+    # limits and excitation matter only without a more severe fault that can be their cause
+    reasons = {joint for f in findings if f.kind in REASONS for joint in f.joints or robot.joints}
+    findings += [fault for fault in judge_limits(evidence, parts, robot) if fault.joints[0] not in reasons]
+    if evidence is not None and not reasons:
+        if excitation is None:
+            factors = session.reduce(session.train)
+            excitation = judge_excitation(session.task, factors, estimate(factors, session.task.base))
+        findings += messages.excitation_findings(excitation)
+    if seen is None:
+        nothing, unknown = np.full(len(robot.joints), np.nan), (UNCERTAIN,) * len(robot.joints)
+        return RecordingFaults(robot.joints, nothing, nothing, nothing, unknown, unknown, tuple(findings))
+    late = seen.done.lag[list(seen.done.tau_from)] + seen.lags.own
+    explained = np.where(seen.evidence.signed, 1 - seen.left, np.nan)
+    return RecordingFaults(robot.joints, explained, seen.gains.factor, late, *_verdicts(seen), tuple(findings))
 
 
 def _see(evidence: FaultEvidence) -> _Seen:
     informative = informative_torques(evidence.plain, evidence.signed)
     claims = search(evidence, informative)
     done = claims[-1].correction if claims else Correction.none(len(informative))
-    left, informative = unexplained(evidence.corrected(done)), informative[list(done.tau_from)]
-    lags = judge_lags(evidence, done, informative)
-    return _Seen(informative, claims, done, left, lags, judge_gains(evidence, done))
+    signals, informative = evidence.corrected(done), informative[list(done.tau_from)]
+    lags, gains = judge_lags(evidence, done, informative), judge_gains(evidence, done)
+    return _Seen(evidence, informative, claims, done, signals, unexplained(signals), lags, gains)
 
 
-def _causes(
-    session: Session, parts: Sequence[Part], evidence: FaultEvidence | None, seen: _Seen | None
-) -> list[RecordingFault]:
-    amount = judge_amount(session, parts)
-    found = [] if amount.enough else [amount_finding(amount, len(session.robot.joints))]
-    if evidence is not None and seen is not None:
-        found += _torque_findings(evidence, seen)
-    return [*found, *(channel_finding(fault, session.robot) for fault in judge_channels(parts))]
-
-
-def _effects(
-    session: Session,
-    parts: Sequence[Part],
-    evidence: FaultEvidence | None,
-    excitation: ExcitationVerdict | None,
-    causes: Sequence[RecordingFault],
-) -> Iterator[RecordingFault]:
-    """Findings on limits and excitation that no more severe fault can cause."""
-    reasons = {joint for f in causes if f.kind in REASONS for joint in f.joints or session.robot.joints}
-    for beyond in judge_limits(evidence, parts, session):
-        if session.robot.joints[beyond.joint] not in reasons:
-            yield limit_finding(beyond, session.robot)
-    if evidence is not None and not reasons:
-        yield from excitation_findings(_excitation(session) if excitation is None else excitation)
-
-
-def _torque_findings(evidence: FaultEvidence, seen: _Seen) -> Iterator[RecordingFault]:
-    robot, joints, x = evidence.robot, evidence.robot.joints, evidence.corrected(seen.done)
-    yield from claim_findings(seen.claims, joints, len(np.unique(evidence.block)))
-    yield from lag_findings(seen.lags, seen.done, joints)
-    yield from factor_findings(seen.gains, robot)
+def _torque_findings(seen: _Seen) -> Iterator[RecordingFault]:
+    evidence, x, joints = seen.evidence, seen.signals, seen.evidence.robot.joints
+    yield from messages.claim_findings(seen.claims, joints, len(np.unique(evidence.block)))
+    yield from messages.lag_findings(seen.lags, seen.done, joints)
+    yield from messages.factor_findings(seen.gains, evidence.robot)
     speed = np.sqrt(np.mean(x.v**2, axis=0))
     deviation = np.where(evidence.signed, np.std(x.torque, axis=0), 0.0)
     strong = (speed >= MOVES * speed.max()) & (deviation >= STRONG * deviation.max())
     lost = seen.informative & (seen.left >= UNEXPLAINED) & strong
-    yield from (unexplained_finding(joints[j], 1 - float(seen.left[j])) for j in np.flatnonzero(lost))
+    yield from (messages.unexplained_finding(joints[j], 1 - float(seen.left[j])) for j in np.flatnonzero(lost))
     size, expected = (np.sqrt(np.mean(signal**2, axis=0)) for signal in (x.torque, x.predicted))
     silent = ~evidence.signed & (size > 0) & (expected > 0) & (expected >= UNSIGNED[0] * expected.max(initial=0.0))
     if silent.any():
         ratio = size[silent] / expected[silent]
         if ratio.max() < UNSIGNED[0] or ratio.min() > UNSIGNED[1]:
-            yield unsigned_unit_finding(float(np.median(ratio)))
+            yield messages.unsigned_unit_finding(float(np.median(ratio)))
 
 
-def _excitation(session: Session) -> ExcitationVerdict:
-    factors = session.reduce(session.train)
-    return judge_excitation(session.task, factors, estimate(factors, session.task.base))
-
-
-def _result(
-    joints: tuple[str, ...], evidence: FaultEvidence | None, seen: _Seen | None, findings: Sequence[RecordingFault]
-) -> RecordingFaults:
-    nothing, unknown = np.full(len(joints), np.nan), (UNCERTAIN,) * len(joints)
-    if evidence is None or seen is None:
-        return RecordingFaults(joints, nothing, nothing, nothing, unknown, unknown, tuple(findings))
-    signs, order = _verdicts(evidence.corrected(seen.done), seen)
-    late = seen.done.lag[list(seen.done.tau_from)] + seen.lags.own
-    explained = np.where(evidence.signed, 1 - seen.left, np.nan)
-    return RecordingFaults(joints, explained, seen.gains.factor, late, signs, order, tuple(findings))
-
-
-def _verdicts(x: Signals, seen: _Seen) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def _verdicts(seen: _Seen) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Verdicts on signs and on order, by comparison with all others."""
-    n, columns = len(seen.informative), [FitColumns(x, j) for j in range(len(seen.informative))]
+    x, n = seen.signals, len(seen.informative)
+    columns = [FitColumns(x, j) for j in range(n)]
     wrong = [{j for c in seen.claims if c.kind in kinds for j in c.joints} for kinds in (SIGNS, ORDERS)]
-    signs: list[str] = []
-    order: list[str] = []
+    signs, order = list[str](), list[str]()
     for j in range(n):
         other = columns[j].fit(-x.torque[:, j]).unexplained
         rest = [c.fit(s * x.torque[:, j]).unexplained for k, c in enumerate(columns) if k != j for s in (1, -1)]

@@ -33,15 +33,10 @@ class FitColumns:
         self.basis, self.factor = np.linalg.qr(self.columns / self.size)
 
     def fit(self, torque: Array) -> ColumnFit:
-        """Fit a torque by non-negative least squares.
-
-        Args:
-            torque: (K,) [N.m or N].
-        """
+        """Fit torque: (K,) [N.m or N] by non-negative least squares."""
         y = torque - torque.mean()
         found = nonnegative(self.factor, self.basis.T @ y) / self.size
-        residual = y - self.columns @ found
-        power = float(y @ y)
+        residual, power = y - self.columns @ found, float(y @ y)
         share = float(residual @ residual) / power if power else 1.0
         return ColumnFit(float(found[0]), share, residual, power / len(y))
 
@@ -57,11 +52,7 @@ def unexplained(x: Signals) -> Array:
 
 
 def nonnegative(matrix: Array, target: Array) -> Array:
-    """Non-negative least-squares coefficients (k,).
-
-    Args:
-        matrix: (m, k) [unit of the target per unit of the coefficient] columns.
-        target: (m,) [any unit].
+    """Non-negative least-squares coefficients (k,); matrix: (m, k) columns, target: (m,) [any units].
 
     Source: Lawson, Hanson, Solving Least Squares Problems, 1974, chapter 23.
     """

@@ -9,12 +9,10 @@ import numpy as np
 
 from ..estimation.excitation import ExcitationVerdict
 from ..types import Robot
-from .channels import Fault
-from .correction import Correction
-from .gains import Gains
-from .lag import Lags
-from .limits import Amount, Beyond
-from .result import NOTE, REFUSE, WARN, RecordingFault, named, percent
+from .channels import Amount
+from .evidence import Correction
+from .lag_and_gain import Gains, Lags
+from .result import REFUSE, WARN, RecordingFault
 from .search import Claim
 
 KINDS = {  # kind -> fault of some joints, correction that was tried, advice
@@ -37,7 +35,7 @@ DIAGNOSABLE = ("torque sign", "torque order", "lag")  # faults that a diagnosis 
 UNITS = {1e3: "mN.m", 1e-3: "kN.m", 10.197: "kgf.cm", 141.61: "ozf.in", 8.851: "lbf.in"}  # per N.m
 NEAR = log(1.35)  # [nats] largest distance of a factor from that of a unit
 SPARE = 1.05  # [1] recommended duration over the necessary one
-LARGE, FAR = 5.0, 1.5  # [1] factor of units from which on a diagnosis is meaningless; torque over its limit for a flag
+LARGE = 5.0  # [1] factor of units from which on a diagnosis is meaningless
 
 
 def claim_findings(claims: Sequence[Claim], joints: Sequence[str], blocks: int) -> Iterator[RecordingFault]:
@@ -52,16 +50,16 @@ def claim_findings(claims: Sequence[Claim], joints: Sequence[str], blocks: int) 
         before, after = (float(np.mean([getattr(c, key) for c in group])) for key in ("before", "after"))
         sure = min(claim.agreement for claim in group)
         fault, how, advice = KINDS[kind]
-        gain = f"model and friction explain {percent(1 - after)} of the torque instead of {percent(1 - before)}"
+        gain = f"model and friction explain {_percent(1 - after)} of the torque instead of {_percent(1 - before)}"
         better = f"better in {round(sure * blocks)} of {blocks} blocks of the recordings"
-        sentence = f"{fault.format(named(about))}: {how}, {gain} ({better}); {advice}{_equally_likely(rivals)}"
+        sentence = f"{fault.format(_named(about))}: {how}, {gain} ({better}); {advice}{_equally_likely(rivals)}"
         mild = kind in DIAGNOSABLE or any(rival in DIAGNOSABLE for rival, _ in rivals)
         measures = {"explained_before": 1 - before, "explained_after": 1 - after, "agreement": sure}
         yield RecordingFault(kind, about, WARN if mild else REFUSE, measures, sentence, tuple(rivals))
 
 
 def _equally_likely(rivals: Sequence[tuple[str, tuple[str, ...]]]) -> str:
-    others = [KINDS[kind][0].format(named(about)) for kind, about in rivals if kind != "lag"]
+    others = [KINDS[kind][0].format(_named(about)) for kind, about in rivals if kind != "lag"]
     return f" (equally likely: {'; '.join(others[:3])})" if others else ""
 
 
@@ -69,21 +67,16 @@ def lag_findings(lags: Lags, done: Correction, joints: Sequence[str]) -> Iterato
     """One finding for a lag of all joints, else one per joint."""
     before = done.lag[list(done.tau_from)]
     odd = np.flatnonzero((before != 0) | lags.large).tolist()
-    one_clock = len(set(before.tolist())) == 1 and (before[0] != 0 or isfinite(lags.common))
+    one_clock = len(set(before.tolist())) == 1 and (before[0] != 0 or isfinite(lags.common)) and len(joints) > 1
     rest = np.where(lags.share > 0, np.nan_to_num(lags.own), 0.0)
-    for group in [odd] if odd and one_clock and len(joints) > 1 else [[j] for j in odd]:
+    for group in [odd] if odd and one_clock else [[j] for j in odd]:
         lag = float(before[group[0]] + (lags.common if isfinite(lags.common) else np.median(rest[group])))
-        who, about = (
-            ("all joints", tuple(joints))
-            if one_clock and len(joints) > 1
-            else (named([joints[group[0]]]), (joints[group[0]],))
-        )
-        side = "late" if lag > 0 else "early"
-        fault = f"the torque of {who} is recorded {1e3 * abs(lag):.0f} ms {side} against the motion"
+        about = tuple(joints) if one_clock else (joints[group[0]],)
+        who, side = "all joints" if one_clock else about[0], "late" if lag > 0 else "early"
+        fact = f"the torque of {who} is recorded {1e3 * abs(lag):.0f} ms {side} against the motion"
         advice = "record both with one clock, or shift the columns by that time"
-        yield RecordingFault(
-            "lag", about, WARN, {"lag": lag, "share": float(lags.share[group].max())}, f"{fault}; {advice}"
-        )
+        measures = {"lag": lag, "share": float(lags.share[group].max())}
+        yield RecordingFault("lag", about, WARN, measures, f"{fact}; {advice}")
 
 
 def factor_findings(gains: Gains, robot: Robot) -> Iterator[RecordingFault]:
@@ -92,17 +85,17 @@ def factor_findings(gains: Gains, robot: Robot) -> Iterator[RecordingFault]:
     if middle != 1.0:
         unit = next((name for factor, name in UNITS.items() if abs(log(middle / factor)) < NEAR), "")
         guess = f"they seem to be in {unit}" if unit else _currents(gains, robot)
-        fault = f"all torques are {middle:.3g} times the predicted ones: {guess}"
-        severity = REFUSE if abs(log(middle)) > log(LARGE) else WARN
+        fact = f"all torques are {middle:.3g} times the predicted ones: {guess}"
         advice = "convert them to N.m (N), name currents current_J with a torque_constant, or correct the masses"
-        yield RecordingFault("units", (), severity, {"factor": middle}, f"{fault}; {advice}")
+        severity = REFUSE if abs(log(middle)) > log(LARGE) else WARN
+        yield RecordingFault("units", (), severity, {"factor": middle}, f"{fact}; {advice}")
     known = gains.factor[np.isfinite(gains.factor)]
     for j in gains.lone:
         ratio = float(gains.factor[j] / np.median(known))
-        fault = f"the torque of {named([robot.joints[j]])} is {ratio:.3g} times the one that the other joints suggest"
-        sure = f"± {percent(2 * gains.spread[j])}; no other mass of a link explains it"
+        fact = f"the torque of {robot.joints[j]} is {ratio:.3g} times the one that the other joints suggest"
+        sure = f"± {_percent(2 * gains.spread[j])}; no other mass of a link explains it"
         advice = "check its unit, its torque constant and its gear ratio"
-        yield RecordingFault("gain", (robot.joints[j],), WARN, {"factor": ratio}, f"{fault} ({sure}); {advice}")
+        yield RecordingFault("gain", (robot.joints[j],), WARN, {"factor": ratio}, f"{fact} ({sure}); {advice}")
 
 
 def _currents(gains: Gains, robot: Robot) -> str:
@@ -117,38 +110,34 @@ def _currents(gains: Gains, robot: Robot) -> str:
 
 def unsigned_unit_finding(ratio: float) -> RecordingFault:
     """Finding on absolute torques of a size that friction cannot explain."""
-    fault = f"absolute torques are {ratio:.3g} times the predicted ones"
-    return RecordingFault(
-        "units", (), WARN, {"factor": ratio}, f"{fault}: their unit is wrong; convert them to N.m (N)"
-    )
+    fact = f"absolute torques are {ratio:.3g} times the predicted ones: their unit is wrong"
+    return RecordingFault("units", (), WARN, {"factor": ratio}, f"{fact}; convert them to N.m (N)")
 
 
 def absolute_finding(joints: Sequence[str]) -> RecordingFault:
     """Finding on absolute torque in columns of signed torque."""
-    fault = f"the torque of {named(joints)} is never negative although the predicted torque changes its sign"
+    fact = f"the torque of {_named(joints)} is never negative although the predicted torque changes its sign"
     advice = "these are absolute values: name the columns abs_tau_JOINT, or use --unsigned (unsigned=True)"
-    return RecordingFault("absolute torque", tuple(joints), REFUSE, {}, f"{fault}; {advice}")
+    return RecordingFault("absolute torque", tuple(joints), REFUSE, {}, f"{fact}; {advice}")
 
 
 def unexplained_finding(joint: str, explained: float) -> RecordingFault:
     """Finding on torque that does not belong to its motion."""
-    fault = f"the torque of {named([joint])} does not follow from its motion: model and friction explain"
+    share = _percent(explained)
+    fact = f"the torque of {joint} does not follow from its motion: model and friction explain {share} of it"
     advice = "check that the column is measured, not commanded, and belongs to the joint"
-    measures = {"explained": explained}
-    return RecordingFault(
-        "unexplained torque", (joint,), WARN, measures, f"{fault} {percent(explained)} of it; {advice}"
-    )
+    return RecordingFault("unexplained torque", (joint,), WARN, {"explained": explained}, f"{fact}; {advice}")
 
 
 def amount_finding(amount: Amount, joints: int) -> RecordingFault:
     """Finding on too little data to distinguish noise from unknowns."""
     training = "" if amount.whole == amount.seconds else " of training data"
-    fault = f"{amount.seconds:.3g} s{training} of {joints} joint{'s' if joints > 1 else ''} are too little"
+    fact = f"{amount.seconds:.3g} s{training} of {joints} joint{'s' if joints > 1 else ''} are too little"
     why = f"{amount.rows} filtered rows per joint for {amount.unknowns} unknowns are too few to estimate the noise"
     measures = {"rows": float(amount.rows), "unknowns": float(amount.unknowns), "needed": amount.needed}
     share = amount.whole / amount.seconds if amount.seconds else 1.0
     advice = f"record for {np.ceil(SPARE * share * amount.needed):.0f} s or more"
-    return RecordingFault("too little data", (), REFUSE, measures, f"{fault}: {why}; {advice}")
+    return RecordingFault("too little data", (), REFUSE, measures, f"{fact}: {why}; {advice}")
 
 
 def excitation_findings(found: ExcitationVerdict) -> Iterator[RecordingFault]:
@@ -158,27 +147,11 @@ def excitation_findings(found: ExcitationVerdict) -> Iterator[RecordingFault]:
         yield RecordingFault("excitation", found.resting, WARN, {"share": share}, sentence)
 
 
-def channel_finding(fault: Fault, robot: Robot) -> RecordingFault:
-    """Finding on a clipped, stuck or skipping channel."""
-    joint, unit = robot.joints[fault.joint], "N" if robot.prismatic[fault.joint] else "N.m"
-    sentence = {
-        "clipping": f"the torque of {joint} is clipped at {fault.value:.4g} {unit} in {fault.times} samples; "
-        "raise the limit of drive or logger, or move more slowly",
-        "stuck torque": f"the torque of {joint} is constant for {fault.value:.2g} s while the joint moves; "
-        "check the logger, or cut that part out",
-        "skipping position": f"the position of {joint} stands still and then jumps, {fault.times} times, for up "
-        f"to {fault.value:.2g} s: samples were lost; leave them empty instead of repeating the last one",
-    }[fault.kind]
-    return RecordingFault(fault.kind, (joint,), WARN, {"count": float(fault.times), "value": fault.value}, sentence)
+def _named(joints: Sequence[str]) -> str:
+    """Names of joints in a sentence: "a", "joints a and b"."""
+    return joints[0] if len(joints) == 1 else f"joints {', '.join(joints[:-1])} and {joints[-1]}"
 
 
-def limit_finding(found: Beyond, robot: Robot) -> RecordingFault:
-    """Finding on a value beyond a limit of the description."""
-    joint, slides = robot.joints[found.joint], int(robot.prismatic[found.joint])
-    units = {"torque": ("N.m", "N"), "velocity": ("rad/s", "m/s"), "position": ("rad", "m")}
-    fact = f"the {found.kind} of {joint} reaches {found.value:.4g} {units[found.kind][slides]}, beyond its limit"
-    check = {"torque": "its unit", "velocity": "time and unit", "position": "its zero and unit"}[found.kind]
-    advice = f"check {check}, or correct the description"
-    severity = WARN if found.kind == "torque" and found.value >= FAR * found.limit else NOTE
-    measures = {"value": found.value, "limit": found.limit}
-    return RecordingFault(f"{found.kind} limit", (joint,), severity, measures, f"{fact} of {found.limit:.4g}; {advice}")
+def _percent(share: float) -> str:
+    """Share in a sentence: "97 %"."""
+    return f"{100 * share:.0f} %"

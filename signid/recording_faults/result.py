@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ..types import Array, Frozen
@@ -49,15 +49,3 @@ class RecordingFaults(Frozen):
     def notes(self) -> tuple[str, ...]:
         """Sentences of findings that are no faults."""
         return tuple(f.sentence for f in self.findings if f.severity == NOTE)
-
-
-def named(joints: Sequence[str]) -> str:
-    """Names of joints in a sentence: "a", "joints a and b"."""
-    if len(joints) == 1:
-        return joints[0]
-    return f"joints {', '.join(joints[:-1])} and {joints[-1]}"
-
-
-def percent(share: float) -> str:
-    """Share in a sentence: "97 %"."""
-    return f"{100 * share:.0f} %"

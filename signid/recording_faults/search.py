@@ -11,10 +11,9 @@ import numpy as np
 
 from ..deadline import time_is_up
 from ..types import Array, Frozen, Indices, Mask
-from .correction import Correction
-from .evidence import FaultEvidence, Signals
+from .evidence import Correction, FaultEvidence, Signals
 from .fits import FitColumns, fit_joints, unexplained
-from .lag import LATE, lag_table
+from .lag_and_gain import LATE, lag_table
 
 SEARCH = "the search for recording faults"
 WELL, CLOSELY = 0.05, 0.01  # [1] unexplained share of a good fit, and of the criterion for ties
@@ -43,28 +42,14 @@ class Claim(Frozen):
     kind: str
     joints: tuple[int, ...]
     correction: Correction  # including those before it
-    nats: float  # [nats] reduction of the log unexplained variance, summed over the joints
     before: float  # [1] unexplained share of the variance, mean over the joints whose torque it improves
     after: float  # [1] the same after the correction
     agreement: float  # [1] share of the blocks in which it improves the fit
     rivals: tuple[CorrectionTrial, ...] = ()  # equally good corrections
 
 
-class Evaluated(NamedTuple):
-    """Candidate with its unexplained shares."""
-
-    trial: CorrectionTrial
-    left: Array  # (n,) [1] unexplained shares
-    rank: tuple[float, float]  # smaller is better
-
-
 def informative_torques(x: Signals, signed: Mask) -> Mask:
-    """Mask (n,) of joints with signed torque that is strong enough to be informative.
-
-    Args:
-        x: signals as recorded.
-        signed: (n,) whether torque is recorded with its sign.
-    """
+    """Mask (n,) of joints with torque that is recorded with its sign, signed: (n,), and strong enough to inform."""
     size = np.where(signed, np.std(x.torque, axis=0), 0.0)
     strong = np.sort(size)[-2:][0] if len(size) > 2 else size.max(initial=0.0)
     rms = np.sqrt(np.mean(x.torque**2, axis=0))
@@ -72,19 +57,12 @@ def informative_torques(x: Signals, signed: Mask) -> Mask:
 
 
 def search(evidence: FaultEvidence, informative: Mask) -> list[Claim]:
-    """Find all claims, each the best one after those before it.
-
-    Args:
-        evidence: evidence of the recordings.
-        informative: (n,) joints with informative torque.
-    """
-    claims: list[Claim] = []
-    done = Correction.none(len(informative))
+    """Find all claims, each the best one after those before it; informative: (n,) joints with informative torque."""
+    claims, done = list[Claim](), Correction.none(len(informative))
     for _ in range(2 * len(informative)):
         if time_is_up(SEARCH, answer=False):
             break
-        claim = _next(evidence, done, informative)
-        if claim is None:
+        if (claim := _next(evidence, done, informative)) is None:
             break
         claims, done = [*claims, claim], claim.correction
     return claims
@@ -94,29 +72,29 @@ def _next(evidence: FaultEvidence, done: Correction, informative: Mask) -> Claim
     before = _left(evidence, done)
     if _nats(before, informative) - informative.sum() * np.log(WELL) < WORTH:
         return None
-    evaluated = []
+    evaluated = []  # rank (smaller is better), candidate, unexplained shares
     for trial in _trials(evidence, done, informative[list(done.tau_from)]):
         if time_is_up(SEARCH, answer=False):
             return None
         left = _left(evidence, trial.correction)
         if np.any((left - before)[evidence.signed] > WORSE) or not _betters_all(trial, done, informative, before, left):
             continue
-        evaluated.append(Evaluated(trial, left, (_nats(left, informative), _nats(left, informative, CLOSELY))))
+        evaluated.append(((_nats(left, informative), _nats(left, informative, CLOSELY)), trial, left))
     if not evaluated:
         return None
-    evaluated.sort(key=lambda j: (round(j.rank[0], 1), j.rank[1]))
-    best, gained = evaluated[0], _nats(before, informative) - evaluated[0].rank[0]
-    if best.trial.kind == "lag" and np.abs(best.trial.correction.lag - done.lag).max() < LATE:
+    evaluated.sort(key=lambda one: (round(one[0][0], 1), one[0][1]))
+    rank, best, left = evaluated[0]
+    if best.kind == "lag" and np.abs(best.correction.lag - done.lag).max() < LATE:
         return None
-    betters = np.flatnonzero(informative & (best.left <= BETTER * before))
-    if gained < WORTH or not np.any(best.left[betters] <= LEFT):
+    betters = np.flatnonzero(informative & (left <= BETTER * before))
+    if _nats(before, informative) - rank[0] < WORTH or not np.any(left[betters] <= LEFT):
         return None
-    agreement = _agreement(evidence, done, best.trial.correction, betters)
+    agreement = _agreement(evidence, done, best.correction, betters)
     if agreement < AGREE:
         return None
-    rivals = (j.trial for j in evaluated[1:] if j.rank[0] - best.rank[0] < NEARLY and j.rank[1] - best.rank[1] < NEARLY)
-    shares = float(before[betters].mean()), float(best.left[betters].mean())
-    return Claim(*best.trial, gained, *shares, agreement, tuple(rivals))
+    rivals = (trial for other, trial, _ in evaluated[1:] if np.all(np.subtract(other, rank) < NEARLY))
+    shares = float(before[betters].mean()), float(left[betters].mean())
+    return Claim(*best, *shares, agreement, tuple(rivals))
 
 
 def _left(evidence: FaultEvidence, correction: Correction) -> Array:
@@ -184,11 +162,10 @@ def _nats(left: Array, informative: Mask, floor: float = WELL) -> float:
 
 def _agreement(evidence: FaultEvidence, before: Correction, after: Correction, columns: Indices) -> float:
     """Share [1] of the blocks in which a correction reduces the residual of some columns of torque."""
-    old, new = (fit_joints(evidence.corrected(c)) for c in (before, after))
-    blocks = np.unique(evidence.block)
-    size = [np.zeros(len(blocks)), np.zeros(len(blocks))]
-    for total, fits, correction in zip(size, (old, new), (before, after), strict=True):
+    blocks, size = np.unique(evidence.block), np.zeros((2, evidence.block.max() + 1))
+    for total, correction in zip(size, (before, after), strict=True):
+        fits = fit_joints(evidence.corrected(correction))
         for j in (correction.tau_from.index(k) for k in columns):
             square = fits[j].residual ** 2 / fits[j].power
-            total += [square[evidence.block == k].sum() for k in blocks]
-    return float(np.mean(size[1] < size[0]))
+            total += np.bincount(evidence.block, square, len(total))
+    return float(np.mean(size[1, blocks] < size[0, blocks]))

@@ -11,19 +11,13 @@ from ..estimation.fit_quality import LITTLE
 from ..recording_faults import RecordingFaults
 from ..recording_faults.result import REFUSE, WARN
 from ..simulation.rollout import RollOut
-from .joints import ModelCandidate
-from .result import ValidatedModel
+from .result import ModelCandidate, ValidatedModel
 
 OF_A_FIT = ("too little data", "excitation")  # kinds of faults that matter only for a fit
 
 
 def joint_flags(candidates: Sequence[ModelCandidate], recorded: Sequence[str]) -> Iterator[str]:
-    """A sentence on each model that does not move all joints that the recordings move.
-
-    Args:
-        candidates: models over the joints that each shares with the recordings.
-        recorded: joints of the recordings.
-    """
+    """A sentence on each model that does not move all joints that the recordings move."""
     for one in candidates:
         if lacking := [joint for joint in recorded if joint not in one.model.robot.joints]:
             yield (
@@ -50,12 +44,7 @@ def constant_flags(candidates: Sequence[ModelCandidate]) -> Iterator[str]:
 
 
 def fault_flags(names: Sequence[str], faults: Sequence[RecordingFaults]) -> Iterator[str]:
-    """The sentence of each recording fault, once; with the models that find it unless all do.
-
-    Args:
-        names: names of the models.
-        faults: recording faults that each model finds.
-    """
+    """The sentence of each recording fault, once; with the models that find it unless all do."""
     shown: dict[tuple[str, tuple[str, ...]], tuple[str, list[str]]] = {}
     for name, found in zip(names, faults, strict=True):
         for fault in (f for severity in (REFUSE, WARN) for f in found.findings if f.severity == severity):
@@ -65,27 +54,8 @@ def fault_flags(names: Sequence[str], faults: Sequence[RecordingFaults]) -> Iter
         yield sentence if len(by) == len(names) else f"found with {shorten(by)}: {sentence}"
 
 
-def row_flags(one: ValidatedModel, lost: Sequence[str]) -> Iterator[str]:
-    """A sentence on a model whose predicted torque is not finite.
-
-    Args:
-        one: validated model.
-        lost: joints with recorded torque whose predicted torque is not finite.
-    """
-    if lost:
-        yield (
-            f"{one.name} predicts a torque of {shorten(lost)} that is not finite, so it has no rms; correct the "
-            f"numbers of the model"
-        )
-
-
 def row_notes(one: ValidatedModel, lost: Sequence[str]) -> Iterator[str]:
-    """A sentence on each joint whose torque is poorly predicted, or that has no rows.
-
-    Args:
-        one: validated model.
-        lost: joints that `row_flags` names.
-    """
+    """A sentence on each joint whose torque is poorly predicted, or that has no rows for another reason than `lost`."""
     fit = one.fit
     if poor := [f"{joint} (R2 {r2:.2f})" for joint, r2 in zip(fit.joints, fit.held_out_r2, strict=True) if r2 < LITTLE]:
         yield f"{one.name} predicts little of the torque of {shorten(poor)}"
@@ -95,13 +65,8 @@ def row_notes(one: ValidatedModel, lost: Sequence[str]) -> Iterator[str]:
 
 
 def rollout_notes(name: str, found: RollOut, horizon: float) -> Iterator[str]:
-    """A sentence on a simulation that diverges, with infinite errors.
-
-    Args:
-        name: name of the model.
-        found: roll-out of the model.
-        horizon: horizon of the roll-out [s].
-    """
-    if np.isinf(found.end(horizon)).any():
-        share = np.isinf(found.end(horizon)).any(axis=1).mean()
+    """A sentence on a simulation that diverges within the horizon [s], with infinite errors."""
+    diverged = np.isinf(found.end(horizon)).any(axis=1)
+    if diverged.any():
+        share = diverged.mean()
         yield f"{name} diverges within {horizon:g} s in {share:.0%} of the simulations: their error is infinite"

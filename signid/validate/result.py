@@ -3,11 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from ..estimation.fit_quality import Fit
 from ..model import Model
 from ..simulation.rollout import RollOut
-from ..types import Array, Frozen, Indices, Input
+from ..types import Array, Frozen, Indices, Input, Recording
+
+
+class ModelCandidate(NamedTuple):
+    """Model to be validated, and the recordings of its joints."""
+
+    name: str
+    model: Model
+    recordings: tuple[Recording, ...]
+    notes: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
+from ..diagnose.data.motions import pieces, row_filter
+from ..diagnose.extend.holdout import filtered
 from ..errors import InputError, OptionError, RecordingError, shorten
 from ..estimation.excitation import ExcitationVerdict
 from ..estimation.fit_quality import fit_rows
@@ -17,22 +18,13 @@ from ..recording_faults import RecordingFaults, examine
 from ..regression.prepare import prepare
 from ..regression.session import Options, Session, only_once
 from ..simulation.rollout import RollOut, roll_out
+from ..simulation.rollout.joints import restrict_joints
 from ..types import Input, Progress, Recording
-from .flags import constant_flags, fault_flags, joint_flags, rollout_notes, row_flags, row_notes
-from .joints import ModelCandidate, share_joints
-from .result import ValidatedModel, Validation
-from .rows import model_rows
+from .flags import constant_flags, fault_flags, joint_flags, rollout_notes, row_notes
+from .result import ModelCandidate, ValidatedModel, Validation
 
 HORIZON = 0.5  # [s] of roll-outs, as in a diagnosis
 NO_EXCITATION = ExcitationVerdict(np.ones(1), np.ones(1), (), (), (), (), ())  # not judged: nothing is fitted
-
-
-class _Rolled(NamedTuple):
-    """The roll-out of a model, and what is to be said of it."""
-
-    result: RollOut | None = None
-    flags: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
 
 
 def validate(
@@ -62,7 +54,7 @@ def validate(
     named, given = _named(models), [recordings] if isinstance(recordings, Recording) else list(recordings)
     _check(named, given)
     options = replace(options or Options(), effects=(), instruments=False)
-    candidates = [share_joints(name, model, given) for name, model in named.items()]
+    candidates = [_share_joints(name, model, given) for name, model in named.items()]
     sessions = _sessions(candidates, options)
     validated, faults, notes = list[ValidatedModel](), list[RecordingFaults](), list[str]()
     flags = [*joint_flags(candidates, same_joints(given)), *constant_flags(candidates)]
@@ -71,12 +63,14 @@ def validate(
             progress(f"validating {one.name}", k / len(candidates))
         session = sessions[one.model.robot.joints]
         faults.append(examine(one.model, session, NO_EXCITATION))
-        rolled = _roll_out(session, one, candidates) if rollout else _Rolled()
-        rows, lost = model_rows(one.model, session)
-        fit = fit_rows(one.model.robot, rows.residual, rows.torque, session.task.band.torque_floor)
-        validated.append(ValidatedModel(one.name, one.model, fit, rolled.result, *rows))
-        flags += [*row_flags(validated[-1], lost), *rolled.flags]
-        notes += [*one.notes, *session.notes, *faults[-1].notes, *rolled.notes, *row_notes(validated[-1], lost)]
+        rolled, failures, remarks = _roll_out(session, one, candidates) if rollout else (None, [], [])
+        model, lost = _validated(one, session, rolled)
+        validated.append(model)
+        if lost:
+            has = f"{one.name} predicts a torque of {shorten(lost)} that is not finite, so it has no rms"
+            flags.append(f"{has}; correct the numbers of the model")
+        flags += failures
+        notes += [*one.notes, *session.notes, *faults[-1].notes, *remarks, *row_notes(model, lost)]
     band = sessions[candidates[0].model.robot.joints].task.band
     return Validation(
         models=tuple(validated),
@@ -117,6 +111,34 @@ def _check(models: Mapping[str, Model], recordings: Sequence[Recording]) -> None
             )
 
 
+def _share_joints(name: str, model: Model, recordings: Sequence[Recording]) -> ModelCandidate:
+    """Model and recordings of the joints that both have."""
+    recorded = same_joints(recordings)
+    shared = tuple(joint for joint in model.robot.joints if joint in recorded)
+    if not shared:
+        raise OptionError(
+            f"{name} moves {shorten(model.robot.joints)}, the recordings {shorten(recorded)}; give a model and "
+            f"recordings of the same joints"
+        )
+    given = tuple(r if r.joints == shared else _of_joints(r, shared) for r in recordings)
+    restricted, notes = restrict_joints(model, given)
+    return ModelCandidate(name, restricted, given, tuple(f"{name}: {note}" for note in notes))
+
+
+def _of_joints(recording: Recording, joints: Sequence[str]) -> Recording:
+    """Recording of some of its joints, in the given order."""
+    kept = [recording.joints.index(joint) for joint in joints]
+    columns = {key: c if key == "t" else tuple(c[k] for k in kept) for key, c in recording.columns.items() if c}
+    return replace(
+        recording,
+        joints=tuple(joints),
+        columns=columns,
+        torque_per_unit=recording.torque_per_unit[kept],
+        signed=recording.signed[kept],
+        scaled=None if recording.scaled is None else recording.scaled[kept],
+    )
+
+
 def _sessions(candidates: Sequence[ModelCandidate], options: Options) -> dict[tuple[str, ...], Session]:
     """Recordings over the joints of each model; one band for all."""
 
@@ -132,13 +154,44 @@ def _sessions(candidates: Sequence[ModelCandidate], options: Options) -> dict[tu
     return sessions
 
 
-def _roll_out(session: Session, one: ModelCandidate, candidates: Sequence[ModelCandidate]) -> _Rolled:
-    """Short simulations in windows that leave room for the laws of all models, so that all have the same windows."""
+def _roll_out(
+    session: Session, one: ModelCandidate, candidates: Sequence[ModelCandidate]
+) -> tuple[RollOut | None, list[str], list[str]]:
+    """Short simulations, flags and notes; windows leave room for the laws of all models, so that all have the same."""
     laws = tuple(law for other in candidates for law in other.model.laws)
     try:
         found = roll_out(one.model, session, (HORIZON,), beside=replace(one.model, laws=laws))
     except RecordingError as error:
-        return _Rolled(notes=(f"no roll-out was made: {error}",))
+        return None, [], [f"no roll-out was made: {error}"]
     except InputError as error:
-        return _Rolled(flags=(f"{one.name} cannot be simulated: {error}",))
-    return _Rolled(found, notes=tuple(rollout_notes(one.name, found, HORIZON)))
+        return None, [f"{one.name} cannot be simulated: {error}"], []
+    return found, [], list(rollout_notes(one.name, found, HORIZON))
+
+
+def _validated(
+    one: ModelCandidate, session: Session, rollout: RollOut | None
+) -> tuple[ValidatedModel, tuple[str, ...]]:
+    """A model on all recordings, and the joints whose predicted torque is not finite: these have no residual.
+
+    Rows are computed piece by piece: memory grows with their rate, twice the cut-off, not with the sampling rate. The
+    choice of valid rows does not depend on the model.
+    """
+    model, band, found = one.model, session.task.band, []
+    thin, finite = row_filter(session.task), np.ones(len(model.robot.joints), dtype=bool)
+    with np.errstate(all="ignore"):
+        for k, piece in enumerate(pieces(session.task, model, session.held_out)):
+            residual, torque = filtered(piece, thin)
+            finite &= np.isfinite(np.asarray(piece.motion.predicted)).all(axis=0)
+            t = thin.at(piece.motion.t)
+            found.append((np.full(len(t), piece.recording), np.full(len(t), k), t, torque, residual))
+    if not found:
+        raise RecordingError(
+            f"every stretch of the recordings is shorter than the filter for {band.cutoff:.3g} Hz "
+            f"({len(band.taps) / band.rate:.2g} s); record longer, or raise the cut-off"
+        )
+    recording, stretch, t, torque, residual = (np.concatenate(column) for column in zip(*found, strict=True))
+    residual = np.where(finite, residual, np.nan)
+    measured = np.any([[bool(column) for column in r.columns["tau"]] for r, _ in session.held_out], axis=0)
+    lost = tuple(model.robot.joints[j] for j in np.flatnonzero(measured & ~finite))
+    fit = fit_rows(model.robot, residual, torque, band.torque_floor)
+    return ValidatedModel(one.name, model, fit, rollout, recording, stretch, t, torque, residual), lost

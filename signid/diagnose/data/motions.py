@@ -14,7 +14,7 @@ from ...deadline import seconds_left
 from ...effects.law import law_torque
 from ...model import Model
 from ...recording.sampling import samples, select_stretches
-from ...recording_faults.limits import PER_UNKNOWN, judge_amount
+from ...recording_faults.channels import PER_UNKNOWN, judge_amount
 from ...regression.bandwidth import Band
 from ...regression.filters import Decimator, lowpass, smooth
 from ...regression.motion import Motion, build_motion, margin

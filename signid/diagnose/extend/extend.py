@@ -1,4 +1,4 @@
-"""Build the extended simulation: refitted numbers and additional laws."""
+"""Build the extended simulation: refitted numbers, additional laws, and physically consistent bodies."""
 
 from __future__ import annotations
 
@@ -8,15 +8,18 @@ from dataclasses import replace
 import numpy as np
 
 from ...effects.law import coefficient_count
+from ...estimation.feasible import ConsistentFit, fit_consistent
 from ...model import Model
 from ...regression.base_parameters import build_base
-from ...types import Array, BaseMap, Indices, Law
+from ...types import INERTIAL, Array, BaseMap, Estimate, Indices, Law, Parameters, pseudo_inertia
 from ..data.column_groups import Group, tolerance
 from ..data.hypotheses import is_refitted
 from ..data.normal_equations import Fitted
 from ..data.whitened_rows import columns_of
-from .bodies import is_possible, move_bodies
 
+PRIOR_WEIGHTS = (0.01, 1.0)  # weights of the stated bodies where torque shows nothing, tried in turn [1]; heuristic
+ABSURD_MASS = 5.0  # mass over stated mass plus step beyond which the larger weight is used [1]; heuristic
+RELATIVE_STD, ABSOLUTE_STD = 1e-6, 1e-12  # least std of a base parameter, relative and absolute: conditions the inverse
 CHANGED_BODY_STD = 0.02  # std of a changed body's mass and first moment, over their change [1]; heuristic
 OTHER_BODY_STD = 0.1  # std of the other bodies, over their tolerance, in the same projection [1]; heuristic
 
@@ -27,14 +30,7 @@ def extend(
     """Refit numbers of the simulation and add laws.
 
     A law that the simulation has already at the same joints becomes the sum of both. Refitted inertials stay physically
-    consistent.
-
-    Args:
-        model: the simulation.
-        refitted: column groups of the numbers to refit, in the order of the columns.
-        fit: coefficients of these groups.
-        laws: laws to add, with all their numbers.
-        base: base parameters of the rigid bodies; None: built here.
+    consistent. The groups `refitted` are in the order of the columns; `base` is built here if it is None.
     """
     steps = iter([fit.value[fit.place(group)] for group in refitted if group.law is not None])
     moved = [_moved(law, next(steps)) if is_refitted(law) else law for law in model.laws] if refitted else [*model.laws]
@@ -47,24 +43,16 @@ def extend(
 
 
 def extended_laws(known: Sequence[Law], laws: Sequence[Law]) -> tuple[Law, ...]:
-    """Add laws to others; laws of the same effect, joints and shape become one with the sum of their numbers.
-
-    Args:
-        known: laws with all their numbers.
-        laws: laws to add.
-    """
+    """Add laws to others; laws of the same effect, joints and shape become one with the sum of their numbers."""
     own = [*known]
     for law in laws:
         law, own = _merged(law, own)
         same = [k for k, other in enumerate(own) if _adds(law, other)]
         if same:
             stated = law.effect.filled(own[same[0]].parameters)
-            contributions = {
-                key: stated[key] + x
-                for key, x in law.effect.filled(law.parameters).items()
-                if key in law.effect.linear()
-            }
-            own[same[0]] = replace(law, parameters={**law.parameters, **contributions})
+            added = law.effect.filled(law.parameters)
+            total = {key: stated[key] + added[key] for key in added if key in law.effect.linear()}
+            own[same[0]] = replace(law, parameters={**law.parameters, **total})
         else:
             own.append(law)
     return tuple(law for one in own for law in _positive(one))
@@ -79,13 +67,7 @@ def _positive(law: Law) -> tuple[Law, ...]:
 
 
 def _with_consistent_bodies(given: Model, model: Model, base: BaseMap | None) -> Model:
-    """Replace body laws that make consistent bodies inconsistent by the nearest consistent bodies.
-
-    Args:
-        given: the simulation.
-        model: the extended simulation.
-        base: base parameters of the rigid bodies; None: built here.
-    """
+    """Replace body laws that make consistent bodies inconsistent by the nearest consistent bodies."""
     changes = [law for law in model.laws if law.effect.name in ("link_inertia", "payload")]
     total = model.whole_inertials() if changes else model.inertials
     if not changes or is_possible(given.whole_inertials(), total):
@@ -96,25 +78,14 @@ def _with_consistent_bodies(given: Model, model: Model, base: BaseMap | None) ->
 
 
 def _step_std(step: Array) -> Array:
-    """(nb, 10) standard deviation of body changes in the projection [kg, kg.m, kg.m2]; large for inertia.
-
-    Args:
-        step: (nb, 10) the changes [kg, kg.m, kg.m2].
-    """
+    """(nb, 10) standard deviation of body changes in the projection [kg, kg.m, kg.m2]; large for inertia."""
     mass, moment = np.abs(step[:, :1]), np.linalg.norm(step[:, 1:4], axis=1, keepdims=True)
-    inertia = moment**2 / np.maximum(mass, 1e-12)
-    return np.repeat(
-        np.concatenate([CHANGED_BODY_STD * mass, CHANGED_BODY_STD * moment, inertia], axis=1), (1, 3, 6), axis=1
-    )
+    std = [CHANGED_BODY_STD * mass, CHANGED_BODY_STD * moment, moment**2 / np.maximum(mass, 1e-12)]
+    return np.repeat(np.concatenate(std, axis=1), (1, 3, 6), axis=1)
 
 
 def inertial_places(refitted: Sequence[Group], fit: Fitted) -> Indices:
-    """(10 nb,) positions of the inertials of all bodies among the fitted columns; empty if inertials are not refitted.
-
-    Args:
-        refitted: refitted column groups, in the order of the columns.
-        fit: the fit.
-    """
+    """(10 nb,) positions of the inertials of all bodies among the fitted columns; empty if they are not refitted."""
     return np.flatnonzero(np.isin(fit.which, columns_of([group for group in refitted if group.bodies])))
 
 
@@ -142,21 +113,18 @@ def _moved(law: Law, step: Array) -> Law:
 def _adds(law: Law, other: Law) -> bool:
     """Whether two laws add up to one law with the sum of their numbers."""
     effect = law.effect
-    same = effect.name == other.effect.name and law.joints == other.joints
-    return (
-        same
-        and effect.shape(law.parameters) == effect.shape(other.parameters)
-        and effect.coefficients(effect.example) == [effect.filled(effect.example)[key] for key in effect.linear()]
-    )
+    plain = [effect.filled(effect.example)[key] for key in effect.linear()]
+    return is_same(law, other) and effect.coefficients(effect.example) == plain
+
+
+def is_same(law: Law, other: Law) -> bool:
+    """Whether two laws have the same effect, joints and shape."""
+    one, two = ((x.effect.name, x.joints, x.effect.shape(x.parameters)) for x in (law, other))
+    return one == two
 
 
 def has_possible_numbers(group: Group, value: Array) -> bool:
-    """Whether the numbers of a hypothesis, added to the stated ones, are physically possible.
-
-    Args:
-        group: columns of the hypothesis.
-        value: (size,) coefficients [units of the coefficients].
-    """
+    """Whether the coefficients, value: (size,) [their units], added to the stated ones are physically possible."""
     stated = group.claim.stated
     if stated is None:
         return all(law.effect.possible_value(law.parameters) for law in read_laws(group, value))
@@ -168,18 +136,58 @@ def has_possible_numbers(group: Group, value: Array) -> bool:
 
 
 def read_laws(group: Group, value: Array) -> tuple[Law, ...]:
-    """Laws of a hypothesis with all their numbers.
-
-    Args:
-        group: columns of the hypothesis.
-        value: (size,) coefficients [units of the coefficients].
-    """
+    """Laws of a hypothesis with all their numbers; value: (size,) coefficients [their units]."""
     out, at, numbers_of_all = list[Law](), 0, group.claim.numbers @ value
     for law in group.claim.laws:
-        effect = law.effect
-        count = coefficient_count(law)
+        effect, count = law.effect, coefficient_count(law)
         own = numbers_of_all[at : at + count]
         numbers = effect.physical(own.tolist(), effect.shape(law.parameters)) if effect.linear() else law.parameters
         out.append(Law(effect, law.joints, dict(numbers)))
         at += count
     return tuple(out)
+
+
+def move_bodies(base: BaseMap, inertials: Array, step: Array, covariance: Array) -> Array:
+    """Add a step to the bodies; project onto the physically consistent set where the sum lies outside it.
+
+    Distance is measured in the metric of the covariance. A body that is inconsistent as stated may stay so.
+    inertials and step: (nb, 10) in Pinocchio's order [kg, kg.m, kg.m2].
+    covariance: (k, k) of the step, k = 10 nb [products of the units].
+    """
+    if is_possible(inertials, inertials + step):
+        return inertials + step
+    for weight in PRIOR_WEIGHTS:
+        bodies = nearest_bodies(base, inertials, step, covariance, weight).parameters.bodies()
+        if np.all(bodies[:, 0] < ABSURD_MASS * (inertials[:, 0] + np.abs(step[:, 0]))):
+            break
+    return bodies
+
+
+def nearest_bodies(
+    base: BaseMap, inertials: Array, step: Array, covariance: Array, weight: float = PRIOR_WEIGHTS[0]
+) -> ConsistentFit:
+    """Project bodies plus a step onto the physically consistent set, in the metric of the covariance.
+
+    inertials and step: (nb, 10) in Pinocchio's order [kg, kg.m, kg.m2].
+    covariance: (k, k) of the step, k = 10 nb [products of the units].
+    weight: of the stated bodies in directions that torque does not show [1].
+    """
+    value, spread = base.combination @ (inertials + step).ravel(), base.combination @ covariance @ base.combination.T
+    spread = spread + np.diag((RELATIVE_STD * np.abs(value) + ABSOLUTE_STD) ** 2)
+    size = np.sqrt(np.diag(spread))
+    information = np.linalg.pinv(spread / size / size[:, None], rcond=1e-10, hermitian=True) / size / size[:, None]
+    estimate = Estimate(value, spread, information, np.zeros(len(base.sees)), ())
+    return fit_consistent(base, estimate, Parameters(base.labels, inertials.ravel()), prior_weight=weight)
+
+
+def is_possible(stated: Array, inertials: Array) -> bool:
+    """Whether all bodies are physically consistent, except those that are inconsistent as stated.
+
+    stated and inertials: (nb, 10) in Pinocchio's order [kg, kg.m, kg.m2].
+    """
+    return bool(np.all(_least(inertials) > np.minimum(0.0, _least(stated))))
+
+
+def _least(inertials: Array) -> Array:
+    """(nb,) smallest eigenvalue of each pseudo-inertia matrix [kg or kg.m2]."""
+    return np.array([np.linalg.eigvalsh(pseudo_inertia(body)).min() for body in inertials.reshape(-1, len(INERTIAL))])

@@ -30,12 +30,7 @@ class ResidualRows(NamedTuple):
     reversal_std: Array  # (M, n) [N.m or N] standard deviation near velocity reversals
 
     def irreducible_std(self, noise: Noise, least: float = 0.0) -> Array:
-        """(M, n) [N.m or N] standard deviation that no simulation could predict.
-
-        Args:
-            noise: noise of the rows.
-            least: least multiple of `reversal_std` that counts [1].
-        """
+        """(M, n) [N.m or N] std that no simulation could predict; `least`: least multiple of `reversal_std` in it."""
         return np.asarray(np.hypot(noise.saturated_floor, np.maximum(noise.reversal_scale, least) * self.reversal_std))
 
 
@@ -57,40 +52,18 @@ class Comparison(NamedTuple):
 
 
 def predict(session: Session, model: Model) -> Prediction:
-    """Predict the training and the held-out recordings.
-
-    Args:
-        session: recordings and band.
-        model: the simulation.
-    """
-    return Prediction(
-        model, *(residual_rows(session.task, model, parts) for parts in (session.train, session.held_out))
-    )
+    """Predict the training and the held-out recordings."""
+    return Prediction(model, *(residual_rows(session.task, model, own) for own in (session.train, session.held_out)))
 
 
 def fit_of(prediction: Prediction, noise: Noise, floor: Array) -> Fit:
-    """Residual rms in training and held out, with the irreducible rms.
-
-    Args:
-        prediction: residuals of the simulation.
-        noise: noise of the rows.
-        floor: (n,) [N.m or N] rms of white measurement noise in the band.
-    """
-    held_out = prediction.held_out
-    irreducible = rms_of(held_out.irreducible_std(noise))
-    robot, train = prediction.model.robot, prediction.train
-    return fit_rows(robot, held_out.residual, held_out.torque, floor, train.residual, irreducible)
+    """Residual rms in training and held out; floor: (n,) [N.m or N] rms of white measurement noise in the band."""
+    rows, irreducible = prediction.held_out, rms_of(prediction.held_out.irreducible_std(noise))
+    return fit_rows(prediction.model.robot, rows.residual, rows.torque, floor, prediction.train.residual, irreducible)
 
 
 def compare(before: Prediction, after: Prediction, noise: Noise, floor: Array) -> Comparison:
-    """Compare the given and the extended simulation.
-
-    Args:
-        before: residuals of the given simulation.
-        after: residuals of the extended simulation.
-        noise: noise of the rows.
-        floor: (n,) [N.m or N] rms of white measurement noise in the band.
-    """
+    """Compare the given and the extended simulation; floor: (n,) [N.m or N] rms of white noise in the band."""
     robot = after.model.robot
     return Comparison(
         fit_of(before, noise, floor),
@@ -101,28 +74,19 @@ def compare(before: Prediction, after: Prediction, noise: Noise, floor: Array) -
 
 
 def course_of(before: ResidualRows, after: ResidualRows, robot: Robot) -> Course:
-    """Residuals of two simulations over time, on the same recordings.
-
-    Args:
-        before: rows of the first simulation.
-        after: rows of the second simulation.
-        robot: the robot, for its joints.
-    """
-    thin, motions = before.thin, [piece.motion for piece in before.pieces]
-    lengths = [len(thin.at(motion.t)) for motion in motions]
-
-    def joined(signals: Sequence[Array]) -> Array:
-        return np.concatenate([thin.at(x) for x in signals])
-
+    """Residuals of two simulations over time, on the same recordings."""
+    motions = [piece.motion for piece in before.pieces]
+    t, q, v = (np.concatenate([before.thin.at(getattr(m, key)) for m in motions]) for key in ("t", "q", "v"))
+    lengths = [len(before.thin.at(motion.t)) for motion in motions]
     return Course(
         joints=robot.joints,
         unit=tuple("N" if prismatic else "N.m" for prismatic in robot.prismatic),
         prismatic=tuple(map(bool, robot.prismatic)),
         stretch=np.repeat(np.arange(len(motions)), lengths),
         recording=np.repeat([piece.recording for piece in before.pieces], lengths),
-        t=joined([motion.t for motion in motions]),
-        q=joined([motion.q for motion in motions]),
-        v=joined([motion.v for motion in motions]),
+        t=t,
+        q=q,
+        v=v,
         torque=before.torque,
         before=before.residual,
         after=after.residual,
@@ -131,11 +95,6 @@ def course_of(before: ResidualRows, after: ResidualRows, robot: Robot) -> Course
 
 def residual_rows(task: Task, model: Model, parts: Sequence[Part]) -> ResidualRows:
     """Residuals of a simulation; rows where a joint stands still do not count, since friction is undetermined there.
-
-    Args:
-        task: band and width of a reversal.
-        model: the simulation.
-        parts: recordings and their sampling.
 
     Raises:
         RecordingError: no stretch is as long as the filter.
@@ -152,12 +111,7 @@ def residual_rows(task: Task, model: Model, parts: Sequence[Part]) -> ResidualRo
 
 
 def filtered(piece: Piece, thin: Decimator) -> tuple[Array, Array]:
-    """Rows of one piece: (M, n) residual and (M, n) measured torque [N.m or N]; NaN where a joint stands still.
-
-    Args:
-        piece: motion with its residual.
-        thin: low-pass filter of the rows.
-    """
+    """Rows of one piece: (M, n) residual and (M, n) measured torque [N.m or N]; NaN where a joint stands still."""
     still = thin.at(standstill(piece.motion, thin)) > 0
     residual = np.where(still, np.nan, thin(piece.residual))
     return residual, residual + thin(np.asarray(piece.motion.predicted))

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
+from scipy.special import softmax
 
 from ...deadline import time_is_up
 from ...estimation.excitation import in_step
@@ -23,39 +23,18 @@ from ..search.contributions import Contributions, measure_contributions
 from ..search.inertial_check import resolved_violations
 from ..search.steady import steadiness
 from ..search.stepwise import SEARCH, is_applicable, present_laws
-from .contender import CLIP, Contender
-from .rival_torque import residual_energies
-from .thresholds import (
-    CHECKED_LOG_ODDS,
-    FORMULA_ERROR,
-    LEAST_PROBABILITY,
-    LISTED_PROBABILITY,
-    MOST_IN_STEP,
-    REPLACEMENT_RATIO,
-    REPLACEMENT_ROUNDS,
-    RIVAL_SHARE,
-    SAME_TORQUE_CHI2,
-)
+from . import thresholds as tuned
+from .contender import CLIP, Contender, residual_energies
 
-
-class _OddsBeside(NamedTuple):
-    """Odds of every hypothesis in addition to all selected laws, at one variance of the rows."""
-
-    dispersion: Array  # (n,) variance of the whitened residual [1]
-    odds: Mapping[Key, Odds]
+_OddsBeside = tuple[Array, Mapping[Key, Odds]]  # (n,) variance of the whitened residual, odds beside all selected laws
 
 
 def limit_in_step(dataset: Dataset, contenders: Collection[Contender]) -> tuple[Contender, ...]:
-    """Limit the probability of laws of joints that moved in step: the state of one joint follows from another's.
-
-    Args:
-        dataset: motions.
-        contenders: the selected laws, each with its rivals.
-    """
+    """Limit the probability of laws of joints that moved in step: the state of one joint follows from another's."""
     v = np.concatenate([piece.motion.v for piece in dataset.pieces])
     joints = {joint for group in in_step(v.T @ v / len(v)) for joint in group}
     return tuple(
-        replace(one, steadiness=min(one.steadiness, MOST_IN_STEP)) if _follows(one.group, joints) else one
+        replace(one, steadiness=min(one.steadiness, tuned.MOST_IN_STEP)) if _follows(one.group, joints) else one
         for one in contenders
     )
 
@@ -73,10 +52,6 @@ def rank_contenders(dataset: Dataset, selection: Selection) -> tuple[Contender, 
     further off than its covariance says, laws that explain the same torque are compared at k^2 times the variance of
     the rows: they are formulas of the same kind, with errors of that size.
 
-    Args:
-        dataset: rows.
-        selection: the selected laws.
-
     Source: Birge, Phys. Rev. 40, 1932 (k); Miller, Dunson, J. Am. Stat. Assoc. 114, 2019 (approximate models).
     """
     ranking = _Ranking(dataset, selection)
@@ -84,18 +59,12 @@ def rank_contenders(dataset: Dataset, selection: Selection) -> tuple[Contender, 
 
 
 def replace_weak(dataset: Dataset, selection: Selection) -> tuple[Selection, tuple[Contender, ...]]:
-    """Drop improbable laws one by one, or replace each by its most probable rival.
-
-    Args:
-        dataset: rows.
-        selection: the selected laws.
-    """
+    """Drop improbable laws one by one, or replace each by its most probable rival."""
     dropped = set[Key]()  # these do not come back
-    for _ in range(REPLACEMENT_ROUNDS):
+    for _ in range(tuned.REPLACEMENT_ROUNDS):
         contenders = rank_contenders(dataset, selection)
-        weak = [
-            one for one in contenders if one.probability + one.unknown < LEAST_PROBABILITY or one.instead is not None
-        ]
+        least = tuned.LEAST_PROBABILITY
+        weak = [one for one in contenders if one.probability + one.unknown < least or one.instead is not None]
         if time_is_up(SEARCH) or not weak:
             return selection, contenders
         worst = min(weak, key=lambda contender: contender.probability)
@@ -103,7 +72,7 @@ def replace_weak(dataset: Dataset, selection: Selection) -> tuple[Selection, tup
         dropped.add(worst.group.claim.key)
         possible = rival is not None and rival.claim.key not in dropped and is_admissible(rest, rival)
         better = [rival] if rival is not None and possible else []
-        if not better and worst.probability + worst.unknown > LEAST_PROBABILITY:
+        if not better and worst.probability + worst.unknown > least:
             return selection, contenders
         log_odds = {**selection.log_odds, **dict.fromkeys(better, selection.log_odds[worst.group])}
         selection = selection.with_selected((*rest.selected, *better), log_odds)
@@ -125,26 +94,25 @@ class _Ranking(Frozen):
         evidence = (odds[own].log if own in odds else selection.log_odds[group]) + self._penalty(group, rest)
         energy = residual_energies(selection.posterior, group, odds, self._contributions)
         for key in (key for key, o in odds.items() if o.best.claim.unknown):
-            logs[key] -= FORMULA_ERROR**2 / 2 * energy[own]
-        limit = max(RIVAL_SHARE * energy[own], SAME_TORQUE_CHI2)
+            logs[key] -= tuned.FORMULA_ERROR**2 / 2 * energy[own]
+        limit = max(tuned.RIVAL_SHARE * energy[own], tuned.SAME_TORQUE_CHI2)
         same = {key for key, x in energy.items() if key != own and x <= limit}
         at_scale = self._in_place(group, self._beside[1])[1] if len(self._beside) > 1 else {}
         if own in logs and own in at_scale:
             logs |= {key: logs[own] + at_scale[key] - at_scale[own] for key in same & at_scale.keys()}
-        shares = _shares(_admissible(rest, odds, logs, own))
+        logs = _admissible(rest, odds, logs, own)
+        shares = dict(zip(logs, softmax(list(logs.values())).tolist(), strict=True))
         any_law = 1 / (1 + float(np.exp(-np.clip(evidence, -CLIP, CLIP))))
-        listed = {
-            key: odds[key].best
-            for key in sorted(shares, key=lambda key: -shares[key])
-            if key in same and (any_law * shares[key] > LISTED_PROBABILITY or energy[key] < SAME_TORQUE_CHI2)
-        }
+        probability = {key: any_law * share for key, share in shares.items()}
+        least, same_torque = tuned.LISTED_PROBABILITY, tuned.SAME_TORQUE_CHI2
+        near = {k for k in same & shares.keys() if probability[k] > least or energy[k] < same_torque}
         return Contender(
             group=group,
             evidence=evidence,
             shares=shares,
-            candidates=listed,
+            candidates={key: odds[key].best for key in sorted(shares, key=lambda key: -shares[key]) if key in near},
             unexplained=sum(x for key, x in shares.items() if odds[key].best.claim.unknown),
-            instead=_replacement(odds, {key: any_law * x for key, x in shares.items()}, own),
+            instead=_replacement(odds, probability, own),
             steadiness=steadiness(selection.posterior, self._contributions, self._residual, group),
             log_at_scale=at_scale.get(own, np.inf),
         )
@@ -156,10 +124,10 @@ class _Ranking(Frozen):
 
     def _in_place(self, group: Group, beside: _OddsBeside) -> tuple[dict[Key, Odds], dict[Key, float]]:
         """Odds of every hypothesis in the place of a law, and their logs less what each gains beside the law [-]."""
-        selection, own = self.selection, group.claim.key
-        odds, _ = selection.posterior.odds(selection.selected, beside.dispersion, without=group)
+        selection, own, (dispersion, others) = self.selection, group.claim.key, beside
+        odds, _ = selection.posterior.odds(selection.selected, dispersion, without=group)
         odds = {key: o for key, o in odds.items() if key == own or len(o.best.claim.laws) <= 1}
-        gain = {key: max(0.0, beside.odds[key].log if key in beside.odds else 0.0) for key in odds}
+        gain = {key: max(0.0, others[key].log if key in others else 0.0) for key in odds}
         return odds, {key: o.log - gain[key] for key, o in odds.items()}
 
     @cached_property
@@ -168,7 +136,7 @@ class _Ranking(Frozen):
         own = self.selection
         scales = [1.0, own.prior_scale] if own.evidence.informed and own.prior_scale > 1 else [1.0]
         dispersions = [own.dispersion * k**2 for k in scales]
-        return [_OddsBeside(one, own.posterior.odds(own.selected, one)[0]) for one in dispersions]
+        return [(one, own.posterior.odds(own.selected, one)[0]) for one in dispersions]
 
     @cached_property
     def _contributions(self) -> Contributions:
@@ -185,19 +153,11 @@ class _Ranking(Frozen):
         return self.dataset.remaining(self.selection.data, self._contributions.fit)
 
 
-def _shares(logs: Mapping[Key, float]) -> dict[Key, float]:
-    """Probabilities that add up to 1, from log odds [1]."""
-    highest = max(logs.values())
-    weight = {key: float(np.exp(x - highest)) for key, x in logs.items()}
-    total = sum(weight.values())
-    return {key: x / total for key, x in weight.items()}
-
-
 def _replacement(odds: Mapping[Key, Odds], probability: Mapping[Key, float], own: Key) -> Group | None:
     """Most probable rival with a law, if it is clearly more probable than the selected law."""
     others = {key: x for key, x in probability.items() if key != own and not odds[key].best.claim.unknown}
     first = max(others, key=lambda key: others[key], default=own)
-    needed = max(REPLACEMENT_RATIO * probability.get(own, 0.0), LEAST_PROBABILITY)
+    needed = max(tuned.REPLACEMENT_RATIO * probability.get(own, 0.0), tuned.LEAST_PROBABILITY)
     return odds[first].best if others.get(first, 0.0) > needed else None
 
 
@@ -206,7 +166,7 @@ def _admissible(rest: Selection, odds: Mapping[Key, Odds], logs: Mapping[Key, fl
     present = present_laws(rest)
     kept = {key for key in logs if key == own or odds[key].best.claim.unknown or is_applicable(odds[key].best, present)}
     logs = {key: x for key, x in logs.items() if key in kept}
-    least = max(logs.values()) - CHECKED_LOG_ODDS
+    least = max(logs.values()) - tuned.CHECKED_LOG_ODDS
     near = [key for key, x in logs.items() if x > least and key != own and not odds[key].best.claim.unknown]
     inadmissible = [key for key in near if not is_admissible(rest, odds[key].best)]
     return {key: x for key, x in logs.items() if key not in inadmissible}

@@ -23,11 +23,10 @@ from ..result import Alternative, Finding, Unexplained
 from ..search.stepwise import required_log_odds
 from ..search.thresholds import FIRST_LOG_ODDS, NEXT_LOG_ODDS
 from .contender import Contender
-from .covariance import extended_covariance
 from .held_out_selection import ExtendedSimulation, select_on_held_out
-from .intervals import standard_deviations
+from .intervals import extended_covariance, standard_deviations
 from .separating_motion import tell_apart
-from .stated import stated_number_findings, stated_numbers, total_law
+from .stated import stated_number_findings, stated_numbers, torque_share, total_law
 from .thresholds import LEAST_PROBABILITY, PLAUSIBLE, SEPARATED, SEPARATED_PER_FINDING, UNSURE, VAGUE_STD
 from .verdict import Verdict
 
@@ -54,16 +53,7 @@ def conclude(
     verdict: Verdict,
     seed: int,
 ) -> Conclusions:
-    """Extend the simulation, and report each selected law with its numbers and alternatives.
-
-    Args:
-        dataset: motions and rows.
-        session: held-out recordings.
-        selection: the selected laws.
-        contenders: probability of each law, and its rivals.
-        verdict: roles of the laws.
-        seed: seed of the search for separating motions.
-    """
+    """Extend the simulation, and report each selected law with its numbers and alternatives."""
     order = [*verdict.causes, *verdict.secondary]
     extended = select_on_held_out(session, dataset.model, selection, order)
     stds = standard_deviations(dataset, selection, extended.laws)
@@ -93,11 +83,7 @@ def conclude(
 def _with_held_out(contender: Contender, extended: ExtendedSimulation, stds: Deviations, reused: bool) -> Contender:
     """Add the held-out evidence; refuse a law that is not in the extended simulation or whose numbers are vague.
 
-    Args:
-        contender: a law with its rivals.
-        extended: the extended simulation.
-        stds: standard deviations of all numbers.
-        reused: whether the training rows take the place of held-out rows, which then refuse nothing.
+    `reused`: whether the training rows take the place of held-out rows, which then refuse nothing.
     """
     group = contender.group
     vague = all(map(_is_vague, extended.laws[group], stds[group]))
@@ -149,18 +135,17 @@ class _Reporter(Frozen):
         usual = FIRST_LOG_ODDS if len(selection.selected) == 1 else NEXT_LOG_ODDS
         whole = total_law(law, dataset.model, self.extended.prediction.model if in_model else None)
         torque = torque_rows(dataset.thin, dataset.pieces, law)
-        share = np.zeros(dataset.table.joints)
-        for j, x in torque.items():
-            share[j] = np.sqrt(np.mean(x**2)) / selection.data.scale[j]
+        share = torque_share(torque, selection.data.scale)
         loudest = max(torque, key=lambda j: share[j])
         joint = law.joints[0] if len(law.joints) <= 2 and law.joints[0] in torque else loudest
+        timed = any(kind.unit == "s" for kind in law.effect.parameters.values() if isinstance(kind, Shape))
         return Finding(
             law=whole,
             std=std,
             role="cause" if group in self.causes else "secondary",
             probability=contender.probability,
             torque_share=share,
-            where=_place(dataset, joint, torque[joint], VARIABLES if _depends_on_time(law) else VARIABLES[:-1]),
+            where=_place(dataset, joint, torque[joint], VARIABLES if timed else VARIABLES[:-1]),
             statistic=float(selection.log_odds[group]),
             threshold=required_log_odds(selection.posterior, group, float(selection.prior_scale == 0), 0, usual),
             held_out_gain=self.extended.gain[group],
@@ -181,11 +166,6 @@ class _Reporter(Frozen):
 
 def _place(dataset: Dataset, joint: int, torque: Array, variables: Sequence[str] = VARIABLES) -> Location:
     return locate(dataset.table, joint, torque, bool(dataset.model.robot.prismatic[joint]), variables)
-
-
-def _depends_on_time(law: Law) -> bool:
-    """Whether a law has a shape in seconds."""
-    return any(kind.unit == "s" for kind in law.effect.parameters.values() if isinstance(kind, Shape))
 
 
 def _unexplained(dataset: Dataset, prediction: Prediction, verdict: Verdict) -> Iterator[Unexplained]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -10,22 +11,18 @@ import numpy as np
 from ...deadline import time_is_up
 from ...model import Model
 from ...regression.session import Session
-from ...types import Array, Law
+from ...types import Array, Frozen, Law, Mask
 from ..data.column_groups import Group
 from ..data.hypotheses import is_transient
+from ..data.normal_equations import Fitted
+from ..data.whitened_rows import columns_of
 from ..evidence.selection import Selection
-from ..extend.holdout import Prediction, ResidualRows, predict
-from ..extend.trials import Extension, RefitBlock, Trials
+from ..extend.extend import extend, read_laws
+from ..extend.holdout import Prediction, ResidualRows, predict, residual_rows
 from ..search.stepwise import SEARCH
-from .thresholds import (
-    CORRELATED_ROWS,
-    HELD_OUT_BLOCKS,
-    LEAST_BLOCK_GAIN,
-    LEAST_GAIN,
-    LEAST_REFIT_ROWS,
-    LEAST_RESIDUAL,
-    WORSE_WEIGHT,
-)
+from . import thresholds as tuned
+
+RefitBlock = tuple[Group, ...]  # stated numbers that are refitted together: all bodies, or the laws of some joints
 
 
 class ExtendedSimulation(NamedTuple):
@@ -50,19 +47,87 @@ class HeldOutScore(NamedTuple):
 Scores = dict[Group, HeldOutScore]
 
 
+class Extension(NamedTuple):
+    """Additions to the simulation: selected laws and refitted numbers."""
+
+    kept: tuple[Group, ...]  # selected laws, in the order in which the simulation gets them
+    refitted: frozenset[RefitBlock] = frozenset()
+    joint_fit: bool = False  # whether laws are fitted jointly with all stated numbers, though these keep their values
+
+    @property
+    def groups(self) -> list[Group]:
+        """Refitted bodies and laws of the given simulation."""
+        return [group for block in self.refitted for group in block]
+
+    def without(self, group: Group) -> Extension:
+        """Remove a law."""
+        return self._replace(kept=tuple(g for g in self.kept if g is not group))
+
+    def refitting(self, block: RefitBlock) -> Extension:
+        """Refit one more block of stated numbers."""
+        return self._replace(refitted=self.refitted | {block})
+
+
+@dataclass(frozen=True, eq=False)
+class Trials(Frozen):
+    """Extended simulations, each built once and evaluated on the held-out rows."""
+
+    session: Session
+    model: Model
+    selection: Selection
+    built: dict[Extension, tuple[Model, ResidualRows]] = field(default_factory=dict)
+
+    def fit(self, extension: Extension) -> Fitted:
+        """Maximum a posteriori coefficients of all numbers that an extension has."""
+        selected = tuple(group for group in self.selection.selected if group in extension.kept)
+        fit = self.selection.evidence.fit(selected, self.selection.dispersion, self.selection.prior_scale)
+        if extension.joint_fit:
+            return fit
+        return fit.restricted(_among(fit, selected) | _among(fit, extension.groups))
+
+    def laws(self, extension: Extension) -> dict[Group, tuple[Law, ...]]:
+        """Laws of an extension with all their numbers."""
+        fit = self.fit(extension)
+        return {group: read_laws(group, fit.value[fit.place(group)]) for group in extension.kept}
+
+    def held_out(self, extension: Extension) -> ResidualRows:
+        """Residuals of the extended simulation on the held-out rows, without their motions."""
+        return self.build(extension)[1]
+
+    def refit_blocks(self) -> list[RefitBlock]:
+        """Stated numbers that may be refitted: the laws of each joint, and all bodies."""
+        refitted = self.selection.evidence.refitted(self.selection.prior_scale)
+        joints = dict.fromkeys(g.law.joints for g in refitted if g.law is not None)
+        laws = [tuple(g for g in refitted if g.law is not None and g.law.joints == own) for own in joints]
+        bodies = tuple(g for g in refitted if g.bodies)
+        return [*laws, bodies] if bodies else laws
+
+    def build(self, extension: Extension) -> tuple[Model, ResidualRows]:
+        """Extended simulation and its residuals on the held-out rows."""
+        if extension not in self.built:
+            fit = self.fit(extension)
+            steps = fit.with_value(np.where(_among(fit, extension.groups), fit.value, 0.0))
+            bodies = any(group.bodies for group in extension.groups)
+            refitted = [g for g in self.selection.evidence.data.refitted if bodies or not g.bodies]
+            laws = [law for own in self.laws(extension).values() for law in own]
+            own = extend(self.model, refitted if extension.refitted else (), steps, laws, self.session.task.base)
+            rows = residual_rows(self.session.task, own, self.session.held_out)
+            self.built[extension] = own, rows._replace(pieces=())  # motions of many trials would not fit into memory
+        return self.built[extension]
+
+
+def _among(fit: Fitted, groups: Sequence[Group]) -> Mask:
+    """(k,) mask of the fitted columns that belong to some groups."""
+    return np.asarray(np.isin(fit.which, columns_of(groups)))
+
+
 def select_on_held_out(
     session: Session, model: Model, selection: Selection, order: Sequence[Group]
 ) -> ExtendedSimulation:
-    """Extend the simulation by the selected laws that improve the held-out prediction.
+    """Extend the simulation by the selected laws, given in `order`, that improve the held-out prediction.
 
     Numbers that the simulation states are refitted only where the held-out prediction is clearly better for it, since
     a short recording may override better knowledge.
-
-    Args:
-        session: recordings.
-        model: the simulation.
-        selection: the selected laws.
-        order: their columns, in the order in which the simulation gets the laws.
     """
     trials = Trials(session, model, selection)
     separate, joint = Extension(tuple(order)), Extension(tuple(order), joint_fit=True)
@@ -70,38 +135,33 @@ def select_on_held_out(
     if not time_is_up(SEARCH):
         other, given = _select(trials, separate), trials.held_out(Extension(()))
         better = error_change(trials.held_out(other[0]), given) - error_change(trials.held_out(chosen), given)
-        chosen, scores = other if better < -LEAST_GAIN else (chosen, scores)
+        chosen, scores = other if better < -tuned.LEAST_GAIN else (chosen, scores)
     return ExtendedSimulation(
         laws={**trials.laws(separate), **trials.laws(chosen)},
-        prediction=predict(session, trials.model_of(chosen)),
+        prediction=predict(session, trials.build(chosen)[0]),
         kept=frozenset(chosen.kept),
-        refitted=frozenset(group for block in chosen.refitted for group in block),
+        refitted=frozenset(chosen.groups),
         log_bayes={group: score.log_bayes for group, score in scores.items()},
         gain={group: score.gain for group, score in scores.items()},
     )
 
 
 def error_change(rows: ResidualRows, other: ResidualRows, errors: float = 1.0) -> float:
-    """Change of the log mean square on held-out rows from one simulation to another, summed over joints [-].
+    """Change of the log mean square on held-out rows from `other` to `rows`, summed over joints [-].
 
     Joints that are predicted worse, or not better by `errors` standard errors, have more weight.
-
-    Args:
-        rows: residuals of the simulation.
-        other: residuals of the simulation that it is compared with.
-        errors: standard errors by which a joint must be better [1].
     """
-    least, out = LEAST_RESIDUAL**2 * _mean_square(rows.torque), 0.0
+    least, out = tuned.LEAST_RESIDUAL**2 * _mean_square(rows.torque), 0.0
     for j in range(rows.residual.shape[1]):
         both = np.isfinite(rows.residual[:, j]) & np.isfinite(other.residual[:, j])
         after, before = rows.residual[both, j] ** 2, other.residual[both, j] ** 2
         if not len(before) or np.array_equal(after, before):
             continue
         size = max(float(np.mean(before)), float(least[j]), 1e-300)
-        blocks = [float(np.mean(x)) for x in np.array_split(after - before, min(HELD_OUT_BLOCKS, len(before)))]
+        blocks = [float(np.mean(x)) for x in np.array_split(after - before, min(tuned.HELD_OUT_BLOCKS, len(before)))]
         error = float(np.std(blocks) / np.sqrt(max(len(blocks) - 1, 1))) / size
         ratio = max(float(np.mean(after)), float(least[j])) / size
-        out += float(np.log(ratio) + WORSE_WEIGHT * np.log(max(ratio + errors * error, 1.0)))
+        out += float(np.log(ratio) + tuned.WORSE_WEIGHT * np.log(max(ratio + errors * error, 1.0)))
     return out
 
 
@@ -117,7 +177,7 @@ def _pruned(trials: Trials, chosen: Extension, scores: Scores) -> tuple[Extensio
     while True:
         now = {group: _score(trials, chosen, group) for group in chosen.kept}
         scores = {**scores, **now}
-        least = LEAST_GAIN if trials.session.judges_itself else 0.0
+        least = tuned.LEAST_GAIN if trials.session.judges_itself else 0.0
         out = [group for group, one in now.items() if one.change >= -least and not is_transient(group.claim.laws[0])]
         if not out:
             return chosen, scores
@@ -128,21 +188,20 @@ def _pruned(trials: Trials, chosen: Extension, scores: Scores) -> tuple[Extensio
 
 def _refitted(trials: Trials, first: Extension) -> Extension:
     """Refit stated numbers where each block improves the held-out prediction, and all together clearly do."""
-    few = time_is_up(SEARCH) or len(trials.held_out(first).residual) < LEAST_REFIT_ROWS or trials.session.judges_itself
+    few = (
+        time_is_up(SEARCH)
+        or len(trials.held_out(first).residual) < tuned.LEAST_REFIT_ROWS
+        or trials.session.judges_itself
+    )
     blocks, chosen = [] if few else trials.refit_blocks(), first
-    alone = {block: error_change(trials.held_out(_with(first, block)), trials.held_out(first)) for block in blocks}
+    alone = {block: error_change(trials.held_out(first.refitting(block)), trials.held_out(first)) for block in blocks}
     for block in sorted(blocks, key=lambda block: alone[block]):
-        if alone[block] > -LEAST_BLOCK_GAIN or time_is_up(SEARCH):
+        if alone[block] > -tuned.LEAST_BLOCK_GAIN or time_is_up(SEARCH):
             break
-        more = _with(chosen, block)
-        if error_change(trials.held_out(more), trials.held_out(chosen)) < -LEAST_BLOCK_GAIN:
+        more = chosen.refitting(block)
+        if error_change(trials.held_out(more), trials.held_out(chosen)) < -tuned.LEAST_BLOCK_GAIN:
             chosen = more
-    return chosen if error_change(trials.held_out(chosen), trials.held_out(first)) < -LEAST_GAIN else first
-
-
-def _with(extension: Extension, block: RefitBlock) -> Extension:
-    """Refit one more block of stated numbers."""
-    return extension._replace(refitted=extension.refitted | {block})
+    return chosen if error_change(trials.held_out(chosen), trials.held_out(first)) < -tuned.LEAST_GAIN else first
 
 
 def _score(trials: Trials, chosen: Extension, group: Group) -> HeldOutScore:
@@ -157,10 +216,10 @@ def _score(trials: Trials, chosen: Extension, group: Group) -> HeldOutScore:
     rows, other = trials.held_out(chosen), trials.held_out(chosen.without(group))
     finite = np.isfinite(rows.residual)
     acts = np.nanmax(np.abs(rows.residual - other.residual), axis=0, initial=0.0, where=finite) > 0
-    least = LEAST_RESIDUAL**2 * _mean_square(rows.torque)
+    least = tuned.LEAST_RESIDUAL**2 * _mean_square(rows.torque)
     after, before = _mean_square(rows.residual), _mean_square(other.residual)
     acts &= np.isfinite(after) & np.isfinite(before)
-    count = np.sum(finite, axis=0) / CORRELATED_ROWS
+    count = np.sum(finite, axis=0) / tuned.CORRELATED_ROWS
     log = np.log(np.maximum(before, least)[acts]) - np.log(np.maximum(after, least)[acts])
     missed = float(np.sum((before * count)[acts]))
     gain = 1 - float(np.sum((after * count)[acts])) / missed if missed > 0 else 0.0

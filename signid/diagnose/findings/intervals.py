@@ -1,4 +1,4 @@
-"""Standard deviations of the numbers of the selected laws."""
+"""Standard deviations of the numbers of the selected laws, and the covariance of the extended simulation."""
 
 from __future__ import annotations
 
@@ -10,17 +10,24 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.special import stdtrit
 
+from ...model import Model
 from ...parameters import TWO_SIDED
-from ...types import Array, Coefficient, Indices, Law
+from ...regression.base_parameters import build_base
+from ...regression.covariance import Covariance, base_covariance
+from ...robot.dynamics import own_body
+from ...types import INERTIAL, Array, Coefficient, Indices, Law
 from ..data.column_groups import Group
 from ..data.dataset import Dataset
+from ..data.hypotheses import is_refitted
 from ..data.motions import torque_of
 from ..data.noise import has_full_window
 from ..data.normal_equations import Fitted, solve
 from ..data.whitened_rows import columns_of, total
+from ..evidence.knowledge import law_parameter_columns, parameter_columns
 from ..evidence.selection import Selection
 from ..search.contributions import measure_contributions
 from ..search.stepwise import inflated_dispersion
+from .held_out_selection import ExtendedSimulation
 from .thresholds import BLOCK_PERIODS, MOST_PARTS
 
 STEP = 1e-3  # of the central differences, over the number [1]
@@ -50,26 +57,17 @@ def standard_deviations(
     Model error repeats with the motion and biases numbers more than white noise. Therefore the jackknife over parts of
     the recordings counts where it gives the larger deviation.
 
-    Args:
-        dataset: motions and rows.
-        selection: the selected laws.
-        laws: laws of each hypothesis, with all their numbers.
-
     Source: Bell and McCaffrey, Bias reduction in standard errors for linear regression with multi-stage samples,
     Survey Methodology 28(2), 2002 (the jackknife over clusters, and Student's t).
     """
     selection = replace(selection, prior_scale=selection.evidence.distance(selection.selected, selection.dispersion))
-    numbers = {group: _numbers(group, own) for group, own in laws.items()}
+    numbers = {
+        group: [(law, key) for law in own for key in ((FACTOR,) if group.claim.scaled else law.parameters)]
+        for group, own in laws.items()
+    }
     some = any(numbers.values())
     std = iter(_deviations(dataset, selection, _number_model(dataset, selection, laws, numbers)) if some else ())
     return {group: list(_by_key(group, own, std)) for group, own in laws.items()}
-
-
-def _numbers(group: Group, own: Sequence[Law]) -> list[Number]:
-    """Unknown numbers of the laws of a hypothesis."""
-    if group.claim.scaled:
-        return [(law, FACTOR) for law in own]
-    return [(law, key) for law in own for key in law.parameters]
 
 
 def _by_key(group: Group, own: Sequence[Law], std: Iterator[float]) -> Iterator[dict[str, float]]:
@@ -99,46 +97,36 @@ def _deviations(dataset: Dataset, selection: Selection, model: _NumberModel) -> 
 def _variance_over_parts(dataset: Dataset, selection: Selection, model: _NumberModel) -> Array:
     """(d,) jackknife variance of each number over parts of the recordings [its unit, squared]; 0 for a single part."""
     part, d = _parts(dataset), len(model.precision)
-    count = int(part.max()) + 1
-    if count < 2:
+    if not part.any():
         return np.zeros(d)
-    residual = measure_contributions(
-        selection.evidence, selection.selected, selection.dispersion, selection.prior_scale
-    ).residual
+    count, own = int(part.max()) + 1, selection
+    residual = measure_contributions(own.evidence, own.selected, own.dispersion, own.prior_scale).residual
     square = np.zeros((count, d + len(model.beside.which), d + len(model.beside.which)))
     right = np.zeros(square.shape[:2])
     for j in range(selection.data.joints):
         here, beside = selection.data.chosen(j, model.beside.which)
         x = np.column_stack([model.slopes.get(j, np.zeros((len(part), d))), beside]) / np.sqrt(model.dispersion[j])
-        at = np.concatenate([np.arange(d), d + np.flatnonzero(here)])
+        at = np.append(np.arange(d), d + np.flatnonzero(here))
         for k in range(count):
-            own = x[part == k]
-            square[k][np.ix_(at, at)] += own.T @ own
-            right[k][at] += own.T @ residual[j][part == k] / np.sqrt(model.dispersion[j])
+            rows = x[part == k]
+            square[k][np.ix_(at, at)] += rows.T @ rows
+            right[k][at] += rows.T @ residual[j][part == k] / np.sqrt(model.dispersion[j])
     return jackknife_variance(square, right, block_diag(model.precision, model.beside_precision), d)
 
 
 def jackknife_variance(square: Array, right: Array, precision: Array, first: int) -> Array:
     """(d,) jackknife variance of the first d coefficients of a linear model over c parts of its rows.
 
-    Scaled by Student's t over the normal quantile, since there are few parts.
-
-    Args:
-        square: (c, k, k) Gram of each part [1 per coefficient, squared].
-        right: (c, k) right side of each part, about the coefficients of all rows [1 per coefficient].
-        precision: (k, k) of the prior [1 per coefficient, squared].
-        first: number d.
+    Scaled by Student's t over the normal quantile, since there are few parts. `first` is d.
+    square: (c, k, k) Gram of each part, and precision: (k, k) of the prior [1 per coefficient, squared].
+    right: (c, k) right side of each part, about the coefficients of all rows [1 per coefficient].
     """
     whole = square.sum(axis=0) + precision
     size = np.sqrt(np.maximum(np.diag(whole), 1e-300))
     ridge = RIDGE * np.eye(len(size))
-    steps = [
-        np.linalg.solve((whole - x) / size / size[:, None] + ridge, y / size)[:first]
-        for x, y in zip(square, right, strict=True)
-    ]
-    count = len(square)
-    ratio = float(stdtrit(count - 1, LEVEL)) / TWO_SIDED
-    return np.asarray(ratio**2 * (count - 1) * np.var(np.array(steps) / size[:first], axis=0))
+    steps = np.linalg.solve((whole - square) / size / size[:, None] + ridge, (right / size)[..., None])[:, :first, 0]
+    count, ratio = len(square), float(stdtrit(len(square) - 1, LEVEL)) / TWO_SIDED
+    return np.asarray(ratio**2 * (count - 1) * np.var(steps / size[:first], axis=0))
 
 
 def _parts(dataset: Dataset) -> Indices:
@@ -179,13 +167,9 @@ def _number_model(
 def _beside(selection: Selection, laws: list[Law], dispersion: Array) -> tuple[Fitted, Array]:
     """Fit of the refitted columns and its prior precision, without stated laws whose numbers are part of these laws."""
     held = {(name, law.joints) for law in laws for name in (law.effect.name, *law.effect.contains)}
-    evidence = selection.evidence
-    refitted = evidence.refitted(selection.prior_scale)
-    kept = np.isin(
-        columns_of(refitted),
-        columns_of([g for g in refitted if g.law is None or (g.law.effect.name, g.law.joints) not in held]),
-    )
-    which = columns_of(refitted)[kept]
+    evidence, refitted = selection.evidence, selection.evidence.refitted(selection.prior_scale)
+    others = [g for g in refitted if g.law is None or (g.law.effect.name, g.law.joints) not in held]
+    which, kept = columns_of(others), np.isin(columns_of(refitted), columns_of(others))
     gram = total(evidence.data.gram(which), dispersion, (len(which), evidence.data.count))[:, which]
     whole = np.zeros(len(kept))
     whole[kept] = np.diag(gram)
@@ -200,7 +184,7 @@ def _slopes(dataset: Dataset, keys: list[Number]) -> dict[int, Array]:
     for piece in dataset.pieces:
         whole = np.zeros((dataset.table.joints, len(piece.motion), len(keys)))
         for i, (law, key) in enumerate(keys):
-            step = STEP * (1.0 if key == FACTOR else max(abs(law.parameters[key]), _least_size(law, key)))
+            step = STEP * _size(law, key)
             ahead, behind = (_moved(law, key, s) for s in (step, -step))
             rows = torque_of(ahead, piece.motion)
             for j, y in torque_of(behind, piece.motion).items():
@@ -215,6 +199,50 @@ def _moved(law: Law, key: str, step: float) -> Law:
     return replace(law, parameters=changed if key == FACTOR else {**law.parameters, key: law.parameters[key] + step})
 
 
-def _least_size(law: Law, key: str) -> float:
-    kind = law.effect.parameters[key]
-    return LEAST_STEP if isinstance(kind, Coefficient) else LEAST_SHAPE_STEP
+def _size(law: Law, key: str) -> float:
+    """Size that a number counts as in the step of its difference [its unit]."""
+    if key == FACTOR:
+        return 1.0
+    least = LEAST_STEP if isinstance(law.effect.parameters[key], Coefficient) else LEAST_SHAPE_STEP
+    return max(abs(law.parameters[key]), least)
+
+
+def extended_covariance(model: Model, selection: Selection, extended: ExtendedSimulation) -> Covariance:
+    """Covariance of base parameters and laws of the extended simulation, about its own numbers.
+
+    For numbers that keep their stated values, the square of the step that the fit would have made is added.
+    """
+    evidence = selection.evidence
+    fit = evidence.fit(selection.selected, selection.dispersion, max(selection.prior_scale, 1.0))
+    linear = [law for law in model.laws if _is_base_law(law)]
+    base = build_base(model.robot, linear)
+    place = {label.name: k for k, label in enumerate(base.labels)}
+    numbers = [(group, own) for group, own in extended.laws.items() if not group.claim.bodies]
+    stated = parameter_columns(model, evidence.data.refitted).items()
+    sources = [*stated, *(one for group, own in numbers for one in law_parameter_columns(model, group, own))]
+    at = {int(column): k for k, column in enumerate(fit.which)}
+    share = np.zeros((len(place), len(fit.which)))
+    for name, column in sources:
+        if name in place and column in at:
+            share[place[name], at[column]] = 1.0
+    for group in (group for group in extended.laws if group.claim.bodies):
+        body = own_body(model.robot, group.claim.laws[0].joints[0]) + 1
+        for name, row in zip(INERTIAL, group.claim.numbers, strict=False):
+            share[place[f"{name}_{body}"], fit.place(group)] = row
+    mixed = base.combination @ share
+    moved = np.isin(fit.which, columns_of([*selection.selected, *extended.refitted]))
+    step = mixed @ np.where(moved, 0.0, fit.value)
+    matrix = mixed @ fit.covariance @ mixed.T + np.outer(step, step)
+    coefficients = [x for law in linear for x in law.effect.coefficients(law.parameters)]
+    values = base.combination @ np.concatenate([model.inertials.ravel(), coefficients])
+    lost = np.diag(matrix) <= 0
+    matrix[lost, lost] = np.inf
+    return base_covariance(base, values, matrix)
+
+
+def _is_base_law(law: Law) -> bool:
+    """Whether a law is linear in its numbers, so that these are base parameters."""
+    effect = law.effect
+    if effect.scope != "joint" or effect.shape(law.parameters) or not is_refitted(law):
+        return False
+    return bool(effect.coefficients(effect.example) == [effect.example[key] for key in effect.linear()])

@@ -23,14 +23,7 @@ HARMONICS, AMPLITUDE = 5, (0.3, 0.9)  # least and most share of the limits
 
 
 def tell_apart(model: Model, law: Law, rival: Law, floor: Array, seed: int) -> str:
-    """Along which of some random motions a rival explains least of a law.
-
-    Args:
-        model: the simulation.
-        law: with all its numbers.
-        rival: with its shape.
-        floor: (n,) noise of torque [N.m or N].
-        seed: of the motions.
+    """Along which of some random motions a rival explains least of a law; floor: (n,) noise of torque [N.m or N].
 
     Source: T-optimality, Atkinson, Fedorov, Biometrika 62(1), 1975.
     """

@@ -17,7 +17,7 @@ from ..data.locate import locate
 from ..evidence.bayes_factors import Evidence
 from ..evidence.posterior_odds import Posterior
 from ..evidence.selection import Selection
-from ..extend.extend import extended_laws
+from ..extend.extend import extended_laws, is_same
 from ..extend.holdout import predict
 from ..result import Alternative, Finding
 from ..search.thresholds import LEAST_TORQUE_SHARE
@@ -35,12 +35,6 @@ def stated_number_findings(
 
     Either a law of the library is behind the residual, or only stated numbers are; in the second case, each refitted
     number is wrong or exactly as stated.
-
-    Args:
-        dataset: motions and rows.
-        session: held-out recordings.
-        selection: the selected laws.
-        extended: the extended simulation with its refitted numbers.
     """
     no_law, library = _library_probabilities(selection)
     wrong = {g: no_law * p for g, p in _wrong_probabilities(selection, extended).items()}
@@ -61,7 +55,7 @@ def stated_number_findings(
             std=dict.fromkeys(whole.effect.linear(), std),
             role="cause",
             probability=probability,
-            torque_share=_torque_share(selection.evidence, group, float(fit.value[place][0])),
+            torque_share=_share_of_step(selection.evidence, group, float(fit.value[place][0])),
             where=locate(dataset.table, joint, torque, bool(dataset.model.robot.prismatic[joint]), VARIABLES[:-1]),
             statistic=float(np.log(probability / (1 - probability))),
             threshold=float(np.log(LEAST_PROBABILITY / (1 - LEAST_PROBABILITY))),
@@ -74,28 +68,23 @@ def stated_number_findings(
 def total_law(law: Law, given: Model, extended: Model | None) -> Law:
     """Sum of a law and of what the simulation states of it, or of simpler laws that it contains.
 
-    Args:
-        law: change of what the simulation states.
-        given: the simulation.
-        extended: the extended simulation; None where it does not contain the law.
+    `extended` is None where the extended simulation does not contain the law.
     """
     model = extended or Model(given.robot, given.inertials, extended_laws(given.laws, [law]))
-    same = [other for other in model.laws if (other.effect.name, other.joints) == (law.effect.name, law.joints)]
-    shape = law.effect.shape(law.parameters)
-    return next((other for other in same if other.effect.shape(other.parameters) == shape), law)
+    return next((other for other in model.laws if is_same(law, other)), law)
 
 
 def stated_numbers(model: Model, law: Law) -> dict[str, float]:
-    """Numbers that the simulation states of a law with the same joints and shape.
+    """Numbers that the simulation states of a law with the same joints and shape."""
+    same = [other for other in model.laws if is_same(law, other)]
+    return {key: float(x) for one in same for key, x in one.parameters.items() if key in law.effect.linear()}
 
-    Args:
-        model: the simulation.
-        law: the law.
-    """
-    effect, out = law.effect, dict[str, float]()
-    for other in (other for other in model.laws if other.joints == law.joints):
-        if other.effect is effect and effect.shape(other.parameters) == effect.shape(law.parameters):
-            out |= {key: float(x) for key, x in other.parameters.items() if key in effect.linear()}
+
+def torque_share(torque: Mapping[int, Array], scale: Array) -> Array:
+    """(n,) rms of torque: (M,) [N.m or N] of some joints over the rms of all, scale: (n,) [N.m or N]."""
+    out = np.zeros(len(scale))
+    for j, x in torque.items():
+        out[j] = np.sqrt(np.mean(x**2)) / scale[j]
     return out
 
 
@@ -118,7 +107,7 @@ def _wrong_probabilities(selection: Selection, extended: ExtendedSimulation) -> 
     for group in sorted(groups, key=lambda one: one.start):
         at = fit.place(group).start
         value, variance, prior = float(fit.value[at]), float(covariance[at, at]), before.get(group, np.inf)
-        large = _torque_share(selection.evidence, group, value).max() >= LEAST_TORQUE_SHARE
+        large = _share_of_step(selection.evidence, group, value).max() >= LEAST_TORQUE_SHARE
         if 0 < variance < prior < np.inf and large:
             log = np.clip((np.log(variance / prior) + value**2 / variance) / 2, -MOST_LOG_ODDS, MOST_LOG_ODDS)
             out[group] = float(1 / (1 + np.exp(-log)))
@@ -156,9 +145,7 @@ def _prior_variance(evidence: Evidence, prior_scale: float) -> dict[Group, float
     return {g: variance.get(g.start, np.inf) for g in laws}
 
 
-def _torque_share(evidence: Evidence, group: Group, value: float) -> Array:
+def _share_of_step(evidence: Evidence, group: Group, value: float) -> Array:
     """(n,) rms torque of a change of a number, over that of each joint [1]."""
-    data, out = evidence.data, np.zeros(evidence.data.joints)
-    for j in data.rows(group):
-        out[j] = np.sqrt(np.mean((data.raw(j, group) * value) ** 2)) / data.scale[j]
-    return out
+    data = evidence.data
+    return torque_share({j: data.raw(j, group) * value for j in data.rows(group)}, data.scale)

@@ -49,10 +49,8 @@ SEPARATED_PER_FINDING = 4  # separating motions of one finding: each search simu
 SEPARATED = 2 * SEPARATED_PER_FINDING  # separating motions of all findings
 VAGUE_STD = 0.5  # standard deviations from zero below which a coefficient is vague [1]; heuristic
 
-# Empirical torque (empirical.py)
+# Held-out prediction (held_out_prediction.py)
 EMPIRICAL_GAIN = 0.3  # share of the held-out sum of squares that an empirical function must remove [1]; heuristic
-
-# Held-out warnings (holdout_warnings.py)
 WORSE = 1.05  # held-out rms after over before that is worse [1]; heuristic
 LOUD = 3.0  # held-out rms over irreducible rms above which it matters [1]; heuristic
 

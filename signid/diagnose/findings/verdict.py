@@ -16,23 +16,8 @@ from ..data.whitening import weights
 from ..evidence.posterior_odds import Posterior
 from ..evidence.selection import Selection
 from ..search.contributions import Contributions, measure_contributions
+from . import thresholds as tuned
 from .contender import Contender
-from .thresholds import (
-    CAUSE_SHARE,
-    CLEAR_LOG_ODDS,
-    CLEAR_THRESHOLD,
-    EXPLAINED,
-    EXPLAINED_APPROXIMATELY,
-    FAINT_JOINT,
-    NOTICEABLE_DISCREPANCY,
-    NOTICED_STD,
-    PROMOTED_GAIN,
-    PROMOTED_TORQUE,
-    SMALL_EXCESS,
-    STATELESS_THRESHOLD,
-    TOLERATED_DISCREPANCY,
-    UNEXPLAINED_ELSEWHERE,
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,82 +33,60 @@ class Verdict(Frozen):
     contributions: Contributions
 
     def without(self, weak: Collection[Group]) -> Verdict:
-        """Remove laws; if no cause stays, the verdict is unknown or nothing missing.
-
-        Args:
-            weak: laws that held-out rows do not support.
-        """
+        """Remove laws that held-out rows do not support; without causes the verdict is unknown or nothing missing."""
         causes, secondary = (tuple(g for g in some if g not in weak) for some in (self.causes, self.secondary))
         bare = "unknown" if np.any(self.before > self.threshold) else "nothing_missing"
         name = bare if self.name == "named" and not causes else self.name
         return replace(self, name=name, causes=causes, secondary=secondary)
 
     def is_quiet(self, joints: Sequence[int]) -> bool:
-        """Whether the residual of the given simulation is within noise and usual model error at some joints.
-
-        Args:
-            joints: their indices.
-        """
+        """Whether the residual of the given simulation is within noise and usual model error at some joints."""
         return bool(np.all(self.before[list(joints)] <= self.threshold[list(joints)]))
 
     def with_promoted(self, contenders: Sequence[Contender], gains: Mapping[Group, float]) -> Verdict:
-        """Make large and probable corrections causes.
-
-        Args:
-            contenders: probability of each law.
-            gains: share of the held-out sum of squares, on its joints, that each law removes [1].
-        """
+        """Make large and probable corrections causes; `gains`: shares of the held-out squares that they remove [1]."""
         sure = {contender.group for contender in contenders if contender.probability > 0.5}
         share = self.contributions.torque_share
-        more = [
-            g for g in self.secondary if g in sure and share[g].max() >= PROMOTED_TORQUE and gains[g] >= PROMOTED_GAIN
-        ]
+        large = [g for g in self.secondary if share[g].max() >= tuned.PROMOTED_TORQUE]
+        more = [g for g in large if g in sure and gains[g] >= tuned.PROMOTED_GAIN]
         if self.name != "named" or not more:
             return self
         secondary = tuple(group for group in self.secondary if group not in more)
         return replace(self, causes=(*self.causes, *more), secondary=secondary)
 
     def with_demoted(self, kept: Collection[Group]) -> Verdict:
-        """Make causes that held-out rows do not support corrections, if other causes stay.
-
-        Args:
-            kept: laws that held-out rows support.
-        """
+        """Make causes that held-out rows do not support corrections, if other causes stay."""
         causes = tuple(group for group in self.causes if group in kept)
         refused = tuple(group for group in self.causes if group not in kept)
         return replace(self, causes=causes, secondary=(*refused, *self.secondary)) if causes else self
 
 
 def decide_verdict(dataset: Dataset, selection: Selection, contenders: Sequence[Contender]) -> Verdict:
-    """Decide between named, unknown and nothing missing; rank the selected laws.
-
-    Args:
-        dataset: rows.
-        selection: the selected laws.
-        contenders: probability of each law.
-    """
+    """Decide between named, unknown and nothing missing; rank the selected laws."""
     data, evidence, noise = selection.data, selection.evidence, dataset.noise
     contributions = measure_contributions(evidence, selection.selected, selection.dispersion, selection.prior_scale)
     bare = measure_contributions(evidence, (), selection.dispersion, evidence.prior_scale((), selection.dispersion))
     residual, given = (dataset.remaining(data, one.fit) for one in (contributions, bare))
     after, before = (_excess(dataset, data.counts, one) for one in (residual, given))
     clear = _clearest_dependence(selection, before)
-    scale = np.maximum(data.scale, FAINT_JOINT * data.scale.max())
-    tolerated = (TOLERATED_DISCREPANCY * scale / noise.saturated_floor) ** 2
-    threshold = NOTICED_STD * np.sqrt(2 * data.counts) + data.counts * tolerated
-    threshold = threshold * (CLEAR_THRESHOLD if clear > CLEAR_LOG_ODDS and not selection.selected else 1.0)
+    scale = np.maximum(data.scale, tuned.FAINT_JOINT * data.scale.max())
+    tolerated = (tuned.TOLERATED_DISCREPANCY * scale / noise.saturated_floor) ** 2
+    threshold = tuned.NOTICED_STD * np.sqrt(2 * data.counts) + data.counts * tolerated
+    threshold = threshold * (tuned.CLEAR_THRESHOLD if clear > tuned.CLEAR_LOG_ODDS and not selection.selected else 1.0)
     by_group = {contender.group: contender for contender in contenders}
     importance = {g: _importance(selection.posterior, contributions, residual, g) for g in selection.selected}
     largest = max(importance.values(), default=0.0)
     ranked = sorted(selection.selected, key=lambda g: (by_group[g].log_at_scale < 0, -importance[g]))
-    causes = tuple(g for g in ranked if importance[g] >= CAUSE_SHARE * largest)
+    causes = tuple(g for g in ranked if importance[g] >= tuned.CAUSE_SHARE * largest)
     secondary = tuple(group for group in ranked if group not in causes)
     if not causes:
-        state = clear > 0 or np.any(noise.discrepancy > NOTICEABLE_DISCREPANCY * scale)
-        differs = clear > CLEAR_LOG_ODDS or np.any(after > threshold * (1 if state else STATELESS_THRESHOLD))
+        state = clear > 0 or np.any(noise.discrepancy > tuned.NOTICEABLE_DISCREPANCY * scale)
+        differs = clear > tuned.CLEAR_LOG_ODDS or np.any(
+            after > threshold * (1 if state else tuned.STATELESS_THRESHOLD)
+        )
         name = "unknown" if differs else "nothing_missing"
     else:
-        named = _explain(data.joints, causes, (before, after, threshold), by_group[causes[0]])
+        named = _explain(causes, (before, after, threshold), by_group[causes[0]])
         name = "named" if named else "unknown"
     return Verdict(name, causes, secondary, before, after, threshold, contributions)
 
@@ -147,13 +110,8 @@ def _importance(posterior: Posterior, contributions: Contributions, residual: Ar
     """Importance of a law [1]: geometric mean of its torque over the residual and over the joint's torque.
 
     Only the part of the torque counts that no other selected law could make, since two laws may cancel each other, and
-    at most the growth of the residual without the law. Bodies count as fitted, since they cannot be of any size.
-
-    Args:
-        posterior: odds of every hypothesis.
-        contributions: torque of the selected laws.
-        residual: (M, n) residual of all laws together [N.m or N].
-        group: columns of one law.
+    at most the growth of the (M, n) residual of all laws without it. Bodies count as fitted, since they cannot be of
+    any size.
     """
     data, size = posterior.evidence.data, 0.0
     for j in data.rows(group):
@@ -166,25 +124,18 @@ def _importance(posterior: Posterior, contributions: Contributions, residual: Ar
     return float(np.sqrt(size))
 
 
-def _explain(joints: int, causes: Sequence[Group], excess: tuple[Array, Array, Array], first: Contender) -> bool:
-    """Whether the causes explain most of the excess, at their joints and elsewhere.
-
-    Args:
-        joints: number n of joints.
-        causes: their columns, the most important first.
-        excess: (n,) before, after, and the threshold [1].
-        first: the first cause with its rivals.
-    """
+def _explain(causes: Sequence[Group], excess: tuple[Array, Array, Array], first: Contender) -> bool:
+    """Whether the causes explain most of the excess, (n,) before, after and its threshold, there and elsewhere."""
     before, after, threshold = excess
-    concerned = np.zeros(joints, dtype=bool)
-    for group in causes:
-        concerned |= _concerned(group, before > threshold)
+    concerned = np.any([_concerned(group, before > threshold) for group in causes], axis=0)
     left, total = np.maximum(after, 0)[concerned].sum(), np.maximum(before, 0)[concerned].sum()
-    needed = EXPLAINED_APPROXIMATELY if causes[0].claim.laws[0].effect.approximate else EXPLAINED
-    loud = concerned & (after > threshold) & (after > SMALL_EXCESS * before.max())
+    needed = tuned.EXPLAINED_APPROXIMATELY if causes[0].claim.laws[0].effect.approximate else tuned.EXPLAINED
+    loud = concerned & (after > threshold) & (after > tuned.SMALL_EXCESS * before.max())
     if 1 - left / max(total, 1e-9) < needed and loud.any():
         return False
-    elsewhere = ~concerned & (after > STATELESS_THRESHOLD * threshold) & (after > UNEXPLAINED_ELSEWHERE * before)
+    elsewhere = (
+        ~concerned & (after > tuned.STATELESS_THRESHOLD * threshold) & (after > tuned.UNEXPLAINED_ELSEWHERE * before)
+    )
     return not (first.unknown > 0.5 or after[elsewhere].sum() > max(total - left, 0.0))
 
 

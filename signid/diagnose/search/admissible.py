@@ -12,8 +12,7 @@ from ..data.normal_equations import Fitted
 from ..evidence.posterior_odds import Posterior
 from ..evidence.prior import CoefficientPrior
 from ..evidence.selection import Selection
-from ..extend.bodies import is_possible, nearest_bodies
-from ..extend.extend import has_possible_numbers
+from ..extend.extend import has_possible_numbers, is_possible, nearest_bodies
 from .thresholds import ACTUATOR_RANGE, INFEASIBLE_CHI2, LEAST_TORQUE_SHARE, ON_OFF_RANGE, REDUNDANT_SHARE
 
 UNCHANGED_VARIANCE = 1e-10  # variance of bodies that do not change [kg2, kg2.m2, kg2.m4]: keeps the covariance regular

@@ -1,29 +1,34 @@
-"""Empirical torque: a piecewise linear function of one variable, for torque that no law explains."""
+"""Held-out prediction: empirical torque that improves it, the fallback where it got worse, and warnings."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
+from ...deadline import time_is_up
 from ...effects import EFFECTS
 from ...effects.empirical import PLACES, VARIABLES
 from ...effects.law import law_columns
+from ...estimation.fit_quality import LITTLE, Fit
 from ...regression.session import Session
 from ...types import Array, Law
-from ..extend.holdout import ResidualRows, predict
+from ..data.noise import Noise
+from ..extend.holdout import Prediction, ResidualRows, fit_of, predict
 from ..result import Unexplained
+from ..search.stepwise import SEARCH
 from .findings import Conclusions
-from .thresholds import CORRELATED_ROWS, EMPIRICAL_GAIN
+from .thresholds import CORRELATED_ROWS, EMPIRICAL_GAIN, LOUD, WORSE
+
+FALLBACK = (
+    "the search was cut short, and with the laws found so far the held-out torque of {} is predicted worse than by the "
+    "given simulation: model.json holds the given simulation and the findings are leads; diagnose again with more time"
+)
 
 
 def add_empirical_torque(session: Session, result: Conclusions) -> Conclusions:
-    """Add empirical torque to the extended simulation where it predicts the held-out rows.
-
-    Args:
-        session: recordings.
-        result: extended simulation, and the joints with unexplained torque.
-    """
+    """Add a piecewise linear torque for unexplained torque to the simulation where it predicts the held-out rows."""
     prediction, out, laws = result.prediction, list[Unexplained](), list[Law]()
     for one in result.unexplained:
         if one.place.variable not in VARIABLES:
@@ -44,6 +49,43 @@ def add_empirical_torque(session: Session, result: Conclusions) -> Conclusions:
     if laws:
         prediction = predict(session, replace(prediction.model, laws=(*prediction.model.laws, *laws)))
     return result._replace(prediction=prediction, unexplained=tuple(out))
+
+
+def keep_given_if_worse(given: Prediction, result: Conclusions, noise: Noise, floor: Array) -> Conclusions:
+    """Keep the given simulation, with a flag, if a search that was cut short predicts some joint worse.
+
+    floor: (n,) [N.m or N] rms of white measurement noise in the band.
+    """
+    if not time_is_up(SEARCH):
+        return result
+    before, after = fit_of(given, noise, floor), fit_of(result.prediction, noise, floor)
+    worse = [joint for k, joint in enumerate(after.joints) if _is_worse(before, after, k)]
+    if not worse:
+        return result
+    unexplained = tuple(replace(one, modelled=False) for one in result.unexplained)
+    flag = FALLBACK.format(", ".join(worse))
+    return result._replace(prediction=given, unexplained=unexplained, flags=(*result.flags, flag))
+
+
+def holdout_warnings(before: Fit, after: Fit) -> Iterator[str]:
+    """One sentence for each joint that is predicted worse than before, or hardly at all."""
+    for k, joint in enumerate(after.joints):
+        then, now = before.held_out_rms[k], after.held_out_rms[k]
+        if _is_worse(before, after, k):
+            yield (
+                f"the torque of {joint} on held-out recordings is predicted worse than before "
+                f"({then:.3g} -> {now:.3g} {after.unit[k]}): do not use the extended simulation for it"
+            )
+        elif after.held_out_r2[k] < LITTLE and now > LOUD * after.irreducible_rms[k]:
+            yield (
+                f"the extended simulation still predicts little of the torque of {joint} on held-out recordings "
+                f"(R2 {after.held_out_r2[k]:.2f}): what is missing there was not found"
+            )
+
+
+def _is_worse(before: Fit, after: Fit, k: int) -> bool:
+    now = after.held_out_rms[k]
+    return bool(now > WORSE * before.held_out_rms[k] and now > LOUD * after.irreducible_rms[k])
 
 
 def _empirical_law(rows: ResidualRows, one: Unexplained) -> Law:
