@@ -39,13 +39,7 @@ def prepare_session(
 ) -> tuple[Session, RecordingFaults]:
     """Session and recording faults; raises if the faults rule out a diagnosis.
 
-    The band is as wide as encoder noise allows, since laws differ most in fast torque.
-
-    Args:
-        model: the simulation.
-        given: recordings with the signs of all torques.
-        options: preparation options; a cut-off given there is kept.
-        show: called with the current step and the share that is done.
+    The band is as wide as encoder noise allows, since laws differ most in fast torque; a given cut-off is kept.
 
     Raises:
         RecordingError: a recording fault rules out a diagnosis.
@@ -72,12 +66,7 @@ def _is_clear(fault: RecordingFault) -> bool:
 
 
 def with_held_out(model: Model, session: Session) -> Session:
-    """Session with held-out rows; where the recordings are too short, the training rows take their place, with a note.
-
-    Args:
-        model: the simulation.
-        session: recordings.
-    """
+    """Session with held-out rows; where recordings are too short, the training rows take their place, with a note."""
     thin = row_filter(session.task)
     if sum(len(thin.at(p.motion.t)) for p in pieces(session.task, model, session.held_out)) >= LEAST_ROWS:
         return session
@@ -88,17 +77,7 @@ def with_held_out(model: Model, session: Session) -> Session:
 
 
 def build_in_time(model: Model, session: Session, skip: Sequence[str], progress: Progress) -> tuple[Dataset, Whitened]:
-    """Build motions and rows of all hypotheses, or of none if time is up before.
-
-    Args:
-        model: the simulation.
-        session: recordings.
-        skip: effects to exclude.
-        progress: called with the current step and the share that is done.
-
-    Raises:
-        RecordingError: no stretch of the recordings is as long as the filter.
-    """
+    """Build motions and rows of all hypotheses, or of none if time is up before."""
     try:
         with steps_shown(progress, 0.2, 0.4):
             return build(model, session, skip, progress)
@@ -107,13 +86,7 @@ def build_in_time(model: Model, session: Session, skip: Sequence[str], progress:
 
 
 def build(model: Model, session: Session, skip: Sequence[str] | None, show: Progress) -> tuple[Dataset, Whitened]:
-    """Build motions and rows.
-
-    Args:
-        model: the simulation.
-        session: recordings.
-        skip: effects to exclude; None: rows of the simulation's own numbers alone.
-        show: called with the current step and the share that is done.
+    """Build motions and rows; if `skip` is None, of the simulation's own numbers alone.
 
     Raises:
         RecordingError: no stretch of the recordings is as long as the filter.

@@ -20,8 +20,8 @@ from ..types import Progress, Recording
 from .data.dataset import Dataset
 from .data.hypotheses import is_transient
 from .evidence.bayes_factors import Evidence
-from .evidence.knowledge import stated_prior
-from .evidence.posterior_odds import Posterior, StatedBodies
+from .evidence.prior import stated_prior
+from .evidence.selection import Posterior, StatedBodies
 from .extend.holdout import compare, predict
 from .findings.alternatives import limit_in_step, replace_weak
 from .findings.empirical import add_empirical_torque

@@ -15,19 +15,18 @@ from ...regression.projection import least_squares
 from ...types import Array, Law
 from .hypotheses import Hypothesis, is_refitted
 from .motions import Piece
-from .thresholds import (
-    CENTRE_STD,
-    FRICTION_STD,
-    INERTIA_STD,
-    LAW_STD,
-    MASS_STD,
-    MIN_MASS,
-    OFFSET_STD,
-    REVERSAL_LEAD,
-    REVERSAL_STD,
-    REVERSAL_WIDTHS,
-)
 
+FRICTION_STD = 0.1  # [1] friction and torque offsets, as a share of the coefficient. Heuristic: day-to-day change
+LAW_STD = 0.03  # [1] coefficients of all other laws, as a share. Heuristic
+OFFSET_STD = 0.05  # [1] lower bound for a torque offset, as a share of the joint's dry friction. Heuristic
+MASS_STD = 0.05  # [1] mass, as a share. Prototype
+CENTRE_STD = 0.005  # [m] centre of mass. Prototype
+INERTIA_STD = 0.1  # [1] moments of inertia, as a share of the largest. Prototype
+MIN_MASS = 0.05  # [kg] lower bound of the mass that the shares refer to. Heuristic
+FLAT_PRECISION = 1e-6  # [1] precision of a flat prior, as a share of the Gram's diagonal. Prototype
+REVERSAL_STD = 0.7  # [1] prior std of the three shape columns, as a share of the joint's dry friction. Prototype
+REVERSAL_WIDTHS = (0.3, 3.0)  # [1] steeper and softer reversal, over the presumed width. Prototype
+REVERSAL_LEAD = 0.008  # [s] friction may change sign before the velocity: one sample at 125 Hz. Prototype
 MASSLESS = 1e-6  # [kg] a body below this mass has no centre of mass. Heuristic
 DRY_STRIDE = 8  # every 8th sample is used for the rough estimate of dry friction. Heuristic
 LAYOUT_SAMPLES = 64  # samples of the motion from which columns are counted
@@ -66,15 +65,9 @@ class Nuisance(NamedTuple):
 
 
 def nuisances(model: Model, motion: Motion, dry: Array) -> Iterator[Nuisance]:
-    """Nuisance terms X a in the order of their columns.
+    """Nuisance terms X a in the order of their columns, each with its prior; dry friction `dry` (n,) [N.m or N].
 
-    Coefficients of the laws that the simulation states, the shape of dry friction near velocity reversals, and all
-    inertial parameters, each with its prior.
-
-    Args:
-        model: the simulation.
-        motion: motion along which the columns are computed.
-        dry: (n,) dry friction of each joint [N.m or N].
+    They are coefficients of stated laws, shapes of dry friction near velocity reversals, and all inertial parameters.
     """
     stated = stated_friction(model)
     for law in model.laws:
@@ -92,12 +85,7 @@ def nuisances(model: Model, motion: Motion, dry: Array) -> Iterator[Nuisance]:
 
 
 def law_tolerance(law: Law, dry: float) -> list[float]:
-    """(k,) prior standard deviations of the coefficients of a stated law [unit of each].
-
-    Args:
-        law: law with all its parameters.
-        dry: dry friction of its joint [N.m or N].
-    """
+    """(k,) prior standard deviations of the coefficients of a stated law [unit of each]; `dry`: friction [N.m or N]."""
     share = FRICTION_STD if law.effect.dissipative or law.effect.name == "torque_offset" else LAW_STD
     least = OFFSET_STD * dry if law.effect.name == "torque_offset" else 0.0
     return [max(share * abs(x), least, 1e-9) for x in law.effect.coefficients(law.parameters)]
@@ -165,14 +153,7 @@ def _rough_columns(motion: Motion, joint: int) -> Array:
 
 
 def build_groups(model: Model, motion: Motion, hypotheses: Sequence[Hypothesis], dry: Array) -> list[Group]:
-    """Groups of all columns: nuisance terms first, then the hypotheses in their order.
-
-    Args:
-        model: the simulation.
-        motion: any motion of the recordings.
-        hypotheses: hypotheses of the search.
-        dry: (n,) dry friction of each joint [N.m or N].
-    """
+    """Groups of all columns: nuisance terms first, then the hypotheses; dry friction `dry` (n,) [N.m or N]."""
     out, at = list[Group](), 0
     for found in nuisances(model, motion[:LAYOUT_SAMPLES], dry):
         size = len(found.deviation)

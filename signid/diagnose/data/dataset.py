@@ -59,12 +59,7 @@ class Dataset(Frozen):
         return self.whitening(columns)
 
     def remaining(self, data: Whitened, fit: Fitted) -> Array:
-        """(M, n) [N.m or N] residual y - X a - S b of a fit.
-
-        Args:
-            data: columns of the rows.
-            fit: the fit.
-        """
+        """(M, n) [N.m or N] residual y - X a - S b of a fit."""
         rest = self.table.residual.copy()
         for j in range(data.joints):
             at = data.at[j, fit.which]
@@ -80,14 +75,7 @@ class Dataset(Frozen):
 def append(
     dataset: Dataset, data: Whitened, hypothesis: Hypothesis, columns: Mapping[int, Array]
 ) -> tuple[Whitened, Group]:
-    """Append the columns of one hypothesis to the whitened rows.
-
-    Args:
-        dataset: dataset that has the noise model.
-        data: whitened rows.
-        hypothesis: hypothesis of the columns.
-        columns: per joint (M, k) [torque per coefficient].
-    """
+    """Append the columns of one hypothesis, per joint (M, k) [torque per coefficient], to the whitened rows."""
     size = hypothesis.size
     group, white = Group(data.count, size, hypothesis), dataset.whiten(columns)
     place, torque, made = list(data.place), list(data.torque), list(data.columns)

@@ -90,22 +90,15 @@ class Hypothesis:
 
 
 def finite(x: Array) -> Array:
-    """Set columns with overflow or NaN to zero: a law without finite columns explains nothing.
-
-    Args:
-        x: (N, k) [torque per coefficient].
-    """
+    """Set columns x (N, k) [torque per coefficient] with overflow or NaN to zero: such a law explains nothing."""
     usable = np.abs(x).max(axis=0, initial=0.0) < OVERFLOW  # False for NaN
     return x if usable.all() else np.where(usable, x, 0.0)
 
 
 def propose(model: Model, motion: Motion, skip: Sequence[str] = ()) -> list[Hypothesis]:
-    """List all hypotheses of a search.
+    """List all hypotheses of a search; the grids of shapes are chosen from a motion.
 
-    Args:
-        model: the simulation; where it has a law, the hypothesis is that the law's size is wrong.
-        motion: motion from which the grids of shapes are chosen.
-        skip: names of effects that are left out.
+    Where the simulation has a law, the hypothesis is that the law's size is wrong.
     """
     known = {(law.effect.name, law.joints): law for law in model.laws if any(law.effect.coefficients(law.parameters))}
     n = len(motion.robot.joints)
@@ -166,12 +159,7 @@ def variable(motion: Motion, joint: int, name: str) -> Array:
 
 
 def hats(x: Array, knots: Sequence[float]) -> Array:
-    """(N, k - 1) [1] hat functions of x, without the first, which depends linearly on the others and a constant.
-
-    Args:
-        x: (N,) [any unit].
-        knots: (k,) [unit of x].
-    """
+    """(N, k - 1) [1] hat functions of x (N,) [any unit], without the first: the others and a constant make it."""
     return np.column_stack([np.interp(x, knots, row) for row in np.eye(len(knots))[1:]])
 
 
@@ -189,8 +177,7 @@ def _secant(law: Law, motion: Motion) -> tuple[tuple[int, ...], Array]:
 def is_refitted(law: Law) -> bool:
     """Whether the coefficients of a law of the simulation are nuisance parameters.
 
-    True for torque laws and rotor inertias of nonzero size. Other laws are kept as stated; an error of their size is a
-    hypothesis.
+    True for torque laws and rotor inertias of nonzero size; an error of another law's size is a hypothesis.
     """
     there = any(law.effect.coefficients(law.parameters))
     return there and (

@@ -34,15 +34,7 @@ class Location(NamedTuple):
 def locate(
     table: RowTable, joint: int, torque: Array, prismatic: bool = False, variables: Sequence[str] = VARIABLES
 ) -> Location:
-    """Find the variable of a joint that torque depends on most, and the region where it is densest.
-
-    Args:
-        table: rows.
-        joint: joint whose variables are tried.
-        torque: (M,) residual, or the torque of an effect [N.m or N].
-        prismatic: whether the joint is prismatic.
-        variables: names of the variables to try.
-    """
+    """Find the variable of a joint that torque (M,) [N.m or N] depends on most, and the region where it is densest."""
     explained = {name: _explained(table.variable(joint, name), torque) for name in variables}
     best = max(explained, key=lambda name: explained[name])
     wave = _wave(table, torque) if "time" in variables else None

@@ -21,8 +21,8 @@ from ...regression.motion import Motion, build_motion, margin
 from ...regression.rows import Task
 from ...regression.session import Part, Session
 from ...types import Array, Law, Robot
-from .thresholds import REVERSAL_TIME_STD
 
+REVERSAL_TIME_STD = 0.006  # [s] standard deviation of the time of a reversal. Heuristic
 PIECE_SAMPLES = 2**14  # samples of a piece at the rate of the rows, at most: limits memory
 
 # Amount of recordings that is used. The work of columns grows with the square of the number of joints.
@@ -46,13 +46,7 @@ class Piece(NamedTuple):
 
 
 def pieces(task: Task, model: Model, recordings: Sequence[Part]) -> Iterator[Piece]:
-    """Split recordings into pieces; spans that are too short for the filter of the rows are left out.
-
-    Args:
-        task: task with the band and the width of a reversal.
-        model: the simulation.
-        recordings: recordings and their sampling.
-    """
+    """Split recordings into pieces; spans that are too short for the filter of the rows are left out."""
     robot = replace(model.robot, model=bodies_without_rotors(model))
     edge, half = margin(task.band, task.recorded_derivatives), len(task.band.taps) // 2
     parts = task.parts
@@ -91,12 +85,7 @@ def _thinned_motion(motion: Motion, band: Band, parts: int) -> Motion:
 
 
 def thinned(thin: Decimator, columns: Sequence[Mapping[int, Array]]) -> dict[int, Array]:
-    """Filter and decimate columns: per joint (M, k) [torque per coefficient].
-
-    Args:
-        thin: low-pass filter and decimation of columns and torque.
-        columns: for each piece, per joint (N, k) [torque per coefficient] at the rate of the pieces.
-    """
+    """Filter and decimate columns of each piece, (N, k) for each joint: per joint (M, k) [torque per coefficient]."""
     return {j: np.concatenate([thin(made[j]) for made in columns]) for j in columns[0]}
 
 
@@ -113,14 +102,9 @@ def torque_rows(thin: Decimator, pieces: Sequence[Piece], law: Law) -> dict[int,
 
 
 def reversal_uncertainty(thin: Decimator, pieces: Sequence[Piece], dry: Array) -> Array:
-    """(M, n) [N.m or N] standard deviation of torque near velocity reversals, from their unknown time.
+    """(M, n) [N.m or N] standard deviation of torque near velocity reversals; dry friction `dry` (n,) [N.m or N].
 
     The time at which friction changes sign is not observed between samples, nor while dry friction holds the joint.
-
-    Args:
-        thin: low-pass filter and decimation of columns and torque.
-        pieces: pieces with their motion.
-        dry: (n,) dry friction of each joint [N.m or N].
     """
     turns = (np.gradient(piece.motion.direction, piece.motion.dt, axis=0) for piece in pieces)
     return np.asarray(np.abs(np.concatenate([thin(REVERSAL_TIME_STD * dry * turn) for turn in turns])))
@@ -136,10 +120,7 @@ def _piece(task: Task, model: Model, motion: Motion, robot: Robot, k: int) -> Pi
 
 
 def subsample(session: Session) -> Session:
-    """Cut recordings that are longer than needed, or than the time limit allows, to evenly spread stretches.
-
-    The session gets a note where that happens.
-    """
+    """Cut recordings longer than needed, or than the time limit allows, to evenly spread stretches, with a note."""
     joints = len(session.robot.joints)
     seconds = max(MIN_SECONDS, JOINT_SECONDS / joints**2)
     soon = SECONDS_PER_SECOND * seconds_left() / joints**2

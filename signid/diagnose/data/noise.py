@@ -13,22 +13,20 @@ from ...regression.projection import least_squares
 from ...types import Array, Frozen, Indices, Mask
 from .periodicity import find_wave
 from .rows import RowTable
-from .thresholds import (
-    AR_ORDER,
-    MAX_AR_ROOT,
-    MIN_MOVING,
-    MIN_RELIABLE,
-    OUTLIER,
-    QUIET_SHARE,
-    RELIABLE_STD,
-    REPLICATE_FACTOR,
-    REPLICATE_STRETCHES,
-    REVERSAL_SCALES,
-    ROWS_PER_DIRECTION,
-    SHAPES_IN_FIT,
-    WAVE_SHARE,
-)
 
+REVERSAL_SCALES = (0.0, 0.3, 0.6, 1.0, 1.3, 1.7, 2.2, 3.0)  # [1] grid of the scale of that deviation. Heuristic
+AR_ORDER = 4  # order of the autoregressive model. Prototype
+MAX_AR_ROOT = 0.75  # [1] largest root: slower correlation is drift, friction or discrepancy. Heuristic
+ROWS_PER_DIRECTION = 3.0  # [1] least number of rows for each direction of the saturated fit. Prototype
+REPLICATE_FACTOR = 1.06  # [1] corrects the rms of replicates for the discarded stretches. Prototype
+QUIET_SHARE = 0.85  # [1] share of the stretches of replicates that is kept. Prototype
+REPLICATE_STRETCHES = 8  # stretches of each piece. Heuristic
+RELIABLE_STD = 0.003  # [1] rows count for noise if their reversal std is below this share of torque. Heuristic
+OUTLIER = 12.0  # [1] larger residuals, over their median size, are no noise (ends of a contact window). Heuristic
+MIN_RELIABLE = 0.3  # [1] least share of reliable rows; with fewer, all rows are used. Heuristic
+MIN_MOVING = 50  # rows in motion; with fewer, rows at rest are used too. Heuristic
+WAVE_SHARE = 0.5  # [1] a sine with more than this share of a residual's power is a disturbance. Heuristic
+SHAPES_IN_FIT = 6  # shapes of one hypothesis that enter the saturated fit. Heuristic
 RANK = 1e-4  # [1] smallest singular value that counts, over the largest, of scaled columns. Heuristic
 MIN_REVERSAL_ROWS = 6  # rows near reversals; with fewer, the scale is not estimated. Heuristic
 CHI2_MEDIAN = 0.455  # [1] median of the chi-squared distribution with one degree of freedom
@@ -53,11 +51,6 @@ class Noise(Frozen):
 def measure_noise(table: RowTable, periods: Sequence[float | None], rate: float) -> Noise:
     """Estimate the noise from the residual of all columns, or from repetitions of the motion if that gives less noise.
 
-    Args:
-        table: rows.
-        periods: [s] period of the motion in each recording, None where it does not repeat.
-        rate: rate of the rows [Hz].
-
     Source: autoregressive prewhitening as in Ljung, System Identification, 1999, section 14.4.
     """
     used = _columns_in_fit(table)
@@ -67,26 +60,14 @@ def measure_noise(table: RowTable, periods: Sequence[float | None], rate: float)
 
 
 def whiten(x: Array, coefficients: Array, innovation: float, piece: Indices) -> Array:
-    """(M', c) [1] rows after the autoregressive filter, in units of the innovation; each piece loses four rows.
-
-    Args:
-        x: (M, c) [N.m or N] rows.
-        coefficients: (4,) [1] autoregressive coefficients.
-        innovation: standard deviation of the innovation [N.m or N].
-        piece: (M,) piece of each row.
-    """
+    """(M', c) [1] rows x (M, c) [N.m or N] after a filter: coefficients (4,) [1]; each piece (M,) loses four rows."""
     order = len(coefficients)
     out = x[order:] - sum(c * x[order - 1 - k : len(x) - 1 - k] for k, c in enumerate(coefficients))
     return np.asarray(out[has_full_window(piece, order)] / innovation)
 
 
 def has_full_window(piece: Indices, order: int) -> Mask:
-    """(M - order,) whether the `order` rows before a row are of the same piece, from the `order`-th row on.
-
-    Args:
-        piece: (M,) piece of each row.
-        order: order of the autoregressive model.
-    """
+    """(M - order,) whether the `order` rows before a row are of the same piece (M,), from the `order`-th row on."""
     return np.asarray(piece[order:] == piece[:-order])
 
 
@@ -102,13 +83,9 @@ def _of_joint(
 
 
 def noise_of_rest(table: RowTable, joint: int, rest: Array, factor: float) -> tuple[float, Array, float]:
-    """Rms, autoregressive coefficients (4,) and innovation of one joint's noise, from the residual of a fit.
+    """Rms, autoregressive coefficients (4,) and innovation of a joint's noise, from the rest (M,) [N.m or N] of a fit.
 
-    Args:
-        table: rows.
-        joint: index of the joint.
-        rest: (M,) residual of the fit [N.m or N].
-        factor: rms of the noise over rms of the residual, which the fit reduced [1].
+    The factor is the rms of the noise over that of the rest, which the fit reduced.
     """
     moving = ~table.at_rest[:, joint]
     moving = moving if moving.sum() > MIN_MOVING else np.ones_like(moving)
@@ -138,10 +115,7 @@ def _reversal_scale(rest: Array, reversal_std: Array, floor: float) -> float:
 
 
 def _saturated(table: RowTable, joint: int, used: Mask) -> tuple[list[Array], list[Array], float]:
-    """For each run, the residual of a fit of all columns and the reversal std; and the correction of its rms [1].
-
-    The fit is a truncated singular value decomposition with at most one direction for every three rows.
-    """
+    """For each run, the residual of a fit of all columns and the reversal std; and the correction of its rms [1]."""
     moving = ~table.at_rest[:, joint]
     moving = moving if moving.sum() > MIN_MOVING else np.ones_like(moving)
     x, y = table.columns[joint][:, used[table.place[joint]]][moving], table.residual[moving, joint]

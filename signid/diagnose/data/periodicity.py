@@ -8,8 +8,8 @@ import numpy as np
 
 from ...regression.projection import least_squares
 from ...types import Array
-from .thresholds import PERIOD_TOLERANCE
 
+PERIOD_TOLERANCE = 0.01  # [1] rms difference of two periods, over the standard deviation of positions. Heuristic
 MIN_CYCLES = 3.0  # [1] cycles in the signal, at least: a slower sine is drift. Heuristic
 OVERSAMPLING = 16  # frequencies of the periodogram for each that the length resolves. Heuristic
 MIN_SAMPLES = 32  # samples; in a shorter signal no sine is sought. Heuristic
@@ -26,11 +26,7 @@ class Wave(NamedTuple):
 
 
 def find_wave(x: Array, rate: float) -> Wave:
-    """Fit a sine: its frequency is the peak of an oversampled periodogram, its size follows by least squares.
-
-    Args:
-        x: (N,) [any unit].
-        rate: rate of the samples [Hz].
+    """Fit a sine to x (N,) [any unit]: frequency at the peak of an oversampled periodogram, size by least squares.
 
     Source: Schuster's periodogram, as in Stoica, Moses, Spectral Analysis of Signals, 2005, section 4.3.
     """
@@ -51,12 +47,7 @@ def find_wave(x: Array, rate: float) -> Wave:
 
 
 def find_period(q: Array, rate: float) -> float | None:
-    """Shortest period [s] after which all positions repeat; None if they do not.
-
-    Args:
-        q: (N, n) uniformly sampled positions [rad or m].
-        rate: rate of the samples [Hz].
-    """
+    """Shortest period [s] after which all uniformly sampled positions q (N, n) [rad or m] repeat; None if none does."""
     count, spread = len(q), q.std(0)
     x = (q - q.mean(0))[:, spread > 1e-9] / spread[spread > 1e-9]
     least, most = round(MIN_PERIOD * rate), int(MAX_PERIOD * count)

@@ -17,7 +17,11 @@ from ...types import Array, Frozen, Indices, Mask
 from .column_groups import Group, nuisances
 from .hypotheses import finite
 from .motions import Piece, reversal_uncertainty, row_filter
-from .thresholds import HOLD_TIME, MIN_TORQUE, REST_SPEED, REST_TIME
+
+REST_SPEED = 2.0  # [1] a joint below this many reversal widths is at rest. Heuristic
+REST_TIME = 0.3  # [s] shortest rest for which held-out rows are ignored. Heuristic
+HOLD_TIME = 0.1  # [s] shortest rest for which rows are ignored: static friction may hold the joint. Heuristic
+MIN_TORQUE = 0.02  # [1] lower bound of a joint's rms torque, as a share of the largest joint's. Prototype
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,13 +70,7 @@ BLOCK_GROUPS = 32  # groups of columns that are filtered at once: limits memory
 
 
 def standstill(motion: Motion, thin: Decimator, seconds: float = REST_TIME) -> Array:
-    """(N, n) [1] 1 where a joint is at rest, or is so within the reach of the filter, else 0.
-
-    Args:
-        motion: motion of all joints.
-        thin: filter of the rows.
-        seconds: shortest duration of a rest [s].
-    """
+    """(N, n) [1] 1 where a joint rests for some seconds, or does so within the reach of the filter, else 0."""
     assert motion.slow is not None, "a diagnosed motion has the width of a reversal"
     slow = (np.abs(motion.v) < REST_SPEED * motion.slow).astype(np.float64)
     half = max(1, round(seconds / 2 / motion.dt))
@@ -83,12 +81,7 @@ def standstill(motion: Motion, thin: Decimator, seconds: float = REST_TIME) -> A
 def build_table(task: Task, model: Model, groups: Sequence[Group], pieces: Sequence[Piece], dry: Array) -> RowTable:
     """Compute all rows: columns at the rate of the pieces, then the same low-pass filter as the torque.
 
-    Args:
-        task: task with the band; the filter's cut-off is twice that of the band.
-        model: the simulation.
-        groups: groups of all columns.
-        pieces: motions with residuals.
-        dry: (n,) dry friction of each joint [N.m or N].
+    The cut-off is twice that of the band; dry friction is `dry` (n,) [N.m or N].
     """
     thin = row_filter(task)
     place, columns = _joined(model, groups, pieces, thin, dry)
@@ -119,15 +112,7 @@ def build_table(task: Task, model: Model, groups: Sequence[Group], pieces: Seque
 
 
 def rebuild_columns(table: RowTable, task: Task, model: Model, pieces: Sequence[Piece], dry: Array) -> RowTable:
-    """Replace the columns by those along other motions.
-
-    Args:
-        table: rows.
-        task: task with the band.
-        model: the simulation.
-        pieces: the other motions, as many as before and of the same lengths.
-        dry: (n,) dry friction of each joint [N.m or N].
-    """
+    """Columns along other motions of the same lengths; dry friction `dry` (n,) [N.m or N]."""
     place, columns = _joined(model, table.groups, pieces, row_filter(task), dry)
     return replace(table, place=place, columns=columns)
 
@@ -149,11 +134,8 @@ def _recorded_torque(piece: Piece) -> Array:
 def _thinned(
     model: Model, groups: Sequence[Group], piece: Piece, thin: Decimator, dry: Array
 ) -> list[tuple[Indices, Array]]:
-    """For each joint, the indices of its columns and their rows.
-
-    The motion is copied, so that the large arrays that it caches for the laws are freed afterwards.
-    """
-    piece = piece._replace(motion=replace(piece.motion))
+    """For each joint, the indices of its columns and their rows."""
+    piece = piece._replace(motion=replace(piece.motion))  # the large arrays that a motion caches are freed afterwards
     joints = range(len(model.robot.joints))
     place, rows, waiting = ([list[Any]() for _ in joints] for _ in range(3))
     for group, made in zip(groups, _columns(model, groups, piece, dry), strict=True):

@@ -16,12 +16,9 @@ from ..data.column_groups import Group
 from ..data.dataset import Dataset
 from ..data.hypotheses import Key
 from ..evidence.likelihood import Likelihood
-from ..evidence.posterior_odds import Odds
-from ..evidence.selection import Selection
-from ..search.admissible import is_admissible
-from ..search.contributions import Contributions, measure_contributions
-from ..search.inertial_check import resolved_violations
-from ..search.steady import steadiness
+from ..evidence.selection import Odds, Selection
+from ..search.admissible import is_admissible, resolved_violations
+from ..search.contributions import Contributions, measure_contributions, steadiness
 from ..search.stepwise import SEARCH, is_applicable, present_laws
 from .contender import CLIP, Contender
 from .rival_torque import residual_energies

@@ -12,7 +12,7 @@ from ...robot.dynamics import own_body
 from ...types import INERTIAL, Array, Law
 from ..data.hypotheses import is_refitted
 from ..data.whitened_rows import columns_of
-from ..evidence.knowledge import law_parameter_columns, parameter_columns
+from ..evidence.prior import law_parameter_columns, parameter_columns
 from ..evidence.selection import Selection
 from .held_out_selection import ExtendedSimulation
 

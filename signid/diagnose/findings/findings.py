@@ -20,8 +20,7 @@ from ..data.motions import torque_rows
 from ..evidence.selection import Selection
 from ..extend.holdout import Prediction
 from ..result import Alternative, Finding, Unexplained
-from ..search.stepwise import required_log_odds
-from ..search.thresholds import FIRST_LOG_ODDS, NEXT_LOG_ODDS
+from ..search.stepwise import FIRST_LOG_ODDS, NEXT_LOG_ODDS, required_log_odds
 from .contender import Contender
 from .covariance import extended_covariance
 from .held_out_selection import ExtendedSimulation, select_on_held_out

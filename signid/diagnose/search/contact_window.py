@@ -12,8 +12,10 @@ from ..data.dataset import Dataset
 from ..data.hypotheses import Hypothesis
 from ..data.noise import has_full_window
 from ..data.whitened_rows import Whitened
-from .thresholds import CONTACT_STEP, CONTACT_TORQUE, CONTACT_WIDTHS
 
+CONTACT_WIDTHS = (0.5, 0.9, 1.5, 2.5, 4.0, 7.0)  # [s] first grid; heuristic
+CONTACT_STEP = 0.2  # [s] between the starts of the first grid; heuristic
+CONTACT_TORQUE = 0.15  # prior rms torque of the force over the rms torque [1]; heuristic
 NAME = "external_contact"
 MOVES = np.arange(-5, 6)  # shifts of the ends of the best window in one refinement [rows]
 REFINEMENTS = 3  # refinements of the best window
@@ -32,13 +34,8 @@ class _Window(NamedTuple):
 def find_contact(dataset: Dataset, data: Whitened, residual: Array, dispersion: Array) -> Hypothesis | None:
     """Contact in the window of highest evidence over all recordings; None if no window has a Bayes factor above 1.
 
-    Cumulative sums of the normal equations make each window cost the same.
-
-    Args:
-        dataset: motions and rows.
-        data: whitened rows.
-        residual: (n, M) whitened residual of the selected laws [1].
-        dispersion: (n,) variance of the residual [1].
+    Cumulative sums of the normal equations make each window cost the same. The residual (n, M) [1] is whitened and has
+    the variance dispersion (n,) [1].
     """
     jacobian = _jacobian(dataset)
     white = dataset.whitening.local({j: jacobian[:, :, j] for j in range(data.joints)})
@@ -71,14 +68,7 @@ def _jacobian(dataset: Dataset) -> Array:
 
 
 def _best(square: Array, right: Array, variance: float, rate: float) -> _Window:
-    """Search the windows of one piece: a grid first, then shifts of both ends of the best.
-
-    Args:
-        square: (M + 1, 3, 3) cumulative Gram of the Jacobian [1/N2].
-        right: (M + 1, 3) cumulative right side [1/N].
-        variance: prior variance of each component of the force [N2].
-        rate: rate of the rows [Hz].
-    """
+    """Search the windows of one piece by cumulative sums: a grid first, then shifts of both ends of the best."""
     count, best = len(square) - 1, _Window(0.0, 0, 0, 0)
     for width in CONTACT_WIDTHS:
         length = int(width * rate)

@@ -12,21 +12,24 @@ from ...deadline import time_is_up
 from ...types import Array
 from ..data.dataset import Dataset, append
 from ..data.hypotheses import Key, is_transient
-from ..data.thresholds import DISCREPANCY_SCALE
 from ..data.whitened_rows import whitened
+from ..data.whitening import DISCREPANCY_SCALE
 from ..evidence.bayes_factors import Evidence
-from ..evidence.likelihood import Likelihood
-from ..evidence.noise_model import update_noise
-from ..evidence.posterior_odds import Posterior
-from ..evidence.selection import Selection
+from ..evidence.likelihood import Likelihood, update_noise
+from ..evidence.selection import Posterior, Selection
 from ..result import Diagnosis
 from .contact_window import NAME as CONTACT, find_contact
 from .contributions import measure_contributions
 from .relinearise import relinearise
 from .shape_optimisation import optimise_shapes
 from .stepwise import SEARCH, inflated_dispersion, initial_selection, log_posterior, log_prior_odds, stepwise_search
-from .thresholds import MAX_ADDED_LAWS, MODEL_ERROR, NOISE_ERROR, NOISE_ROUNDS, RELINEARISATION_ROUNDS, WINDOWS_PER_ROW
 
+NOISE_ERROR = 1.3  # variance of the whitened residual without any law [1]: error of the noise estimate; simulated arms
+MODEL_ERROR = 0.003  # discrepancy of every simulation, over the rms torque [1]; simulated arms
+WINDOWS_PER_ROW = 10  # contact windows that are compared, per row; log of their number is the penalty; simulated arms
+RELINEARISATION_ROUNDS = 3  # heuristic
+MAX_ADDED_LAWS = 2  # laws that relinearisation may add: more, and it diverges; heuristic
+NOISE_ROUNDS = 3  # alternations of noise estimation and search; heuristic
 DISAGREEMENT = (
     "the selected laws change each other's torque, and no two rounds of the search agree on them: their numbers may be "
     "off by more than their intervals; record a motion that separates the alternatives"
@@ -53,12 +56,6 @@ def select(dataset: Dataset, posterior: Posterior, skip: Sequence[str], referenc
     """Select laws; repeat with columns about the extended simulation where selected laws interact.
 
     The first round's result is returned, with a flag, if relinearisation diverges or does not converge.
-
-    Args:
-        dataset: motions and rows.
-        posterior: odds of every hypothesis.
-        skip: excluded effects.
-        reference: diagnosis of the healthy reference, if there is one.
     """
     conditions = _Conditions(skip, reference)
     first = about, selection = _select(dataset, posterior, conditions)
@@ -135,10 +132,7 @@ def _under_noise(dataset: Dataset, selection: Selection, conditions: _Conditions
 def _search(
     dataset: Dataset, posterior: Posterior, conditions: _Conditions, before: Selection | None = None
 ) -> Selection:
-    """Search from the laws selected before, and from none if that changes them; keep the more probable selection.
-
-    Then search for a contact, and optimise shapes. The first time, the whole residual counts as noise.
-    """
+    """Search from the laws selected before, and from none if that changes them; then optimise shapes."""
     expected = _expected(posterior, conditions.reference)
     if before is None:
         scale = posterior.evidence.prior_scale((), expected)

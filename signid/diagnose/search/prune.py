@@ -17,20 +17,16 @@ from ..data.whitened_rows import columns_of
 from ..evidence.selection import Selection
 from ..extend.extend import extend, has_possible_numbers, read_laws
 from ..extend.holdout import residual_rows
-from .inertial_check import resolved_violations
+from .admissible import resolved_violations
 from .stepwise import SEARCH
-from .thresholds import SIGNIFICANT_CHI2
+
+SIGNIFICANT_CHI2 = 4.0  # squared coefficients, per number [variances]: two standard deviations
 
 
 def prune(dataset: Dataset, session: Session, selection: Selection) -> Selection:
     """Drop laws with impossible or insignificant numbers, and laws that increase the training residual.
 
     The residual is that of the extended simulation, since laws change each other's torque.
-
-    Args:
-        dataset: motions and rows.
-        session: recordings.
-        selection: the selected laws.
     """
     selection = _significant(_possible(selection))
     while selection.selected and not time_is_up(SEARCH):
@@ -55,10 +51,7 @@ def _possible(selection: Selection) -> Selection:
 
 
 def _significant(selection: Selection) -> Selection:
-    """Drop laws whose numbers do not differ from zero significantly, the least significant first.
-
-    A body change stays if a link would violate its tolerance without it: refitted inertials hide its significance.
-    """
+    """Drop insignificant laws; a body change stays if a link would violate its tolerance without it."""
     while selection.selected:
         fit = selection.fit()
         value, covariance, chi2 = fit.value, fit.covariance, dict[Group, float]()
@@ -77,10 +70,7 @@ def _significant(selection: Selection) -> Selection:
 
 
 def _training_harm(dataset: Dataset, session: Session, selection: Selection) -> dict[Group, float]:
-    """Increase of the squared training residual by each law, in units of the irreducible variance [1].
-
-    Computed in the better of two extended simulations: with all numbers refitted, or with the laws alone.
-    """
+    """Increase of the squared training residual by each law, over the irreducible variance [1]."""
     evidence, tried = selection.evidence, list[tuple[float, dict[Group, float]]]()
     whole = evidence.fit(selection.selected, selection.dispersion, selection.prior_scale)
     alone = whole.restricted(np.isin(whole.which, columns_of(selection.selected)))

@@ -20,7 +20,8 @@ from ..data.rows import rebuild_columns
 from ..evidence.selection import Selection
 from ..extend.extend import inertial_places, read_laws
 from .stepwise import SEARCH
-from .thresholds import RELEVANT_CHI2
+
+RELEVANT_CHI2 = 1.0  # squared change of torque by relinearisation [variances of the rows]: one standard deviation
 
 
 def relinearise(dataset: Dataset, about: Dataset, selection: Selection) -> Dataset | None:
@@ -28,12 +29,8 @@ def relinearise(dataset: Dataset, about: Dataset, selection: Selection) -> Datas
 
     Laws interact: a payload increases load-dependent friction and is turned by a base tilt, friction is part of a
     delayed torque. Each cross term is attributed to the law that acts on the other's output. The residual stays
-    that of the given simulation. Also None if time is up, or if the bodies are infeasible.
-
-    Args:
-        dataset: motions and rows, with columns about the given simulation.
-        about: the same with the present columns.
-        selection: the selected laws.
+    that of the given simulation, as do the rows of `dataset`; `about` has the present columns. Also None if time is up,
+    or if the bodies are infeasible.
     """
     if time_is_up(SEARCH):
         return None

@@ -18,19 +18,16 @@ from ..data.column_groups import Group
 from ..data.dataset import Dataset, append
 from ..data.hypotheses import Hypothesis, Key
 from ..data.normal_equations import Fitted
-from ..evidence.posterior_odds import Posterior
-from ..evidence.selection import Selection
+from ..evidence.selection import Posterior, Selection
 from .contributions import measure_contributions
 from .stepwise import SEARCH, inflated_dispersion
-from .thresholds import (
-    EVALUATIONS_PER_SHAPE,
-    LOG_ODDS_TOLERANCE,
-    RECORDING_LIMITS,
-    SHAPE_FACTOR,
-    SIZE_ROUNDS,
-    WINDOW_REACH,
-)
 
+EVALUATIONS_PER_SHAPE = 20  # evaluations of the optimiser; heuristic
+LOG_ODDS_TOLERANCE = 0.02  # of the optimiser [-]; heuristic
+SHAPE_FACTOR = 1.6  # by which a shape may change from its grid value [1]: grids are coarser; heuristic
+WINDOW_REACH = 0.5  # [s] by which the ends of a window may move; heuristic
+SIZE_ROUNDS = 4  # times that the size of a recording law may grow by that factor again; heuristic
+RECORDING_LIMITS = {"rad": 0.7, "s": 0.3}  # [rad], [s] sizes from which on a recording law is implausible; heuristic
 ALGORITHM = "LN_BOBYQA"  # Powell 2009: no derivatives, box constraints
 AT_THE_BOUND = 0.99  # step from which on a size counts as at the bound of its box, over the box [1]
 WINDOW_ENDS = ("start", "end")  # shapes that are added to, not multiplied
@@ -61,12 +58,7 @@ class _Optimised(NamedTuple):
 
 
 def optimise_shapes(dataset: Dataset, selection: Selection) -> Selection:
-    """Optimise the shape of each selected law; recording laws are taken at finite size, not linearised about zero.
-
-    Args:
-        dataset: motions and rows.
-        selection: the selected laws.
-    """
+    """Optimise the shape of each selected law; recording laws are taken at finite size, not linearised about zero."""
     for group in selection.selected:
         options = _options(selection.posterior, group, {other.claim.key for other in selection.selected})
         if not options or time_is_up(SEARCH):
@@ -94,13 +86,7 @@ def _replaced(dataset: Dataset, selection: Selection, group: Group, tried: list[
 
 
 def _options(posterior: Posterior, group: Group, taken: Collection[Key]) -> list[_Option]:
-    """Hypotheses to optimise in the place of a selected one: itself, and twins among the recording laws.
-
-    Args:
-        posterior: odds of every hypothesis.
-        group: columns of the selected hypothesis.
-        taken: effects and joints of all selected hypotheses.
-    """
+    """Hypotheses to optimise in the place of a selected one: itself, and twins among the recording laws."""
     hypothesis = group.claim
     if len(hypothesis.laws) != 1:
         return []
