@@ -95,7 +95,7 @@ def pose(
     measured = Noise(floor, np.zeros((n, 4)), floor, zero, floor, zero)
     dataset = Dataset(task, model, tuple(pieces), (None,) * recordings, table, measured)
     carried = tuple(range(n))
-    return Question(dataset, Posterior(Evidence(whitened(table, measured)), len(list(EFFECTS)), 0, carried))
+    return Question(dataset, Posterior(Evidence(whitened(table, measured)), len(list(EFFECTS)), carried))
 
 
 def _task() -> Any:

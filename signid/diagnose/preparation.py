@@ -12,7 +12,7 @@ from ..errors import RecordingError
 from ..model import Model
 from ..recording_faults import RecordingFault, RecordingFaults, examine
 from ..regression.prepare import rearrange
-from ..regression.session import Options, Part, Session, longest_piece
+from ..regression.session import Options, Session, longest_piece
 from ..signs import Recovered
 from ..types import Progress
 from .data.column_groups import build_groups, dry_friction
@@ -56,7 +56,7 @@ def prepare_session(
         faults = replace(faults, findings=tuple(one for one in faults.findings if one.kind == SHORT or _is_clear(one)))
     elif faults.refusal:
         raise RecordingError(faults.refusal)
-    return session, faults
+    return _with_held_out(model, session), faults
 
 
 def _is_clear(fault: RecordingFault) -> bool:
@@ -65,7 +65,7 @@ def _is_clear(fault: RecordingFault) -> bool:
     return fault.kind in CLEAR_KINDS and measured["agreement"] == 1 and measured["explained_after"] > CLEARLY_EXPLAINED
 
 
-def with_held_out(model: Model, session: Session) -> Session:
+def _with_held_out(model: Model, session: Session) -> Session:
     """Session with held-out rows; where recordings are too short, the training rows take their place, with a note."""
     thin = row_filter(session.task)
     if sum(len(thin.at(p.motion.t)) for p in pieces(session.task, model, session.held_out)) >= LEAST_ROWS:
@@ -103,11 +103,6 @@ def build(model: Model, session: Session, skip: Sequence[str] | None, show: Prog
     hypotheses = [] if skip is None else propose(model, motion, (*skip, CONTACT))
     dry = dry_friction(model, made)
     table = build_table(task, model, build_groups(model, made[0].motion, hypotheses, dry), made, dry)
-    periods = tuple(_period(part) for part in parts)
+    periods = tuple(find_period(longest_piece(part).q, 1 / part[1].period) for part in parts)
     noise = measure_noise(table, periods, task.band.rate / task.band.factor).white()
     return Dataset(task, model, made, periods, table, noise), whitened(table, noise)
-
-
-def _period(part: Part) -> float | None:
-    """Period of the motion in a recording [s]; None if it does not repeat."""
-    return find_period(longest_piece(part).q, 1 / part[1].period)

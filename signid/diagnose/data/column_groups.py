@@ -99,8 +99,7 @@ def tolerance(model: Model) -> Array:
         about, lever = np.diag(inertia.inertia), np.abs(inertia.lever)
         if abs(inertia.mass) < MASSLESS:  # no centre of mass
             about, lever = inertia.toDynamicParameters()[[4, 6, 9]], np.abs(inertia.mass * inertia.lever) / mass
-        moment = INERTIA_STD * float(np.max(np.abs(about) + mass * (lever @ lever)))
-        moment = max(moment, mass * CENTRE_STD**2)
+        moment = max(INERTIA_STD * float(np.max(np.abs(about) + mass * (lever @ lever))), mass * CENTRE_STD**2)
         half = moment / 2
         first = np.hypot(MASS_STD * mass * lever, CENTRE_STD * mass)
         out.append([MASS_STD * mass, *first, moment, half, moment, half, half, moment])
@@ -116,30 +115,21 @@ def _reversal_columns(motion: Motion, joint: int) -> Array:
     return np.column_stack([*(np.clip(v / (w * slow), -1, 1) - presumed for w in REVERSAL_WIDTHS), early - presumed])
 
 
-def _largest_dry(law: Law) -> float:
-    """Largest dry friction parameter of a law [N.m or N]."""
-    keys = [key for key, kind in law.effect.linear().items() if kind.unit == "N.m"]
-    return max((abs(law.parameters[key]) for key in keys), default=0.0)
-
-
 def stated_friction(model: Model) -> Array:
     """(n,) dry friction of each joint in the simulation [N.m or N]."""
     found = np.zeros(len(model.robot.joints))
     for law in (law for law in model.laws if law.effect.reverses and law.effect.scope == "joint"):
-        found[law.joints[0]] += _largest_dry(law)
+        keys = [key for key, kind in law.effect.linear().items() if kind.unit == "N.m"]
+        found[law.joints[0]] += max((abs(law.parameters[key]) for key in keys), default=0.0)
     return found
 
 
 def dry_friction(model: Model, pieces: Sequence[Piece]) -> Array:
     """(n,) dry friction of each joint [N.m or N]: stated, plus a rough estimate from the residual."""
     found = stated_friction(model)
-    few = [piece.motion[::DRY_STRIDE] for piece in pieces]
+    few = [(piece.motion[::DRY_STRIDE], piece.residual[::DRY_STRIDE]) for piece in pieces]
     for j in range(len(found)):
-        rows = [
-            np.column_stack([_rough_columns(m, j), p.residual[::DRY_STRIDE, j]])
-            for m, p in zip(few, pieces, strict=True)
-        ]
-        x = np.concatenate(rows)
+        x = np.concatenate([np.column_stack([_rough_columns(motion, j), y[:, j]]) for motion, y in few])
         x = x[np.isfinite(x).all(axis=1)]
         if len(x):
             found[j] += max(float(least_squares(x[:, :-1], x[:, -1], 1e-6)[0]), 0.0)

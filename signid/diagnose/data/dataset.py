@@ -11,10 +11,10 @@ import numpy as np
 from ...model import Model
 from ...regression.filters import Decimator
 from ...regression.rows import Task
-from ...types import Array, Frozen
+from ...types import Array, Frozen, Law
 from .column_groups import Group
 from .hypotheses import Hypothesis
-from .motions import Piece, row_filter, thinned
+from .motions import Piece, row_filter, torque_of
 from .noise import Noise
 from .normal_equations import Fitted
 from .rows import RowTable
@@ -44,11 +44,16 @@ class Dataset(Frozen):
         Args:
             columns: for each piece, per joint (N, k) [torque per coefficient] at the rate of the pieces.
         """
-        return thinned(self.thin, columns)
+        return {j: np.concatenate([self.thin(made[j]) for made in columns]) for j in columns[0]}
 
     def columns(self, hypothesis: Hypothesis) -> dict[int, Array]:
         """Rows of a hypothesis: per joint (M, k) [torque per coefficient]."""
         return self.thinned([hypothesis.columns(piece.motion) for piece in self.pieces])
+
+    def torque(self, law: Law) -> dict[int, Array]:
+        """Rows of the torque of a law with all its parameters: per joint (M,) [N.m or N]."""
+        made = [{j: x[:, None] for j, x in torque_of(law, piece.motion).items()} for piece in self.pieces]
+        return {j: x[:, 0] for j, x in self.thinned(made).items()}
 
     def whiten(self, columns: Mapping[int, Array]) -> dict[int, Array]:
         """Whiten columns against noise and discrepancy: per joint (M', k) [1 per coefficient].

@@ -128,8 +128,8 @@ def _scaled_links(model: Model, skip: Sequence[str]) -> Iterator[Hypothesis]:
 def _as_stated(effect: Effect, known: Mapping[Key, Law]) -> Iterator[Law]:
     """Laws of the simulation that have a shape, at that shape."""
     for law in known.values():
-        if law.effect is effect and _shaped(law):
-            yield Law(effect, law.joints, effect.shape(law.parameters))
+        if law.effect is effect and (shape := effect.shape(law.parameters)):
+            yield Law(effect, law.joints, shape)
 
 
 def _stated(known: Law | None, law: Law) -> Law | None:
@@ -188,10 +188,6 @@ def is_refitted(law: Law) -> bool:
 def is_transient(law: Law) -> bool:
     """Whether a law has a start and an end: a one-off event that other data neither predict nor are predicted by."""
     return {"start", "end"} <= set(law.effect.parameters)
-
-
-def _shaped(law: Law) -> bool:
-    return bool(law.effect.shape(law.parameters))
 
 
 def _friction(known: set[Key], n: int, skip: Sequence[str]) -> Iterator[Hypothesis]:

@@ -78,19 +78,15 @@ def _explained(x: Array, torque: Array) -> float:
 def _regions(name: str, x: Array, unit: str) -> Iterator[tuple[str, Mask]]:
     """Regions of the range of a variable: text and mask of the rows."""
     if name in ("velocity", "acceleration", "torque"):
-        size = np.abs(x)
+        size, (inside, outside) = np.abs(x), ("within", "beyond")
+        if name == "velocity":
+            inside, outside = "slower than", "faster than"
         yield f"above 0 {unit}", x > 0
         yield f"below 0 {unit}", x < 0
         for share in REGION_SHARES:
             low, high = np.quantile(size, [share, 1 - share])
-            yield (
-                f"slower than {low:.{DIGITS}g} {unit}" if name == "velocity" else f"within {low:.{DIGITS}g} {unit}",
-                (size <= low),
-            )
-            yield (
-                f"faster than {high:.{DIGITS}g} {unit}" if name == "velocity" else f"beyond {high:.{DIGITS}g} {unit}",
-                (size >= high),
-            )
+            yield f"{inside} {low:.{DIGITS}g} {unit}", size <= low
+            yield f"{outside} {high:.{DIGITS}g} {unit}", size >= high
         return
     for share in REGION_SHARES:
         edges = np.quantile(x, np.arange(0, 1 + 1e-9, share))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
@@ -84,21 +84,10 @@ def _thinned_motion(motion: Motion, band: Band, parts: int) -> Motion:
     return replace(motion, recorded=calm)[::parts]
 
 
-def thinned(thin: Decimator, columns: Sequence[Mapping[int, Array]]) -> dict[int, Array]:
-    """Filter and decimate columns of each piece, (N, k) for each joint: per joint (M, k) [torque per coefficient]."""
-    return {j: np.concatenate([thin(made[j]) for made in columns]) for j in columns[0]}
-
-
 def torque_of(law: Law, motion: Motion) -> dict[int, Array]:
     """Torque of a law with all its parameters: per joint (N,) [N.m or N]."""
     rows, torque = law_torque(law, motion)
     return {j: torque[:, k] for k, j in enumerate(rows)}
-
-
-def torque_rows(thin: Decimator, pieces: Sequence[Piece], law: Law) -> dict[int, Array]:
-    """Rows of the torque of a law with all its parameters: per joint (M,) [N.m or N]."""
-    made = [{j: x[:, None] for j, x in torque_of(law, piece.motion).items()} for piece in pieces]
-    return {j: x[:, 0] for j, x in thinned(thin, made).items()}
 
 
 def reversal_uncertainty(thin: Decimator, pieces: Sequence[Piece], dry: Array) -> Array:

@@ -87,9 +87,7 @@ def noise_of_rest(table: RowTable, joint: int, rest: Array, factor: float) -> tu
 
     The factor is the rms of the noise over that of the rest, which the fit reduced.
     """
-    moving = ~table.at_rest[:, joint]
-    moving = moving if moving.sum() > MIN_MOVING else np.ones_like(moving)
-    run = _runs(table, moving)
+    moving, run = _in_motion(table, joint)
     parts, reversal_std = _split(rest[moving], run), _split(table.reversal_std[moving, joint], run)
     return _fit(parts, factor, _reliable(parts, reversal_std, float(table.scale[joint])))
 
@@ -116,10 +114,8 @@ def _reversal_scale(rest: Array, reversal_std: Array, floor: float) -> float:
 
 def _saturated(table: RowTable, joint: int, used: Mask) -> tuple[list[Array], list[Array], float]:
     """For each run, the residual of a fit of all columns and the reversal std; and the correction of its rms [1]."""
-    moving = ~table.at_rest[:, joint]
-    moving = moving if moving.sum() > MIN_MOVING else np.ones_like(moving)
+    moving, run = _in_motion(table, joint)
     x, y = table.columns[joint][:, used[table.place[joint]]][moving], table.residual[moving, joint]
-    run = _runs(table, moving)
     size = np.nan_to_num(np.sqrt(np.mean(x**2, axis=0)), posinf=0.0)
     shown = size > 1e-9 * size.max(initial=1e-300)
     x = x[:, shown] / size[shown]
@@ -194,10 +190,12 @@ def _damped(coefficients: Array) -> Array:
     return np.asarray(coefficients * min(1.0, MAX_AR_ROOT / max(slowest, MAX_AR_ROOT)) ** np.arange(1, AR_ORDER + 1))
 
 
-def _runs(table: RowTable, moving: Mask) -> Indices:
-    """(M',) index of the run of each row in motion; a run is within one piece."""
+def _in_motion(table: RowTable, joint: int) -> tuple[Mask, Indices]:
+    """Rows in motion (M,), all if these are too few, and the run (M',) of each; a run is within one piece."""
+    moving = ~table.at_rest[:, joint]
+    moving = moving if moving.sum() > MIN_MOVING else np.ones_like(moving)
     starts = (np.diff(table.piece, prepend=-1) != 0) | (np.diff(moving.astype(np.intp), prepend=0) != 0)
-    return np.cumsum(starts)[moving]
+    return moving, np.cumsum(starts)[moving]
 
 
 def _split(x: Array, piece: Indices) -> list[Array]:

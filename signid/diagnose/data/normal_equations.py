@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import NamedTuple
 
@@ -80,16 +80,16 @@ class Fitted(NamedTuple):
 
     def forward(self, rows: Array) -> Array:
         """(k, m) [1 per coefficient] forward substitution lower^-1 rows; rows (k, m) [1 per coefficient, squared]."""
-        out = np.zeros(rows.shape)
-        for one in self.factors:
-            out[one.place] = one.forward(rows[one.place])
-        return out
+        return self._blockwise(Factor.forward, rows)
 
     def backward(self, below: Array) -> Array:
         """(k, m) [unit of each coefficient] back substitution lower^-T below; below (k, m) [1]."""
-        out = np.zeros(below.shape)
+        return self._blockwise(Factor.backward, below)
+
+    def _blockwise(self, substitute: Callable[[Factor, Array], Array], x: Array) -> Array:
+        out = np.zeros(x.shape)
         for one in self.factors:
-            out[one.place] = one.backward(below[one.place])
+            out[one.place] = substitute(one, x[one.place])
         return out
 
 
@@ -103,12 +103,8 @@ def solve(which: Indices, gram: Array, right: Array, precision: Array) -> Fitted
     lower = _cholesky(whole / size / size[:, None])
     forward_right = np.asarray(solve_triangular(lower, right / size, lower=True))
     half = np.linalg.slogdet(precision)[1] / 2 - float(np.sum(np.log(np.diag(lower)) + np.log(size)))
-    return Fitted(
-        which,
-        (Factor(np.arange(len(which)), lower, size),),
-        forward_right,
-        float(forward_right @ forward_right) / 2 + half,
-    )
+    factor = Factor(np.arange(len(which)), lower, size)
+    return Fitted(which, (factor,), forward_right, float(forward_right @ forward_right) / 2 + half)
 
 
 def join(which: Indices, fits: Sequence[Fitted]) -> Fitted:

@@ -90,8 +90,8 @@ def build_table(task: Task, model: Model, groups: Sequence[Group], pieces: Seque
     def inner(signals: Sequence[Array]) -> Array:
         return np.concatenate([thin.at(x) for x in signals])
 
-    signals = [thin(np.column_stack([np.nan_to_num(p.residual), _recorded_torque(p)])) for p in pieces]
-    residual, torque = np.split(np.concatenate(signals), 2, axis=1)
+    signals = [np.column_stack([p.residual, p.residual + np.asarray(p.motion.predicted)]) for p in pieces]
+    residual, torque = np.split(np.concatenate([thin(np.nan_to_num(x)) for x in signals]), 2, axis=1)
     return RowTable(
         groups=tuple(groups),
         count=groups[-1].start + groups[-1].size,
@@ -124,11 +124,6 @@ def _joined(
     made = [_thinned(model, groups, piece, thin, dry) for piece in pieces]
     columns = [np.concatenate([rows[j][1] for rows in made]) for j in range(len(made[0]))]
     return tuple(index for index, _ in made[0]), tuple(columns)
-
-
-def _recorded_torque(piece: Piece) -> Array:
-    assert piece.motion.predicted is not None, "a diagnosed motion has predicted torque"
-    return np.nan_to_num(piece.residual + piece.motion.predicted)
 
 
 def _thinned(

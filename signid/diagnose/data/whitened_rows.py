@@ -109,11 +109,6 @@ class Whitened(Frozen):
         columns = np.flatnonzero((self.at[list(joints)] >= 0).any(axis=0))
         return columns, [np.searchsorted(columns, self.place[j]) for j in joints]
 
-    @cached_property
-    def refitted_gram(self) -> Gram:
-        """Products of the nuisance columns with all columns."""
-        return self.gram(columns_of(self.refitted))
-
     def part(self, joint: int, group: Group) -> Array:
         """(M, size) [1 per coefficient] whitened columns of a group on one joint; zero if the joint has none."""
         return self._part(self.columns[joint], joint, group)
@@ -140,11 +135,7 @@ class Whitened(Frozen):
     @cached_property
     def _rows(self) -> list[list[int]]:
         """For each column, the joints that have it."""
-        out: list[list[int]] = [[] for _ in range(self.count)]
-        for j, place in enumerate(self.place):
-            for column in place.tolist():
-                out[column].append(j)
-        return out
+        return [np.flatnonzero(at >= 0).tolist() for at in self.at.T]
 
     def raw(self, joint: int, group: Group) -> Array:
         """(M', size) [torque per coefficient] columns of a group on one joint before whitening; zero if it has none."""
@@ -188,5 +179,4 @@ def whitened(table: RowTable, noise: Noise) -> Whitened:
 
 def columns_of(groups: Sequence[Group]) -> Indices:
     """Indices of the columns of groups, in order."""
-    spans = [np.arange(group.start, group.start + group.size) for group in groups]
-    return np.concatenate(spans).astype(np.intp) if spans else np.zeros(0, dtype=np.intp)
+    return np.concatenate([np.arange(0), *(np.arange(group.start, group.start + group.size) for group in groups)])

@@ -170,15 +170,12 @@ class Whitening(Frozen):
 
     def __call__(self, columns: Mapping[int, Array]) -> dict[int, Array]:
         """Whitened columns (M, k) [torque per coefficient] of each joint, against noise and discrepancy."""
-        out = dict[int, Array]()
-        for j, x in self.local(columns).items():
-            projection = self._projections[j]
-            out[j] = x if projection is None else projection(x)
-        return out
+        local = self.local(columns)
+        return {j: x if (onto := self._projection(j)) is None else onto(x) for j, x in local.items()}
 
     def log_scale(self, joint: int) -> float:
         """Log determinant of the whitening of a joint's rows [-]."""
-        weight, projection = self._weight[:, joint], self._projections[joint]
+        weight, projection = self._weight[:, joint], self._projection(joint)
         counted = weight[weight > 0]
         own = float(np.sum(np.log(counted))) - len(counted) * float(np.log(self.noise.innovation[joint]))
         return own if projection is None else own + float(np.sum(np.log1p(-projection.shrinkage)))
@@ -188,23 +185,16 @@ class Whitening(Frozen):
         """(M', n) [1] weights of whitened rows."""
         return weights(self.table, self.noise)
 
+    def _projection(self, joint: int) -> Projection | None:
+        if joint not in self._projections:
+            size = float(self.noise.discrepancy[joint])
+            white = self.local({joint: features(self.table, joint)})[joint] if size > 0 else None
+            self._projections[joint] = None if white is None else project(white, size)
+        return self._projections[joint]
+
     @cached_property
-    def _projections(self) -> _Projections:
-        return _Projections(self)
-
-
-class _Projections(dict[int, "Projection | None"]):
-    """Projection of each joint, computed on first use."""
-
-    def __init__(self, whitening: Whitening) -> None:
-        super().__init__()
-        self.whitening = whitening
-
-    def __missing__(self, joint: int) -> Projection | None:
-        whitening, size = self.whitening, float(self.whitening.noise.discrepancy[joint])
-        shape = features(whitening.table, joint) if size > 0 else None
-        self[joint] = None if shape is None else project(whitening.local({joint: shape})[joint], size)
-        return self[joint]
+    def _projections(self) -> dict[int, Projection | None]:
+        return {}
 
 
 def moving(table: RowTable, order: int) -> Mask:

@@ -57,18 +57,15 @@ def coefficient_prior(hypothesis: Hypothesis, square: Array) -> CoefficientPrior
     return CoefficientPrior(spread, 0.0, _positive(hypothesis))
 
 
-def log_prior(hypothesis: Hypothesis, places: int, skipped: int, kinds: int, unknowns: int) -> float:
-    """Log prior probability of a hypothesis [-], one of `places` of its effect.
-
-    Of the `kinds` of effects in the library some are `skipped`; `unknowns` is the number of unknown dependences.
-    """
+def log_prior(hypothesis: Hypothesis, places: int, kinds: int, unknowns: int) -> float:
+    """Log prior probability of a hypothesis [-]: one of `places` of its effect, `kinds` of effects, or `unknowns`."""
     if hypothesis.unknown:
         return float(np.log(PRIOR_UNKNOWN * (1 - PRIOR_NOTHING) / unknowns))
     common = min(law.effect.common for law in hypothesis.laws)
     one = hypothesis.laws[0]
     if one.effect.scope == "any" and len(one.joints) == 1:
         common *= SINGLE_JOINT
-    return float(np.log((1 - PRIOR_UNKNOWN) * (1 - PRIOR_NOTHING) * common / (kinds - skipped) / places))
+    return float(np.log((1 - PRIOR_UNKNOWN) * (1 - PRIOR_NOTHING) * common / kinds / places))
 
 
 def _fixed_std(hypothesis: Hypothesis) -> float | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -48,8 +49,7 @@ class Posterior(Frozen):
     """Prior of the hypotheses and evidence of the rows."""
 
     evidence: Evidence
-    kinds: int  # number of effects of the library, with those left out
-    skipped: int  # number of effects that are left out
+    kinds: int  # number of effects of the library, without those left out
     carried: tuple[int, ...]  # (n,) body that each joint moves
     bodies: StatedBodies | None = None  # bodies of the simulation; None: any change of them counts as possible
 
@@ -113,16 +113,13 @@ class Posterior(Frozen):
 
     def _prior(self, hypothesis: Hypothesis) -> float:
         places = max(1, self._places.get(hypothesis.key[0], 0))
-        return log_prior(hypothesis, places, self.skipped, self.kinds, self._places.get("", 1))
+        return log_prior(hypothesis, places, self.kinds, self._places.get("", 1))
 
     @cached_property
     def _places(self) -> dict[str, int]:
         """Number of hypotheses of each effect; the empty name stands for all unknown dependences."""
-        groups, out = self.evidence.data.groups, dict[str, int]()
-        for key, which in self.keys.items():
-            for name in (key[0], *([""] if groups[which[0]].claim.unknown else [])):
-                out[name] = out.get(name, 0) + 1
-        return out
+        unknown = [self.evidence.data.groups[which[0]].claim.unknown for which in self.keys.values()]
+        return Counter([*(name for name, _ in self.keys), *[""] * sum(unknown)])
 
     def odds(
         self, selected: Sequence[Group], dispersion: Array, without: Group | None = None

@@ -16,7 +16,6 @@ from ..data.column_groups import Group
 from ..data.dataset import Dataset
 from ..data.hypotheses import VARIABLES
 from ..data.locate import Location, locate
-from ..data.motions import torque_rows
 from ..evidence.selection import Selection
 from ..extend.holdout import Prediction
 from ..result import Alternative, Finding, Unexplained
@@ -147,7 +146,7 @@ class _Reporter(Frozen):
         in_model = group in self.extended.kept
         usual = FIRST_LOG_ODDS if len(selection.selected) == 1 else NEXT_LOG_ODDS
         whole = total_law(law, dataset.model, self.extended.prediction.model if in_model else None)
-        torque = torque_rows(dataset.thin, dataset.pieces, law)
+        torque = dataset.torque(law)
         share = np.zeros(dataset.table.joints)
         for j, x in torque.items():
             share[j] = np.sqrt(np.mean(x**2)) / selection.data.scale[j]

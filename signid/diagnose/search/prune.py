@@ -12,7 +12,6 @@ from ...regression.session import Session
 from ...types import Array, Law
 from ..data.column_groups import Group
 from ..data.dataset import Dataset
-from ..data.motions import torque_rows
 from ..data.whitened_rows import columns_of
 from ..evidence.selection import Selection
 from ..extend.extend import extend, has_possible_numbers, read_laws
@@ -91,7 +90,7 @@ def _torque(dataset: Dataset, laws: Sequence[Law]) -> Array:
     """(M, n) [N.m or N] torque of some laws."""
     torque = np.zeros_like(dataset.table.residual)
     for law in laws:
-        for j, x in torque_rows(dataset.thin, dataset.pieces, law).items():
+        for j, x in dataset.torque(law).items():
             torque[:, j] += x
     return torque
 
