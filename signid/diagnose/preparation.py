@@ -19,8 +19,7 @@ from .data.column_groups import build_groups, dry_friction
 from .data.dataset import Dataset
 from .data.hypotheses import pooled, propose
 from .data.motions import pieces, row_filter, subsample
-from .data.noise import measure_noise
-from .data.periodicity import find_period
+from .data.noise import find_period, measure_noise
 from .data.rows import build_table
 from .data.whitened_rows import Whitened, whitened
 from .search.contact_window import NAME as CONTACT

@@ -68,9 +68,7 @@ def diagnose(
     healthy = diagnose(model, reference, skip=skip, options=options, progress=progress) if reference else None
     given, notes = restrict_joints(model, [*recordings, *held_out])
     signs = replace(options, effects=EFFECT_NAMES)  # the search for signs needs friction
-    recovered = prepare_and_recover(
-        given.robot, recordings, held_out, options=options, unsigned=signs, progress=progress
-    )
+    recovered = prepare_and_recover(given.robot, recordings, held_out, options=options, unsigned=signs, progress=show)
     model = restrict_joints(_lasting(healthy.model), [*recordings, *held_out])[0] if healthy else given
     session, faults = prepare_session(model, recovered, options, show)
     dataset, data = build_in_time(model, session, skip, show)

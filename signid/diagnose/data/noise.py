@@ -11,7 +11,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from ...effects.base import ActuatorLaw
 from ...regression.projection import least_squares
 from ...types import Array, Frozen, Indices, Mask
-from .periodicity import find_wave
+from .locate import find_wave
 from .rows import RowTable
 
 REVERSAL_SCALES = (0.0, 0.3, 0.6, 1.0, 1.3, 1.7, 2.2, 3.0)  # [1] grid of the scale of that deviation. Heuristic
@@ -27,6 +27,9 @@ MIN_RELIABLE = 0.3  # [1] least share of reliable rows; with fewer, all rows are
 MIN_MOVING = 50  # rows in motion; with fewer, rows at rest are used too. Heuristic
 WAVE_SHARE = 0.5  # [1] a sine with more than this share of a residual's power is a disturbance. Heuristic
 SHAPES_IN_FIT = 6  # shapes of one hypothesis that enter the saturated fit. Heuristic
+MIN_PERIOD = 1.0  # [s] shortest period of a motion. Heuristic
+MAX_PERIOD = 0.55  # [1] longest period, as a share of the recording: nearly two periods are compared. Heuristic
+PERIOD_TOLERANCE = 0.01  # [1] rms difference of two periods, over the standard deviation of positions. Heuristic
 RANK = 1e-4  # [1] smallest singular value that counts, over the largest, of scaled columns. Heuristic
 MIN_REVERSAL_ROWS = 6  # rows near reversals; with fewer, the scale is not estimated. Heuristic
 CHI2_MEDIAN = 0.455  # [1] median of the chi-squared distribution with one degree of freedom
@@ -57,6 +60,24 @@ def measure_noise(table: RowTable, periods: Sequence[float | None], rate: float)
     found = [_of_joint(table, j, used, periods, rate) for j in range(table.joints)]
     floor, coefficients, innovation, scale = (np.array(x) for x in zip(*found, strict=True))
     return Noise(floor, coefficients, innovation, np.zeros(table.joints), floor, scale)
+
+
+def find_period(q: Array, rate: float) -> float | None:
+    """Shortest period [s] after which all uniformly sampled positions q (N, n) [rad or m] repeat; None if none does."""
+    count, spread = len(q), q.std(0)
+    x = (q - q.mean(0))[:, spread > 1e-9] / spread[spread > 1e-9]
+    least, most = round(MIN_PERIOD * rate), int(MAX_PERIOD * count)
+    if x.shape[1] == 0 or most <= least + 2:
+        return None
+    spectrum = np.fft.rfft(x, 1 << (2 * count).bit_length(), axis=0)
+    product = np.fft.irfft(np.sum(np.abs(spectrum) ** 2, axis=1))[:count]
+    power = np.append(0.0, np.cumsum(np.sum(x**2, axis=1)))
+    lags = np.arange(count)
+    square = (power[count - lags] + power[count] - power[lags] - 2 * product) / np.maximum(count - lags, 1) / x.shape[1]
+    apart = np.sqrt(np.maximum(square, 0))[least:most]
+    lows = np.flatnonzero((apart[1:-1] <= apart[:-2]) & (apart[1:-1] <= apart[2:])) + 1
+    good = lows[apart[lows] < PERIOD_TOLERANCE]
+    return float((good[0] + least) / rate) if len(good) else None
 
 
 def whiten(x: Array, coefficients: Array, innovation: float, piece: Indices) -> Array:

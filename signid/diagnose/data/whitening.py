@@ -16,7 +16,7 @@ Rahimi, Recht, Random features for large-scale kernel machines, NIPS 2007 (featu
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
 
@@ -159,6 +159,7 @@ class Whitening(Frozen):
 
     table: RowTable
     noise: Noise
+    _projections: dict[int, Projection | None] = field(default_factory=dict, init=False)
 
     def local(self, columns: Mapping[int, Array]) -> dict[int, Array]:
         """Whiten columns (M, k) [torque per coefficient] of each joint against coloured noise alone."""
@@ -191,10 +192,6 @@ class Whitening(Frozen):
             white = self.local({joint: features(self.table, joint)})[joint] if size > 0 else None
             self._projections[joint] = None if white is None else project(white, size)
         return self._projections[joint]
-
-    @cached_property
-    def _projections(self) -> dict[int, Projection | None]:
-        return {}
 
 
 def moving(table: RowTable, order: int) -> Mask:

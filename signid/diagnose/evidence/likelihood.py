@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import NamedTuple
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import logsumexp
@@ -101,6 +100,8 @@ class Likelihood(Frozen):
     dataset: Dataset
     evidence: Evidence
     selection: Selection
+    _noise_models: dict[Any, Noise] = field(default_factory=dict, init=False)  # by joint, prior scale, and laws on it
+    _cached_terms: dict[Any, _Terms] = field(default_factory=dict, init=False)  # by joint and its noise model
 
     def penalty(self, group: Group) -> float:
         """Penalty min(0, G(others, m) - G(others)) of one selected law m [-].
@@ -139,11 +140,6 @@ class Likelihood(Frozen):
                 array[j] = getattr(self._noise_models[key], name)[j]
         return replace(noise, **arrays)
 
-    @cached_property
-    def _noise_models(self) -> dict[tuple[int, float, tuple[int, ...]], Noise]:
-        """Cached noise models, by joint, prior scale and the selected laws that act on the joint."""
-        return {}
-
     def _log(self, selection: Selection, noise: Noise, joints: Sequence[int]) -> float:
         """Log density of all rows, with another noise model of some joints [-]."""
         groups = [*self.evidence.refitted(selection.prior_scale), *selection.selected]
@@ -173,8 +169,3 @@ class Likelihood(Frozen):
             log = whitening.log_scale(joint) - float(y @ y) / 2
             self._cached_terms[key] = _Terms(every[at >= 0], x.T @ x, x.T @ y, log)
         return self._cached_terms[key]
-
-    @cached_property
-    def _cached_terms(self) -> dict[tuple[float, ...], _Terms]:
-        """Cached contributions, by joint and its noise model."""
-        return {}

@@ -92,11 +92,7 @@ class LinearModel(Frozen):
     data: Whitened
     stated_prior: StatedPrior | None = None  # None: the simulation has no covariance
     cache: dict[str, dict[Any, Any]] = field(default_factory=dict, repr=False)  # of methods, by arguments
-
-    @cached_property
-    def own_cache(self) -> dict[str, dict[Any, Any]]:
-        """Cached results that depend on all columns."""
-        return {}
+    own_cache: dict[str, dict[Any, Any]] = field(default_factory=dict, repr=False, init=False)  # not appendable
 
     @cached_property
     def coefficient_priors(self) -> dict[Group, CoefficientPrior | None]:

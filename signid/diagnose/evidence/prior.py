@@ -48,7 +48,7 @@ def coefficient_prior(hypothesis: Hypothesis, square: Array) -> CoefficientPrior
         return CoefficientPrior(np.eye(len(square)) * fixed, 1.0, -1)
     units = [kind.unit for law in hypothesis.laws for kind in law.effect.linear().values()]
     if hypothesis.laws and not hypothesis.scaled and isinstance(hypothesis.laws[0].effect, BodyLaw) and "kg" in units:
-        lever = np.array([BODY_LEVER ** _power(unit) for unit in units])
+        lever = np.array([BODY_LEVER ** {"kg": 0, "kg.m": 1, "kg.m2": 2}[unit] for unit in units])
         return CoefficientPrior(np.diag(lever / np.sqrt(lever**2 @ size**2)), 0.0, _positive(hypothesis))
     size = np.where(size < 1e-9 * size.max(), np.inf, size)
     values, vectors = np.linalg.eigh(square / size / size[:, None])
@@ -73,10 +73,6 @@ def _fixed_std(hypothesis: Hypothesis) -> float | None:
     if hypothesis.unknown or any(law.effect.linear() for law in hypothesis.laws):
         return None
     return APPROXIMATE_STD if isinstance(hypothesis.laws[0].effect, TransmissionLaw) else PRESENCE_STD
-
-
-def _power(unit: str) -> int:
-    return {"kg": 0, "kg.m": 1, "kg.m2": 2}[unit]
 
 
 def _positive(hypothesis: Hypothesis) -> int:

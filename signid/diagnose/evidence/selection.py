@@ -19,6 +19,7 @@ from .bayes_factors import Evidence
 from .prior import PRIOR_NOTHING, coefficient_prior, log_prior
 
 Columns = Mapping[int, Array]
+Checks = list[tuple[Array, bool]]  # coefficients (d,) [kg, kg.m, kg.m2] of changes of a body, and whether possible
 
 
 class Odds(NamedTuple):
@@ -52,11 +53,7 @@ class Posterior(Frozen):
     kinds: int  # number of effects of the library, without those left out
     carried: tuple[int, ...]  # (n,) body that each joint moves
     bodies: StatedBodies | None = None  # bodies of the simulation; None: any change of them counts as possible
-
-    @cached_property
-    def feasibility(self) -> dict[Group, list[tuple[Array, bool]]]:
-        """Cache of the feasibility check: parameters of a change of a body, and whether it is physically possible."""
-        return {}
+    feasibility: dict[Group, Checks] = field(default_factory=dict, init=False)
 
     @cached_property
     def keys(self) -> dict[Key, list[int]]:
