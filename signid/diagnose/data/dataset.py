@@ -39,11 +39,7 @@ class Dataset(Frozen):
         return row_filter(self.task)
 
     def thinned(self, columns: Sequence[Mapping[int, Array]]) -> dict[int, Array]:
-        """Filter and decimate columns: per joint (M, k) [torque per coefficient].
-
-        Args:
-            columns: for each piece, per joint (N, k) [torque per coefficient] at the rate of the pieces.
-        """
+        """Filter and decimate columns of each piece, per joint (N, k): per joint (M, k) [torque per coefficient]."""
         return {j: np.concatenate([self.thin(made[j]) for made in columns]) for j in columns[0]}
 
     def columns(self, hypothesis: Hypothesis) -> dict[int, Array]:
@@ -56,11 +52,7 @@ class Dataset(Frozen):
         return {j: x[:, 0] for j, x in self.thinned(made).items()}
 
     def whiten(self, columns: Mapping[int, Array]) -> dict[int, Array]:
-        """Whiten columns against noise and discrepancy: per joint (M', k) [1 per coefficient].
-
-        Args:
-            columns: per joint (M, k) [torque per coefficient].
-        """
+        """Whiten columns against noise and discrepancy, per joint (M, k) [torque per coefficient]."""
         return self.whitening(columns)
 
     def remaining(self, data: Whitened, fit: Fitted) -> Array:
@@ -77,11 +69,9 @@ class Dataset(Frozen):
         return Whitening(self.table, self.noise)
 
 
-def append(
-    dataset: Dataset, data: Whitened, hypothesis: Hypothesis, columns: Mapping[int, Array]
-) -> tuple[Whitened, Group]:
-    """Append the columns of one hypothesis, per joint (M, k) [torque per coefficient], to the whitened rows."""
-    size = hypothesis.size
+def append(dataset: Dataset, data: Whitened, hypothesis: Hypothesis) -> tuple[Whitened, Group]:
+    """Append the columns of one hypothesis to the whitened rows."""
+    size, columns = hypothesis.size, dataset.columns(hypothesis)
     group, white = Group(data.count, size, hypothesis), dataset.whiten(columns)
     place, torque, made = list(data.place), list(data.torque), list(data.columns)
     for j, x in columns.items():

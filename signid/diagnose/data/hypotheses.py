@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -120,9 +121,8 @@ def _scaled_links(model: Model, skip: Sequence[str]) -> Iterator[Hypothesis]:
     for joint in range(len(model.robot.joints) - 1):
         own = bodies[own_body(model.robot, joint)]
         if own[0] > 0:
-            yield Hypothesis(
-                (Law(effect, (joint,), dict(zip(effect.parameters, own.tolist(), strict=True))),), scaled=True
-            )
+            law = Law(effect, (joint,), dict(zip(effect.parameters, own.tolist(), strict=True)))
+            yield Hypothesis((law,), scaled=True)
 
 
 def _as_stated(effect: Effect, known: Mapping[Key, Law]) -> Iterator[Law]:
@@ -140,13 +140,9 @@ def _stated(known: Law | None, law: Law) -> Law | None:
 
 def pooled(motions: Sequence[Motion]) -> Motion:
     """Concatenate the samples of motions; the result has no meaningful derivatives across their borders."""
-
-    def joined(name: str) -> Array:
-        return np.concatenate([getattr(motion, name) for motion in motions])
-
-    one = motions[0]
-    t, q, v, a, recorded, predicted = (joined(name) for name in ("t", "q", "v", "a", "recorded", "predicted"))
-    return Motion(one.robot, t, q, v, a, recorded=recorded, predicted=predicted, slow=one.slow)
+    names = ("t", "q", "v", "a", "recorded", "predicted")
+    joined: dict[str, Any] = {name: np.concatenate([getattr(one, name) for one in motions]) for name in names}
+    return replace(motions[0], **joined)
 
 
 def variable(motion: Motion, joint: int, name: str) -> Array:
@@ -166,12 +162,9 @@ def hats(x: Array, knots: Sequence[float]) -> Array:
 def _secant(law: Law, motion: Motion) -> tuple[tuple[int, ...], Array]:
     """Torque change by a recording law with one coefficient at its full size, over that size."""
     (key,) = law.effect.linear()
-    change = (
-        of_kind(law.effect, RecordingLaw).change(motion.at(law.joints), law.parameters, exactly=True)
-        / law.parameters[key]
-    )
+    change = of_kind(law.effect, RecordingLaw).change(motion.at(law.joints), law.parameters, exactly=True)
     wide = change.shape[1] != len(law.joints) or law.effect.scope == "link"
-    return tuple(range(change.shape[1])) if wide else law.joints, change[..., None]
+    return tuple(range(change.shape[1])) if wide else law.joints, change[..., None] / law.parameters[key]
 
 
 def is_refitted(law: Law) -> bool:
@@ -179,10 +172,8 @@ def is_refitted(law: Law) -> bool:
 
     True for torque laws and rotor inertias of nonzero size; an error of another law's size is a hypothesis.
     """
-    there = any(law.effect.coefficients(law.parameters))
-    return there and (
-        isinstance(law.effect, TorqueLaw) or law.effect.scope == "joint" and isinstance(law.effect, BodyLaw)
-    )
+    rotor = law.effect.scope == "joint" and isinstance(law.effect, BodyLaw)
+    return any(law.effect.coefficients(law.parameters)) and (isinstance(law.effect, TorqueLaw) or rotor)
 
 
 def is_transient(law: Law) -> bool:

@@ -48,8 +48,8 @@ class Piece(NamedTuple):
 def pieces(task: Task, model: Model, recordings: Sequence[Part]) -> Iterator[Piece]:
     """Split recordings into pieces; spans that are too short for the filter of the rows are left out."""
     robot = replace(model.robot, model=bodies_without_rotors(model))
-    edge, half = margin(task.band, task.recorded_derivatives), len(task.band.taps) // 2
-    parts = task.parts
+    parts, derivatives = task.parts, task.recorded_derivatives
+    edge, half = margin(task.band, derivatives), len(task.band.taps) // 2
     for k, (recording, sampling) in enumerate(recordings):
         for span in sampling.spans:
             total = sampling.length(span) - 2 * edge
@@ -57,9 +57,7 @@ def pieces(task: Task, model: Model, recordings: Sequence[Part]) -> Iterator[Pie
             cuts = np.linspace(0, total, count + 1).astype(int).tolist() if total > 0 else []
             for start, stop in ((a, b) for a, b in pairwise(cuts) if b - a > 2 * half):
                 window = samples(recording, sampling, span, start, stop + 2 * edge)
-                motion = build_motion(
-                    model.robot, window, task.band, sampling.period, task.recorded_derivatives, task.slow
-                )
+                motion = build_motion(model.robot, window, task.band, sampling.period, derivatives, task.slow)
                 yield _piece(task, model, _thinned_motion(motion, task.band, parts), robot, k)
 
 
@@ -117,9 +115,7 @@ def subsample(session: Session) -> Session:
         soon = GROWTH * max(soon, 1.0)
     seconds = min(seconds, soon)
     train, held_out = (_cut(parts, seconds) for parts in (session.train, session.held_out))
-    whole, used = (
-        sum(s.duration for _, s in parts) for parts in ((*session.train, *session.held_out), train + held_out)
-    )
+    whole, used = _duration((*session.train, *session.held_out)), _duration(train + held_out)
     if used >= whole:
         return session
     note = f"{used:.0f} s of the {whole:.0f} s of recordings were used, in evenly spread stretches"
@@ -131,9 +127,13 @@ def _suffices(session: Session, parts: tuple[Part, ...]) -> bool:
     return amount.rows >= SPARE_ROWS * PER_UNKNOWN * amount.unknowns
 
 
+def _duration(parts: tuple[Part, ...]) -> float:
+    return sum(sampling.duration for _, sampling in parts)
+
+
 def _cut(parts: tuple[Part, ...], seconds: float) -> tuple[Part, ...]:
     """Cut all recordings by the same factor to a total duration [s]."""
-    whole = sum(sampling.duration for _, sampling in parts)
+    whole = _duration(parts)
     if whole <= seconds:
         return parts
     return tuple((recording, select_stretches(s, seconds * s.duration / whole)) for recording, s in parts)

@@ -91,12 +91,9 @@ class NoiseEstimate(NamedTuple):
 def estimate_discrepancy(white: Array, fitted: Array, precision: Array, residual: Array, scale: float) -> NoiseEstimate:
     """Estimate the size of the discrepancy and the variance of the noise by maximum marginal likelihood.
 
-    Args:
-        white: (M, f) [1 / N.m] Z in units of the noise, f = 2 F.
-        fitted: (M, k) columns X and S of the fit [1 per coefficient].
-        precision: (k, k) [1 per coefficient, squared] their prior precision L.
-        residual: (M,) [1] y in units of the noise.
-        scale: rms torque of the joint [N.m or N].
+    In units of the noise, white (M, f) [1 / N.m] is Z, f = 2 F, and residual (M,) [1] is y. The columns X and S of the
+    fit are fitted (M, k) [1 per coefficient], their precision (k, k) [1 per coefficient, squared] is L. The scale is
+    the rms torque of the joint [N.m or N].
 
     Source: Dempster, Laird, Rubin, J. R. Statist. Soc. B 39(1), 1977 (expectation and maximisation for the
     variance); Gelman, Bayesian Analysis 1(3), 2006 (prior of s).

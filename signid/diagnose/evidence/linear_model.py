@@ -124,8 +124,7 @@ class LinearModel(Frozen):
         which = columns_of(component.groups)
         gram = total(self._square(component), dispersion, (len(which),) * 2)
         right = (self.data.right[list(component.joints)][:, which] / dispersion[:, None]).sum(0)
-        precision = self._precision(component.refitted, component.selected, np.diag(gram), prior_scale)
-        return solve(which, gram, right, precision)
+        return solve(which, gram, right, self._precision(component.groups, np.diag(gram), prior_scale))
 
     @cached(4, appendable=False)
     def across(self, component: Component, dispersion: Array) -> Array:
@@ -145,13 +144,11 @@ class LinearModel(Frozen):
 
     def precision(self, selected: Sequence[Group], diagonal: Array, prior_scale: float) -> Array:
         """(k, k) prior precision L of fitted coefficients; diagonal (k,) of the Gram [1 per coefficient, squared]."""
-        return self._precision(self.refitted(prior_scale), selected, diagonal, prior_scale)
+        return self._precision([*self.refitted(prior_scale), *selected], diagonal, prior_scale)
 
-    def _precision(
-        self, refitted: Sequence[Group], selected: Sequence[Group], diagonal: Array, prior_scale: float
-    ) -> Array:
-        out = self.prior_precision([*refitted, *selected], prior_scale)
-        flat = np.flatnonzero([np.isinf(x) for group in refitted for x in group.deviation])
+    def _precision(self, groups: Sequence[Group], diagonal: Array, prior_scale: float) -> Array:
+        out = self.prior_precision(groups, prior_scale)
+        flat = np.flatnonzero([np.isinf(x) for group in groups for x in group.deviation])
         out[flat, flat] += FLAT_PRECISION * np.maximum(diagonal[flat], 1e-12)
         return out
 

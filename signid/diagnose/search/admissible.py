@@ -58,11 +58,9 @@ def is_admissible(selection: Selection, group: Group) -> bool:
     selected laws cannot make the same torque.
     """
     selected = (*selection.selected, group)
-    prior_scale = selection.evidence.prior_scale(selected, selection.dispersion)
-    fit, prior = (
-        selection.evidence.fit(selected, selection.dispersion, prior_scale),
-        selection.evidence.coefficient_priors[group],
-    )
+    evidence, dispersion = selection.evidence, selection.dispersion
+    fit = evidence.fit(selected, dispersion, evidence.prior_scale(selected, dispersion))
+    prior = evidence.coefficient_priors[group]
     assert prior is not None, "hypotheses have priors"
     value = fit.value[fit.place(group)]
     if not _is_large(selection, group, value) or (prior.mean and not _is_on(group, float(value[0]))):

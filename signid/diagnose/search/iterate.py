@@ -8,19 +8,26 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...deadline import time_is_up
-from ...types import Array
+from ...deadline import OutOfTimeError, show_step, time_is_up
+from ...effects.base import ActuatorLaw, BodyLaw, RecordingLaw
+from ...effects.law import law_torque
+from ...model import Model
+from ...regression.motion import Motion
+from ...types import Array, Law, Robot
+from ..data.column_groups import dry_friction
 from ..data.dataset import Dataset, append
 from ..data.hypotheses import Key, is_transient
+from ..data.motions import bodies_without_rotors
+from ..data.rows import rebuild_columns
 from ..data.whitened_rows import whitened
 from ..data.whitening import DISCREPANCY_SCALE
 from ..evidence.bayes_factors import Evidence
 from ..evidence.likelihood import Likelihood, update_noise
 from ..evidence.selection import Posterior, Selection
+from ..extend.extend import inertial_places, read_laws
 from ..result import Diagnosis
 from .contact_window import NAME as CONTACT, find_contact
 from .contributions import measure_contributions
-from .relinearise import relinearise
 from .shape_optimisation import optimise_shapes
 from .stepwise import SEARCH, inflated_dispersion, initial_selection, log_posterior, log_prior_odds, stepwise_search
 
@@ -30,6 +37,7 @@ WINDOWS_PER_ROW = 10  # contact windows that are compared, per row; log of their
 RELINEARISATION_ROUNDS = 3  # heuristic
 MAX_ADDED_LAWS = 2  # laws that relinearisation may add: more, and it diverges; heuristic
 NOISE_ROUNDS = 3  # alternations of noise estimation and search; heuristic
+RELEVANT_CHI2 = 1.0  # squared change of torque by relinearisation [variances of the rows]: one standard deviation
 DISAGREEMENT = (
     "the selected laws change each other's torque, and no two rounds of the search agree on them: their numbers may be "
     "off by more than their intervals; record a motion that separates the alternatives"
@@ -166,7 +174,7 @@ def _with_contact(dataset: Dataset, selection: Selection) -> Selection:
     odds = selection.posterior.candidate_log_odds(fit, dispersion, window, columns, dataset.whiten(columns))
     if odds is None or odds <= np.log(WINDOWS_PER_ROW * len(selection.data)):
         return selection
-    data, _ = append(dataset, selection.data, window, columns)
+    data, _ = append(dataset, selection.data, window)
     evidence = replace(selection.evidence, data=data)
     again = stepwise_search(replace(selection.posterior, evidence=evidence), selection.dispersion)
     return selection if time_is_up(SEARCH) else again
@@ -177,3 +185,59 @@ def _local_residual(dataset: Dataset, selection: Selection) -> Array:
     residual = {j: x[:, None] for j, x in enumerate(dataset.remaining(selection.data, selection.fit()).T)}
     white = dataset.whitening.local(residual)
     return np.array([white[j][:, 0] for j in range(selection.data.joints)])
+
+
+def relinearise(dataset: Dataset, about: Dataset, selection: Selection) -> Dataset | None:
+    """Recompute the columns about the simulation with the selected laws; None if the change is negligible.
+
+    Laws interact: a payload increases load-dependent friction and is turned by a base tilt, friction is part of a
+    delayed torque. Each cross term is attributed to the law that acts on the other's output. The residual stays
+    that of the given simulation, as do the rows of `dataset`; `about` has the present columns. Also None if time is up,
+    or if the bodies are infeasible.
+    """
+    if time_is_up(SEARCH):
+        return None
+    show_step(f"linearising about {len(selection.selected)} laws", 0.8)
+    fit = selection.fit()
+    value = {group: fit.value[fit.place(group)] for group in selection.selected}
+    laws = [law for group in selection.selected for law in read_laws(group, value[group])]
+    inertials, places = dataset.model.inertials, inertial_places(selection.data.refitted, fit)
+    if len(places):
+        inertials = inertials + fit.value[places].reshape(inertials.shape)
+    robot = _loaded(dataset.model, laws, inertials)
+    new = replace(dataset, pieces=tuple(p._replace(motion=_about(p.motion, robot, laws)) for p in dataset.pieces))
+    if any(np.any(n.motion.inertia <= 0) for n in new.pieces) and all(
+        np.all(o.motion.inertia > 0) for o in dataset.pieces
+    ):
+        return None  # infeasible inertias make the relinearisation meaningless
+    off = np.zeros((dataset.table.joints, len(dataset.whiten({0: dataset.table.residual[:, :1]})[0])))
+    for group in selection.selected:
+        old, updated = about.columns(group.claim), new.columns(group.claim)
+        for j, x in dataset.whiten({j: updated[j] - old[j] for j in updated}).items():
+            off[j] += x @ value[group]
+    if not np.sum(off**2, axis=1) @ (1 / selection.dispersion) > RELEVANT_CHI2:
+        return None
+    dry = dry_friction(dataset.model, dataset.pieces)
+    try:
+        return replace(new, table=rebuild_columns(dataset.table, dataset.task, dataset.model, new.pieces, dry))
+    except OutOfTimeError:
+        return None
+
+
+def _loaded(model: Model, laws: Sequence[Law], inertials: Array) -> Robot:
+    """The robot with other bodies and with the body laws; a base tilt is left out, since it has columns of its own."""
+    changes = tuple(law for law in laws if isinstance(law.effect, BodyLaw))
+    whole = bodies_without_rotors(Model(model.robot, inertials, (*model.laws, *changes)))
+    whole.gravity = model.bodies().gravity
+    return replace(model.robot, model=whole)
+
+
+def _about(motion: Motion, robot: Robot, laws: Sequence[Law]) -> Motion:
+    """Replace robot and predicted torque of a motion by those with the laws."""
+    assert motion.predicted is not None, "a diagnosed motion carries predicted torque"
+    predicted = motion.predicted.copy()
+    for law in laws:
+        if not isinstance(law.effect, RecordingLaw | ActuatorLaw):
+            rows, torque = law_torque(law, motion)
+            predicted[:, list(rows)] += torque
+    return replace(motion, robot=robot, predicted=predicted)

@@ -29,9 +29,7 @@ def prune(dataset: Dataset, session: Session, selection: Selection) -> Selection
     """
     selection = _significant(_possible(selection))
     while selection.selected and not time_is_up(SEARCH):
-        worst, harm = max(
-            ((g, h) for g, h in _training_harm(dataset, session, selection).items()), key=lambda item: item[1]
-        )
+        worst, harm = max(_training_harm(dataset, session, selection).items(), key=lambda item: item[1])
         if harm <= 0:
             return selection
         selection = selection.without(worst)
