@@ -51,10 +51,6 @@ class Dataset(Frozen):
         made = [{j: x[:, None] for j, x in torque_of(law, piece.motion).items()} for piece in self.pieces]
         return {j: x[:, 0] for j, x in self.thinned(made).items()}
 
-    def whiten(self, columns: Mapping[int, Array]) -> dict[int, Array]:
-        """Whiten columns against noise and discrepancy, per joint (M, k) [torque per coefficient]."""
-        return self.whitening(columns)
-
     def remaining(self, data: Whitened, fit: Fitted) -> Array:
         """(M, n) [N.m or N] residual y - X a - S b of a fit."""
         rest = self.table.residual.copy()
@@ -72,7 +68,7 @@ class Dataset(Frozen):
 def append(dataset: Dataset, data: Whitened, hypothesis: Hypothesis) -> tuple[Whitened, Group]:
     """Append the columns of one hypothesis to the whitened rows."""
     size, columns = hypothesis.size, dataset.columns(hypothesis)
-    group, white = Group(data.count, size, hypothesis), dataset.whiten(columns)
+    group, white = Group(data.count, size, hypothesis), dataset.whitening(columns)
     place, torque, made = list(data.place), list(data.torque), list(data.columns)
     for j, x in columns.items():
         place[j] = np.append(place[j], range(group.start, group.start + size)).astype(np.intp)

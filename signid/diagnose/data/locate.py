@@ -88,11 +88,8 @@ def _wave(table: RowTable, torque: Array) -> Wave | None:
     longest = max(waves, key=lambda wave: len(wave.signal))
     if not longest.share:
         return None
-    own = sum(
-        float(wave.signal @ wave.signal)
-        for wave in waves
-        if abs(wave.frequency / longest.frequency - 1) < FREQUENCY_TOLERANCE
-    )
+    same = [wave for wave in waves if abs(wave.frequency / longest.frequency - 1) < FREQUENCY_TOLERANCE]
+    own = sum(float(wave.signal @ wave.signal) for wave in same)
     return longest._replace(share=own / max(float(torque @ torque), 1e-300))
 
 

@@ -143,14 +143,9 @@ def _saturated(table: RowTable, joint: int, used: Mask) -> tuple[list[Array], li
     left, singular, _ = np.linalg.svd(x, full_matrices=False)
     left = left[:, singular > RANK * singular.max(initial=0.0)]
     left = left[:, : max(1, int(len(y) / ROWS_PER_DIRECTION))]
-    rest = [_without_sine(part) for part in _split(y - left @ (left.T @ y), run)]
+    parts = [(part, find_wave(part, 1.0)) for part in _split(y - left @ (left.T @ y), run)]
+    rest = [part - wave.signal if wave.share > WAVE_SHARE else part for part, wave in parts]
     return rest, _split(table.reversal_std[moving, joint], run), float(np.sqrt(len(y) / max(len(y) - left.shape[1], 1)))
-
-
-def _without_sine(rest: Array) -> Array:
-    """The signal without its strongest sine, if that has most of the power."""
-    wave = find_wave(rest, 1.0)
-    return rest - wave.signal if wave.share > WAVE_SHARE else rest
 
 
 def _columns_in_fit(table: RowTable) -> Mask:
@@ -159,9 +154,8 @@ def _columns_in_fit(table: RowTable) -> Mask:
     for group in table.groups:
         key = None if group.hypothesis is None else group.hypothesis.key
         seen[key] = seen.get(key, 0) + 1
-        measured = group.hypothesis is not None and any(
-            isinstance(x.effect, ActuatorLaw) for x in group.hypothesis.laws
-        )
+        laws = () if group.hypothesis is None else group.hypothesis.laws
+        measured = any(isinstance(law.effect, ActuatorLaw) for law in laws)
         kept[group.place] = not measured and (key is None or seen[key] <= SHAPES_IN_FIT)
     return kept
 
@@ -185,13 +179,9 @@ def _replicates(table: RowTable, joint: int, periods: Sequence[float | None], ra
 
 def _fit(pieces: Sequence[Array], factor: float, reliable: Sequence[Mask]) -> tuple[float, Array, float]:
     """Rms, coefficients and innovation from rows whose whole window is reliable; white noise if these are too few."""
-    long = [
-        (sliding_window_view(x, AR_ORDER + 1), y)
-        for x, y in zip(pieces, reliable, strict=True)
-        if len(x) > 2 * AR_ORDER
-    ]
-    windows = [x[sliding_window_view(y, AR_ORDER + 1).all(axis=1)] for x, y in long]
-    rows = np.concatenate([np.empty((0, AR_ORDER + 1)), *windows])
+    size, long = AR_ORDER + 1, [(x, y) for x, y in zip(pieces, reliable, strict=True) if len(x) > 2 * AR_ORDER]
+    windows = [sliding_window_view(x, size)[sliding_window_view(y, size).all(axis=1)] for x, y in long]
+    rows = np.concatenate([np.empty((0, size)), *windows])
     before, after = rows[:, AR_ORDER - 1 :: -1], rows[:, AR_ORDER]
     floor = float(np.sqrt(np.mean(np.concatenate([x[k] for x, k in zip(pieces, reliable, strict=True)]) ** 2)))
     coefficients, new = np.zeros(AR_ORDER), floor

@@ -70,9 +70,8 @@ class Evidence(LinearModel):
         """Most likely scale k for intervals [1] at a dispersion (n,) [1]; with a covariance it may be larger."""
         if not self.informed:
             return self.prior_scale(selected, dispersion)
-        return float(
-            max(INTERVAL_COVARIANCE_SCALES, key=lambda scale: self.fit(selected, dispersion, scale).log_evidence)
-        )
+        logs = [self.fit(selected, dispersion, prior_scale).log_evidence for prior_scale in INTERVAL_COVARIANCE_SCALES]
+        return float(INTERVAL_COVARIANCE_SCALES[int(np.argmax(logs))])
 
     @property
     def informed(self) -> bool:

@@ -97,10 +97,9 @@ def stated_prior(model: Model, groups: Sequence[Group]) -> StatedPrior | None:
 
     A parameter that the simulation no longer has, such as that of a removed law, is zero, not unknown.
     """
-    if model.covariance is None:
+    if (own := model.covariance) is None:
         return None
     columns = parameter_columns(model, groups)
-    own = model.covariance
     there = np.array([label in columns for label in own.labels])
     rows = np.isfinite(own.std)
     combination = own.combination[np.ix_(rows, there)]

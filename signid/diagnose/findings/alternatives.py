@@ -174,7 +174,7 @@ class _Ranking(Frozen):
 
     @cached_property
     def _likelihood(self) -> Likelihood:
-        return Likelihood(self.dataset, self.selection.evidence, self.selection)
+        return Likelihood(self.dataset, self.selection)
 
     @cached_property
     def _residual(self) -> Array:

@@ -61,19 +61,15 @@ def measure_contributions(
 
 def residual_growth(contributions: Contributions) -> dict[Group, Array]:
     """Growth of the residual sum of squares of each joint if a law is removed and all else is refitted: (n,) [1]."""
-    fit, out = contributions.fit, dict[Group, Array]()
+    fit, laws, out = contributions.fit, contributions.coefficients, dict[Group, Array]()
     for factor in fit.factors:
         which = fit.which[factor.place]
-        places = {
-            g: np.flatnonzero(which == g.start)[0] + np.arange(g.size)
-            for g in contributions.coefficients
-            if g.start in which
-        }
+        places = {g: np.flatnonzero(which == g.start)[0] + np.arange(g.size) for g in laws if g.start in which}
         if places:
-            steps = [_step(factor, at, contributions.coefficients[group]) for group, at in places.items()]
+            steps = [_step(factor, at, laws[group]) for group, at in places.items()]
             growth = np.maximum(_growth(contributions, which, np.column_stack(steps)), 0.0)
             out |= dict(zip(places, growth, strict=True))
-    return {group: out[group] for group in contributions.coefficients}
+    return {group: out[group] for group in laws}
 
 
 def _step(factor: Factor, own: Indices, value: Array) -> Array:

@@ -18,7 +18,7 @@ from ..data.column_groups import dry_friction
 from ..data.dataset import Dataset, append
 from ..data.hypotheses import Key, is_transient
 from ..data.motions import bodies_without_rotors
-from ..data.rows import rebuild_columns
+from ..data.rows import columns_along
 from ..data.whitened_rows import whitened
 from ..data.whitening import DISCREPANCY_SCALE
 from ..evidence.bayes_factors import Evidence
@@ -104,13 +104,12 @@ def _select(dataset: Dataset, posterior: Posterior, conditions: _Conditions) -> 
     for _ in range(NOISE_ROUNDS):
         if time_is_up(SEARCH):
             break
-        updated = replace(dataset, noise=update_noise(dataset, selection.evidence, selection))
+        updated = replace(dataset, noise=update_noise(dataset, selection))
         if (score := _score(updated, selection)) <= highest:
             break
         posterior = _with_rows(posterior, updated)
-        once = any(  # the window of a contact holds for these rows only
-            is_transient(law) for group in selection.selected for law in group.claim.laws
-        )
+        laws = [law for group in selection.selected for law in group.claim.laws]
+        once = any(map(is_transient, laws))  # the window of a contact holds for these rows only
         highest, refit_best = score, not once
         best = (dataset, selection) if once else (updated, replace(selection, posterior=posterior))
         again = _search(updated, posterior, conditions, selection)
@@ -125,7 +124,7 @@ def _select(dataset: Dataset, posterior: Posterior, conditions: _Conditions) -> 
 def _score(dataset: Dataset, selection: Selection) -> float:
     """Log posterior density of the selected laws and of the noise estimated beside them, up to a constant [-]."""
     data = selection.data
-    rows = Likelihood(dataset, selection.evidence, replace(selection, dispersion=np.ones(data.joints))).density()
+    rows = Likelihood(dataset, replace(selection, dispersion=np.ones(data.joints))).density()
     half_cauchy = float(np.sum(np.log1p((dataset.noise.discrepancy / data.scale / DISCREPANCY_SCALE) ** 2)))
     return rows - half_cauchy + log_prior_odds(selection)
 
@@ -166,25 +165,20 @@ def _expected(posterior: Posterior, reference: Diagnosis | None) -> Array:
 
 def _with_contact(dataset: Dataset, selection: Selection) -> Selection:
     """Search again with a contact window among the hypotheses, if there is evidence for one."""
-    window = find_contact(dataset, selection.data, _local_residual(dataset, selection), selection.dispersion)
+    rest = {j: x[:, None] for j, x in enumerate(dataset.remaining(selection.data, selection.fit()).T)}
+    local = np.array([white[:, 0] for white in dataset.whitening.local(rest).values()])  # against coloured noise alone
+    window = find_contact(dataset, selection.data, local, selection.dispersion)
     if window is None:
         return selection
     dispersion, columns = inflated_dispersion(selection), dataset.columns(window)
     fit = selection.evidence.fit(selection.selected, dispersion, selection.prior_scale)
-    odds = selection.posterior.candidate_log_odds(fit, dispersion, window, columns, dataset.whiten(columns))
+    odds = selection.posterior.candidate_log_odds(fit, dispersion, window, columns, dataset.whitening(columns))
     if odds is None or odds <= np.log(WINDOWS_PER_ROW * len(selection.data)):
         return selection
     data, _ = append(dataset, selection.data, window)
     evidence = replace(selection.evidence, data=data)
     again = stepwise_search(replace(selection.posterior, evidence=evidence), selection.dispersion)
     return selection if time_is_up(SEARCH) else again
-
-
-def _local_residual(dataset: Dataset, selection: Selection) -> Array:
-    """(n, M) [1] residual of all that is fitted, in units of the coloured noise alone."""
-    residual = {j: x[:, None] for j, x in enumerate(dataset.remaining(selection.data, selection.fit()).T)}
-    white = dataset.whitening.local(residual)
-    return np.array([white[j][:, 0] for j in range(selection.data.joints)])
 
 
 def relinearise(dataset: Dataset, about: Dataset, selection: Selection) -> Dataset | None:
@@ -210,18 +204,19 @@ def relinearise(dataset: Dataset, about: Dataset, selection: Selection) -> Datas
         np.all(o.motion.inertia > 0) for o in dataset.pieces
     ):
         return None  # infeasible inertias make the relinearisation meaningless
-    off = np.zeros((dataset.table.joints, len(dataset.whiten({0: dataset.table.residual[:, :1]})[0])))
+    off = np.zeros((dataset.table.joints, len(dataset.whitening({0: dataset.table.residual[:, :1]})[0])))
     for group in selection.selected:
         old, updated = about.columns(group.claim), new.columns(group.claim)
-        for j, x in dataset.whiten({j: updated[j] - old[j] for j in updated}).items():
+        for j, x in dataset.whitening({j: updated[j] - old[j] for j in updated}).items():
             off[j] += x @ value[group]
     if not np.sum(off**2, axis=1) @ (1 / selection.dispersion) > RELEVANT_CHI2:
         return None
     dry = dry_friction(dataset.model, dataset.pieces)
     try:
-        return replace(new, table=rebuild_columns(dataset.table, dataset.task, dataset.model, new.pieces, dry))
+        place, columns = columns_along(dataset.task, dataset.model, dataset.table.groups, new.pieces, dry)
     except OutOfTimeError:
         return None
+    return replace(new, table=replace(dataset.table, place=place, columns=columns))
 
 
 def _loaded(model: Model, laws: Sequence[Law], inertials: Array) -> Robot:

@@ -124,7 +124,7 @@ def _optimise(dataset: Dataset, option: _Option, others: _Others) -> tuple[float
         ):
             return 0.0
         columns = dataset.columns(hypothesis(x))
-        white = dataset.whiten(columns)
+        white = dataset.whitening(columns)
         return -(posterior.candidate_log_odds(others.fit, others.dispersion, known, columns, white) or 0.0)
 
     zero = np.zeros(len(keys))
