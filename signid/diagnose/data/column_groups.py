@@ -73,10 +73,8 @@ def nuisances(model: Model, motion: Motion, dry: Array) -> Iterator[Nuisance]:
     for law in model.laws:
         if is_refitted(law):
             rows, columns = law_columns(law, motion)
-            spread = (
-                [np.inf] * columns.shape[2] if model.covariance else law_tolerance(law, float(stated[law.joints[0]]))
-            )
-            yield Nuisance({j: columns[:, k] for k, j in enumerate(rows)}, spread, law)
+            flat, own = [np.inf] * columns.shape[2], law_tolerance(law, float(stated[law.joints[0]]))
+            yield Nuisance({j: columns[:, k] for k, j in enumerate(rows)}, flat if model.covariance else own, law)
     for j in np.flatnonzero(dry > 0).tolist():
         yield Nuisance({j: _reversal_columns(motion, j)}, [REVERSAL_STD * float(dry[j])] * 3)
     for body, spread in enumerate(tolerance(model).tolist()):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...effects import EFFECTS
-from ...effects.base import BodyLaw, Effect, RecordingLaw, TorqueLaw, of_kind
+from ...effects.base import BodyLaw, RecordingLaw, TorqueLaw, of_kind
 from ...effects.law import coefficient_count, hypotheses, law_columns
 from ...model import Model
 from ...regression.motion import Motion
@@ -102,12 +102,13 @@ def propose(model: Model, motion: Motion, skip: Sequence[str] = ()) -> list[Hypo
     Where the simulation has a law, the hypothesis is that the law's size is wrong.
     """
     known = {(law.effect.name, law.joints): law for law in model.laws if any(law.effect.coefficients(law.parameters))}
+    shaped = [Law(x.effect, x.joints, shape) for x in known.values() if (shape := x.effect.shape(x.parameters))]
     n = len(motion.robot.joints)
     found = [
         Hypothesis((law,), stated=_stated(known.get((effect.name, law.joints)), law))
         for effect in EFFECTS
         if effect.name not in skip
-        for law in [*_as_stated(effect, known), *hypotheses(effect, motion, n)]
+        for law in [*(x for x in shaped if x.effect is effect), *hypotheses(effect, motion, n)]
         if law.effect.possible(motion.at(law.joints), **law.parameters)
     ]
     return [*found, *_scaled_links(model, skip), *_friction(set(known), n, skip), *_unknown(motion)]
@@ -123,13 +124,6 @@ def _scaled_links(model: Model, skip: Sequence[str]) -> Iterator[Hypothesis]:
         if own[0] > 0:
             law = Law(effect, (joint,), dict(zip(effect.parameters, own.tolist(), strict=True)))
             yield Hypothesis((law,), scaled=True)
-
-
-def _as_stated(effect: Effect, known: Mapping[Key, Law]) -> Iterator[Law]:
-    """Laws of the simulation that have a shape, at that shape."""
-    for law in known.values():
-        if law.effect is effect and (shape := effect.shape(law.parameters)):
-            yield Law(effect, law.joints, shape)
 
 
 def _stated(known: Law | None, law: Law) -> Law | None:

@@ -128,9 +128,8 @@ def _reversal_scale(rest: Array, reversal_std: Array, floor: float) -> float:
     if near.sum() < MIN_REVERSAL_ROWS:
         return REVERSAL_SCALES[0]
     typical = [np.median(rest[near] ** 2 / (floor**2 + (scale * reversal_std[near]) ** 2)) for scale in REVERSAL_SCALES]
-    return next(
-        (scale for scale, x in zip(REVERSAL_SCALES, typical, strict=True) if x <= CHI2_MEDIAN), REVERSAL_SCALES[-1]
-    )
+    wide = (scale for scale, x in zip(REVERSAL_SCALES, typical, strict=True) if x <= CHI2_MEDIAN)
+    return next(wide, REVERSAL_SCALES[-1])
 
 
 def _saturated(table: RowTable, joint: int, used: Mask) -> tuple[list[Array], list[Array], float]:

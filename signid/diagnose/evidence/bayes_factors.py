@@ -100,16 +100,14 @@ class Evidence(LinearModel):
         left = (own - below.T @ below)[None], (right - below.T @ fit.forward_right)[None]
         return float(log_bayes_factor(stack_priors([prior]), *left)[0])
 
-    def _factors(
-        self, selected: Sequence[Group], dispersion: Array, prior_scale: float, without: Group | None
-    ) -> Array:
+    def _factors(self, selected: Sequence[Group], dispersion: Array, scale: float, without: Group | None) -> Array:
         """(groups,) [-] log Bayes factors at one prior scale; NaN for groups that are no candidates."""
         out, done = np.full(len(self.data.groups), np.nan), np.zeros(len(self.data.groups), dtype=bool)
         own = [np.zeros(batch.priors.covariance_factor.shape) for batch in self._batches]
         right = [np.zeros(batch.columns.shape) for batch in self._batches]
-        for component in self.components(selected, prior_scale > 0):
+        for component in self.components(selected, scale > 0):
             seen = self._view(component.joints)
-            among = component, dispersion[list(component.joints)], prior_scale
+            among = component, dispersion[list(component.joints)], scale
             if without is not None and without in component.selected:
                 factors = self._reduce(component, self._complement_without(*among, without))
             else:
@@ -150,12 +148,10 @@ class Evidence(LinearModel):
             own.append(np.tensordot(1 / dispersion, portion.blocks, axes=1) - across @ across.transpose(0, 2, 1))
         return Complement(below, right - below.T @ fit.forward_right, own)
 
-    def _complement_without(
-        self, component: Component, dispersion: Array, prior_scale: float, without: Group
-    ) -> Complement:
+    def _complement_without(self, component: Component, dispersion: Array, scale: float, without: Group) -> Complement:
         """Schur complement of all fitted columns except those of one hypothesis, by a low-rank update."""
-        full = self._complement(component, dispersion, prior_scale)
-        fit = self.part(component, dispersion, prior_scale)
+        full = self._complement(component, dispersion, scale)
+        fit = self.part(component, dispersion, scale)
         below = fit.forward(np.eye(len(fit.which))[:, fit.place(without)])
         shares = below.T @ full.below  # (d, p) coefficients of the hypothesis in the fit of each column
         back = np.linalg.solve(below.T @ below, shares)

@@ -21,6 +21,7 @@ BODY_LEVER = 0.1  # [m] distance of mass from the joint; relates mass, first mom
 PRIOR_NOTHING = 0.5  # [1] no hypothesis is true. Prototype
 PRIOR_UNKNOWN = 0.02  # [1] an unknown dependence, if a hypothesis is true. Heuristic
 SINGLE_JOINT = 0.3  # [1] factor for one joint alone with an effect that all joints may share. Prototype
+RIDGE = 1e-9  # [1] added to the diagonal of the scaled covariance, so that it can be inverted
 RANK = 1e-6  # [1] smallest eigenvalue that counts, over the largest. Prototype
 
 
@@ -80,9 +81,6 @@ def _positive(hypothesis: Hypothesis) -> int:
         return -1
     kinds: Sequence[bool] = [k.positive for law in hypothesis.laws for k in law.effect.linear().values()]
     return kinds.index(True) if sum(kinds) == 1 else -1
-
-
-RIDGE = 1e-9  # [1] added to the diagonal of the scaled covariance, so that it can be inverted
 
 
 class StatedPrior(NamedTuple):

@@ -102,11 +102,8 @@ class Posterior(Frozen):
         prior = coefficient_prior(hypothesis, mean_products(torque, self.evidence.data.scale))
         if prior is None:
             return None
-        return (
-            self.evidence.candidate_log_factor(fit, dispersion, prior, white)
-            + self._prior(hypothesis)
-            - float(np.log(PRIOR_NOTHING))
-        )
+        log = self.evidence.candidate_log_factor(fit, dispersion, prior, white) + self._prior(hypothesis)
+        return log - float(np.log(PRIOR_NOTHING))
 
     def _prior(self, hypothesis: Hypothesis) -> float:
         places = max(1, self._places.get(hypothesis.key[0], 0))

@@ -6,7 +6,7 @@ import numpy as np
 
 from ...effects.base import ActuatorLaw
 from ...regression.projection import leave
-from ...types import INERTIAL, Array
+from ...types import INERTIAL
 from ..data.column_groups import Group
 from ..data.normal_equations import Fitted
 from ..data.whitened_rows import columns_of
@@ -21,6 +21,8 @@ ON_OFF_RANGE = (0.3, 2.0)  # fitted coefficient of a law without numbers, 1 wher
 ACTUATOR_RANGE = (0.6, 1.5)  # the same for actuator laws, such as saturation [1]; heuristic
 INFEASIBLE_CHI2 = 4.0  # squared distance to consistent bodies, per number [variances]: two standard deviations
 REDUNDANT_SHARE = 1e-3  # sum of squares of a law's columns that selected laws cannot make, over all [1]; heuristic
+UNCHANGED_VARIANCE = 1e-10  # variance of bodies that do not change [kg2, kg2.m2, kg2.m4]: keeps the covariance regular
+SAME_ANSWER = 1.0  # numbers that differ by less get the answer computed before [standard deviations]
 INERTIAL_VIOLATION = 30.0  # squared correction of a link's ten numbers at the largest tolerance [variances]; heuristic
 
 
@@ -47,10 +49,6 @@ def resolved_violations(selection: Selection, rest: Selection, group: Group) -> 
     return violated - inertial_violations(selection).keys() if violated else set()
 
 
-UNCHANGED_VARIANCE = 1e-10  # variance of bodies that do not change [kg2, kg2.m2, kg2.m4]: keeps the covariance regular
-SAME_ANSWER = 1.0  # numbers that differ by less get the answer computed before [standard deviations]
-
-
 def is_admissible(selection: Selection, group: Group) -> bool:
     """Whether a hypothesis may be selected beside others.
 
@@ -63,18 +61,13 @@ def is_admissible(selection: Selection, group: Group) -> bool:
     prior = evidence.coefficient_priors[group]
     assert prior is not None, "hypotheses have priors"
     value = fit.value[fit.place(group)]
-    if not _is_large(selection, group, value) or (prior.mean and not _is_on(group, float(value[0]))):
+    data = selection.data
+    rms = [np.sqrt(np.mean((data.raw(j, group) @ value) ** 2)) / data.scale[j] for j in data.rows(group)]
+    if max(rms) < LEAST_TORQUE_SHARE or (prior.mean and not _is_on(group, float(value[0]))):
         return False
     if not has_possible_numbers(group, value) or not _has_right_sign(group, prior, fit):
         return False
     return not _is_redundant(selection, group) and _has_bodies(selection.posterior, group, fit)
-
-
-def _is_large(selection: Selection, group: Group, value: Array) -> bool:
-    """Whether the rms torque of a hypothesis is large enough at some joint."""
-    data = selection.data
-    rms = [np.sqrt(np.mean((data.raw(j, group) @ value) ** 2)) / data.scale[j] for j in data.rows(group)]
-    return not max(rms) < LEAST_TORQUE_SHARE
 
 
 def _is_on(group: Group, value: float) -> bool:

@@ -71,11 +71,9 @@ def _training_harm(dataset: Dataset, session: Session, selection: Selection) -> 
     evidence, tried = selection.evidence, list[tuple[float, dict[Group, float]]]()
     whole = evidence.fit(selection.selected, selection.dispersion, selection.prior_scale)
     alone = whole.restricted(np.isin(whole.which, columns_of(selection.selected)))
-    fits = ((whole, evidence.data.refitted), (alone, ()))
-    for fit, refitted in fits:
+    for fit, refitted in ((whole, evidence.data.refitted), (alone, ())):
         laws = {group: read_laws(group, fit.value[fit.place(group)]) for group in selection.selected}
-        flat = [law for own in laws.values() for law in own]
-        model = extend(dataset.model, refitted, fit, flat, session.task.base)
+        model = extend(dataset.model, refitted, fit, [x for own in laws.values() for x in own], session.task.base)
         rows = residual_rows(session.task, model, session.train)
         noise = rows.irreducible_std(dataset.noise, 1)
         with_all = _square(rows.residual / noise)
