@@ -49,11 +49,6 @@ class Group:
         assert self.hypothesis is not None, "a nuisance term is no hypothesis"
         return self.hypothesis
 
-    @property
-    def place(self) -> slice:
-        """Slice of its columns."""
-        return slice(self.start, self.start + self.size)
-
 
 class Nuisance(NamedTuple):
     """One nuisance term, fitted beside every hypothesis."""

@@ -108,9 +108,8 @@ def _explained(x: Array, torque: Array) -> float:
 def _regions(name: str, x: Array, unit: str) -> Iterator[tuple[str, Mask]]:
     """Regions of the range of a variable: text and mask of the rows."""
     if name in ("velocity", "acceleration", "torque"):
-        size, (inside, outside) = np.abs(x), ("within", "beyond")
-        if name == "velocity":
-            inside, outside = "slower than", "faster than"
+        inside, outside = ("slower than", "faster than") if name == "velocity" else ("within", "beyond")
+        size = np.abs(x)
         yield f"above 0 {unit}", x > 0
         yield f"below 0 {unit}", x < 0
         for share in REGION_SHARES:

@@ -155,7 +155,7 @@ def _columns_in_fit(table: RowTable) -> Mask:
         seen[key] = seen.get(key, 0) + 1
         laws = () if group.hypothesis is None else group.hypothesis.laws
         measured = any(isinstance(law.effect, ActuatorLaw) for law in laws)
-        kept[group.place] = not measured and (key is None or seen[key] <= SHAPES_IN_FIT)
+        kept[group.start : group.start + group.size] = not measured and (key is None or seen[key] <= SHAPES_IN_FIT)
     return kept
 
 
