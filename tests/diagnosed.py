@@ -18,8 +18,7 @@ from signid.diagnose import Diagnosis
 from signid.diagnose.data.column_groups import Group
 from signid.diagnose.data.dataset import Dataset
 from signid.diagnose.evidence.bayes_factors import Evidence
-from signid.diagnose.evidence.posterior_odds import Posterior
-from signid.diagnose.evidence.selection import Selection
+from signid.diagnose.evidence.selection import Posterior, Selection
 from signid.diagnose.preparation import build, prepare_session
 from signid.diagnose.run import _no_progress, _posterior
 from signid.diagnose.search.stepwise import initial_selection

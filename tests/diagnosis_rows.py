@@ -17,8 +17,7 @@ from signid.diagnose.data.noise import Noise
 from signid.diagnose.data.rows import build_table
 from signid.diagnose.data.whitened_rows import whitened
 from signid.diagnose.evidence.bayes_factors import Evidence
-from signid.diagnose.evidence.posterior_odds import Posterior
-from signid.diagnose.evidence.selection import Selection
+from signid.diagnose.evidence.selection import Posterior, Selection
 from signid.diagnose.search.stepwise import initial_selection
 from signid.effects import EFFECTS
 from signid.effects.law import law_torque
@@ -96,7 +95,7 @@ def pose(
     measured = Noise(floor, np.zeros((n, 4)), floor, zero, floor, zero)
     dataset = Dataset(task, model, tuple(pieces), (None,) * recordings, table, measured)
     carried = tuple(range(n))
-    return Question(dataset, Posterior(Evidence(whitened(table, measured)), len(list(EFFECTS)), 0, carried))
+    return Question(dataset, Posterior(Evidence(whitened(table, measured)), len(list(EFFECTS)), carried))
 
 
 def _task() -> Any:

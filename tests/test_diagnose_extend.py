@@ -15,8 +15,8 @@ from signid.diagnose.data.normal_equations import Fitted, solve
 from signid.diagnose.extend.extend import extend
 from signid.diagnose.findings.separating_motion import tell_apart
 from signid.diagnose.findings.thresholds import PLAUSIBLE
+from signid.diagnose.search.admissible import inertial_violations
 from signid.diagnose.search.contributions import measure_contributions, residual_growth
-from signid.diagnose.search.inertial_check import inertial_violations
 from signid.diagnose.search.prune import prune
 from signid.effects import EFFECTS
 from signid.model import Model, stated_inertials

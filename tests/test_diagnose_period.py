@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from signid.diagnose.data.periodicity import find_period
+from signid.diagnose.data.noise import find_period
 from signid.types import Array
 
 

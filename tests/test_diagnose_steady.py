@@ -9,15 +9,14 @@ import numpy as np
 import pytest
 
 from signid.diagnose.data.column_groups import Group
-from signid.diagnose.data.noise import _damped
+from signid.diagnose.data.noise import MAX_AR_ROOT, _damped
 from signid.diagnose.data.normal_equations import solve
-from signid.diagnose.data.thresholds import MAX_AR_ROOT
 from signid.diagnose.extend.holdout import ResidualRows
 from signid.diagnose.findings.contender import Contender
 from signid.diagnose.findings.findings import _is_vague, _with_held_out
 from signid.diagnose.findings.held_out_selection import error_change
+from signid.diagnose.search.contributions import steadiness
 from signid.diagnose.search.shape_optimisation import _minimised
-from signid.diagnose.search.steady import steadiness
 from signid.effects import EFFECTS
 from signid.types import Array, Law
 

@@ -12,15 +12,14 @@ from ..errors import RecordingError
 from ..model import Model
 from ..recording_faults import RecordingFault, RecordingFaults, examine
 from ..regression.prepare import rearrange
-from ..regression.session import Options, Part, Session, longest_piece
+from ..regression.session import Options, Session, longest_piece
 from ..signs import Recovered
 from ..types import Progress
 from .data.column_groups import build_groups, dry_friction
 from .data.dataset import Dataset
 from .data.hypotheses import pooled, propose
 from .data.motions import pieces, row_filter, subsample
-from .data.noise import measure_noise
-from .data.periodicity import find_period
+from .data.noise import find_period, measure_noise
 from .data.rows import build_table
 from .data.whitened_rows import Whitened, whitened
 from .search.contact_window import NAME as CONTACT
@@ -39,13 +38,7 @@ def prepare_session(
 ) -> tuple[Session, RecordingFaults]:
     """Session and recording faults; raises if the faults rule out a diagnosis.
 
-    The band is as wide as encoder noise allows, since laws differ most in fast torque.
-
-    Args:
-        model: the simulation.
-        given: recordings with the signs of all torques.
-        options: preparation options; a cut-off given there is kept.
-        show: called with the current step and the share that is done.
+    The band is as wide as encoder noise allows, since laws differ most in fast torque; a given cut-off is kept.
 
     Raises:
         RecordingError: a recording fault rules out a diagnosis.
@@ -62,7 +55,7 @@ def prepare_session(
         faults = replace(faults, findings=tuple(one for one in faults.findings if one.kind == SHORT or _is_clear(one)))
     elif faults.refusal:
         raise RecordingError(faults.refusal)
-    return session, faults
+    return _with_held_out(model, session), faults
 
 
 def _is_clear(fault: RecordingFault) -> bool:
@@ -71,13 +64,8 @@ def _is_clear(fault: RecordingFault) -> bool:
     return fault.kind in CLEAR_KINDS and measured["agreement"] == 1 and measured["explained_after"] > CLEARLY_EXPLAINED
 
 
-def with_held_out(model: Model, session: Session) -> Session:
-    """Session with held-out rows; where the recordings are too short, the training rows take their place, with a note.
-
-    Args:
-        model: the simulation.
-        session: recordings.
-    """
+def _with_held_out(model: Model, session: Session) -> Session:
+    """Session with held-out rows; where recordings are too short, the training rows take their place, with a note."""
     thin = row_filter(session.task)
     if sum(len(thin.at(p.motion.t)) for p in pieces(session.task, model, session.held_out)) >= LEAST_ROWS:
         return session
@@ -88,17 +76,7 @@ def with_held_out(model: Model, session: Session) -> Session:
 
 
 def build_in_time(model: Model, session: Session, skip: Sequence[str], progress: Progress) -> tuple[Dataset, Whitened]:
-    """Build motions and rows of all hypotheses, or of none if time is up before.
-
-    Args:
-        model: the simulation.
-        session: recordings.
-        skip: effects to exclude.
-        progress: called with the current step and the share that is done.
-
-    Raises:
-        RecordingError: no stretch of the recordings is as long as the filter.
-    """
+    """Build motions and rows of all hypotheses, or of none if time is up before."""
     try:
         with steps_shown(progress, 0.2, 0.4):
             return build(model, session, skip, progress)
@@ -107,13 +85,7 @@ def build_in_time(model: Model, session: Session, skip: Sequence[str], progress:
 
 
 def build(model: Model, session: Session, skip: Sequence[str] | None, show: Progress) -> tuple[Dataset, Whitened]:
-    """Build motions and rows.
-
-    Args:
-        model: the simulation.
-        session: recordings.
-        skip: effects to exclude; None: rows of the simulation's own numbers alone.
-        show: called with the current step and the share that is done.
+    """Build motions and rows; if `skip` is None, of the simulation's own numbers alone.
 
     Raises:
         RecordingError: no stretch of the recordings is as long as the filter.
@@ -130,11 +102,6 @@ def build(model: Model, session: Session, skip: Sequence[str] | None, show: Prog
     hypotheses = [] if skip is None else propose(model, motion, (*skip, CONTACT))
     dry = dry_friction(model, made)
     table = build_table(task, model, build_groups(model, made[0].motion, hypotheses, dry), made, dry)
-    periods = tuple(_period(part) for part in parts)
+    periods = tuple(find_period(longest_piece(part).q, 1 / part[1].period) for part in parts)
     noise = measure_noise(table, periods, task.band.rate / task.band.factor).white()
     return Dataset(task, model, made, periods, table, noise), whitened(table, noise)
-
-
-def _period(part: Part) -> float | None:
-    """Period of the motion in a recording [s]; None if it does not repeat."""
-    return find_period(longest_piece(part).q, 1 / part[1].period)

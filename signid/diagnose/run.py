@@ -20,14 +20,14 @@ from ..types import Progress, Recording
 from .data.dataset import Dataset
 from .data.hypotheses import is_transient
 from .evidence.bayes_factors import Evidence
-from .evidence.knowledge import stated_prior
-from .evidence.posterior_odds import Posterior, StatedBodies
+from .evidence.prior import stated_prior
+from .evidence.selection import Posterior, StatedBodies
 from .extend.holdout import compare, predict
 from .findings.alternatives import limit_in_step, replace_weak
 from .findings.findings import conclude
 from .findings.held_out_prediction import add_empirical_torque, holdout_warnings, keep_given_if_worse
 from .findings.verdict import decide_verdict
-from .preparation import build_in_time, prepare_session, with_held_out
+from .preparation import build_in_time, prepare_session
 from .result import Diagnosis
 from .search.iterate import SearchResult, select
 from .search.prune import prune
@@ -66,13 +66,10 @@ def diagnose(
     show, options = progress or _no_progress, replace(options or Options(), effects=())
     healthy = diagnose(model, reference, skip=skip, options=options, progress=progress) if reference else None
     given, notes = restrict_joints(model, [*recordings, *held_out])
-    friction = replace(options, effects=EFFECT_NAMES)  # the search for signs needs it
-    recovered = prepare_and_recover(
-        given.robot, recordings, held_out, options=options, unsigned=friction, progress=progress
-    )
+    signs = replace(options, effects=EFFECT_NAMES)  # the search for signs needs friction
+    recovered = prepare_and_recover(given.robot, recordings, held_out, options=options, unsigned=signs, progress=show)
     model = restrict_joints(_lasting(healthy.model), [*recordings, *held_out])[0] if healthy else given
     session, faults = prepare_session(model, recovered, options, show)
-    session = with_held_out(model, session)
     dataset, data = build_in_time(model, session, skip, show)
     evidence = Evidence(data, stated_prior(model, data.groups))
     dataset, selection, disagreement = _search(dataset, _posterior(model, evidence, skip), skip, healthy, show)
@@ -147,7 +144,7 @@ def _posterior(model: Model, evidence: Evidence, skip: Sequence[str]) -> Posteri
     """Evidence with the priors of the library."""
     bodies = tuple(own_body(model.robot, j) for j in range(len(model.robot.joints)))
     own = StatedBodies(build_base(model.robot), model.whole_inertials())
-    return Posterior(evidence, len(list(EFFECTS)), len(skip), bodies, own)
+    return Posterior(evidence, len(list(EFFECTS)) - len(skip), bodies, own)
 
 
 def _roll_out(

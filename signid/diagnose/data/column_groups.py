@@ -15,19 +15,18 @@ from ...regression.projection import least_squares
 from ...types import Array, Law
 from .hypotheses import Hypothesis, is_refitted
 from .motions import Piece
-from .thresholds import (
-    CENTRE_STD,
-    FRICTION_STD,
-    INERTIA_STD,
-    LAW_STD,
-    MASS_STD,
-    MIN_MASS,
-    OFFSET_STD,
-    REVERSAL_LEAD,
-    REVERSAL_STD,
-    REVERSAL_WIDTHS,
-)
 
+FRICTION_STD = 0.1  # [1] friction and torque offsets, as a share of the coefficient. Heuristic: day-to-day change
+LAW_STD = 0.03  # [1] coefficients of all other laws, as a share. Heuristic
+OFFSET_STD = 0.05  # [1] lower bound for a torque offset, as a share of the joint's dry friction. Heuristic
+MASS_STD = 0.05  # [1] mass, as a share. Prototype
+CENTRE_STD = 0.005  # [m] centre of mass. Prototype
+INERTIA_STD = 0.1  # [1] moments of inertia, as a share of the largest. Prototype
+MIN_MASS = 0.05  # [kg] lower bound of the mass that the shares refer to. Heuristic
+FLAT_PRECISION = 1e-6  # [1] precision of a flat prior, as a share of the Gram's diagonal. Prototype
+REVERSAL_STD = 0.7  # [1] prior std of the three shape columns, as a share of the joint's dry friction. Prototype
+REVERSAL_WIDTHS = (0.3, 3.0)  # [1] steeper and softer reversal, over the presumed width. Prototype
+REVERSAL_LEAD = 0.008  # [s] friction may change sign before the velocity: one sample at 125 Hz. Prototype
 MASSLESS = 1e-6  # [kg] a body below this mass has no centre of mass. Heuristic
 DRY_STRIDE = 8  # every 8th sample is used for the rough estimate of dry friction. Heuristic
 LAYOUT_SAMPLES = 64  # samples of the motion from which columns are counted
@@ -50,11 +49,6 @@ class Group:
         assert self.hypothesis is not None, "a nuisance term is no hypothesis"
         return self.hypothesis
 
-    @property
-    def place(self) -> slice:
-        """Slice of its columns."""
-        return slice(self.start, self.start + self.size)
-
 
 class Nuisance(NamedTuple):
     """One nuisance term, fitted beside every hypothesis."""
@@ -66,24 +60,16 @@ class Nuisance(NamedTuple):
 
 
 def nuisances(model: Model, motion: Motion, dry: Array) -> Iterator[Nuisance]:
-    """Nuisance terms X a in the order of their columns.
+    """Nuisance terms X a in the order of their columns, each with its prior; dry friction `dry` (n,) [N.m or N].
 
-    Coefficients of the laws that the simulation states, the shape of dry friction near velocity reversals, and all
-    inertial parameters, each with its prior.
-
-    Args:
-        model: the simulation.
-        motion: motion along which the columns are computed.
-        dry: (n,) dry friction of each joint [N.m or N].
+    They are coefficients of stated laws, shapes of dry friction near velocity reversals, and all inertial parameters.
     """
     stated = stated_friction(model)
     for law in model.laws:
         if is_refitted(law):
             rows, columns = law_columns(law, motion)
-            spread = (
-                [np.inf] * columns.shape[2] if model.covariance else law_tolerance(law, float(stated[law.joints[0]]))
-            )
-            yield Nuisance({j: columns[:, k] for k, j in enumerate(rows)}, spread, law)
+            flat, own = [np.inf] * columns.shape[2], law_tolerance(law, float(stated[law.joints[0]]))
+            yield Nuisance({j: columns[:, k] for k, j in enumerate(rows)}, flat if model.covariance else own, law)
     for j in np.flatnonzero(dry > 0).tolist():
         yield Nuisance({j: _reversal_columns(motion, j)}, [REVERSAL_STD * float(dry[j])] * 3)
     for body, spread in enumerate(tolerance(model).tolist()):
@@ -92,12 +78,7 @@ def nuisances(model: Model, motion: Motion, dry: Array) -> Iterator[Nuisance]:
 
 
 def law_tolerance(law: Law, dry: float) -> list[float]:
-    """(k,) prior standard deviations of the coefficients of a stated law [unit of each].
-
-    Args:
-        law: law with all its parameters.
-        dry: dry friction of its joint [N.m or N].
-    """
+    """(k,) prior standard deviations of the coefficients of a stated law [unit of each]; `dry`: friction [N.m or N]."""
     share = FRICTION_STD if law.effect.dissipative or law.effect.name == "torque_offset" else LAW_STD
     least = OFFSET_STD * dry if law.effect.name == "torque_offset" else 0.0
     return [max(share * abs(x), least, 1e-9) for x in law.effect.coefficients(law.parameters)]
@@ -111,8 +92,7 @@ def tolerance(model: Model) -> Array:
         about, lever = np.diag(inertia.inertia), np.abs(inertia.lever)
         if abs(inertia.mass) < MASSLESS:  # no centre of mass
             about, lever = inertia.toDynamicParameters()[[4, 6, 9]], np.abs(inertia.mass * inertia.lever) / mass
-        moment = INERTIA_STD * float(np.max(np.abs(about) + mass * (lever @ lever)))
-        moment = max(moment, mass * CENTRE_STD**2)
+        moment = max(INERTIA_STD * float(np.max(np.abs(about) + mass * (lever @ lever))), mass * CENTRE_STD**2)
         half = moment / 2
         first = np.hypot(MASS_STD * mass * lever, CENTRE_STD * mass)
         out.append([MASS_STD * mass, *first, moment, half, moment, half, half, moment])
@@ -128,30 +108,21 @@ def _reversal_columns(motion: Motion, joint: int) -> Array:
     return np.column_stack([*(np.clip(v / (w * slow), -1, 1) - presumed for w in REVERSAL_WIDTHS), early - presumed])
 
 
-def _largest_dry(law: Law) -> float:
-    """Largest dry friction parameter of a law [N.m or N]."""
-    keys = [key for key, kind in law.effect.linear().items() if kind.unit == "N.m"]
-    return max((abs(law.parameters[key]) for key in keys), default=0.0)
-
-
 def stated_friction(model: Model) -> Array:
     """(n,) dry friction of each joint in the simulation [N.m or N]."""
     found = np.zeros(len(model.robot.joints))
     for law in (law for law in model.laws if law.effect.reverses and law.effect.scope == "joint"):
-        found[law.joints[0]] += _largest_dry(law)
+        keys = [key for key, kind in law.effect.linear().items() if kind.unit == "N.m"]
+        found[law.joints[0]] += max((abs(law.parameters[key]) for key in keys), default=0.0)
     return found
 
 
 def dry_friction(model: Model, pieces: Sequence[Piece]) -> Array:
     """(n,) dry friction of each joint [N.m or N]: stated, plus a rough estimate from the residual."""
     found = stated_friction(model)
-    few = [piece.motion[::DRY_STRIDE] for piece in pieces]
+    few = [(piece.motion[::DRY_STRIDE], piece.residual[::DRY_STRIDE]) for piece in pieces]
     for j in range(len(found)):
-        rows = [
-            np.column_stack([_rough_columns(m, j), p.residual[::DRY_STRIDE, j]])
-            for m, p in zip(few, pieces, strict=True)
-        ]
-        x = np.concatenate(rows)
+        x = np.concatenate([np.column_stack([_rough_columns(motion, j), y[:, j]]) for motion, y in few])
         x = x[np.isfinite(x).all(axis=1)]
         if len(x):
             found[j] += max(float(least_squares(x[:, :-1], x[:, -1], 1e-6)[0]), 0.0)
@@ -165,14 +136,7 @@ def _rough_columns(motion: Motion, joint: int) -> Array:
 
 
 def build_groups(model: Model, motion: Motion, hypotheses: Sequence[Hypothesis], dry: Array) -> list[Group]:
-    """Groups of all columns: nuisance terms first, then the hypotheses in their order.
-
-    Args:
-        model: the simulation.
-        motion: any motion of the recordings.
-        hypotheses: hypotheses of the search.
-        dry: (n,) dry friction of each joint [N.m or N].
-    """
+    """Groups of all columns: nuisance terms first, then the hypotheses; dry friction `dry` (n,) [N.m or N]."""
     out, at = list[Group](), 0
     for found in nuisances(model, motion[:LAYOUT_SAMPLES], dry):
         size = len(found.deviation)

@@ -11,10 +11,10 @@ import numpy as np
 from ...model import Model
 from ...regression.filters import Decimator
 from ...regression.rows import Task
-from ...types import Array, Frozen
+from ...types import Array, Frozen, Law
 from .column_groups import Group
 from .hypotheses import Hypothesis
-from .motions import Piece, row_filter, thinned
+from .motions import Piece, row_filter, torque_of
 from .noise import Noise
 from .normal_equations import Fitted
 from .rows import RowTable
@@ -39,32 +39,20 @@ class Dataset(Frozen):
         return row_filter(self.task)
 
     def thinned(self, columns: Sequence[Mapping[int, Array]]) -> dict[int, Array]:
-        """Filter and decimate columns: per joint (M, k) [torque per coefficient].
-
-        Args:
-            columns: for each piece, per joint (N, k) [torque per coefficient] at the rate of the pieces.
-        """
-        return thinned(self.thin, columns)
+        """Filter and decimate columns of each piece, per joint (N, k): per joint (M, k) [torque per coefficient]."""
+        return {j: np.concatenate([self.thin(made[j]) for made in columns]) for j in columns[0]}
 
     def columns(self, hypothesis: Hypothesis) -> dict[int, Array]:
         """Rows of a hypothesis: per joint (M, k) [torque per coefficient]."""
         return self.thinned([hypothesis.columns(piece.motion) for piece in self.pieces])
 
-    def whiten(self, columns: Mapping[int, Array]) -> dict[int, Array]:
-        """Whiten columns against noise and discrepancy: per joint (M', k) [1 per coefficient].
-
-        Args:
-            columns: per joint (M, k) [torque per coefficient].
-        """
-        return self.whitening(columns)
+    def torque(self, law: Law) -> dict[int, Array]:
+        """Rows of the torque of a law with all its parameters: per joint (M,) [N.m or N]."""
+        made = [{j: x[:, None] for j, x in torque_of(law, piece.motion).items()} for piece in self.pieces]
+        return {j: x[:, 0] for j, x in self.thinned(made).items()}
 
     def remaining(self, data: Whitened, fit: Fitted) -> Array:
-        """(M, n) [N.m or N] residual y - X a - S b of a fit.
-
-        Args:
-            data: columns of the rows.
-            fit: the fit.
-        """
+        """(M, n) [N.m or N] residual y - X a - S b of a fit."""
         rest = self.table.residual.copy()
         for j in range(data.joints):
             at = data.at[j, fit.which]
@@ -77,19 +65,10 @@ class Dataset(Frozen):
         return Whitening(self.table, self.noise)
 
 
-def append(
-    dataset: Dataset, data: Whitened, hypothesis: Hypothesis, columns: Mapping[int, Array]
-) -> tuple[Whitened, Group]:
-    """Append the columns of one hypothesis to the whitened rows.
-
-    Args:
-        dataset: dataset that has the noise model.
-        data: whitened rows.
-        hypothesis: hypothesis of the columns.
-        columns: per joint (M, k) [torque per coefficient].
-    """
-    size = hypothesis.size
-    group, white = Group(data.count, size, hypothesis), dataset.whiten(columns)
+def append(dataset: Dataset, data: Whitened, hypothesis: Hypothesis) -> tuple[Whitened, Group]:
+    """Append the columns of one hypothesis to the whitened rows."""
+    size, columns = hypothesis.size, dataset.columns(hypothesis)
+    group, white = Group(data.count, size, hypothesis), dataset.whitening(columns)
     place, torque, made = list(data.place), list(data.torque), list(data.columns)
     for j, x in columns.items():
         place[j] = np.append(place[j], range(group.start, group.start + size)).astype(np.intp)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from ...effects import EFFECTS
-from ...effects.base import BodyLaw, Effect, RecordingLaw, TorqueLaw, of_kind
+from ...effects.base import BodyLaw, RecordingLaw, TorqueLaw, of_kind
 from ...effects.law import coefficient_count, hypotheses, law_columns
 from ...model import Model
 from ...regression.motion import Motion
@@ -90,30 +91,24 @@ class Hypothesis:
 
 
 def finite(x: Array) -> Array:
-    """Set columns with overflow or NaN to zero: a law without finite columns explains nothing.
-
-    Args:
-        x: (N, k) [torque per coefficient].
-    """
+    """Set columns x (N, k) [torque per coefficient] with overflow or NaN to zero: such a law explains nothing."""
     usable = np.abs(x).max(axis=0, initial=0.0) < OVERFLOW  # False for NaN
     return x if usable.all() else np.where(usable, x, 0.0)
 
 
 def propose(model: Model, motion: Motion, skip: Sequence[str] = ()) -> list[Hypothesis]:
-    """List all hypotheses of a search.
+    """List all hypotheses of a search; the grids of shapes are chosen from a motion.
 
-    Args:
-        model: the simulation; where it has a law, the hypothesis is that the law's size is wrong.
-        motion: motion from which the grids of shapes are chosen.
-        skip: names of effects that are left out.
+    Where the simulation has a law, the hypothesis is that the law's size is wrong.
     """
     known = {(law.effect.name, law.joints): law for law in model.laws if any(law.effect.coefficients(law.parameters))}
+    shaped = [Law(x.effect, x.joints, shape) for x in known.values() if (shape := x.effect.shape(x.parameters))]
     n = len(motion.robot.joints)
     found = [
         Hypothesis((law,), stated=_stated(known.get((effect.name, law.joints)), law))
         for effect in EFFECTS
         if effect.name not in skip
-        for law in [*_as_stated(effect, known), *hypotheses(effect, motion, n)]
+        for law in [*(x for x in shaped if x.effect is effect), *hypotheses(effect, motion, n)]
         if law.effect.possible(motion.at(law.joints), **law.parameters)
     ]
     return [*found, *_scaled_links(model, skip), *_friction(set(known), n, skip), *_unknown(motion)]
@@ -127,16 +122,8 @@ def _scaled_links(model: Model, skip: Sequence[str]) -> Iterator[Hypothesis]:
     for joint in range(len(model.robot.joints) - 1):
         own = bodies[own_body(model.robot, joint)]
         if own[0] > 0:
-            yield Hypothesis(
-                (Law(effect, (joint,), dict(zip(effect.parameters, own.tolist(), strict=True))),), scaled=True
-            )
-
-
-def _as_stated(effect: Effect, known: Mapping[Key, Law]) -> Iterator[Law]:
-    """Laws of the simulation that have a shape, at that shape."""
-    for law in known.values():
-        if law.effect is effect and _shaped(law):
-            yield Law(effect, law.joints, effect.shape(law.parameters))
+            law = Law(effect, (joint,), dict(zip(effect.parameters, own.tolist(), strict=True)))
+            yield Hypothesis((law,), scaled=True)
 
 
 def _stated(known: Law | None, law: Law) -> Law | None:
@@ -147,13 +134,9 @@ def _stated(known: Law | None, law: Law) -> Law | None:
 
 def pooled(motions: Sequence[Motion]) -> Motion:
     """Concatenate the samples of motions; the result has no meaningful derivatives across their borders."""
-
-    def joined(name: str) -> Array:
-        return np.concatenate([getattr(motion, name) for motion in motions])
-
-    one = motions[0]
-    t, q, v, a, recorded, predicted = (joined(name) for name in ("t", "q", "v", "a", "recorded", "predicted"))
-    return Motion(one.robot, t, q, v, a, recorded=recorded, predicted=predicted, slow=one.slow)
+    names = ("t", "q", "v", "a", "recorded", "predicted")
+    joined: dict[str, Any] = {name: np.concatenate([getattr(one, name) for one in motions]) for name in names}
+    return replace(motions[0], **joined)
 
 
 def variable(motion: Motion, joint: int, name: str) -> Array:
@@ -166,45 +149,30 @@ def variable(motion: Motion, joint: int, name: str) -> Array:
 
 
 def hats(x: Array, knots: Sequence[float]) -> Array:
-    """(N, k - 1) [1] hat functions of x, without the first, which depends linearly on the others and a constant.
-
-    Args:
-        x: (N,) [any unit].
-        knots: (k,) [unit of x].
-    """
+    """(N, k - 1) [1] hat functions of x (N,) [any unit], without the first: the others and a constant make it."""
     return np.column_stack([np.interp(x, knots, row) for row in np.eye(len(knots))[1:]])
 
 
 def _secant(law: Law, motion: Motion) -> tuple[tuple[int, ...], Array]:
     """Torque change by a recording law with one coefficient at its full size, over that size."""
     (key,) = law.effect.linear()
-    change = (
-        of_kind(law.effect, RecordingLaw).change(motion.at(law.joints), law.parameters, exactly=True)
-        / law.parameters[key]
-    )
+    change = of_kind(law.effect, RecordingLaw).change(motion.at(law.joints), law.parameters, exactly=True)
     wide = change.shape[1] != len(law.joints) or law.effect.scope == "link"
-    return tuple(range(change.shape[1])) if wide else law.joints, change[..., None]
+    return tuple(range(change.shape[1])) if wide else law.joints, change[..., None] / law.parameters[key]
 
 
 def is_refitted(law: Law) -> bool:
     """Whether the coefficients of a law of the simulation are nuisance parameters.
 
-    True for torque laws and rotor inertias of nonzero size. Other laws are kept as stated; an error of their size is a
-    hypothesis.
+    True for torque laws and rotor inertias of nonzero size; an error of another law's size is a hypothesis.
     """
-    there = any(law.effect.coefficients(law.parameters))
-    return there and (
-        isinstance(law.effect, TorqueLaw) or law.effect.scope == "joint" and isinstance(law.effect, BodyLaw)
-    )
+    rotor = law.effect.scope == "joint" and isinstance(law.effect, BodyLaw)
+    return any(law.effect.coefficients(law.parameters)) and (isinstance(law.effect, TorqueLaw) or rotor)
 
 
 def is_transient(law: Law) -> bool:
     """Whether a law has a start and an end: a one-off event that other data neither predict nor are predicted by."""
     return {"start", "end"} <= set(law.effect.parameters)
-
-
-def _shaped(law: Law) -> bool:
-    return bool(law.effect.shape(law.parameters))
 
 
 def _friction(known: set[Key], n: int, skip: Sequence[str]) -> Iterator[Hypothesis]:

@@ -1,4 +1,4 @@
-"""Locate a torque: the variable that it depends on most, and the region where it is largest."""
+"""Locate a torque: the variable that it depends on most, the region where it is largest, its strongest sine."""
 
 from __future__ import annotations
 
@@ -8,10 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...regression.projection import leave
+from ...regression.projection import least_squares, leave
 from ...types import Array, Mask
 from .hypotheses import VARIABLES, hats
-from .periodicity import Wave, find_wave
 from .rows import RowTable
 
 EXPLAINED_KNOTS = 9  # knots of the piecewise linear function of a variable. Heuristic
@@ -19,6 +18,40 @@ REGION_SHARES = (0.1, 0.2, 0.33, 0.5)  # [1] shares of the rows that regions hol
 DIGITS = 2  # significant digits of printed numbers
 FREQUENCY_TOLERANCE = 0.05  # [1] relative difference of frequencies that count as one wave. Heuristic
 UNITS = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s2", "torque": "N.m", "time": "s"}
+
+
+MIN_CYCLES = 3.0  # [1] cycles in the signal, at least: a slower sine is drift. Heuristic
+OVERSAMPLING = 16  # frequencies of the periodogram for each that the length resolves. Heuristic
+MIN_SAMPLES = 32  # samples; in a shorter signal no sine is sought. Heuristic
+
+
+class Wave(NamedTuple):
+    """A sine that was fitted to a signal."""
+
+    frequency: float  # [Hz]
+    signal: Array  # (N,) [unit of the signal] the sine
+    share: float  # share of the signal's sum of squares [1]
+
+
+def find_wave(x: Array, rate: float) -> Wave:
+    """Fit a sine to x (N,) [any unit]: frequency at the peak of an oversampled periodogram, size by least squares.
+
+    Source: Schuster's periodogram, as in Stoica, Moses, Spectral Analysis of Signals, 2005, section 4.3.
+    """
+    whole = float(x @ x)
+    if len(x) < MIN_SAMPLES or whole == 0:
+        return Wave(0.0, np.zeros_like(x), 0.0)
+    lowest = int(MIN_CYCLES * OVERSAMPLING)
+    power = np.abs(np.fft.rfft(x, OVERSAMPLING * len(x))) ** 2
+    k = lowest + int(np.argmax(power[lowest:-1]))
+    before, here, after = power[k - 1 : k + 2].tolist()
+    bend = before - 2 * here + after
+    peak = k + ((before - after) / bend / 2 if bend < 0 else 0.0)  # vertex of the parabola through three points
+    frequency = peak * rate / (OVERSAMPLING * len(x))
+    angle = 2 * np.pi * frequency / rate * np.arange(len(x))
+    columns = np.column_stack([np.cos(angle), np.sin(angle)])
+    signal = np.asarray(columns @ least_squares(columns, x))
+    return Wave(frequency, signal, float(signal @ signal) / whole)
 
 
 class Location(NamedTuple):
@@ -34,15 +67,7 @@ class Location(NamedTuple):
 def locate(
     table: RowTable, joint: int, torque: Array, prismatic: bool = False, variables: Sequence[str] = VARIABLES
 ) -> Location:
-    """Find the variable of a joint that torque depends on most, and the region where it is densest.
-
-    Args:
-        table: rows.
-        joint: joint whose variables are tried.
-        torque: (M,) residual, or the torque of an effect [N.m or N].
-        prismatic: whether the joint is prismatic.
-        variables: names of the variables to try.
-    """
+    """Find the variable of a joint that torque (M,) [N.m or N] depends on most, and the region where it is densest."""
     explained = {name: _explained(table.variable(joint, name), torque) for name in variables}
     best = max(explained, key=lambda name: explained[name])
     wave = _wave(table, torque) if "time" in variables else None
@@ -63,11 +88,8 @@ def _wave(table: RowTable, torque: Array) -> Wave | None:
     longest = max(waves, key=lambda wave: len(wave.signal))
     if not longest.share:
         return None
-    own = sum(
-        float(wave.signal @ wave.signal)
-        for wave in waves
-        if abs(wave.frequency / longest.frequency - 1) < FREQUENCY_TOLERANCE
-    )
+    same = [wave for wave in waves if abs(wave.frequency / longest.frequency - 1) < FREQUENCY_TOLERANCE]
+    own = sum(float(wave.signal @ wave.signal) for wave in same)
     return longest._replace(share=own / max(float(torque @ torque), 1e-300))
 
 
@@ -86,19 +108,14 @@ def _explained(x: Array, torque: Array) -> float:
 def _regions(name: str, x: Array, unit: str) -> Iterator[tuple[str, Mask]]:
     """Regions of the range of a variable: text and mask of the rows."""
     if name in ("velocity", "acceleration", "torque"):
+        inside, outside = ("slower than", "faster than") if name == "velocity" else ("within", "beyond")
         size = np.abs(x)
         yield f"above 0 {unit}", x > 0
         yield f"below 0 {unit}", x < 0
         for share in REGION_SHARES:
             low, high = np.quantile(size, [share, 1 - share])
-            yield (
-                f"slower than {low:.{DIGITS}g} {unit}" if name == "velocity" else f"within {low:.{DIGITS}g} {unit}",
-                (size <= low),
-            )
-            yield (
-                f"faster than {high:.{DIGITS}g} {unit}" if name == "velocity" else f"beyond {high:.{DIGITS}g} {unit}",
-                (size >= high),
-            )
+            yield f"{inside} {low:.{DIGITS}g} {unit}", size <= low
+            yield f"{outside} {high:.{DIGITS}g} {unit}", size >= high
         return
     for share in REGION_SHARES:
         edges = np.quantile(x, np.arange(0, 1 + 1e-9, share))

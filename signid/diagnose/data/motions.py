@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
@@ -21,8 +21,8 @@ from ...regression.motion import Motion, build_motion, margin
 from ...regression.rows import Task
 from ...regression.session import Part, Session
 from ...types import Array, Law, Robot
-from .thresholds import REVERSAL_TIME_STD
 
+REVERSAL_TIME_STD = 0.006  # [s] standard deviation of the time of a reversal. Heuristic
 PIECE_SAMPLES = 2**14  # samples of a piece at the rate of the rows, at most: limits memory
 
 # Amount of recordings that is used. The work of columns grows with the square of the number of joints.
@@ -46,16 +46,10 @@ class Piece(NamedTuple):
 
 
 def pieces(task: Task, model: Model, recordings: Sequence[Part]) -> Iterator[Piece]:
-    """Split recordings into pieces; spans that are too short for the filter of the rows are left out.
-
-    Args:
-        task: task with the band and the width of a reversal.
-        model: the simulation.
-        recordings: recordings and their sampling.
-    """
+    """Split recordings into pieces; spans that are too short for the filter of the rows are left out."""
     robot = replace(model.robot, model=bodies_without_rotors(model))
-    edge, half = margin(task.band, task.recorded_derivatives), len(task.band.taps) // 2
-    parts = task.parts
+    parts, derivatives = task.parts, task.recorded_derivatives
+    edge, half = margin(task.band, derivatives), len(task.band.taps) // 2
     for k, (recording, sampling) in enumerate(recordings):
         for span in sampling.spans:
             total = sampling.length(span) - 2 * edge
@@ -63,9 +57,7 @@ def pieces(task: Task, model: Model, recordings: Sequence[Part]) -> Iterator[Pie
             cuts = np.linspace(0, total, count + 1).astype(int).tolist() if total > 0 else []
             for start, stop in ((a, b) for a, b in pairwise(cuts) if b - a > 2 * half):
                 window = samples(recording, sampling, span, start, stop + 2 * edge)
-                motion = build_motion(
-                    model.robot, window, task.band, sampling.period, task.recorded_derivatives, task.slow
-                )
+                motion = build_motion(model.robot, window, task.band, sampling.period, derivatives, task.slow)
                 yield _piece(task, model, _thinned_motion(motion, task.band, parts), robot, k)
 
 
@@ -90,37 +82,16 @@ def _thinned_motion(motion: Motion, band: Band, parts: int) -> Motion:
     return replace(motion, recorded=calm)[::parts]
 
 
-def thinned(thin: Decimator, columns: Sequence[Mapping[int, Array]]) -> dict[int, Array]:
-    """Filter and decimate columns: per joint (M, k) [torque per coefficient].
-
-    Args:
-        thin: low-pass filter and decimation of columns and torque.
-        columns: for each piece, per joint (N, k) [torque per coefficient] at the rate of the pieces.
-    """
-    return {j: np.concatenate([thin(made[j]) for made in columns]) for j in columns[0]}
-
-
 def torque_of(law: Law, motion: Motion) -> dict[int, Array]:
     """Torque of a law with all its parameters: per joint (N,) [N.m or N]."""
     rows, torque = law_torque(law, motion)
     return {j: torque[:, k] for k, j in enumerate(rows)}
 
 
-def torque_rows(thin: Decimator, pieces: Sequence[Piece], law: Law) -> dict[int, Array]:
-    """Rows of the torque of a law with all its parameters: per joint (M,) [N.m or N]."""
-    made = [{j: x[:, None] for j, x in torque_of(law, piece.motion).items()} for piece in pieces]
-    return {j: x[:, 0] for j, x in thinned(thin, made).items()}
-
-
 def reversal_uncertainty(thin: Decimator, pieces: Sequence[Piece], dry: Array) -> Array:
-    """(M, n) [N.m or N] standard deviation of torque near velocity reversals, from their unknown time.
+    """(M, n) [N.m or N] standard deviation of torque near velocity reversals; dry friction `dry` (n,) [N.m or N].
 
     The time at which friction changes sign is not observed between samples, nor while dry friction holds the joint.
-
-    Args:
-        thin: low-pass filter and decimation of columns and torque.
-        pieces: pieces with their motion.
-        dry: (n,) dry friction of each joint [N.m or N].
     """
     turns = (np.gradient(piece.motion.direction, piece.motion.dt, axis=0) for piece in pieces)
     return np.asarray(np.abs(np.concatenate([thin(REVERSAL_TIME_STD * dry * turn) for turn in turns])))
@@ -136,10 +107,7 @@ def _piece(task: Task, model: Model, motion: Motion, robot: Robot, k: int) -> Pi
 
 
 def subsample(session: Session) -> Session:
-    """Cut recordings that are longer than needed, or than the time limit allows, to evenly spread stretches.
-
-    The session gets a note where that happens.
-    """
+    """Cut recordings longer than needed, or than the time limit allows, to evenly spread stretches, with a note."""
     joints = len(session.robot.joints)
     seconds = max(MIN_SECONDS, JOINT_SECONDS / joints**2)
     soon = SECONDS_PER_SECOND * seconds_left() / joints**2
@@ -147,9 +115,7 @@ def subsample(session: Session) -> Session:
         soon = GROWTH * max(soon, 1.0)
     seconds = min(seconds, soon)
     train, held_out = (_cut(parts, seconds) for parts in (session.train, session.held_out))
-    whole, used = (
-        sum(s.duration for _, s in parts) for parts in ((*session.train, *session.held_out), train + held_out)
-    )
+    whole, used = _duration((*session.train, *session.held_out)), _duration(train + held_out)
     if used >= whole:
         return session
     note = f"{used:.0f} s of the {whole:.0f} s of recordings were used, in evenly spread stretches"
@@ -161,9 +127,13 @@ def _suffices(session: Session, parts: tuple[Part, ...]) -> bool:
     return amount.rows >= SPARE_ROWS * PER_UNKNOWN * amount.unknowns
 
 
+def _duration(parts: tuple[Part, ...]) -> float:
+    return sum(sampling.duration for _, sampling in parts)
+
+
 def _cut(parts: tuple[Part, ...], seconds: float) -> tuple[Part, ...]:
     """Cut all recordings by the same factor to a total duration [s]."""
-    whole = sum(sampling.duration for _, sampling in parts)
+    whole = _duration(parts)
     if whole <= seconds:
         return parts
     return tuple((recording, select_stretches(s, seconds * s.duration / whole)) for recording, s in parts)

@@ -11,24 +11,25 @@ from numpy.lib.stride_tricks import sliding_window_view
 from ...effects.base import ActuatorLaw
 from ...regression.projection import least_squares
 from ...types import Array, Frozen, Indices, Mask
-from .periodicity import find_wave
+from .locate import find_wave
 from .rows import RowTable
-from .thresholds import (
-    AR_ORDER,
-    MAX_AR_ROOT,
-    MIN_MOVING,
-    MIN_RELIABLE,
-    OUTLIER,
-    QUIET_SHARE,
-    RELIABLE_STD,
-    REPLICATE_FACTOR,
-    REPLICATE_STRETCHES,
-    REVERSAL_SCALES,
-    ROWS_PER_DIRECTION,
-    SHAPES_IN_FIT,
-    WAVE_SHARE,
-)
 
+REVERSAL_SCALES = (0.0, 0.3, 0.6, 1.0, 1.3, 1.7, 2.2, 3.0)  # [1] grid of the scale of that deviation. Heuristic
+AR_ORDER = 4  # order of the autoregressive model. Prototype
+MAX_AR_ROOT = 0.75  # [1] largest root: slower correlation is drift, friction or discrepancy. Heuristic
+ROWS_PER_DIRECTION = 3.0  # [1] least number of rows for each direction of the saturated fit. Prototype
+REPLICATE_FACTOR = 1.06  # [1] corrects the rms of replicates for the discarded stretches. Prototype
+QUIET_SHARE = 0.85  # [1] share of the stretches of replicates that is kept. Prototype
+REPLICATE_STRETCHES = 8  # stretches of each piece. Heuristic
+RELIABLE_STD = 0.003  # [1] rows count for noise if their reversal std is below this share of torque. Heuristic
+OUTLIER = 12.0  # [1] larger residuals, over their median size, are no noise (ends of a contact window). Heuristic
+MIN_RELIABLE = 0.3  # [1] least share of reliable rows; with fewer, all rows are used. Heuristic
+MIN_MOVING = 50  # rows in motion; with fewer, rows at rest are used too. Heuristic
+WAVE_SHARE = 0.5  # [1] a sine with more than this share of a residual's power is a disturbance. Heuristic
+SHAPES_IN_FIT = 6  # shapes of one hypothesis that enter the saturated fit. Heuristic
+MIN_PERIOD = 1.0  # [s] shortest period of a motion. Heuristic
+MAX_PERIOD = 0.55  # [1] longest period, as a share of the recording: nearly two periods are compared. Heuristic
+PERIOD_TOLERANCE = 0.01  # [1] rms difference of two periods, over the standard deviation of positions. Heuristic
 RANK = 1e-4  # [1] smallest singular value that counts, over the largest, of scaled columns. Heuristic
 MIN_REVERSAL_ROWS = 6  # rows near reversals; with fewer, the scale is not estimated. Heuristic
 CHI2_MEDIAN = 0.455  # [1] median of the chi-squared distribution with one degree of freedom
@@ -53,11 +54,6 @@ class Noise(Frozen):
 def measure_noise(table: RowTable, periods: Sequence[float | None], rate: float) -> Noise:
     """Estimate the noise from the residual of all columns, or from repetitions of the motion if that gives less noise.
 
-    Args:
-        table: rows.
-        periods: [s] period of the motion in each recording, None where it does not repeat.
-        rate: rate of the rows [Hz].
-
     Source: autoregressive prewhitening as in Ljung, System Identification, 1999, section 14.4.
     """
     used = _columns_in_fit(table)
@@ -66,27 +62,33 @@ def measure_noise(table: RowTable, periods: Sequence[float | None], rate: float)
     return Noise(floor, coefficients, innovation, np.zeros(table.joints), floor, scale)
 
 
-def whiten(x: Array, coefficients: Array, innovation: float, piece: Indices) -> Array:
-    """(M', c) [1] rows after the autoregressive filter, in units of the innovation; each piece loses four rows.
+def find_period(q: Array, rate: float) -> float | None:
+    """Shortest period [s] after which all uniformly sampled positions q (N, n) [rad or m] repeat; None if none does."""
+    count, spread = len(q), q.std(0)
+    x = (q - q.mean(0))[:, spread > 1e-9] / spread[spread > 1e-9]
+    least, most = round(MIN_PERIOD * rate), int(MAX_PERIOD * count)
+    if x.shape[1] == 0 or most <= least + 2:
+        return None
+    spectrum = np.fft.rfft(x, 1 << (2 * count).bit_length(), axis=0)
+    product = np.fft.irfft(np.sum(np.abs(spectrum) ** 2, axis=1))[:count]
+    power = np.append(0.0, np.cumsum(np.sum(x**2, axis=1)))
+    lags = np.arange(count)
+    square = (power[count - lags] + power[count] - power[lags] - 2 * product) / np.maximum(count - lags, 1) / x.shape[1]
+    apart = np.sqrt(np.maximum(square, 0))[least:most]
+    lows = np.flatnonzero((apart[1:-1] <= apart[:-2]) & (apart[1:-1] <= apart[2:])) + 1
+    good = lows[apart[lows] < PERIOD_TOLERANCE]
+    return float((good[0] + least) / rate) if len(good) else None
 
-    Args:
-        x: (M, c) [N.m or N] rows.
-        coefficients: (4,) [1] autoregressive coefficients.
-        innovation: standard deviation of the innovation [N.m or N].
-        piece: (M,) piece of each row.
-    """
+
+def whiten(x: Array, coefficients: Array, innovation: float, piece: Indices) -> Array:
+    """(M', c) [1] rows x (M, c) [N.m or N] after a filter: coefficients (4,) [1]; each piece (M,) loses four rows."""
     order = len(coefficients)
     out = x[order:] - sum(c * x[order - 1 - k : len(x) - 1 - k] for k, c in enumerate(coefficients))
     return np.asarray(out[has_full_window(piece, order)] / innovation)
 
 
 def has_full_window(piece: Indices, order: int) -> Mask:
-    """(M - order,) whether the `order` rows before a row are of the same piece, from the `order`-th row on.
-
-    Args:
-        piece: (M,) piece of each row.
-        order: order of the autoregressive model.
-    """
+    """(M - order,) whether the `order` rows before a row are of the same piece (M,), from the `order`-th row on."""
     return np.asarray(piece[order:] == piece[:-order])
 
 
@@ -102,17 +104,11 @@ def _of_joint(
 
 
 def noise_of_rest(table: RowTable, joint: int, rest: Array, factor: float) -> tuple[float, Array, float]:
-    """Rms, autoregressive coefficients (4,) and innovation of one joint's noise, from the residual of a fit.
+    """Rms, autoregressive coefficients (4,) and innovation of a joint's noise, from the rest (M,) [N.m or N] of a fit.
 
-    Args:
-        table: rows.
-        joint: index of the joint.
-        rest: (M,) residual of the fit [N.m or N].
-        factor: rms of the noise over rms of the residual, which the fit reduced [1].
+    The factor is the rms of the noise over that of the rest, which the fit reduced.
     """
-    moving = ~table.at_rest[:, joint]
-    moving = moving if moving.sum() > MIN_MOVING else np.ones_like(moving)
-    run = _runs(table, moving)
+    moving, run = _in_motion(table, joint)
     parts, reversal_std = _split(rest[moving], run), _split(table.reversal_std[moving, joint], run)
     return _fit(parts, factor, _reliable(parts, reversal_std, float(table.scale[joint])))
 
@@ -132,34 +128,23 @@ def _reversal_scale(rest: Array, reversal_std: Array, floor: float) -> float:
     if near.sum() < MIN_REVERSAL_ROWS:
         return REVERSAL_SCALES[0]
     typical = [np.median(rest[near] ** 2 / (floor**2 + (scale * reversal_std[near]) ** 2)) for scale in REVERSAL_SCALES]
-    return next(
-        (scale for scale, x in zip(REVERSAL_SCALES, typical, strict=True) if x <= CHI2_MEDIAN), REVERSAL_SCALES[-1]
-    )
+    wide = (scale for scale, x in zip(REVERSAL_SCALES, typical, strict=True) if x <= CHI2_MEDIAN)
+    return next(wide, REVERSAL_SCALES[-1])
 
 
 def _saturated(table: RowTable, joint: int, used: Mask) -> tuple[list[Array], list[Array], float]:
-    """For each run, the residual of a fit of all columns and the reversal std; and the correction of its rms [1].
-
-    The fit is a truncated singular value decomposition with at most one direction for every three rows.
-    """
-    moving = ~table.at_rest[:, joint]
-    moving = moving if moving.sum() > MIN_MOVING else np.ones_like(moving)
+    """For each run, the residual of a fit of all columns and the reversal std; and the correction of its rms [1]."""
+    moving, run = _in_motion(table, joint)
     x, y = table.columns[joint][:, used[table.place[joint]]][moving], table.residual[moving, joint]
-    run = _runs(table, moving)
     size = np.nan_to_num(np.sqrt(np.mean(x**2, axis=0)), posinf=0.0)
     shown = size > 1e-9 * size.max(initial=1e-300)
     x = x[:, shown] / size[shown]
     left, singular, _ = np.linalg.svd(x, full_matrices=False)
     left = left[:, singular > RANK * singular.max(initial=0.0)]
     left = left[:, : max(1, int(len(y) / ROWS_PER_DIRECTION))]
-    rest = [_without_sine(part) for part in _split(y - left @ (left.T @ y), run)]
+    parts = [(part, find_wave(part, 1.0)) for part in _split(y - left @ (left.T @ y), run)]
+    rest = [part - wave.signal if wave.share > WAVE_SHARE else part for part, wave in parts]
     return rest, _split(table.reversal_std[moving, joint], run), float(np.sqrt(len(y) / max(len(y) - left.shape[1], 1)))
-
-
-def _without_sine(rest: Array) -> Array:
-    """The signal without its strongest sine, if that has most of the power."""
-    wave = find_wave(rest, 1.0)
-    return rest - wave.signal if wave.share > WAVE_SHARE else rest
 
 
 def _columns_in_fit(table: RowTable) -> Mask:
@@ -168,10 +153,9 @@ def _columns_in_fit(table: RowTable) -> Mask:
     for group in table.groups:
         key = None if group.hypothesis is None else group.hypothesis.key
         seen[key] = seen.get(key, 0) + 1
-        measured = group.hypothesis is not None and any(
-            isinstance(x.effect, ActuatorLaw) for x in group.hypothesis.laws
-        )
-        kept[group.place] = not measured and (key is None or seen[key] <= SHAPES_IN_FIT)
+        laws = () if group.hypothesis is None else group.hypothesis.laws
+        measured = any(isinstance(law.effect, ActuatorLaw) for law in laws)
+        kept[group.start : group.start + group.size] = not measured and (key is None or seen[key] <= SHAPES_IN_FIT)
     return kept
 
 
@@ -194,13 +178,9 @@ def _replicates(table: RowTable, joint: int, periods: Sequence[float | None], ra
 
 def _fit(pieces: Sequence[Array], factor: float, reliable: Sequence[Mask]) -> tuple[float, Array, float]:
     """Rms, coefficients and innovation from rows whose whole window is reliable; white noise if these are too few."""
-    long = [
-        (sliding_window_view(x, AR_ORDER + 1), y)
-        for x, y in zip(pieces, reliable, strict=True)
-        if len(x) > 2 * AR_ORDER
-    ]
-    windows = [x[sliding_window_view(y, AR_ORDER + 1).all(axis=1)] for x, y in long]
-    rows = np.concatenate([np.empty((0, AR_ORDER + 1)), *windows])
+    size, long = AR_ORDER + 1, [(x, y) for x, y in zip(pieces, reliable, strict=True) if len(x) > 2 * AR_ORDER]
+    windows = [sliding_window_view(x, size)[sliding_window_view(y, size).all(axis=1)] for x, y in long]
+    rows = np.concatenate([np.empty((0, size)), *windows])
     before, after = rows[:, AR_ORDER - 1 :: -1], rows[:, AR_ORDER]
     floor = float(np.sqrt(np.mean(np.concatenate([x[k] for x, k in zip(pieces, reliable, strict=True)]) ** 2)))
     coefficients, new = np.zeros(AR_ORDER), floor
@@ -220,10 +200,12 @@ def _damped(coefficients: Array) -> Array:
     return np.asarray(coefficients * min(1.0, MAX_AR_ROOT / max(slowest, MAX_AR_ROOT)) ** np.arange(1, AR_ORDER + 1))
 
 
-def _runs(table: RowTable, moving: Mask) -> Indices:
-    """(M',) index of the run of each row in motion; a run is within one piece."""
+def _in_motion(table: RowTable, joint: int) -> tuple[Mask, Indices]:
+    """Rows in motion (M,), all if these are too few, and the run (M',) of each; a run is within one piece."""
+    moving = ~table.at_rest[:, joint]
+    moving = moving if moving.sum() > MIN_MOVING else np.ones_like(moving)
     starts = (np.diff(table.piece, prepend=-1) != 0) | (np.diff(moving.astype(np.intp), prepend=0) != 0)
-    return np.cumsum(starts)[moving]
+    return moving, np.cumsum(starts)[moving]
 
 
 def _split(x: Array, piece: Indices) -> list[Array]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import NamedTuple
 
@@ -25,19 +25,11 @@ class Factor(NamedTuple):
     size: Array  # (f,) [1 per coefficient] square root of the diagonal before scaling
 
     def forward(self, rows: Array) -> Array:
-        """(f, m) [1 per coefficient] forward substitution: lower^-1 rows.
-
-        Args:
-            rows: (f, m) [1 per coefficient, squared].
-        """
+        """(f, m) [1 per coefficient] forward substitution lower^-1 rows; rows (f, m) [1 per coefficient, squared]."""
         return np.asarray(solve_triangular(self.lower, rows / self.size[:, None], lower=True))
 
     def backward(self, below: Array) -> Array:
-        """(f, m) [unit of each coefficient] back substitution: lower^-T below.
-
-        Args:
-            below: (f, m) [1] result of the forward substitution.
-        """
+        """(f, m) [unit of each coefficient] back substitution lower^-T below; below (f, m) [1]."""
         return np.asarray(solve_triangular(self.lower, below, lower=True, trans="T") / self.size[:, None])
 
 
@@ -69,11 +61,7 @@ class Fitted(NamedTuple):
         return out
 
     def restricted(self, free: Mask) -> Fitted:
-        """Fit again with all coefficients zero except some.
-
-        Args:
-            free: (k,) coefficients that are fitted.
-        """
+        """Fit again with all coefficients zero except those that are free (k,)."""
         value, before = np.zeros(len(self.which)), self.value
         for one in self.factors:
             inside = free[one.place]
@@ -84,68 +72,43 @@ class Fitted(NamedTuple):
         return self.with_value(value)
 
     def with_value(self, value: Array) -> Fitted:
-        """The same fit with other coefficients.
-
-        Args:
-            value: (k,) [unit of each coefficient].
-        """
+        """The same fit with coefficients of another value (k,) [unit of each coefficient]."""
         forward_right = np.zeros(len(self.which))
         for one in self.factors:
             forward_right[one.place] = one.lower.T @ (one.size * value[one.place])
         return self._replace(forward_right=forward_right)
 
     def forward(self, rows: Array) -> Array:
-        """(k, m) [1 per coefficient] forward substitution: lower^-1 rows.
-
-        Args:
-            rows: (k, m) [1 per coefficient, squared].
-        """
-        out = np.zeros(rows.shape)
-        for one in self.factors:
-            out[one.place] = one.forward(rows[one.place])
-        return out
+        """(k, m) [1 per coefficient] forward substitution lower^-1 rows; rows (k, m) [1 per coefficient, squared]."""
+        return self._blockwise(Factor.forward, rows)
 
     def backward(self, below: Array) -> Array:
-        """(k, m) [unit of each coefficient] back substitution: lower^-T below.
+        """(k, m) [unit of each coefficient] back substitution lower^-T below; below (k, m) [1]."""
+        return self._blockwise(Factor.backward, below)
 
-        Args:
-            below: (k, m) [1] result of the forward substitution.
-        """
-        out = np.zeros(below.shape)
+    def _blockwise(self, substitute: Callable[[Factor, Array], Array], x: Array) -> Array:
+        out = np.zeros(x.shape)
         for one in self.factors:
-            out[one.place] = one.backward(below[one.place])
+            out[one.place] = substitute(one, x[one.place])
         return out
 
 
 def solve(which: Indices, gram: Array, right: Array, precision: Array) -> Fitted:
-    """Maximum a posteriori coefficients and log marginal likelihood of the rows.
+    """Maximum a posteriori coefficients of the columns `which` (k,) [1], and log marginal likelihood of the rows.
 
-    Args:
-        which: (k,) fitted columns.
-        gram: (k, k) [1 per coefficient, squared] F'F.
-        right: (k,) [1 per coefficient] F'y.
-        precision: (k, k) [1 per coefficient, squared] prior precision L.
+    gram (k, k) [1 per coefficient, squared] is F'F, precision (k, k) [same] L, and right (k,) [1 per coefficient] F'y.
     """
     whole = gram + precision
     size = np.asarray(np.sqrt(np.diag(whole)))
     lower = _cholesky(whole / size / size[:, None])
     forward_right = np.asarray(solve_triangular(lower, right / size, lower=True))
     half = np.linalg.slogdet(precision)[1] / 2 - float(np.sum(np.log(np.diag(lower)) + np.log(size)))
-    return Fitted(
-        which,
-        (Factor(np.arange(len(which)), lower, size),),
-        forward_right,
-        float(forward_right @ forward_right) / 2 + half,
-    )
+    factor = Factor(np.arange(len(which)), lower, size)
+    return Fitted(which, (factor,), forward_right, float(forward_right @ forward_right) / 2 + half)
 
 
 def join(which: Indices, fits: Sequence[Fitted]) -> Fitted:
-    """Join fits of uncoupled blocks of columns.
-
-    Args:
-        which: (k,) columns of all fits.
-        fits: fits of disjoint sets of columns.
-    """
+    """Join fits of uncoupled blocks, disjoint sets of the columns `which` (k,) [1]."""
     order, forward_right, factors = np.argsort(which), np.zeros(len(which)), list[Factor]()
     for fit in fits:
         place = order[np.searchsorted(which, fit.which, sorter=order)]

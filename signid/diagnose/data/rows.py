@@ -17,7 +17,12 @@ from ...types import Array, Frozen, Indices, Mask
 from .column_groups import Group, nuisances
 from .hypotheses import finite
 from .motions import Piece, reversal_uncertainty, row_filter
-from .thresholds import HOLD_TIME, MIN_TORQUE, REST_SPEED, REST_TIME
+
+REST_SPEED = 2.0  # [1] a joint below this many reversal widths is at rest. Heuristic
+REST_TIME = 0.3  # [s] shortest rest for which held-out rows are ignored. Heuristic
+HOLD_TIME = 0.1  # [s] shortest rest for which rows are ignored: static friction may hold the joint. Heuristic
+MIN_TORQUE = 0.02  # [1] lower bound of a joint's rms torque, as a share of the largest joint's. Prototype
+BLOCK_GROUPS = 32  # groups of columns that are filtered at once: limits memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,17 +67,8 @@ class RowTable(Frozen):
         return np.asarray(signals[name][:, joint])
 
 
-BLOCK_GROUPS = 32  # groups of columns that are filtered at once: limits memory
-
-
 def standstill(motion: Motion, thin: Decimator, seconds: float = REST_TIME) -> Array:
-    """(N, n) [1] 1 where a joint is at rest, or is so within the reach of the filter, else 0.
-
-    Args:
-        motion: motion of all joints.
-        thin: filter of the rows.
-        seconds: shortest duration of a rest [s].
-    """
+    """(N, n) [1] 1 where a joint rests for some seconds, or does so within the reach of the filter, else 0."""
     assert motion.slow is not None, "a diagnosed motion has the width of a reversal"
     slow = (np.abs(motion.v) < REST_SPEED * motion.slow).astype(np.float64)
     half = max(1, round(seconds / 2 / motion.dt))
@@ -83,31 +79,24 @@ def standstill(motion: Motion, thin: Decimator, seconds: float = REST_TIME) -> A
 def build_table(task: Task, model: Model, groups: Sequence[Group], pieces: Sequence[Piece], dry: Array) -> RowTable:
     """Compute all rows: columns at the rate of the pieces, then the same low-pass filter as the torque.
 
-    Args:
-        task: task with the band; the filter's cut-off is twice that of the band.
-        model: the simulation.
-        groups: groups of all columns.
-        pieces: motions with residuals.
-        dry: (n,) dry friction of each joint [N.m or N].
+    The cut-off is twice that of the band; dry friction is `dry` (n,) [N.m or N].
     """
     thin = row_filter(task)
-    place, columns = _joined(model, groups, pieces, thin, dry)
+    place, columns = columns_along(task, model, groups, pieces, dry)
     lengths = [len(thin.at(piece.motion.t)) for piece in pieces]
 
     def inner(signals: Sequence[Array]) -> Array:
         return np.concatenate([thin.at(x) for x in signals])
 
-    signals = [thin(np.column_stack([np.nan_to_num(p.residual), _recorded_torque(p)])) for p in pieces]
-    residual, torque = np.split(np.concatenate(signals), 2, axis=1)
+    sampled: dict[str, Any] = {name: inner([getattr(p.motion, name) for p in pieces]) for name in ("t", "q", "v", "a")}
+    signals = [np.column_stack([p.residual, p.residual + np.asarray(p.motion.predicted)]) for p in pieces]
+    residual, torque = np.split(np.concatenate([thin(np.nan_to_num(x)) for x in signals]), 2, axis=1)
     return RowTable(
         groups=tuple(groups),
         count=groups[-1].start + groups[-1].size,
         piece=np.repeat(np.arange(len(pieces)), lengths),
         recording=np.repeat([p.recording for p in pieces], lengths),
-        t=inner([piece.motion.t for piece in pieces]),
-        q=inner([piece.motion.q for piece in pieces]),
-        v=inner([piece.motion.v for piece in pieces]),
-        a=inner([piece.motion.a for piece in pieces]),
+        **sampled,
         reversal_std=reversal_uncertainty(thin, pieces, dry),
         at_rest=inner([standstill(piece.motion, thin, HOLD_TIME) for piece in pieces]) > 0,
         torque=torque,
@@ -118,42 +107,21 @@ def build_table(task: Task, model: Model, groups: Sequence[Group], pieces: Seque
     )
 
 
-def rebuild_columns(table: RowTable, task: Task, model: Model, pieces: Sequence[Piece], dry: Array) -> RowTable:
-    """Replace the columns by those along other motions.
-
-    Args:
-        table: rows.
-        task: task with the band.
-        model: the simulation.
-        pieces: the other motions, as many as before and of the same lengths.
-        dry: (n,) dry friction of each joint [N.m or N].
-    """
-    place, columns = _joined(model, table.groups, pieces, row_filter(task), dry)
-    return replace(table, place=place, columns=columns)
-
-
-def _joined(
-    model: Model, groups: Sequence[Group], pieces: Sequence[Piece], thin: Decimator, dry: Array
+def columns_along(
+    task: Task, model: Model, groups: Sequence[Group], pieces: Sequence[Piece], dry: Array
 ) -> tuple[tuple[Indices, ...], tuple[Array, ...]]:
-    """Indices of the columns of each joint, and their rows of all pieces."""
+    """Indices of the columns of each joint, and their rows of all pieces; dry friction `dry` (n,) [N.m or N]."""
+    thin = row_filter(task)
     made = [_thinned(model, groups, piece, thin, dry) for piece in pieces]
     columns = [np.concatenate([rows[j][1] for rows in made]) for j in range(len(made[0]))]
     return tuple(index for index, _ in made[0]), tuple(columns)
 
 
-def _recorded_torque(piece: Piece) -> Array:
-    assert piece.motion.predicted is not None, "a diagnosed motion has predicted torque"
-    return np.nan_to_num(piece.residual + piece.motion.predicted)
-
-
 def _thinned(
     model: Model, groups: Sequence[Group], piece: Piece, thin: Decimator, dry: Array
 ) -> list[tuple[Indices, Array]]:
-    """For each joint, the indices of its columns and their rows.
-
-    The motion is copied, so that the large arrays that it caches for the laws are freed afterwards.
-    """
-    piece = piece._replace(motion=replace(piece.motion))
+    """For each joint, the indices of its columns and their rows."""
+    piece = piece._replace(motion=replace(piece.motion))  # the large arrays that a motion caches are freed afterwards
     joints = range(len(model.robot.joints))
     place, rows, waiting = ([list[Any]() for _ in joints] for _ in range(3))
     for group, made in zip(groups, _columns(model, groups, piece, dry), strict=True):

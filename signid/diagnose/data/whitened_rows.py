@@ -70,11 +70,7 @@ class Whitened(Frozen):
         return out
 
     def gram(self, which: Indices) -> Gram:
-        """Products of some columns with all columns.
-
-        Args:
-            which: (k,) indices of columns.
-        """
+        """Products of the columns `which` (k,) [1] with all columns."""
         own = [self.chosen(j, which) for j in range(self.joints)]
         return tuple(
             Block(np.flatnonzero(here), place, x.T @ columns)
@@ -82,12 +78,9 @@ class Whitened(Frozen):
         )
 
     def products(self, which: Indices, dispersion: Array, columns: Mapping[int, Array]) -> tuple[Array, Array, Array]:
-        """Products of new columns: with each other (d, d), with the residual (d,), with some of these rows (k, d).
+        """Products of new columns with each other (d, d), the residual (d,), and columns `which` (k,) [1]: (k, d).
 
-        Args:
-            which: (k,) indices of columns of these rows.
-            dispersion: (n,) c, variance of the whitened residual [1].
-            columns: new columns, per joint (M, d) whitened [1 per coefficient].
+        New columns are whitened, per joint (M, d) [1 per coefficient]; dispersion (n,) [1] is that of the residual.
         """
         d = next(iter(columns.values())).shape[1]
         own, right, across = np.zeros((d, d)), np.zeros(d), np.zeros((len(which), d))
@@ -99,12 +92,7 @@ class Whitened(Frozen):
         return own, right, across
 
     def chosen(self, joint: int, which: Indices) -> tuple[Mask, Array]:
-        """Mask (k,) of the columns that a joint has, and these columns (M, a) [1 per coefficient].
-
-        Args:
-            joint: index of the joint.
-            which: (k,) indices of columns.
-        """
+        """Mask (k,) of those columns `which` (k,) [1] that a joint has, and these (M, a) [1 per coefficient]."""
         at = self.at[joint, which]
         return at >= 0, self.columns[joint][:, at[at >= 0]]
 
@@ -121,22 +109,12 @@ class Whitened(Frozen):
         columns = np.flatnonzero((self.at[list(joints)] >= 0).any(axis=0))
         return columns, [np.searchsorted(columns, self.place[j]) for j in joints]
 
-    @cached_property
-    def refitted_gram(self) -> Gram:
-        """Products of the nuisance columns with all columns."""
-        return self.gram(columns_of(self.refitted))
-
     def part(self, joint: int, group: Group) -> Array:
         """(M, size) [1 per coefficient] whitened columns of a group on one joint; zero if the joint has none."""
         return self._part(self.columns[joint], joint, group)
 
     def free(self, joint: int, columns: Array) -> Array:
-        """(M, k) [1 per coefficient] columns projected onto the complement of the joint's own nuisance columns.
-
-        Args:
-            joint: index of the joint.
-            columns: (M, k) columns of this joint [1 per coefficient].
-        """
+        """Projection of columns (M, k) [1 per coefficient] onto the complement of the joint's own nuisance columns."""
         return np.asarray(columns - self._nuisance_basis[joint] @ (self._nuisance_basis[joint].T @ columns))
 
     @cached_property
@@ -157,11 +135,7 @@ class Whitened(Frozen):
     @cached_property
     def _rows(self) -> list[list[int]]:
         """For each column, the joints that have it."""
-        out: list[list[int]] = [[] for _ in range(self.count)]
-        for j, place in enumerate(self.place):
-            for column in place.tolist():
-                out[column].append(j)
-        return out
+        return [np.flatnonzero(at >= 0).tolist() for at in self.at.T]
 
     def raw(self, joint: int, group: Group) -> Array:
         """(M', size) [torque per coefficient] columns of a group on one joint before whitening; zero if it has none."""
@@ -173,13 +147,7 @@ class Whitened(Frozen):
 
 
 def total(gram: Gram, dispersion: Array, shape: tuple[int, int]) -> Array:
-    """(k, p) [1 per coefficient, squared] products of columns, summed over joints with weights 1 / c.
-
-    Args:
-        gram: products of each joint.
-        dispersion: (n,) c, variance of the whitened residual [1].
-        shape: k and p.
-    """
+    """(k, p) [1 per coefficient, squared] products of columns, summed over joints over dispersion (n,) [1]."""
     out = np.zeros(shape)
     for block, variance in zip(gram, dispersion.tolist(), strict=True):
         out[block.rows[:, None], block.place] += block.products / variance
@@ -187,12 +155,7 @@ def total(gram: Gram, dispersion: Array, shape: tuple[int, int]) -> Array:
 
 
 def mean_products(columns: Mapping[int, Array], scale: Array) -> Array:
-    """(d, d) [1 per coefficient, squared] mean products of columns over squared rms torque, summed over joints.
-
-    Args:
-        columns: per joint (M, d) [torque per coefficient].
-        scale: (n,) rms torque [N.m or N].
-    """
+    """(d, d) mean products of columns (M, d) [torque per coefficient] over scale (n,) [N.m or N], over all joints."""
     return np.asarray(sum(x.T @ x / len(x) / scale[j] ** 2 for j, x in columns.items()))
 
 
@@ -216,5 +179,4 @@ def whitened(table: RowTable, noise: Noise) -> Whitened:
 
 def columns_of(groups: Sequence[Group]) -> Indices:
     """Indices of the columns of groups, in order."""
-    spans = [np.arange(group.start, group.start + group.size) for group in groups]
-    return np.concatenate(spans).astype(np.intp) if spans else np.zeros(0, dtype=np.intp)
+    return np.concatenate([np.arange(0), *(np.arange(group.start, group.start + group.size) for group in groups)])

@@ -12,7 +12,8 @@ from ...types import Array, Indices, Mask
 from ..data.column_groups import Group
 from ..data.whitened_rows import Whitened
 from .prior import CoefficientPrior
-from .thresholds import EFFECT_SIZES
+
+EFFECT_SIZES = np.array([0.006, 0.02, 0.06, 0.2, 0.6, 2.0])  # [1] f: rms torque over the joint's. Prototype, two added
 
 
 class StackedPriors(NamedTuple):
@@ -105,11 +106,8 @@ def log_bayes_factor(priors: StackedPriors, own: Array, right: Array) -> Array:
         ln BF(f) = 1/2 sum_k [ f^2 z_k^2 / (1 + f^2 w_k) - ln(1 + f^2 w_k) ],
 
     plus ln 2 Phi(m / s) if a coefficient must be positive; m and s are its posterior mean and standard deviation.
-
-    Args:
-        priors: priors of g hypotheses of d coefficients.
-        own: (g, d, d) [1 per coefficient, squared] A = S'S - S'F (F'F + L)^-1 F'S.
-        right: (g, d) [1 per coefficient] z = S'y - S'F (F'F + L)^-1 F'y.
+    own (g, d, d) [1 per coefficient, squared] is A = S'S - S'F (F'F + L)^-1 F'S;
+    right (g, d) [1 per coefficient] is z = S'y - S'F (F'F + L)^-1 F'y.
     """
     factor, mean = priors.covariance_factor, priors.mean
     values, vectors = np.linalg.eigh(factor.transpose(0, 2, 1) @ own @ factor)

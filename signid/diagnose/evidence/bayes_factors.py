@@ -14,19 +14,14 @@ from ...types import Array
 from ..data.column_groups import Group
 from ..data.normal_equations import Fitted
 from .batches import Batch, JointView, batches, joint_view, log_bayes_factor, stack_priors
-from .cache import LRUCache
-from .components import Component
-from .linear_model import LinearModel
+from .linear_model import Component, LinearModel, cached
 from .prior import CoefficientPrior
-from .thresholds import (
-    COVARIANCE_SCALES,
-    INERTIAL_SCALES,
-    INTERVAL_COVARIANCE_SCALES,
-    LOG_COVARIANCE_SCALE_PRIOR,
-    LOG_INERTIAL_SCALE_PRIOR,
-)
 
-CACHED_FACTORS, CACHED_COMPLEMENTS = 256, 16  # entries of the caches of components; complements are large
+INERTIAL_SCALES = np.array([0.0, 1.0, 2.0])  # [1] without a covariance: of the tolerance of inertials. Prototype
+LOG_INERTIAL_SCALE_PRIOR = np.log([0.5, 0.4, 0.1])  # [1] of each scale. Prototype
+COVARIANCE_SCALES = np.array([1.0, 2.5])  # [1] with a covariance. Heuristic; idea: the ratio of Birge, 1932
+LOG_COVARIANCE_SCALE_PRIOR = np.log([0.95, 0.05])  # [1] of each scale. Heuristic
+INTERVAL_COVARIANCE_SCALES = np.array([1.0, 2.5, 6.0, 15.0])  # [1] with a covariance, for intervals. Heuristic
 
 
 class Complement(NamedTuple):
@@ -54,18 +49,11 @@ class Evidence(LinearModel):
     ) -> tuple[Array, Array]:
         """Log Bayes factor of every group (NaN for nuisance terms and selected ones), and posterior of each scale k.
 
-        Results are cached for each connected component of joints.
-
-        Args:
-            selected: selected hypotheses.
-            dispersion: (n,) c, variance of the whitened residual [1].
-            without: a selected hypothesis that is left out; doing so for each in turn reuses one Schur complement.
+        Results are cached for each connected component of joints, at a dispersion (n,) [1]. Leaving out each selected
+        hypothesis in turn (`without`) reuses one Schur complement.
         """
-        kept = {group for group in selected if group is not without}
-        fits = [
-            self.fit([group for group in selected if group in kept], dispersion, prior_scale)
-            for prior_scale in self.scales
-        ]
+        kept = [group for group in selected if group is not without]
+        fits = [self.fit(kept, dispersion, prior_scale) for prior_scale in self.scales]
         weight = self.scale_prior + np.array([fit.log_evidence for fit in fits])
         weight = weight - logsumexp(weight)
         factors = np.array([self._factors(selected, dispersion, prior_scale, without) for prior_scale in self.scales])
@@ -74,27 +62,16 @@ class Evidence(LinearModel):
         return np.asarray(logsumexp(factors, axis=0)), np.exp(weight)
 
     def prior_scale(self, selected: Sequence[Group], dispersion: Array) -> float:
-        """Maximum a posteriori scale k of the error of the simulation [1].
-
-        Args:
-            selected: selected hypotheses.
-            dispersion: (n,) c, variance of the whitened residual [1].
-        """
+        """Maximum a posteriori scale k of the error of the simulation [1]; dispersion (n,) [1] of the residual."""
         logs = [self.fit(selected, dispersion, prior_scale).log_evidence for prior_scale in self.scales]
         return float(self.scales[int(np.argmax(logs + self.scale_prior))])
 
     def distance(self, selected: Sequence[Group], dispersion: Array) -> float:
-        """Most likely scale k for intervals [1]; with a covariance it may be larger than in a search.
-
-        Args:
-            selected: selected hypotheses.
-            dispersion: (n,) c, variance of the whitened residual [1].
-        """
+        """Most likely scale k for intervals [1] at a dispersion (n,) [1]; with a covariance it may be larger."""
         if not self.informed:
             return self.prior_scale(selected, dispersion)
-        return float(
-            max(INTERVAL_COVARIANCE_SCALES, key=lambda scale: self.fit(selected, dispersion, scale).log_evidence)
-        )
+        logs = [self.fit(selected, dispersion, prior_scale).log_evidence for prior_scale in INTERVAL_COVARIANCE_SCALES]
+        return float(INTERVAL_COVARIANCE_SCALES[int(np.argmax(logs))])
 
     @property
     def informed(self) -> bool:
@@ -114,29 +91,27 @@ class Evidence(LinearModel):
     def candidate_log_factor(
         self, fit: Fitted, dispersion: Array, prior: CoefficientPrior, columns: Mapping[int, Array]
     ) -> float:
-        """Log Bayes factor of a candidate whose columns are not in the dataset [-].
+        """Log Bayes factor [-] of a candidate beside a fit; its columns are not in the dataset; dispersion (n,) [1].
 
-        Args:
-            fit: fit of nuisance parameters and selected laws.
-            dispersion: (n,) c, variance of the whitened residual [1].
-            prior: prior of the candidate's coefficients.
-            columns: whitened columns of the candidate, per joint (M, d) [1 per coefficient].
+        Its whitened columns are per joint (M, d) [1 per coefficient].
         """
         own, right, across = self.data.products(fit.which, dispersion, columns)
         below = fit.forward(across)
         left = (own - below.T @ below)[None], (right - below.T @ fit.forward_right)[None]
         return float(log_bayes_factor(stack_priors([prior]), *left)[0])
 
-    def _factors(
-        self, selected: Sequence[Group], dispersion: Array, prior_scale: float, without: Group | None
-    ) -> Array:
+    def _factors(self, selected: Sequence[Group], dispersion: Array, scale: float, without: Group | None) -> Array:
         """(groups,) [-] log Bayes factors at one prior scale; NaN for groups that are no candidates."""
         out, done = np.full(len(self.data.groups), np.nan), np.zeros(len(self.data.groups), dtype=bool)
         own = [np.zeros(batch.priors.covariance_factor.shape) for batch in self._batches]
         right = [np.zeros(batch.columns.shape) for batch in self._batches]
-        for component in self.components(selected, prior_scale):
+        for component in self.components(selected, scale > 0):
             seen = self._view(component.joints)
-            factors = self._component_factors(component, dispersion[list(component.joints)], prior_scale, without)
+            among = component, dispersion[list(component.joints)], scale
+            if without is not None and without in component.selected:
+                factors = self._reduce(component, self._complement_without(*among, without))
+            else:
+                factors = self._component_factors(*among)
             out[seen.inside], done[seen.inside] = factors.inside, True
             for portion, x, y in zip(seen.portions, factors.own, factors.right, strict=True):
                 own[portion.batch][portion.beyond] += x
@@ -147,20 +122,9 @@ class Evidence(LinearModel):
                 out[batch.groups[which]] = log_bayes_factor(batch.priors.take(which), x[which], y[which])
         return out
 
-    def _component_factors(
-        self, component: Component, dispersion: Array, prior_scale: float, without: Group | None
-    ) -> ComponentFactors:
-        """Contribution of a component, cached unless one of its hypotheses is left out."""
-        if without is not None and without in component.selected:
-            return self._reduce(component, self._complement_without(component, dispersion, prior_scale, without))
-        key = (component, dispersion.tobytes(), prior_scale)
-        return self._cached_factors(
-            key, lambda: self._reduce(component, self._complement(component, dispersion, prior_scale))
-        )
-
-    @cached_property
-    def _cached_factors(self) -> LRUCache[ComponentFactors]:
-        return LRUCache(CACHED_FACTORS)
+    @cached(256, appendable=False)
+    def _component_factors(self, component: Component, dispersion: Array, prior_scale: float) -> ComponentFactors:
+        return self._reduce(component, self._complement(component, dispersion, prior_scale))
 
     def _reduce(self, component: Component, complement: Complement) -> ComponentFactors:
         """Log Bayes factors of hypotheses inside a component, and the terms of those that act on others too."""
@@ -173,8 +137,9 @@ class Evidence(LinearModel):
             right.append(beside[across])
         return ComponentFactors(np.concatenate(factors), own, right)
 
+    @cached(16, appendable=False)
     def _complement(self, component: Component, dispersion: Array, prior_scale: float) -> Complement:
-        """Schur complement of all fitted columns of a component."""
+        """Schur complement of all fitted columns of a component, which is large."""
         fit, seen, own = self.part(component, dispersion, prior_scale), self._view(component.joints), list[Array]()
         below = fit.forward(self.across(component, dispersion))
         right = (self.data.right[list(component.joints)][:, seen.columns] / dispersion[:, None]).sum(0)
@@ -183,13 +148,10 @@ class Evidence(LinearModel):
             own.append(np.tensordot(1 / dispersion, portion.blocks, axes=1) - across @ across.transpose(0, 2, 1))
         return Complement(below, right - below.T @ fit.forward_right, own)
 
-    def _complement_without(
-        self, component: Component, dispersion: Array, prior_scale: float, without: Group
-    ) -> Complement:
+    def _complement_without(self, component: Component, dispersion: Array, scale: float, without: Group) -> Complement:
         """Schur complement of all fitted columns except those of one hypothesis, by a low-rank update."""
-        key = (component, dispersion.tobytes(), prior_scale)
-        full = self._cached_complements(key, lambda: self._complement(component, dispersion, prior_scale))
-        fit = self.part(component, dispersion, prior_scale)
+        full = self._complement(component, dispersion, scale)
+        fit = self.part(component, dispersion, scale)
         below = fit.forward(np.eye(len(fit.which))[:, fit.place(without)])
         shares = below.T @ full.below  # (d, p) coefficients of the hypothesis in the fit of each column
         back = np.linalg.solve(below.T @ below, shares)
@@ -200,18 +162,9 @@ class Evidence(LinearModel):
         return Complement(full.below, full.right + back.T @ (below.T @ fit.forward_right), own)
 
     @cached_property
-    def _cached_complements(self) -> LRUCache[Complement]:
-        return LRUCache(CACHED_COMPLEMENTS)
-
-    @cached_property
     def _batches(self) -> list[Batch]:
         return batches(self.data, self.coefficient_priors)
 
+    @cached(np.inf, appendable=False)
     def _view(self, joints: tuple[int, ...]) -> JointView:
-        if joints not in self._views:
-            self._views[joints] = joint_view(self.data, self._batches, joints)
-        return self._views[joints]
-
-    @cached_property
-    def _views(self) -> dict[tuple[int, ...], JointView]:
-        return {}
+        return joint_view(self.data, self._batches, joints)

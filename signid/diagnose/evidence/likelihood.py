@@ -1,11 +1,10 @@
-"""Marginal likelihood of the rows under different noise models."""
+"""Noise model beside selected laws, and marginal likelihood of the rows under different noise models."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import NamedTuple
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import logsumexp
@@ -13,15 +12,68 @@ from scipy.special import logsumexp
 from ...types import Array, Frozen, Indices
 from ..data.column_groups import Group
 from ..data.dataset import Dataset
-from ..data.noise import Noise
+from ..data.noise import Noise, measure_noise, noise_of_rest
 from ..data.normal_equations import solve
 from ..data.whitened_rows import columns_of
-from ..data.whitening import Whitening
-from .bayes_factors import Evidence
-from .noise_model import update_joints
+from ..data.whitening import NoiseEstimate, Whitening, estimate_discrepancy, features
 from .selection import Selection
 
+RELEVANT_DROP = 0.8  # [1] a floor below this share of the saturated floor makes that floor be measured again. Heuristic
+MIN_FLOOR = 0.7  # [1] lower bound of the floor, as a share of the saturated floor. Heuristic
 NEGLIGIBLE = 12.0  # [-] scales k whose log density is this much below the highest are skipped: factor e^-12
+MIN_FREE = 0.1  # [1] lower bound of the free rows of a fit, as a share of all rows. Heuristic
+
+
+def update_noise(dataset: Dataset, selection: Selection) -> Noise:
+    """Estimate noise and discrepancy of each joint beside the selected laws.
+
+    The size of the discrepancy by maximum marginal likelihood and the autoregressive model from the residual of fit and
+    discrepancy are estimated in turn. If a floor falls far below the saturated floor, a law had been counted as noise:
+    the saturated floor is then measured again without the selected laws.
+    """
+    noise = update_joints(dataset, selection, range(dataset.table.joints))
+    if not np.any(noise.floor < RELEVANT_DROP * noise.saturated_floor):
+        return noise
+    data, table, band = selection.data, dataset.table, dataset.task.band
+    fit = selection.fit()
+    named = [sum(data.raw(j, g) @ fit.value[fit.place(g)] for g in selection.selected) for j in range(data.joints)]
+    rest = replace(table, residual=table.residual - np.column_stack([x + np.zeros(len(table)) for x in named]))
+    first = measure_noise(rest, dataset.periods, band.rate / band.factor)
+    least = np.minimum(noise.saturated_floor, first.floor)
+    raised = np.maximum(1.0, MIN_FLOOR * least / noise.floor)
+    return replace(noise, saturated_floor=least, floor=raised * noise.floor, innovation=raised * noise.innovation)
+
+
+def update_joints(dataset: Dataset, selection: Selection, joints: Sequence[int], colour: bool = True) -> Noise:
+    """Estimate noise and discrepancy of some joints; without `colour` the autoregressive coefficients stay."""
+    noise = dataset.noise
+    for last in (False, False, True) if colour else (True,):
+        whitening = Whitening(dataset.table, noise)
+        floor, coefficients = noise.floor.copy(), noise.coefficients.copy()
+        innovation, size = noise.innovation.copy(), noise.discrepancy.copy()
+        for j in joints:
+            here, rest = _of_joint(dataset, selection, whitening, j)
+            size[j], used = here.size, here.used / max(len(rest), 1)
+            if last:
+                floor[j], innovation[j] = np.sqrt(here.variance) * np.array([floor[j], innovation[j]])
+            else:
+                free = 1 / np.sqrt(max(1 - used, MIN_FREE))
+                floor[j], coefficients[j], innovation[j] = noise_of_rest(dataset.table, j, rest, float(free))
+        noise = replace(noise, floor=floor, coefficients=coefficients, innovation=innovation, discrepancy=size)
+    return noise
+
+
+def _of_joint(dataset: Dataset, selection: Selection, whitening: Whitening, joint: int) -> tuple[NoiseEstimate, Array]:
+    """Noise estimate of a joint, and the residual (M,) [N.m or N] of fit and discrepancy."""
+    table, data, evidence = dataset.table, selection.data, selection.evidence
+    groups = [g for g in (*evidence.refitted(selection.prior_scale), *selection.selected) if joint in data.rows(g)]
+    raw = np.concatenate([np.zeros((len(table), 0)), *(data.raw(joint, g) for g in groups)], axis=1)
+    shape, y = features(table, joint), table.residual[:, joint]
+    white = whitening.local({joint: np.column_stack([raw, shape, y])})[joint]
+    k = raw.shape[1]
+    precision = evidence.prior_precision(groups, selection.prior_scale)
+    here = estimate_discrepancy(white[:, k:-1], white[:, :k], precision, white[:, -1], float(table.scale[joint]))
+    return here, y - np.column_stack([raw, shape])[:, : len(here.value)] @ here.value
 
 
 class _Terms(NamedTuple):
@@ -38,19 +90,17 @@ class Likelihood(Frozen):
     """Marginal likelihood of the rows beside selected laws, under the present noise model or the most likely one."""
 
     dataset: Dataset
-    evidence: Evidence
     selection: Selection
+    _noise_models: dict[Any, Noise] = field(default_factory=dict, init=False)  # by joint, prior scale, and laws on it
+    _cached_terms: dict[Any, _Terms] = field(default_factory=dict, init=False)  # by joint and its noise model
 
     def penalty(self, group: Group) -> float:
-        """Penalty min(0, G(others, m) - G(others)) of a law m [-].
+        """Penalty min(0, G(others, m) - G(others)) of one selected law m [-].
 
         G lets the discrepancy and the noise take over what the law explained.
-
-        Args:
-            group: group of the law m, one of the selected.
         """
         selected = tuple(g for g in self.selection.selected if g is not group)
-        joints = self.evidence.data.rows(group)
+        joints = self.selection.data.rows(group)
         return float(min(0.0, self._gained(self.selection.selected, joints) - self._gained(selected, joints)))
 
     def density(self) -> float:
@@ -59,52 +109,45 @@ class Likelihood(Frozen):
 
     def _gained(self, selected: tuple[Group, ...], joints: Sequence[int]) -> float:
         """G: log likelihood ratio of the most likely noise model beside some laws and the present one [-]."""
-        some = [
-            replace(self.selection, selected=selected, prior_scale=prior_scale)
-            for prior_scale in self.evidence.scales.tolist()
-        ]
+        evidence = self.selection.evidence
+        some = [replace(self.selection, selected=selected, prior_scale=scale) for scale in evidence.scales.tolist()]
         logs = np.tile([self._log(rest, self.dataset.noise, joints) for rest in some], (2, 1))
         for k in np.flatnonzero(logs[0] > logs[0].max() - NEGLIGIBLE):
             logs[1, k] = self._log(some[k], self._most_likely(some[k], joints), joints)
-        present, changed = logsumexp(logs + self.evidence.scale_prior, axis=1).tolist()
+        present, changed = logsumexp(logs + evidence.scale_prior, axis=1).tolist()
         return float(max(0.0, changed - present))
 
     def _most_likely(self, selection: Selection, joints: Sequence[int]) -> Noise:
         """Noise model with the most likely variance and discrepancy of some joints."""
-        noise, data = self.dataset.noise, self.evidence.data
+        noise, data = self.dataset.noise, self.selection.data
         arrays = {key: getattr(noise, key).copy() for key in ("floor", "innovation", "discrepancy")}
         for j in joints:
             key = j, selection.prior_scale, tuple(g.start for g in selection.selected if j in data.rows(g))
             if key not in self._noise_models:
-                self._noise_models[key] = update_joints(self.dataset, self.evidence, selection, [j], colour=False)
+                self._noise_models[key] = update_joints(self.dataset, selection, [j], colour=False)
             for name, array in arrays.items():
                 array[j] = getattr(self._noise_models[key], name)[j]
         return replace(noise, **arrays)
 
-    @cached_property
-    def _noise_models(self) -> dict[tuple[int, float, tuple[int, ...]], Noise]:
-        """Cached noise models, by joint, prior scale and the selected laws that act on the joint."""
-        return {}
-
     def _log(self, selection: Selection, noise: Noise, joints: Sequence[int]) -> float:
         """Log density of all rows, with another noise model of some joints [-]."""
-        groups = [*self.evidence.refitted(selection.prior_scale), *selection.selected]
-        which = columns_of(groups)
+        evidence = selection.evidence
+        which = evidence.columns(selection.selected, selection.prior_scale)
         gram, right, log = np.zeros((len(which),) * 2), np.zeros(len(which)), 0.0
         whitening = Whitening(self.dataset.table, noise)
-        for j in range(self.evidence.data.joints):
+        for j in range(self.selection.data.joints):
             own = self._terms(j, whitening if j in joints else self.dataset.whitening)
             place = np.flatnonzero(np.isin(which, own.columns))
             here = np.searchsorted(own.columns, which[place])
             gram[np.ix_(place, place)] += own.gram[np.ix_(here, here)]
             right[place] += own.right[here]
             log += own.log
-        precision = self.evidence.precision(selection.selected, np.diag(gram), selection.prior_scale)
+        precision = evidence.precision(selection.selected, np.diag(gram), selection.prior_scale)
         return log + solve(which, gram, right, precision).log_evidence
 
     def _terms(self, joint: int, whitening: Whitening) -> _Terms:
         """Contribution of a joint under a noise model, for all columns that may be fitted."""
-        noise, data, variance = whitening.noise, self.evidence.data, float(self.selection.dispersion[joint])
+        noise, data, variance = whitening.noise, self.selection.data, float(self.selection.dispersion[joint])
         key = joint, *(float(x[joint]) for x in (noise.floor, noise.innovation, noise.discrepancy))
         if key not in self._cached_terms:
             every = np.sort(columns_of([*data.refitted, *self.selection.selected]))
@@ -115,8 +158,3 @@ class Likelihood(Frozen):
             log = whitening.log_scale(joint) - float(y @ y) / 2
             self._cached_terms[key] = _Terms(every[at >= 0], x.T @ x, x.T @ y, log)
         return self._cached_terms[key]
-
-    @cached_property
-    def _cached_terms(self) -> dict[tuple[float, ...], _Terms]:
-        """Cached contributions, by joint and its noise model."""
-        return {}

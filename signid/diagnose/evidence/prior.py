@@ -1,17 +1,27 @@
-"""Priors of hypotheses: size of their coefficients and probability."""
+"""Priors: of hypotheses, their coefficients and probability; of stated parameters, from the covariance of a model."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from ...effects.base import BodyLaw, TransmissionLaw
-from ...types import Array, Frozen
+from ...model import Model
+from ...regression.regressor import labels
+from ...types import INERTIAL, Array, Frozen, Indices, Law
+from ..data.column_groups import Group
 from ..data.hypotheses import Hypothesis
-from .thresholds import APPROXIMATE_STD, BODY_LEVER, PRESENCE_STD, PRIOR_NOTHING, PRIOR_UNKNOWN, SINGLE_JOINT
 
+PRESENCE_STD = 0.15  # [1] of the coefficient 1 of a law without numbers. Prototype
+APPROXIMATE_STD = 0.4  # [1] the same for transmission laws, whose columns are approximations. Prototype
+BODY_LEVER = 0.1  # [m] distance of mass from the joint; relates mass, first moment and inertia. Prototype
+PRIOR_NOTHING = 0.5  # [1] no hypothesis is true. Prototype
+PRIOR_UNKNOWN = 0.02  # [1] an unknown dependence, if a hypothesis is true. Heuristic
+SINGLE_JOINT = 0.3  # [1] factor for one joint alone with an effect that all joints may share. Prototype
+RIDGE = 1e-9  # [1] added to the diagonal of the scaled covariance, so that it can be inverted
 RANK = 1e-6  # [1] smallest eigenvalue that counts, over the largest. Prototype
 
 
@@ -27,12 +37,7 @@ class CoefficientPrior(Frozen):
 def coefficient_prior(hypothesis: Hypothesis, square: Array) -> CoefficientPrior | None:
     """g-prior in units of torque: the rms torque of the effect is a share f of the joints' rms torque.
 
-    None if the columns of the effect are zero along this motion.
-
-    Args:
-        hypothesis: the hypothesis.
-        square: (d, d) [1 per coefficient, squared] mean products of its columns over squared rms torque, summed over
-            joints.
+    None if the columns are zero along this motion; square (d, d) [1 per coefficient, squared]: their `mean_products`.
 
     Source: Zellner, in: Bayesian Inference and Decision Techniques, 1986.
     """
@@ -44,7 +49,7 @@ def coefficient_prior(hypothesis: Hypothesis, square: Array) -> CoefficientPrior
         return CoefficientPrior(np.eye(len(square)) * fixed, 1.0, -1)
     units = [kind.unit for law in hypothesis.laws for kind in law.effect.linear().values()]
     if hypothesis.laws and not hypothesis.scaled and isinstance(hypothesis.laws[0].effect, BodyLaw) and "kg" in units:
-        lever = np.array([BODY_LEVER ** _power(unit) for unit in units])
+        lever = np.array([BODY_LEVER ** {"kg": 0, "kg.m": 1, "kg.m2": 2}[unit] for unit in units])
         return CoefficientPrior(np.diag(lever / np.sqrt(lever**2 @ size**2)), 0.0, _positive(hypothesis))
     size = np.where(size < 1e-9 * size.max(), np.inf, size)
     values, vectors = np.linalg.eigh(square / size / size[:, None])
@@ -53,23 +58,15 @@ def coefficient_prior(hypothesis: Hypothesis, square: Array) -> CoefficientPrior
     return CoefficientPrior(spread, 0.0, _positive(hypothesis))
 
 
-def log_prior(hypothesis: Hypothesis, places: int, skipped: int, kinds: int, unknowns: int) -> float:
-    """Log of the prior probability of a hypothesis [-].
-
-    Args:
-        hypothesis: the hypothesis.
-        places: number of hypotheses of the same effect.
-        skipped: number of effects that are left out of the library.
-        kinds: number of effects of the library.
-        unknowns: number of unknown dependences.
-    """
+def log_prior(hypothesis: Hypothesis, places: int, kinds: int, unknowns: int) -> float:
+    """Log prior probability of a hypothesis [-]: one of `places` of its effect, `kinds` of effects, or `unknowns`."""
     if hypothesis.unknown:
         return float(np.log(PRIOR_UNKNOWN * (1 - PRIOR_NOTHING) / unknowns))
     common = min(law.effect.common for law in hypothesis.laws)
     one = hypothesis.laws[0]
     if one.effect.scope == "any" and len(one.joints) == 1:
         common *= SINGLE_JOINT
-    return float(np.log((1 - PRIOR_UNKNOWN) * (1 - PRIOR_NOTHING) * common / (kinds - skipped) / places))
+    return float(np.log((1 - PRIOR_UNKNOWN) * (1 - PRIOR_NOTHING) * common / kinds / places))
 
 
 def _fixed_std(hypothesis: Hypothesis) -> float | None:
@@ -79,12 +76,53 @@ def _fixed_std(hypothesis: Hypothesis) -> float | None:
     return APPROXIMATE_STD if isinstance(hypothesis.laws[0].effect, TransmissionLaw) else PRESENCE_STD
 
 
-def _power(unit: str) -> int:
-    return {"kg": 0, "kg.m": 1, "kg.m2": 2}[unit]
-
-
 def _positive(hypothesis: Hypothesis) -> int:
     if hypothesis.stated is not None:
         return -1
     kinds: Sequence[bool] = [k.positive for law in hypothesis.laws for k in law.effect.linear().values()]
     return kinds.index(True) if sum(kinds) == 1 else -1
+
+
+class StatedPrior(NamedTuple):
+    """Gaussian prior of stated bodies and laws, from the recordings of an earlier identification."""
+
+    columns: Indices  # (k,) column indices of the coefficients
+    information: Array  # (k, k) [1 per coefficient, squared] inverse of their covariance, at k = 1
+
+
+def stated_prior(model: Model, groups: Sequence[Group]) -> StatedPrior | None:
+    """Prior of the stated parameters: information K' C^-1 K; None if the model has no covariance C.
+
+    A parameter that the simulation no longer has, such as that of a removed law, is zero, not unknown.
+    """
+    if (own := model.covariance) is None:
+        return None
+    columns = parameter_columns(model, groups)
+    there = np.array([label in columns for label in own.labels])
+    rows = np.isfinite(own.std)
+    combination = own.combination[np.ix_(rows, there)]
+    places = np.array([columns[label] for label, yes in zip(own.labels, there, strict=True) if yes], dtype=np.intp)
+    covariance = own.matrix[np.ix_(rows, rows)]
+    size = np.sqrt(np.diag(covariance))
+    inverse = np.linalg.inv(covariance / size / size[:, None] + RIDGE * np.eye(len(size))) / size / size[:, None]
+    order = np.argsort(places)
+    information = (combination.T @ inverse @ combination)[np.ix_(order, order)]
+    return StatedPrior(places[order], information)
+
+
+def parameter_columns(model: Model, groups: Sequence[Group]) -> dict[str, int]:
+    """Column index of each standard parameter among the nuisance columns."""
+    out, body = dict[str, int](), 0
+    for group in groups:
+        if group.bodies:
+            body += 1
+            out |= {f"{name}_{body}": group.start + k for k, name in enumerate(INERTIAL)}
+        elif group.law is not None:
+            out |= dict(law_parameter_columns(model, group, (group.law,)))
+    return out
+
+
+def law_parameter_columns(model: Model, group: Group, own: Sequence[Law]) -> list[tuple[str, int]]:
+    """Column index of each parameter of laws."""
+    names = [label.name for label in labels(model.robot, own)[10 * len(model.robot.links) :]]
+    return [(name, group.start + k) for k, name in enumerate(names[: group.size])]

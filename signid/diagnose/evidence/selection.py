@@ -1,17 +1,142 @@
-"""Selected hypotheses, and the posterior by which they were selected."""
+"""Posterior odds of every hypothesis, averaged over shapes, and the selected hypotheses."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import NamedTuple
 
-from ...types import Array, Frozen
+import numpy as np
+
+from ...types import Array, BaseMap, Frozen, Indices
 from ..data.column_groups import Group
-from ..data.hypotheses import Key
+from ..data.hypotheses import Hypothesis, Key
 from ..data.normal_equations import Fitted
-from ..data.whitened_rows import Whitened
+from ..data.whitened_rows import Whitened, mean_products
 from .bayes_factors import Evidence
-from .posterior_odds import Odds, Posterior
+from .prior import PRIOR_NOTHING, coefficient_prior, log_prior
+
+Columns = Mapping[int, Array]
+Checks = list[tuple[Array, bool]]  # coefficients (d,) [kg, kg.m, kg.m2] of changes of a body, and whether possible
+
+
+class Odds(NamedTuple):
+    """Posterior odds of one hypothesis, averaged over its shapes."""
+
+    log: float  # log posterior odds against no further law [-]
+    best: Group  # most likely shape
+
+
+class _Grids(NamedTuple):
+    """Grids of shapes of the m hypotheses, one after another."""
+
+    members: Indices  # (g,) positions in the list of groups
+    starts: Indices  # (m,) first member of each grid
+    counts: Indices  # (m,) number of members of each grid
+    priors: Array  # (m,) [-] log prior probabilities
+
+
+class StatedBodies(NamedTuple):
+    """Rigid bodies of the simulation, to check whether a change of one is physically possible."""
+
+    base: BaseMap
+    inertials: Array  # (nb, 10) in Pinocchio's order [kg, kg.m, kg.m2]
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior(Frozen):
+    """Prior of the hypotheses and evidence of the rows."""
+
+    evidence: Evidence
+    kinds: int  # number of effects of the library, without those left out
+    carried: tuple[int, ...]  # (n,) body that each joint moves
+    bodies: StatedBodies | None = None  # bodies of the simulation; None: any change of them counts as possible
+    feasibility: dict[Group, Checks] = field(default_factory=dict, init=False)
+
+    @cached_property
+    def keys(self) -> dict[Key, list[int]]:
+        """Members of each grid of shapes, as positions in the list of groups."""
+        out = dict[Key, list[int]]()
+        for k, group in enumerate(self.evidence.data.groups):
+            if group.hypothesis is not None and self.evidence.coefficient_priors[group] is not None:
+                out.setdefault(group.hypothesis.key, []).append(k)
+        return out
+
+    def parts(self, group: Group) -> tuple[Group, ...]:
+        """Hypotheses of its single laws if it has several, else itself."""
+        laws = group.claim.laws
+        found = self.single_laws([(law.effect.name, law.joints) for law in laws])
+        return found if len(laws) > 1 and len(found) == len(laws) else (group,)
+
+    def single_laws(self, keys: Sequence[Key]) -> tuple[Group, ...]:
+        """Hypotheses of single laws without shapes, for the keys that exist."""
+        return tuple(self.evidence.data.groups[self.keys[key][0]] for key in keys if key in self.keys)
+
+    def counterpart(self, group: Group) -> Group:
+        """First shape of a hypothesis of other rows that has the same number of coefficients in these rows."""
+        shapes = [self.evidence.data.groups[k] for k in self.keys[group.claim.key]]
+        return next((own for own in shapes if own.size == group.size), shapes[0])
+
+    @cached_property
+    def _grids(self) -> _Grids:
+        counts = np.array([len(which) for which in self.keys.values()], dtype=np.intp)
+        members = np.array([k for which in self.keys.values() for k in which], dtype=np.intp)
+        return _Grids(members, np.cumsum(counts) - counts, counts, np.array([self.priors[key] for key in self.keys]))
+
+    @cached_property
+    def priors(self) -> dict[Key, float]:
+        """Log prior probability of each hypothesis [-]."""
+        groups = self.evidence.data.groups
+        return {key: self._prior(groups[which[0]].claim) for key, which in self.keys.items()}
+
+    def candidate_log_odds(
+        self, fit: Fitted, dispersion: Array, hypothesis: Hypothesis, torque: Columns, white: Columns
+    ) -> float | None:
+        """Log posterior odds of a hypothesis whose columns are not in the dataset; None if its columns are zero.
+
+        Columns per joint: torque (M, d) [torque per coefficient], white (M', d) [1 per coefficient].
+        `fit` is that of nuisance parameters and selected laws, at a dispersion (n,) [1].
+        """
+        prior = coefficient_prior(hypothesis, mean_products(torque, self.evidence.data.scale))
+        if prior is None:
+            return None
+        log = self.evidence.candidate_log_factor(fit, dispersion, prior, white) + self._prior(hypothesis)
+        return log - float(np.log(PRIOR_NOTHING))
+
+    def _prior(self, hypothesis: Hypothesis) -> float:
+        places = max(1, self._places.get(hypothesis.key[0], 0))
+        return log_prior(hypothesis, places, self.kinds, self._places.get("", 1))
+
+    @cached_property
+    def _places(self) -> dict[str, int]:
+        """Number of hypotheses of each effect; the empty name stands for all unknown dependences."""
+        unknown = [self.evidence.data.groups[which[0]].claim.unknown for which in self.keys.values()]
+        return Counter([*(name for name, _ in self.keys), *[""] * sum(unknown)])
+
+    def odds(
+        self, selected: Sequence[Group], dispersion: Array, without: Group | None = None
+    ) -> tuple[dict[Key, Odds], float]:
+        """Posterior odds of all hypotheses not selected, and probability of the first prior scale; dispersion (n,) [1].
+
+        A selected hypothesis may be left out (`without`).
+        """
+        factors, prior_scale = self.evidence.log_bayes_factors(selected, dispersion, without)
+        grids, taken = self._grids, {group.claim.key for group in selected if group is not without}
+        log_bayes_factor = np.where(np.isfinite(factors), factors, -np.inf)[grids.members]
+        highest = np.maximum.reduceat(log_bayes_factor, grids.starts)
+        shown = np.isfinite(highest)
+        share = np.exp(log_bayes_factor - np.repeat(np.where(shown, highest, 0.0), grids.counts))
+        best = np.flatnonzero(log_bayes_factor == np.repeat(highest, grids.counts))
+        first = best[np.searchsorted(best, grids.starts)]
+        mean = np.where(shown, np.add.reduceat(share, grids.starts) / grids.counts, 1.0)
+        log = highest + np.log(mean) + grids.priors - np.log(PRIOR_NOTHING)
+        groups, out = self.evidence.data.groups, dict[Key, Odds]()
+        for key, yes, value, which in zip(self.keys, shown, log.tolist(), grids.members[first].tolist(), strict=True):
+            if yes and key not in taken:
+                out[key] = Odds(value, groups[which])
+        return out, float(prior_scale[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,20 +165,11 @@ class Selection(Frozen):
         return self.evidence.fit(self.selected, self.dispersion, self.prior_scale)
 
     def with_selected(self, selected: Sequence[Group], log_odds: Mapping[Group, float] | None = None) -> Selection:
-        """Replace the selected hypotheses; the prior scale becomes the most likely one beside them.
-
-        Args:
-            selected: the new hypotheses.
-            log_odds: log posterior odds of each when it was selected [-]; None: as before.
-        """
+        """Replace the selected hypotheses; the prior scale becomes the most likely one beside them."""
         scale = self.evidence.prior_scale(selected, self.dispersion)
         log = self.log_odds if log_odds is None else log_odds
         return replace(self, selected=tuple(selected), log_odds=log, prior_scale=scale)
 
     def without(self, group: Group) -> Selection:
-        """Remove one hypothesis.
-
-        Args:
-            group: the selected hypothesis to remove.
-        """
+        """Remove one selected hypothesis."""
         return self.with_selected([other for other in self.selected if other is not group])

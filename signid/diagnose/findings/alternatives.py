@@ -16,12 +16,9 @@ from ..data.column_groups import Group
 from ..data.dataset import Dataset
 from ..data.hypotheses import Key
 from ..evidence.likelihood import Likelihood
-from ..evidence.posterior_odds import Odds
-from ..evidence.selection import Selection
-from ..search.admissible import is_admissible
-from ..search.contributions import Contributions, measure_contributions
-from ..search.inertial_check import resolved_violations
-from ..search.steady import steadiness
+from ..evidence.selection import Odds, Selection
+from ..search.admissible import is_admissible, resolved_violations
+from ..search.contributions import Contributions, measure_contributions, steadiness
 from ..search.stepwise import SEARCH, is_applicable, present_laws
 from . import thresholds as tuned
 from .contender import CLIP, Contender, residual_energies
@@ -145,7 +142,7 @@ class _Ranking(Frozen):
 
     @cached_property
     def _likelihood(self) -> Likelihood:
-        return Likelihood(self.dataset, self.selection.evidence, self.selection)
+        return Likelihood(self.dataset, self.selection)
 
     @cached_property
     def _residual(self) -> Array:

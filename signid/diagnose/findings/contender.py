@@ -11,7 +11,7 @@ from ...regression.projection import RANK, leave
 from ...types import Array, Frozen
 from ..data.column_groups import Group
 from ..data.hypotheses import Key
-from ..evidence.posterior_odds import Odds, Posterior
+from ..evidence.selection import Odds, Posterior
 from ..search.contributions import Contributions
 from .thresholds import COMPARED_LOG_ODDS, SAME_TORQUE_CHI2
 

@@ -16,12 +16,10 @@ from ..data.column_groups import Group
 from ..data.dataset import Dataset
 from ..data.hypotheses import VARIABLES
 from ..data.locate import Location, locate
-from ..data.motions import torque_rows
 from ..evidence.selection import Selection
 from ..extend.holdout import Prediction
 from ..result import Alternative, Finding, Unexplained
-from ..search.stepwise import required_log_odds
-from ..search.thresholds import FIRST_LOG_ODDS, NEXT_LOG_ODDS
+from ..search.stepwise import FIRST_LOG_ODDS, NEXT_LOG_ODDS, required_log_odds
 from .contender import Contender
 from .held_out_selection import ExtendedSimulation, select_on_held_out
 from .intervals import extended_covariance, standard_deviations
@@ -134,7 +132,7 @@ class _Reporter(Frozen):
         in_model = group in self.extended.kept
         usual = FIRST_LOG_ODDS if len(selection.selected) == 1 else NEXT_LOG_ODDS
         whole = total_law(law, dataset.model, self.extended.prediction.model if in_model else None)
-        torque = torque_rows(dataset.thin, dataset.pieces, law)
+        torque = dataset.torque(law)
         share = torque_share(torque, selection.data.scale)
         loudest = max(torque, key=lambda j: share[j])
         joint = law.joints[0] if len(law.joints) <= 2 and law.joints[0] in torque else loudest

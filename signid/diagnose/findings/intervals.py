@@ -23,7 +23,7 @@ from ..data.motions import torque_of
 from ..data.noise import has_full_window
 from ..data.normal_equations import Fitted, solve
 from ..data.whitened_rows import columns_of, total
-from ..evidence.knowledge import law_parameter_columns, parameter_columns
+from ..evidence.prior import law_parameter_columns, parameter_columns
 from ..evidence.selection import Selection
 from ..search.contributions import measure_contributions
 from ..search.stepwise import inflated_dispersion
@@ -152,7 +152,7 @@ def _number_model(
     """Derivatives of torque with respect to all numbers, and priors where the torque is linear in them."""
     dispersion, evidence = inflated_dispersion(selection), selection.evidence
     keys = [one for own in numbers.values() for one in own]
-    slopes = {j: x for j, x in dataset.whiten(_slopes(dataset, keys)).items() if x.any()}
+    slopes = {j: x for j, x in dataset.whitening(_slopes(dataset, keys)).items() if x.any()}
     beside, own_precision = _beside(selection, [law for own in laws.values() for law in own], dispersion)
     precision, at, refitted = np.zeros((len(keys), len(keys))), 0, columns_of(evidence.refitted(selection.prior_scale))
     for group, own in laws.items():

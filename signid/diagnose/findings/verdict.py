@@ -13,8 +13,7 @@ from ..data.column_groups import Group
 from ..data.dataset import Dataset
 from ..data.noise import has_full_window
 from ..data.whitening import weights
-from ..evidence.posterior_odds import Posterior
-from ..evidence.selection import Selection
+from ..evidence.selection import Posterior, Selection
 from ..search.contributions import Contributions, measure_contributions
 from . import thresholds as tuned
 from .contender import Contender

@@ -1,4 +1,4 @@
-"""Admissible hypotheses: large enough, physically possible, not redundant."""
+"""Admissible hypotheses: large enough, physically possible, not redundant; links beyond their tolerance."""
 
 from __future__ import annotations
 
@@ -6,17 +6,46 @@ import numpy as np
 
 from ...effects.base import ActuatorLaw
 from ...regression.projection import leave
-from ...types import Array
+from ...types import INERTIAL
 from ..data.column_groups import Group
 from ..data.normal_equations import Fitted
-from ..evidence.posterior_odds import Posterior
+from ..data.whitened_rows import columns_of
+from ..evidence.bayes_factors import INERTIAL_SCALES
 from ..evidence.prior import CoefficientPrior
-from ..evidence.selection import Selection
+from ..evidence.selection import Posterior, Selection
 from ..extend.extend import has_possible_numbers, is_possible, nearest_bodies
-from .thresholds import ACTUATOR_RANGE, INFEASIBLE_CHI2, LEAST_TORQUE_SHARE, ON_OFF_RANGE, REDUNDANT_SHARE
 
+LEAST_TORQUE_SHARE = 0.007  # rms torque of a law over that of some joint [1]; simulated arms
+ON_OFF_RANGE = (0.3, 2.0)  # fitted coefficient of a law without numbers, 1 where it holds exactly [1]; heuristic
+ACTUATOR_RANGE = (0.6, 1.5)  # the same for actuator laws, such as saturation [1]; heuristic
+INFEASIBLE_CHI2 = 4.0  # squared distance to consistent bodies, per number [variances]: two standard deviations
+REDUNDANT_SHARE = 1e-3  # sum of squares of a law's columns that selected laws cannot make, over all [1]; heuristic
 UNCHANGED_VARIANCE = 1e-10  # variance of bodies that do not change [kg2, kg2.m2, kg2.m4]: keeps the covariance regular
 SAME_ANSWER = 1.0  # numbers that differ by less get the answer computed before [standard deviations]
+INERTIAL_VIOLATION = 30.0  # squared correction of a link's ten numbers at the largest tolerance [variances]; heuristic
+
+
+def inertial_violations(selection: Selection) -> dict[int, float]:
+    """Squared corrections of links beyond any tolerance, by the joint that moves the link [variances].
+
+    Inertials are refitted at the largest prior scale. Empty where they are probably right, or where the model carries
+    a covariance.
+    """
+    if selection.evidence.informed or selection.evidence.prior_scale(selection.selected, selection.dispersion) == 0:
+        return {}
+    fit = selection.evidence.fit(selection.selected, selection.dispersion, INERTIAL_SCALES[-1])
+    bodies = [group for group in selection.data.refitted if group.bodies]
+    step = fit.value[np.isin(fit.which, columns_of(bodies))]
+    deviation = np.concatenate([group.deviation for group in bodies])
+    chi2 = np.sum((step / INERTIAL_SCALES[-1] / deviation).reshape(-1, len(INERTIAL)) ** 2, axis=1)
+    carried = selection.posterior.carried
+    return {j: float(chi2[body]) for j, body in enumerate(carried) if chi2[body] > INERTIAL_VIOLATION}
+
+
+def resolved_violations(selection: Selection, rest: Selection, group: Group) -> set[int]:
+    """Joints whose links violate the tolerance without a body hypothesis (`rest`) and not with it (`selection`)."""
+    violated = inertial_violations(rest).keys() if group.claim.bodies else set()
+    return violated - inertial_violations(selection).keys() if violated else set()
 
 
 def is_admissible(selection: Selection, group: Group) -> bool:
@@ -24,31 +53,20 @@ def is_admissible(selection: Selection, group: Group) -> bool:
 
     Its torque is large enough, its numbers are physically possible, a coefficient without a number is near 1, and the
     selected laws cannot make the same torque.
-
-    Args:
-        selection: the selected laws.
-        group: columns of the hypothesis.
     """
     selected = (*selection.selected, group)
-    prior_scale = selection.evidence.prior_scale(selected, selection.dispersion)
-    fit, prior = (
-        selection.evidence.fit(selected, selection.dispersion, prior_scale),
-        selection.evidence.coefficient_priors[group],
-    )
+    evidence, dispersion = selection.evidence, selection.dispersion
+    fit = evidence.fit(selected, dispersion, evidence.prior_scale(selected, dispersion))
+    prior = evidence.coefficient_priors[group]
     assert prior is not None, "hypotheses have priors"
     value = fit.value[fit.place(group)]
-    if not _is_large(selection, group, value) or (prior.mean and not _is_on(group, float(value[0]))):
+    data = selection.data
+    rms = [np.sqrt(np.mean((data.raw(j, group) @ value) ** 2)) / data.scale[j] for j in data.rows(group)]
+    if max(rms) < LEAST_TORQUE_SHARE or (prior.mean and not _is_on(group, float(value[0]))):
         return False
     if not has_possible_numbers(group, value) or not _has_right_sign(group, prior, fit):
         return False
     return not _is_redundant(selection, group) and _has_bodies(selection.posterior, group, fit)
-
-
-def _is_large(selection: Selection, group: Group, value: Array) -> bool:
-    """Whether the rms torque of a hypothesis is large enough at some joint."""
-    data = selection.data
-    rms = [np.sqrt(np.mean((data.raw(j, group) @ value) ** 2)) / data.scale[j] for j in data.rows(group)]
-    return not max(rms) < LEAST_TORQUE_SHARE
 
 
 def _is_on(group: Group, value: float) -> bool:

@@ -12,8 +12,10 @@ from ..data.dataset import Dataset
 from ..data.hypotheses import Hypothesis
 from ..data.noise import has_full_window
 from ..data.whitened_rows import Whitened
-from .thresholds import CONTACT_STEP, CONTACT_TORQUE, CONTACT_WIDTHS
 
+CONTACT_WIDTHS = (0.5, 0.9, 1.5, 2.5, 4.0, 7.0)  # [s] first grid; heuristic
+CONTACT_STEP = 0.2  # [s] between the starts of the first grid; heuristic
+CONTACT_TORQUE = 0.15  # prior rms torque of the force over the rms torque [1]; heuristic
 NAME = "external_contact"
 MOVES = np.arange(-5, 6)  # shifts of the ends of the best window in one refinement [rows]
 REFINEMENTS = 3  # refinements of the best window
@@ -24,7 +26,6 @@ class _Window(NamedTuple):
     """Rows from start to stop of a piece."""
 
     log_bayes: float  # log Bayes factor of a force in the window [-]
-    piece: int
     start: int
     stop: int
 
@@ -32,22 +33,18 @@ class _Window(NamedTuple):
 def find_contact(dataset: Dataset, data: Whitened, residual: Array, dispersion: Array) -> Hypothesis | None:
     """Contact in the window of highest evidence over all recordings; None if no window has a Bayes factor above 1.
 
-    Cumulative sums of the normal equations make each window cost the same.
-
-    Args:
-        dataset: motions and rows.
-        data: whitened rows.
-        residual: (n, M) whitened residual of the selected laws [1].
-        dispersion: (n,) variance of the residual [1].
+    Cumulative sums of the normal equations make each window cost the same. The residual (n, M) [1] is whitened and has
+    the variance dispersion (n,) [1].
     """
-    jacobian = _jacobian(dataset)
+    full = [dataset.thin(p.motion.jacobian.reshape(len(p.motion), -1)) for p in dataset.pieces]
+    jacobian = np.concatenate(full).reshape(-1, 3, data.joints)  # of the last link [m/rad or 1]
     white = dataset.whitening.local({j: jacobian[:, :, j] for j in range(data.joints)})
     shape = np.stack([white[j] / np.sqrt(dispersion[j]) for j in range(data.joints)])  # (n, M, 3)
     rest = residual / np.sqrt(dispersion)[:, None]
     variance = CONTACT_TORQUE**2 / 3 / max(float(np.mean(np.sum(jacobian**2 / data.scale**2, axis=2))), 1e-300)
     order = dataset.noise.coefficients.shape[1]
     alive = np.flatnonzero(has_full_window(dataset.table.piece, order)) + order
-    rate, best = dataset.task.band.rate / dataset.task.band.factor, _Window(0.0, 0, 0, 0)
+    rate, best = dataset.task.band.rate / dataset.task.band.factor, _Window(0.0, 0, 0)
     for k in np.unique(dataset.table.piece[alive]):
         own = np.flatnonzero(dataset.table.piece[alive] == k)
         x, y = shape[:, own], rest[:, own]
@@ -56,30 +53,16 @@ def find_contact(dataset: Dataset, data: Whitened, residual: Array, dispersion: 
         window = _best(square, right, variance, rate)
         if window.log_bayes > best.log_bayes:
             first, last = alive[own[window.start]], alive[own[window.stop - 1]]
-            best = _Window(window.log_bayes, int(k), int(first), int(last))
+            best = _Window(window.log_bayes, int(first), int(last))
     if best.log_bayes <= 0:
         return None
     span = {"start": float(dataset.table.t[best.start]), "end": float(dataset.table.t[best.stop])}
     return Hypothesis((Law(EFFECTS[NAME], tuple(range(data.joints)), span),))
 
 
-def _jacobian(dataset: Dataset) -> Array:
-    """(M, 3, n) translational Jacobian of the last link at the rows [m/rad or 1]."""
-    n = dataset.table.joints
-    full = [piece.motion.jacobian.reshape(len(piece.motion), -1) for piece in dataset.pieces]
-    return np.concatenate([dataset.thin(x) for x in full]).reshape(-1, 3, n)
-
-
 def _best(square: Array, right: Array, variance: float, rate: float) -> _Window:
-    """Search the windows of one piece: a grid first, then shifts of both ends of the best.
-
-    Args:
-        square: (M + 1, 3, 3) cumulative Gram of the Jacobian [1/N2].
-        right: (M + 1, 3) cumulative right side [1/N].
-        variance: prior variance of each component of the force [N2].
-        rate: rate of the rows [Hz].
-    """
-    count, best = len(square) - 1, _Window(0.0, 0, 0, 0)
+    """Search the windows of one piece by cumulative sums: a grid first, then shifts of both ends of the best."""
+    count, best = len(square) - 1, _Window(0.0, 0, 0)
     for width in CONTACT_WIDTHS:
         length = int(width * rate)
         start = np.arange(0, count - length, max(1, int(CONTACT_STEP * rate)))
@@ -99,4 +82,4 @@ def _better(best: _Window, square: Array, right: Array, variance: float, start: 
     gain = variance * np.einsum("ki,ki->k", b, np.linalg.solve(a, b[..., None])[..., 0]) / 2
     gain = gain - np.linalg.slogdet(a)[1] / 2
     k = int(np.argmax(gain))
-    return _Window(float(gain[k]), 0, int(start[k]), int(stop[k])) if gain[k] > best.log_bayes else best
+    return _Window(float(gain[k]), int(start[k]), int(stop[k])) if gain[k] > best.log_bayes else best

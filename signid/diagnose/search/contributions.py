@@ -1,4 +1,4 @@
-"""Torque of each selected law, and the residual of all of them together."""
+"""Torque of each selected law, the residual of all of them together, and whether the gain of a law is steady."""
 
 from __future__ import annotations
 
@@ -7,12 +7,18 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.special import stdtr
 
 from ...types import Array, Frozen, Indices
 from ..data.column_groups import Group
 from ..data.normal_equations import Factor, Fitted
 from ..data.whitened_rows import Whitened
 from ..evidence.bayes_factors import Evidence
+from ..evidence.prior import PRIOR_NOTHING
+from ..evidence.selection import Posterior
+
+BLOCKS, LEAST_BLOCKS = 8, 3  # blocks of rows with equal torque energy of the law, and the fewest for a test; heuristic
+LEAST_PROBABILITY = 1e-15  # bound of the test's probability [1]: about the precision of a double
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,14 +48,7 @@ class Contributions(Frozen):
 def measure_contributions(
     evidence: Evidence, selected: Sequence[Group], dispersion: Array, prior_scale: float
 ) -> Contributions:
-    """Fit everything together and measure the torque of each selected law.
-
-    Args:
-        evidence: rows.
-        selected: columns of the selected laws.
-        dispersion: (n,) variance of the whitened residual [1].
-        prior_scale: errors of the given simulation, in standard deviations of their prior [1].
-    """
+    """Fit all together at a dispersion (n,) [1] and a prior scale, and measure the torque of each selected law."""
     data, fit = evidence.data, evidence.fit(selected, dispersion, prior_scale)
     fitted, value, share = fit.value, {}, {}
     for group in selected:
@@ -61,24 +60,16 @@ def measure_contributions(
 
 
 def residual_growth(contributions: Contributions) -> dict[Group, Array]:
-    """Growth of the residual sum of squares of each joint if a law is removed and all else is refitted: (n,) [1].
-
-    Args:
-        contributions: fit of all laws.
-    """
-    fit, out = contributions.fit, dict[Group, Array]()
+    """Growth of the residual sum of squares of each joint if a law is removed and all else is refitted: (n,) [1]."""
+    fit, laws, out = contributions.fit, contributions.coefficients, dict[Group, Array]()
     for factor in fit.factors:
         which = fit.which[factor.place]
-        places = {
-            g: np.flatnonzero(which == g.start)[0] + np.arange(g.size)
-            for g in contributions.coefficients
-            if g.start in which
-        }
+        places = {g: np.flatnonzero(which == g.start)[0] + np.arange(g.size) for g in laws if g.start in which}
         if places:
-            steps = [_step(factor, at, contributions.coefficients[group]) for group, at in places.items()]
+            steps = [_step(factor, at, laws[group]) for group, at in places.items()]
             growth = np.maximum(_growth(contributions, which, np.column_stack(steps)), 0.0)
             out |= dict(zip(places, growth, strict=True))
-    return {group: out[group] for group in contributions.coefficients}
+    return {group: out[group] for group in laws}
 
 
 def _step(factor: Factor, own: Indices, value: Array) -> Array:
@@ -88,13 +79,7 @@ def _step(factor: Factor, own: Indices, value: Array) -> Array:
 
 
 def _growth(contributions: Contributions, which: Indices, steps: Array) -> Array:
-    """(g, n) growth of the residual sum of squares of each joint [1].
-
-    Args:
-        contributions: fit of all laws.
-        which: (k,) columns.
-        steps: (k, g) decrease of their coefficients, for each of g laws.
-    """
+    """(g, n) growth of the residual sum of squares of each joint, by steps (k, g) of the columns for g laws [1]."""
     data = contributions.data
     out = np.zeros((steps.shape[1], data.joints))
     for j in np.flatnonzero((data.at[:, which] >= 0).any(axis=1)).tolist():
@@ -102,3 +87,31 @@ def _growth(contributions: Contributions, which: Indices, steps: Array) -> Array
         added = own @ steps[here]
         out[:, j] = np.sum(added**2, axis=0) + 2 * contributions.residual[j] @ added
     return out
+
+
+def steadiness(posterior: Posterior, contributions: Contributions, residual: Array, group: Group) -> float:
+    """Log odds that a law improves the prediction, from its gain in blocks of rows [-].
+
+    The log likelihood ratio against its absence is summed over blocks in each of which the law makes the same torque
+    energy. The mean over its standard error is compared with Student's t. A law that is right gains about the same in
+    each block; a law that imitates something else gains in some and loses in others. The test needs neither model to
+    be right. The residual (M, n) [N.m or N] is that of all selected laws.
+
+    Source: Vuong, Likelihood ratio tests for model selection and non-nested hypotheses, Econometrica 57, 1989.
+    """
+    data, gain, energy = posterior.evidence.data, np.zeros(len(residual)), np.zeros(len(residual))
+    for j in data.rows(group):
+        size = max(float(np.sqrt(np.mean(residual[:, j] ** 2))), 1e-300)
+        torque, left = data.raw(j, group) @ contributions.coefficients[group] / size, residual[:, j] / size
+        gain, energy = gain + left * torque + torque**2 / 2, energy + torque**2
+    made = np.cumsum(energy)
+    if not made[-1] > 0:
+        return np.inf
+    block = np.minimum((BLOCKS * made / made[-1]).astype(int), BLOCKS - 1)
+    gains = np.array([gain[block == k].sum() for k in np.unique(block)])
+    if len(gains) < LEAST_BLOCKS:
+        return np.inf
+    error = float(np.std(gains, ddof=1)) / np.sqrt(len(gains))
+    better = float(stdtr(len(gains) - 1, float(np.mean(gains)) / max(error, 1e-300)))
+    prior = posterior.priors.get(group.claim.key, 0.0) - float(np.log(PRIOR_NOTHING))
+    return float(np.log(max(better, LEAST_PROBABILITY)) - np.log(max(1 - better, LEAST_PROBABILITY))) + prior

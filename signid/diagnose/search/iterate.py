@@ -8,25 +8,36 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...deadline import time_is_up
-from ...types import Array
+from ...deadline import OutOfTimeError, show_step, time_is_up
+from ...effects.base import ActuatorLaw, BodyLaw, RecordingLaw
+from ...effects.law import law_torque
+from ...model import Model
+from ...regression.motion import Motion
+from ...types import Array, Law, Robot
+from ..data.column_groups import dry_friction
 from ..data.dataset import Dataset, append
 from ..data.hypotheses import Key, is_transient
-from ..data.thresholds import DISCREPANCY_SCALE
+from ..data.motions import bodies_without_rotors
+from ..data.rows import columns_along
 from ..data.whitened_rows import whitened
+from ..data.whitening import DISCREPANCY_SCALE
 from ..evidence.bayes_factors import Evidence
-from ..evidence.likelihood import Likelihood
-from ..evidence.noise_model import update_noise
-from ..evidence.posterior_odds import Posterior
-from ..evidence.selection import Selection
+from ..evidence.likelihood import Likelihood, update_noise
+from ..evidence.selection import Posterior, Selection
+from ..extend.extend import inertial_places, read_laws
 from ..result import Diagnosis
 from .contact_window import NAME as CONTACT, find_contact
 from .contributions import measure_contributions
-from .relinearise import relinearise
 from .shape_optimisation import optimise_shapes
 from .stepwise import SEARCH, inflated_dispersion, initial_selection, log_posterior, log_prior_odds, stepwise_search
-from .thresholds import MAX_ADDED_LAWS, MODEL_ERROR, NOISE_ERROR, NOISE_ROUNDS, RELINEARISATION_ROUNDS, WINDOWS_PER_ROW
 
+NOISE_ERROR = 1.3  # variance of the whitened residual without any law [1]: error of the noise estimate; simulated arms
+MODEL_ERROR = 0.003  # discrepancy of every simulation, over the rms torque [1]; simulated arms
+WINDOWS_PER_ROW = 10  # contact windows that are compared, per row; log of their number is the penalty; simulated arms
+RELINEARISATION_ROUNDS = 3  # heuristic
+MAX_ADDED_LAWS = 2  # laws that relinearisation may add: more, and it diverges; heuristic
+NOISE_ROUNDS = 3  # alternations of noise estimation and search; heuristic
+RELEVANT_CHI2 = 1.0  # squared change of torque by relinearisation [variances of the rows]: one standard deviation
 DISAGREEMENT = (
     "the selected laws change each other's torque, and no two rounds of the search agree on them: their numbers may be "
     "off by more than their intervals; record a motion that separates the alternatives"
@@ -53,12 +64,6 @@ def select(dataset: Dataset, posterior: Posterior, skip: Sequence[str], referenc
     """Select laws; repeat with columns about the extended simulation where selected laws interact.
 
     The first round's result is returned, with a flag, if relinearisation diverges or does not converge.
-
-    Args:
-        dataset: motions and rows.
-        posterior: odds of every hypothesis.
-        skip: excluded effects.
-        reference: diagnosis of the healthy reference, if there is one.
     """
     conditions = _Conditions(skip, reference)
     first = about, selection = _select(dataset, posterior, conditions)
@@ -99,13 +104,12 @@ def _select(dataset: Dataset, posterior: Posterior, conditions: _Conditions) -> 
     for _ in range(NOISE_ROUNDS):
         if time_is_up(SEARCH):
             break
-        updated = replace(dataset, noise=update_noise(dataset, selection.evidence, selection))
+        updated = replace(dataset, noise=update_noise(dataset, selection))
         if (score := _score(updated, selection)) <= highest:
             break
         posterior = _with_rows(posterior, updated)
-        once = any(  # the window of a contact holds for these rows only
-            is_transient(law) for group in selection.selected for law in group.claim.laws
-        )
+        laws = [law for group in selection.selected for law in group.claim.laws]
+        once = any(map(is_transient, laws))  # the window of a contact holds for these rows only
         highest, refit_best = score, not once
         best = (dataset, selection) if once else (updated, replace(selection, posterior=posterior))
         again = _search(updated, posterior, conditions, selection)
@@ -120,7 +124,7 @@ def _select(dataset: Dataset, posterior: Posterior, conditions: _Conditions) -> 
 def _score(dataset: Dataset, selection: Selection) -> float:
     """Log posterior density of the selected laws and of the noise estimated beside them, up to a constant [-]."""
     data = selection.data
-    rows = Likelihood(dataset, selection.evidence, replace(selection, dispersion=np.ones(data.joints))).density()
+    rows = Likelihood(dataset, replace(selection, dispersion=np.ones(data.joints))).density()
     half_cauchy = float(np.sum(np.log1p((dataset.noise.discrepancy / data.scale / DISCREPANCY_SCALE) ** 2)))
     return rows - half_cauchy + log_prior_odds(selection)
 
@@ -135,10 +139,7 @@ def _under_noise(dataset: Dataset, selection: Selection, conditions: _Conditions
 def _search(
     dataset: Dataset, posterior: Posterior, conditions: _Conditions, before: Selection | None = None
 ) -> Selection:
-    """Search from the laws selected before, and from none if that changes them; keep the more probable selection.
-
-    Then search for a contact, and optimise shapes. The first time, the whole residual counts as noise.
-    """
+    """Search from the laws selected before, and from none if that changes them; then optimise shapes."""
     expected = _expected(posterior, conditions.reference)
     if before is None:
         scale = posterior.evidence.prior_scale((), expected)
@@ -164,22 +165,74 @@ def _expected(posterior: Posterior, reference: Diagnosis | None) -> Array:
 
 def _with_contact(dataset: Dataset, selection: Selection) -> Selection:
     """Search again with a contact window among the hypotheses, if there is evidence for one."""
-    window = find_contact(dataset, selection.data, _local_residual(dataset, selection), selection.dispersion)
+    rest = {j: x[:, None] for j, x in enumerate(dataset.remaining(selection.data, selection.fit()).T)}
+    local = np.array([white[:, 0] for white in dataset.whitening.local(rest).values()])  # against coloured noise alone
+    window = find_contact(dataset, selection.data, local, selection.dispersion)
     if window is None:
         return selection
     dispersion, columns = inflated_dispersion(selection), dataset.columns(window)
     fit = selection.evidence.fit(selection.selected, dispersion, selection.prior_scale)
-    odds = selection.posterior.candidate_log_odds(fit, dispersion, window, columns, dataset.whiten(columns))
+    odds = selection.posterior.candidate_log_odds(fit, dispersion, window, columns, dataset.whitening(columns))
     if odds is None or odds <= np.log(WINDOWS_PER_ROW * len(selection.data)):
         return selection
-    data, _ = append(dataset, selection.data, window, columns)
+    data, _ = append(dataset, selection.data, window)
     evidence = replace(selection.evidence, data=data)
     again = stepwise_search(replace(selection.posterior, evidence=evidence), selection.dispersion)
     return selection if time_is_up(SEARCH) else again
 
 
-def _local_residual(dataset: Dataset, selection: Selection) -> Array:
-    """(n, M) [1] residual of all that is fitted, in units of the coloured noise alone."""
-    residual = {j: x[:, None] for j, x in enumerate(dataset.remaining(selection.data, selection.fit()).T)}
-    white = dataset.whitening.local(residual)
-    return np.array([white[j][:, 0] for j in range(selection.data.joints)])
+def relinearise(dataset: Dataset, about: Dataset, selection: Selection) -> Dataset | None:
+    """Recompute the columns about the simulation with the selected laws; None if the change is negligible.
+
+    Laws interact: a payload increases load-dependent friction and is turned by a base tilt, friction is part of a
+    delayed torque. Each cross term is attributed to the law that acts on the other's output. The residual stays
+    that of the given simulation, as do the rows of `dataset`; `about` has the present columns. Also None if time is up,
+    or if the bodies are infeasible.
+    """
+    if time_is_up(SEARCH):
+        return None
+    show_step(f"linearising about {len(selection.selected)} laws", 0.8)
+    fit = selection.fit()
+    value = {group: fit.value[fit.place(group)] for group in selection.selected}
+    laws = [law for group in selection.selected for law in read_laws(group, value[group])]
+    inertials, places = dataset.model.inertials, inertial_places(selection.data.refitted, fit)
+    if len(places):
+        inertials = inertials + fit.value[places].reshape(inertials.shape)
+    robot = _loaded(dataset.model, laws, inertials)
+    new = replace(dataset, pieces=tuple(p._replace(motion=_about(p.motion, robot, laws)) for p in dataset.pieces))
+    if any(np.any(n.motion.inertia <= 0) for n in new.pieces) and all(
+        np.all(o.motion.inertia > 0) for o in dataset.pieces
+    ):
+        return None  # infeasible inertias make the relinearisation meaningless
+    off = np.zeros((dataset.table.joints, len(dataset.whitening({0: dataset.table.residual[:, :1]})[0])))
+    for group in selection.selected:
+        old, updated = about.columns(group.claim), new.columns(group.claim)
+        for j, x in dataset.whitening({j: updated[j] - old[j] for j in updated}).items():
+            off[j] += x @ value[group]
+    if not np.sum(off**2, axis=1) @ (1 / selection.dispersion) > RELEVANT_CHI2:
+        return None
+    dry = dry_friction(dataset.model, dataset.pieces)
+    try:
+        place, columns = columns_along(dataset.task, dataset.model, dataset.table.groups, new.pieces, dry)
+    except OutOfTimeError:
+        return None
+    return replace(new, table=replace(dataset.table, place=place, columns=columns))
+
+
+def _loaded(model: Model, laws: Sequence[Law], inertials: Array) -> Robot:
+    """The robot with other bodies and with the body laws; a base tilt is left out, since it has columns of its own."""
+    changes = tuple(law for law in laws if isinstance(law.effect, BodyLaw))
+    whole = bodies_without_rotors(Model(model.robot, inertials, (*model.laws, *changes)))
+    whole.gravity = model.bodies().gravity
+    return replace(model.robot, model=whole)
+
+
+def _about(motion: Motion, robot: Robot, laws: Sequence[Law]) -> Motion:
+    """Replace robot and predicted torque of a motion by those with the laws."""
+    assert motion.predicted is not None, "a diagnosed motion carries predicted torque"
+    predicted = motion.predicted.copy()
+    for law in laws:
+        if not isinstance(law.effect, RecordingLaw | ActuatorLaw):
+            rows, torque = law_torque(law, motion)
+            predicted[:, list(rows)] += torque
+    return replace(motion, robot=robot, predicted=predicted)

@@ -12,31 +12,24 @@ from ...regression.session import Session
 from ...types import Array, Law
 from ..data.column_groups import Group
 from ..data.dataset import Dataset
-from ..data.motions import torque_rows
 from ..data.whitened_rows import columns_of
 from ..evidence.selection import Selection
 from ..extend.extend import extend, has_possible_numbers, read_laws
 from ..extend.holdout import residual_rows
-from .inertial_check import resolved_violations
+from .admissible import resolved_violations
 from .stepwise import SEARCH
-from .thresholds import SIGNIFICANT_CHI2
+
+SIGNIFICANT_CHI2 = 4.0  # squared coefficients, per number [variances]: two standard deviations
 
 
 def prune(dataset: Dataset, session: Session, selection: Selection) -> Selection:
     """Drop laws with impossible or insignificant numbers, and laws that increase the training residual.
 
     The residual is that of the extended simulation, since laws change each other's torque.
-
-    Args:
-        dataset: motions and rows.
-        session: recordings.
-        selection: the selected laws.
     """
     selection = _significant(_possible(selection))
     while selection.selected and not time_is_up(SEARCH):
-        worst, harm = max(
-            ((g, h) for g, h in _training_harm(dataset, session, selection).items()), key=lambda item: item[1]
-        )
+        worst, harm = max(_training_harm(dataset, session, selection).items(), key=lambda item: item[1])
         if harm <= 0:
             return selection
         selection = selection.without(worst)
@@ -55,10 +48,7 @@ def _possible(selection: Selection) -> Selection:
 
 
 def _significant(selection: Selection) -> Selection:
-    """Drop laws whose numbers do not differ from zero significantly, the least significant first.
-
-    A body change stays if a link would violate its tolerance without it: refitted inertials hide its significance.
-    """
+    """Drop insignificant laws; a body change stays if a link would violate its tolerance without it."""
     while selection.selected:
         fit = selection.fit()
         value, covariance, chi2 = fit.value, fit.covariance, dict[Group, float]()
@@ -77,18 +67,13 @@ def _significant(selection: Selection) -> Selection:
 
 
 def _training_harm(dataset: Dataset, session: Session, selection: Selection) -> dict[Group, float]:
-    """Increase of the squared training residual by each law, in units of the irreducible variance [1].
-
-    Computed in the better of two extended simulations: with all numbers refitted, or with the laws alone.
-    """
+    """Increase of the squared training residual by each law, over the irreducible variance [1]."""
     evidence, tried = selection.evidence, list[tuple[float, dict[Group, float]]]()
     whole = evidence.fit(selection.selected, selection.dispersion, selection.prior_scale)
     alone = whole.restricted(np.isin(whole.which, columns_of(selection.selected)))
-    fits = ((whole, evidence.data.refitted), (alone, ()))
-    for fit, refitted in fits:
+    for fit, refitted in ((whole, evidence.data.refitted), (alone, ())):
         laws = {group: read_laws(group, fit.value[fit.place(group)]) for group in selection.selected}
-        flat = [law for own in laws.values() for law in own]
-        model = extend(dataset.model, refitted, fit, flat, session.task.base)
+        model = extend(dataset.model, refitted, fit, [x for own in laws.values() for x in own], session.task.base)
         rows = residual_rows(session.task, model, session.train)
         noise = rows.irreducible_std(dataset.noise, 1)
         with_all = _square(rows.residual / noise)
@@ -101,7 +86,7 @@ def _torque(dataset: Dataset, laws: Sequence[Law]) -> Array:
     """(M, n) [N.m or N] torque of some laws."""
     torque = np.zeros_like(dataset.table.residual)
     for law in laws:
-        for j, x in torque_rows(dataset.thin, dataset.pieces, law).items():
+        for j, x in dataset.torque(law).items():
             torque[:, j] += x
     return torque
 

@@ -18,19 +18,16 @@ from ..data.column_groups import Group
 from ..data.dataset import Dataset, append
 from ..data.hypotheses import Hypothesis, Key
 from ..data.normal_equations import Fitted
-from ..evidence.posterior_odds import Posterior
-from ..evidence.selection import Selection
+from ..evidence.selection import Posterior, Selection
 from .contributions import measure_contributions
 from .stepwise import SEARCH, inflated_dispersion
-from .thresholds import (
-    EVALUATIONS_PER_SHAPE,
-    LOG_ODDS_TOLERANCE,
-    RECORDING_LIMITS,
-    SHAPE_FACTOR,
-    SIZE_ROUNDS,
-    WINDOW_REACH,
-)
 
+EVALUATIONS_PER_SHAPE = 20  # evaluations of the optimiser; heuristic
+LOG_ODDS_TOLERANCE = 0.02  # of the optimiser [-]; heuristic
+SHAPE_FACTOR = 1.6  # by which a shape may change from its grid value [1]: grids are coarser; heuristic
+WINDOW_REACH = 0.5  # [s] by which the ends of a window may move; heuristic
+SIZE_ROUNDS = 4  # times that the size of a recording law may grow by that factor again; heuristic
+RECORDING_LIMITS = {"rad": 0.7, "s": 0.3}  # [rad], [s] sizes from which on a recording law is implausible; heuristic
 ALGORITHM = "LN_BOBYQA"  # Powell 2009: no derivatives, box constraints
 AT_THE_BOUND = 0.99  # step from which on a size counts as at the bound of its box, over the box [1]
 WINDOW_ENDS = ("start", "end")  # shapes that are added to, not multiplied
@@ -52,21 +49,8 @@ class _Others(NamedTuple):
     dispersion: Array  # (n,) variance of the whitened residual [1]
 
 
-class _Optimised(NamedTuple):
-    """A hypothesis with optimised shape."""
-
-    log_odds: float  # [-]
-    hypothesis: Hypothesis
-    columns: dict[int, Array]  # per joint (M, d) [torque per coefficient]
-
-
 def optimise_shapes(dataset: Dataset, selection: Selection) -> Selection:
-    """Optimise the shape of each selected law; recording laws are taken at finite size, not linearised about zero.
-
-    Args:
-        dataset: motions and rows.
-        selection: the selected laws.
-    """
+    """Optimise the shape of each selected law; recording laws are taken at finite size, not linearised about zero."""
     for group in selection.selected:
         options = _options(selection.posterior, group, {other.claim.key for other in selection.selected})
         if not options or time_is_up(SEARCH):
@@ -78,15 +62,16 @@ def optimise_shapes(dataset: Dataset, selection: Selection) -> Selection:
         others = _Others(rest, fit, dispersion)
         tried = [_optimise(dataset, option, others) for option in options if _has_plausible_size(option, others)]
         if tried:
-            selection = _replaced(dataset, selection, group, sorted(tried, key=lambda one: -one.log_odds))
+            ranked = sorted(tried, key=lambda one: -one[0])
+            selection = _replaced(dataset, selection, group, [hypothesis for _, hypothesis in ranked])
     return selection
 
 
-def _replaced(dataset: Dataset, selection: Selection, group: Group, tried: list[_Optimised]) -> Selection:
+def _replaced(dataset: Dataset, selection: Selection, group: Group, tried: list[Hypothesis]) -> Selection:
     """Replace a selected law by the best of some; the others become hypotheses at their size too, for comparison."""
-    data, new = append(dataset, selection.data, tried[0].hypothesis, tried[0].columns)
+    data, new = append(dataset, selection.data, tried[0])
     for rival in tried[1:]:
-        data, _ = append(dataset, data, rival.hypothesis, rival.columns)
+        data, _ = append(dataset, data, rival)
     selected = tuple(new if g is group else g for g in selection.selected)
     log = {(new if g is group else g): x for g, x in selection.log_odds.items()}
     posterior = replace(selection.posterior, evidence=replace(selection.evidence, data=data))
@@ -94,13 +79,7 @@ def _replaced(dataset: Dataset, selection: Selection, group: Group, tried: list[
 
 
 def _options(posterior: Posterior, group: Group, taken: Collection[Key]) -> list[_Option]:
-    """Hypotheses to optimise in the place of a selected one: itself, and twins among the recording laws.
-
-    Args:
-        posterior: odds of every hypothesis.
-        group: columns of the selected hypothesis.
-        taken: effects and joints of all selected hypotheses.
-    """
+    """Hypotheses to optimise in the place of a selected one: itself, and twins among the recording laws."""
     hypothesis = group.claim
     if len(hypothesis.laws) != 1:
         return []
@@ -128,8 +107,8 @@ def _is_linearised(effect: EffectProtocol) -> bool:
     return isinstance(effect, RecordingLaw) and len(effect.linear()) == 1
 
 
-def _optimise(dataset: Dataset, option: _Option, others: _Others) -> _Optimised:
-    """Maximise the log odds of a law over its shapes, or over the size of a recording law."""
+def _optimise(dataset: Dataset, option: _Option, others: _Others) -> tuple[float, Hypothesis]:
+    """Maximise the log odds [-] of a law over its shapes, or over the size of a recording law."""
     known, start, posterior = option.hypothesis, _start(option, others), others.selection.posterior
     law, keys, moves = known.laws[0], list(start), [_move(key) for key in start]
 
@@ -139,20 +118,22 @@ def _optimise(dataset: Dataset, option: _Option, others: _Others) -> _Optimised:
 
     def cost(x: Array) -> float:
         tried = hypothesis(x).laws[0]
-        if not any(tried.effect.possible(p.motion.at(tried.joints), **_shape(tried)) for p in dataset.pieces):
+        if not any(
+            tried.effect.possible(p.motion.at(tried.joints), **tried.effect.shape(tried.parameters))
+            for p in dataset.pieces
+        ):
             return 0.0
         columns = dataset.columns(hypothesis(x))
-        white = dataset.whiten(columns)
+        white = dataset.whitening(columns)
         return -(posterior.candidate_log_odds(others.fit, others.dispersion, known, columns, white) or 0.0)
 
     zero = np.zeros(len(keys))
     if not keys:
-        return _Optimised(-cost(zero), known, dataset.columns(known))
+        return -cost(zero), known
     best = _minimised(cost, zero, SIZE_ROUNDS if known.finite else 0)
     ends = [k for k, key in enumerate(keys) if key in WINDOW_ENDS]
     value, x = _stepped(cost, best.value, best.x, ends, dataset.pieces[0].motion.dt / WINDOW_REACH)
-    chosen = hypothesis(x)
-    return _Optimised(-value, chosen, dataset.columns(chosen))
+    return -value, hypothesis(x)
 
 
 def _minimised(cost: Callable[[Array], float], start: Array, further: int) -> Optimum:
@@ -192,16 +173,12 @@ def _has_plausible_size(option: _Option, others: _Others) -> bool:
     )
 
 
-def _shape(law: Law) -> dict[str, float]:
-    return dict(law.effect.shape(law.parameters))
-
-
 def _start(option: _Option, others: _Others) -> dict[str, float]:
     """Numbers to begin with: the shape on its grid, or the coefficient of the linearised recording law."""
     known, group = option
     law = known.laws[0]
     if not known.finite:
-        return _shape(law)
+        return dict(law.effect.shape(law.parameters))
     rest = others.selection
     contributions = measure_contributions(rest.evidence, (*rest.selected, group), others.dispersion, rest.prior_scale)
     (key,) = law.effect.linear()

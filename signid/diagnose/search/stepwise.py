@@ -11,35 +11,30 @@ from ...deadline import show_step, time_is_up
 from ...types import Array
 from ..data.column_groups import Group
 from ..data.hypotheses import Key
-from ..evidence.posterior_odds import Odds, Posterior
-from ..evidence.selection import Selection
-from ..evidence.thresholds import PRIOR_NOTHING
+from ..evidence.prior import PRIOR_NOTHING
+from ..evidence.selection import Odds, Posterior, Selection
 from ..extend.extend import has_possible_numbers
-from .admissible import is_admissible
+from .admissible import inertial_violations, is_admissible, resolved_violations
 from .contributions import measure_contributions, residual_growth
-from .inertial_check import inertial_violations, resolved_violations
-from .thresholds import (
-    EXCHANGE_LOG_ODDS,
-    FIRST_LOG_ODDS,
-    IMITATED_LOG_ODDS,
-    IMITATED_SHARE,
-    MAX_INFLATION,
-    MAX_LAWS,
-    NEXT_LOG_ODDS,
-    SHAPE_ERROR,
-    UNTRUSTED_LOG_ODDS,
-)
 
+# Log posterior odds [-]:
+FIRST_LOG_ODDS = 4.0  # needed by the first law; simulated arms
+NEXT_LOG_ODDS = 3.0  # needed by each further law, and to stay; simulated arms
+UNTRUSTED_LOG_ODDS = 5.0  # needed by the first law where inertials are probably wrong; simulated arms
+IMITATED_LOG_ODDS = 8.0  # needed, in that case, by laws that wrong inertials imitate; simulated arms
+EXCHANGE_LOG_ODDS = 2.0  # by which a rival must be better to replace a selected law; simulated arms
+
+IMITATED_SHARE = 0.9  # share of a law's torque that wrong inertials must make to imitate it [1]; heuristic
+MAX_LAWS = 14  # selected laws; heuristic
+SHAPE_ERROR = 0.05  # error of a selected law's formula, over its torque [1]; simulated arms
+MAX_INFLATION = 1.3  # bound of the dispersion with formula errors, over the mean square of the residual [1]; heuristic
 SEARCH = "the search for laws"  # name of the search in messages about time limits
 
 
 def stepwise_search(posterior: Posterior, dispersion: Array, start: Mapping[Group, float] | None = None) -> Selection:
     """Select hypotheses: each step adds the most probable one, then exchanges those that others explain better.
 
-    Args:
-        posterior: odds of every hypothesis.
-        dispersion: (n,) variance of the whitened residual without any law [1].
-        start: hypotheses to begin with, and the log odds of each; None: none.
+    The dispersion (n,) [1] is that of the whitened residual without any law. `start` has hypotheses and their log odds.
     """
     selection = initial_selection(posterior, dispersion, {})
     first, trusted = posterior.odds((), inflated_dispersion(selection))
@@ -69,35 +64,22 @@ def stepwise_search(posterior: Posterior, dispersion: Array, start: Mapping[Grou
 
 
 def log_posterior(selection: Selection) -> float:
-    """Log posterior density of a selection, up to what is common to all selections under the same noise [-].
-
-    Args:
-        selection: the selected laws.
-    """
+    """Log posterior density of a selection, up to what is common to all selections under the same noise [-]."""
     evidence = selection.evidence
     scale = float(evidence.scale_prior[np.argmin(np.abs(evidence.scales - selection.prior_scale))])
     return selection.fit().log_evidence + scale + log_prior_odds(selection)
 
 
 def log_prior_odds(selection: Selection) -> float:
-    """Log prior odds of a selection against no law [-].
-
-    Args:
-        selection: the selected laws.
-    """
+    """Log prior odds of a selection against no law [-]."""
     priors = (selection.posterior.priors.get(group.claim.key, 0.0) for group in selection.selected)
     return sum(priors) - len(selection.selected) * float(np.log(PRIOR_NOTHING))
 
 
 def initial_selection(posterior: Posterior, dispersion: Array, start: Mapping[Group, float]) -> Selection:
-    """Selection of hypotheses that were selected among other rows, each in a shape of as many coefficients.
+    """Selection of hypotheses with their log odds among other rows; dispersion (n,) [1] without any law.
 
-    An exchange or a fit finds the best shape.
-
-    Args:
-        posterior: odds of every hypothesis.
-        dispersion: (n,) variance of the whitened residual without any law [1].
-        start: the hypotheses, and the log odds of each.
+    Each has a shape of as many coefficients; an exchange or a fit finds the best shape.
     """
     log = {posterior.counterpart(group): x for group, x in start.items() if group.claim.key in posterior.keys}
     scale = posterior.evidence.prior_scale(tuple(log), dispersion)
@@ -107,9 +89,7 @@ def initial_selection(posterior: Posterior, dispersion: Array, start: Mapping[Gr
 def inflated_dispersion(selection: Selection, most: float = MAX_INFLATION) -> Array:
     """(n,) variance of the whitened residual [1], inflated by formula errors of the selected laws.
 
-    Args:
-        selection: the selected laws.
-        most: upper bound, over the mean square of the residual [1].
+    The upper bound is `most` times the mean square of the residual.
     """
     dispersion = selection.dispersion
     if not selection.selected:
@@ -122,18 +102,10 @@ def inflated_dispersion(selection: Selection, most: float = MAX_INFLATION) -> Ar
 def required_log_odds(
     posterior: Posterior, group: Group, trusted: float, count: int, usual: float, violated: Collection[int] = ()
 ) -> float:
-    """Log odds that a hypothesis needs beside `count` others [-].
+    """Log odds that a hypothesis needs beside `count` others [-]; `usual` where inertials are as stated.
 
-    More where inertials are probably wrong, since these imitate changes of bodies; but not for the bodies of links that
-    violate their tolerance.
-
-    Args:
-        posterior: odds of every hypothesis.
-        group: columns of the hypothesis.
-        trusted: probability that inertials are as stated [1].
-        count: number of selected laws.
-        usual: log odds needed where inertials are as stated [-].
-        violated: joints whose links violate their tolerance without the hypothesis.
+    More where `trusted`, the probability of that, is low, since wrong inertials imitate changes of bodies; but not for
+    bodies of links whose tolerance is violated, given by their joints.
     """
     if trusted >= 0.5 or posterior.evidence.informed or group.claim.bodies.intersection(violated):
         return usual
@@ -143,22 +115,13 @@ def required_log_odds(
 
 
 def present_laws(selection: Selection) -> set[Key]:
-    """Effects and joints of the laws that the simulation states or that are selected.
-
-    Args:
-        selection: the selected laws.
-    """
+    """Effects and joints of the laws that the simulation states or that are selected."""
     stated = {(g.law.effect.name, g.law.joints) for g in selection.data.refitted if g.law is not None}
     return stated | _selected_keys(selection)
 
 
 def is_applicable(group: Group, present: Collection[Key]) -> bool:
-    """Whether a hypothesis names laws, and a law that changes another has that other present.
-
-    Args:
-        group: columns of the hypothesis.
-        present: effects and joints of laws.
-    """
+    """Whether a hypothesis names laws, and a law that changes another has that other present."""
     laws = group.claim.laws
     return bool(laws) and all(
         not law.effect.changes or any((name, law.joints) in present for name in law.effect.changes) for law in laws
@@ -197,15 +160,7 @@ def _with(selection: Selection, chosen: Odds) -> Selection:
 
 
 def _exchanged(selection: Selection, better: float, joints: Collection[int] | None = None) -> Selection:
-    """Compare each selected law with all others in its place; replace or drop it.
-
-    A correction of a link that violates its tolerance without it may be replaced only by one that resolves this too.
-
-    Args:
-        selection: the selected laws.
-        better: log odds by which a rival must be better [-].
-        joints: compare only laws that act on one of these; None: all.
-    """
+    """Compare each selected law that acts on one of some joints (None: all) with all others; replace or drop it."""
     for group in selection.selected:
         if time_is_up(SEARCH):
             break
@@ -215,7 +170,7 @@ def _exchanged(selection: Selection, better: float, joints: Collection[int] | No
 
 
 def _exchange(selection: Selection, group: Group, better: float) -> Selection:
-    """Replace one selected law by a clearly better rival or by another of its shapes, or drop it."""
+    """Replace a selected law by a better rival, which resolves the same violations, or by another shape, or drop it."""
     rest, posterior = selection.without(group), selection.posterior
     odds, trusted = posterior.odds(selection.selected, inflated_dispersion(selection), without=group)
     links = resolved_violations(selection, rest, group)
