@@ -11,8 +11,9 @@ import pytest
 from diagnosed import Posed, fault, posed
 
 from signid.diagnose.data.whitened_rows import columns_of
-from signid.diagnose.evidence.bayes_factors import COVARIANCE_SCALES, Evidence
+from signid.diagnose.evidence.bayes_factors import Evidence
 from signid.diagnose.evidence.prior import StatedPrior
+from signid.diagnose.evidence.thresholds import COVARIANCE_SCALES
 from signid.diagnose.findings.alternatives import _follows, limit_in_step, rank_contenders
 from signid.diagnose.findings.contender import Contender
 from signid.diagnose.findings.verdict import decide_verdict

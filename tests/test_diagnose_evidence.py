@@ -24,10 +24,10 @@ from scipy.stats import multivariate_normal
 
 from signid.diagnose.data.column_groups import Group
 from signid.diagnose.data.whitened_rows import columns_of, total
-from signid.diagnose.evidence.batches import EFFECT_SIZES
-from signid.diagnose.evidence.bayes_factors import INERTIAL_SCALES, LOG_INERTIAL_SCALE_PRIOR, Evidence
+from signid.diagnose.evidence.bayes_factors import Evidence
 from signid.diagnose.evidence.linear_model import SELECTED_SIZE, StatedPrior
 from signid.diagnose.evidence.prior import CoefficientPrior
+from signid.diagnose.evidence.thresholds import EFFECT_SIZES, INERTIAL_SCALES, LOG_INERTIAL_SCALE_PRIOR
 from signid.types import Array, Law
 
 

@@ -12,8 +12,9 @@ from scipy.signal import lfilter
 from signid.diagnose.data.column_groups import Group
 from signid.diagnose.data.hypotheses import hats
 from signid.diagnose.data.locate import find_wave, locate
-from signid.diagnose.data.noise import REPLICATE_FACTOR, measure_noise, whiten
+from signid.diagnose.data.noise import measure_noise, whiten
 from signid.diagnose.data.rows import RowTable
+from signid.diagnose.data.thresholds import REPLICATE_FACTOR
 from signid.diagnose.data.whitening import weights
 from signid.types import Array
 

@@ -9,14 +9,9 @@ import numpy as np
 import pytest
 from diagnosis_rows import Question, law, names, pose
 
-from signid.diagnose.search.admissible import LEAST_TORQUE_SHARE, inertial_violations, is_admissible
+from signid.diagnose.search.admissible import inertial_violations, is_admissible
 from signid.diagnose.search.contributions import measure_contributions, residual_growth
 from signid.diagnose.search.stepwise import (
-    FIRST_LOG_ODDS,
-    IMITATED_LOG_ODDS,
-    NEXT_LOG_ODDS,
-    SHAPE_ERROR,
-    UNTRUSTED_LOG_ODDS,
     inflated_dispersion,
     initial_selection,
     is_applicable,
@@ -24,6 +19,14 @@ from signid.diagnose.search.stepwise import (
     present_laws,
     required_log_odds,
     stepwise_search,
+)
+from signid.diagnose.search.thresholds import (
+    FIRST_LOG_ODDS,
+    IMITATED_LOG_ODDS,
+    LEAST_TORQUE_SHARE,
+    NEXT_LOG_ODDS,
+    SHAPE_ERROR,
+    UNTRUSTED_LOG_ODDS,
 )
 from signid.types import Law
 

@@ -15,18 +15,19 @@ from ...regression.projection import least_squares
 from ...types import Array, Law
 from .hypotheses import Hypothesis, is_refitted
 from .motions import Piece
+from .thresholds import (
+    CENTRE_STD,
+    FRICTION_STD,
+    INERTIA_STD,
+    LAW_STD,
+    MASS_STD,
+    MIN_MASS,
+    OFFSET_STD,
+    REVERSAL_LEAD,
+    REVERSAL_STD,
+    REVERSAL_WIDTHS,
+)
 
-FRICTION_STD = 0.1  # [1] friction and torque offsets, as a share of the coefficient. Heuristic: day-to-day change
-LAW_STD = 0.03  # [1] coefficients of all other laws, as a share. Heuristic
-OFFSET_STD = 0.05  # [1] lower bound for a torque offset, as a share of the joint's dry friction. Heuristic
-MASS_STD = 0.05  # [1] mass, as a share. Prototype
-CENTRE_STD = 0.005  # [m] centre of mass. Prototype
-INERTIA_STD = 0.1  # [1] moments of inertia, as a share of the largest. Prototype
-MIN_MASS = 0.05  # [kg] lower bound of the mass that the shares refer to. Heuristic
-FLAT_PRECISION = 1e-6  # [1] precision of a flat prior, as a share of the Gram's diagonal. Prototype
-REVERSAL_STD = 0.7  # [1] prior std of the three shape columns, as a share of the joint's dry friction. Prototype
-REVERSAL_WIDTHS = (0.3, 3.0)  # [1] steeper and softer reversal, over the presumed width. Prototype
-REVERSAL_LEAD = 0.008  # [s] friction may change sign before the velocity: one sample at 125 Hz. Prototype
 MASSLESS = 1e-6  # [kg] a body below this mass has no centre of mass. Heuristic
 DRY_STRIDE = 8  # every 8th sample is used for the rough estimate of dry friction. Heuristic
 LAYOUT_SAMPLES = 64  # samples of the motion from which columns are counted

@@ -21,8 +21,8 @@ from ...regression.motion import Motion, build_motion, margin
 from ...regression.rows import Task
 from ...regression.session import Part, Session
 from ...types import Array, Law, Robot
+from .thresholds import REVERSAL_TIME_STD
 
-REVERSAL_TIME_STD = 0.006  # [s] standard deviation of the time of a reversal. Heuristic
 PIECE_SAMPLES = 2**14  # samples of a piece at the rate of the rows, at most: limits memory
 
 # Amount of recordings that is used. The work of columns grows with the square of the number of joints.

@@ -13,23 +13,25 @@ from ...regression.projection import least_squares
 from ...types import Array, Frozen, Indices, Mask
 from .locate import find_wave
 from .rows import RowTable
+from .thresholds import (
+    AR_ORDER,
+    MAX_AR_ROOT,
+    MIN_MOVING,
+    MIN_RELIABLE,
+    OUTLIER,
+    PERIOD_TOLERANCE,
+    QUIET_SHARE,
+    RELIABLE_STD,
+    REPLICATE_FACTOR,
+    REPLICATE_STRETCHES,
+    REVERSAL_SCALES,
+    ROWS_PER_DIRECTION,
+    SHAPES_IN_FIT,
+    WAVE_SHARE,
+)
 
-REVERSAL_SCALES = (0.0, 0.3, 0.6, 1.0, 1.3, 1.7, 2.2, 3.0)  # [1] grid of the scale of that deviation. Heuristic
-AR_ORDER = 4  # order of the autoregressive model. Prototype
-MAX_AR_ROOT = 0.75  # [1] largest root: slower correlation is drift, friction or discrepancy. Heuristic
-ROWS_PER_DIRECTION = 3.0  # [1] least number of rows for each direction of the saturated fit. Prototype
-REPLICATE_FACTOR = 1.06  # [1] corrects the rms of replicates for the discarded stretches. Prototype
-QUIET_SHARE = 0.85  # [1] share of the stretches of replicates that is kept. Prototype
-REPLICATE_STRETCHES = 8  # stretches of each piece. Heuristic
-RELIABLE_STD = 0.003  # [1] rows count for noise if their reversal std is below this share of torque. Heuristic
-OUTLIER = 12.0  # [1] larger residuals, over their median size, are no noise (ends of a contact window). Heuristic
-MIN_RELIABLE = 0.3  # [1] least share of reliable rows; with fewer, all rows are used. Heuristic
-MIN_MOVING = 50  # rows in motion; with fewer, rows at rest are used too. Heuristic
-WAVE_SHARE = 0.5  # [1] a sine with more than this share of a residual's power is a disturbance. Heuristic
-SHAPES_IN_FIT = 6  # shapes of one hypothesis that enter the saturated fit. Heuristic
 MIN_PERIOD = 1.0  # [s] shortest period of a motion. Heuristic
 MAX_PERIOD = 0.55  # [1] longest period, as a share of the recording: nearly two periods are compared. Heuristic
-PERIOD_TOLERANCE = 0.01  # [1] rms difference of two periods, over the standard deviation of positions. Heuristic
 RANK = 1e-4  # [1] smallest singular value that counts, over the largest, of scaled columns. Heuristic
 MIN_REVERSAL_ROWS = 6  # rows near reversals; with fewer, the scale is not estimated. Heuristic
 CHI2_MEDIAN = 0.455  # [1] median of the chi-squared distribution with one degree of freedom

@@ -17,11 +17,8 @@ from ...types import Array, Frozen, Indices, Mask
 from .column_groups import Group, nuisances
 from .hypotheses import finite
 from .motions import Piece, reversal_uncertainty, row_filter
+from .thresholds import HOLD_TIME, MIN_TORQUE, REST_SPEED, REST_TIME
 
-REST_SPEED = 2.0  # [1] a joint below this many reversal widths is at rest. Heuristic
-REST_TIME = 0.3  # [s] shortest rest for which held-out rows are ignored. Heuristic
-HOLD_TIME = 0.1  # [s] shortest rest for which rows are ignored: static friction may hold the joint. Heuristic
-MIN_TORQUE = 0.02  # [1] lower bound of a joint's rms torque, as a share of the largest joint's. Prototype
 BLOCK_GROUPS = 32  # groups of columns that are filtered at once: limits memory
 
 

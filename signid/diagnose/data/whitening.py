@@ -25,13 +25,10 @@ from scipy.linalg import block_diag
 
 from ...regression.projection import leave
 from ...types import Array, Frozen, Mask
-from .column_groups import FLAT_PRECISION
 from .noise import Noise, has_full_window, whiten
 from .rows import RowTable
+from .thresholds import DIRECTION_WIDTH, DISCREPANCY_LENGTHS, DISCREPANCY_SCALE, FLAT_PRECISION
 
-DISCREPANCY_LENGTHS = (1.5, 0.6)  # [1] kernel lengths, over the standard deviation of each variable. Heuristic
-DIRECTION_WIDTH = 0.1  # [1] width of the change of direction, over the rms velocity. Heuristic
-DISCREPANCY_SCALE = 0.02  # [1] scale of the half-Cauchy prior of s, as a share of the joint's rms torque. Heuristic
 FREQUENCIES = 40  # F, number of random frequencies. Heuristic
 SEED = 0  # seed of the random frequencies
 

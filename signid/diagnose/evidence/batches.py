@@ -12,8 +12,7 @@ from ...types import Array, Indices, Mask
 from ..data.column_groups import Group
 from ..data.whitened_rows import Whitened
 from .prior import CoefficientPrior
-
-EFFECT_SIZES = np.array([0.006, 0.02, 0.06, 0.2, 0.6, 2.0])  # [1] f: rms torque over the joint's. Prototype, two added
+from .thresholds import EFFECT_SIZES
 
 
 class StackedPriors(NamedTuple):

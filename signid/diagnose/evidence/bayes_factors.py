@@ -16,12 +16,13 @@ from ..data.normal_equations import Fitted
 from .batches import Batch, JointView, batches, joint_view, log_bayes_factor, stack_priors
 from .linear_model import Component, LinearModel, cached
 from .prior import CoefficientPrior
-
-INERTIAL_SCALES = np.array([0.0, 1.0, 2.0])  # [1] without a covariance: of the tolerance of inertials. Prototype
-LOG_INERTIAL_SCALE_PRIOR = np.log([0.5, 0.4, 0.1])  # [1] of each scale. Prototype
-COVARIANCE_SCALES = np.array([1.0, 2.5])  # [1] with a covariance. Heuristic; idea: the ratio of Birge, 1932
-LOG_COVARIANCE_SCALE_PRIOR = np.log([0.95, 0.05])  # [1] of each scale. Heuristic
-INTERVAL_COVARIANCE_SCALES = np.array([1.0, 2.5, 6.0, 15.0])  # [1] with a covariance, for intervals. Heuristic
+from .thresholds import (
+    COVARIANCE_SCALES,
+    INERTIAL_SCALES,
+    INTERVAL_COVARIANCE_SCALES,
+    LOG_COVARIANCE_SCALE_PRIOR,
+    LOG_INERTIAL_SCALE_PRIOR,
+)
 
 
 class Complement(NamedTuple):

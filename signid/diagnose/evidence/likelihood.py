@@ -17,9 +17,8 @@ from ..data.normal_equations import solve
 from ..data.whitened_rows import columns_of
 from ..data.whitening import NoiseEstimate, Whitening, estimate_discrepancy, features
 from .selection import Selection
+from .thresholds import MIN_FLOOR, RELEVANT_DROP
 
-RELEVANT_DROP = 0.8  # [1] a floor below this share of the saturated floor makes that floor be measured again. Heuristic
-MIN_FLOOR = 0.7  # [1] lower bound of the floor, as a share of the saturated floor. Heuristic
 NEGLIGIBLE = 12.0  # [-] scales k whose log density is this much below the highest are skipped: factor e^-12
 MIN_FREE = 0.1  # [1] lower bound of the free rows of a fit, as a share of all rows. Heuristic
 

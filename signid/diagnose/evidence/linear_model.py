@@ -11,12 +11,13 @@ import numpy as np
 
 from ...regression.projection import leave
 from ...types import Array, Frozen, Indices
-from ..data.column_groups import FLAT_PRECISION, Group
+from ..data.column_groups import Group
 from ..data.normal_equations import Fitted, join, solve
+from ..data.thresholds import FLAT_PRECISION
 from ..data.whitened_rows import Block, Gram, Whitened, columns_of, mean_products, total
 from .prior import CoefficientPrior, StatedPrior, coefficient_prior
+from .thresholds import SELECTED_SIZE
 
-SELECTED_SIZE = 1.0  # [1] f of a selected law: a weak prior, nearly no shrinkage. Heuristic
 MIN_SCALE = 1e-9  # [1] lower bound of the prior scale k, so that its inverse exists
 
 Arguments = ParamSpec("Arguments")

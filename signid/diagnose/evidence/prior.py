@@ -14,13 +14,8 @@ from ...regression.regressor import labels
 from ...types import INERTIAL, Array, Frozen, Indices, Law
 from ..data.column_groups import Group
 from ..data.hypotheses import Hypothesis
+from .thresholds import APPROXIMATE_STD, BODY_LEVER, PRESENCE_STD, PRIOR_NOTHING, PRIOR_UNKNOWN, SINGLE_JOINT
 
-PRESENCE_STD = 0.15  # [1] of the coefficient 1 of a law without numbers. Prototype
-APPROXIMATE_STD = 0.4  # [1] the same for transmission laws, whose columns are approximations. Prototype
-BODY_LEVER = 0.1  # [m] distance of mass from the joint; relates mass, first moment and inertia. Prototype
-PRIOR_NOTHING = 0.5  # [1] no hypothesis is true. Prototype
-PRIOR_UNKNOWN = 0.02  # [1] an unknown dependence, if a hypothesis is true. Heuristic
-SINGLE_JOINT = 0.3  # [1] factor for one joint alone with an effect that all joints may share. Prototype
 RIDGE = 1e-9  # [1] added to the diagonal of the scaled covariance, so that it can be inverted
 RANK = 1e-6  # [1] smallest eigenvalue that counts, over the largest. Prototype
 

@@ -16,7 +16,8 @@ from ..data.hypotheses import Hypothesis, Key
 from ..data.normal_equations import Fitted
 from ..data.whitened_rows import Whitened, mean_products
 from .bayes_factors import Evidence
-from .prior import PRIOR_NOTHING, coefficient_prior, log_prior
+from .prior import coefficient_prior, log_prior
+from .thresholds import PRIOR_NOTHING
 
 Columns = Mapping[int, Array]
 Checks = list[tuple[Array, bool]]  # coefficients (d,) [kg, kg.m, kg.m2] of changes of a body, and whether possible

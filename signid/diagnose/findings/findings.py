@@ -19,7 +19,8 @@ from ..data.locate import Location, locate
 from ..evidence.selection import Selection
 from ..extend.holdout import Prediction
 from ..result import Alternative, Finding, Unexplained
-from ..search.stepwise import FIRST_LOG_ODDS, NEXT_LOG_ODDS, required_log_odds
+from ..search.stepwise import required_log_odds
+from ..search.thresholds import FIRST_LOG_ODDS, NEXT_LOG_ODDS
 from .contender import Contender
 from .held_out_selection import ExtendedSimulation, select_on_held_out
 from .intervals import extended_covariance, standard_deviations

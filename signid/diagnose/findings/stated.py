@@ -19,7 +19,7 @@ from ..evidence.selection import Posterior, Selection
 from ..extend.extend import extended_laws, is_same
 from ..extend.holdout import predict
 from ..result import Alternative, Finding
-from ..search.admissible import LEAST_TORQUE_SHARE
+from ..search.thresholds import LEAST_TORQUE_SHARE
 from .held_out_selection import ExtendedSimulation
 from .thresholds import LEAST_PROBABILITY, LISTED_PROBABILITY, RIVAL_SHARE
 

@@ -10,19 +10,21 @@ from ...types import INERTIAL
 from ..data.column_groups import Group
 from ..data.normal_equations import Fitted
 from ..data.whitened_rows import columns_of
-from ..evidence.bayes_factors import INERTIAL_SCALES
 from ..evidence.prior import CoefficientPrior
 from ..evidence.selection import Posterior, Selection
+from ..evidence.thresholds import INERTIAL_SCALES
 from ..extend.extend import has_possible_numbers, is_possible, nearest_bodies
+from .thresholds import (
+    ACTUATOR_RANGE,
+    INERTIAL_VIOLATION,
+    INFEASIBLE_CHI2,
+    LEAST_TORQUE_SHARE,
+    ON_OFF_RANGE,
+    REDUNDANT_SHARE,
+)
 
-LEAST_TORQUE_SHARE = 0.007  # rms torque of a law over that of some joint [1]; simulated arms
-ON_OFF_RANGE = (0.3, 2.0)  # fitted coefficient of a law without numbers, 1 where it holds exactly [1]; heuristic
-ACTUATOR_RANGE = (0.6, 1.5)  # the same for actuator laws, such as saturation [1]; heuristic
-INFEASIBLE_CHI2 = 4.0  # squared distance to consistent bodies, per number [variances]: two standard deviations
-REDUNDANT_SHARE = 1e-3  # sum of squares of a law's columns that selected laws cannot make, over all [1]; heuristic
 UNCHANGED_VARIANCE = 1e-10  # variance of bodies that do not change [kg2, kg2.m2, kg2.m4]: keeps the covariance regular
 SAME_ANSWER = 1.0  # numbers that differ by less get the answer computed before [standard deviations]
-INERTIAL_VIOLATION = 30.0  # squared correction of a link's ten numbers at the largest tolerance [variances]; heuristic
 
 
 def inertial_violations(selection: Selection) -> dict[int, float]:

@@ -12,10 +12,8 @@ from ..data.dataset import Dataset
 from ..data.hypotheses import Hypothesis
 from ..data.noise import has_full_window
 from ..data.whitened_rows import Whitened
+from .thresholds import CONTACT_STEP, CONTACT_TORQUE, CONTACT_WIDTHS
 
-CONTACT_WIDTHS = (0.5, 0.9, 1.5, 2.5, 4.0, 7.0)  # [s] first grid; heuristic
-CONTACT_STEP = 0.2  # [s] between the starts of the first grid; heuristic
-CONTACT_TORQUE = 0.15  # prior rms torque of the force over the rms torque [1]; heuristic
 NAME = "external_contact"
 MOVES = np.arange(-5, 6)  # shifts of the ends of the best window in one refinement [rows]
 REFINEMENTS = 3  # refinements of the best window

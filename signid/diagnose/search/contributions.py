@@ -14,11 +14,9 @@ from ..data.column_groups import Group
 from ..data.normal_equations import Factor, Fitted
 from ..data.whitened_rows import Whitened
 from ..evidence.bayes_factors import Evidence
-from ..evidence.prior import PRIOR_NOTHING
 from ..evidence.selection import Posterior
-
-BLOCKS, LEAST_BLOCKS = 8, 3  # blocks of rows with equal torque energy of the law, and the fewest for a test; heuristic
-LEAST_PROBABILITY = 1e-15  # bound of the test's probability [1]: about the precision of a double
+from ..evidence.thresholds import PRIOR_NOTHING
+from .thresholds import BLOCKS, LEAST_BLOCKS, LEAST_PROBABILITY
 
 
 @dataclass(frozen=True, eq=False)

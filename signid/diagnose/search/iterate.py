@@ -19,8 +19,8 @@ from ..data.dataset import Dataset, append
 from ..data.hypotheses import Key, is_transient
 from ..data.motions import bodies_without_rotors
 from ..data.rows import columns_along
+from ..data.thresholds import DISCREPANCY_SCALE
 from ..data.whitened_rows import whitened
-from ..data.whitening import DISCREPANCY_SCALE
 from ..evidence.bayes_factors import Evidence
 from ..evidence.likelihood import Likelihood, update_noise
 from ..evidence.selection import Posterior, Selection
@@ -30,14 +30,16 @@ from .contact_window import NAME as CONTACT, find_contact
 from .contributions import measure_contributions
 from .shape_optimisation import optimise_shapes
 from .stepwise import SEARCH, inflated_dispersion, initial_selection, log_posterior, log_prior_odds, stepwise_search
+from .thresholds import (
+    MAX_ADDED_LAWS,
+    MODEL_ERROR,
+    NOISE_ERROR,
+    NOISE_ROUNDS,
+    RELEVANT_CHI2,
+    RELINEARISATION_ROUNDS,
+    WINDOWS_PER_ROW,
+)
 
-NOISE_ERROR = 1.3  # variance of the whitened residual without any law [1]: error of the noise estimate; simulated arms
-MODEL_ERROR = 0.003  # discrepancy of every simulation, over the rms torque [1]; simulated arms
-WINDOWS_PER_ROW = 10  # contact windows that are compared, per row; log of their number is the penalty; simulated arms
-RELINEARISATION_ROUNDS = 3  # heuristic
-MAX_ADDED_LAWS = 2  # laws that relinearisation may add: more, and it diverges; heuristic
-NOISE_ROUNDS = 3  # alternations of noise estimation and search; heuristic
-RELEVANT_CHI2 = 1.0  # squared change of torque by relinearisation [variances of the rows]: one standard deviation
 DISAGREEMENT = (
     "the selected laws change each other's torque, and no two rounds of the search agree on them: their numbers may be "
     "off by more than their intervals; record a motion that separates the alternatives"

@@ -18,8 +18,7 @@ from ..extend.extend import extend, has_possible_numbers, read_laws
 from ..extend.holdout import residual_rows
 from .admissible import resolved_violations
 from .stepwise import SEARCH
-
-SIGNIFICANT_CHI2 = 4.0  # squared coefficients, per number [variances]: two standard deviations
+from .thresholds import SIGNIFICANT_CHI2
 
 
 def prune(dataset: Dataset, session: Session, selection: Selection) -> Selection:

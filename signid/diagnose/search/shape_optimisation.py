@@ -21,13 +21,15 @@ from ..data.normal_equations import Fitted
 from ..evidence.selection import Posterior, Selection
 from .contributions import measure_contributions
 from .stepwise import SEARCH, inflated_dispersion
+from .thresholds import (
+    EVALUATIONS_PER_SHAPE,
+    LOG_ODDS_TOLERANCE,
+    RECORDING_LIMITS,
+    SHAPE_FACTOR,
+    SIZE_ROUNDS,
+    WINDOW_REACH,
+)
 
-EVALUATIONS_PER_SHAPE = 20  # evaluations of the optimiser; heuristic
-LOG_ODDS_TOLERANCE = 0.02  # of the optimiser [-]; heuristic
-SHAPE_FACTOR = 1.6  # by which a shape may change from its grid value [1]: grids are coarser; heuristic
-WINDOW_REACH = 0.5  # [s] by which the ends of a window may move; heuristic
-SIZE_ROUNDS = 4  # times that the size of a recording law may grow by that factor again; heuristic
-RECORDING_LIMITS = {"rad": 0.7, "s": 0.3}  # [rad], [s] sizes from which on a recording law is implausible; heuristic
 ALGORITHM = "LN_BOBYQA"  # Powell 2009: no derivatives, box constraints
 AT_THE_BOUND = 0.99  # step from which on a size counts as at the bound of its box, over the box [1]
 WINDOW_ENDS = ("start", "end")  # shapes that are added to, not multiplied

@@ -11,23 +11,23 @@ from ...deadline import show_step, time_is_up
 from ...types import Array
 from ..data.column_groups import Group
 from ..data.hypotheses import Key
-from ..evidence.prior import PRIOR_NOTHING
 from ..evidence.selection import Odds, Posterior, Selection
+from ..evidence.thresholds import PRIOR_NOTHING
 from ..extend.extend import has_possible_numbers
 from .admissible import inertial_violations, is_admissible, resolved_violations
 from .contributions import measure_contributions, residual_growth
+from .thresholds import (
+    EXCHANGE_LOG_ODDS,
+    FIRST_LOG_ODDS,
+    IMITATED_LOG_ODDS,
+    IMITATED_SHARE,
+    MAX_INFLATION,
+    MAX_LAWS,
+    NEXT_LOG_ODDS,
+    SHAPE_ERROR,
+    UNTRUSTED_LOG_ODDS,
+)
 
-# Log posterior odds [-]:
-FIRST_LOG_ODDS = 4.0  # needed by the first law; simulated arms
-NEXT_LOG_ODDS = 3.0  # needed by each further law, and to stay; simulated arms
-UNTRUSTED_LOG_ODDS = 5.0  # needed by the first law where inertials are probably wrong; simulated arms
-IMITATED_LOG_ODDS = 8.0  # needed, in that case, by laws that wrong inertials imitate; simulated arms
-EXCHANGE_LOG_ODDS = 2.0  # by which a rival must be better to replace a selected law; simulated arms
-
-IMITATED_SHARE = 0.9  # share of a law's torque that wrong inertials must make to imitate it [1]; heuristic
-MAX_LAWS = 14  # selected laws; heuristic
-SHAPE_ERROR = 0.05  # error of a selected law's formula, over its torque [1]; simulated arms
-MAX_INFLATION = 1.3  # bound of the dispersion with formula errors, over the mean square of the residual [1]; heuristic
 SEARCH = "the search for laws"  # name of the search in messages about time limits
 
 
