@@ -36,12 +36,14 @@ class Screen(Console):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def new_table(*heads: str) -> Table:
-    """Create a table from its heads; columns whose head ends in > are right-aligned and do not wrap."""
+def new_table(*heads: str, rows: Iterable[Iterable[RenderableType]] = ()) -> Table:
+    """Create a table from its heads and rows; columns whose head ends in > are right-aligned and do not wrap."""
     table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, header_style="dim")
     for head in heads:
         right = head.endswith(">")
         table.add_column(head.removesuffix(">"), justify="right" if right else "left", no_wrap=right, overflow="fold")
+    for row in rows:
+        table.add_row(*row)
     return table
 
 

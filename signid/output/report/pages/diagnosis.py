@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from inspect import getdoc
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ....version import __version__
-from ..diagnosis.document import diagnosis_notes
-from ..diagnosis.numbers import law_words, number_cells
-from ..diagnosis.words import (
+from ..numbers import determination, figure, share
+from ..results.diagnosis import diagnosis_notes
+from ..results.laws import law_words, number_cells
+from ..results.sentences import (
     NEGLIGIBLE,
     WORSE,
     alternative_words,
@@ -22,13 +22,10 @@ from ..diagnosis.words import (
     unexplained_words,
     verdict_words,
 )
-from ..numbers import determination, figure, share
-from ..results.documents import description, once
 from ..results.signs import confidence
-from .courses import joint_plots, worst
-from .frame import render
+from .courses import joint_plots, rollout_plots, worst
+from .frame import AFTER, BEFORE, Card, render, shared
 from .heat import heat_maps, hottest
-from .rolled import rollout_plots
 
 if TYPE_CHECKING:
     from ....diagnose import Diagnosis, Finding
@@ -39,37 +36,24 @@ LOUD = 1.5  # ratio of residual to irreducible rms from which a joint is unfolde
 LISTED = 5  # maximum number of alternatives drawn
 
 
-class Card(NamedTuple):
-    """A key figure."""
-
-    title: str
-    figure: str
-    beside: str
-
-
 def diagnosis_page(result: Diagnosis, inputs: Sequence[Input] = (), command: str = "") -> str:
-    """Render report.html of a diagnosis: a self-contained page, reproducible to the byte.
-
-    Args:
-        result: diagnosis.
-        inputs: files read besides the recordings; default: the robot description.
-        command: shell line that reproduces the page, if any.
-    """
+    """Render report.html of a diagnosis; `inputs` besides the recordings default to the description."""
     learned, floor, order = result.train, result.before.irreducible_rms, worst(result.before)
     chosen = [j for j in order if result.before.held_out_rms[j] > LOUD * floor[j]]
-    top = hottest(learned, learned.before, floor)
-    rolled = result.rollout_before, result.rollout_after
+    before, after = (left / floor for left in (learned.before, learned.after))
+    top = hottest(learned, before)
+    first, last = result.rollout_before, result.rollout_after
+    rolled = first and last and rollout_plots([("before", first, BEFORE, "dot"), ("after", last, AFTER, "solid")])
     return render(
         "diagnosis.html",
         title=f"{result.robot.name}: {verdict_words(result)}",
         verdict=result.verdict,
         sentence=verdict_words(result),
         robot=result.robot.name,
-        flags=result.flags,
         cards=list(_cards(result, order[0])),
         places=place_words(result),
-        heat_before=heat_maps(learned, learned.before, floor, top),
-        heat_after=heat_maps(learned, learned.after, floor, top) if result.findings else [],
+        heat_before=heat_maps(learned, before, top),
+        heat_after=heat_maps(learned, after, top) if result.findings else [],
         heat_top=figure(top, 2),
         roles=[(title, list(_laws(result, role))) for role, title in role_words(result).items()],
         trust=trust_words(result),
@@ -77,14 +61,10 @@ def diagnosis_page(result: Diagnosis, inputs: Sequence[Input] = (), command: str
         left=unexplained_words(result),
         fit=_fit_rows(result),
         joints=joint_plots(result.held_out, result.before, result.after, chosen or order[:1]),
-        rolled=None if None in rolled else rollout_plots(*rolled),  # type: ignore[arg-type]
-        horizon=0.0 if rolled[0] is None else max(rolled[0].horizons),
+        rolled=rolled,
+        horizon=max(first.horizons) if first else 0.0,
         notes=diagnosis_notes(result),
-        cutoff=result.cutoff,
-        files=once([*result.inputs, *(inputs or [description(result.robot)])]),
-        command=command,
-        seed=result.seed,
-        version=__version__,
+        **shared(result, [result.robot], inputs, command),
     )
 
 

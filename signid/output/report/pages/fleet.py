@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from math import log10, nan
-from typing import Any, NamedTuple
+from typing import Any
 from urllib.parse import quote
 
 from ....types import TWO_SIDED
@@ -21,8 +21,7 @@ from ..results.fleet import (
     lacking,
     number_ranges,
 )
-from .diagnosis import Card
-from .frame import AFTER, BEFORE, Plot, axis, render
+from .frame import AFTER, BEFORE, Card, Plot, axis, render
 
 DRAWN, LISTED = 24, 60  # maximum number of drifts drawn and listed
 REPORT = "report.html"
@@ -30,29 +29,8 @@ SHADE = "rgba(209,112,14,.16)"
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 
-class Row(NamedTuple):
-    """Row of the ranking of robots."""
-
-    name: str
-    kind: str
-    sessions: int
-    time: str
-    size: str
-    percent: float  # length of the bar
-    joint: str
-    left: str
-    explained: str
-    lacks: str
-    link: str
-
-
 def fleet_page(document: Mapping[str, Any], command: str = "") -> str:
-    """Render index.html of a fleet, with links to the reports of its sessions; reproducible to the byte.
-
-    Args:
-        document: content of fleet.json.
-        command: shell line that reproduces the page, if any.
-    """
+    """Render index.html from the content of fleet.json, with links to the reports of its sessions."""
     drifts = document["drifts"]
     beyond = [drift for drift in drifts if drift["beyond_noise"]]
     sessions = {session["session"]: session for session in document["sessions"]}
@@ -94,24 +72,21 @@ def _cards(document: Mapping[str, Any]) -> Iterator[Card]:
     yield Card("sessions completed", f"{done} of {len(document['sessions'])}", "each with its own report")
 
 
-def _rows(robots: Sequence[Mapping[str, Any]], sessions: Mapping[str, Any]) -> Iterator[Row]:
-    sizes = [robot["mismatch"] for robot in robots if robot["mismatch"]]
-    top = max([10.0, *sizes])
+def _rows(robots: Sequence[Mapping[str, Any]], sessions: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+    """Yield the ranking of robots."""
+    top = max([10.0, *(robot["mismatch"] for robot in robots if robot["mismatch"])])
     for robot in robots:
-        size = robot["mismatch"]
-        yield Row(
-            robot["name"],
-            robot["kind"],
-            len(robot["sessions"]),
-            robot["time"],
-            figure(nan if size is None else size),
-            100 * max(0.0, log10(size) / log10(top)) if size else 0.0,
-            robot["joint"],
-            figure(nan if robot["left"] is None else robot["left"]),
-            share(nan if robot["explained"] is None else robot["explained"]),
-            "no report" if robot["task"] == "reduce" else lacking(robot),
-            _link(sessions[robot["latest"]]),
-        )
+        size, left, explained = (nan if x is None else x for x in map(robot.get, ("mismatch", "left", "explained")))
+        yield {
+            **{key: robot[key] for key in ("name", "kind", "time", "joint")},
+            "sessions": len(robot["sessions"]),
+            "size": figure(size),
+            "percent": 100 * max(0.0, log10(size) / log10(top)) if robot["mismatch"] else 0.0,
+            "left": figure(left),
+            "explained": share(explained),
+            "lacks": "no report" if robot["task"] == "reduce" else lacking(robot),
+            "link": _link(sessions[robot["latest"]]),
+        }
 
 
 def _causes(causes: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:

@@ -40,15 +40,11 @@ def effects_tables(effects: Sequence[Effect]) -> list[RenderableType]:
     return [*lines, paragraph("\nValues are usual ones. signid effects NAME shows the law, its units and its source.")]
 
 
-def _kind(effect: Effect) -> type[Effect]:
-    return next(kind for kind in KINDS if isinstance(effect, kind))
-
-
 def _card(effect: Effect) -> dict[str, Any]:
     return {
         "name": effect.name,
         "summary": getdoc(type(effect)),
-        "acts_on": KINDS[_kind(effect)],
+        "acts_on": next(name for kind, name in KINDS.items() if isinstance(effect, kind)),
         "scope": effect.scope,
         "equation": effect.equation,
         "parameters": {

@@ -12,25 +12,15 @@ from ..layout import heading, new_table, note_lines, paragraph
 from ..numbers import with_interval
 from .documents import Document, description, provenance
 
-AXES = ("x", "y", "z")
-
 
 def payload_document(found: Payload, inputs: Sequence[Input] = ()) -> Document:
-    """Build the output of `signid payload --json`.
-
-    Args:
-        found: payload.
-        inputs: path and sha256 of the files read besides the recordings; default: the robot description.
-    """
-    mass, mass_std = found.mass
-    centre, inertia = found.centre, found.inertia
+    """Build the output of `signid payload --json`; `inputs` besides the recordings default to the description."""
+    parts = {"mass": (found.mass, "kg"), "centre": (found.centre, "m"), "inertia": (found.inertia, "kg.m^2")}
     return {
         "schema": "signid.payload/1",
         "robot": found.robot.name,
         "link": found.link,
-        "mass": {"value": mass, "std": mass_std, "unit": "kg"},
-        "centre": {"value": centre[0].tolist(), "std": centre[1].tolist(), "unit": "m"},
-        "inertia": {"value": inertia[0].tolist(), "std": inertia[1].tolist(), "unit": "kg.m^2"},
+        **{key: {"value": value, "std": std, "unit": unit} for key, ((value, std), unit) in parts.items()},
         "effect": {"effect": found.law.effect.name, "parameters": dict(found.law.parameters)},
         "physically_consistent": True,
         "moved": found.moved,
@@ -46,14 +36,12 @@ def payload_tables(found: Payload) -> list[RenderableType]:
     """Mass, centre of mass and inertia with their intervals."""
     table = new_table("payload", "value>", "± (95 %)>", "unit")
     table.add_row("mass", *with_interval(*found.mass), "kg")
-    for axis, value, std in zip(AXES, *found.centre, strict=True):
+    for axis, value, std in zip("xyz", *found.centre, strict=True):
         table.add_row(f"centre of mass {axis}", *with_interval(float(value), float(std)), "m")
     for name, value, std in zip(INERTIAL[4:], *found.inertia, strict=True):
         table.add_row(f"{name} about its centre", *with_interval(float(value), float(std)), "kg.m2")
-    sentence = (
-        f"The inertia is physically consistent; this changed the difference of base parameters by at most "
-        f"{found.moved:.1f} standard deviations. Cut-off {found.cutoff:.3g} Hz."
-    )
+    change = f"this changed the difference of base parameters by at most {found.moved:.1f} standard deviations"
+    sentence = f"The inertia is physically consistent; {change}. Cut-off {found.cutoff:.3g} Hz."
     return [
         heading(f"{found.robot.name}: payload of {found.link}, in its joint frame", below=False),
         table,

@@ -65,12 +65,8 @@ def signed_csv(recording: Recording, signs: Signs, part: int) -> Iterator[str]:
     """Yield signed.csv in pieces: the recording's rows with t [s], and tau_J [N.m or N] and sure_J [1] of each joint.
 
     `sure_J` is the confidence of the segment of a row. It is 0 outside of segments, where the sign follows the model,
-    and 1 for torques recorded with signs. Numbers are written exactly; missing numbers are empty cells.
-
-    Args:
-        recording: recording with the recovered signs.
-        signs: signs with their confidence.
-        part: index of the recording's trace.
+    and 1 for torques recorded with signs. Numbers are written exactly; missing numbers are empty cells. `part` is the
+    index of the recording's trace.
     """
     columns = recording.columns["tau"]
     joints = [j for j, column in enumerate(columns) if column]
@@ -89,9 +85,9 @@ def signed_csv(recording: Recording, signs: Signs, part: int) -> Iterator[str]:
 def proof_sentence(signs: Signs) -> str:
     """Optimality of the signs in a sentence."""
     proof, nodes = signs.proof, plural(signs.proof.nodes, "node")
-    best = "The signs of these segments are optimal"
     if proof.optimal:
-        return f"{best}, proved by {'eigenvalues alone' if proof.certified else f'a search of {nodes}'}."
+        way = "eigenvalues alone" if proof.certified else f"a search of {nodes}"
+        return f"The signs of these segments are optimal, proved by {way}."
     if proof.has_bound:
         bound = f"Other signs of these segments could reduce the residual by at most {share(proof.gap)}"
         return f"{bound}; the search visited {nodes}."

@@ -1,19 +1,21 @@
-"""Laws and their parameters in words, as stated by the simulation and as estimated from the recordings."""
+"""Laws and their parameters: JSON documents and words, as stated by the simulation and as estimated."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from math import isfinite
 from typing import TYPE_CHECKING, NamedTuple
 
-from ....effects.naming import law_name
-from ....types import TWO_SIDED
+from ....effects.base import BodyLaw
+from ....effects.naming import law_name, law_place
+from ....robot.dynamics import own_body
+from ....types import TWO_SIDED, Law, Robot
 from ..layout import plural
 from ..numbers import UNKNOWN, figure, with_interval
-from .document import changed_link, finding_numbers
+from .documents import Document
 
 if TYPE_CHECKING:
     from ....diagnose import Finding
-    from ....types import Law, Robot
 
 
 class NumberCells(NamedTuple):
@@ -25,6 +27,44 @@ class NumberCells(NamedTuple):
     half: str  # half-width of its 95 % interval
     unit: str
 
+    @property
+    def interval(self) -> str:
+        """Value, half-width and unit, as far as they are known."""
+        return " ".join(filter(None, [self.value, self.half and f"± {self.half}", self.unit]))
+
+    @property
+    def compared(self) -> str:
+        """A stated parameter and its estimate."""
+        if self.value == UNKNOWN:
+            return f"{self.stated} {self.unit}".rstrip() + f" in the simulation, {UNKNOWN} from the recordings"
+        return f"{self.stated} in the simulation, {self.interval} recorded"
+
+
+def law_units(robot: Robot, law: Law) -> dict[str, str]:
+    """Units of the parameters of a law at its joint."""
+    prismatic = bool(len(law.joints) == 1 and robot.prismatic[law.joints[0]])
+    return {key: kind.unit_at(prismatic) for key, kind in law.effect.parameters.items()}
+
+
+def law_numbers(robot: Robot, law: Law, std: Mapping[str, float | None]) -> Document:
+    """Parameters of a law by key: value, std (None if unknown) and unit; the value of a partner is its name."""
+    units, (_, values) = law_units(robot, law), law_place(law, robot)
+    return {key: {"value": x, "std": std.get(key), "unit": units.get(key, "")} for key, x in values.items()}
+
+
+def law_document(robot: Robot, law: Law) -> Document:
+    """Effect, joint and parameters of a law with their units."""
+    units, (joint, values) = law_units(robot, law), law_place(law, robot)
+    parameters = {key: {"value": value, "unit": units.get(key, "")} for key, value in values.items()}
+    return {"effect": law.effect.name, "joint": joint, "parameters": parameters}
+
+
+def changed_link(robot: Robot, law: Law) -> str | None:
+    """The link whose inertia a law changes; None for other laws."""
+    if not isinstance(law.effect, BodyLaw) or law.effect.scope not in ("link", "tip"):
+        return None
+    return robot.links[own_body(robot, law.joints[0])]
+
 
 def law_words(robot: Robot, law: Law) -> str:
     """Name of a law with its joint, and with the link whose inertia it changes."""
@@ -32,6 +72,14 @@ def law_words(robot: Robot, law: Law) -> str:
     if link is None:
         return words
     return f"{words if ' of ' in words else f'{words} of {robot.joints[law.joints[0]]}'} (link {link})"
+
+
+def finding_numbers(robot: Robot, finding: Finding) -> Document:
+    """Parameters of the law of a finding, with the values stated by the simulation."""
+    numbers = law_numbers(robot, finding.law, finding.std)
+    for key in numbers.keys() & finding.stated.keys():
+        numbers[key]["stated"] = finding.stated[key]
+    return numbers
 
 
 def number_cells(robot: Robot, finding: Finding) -> list[NumberCells]:
@@ -47,12 +95,8 @@ def number_cells(robot: Robot, finding: Finding) -> list[NumberCells]:
 
 def number_lines(robot: Robot, finding: Finding) -> tuple[str, ...]:
     """Parameters of a finding in one line each, with their meaning and their absence from the extended simulation."""
-    lines = [
-        f"{cells.key}: {_compared(cells)}"
-        if cells.stated
-        else " ".join(filter(None, [cells.key, cells.value, cells.half and f"± {cells.half}", cells.unit]))
-        for cells in number_cells(robot, finding)
-    ]
+    cells = number_cells(robot, finding)
+    lines = [f"{x.key}: {x.compared}" if x.stated else f"{x.key} {x.interval}".rstrip() for x in cells]
     absent = "" if finding.in_model else "not in the extended simulation"
     return (*lines, *filter(None, [finding.law.effect.meaning(finding.law.parameters), absent]))
 
@@ -63,17 +107,7 @@ def stated_words(robot: Robot, finding: Finding) -> str:
     Example: "coulomb_friction of joint_2: 0.300 in the simulation, 1.200 ± 0.010 N.m recorded".
     """
     cells = number_cells(robot, finding)
-    if len(cells) != 1 or not cells[0].stated:
-        return ""
-    return f"{law_words(robot, finding.law)}: {_compared(cells[0])}"
-
-
-def _compared(cells: NumberCells) -> str:
-    """A stated parameter and its estimate."""
-    if cells.value == UNKNOWN:
-        return f"{cells.stated} {cells.unit}".rstrip() + f" in the simulation, {UNKNOWN} from the recordings"
-    recorded = " ".join(filter(None, [cells.value, cells.half and f"± {cells.half}", cells.unit]))
-    return f"{cells.stated} in the simulation, {recorded} recorded"
+    return f"{law_words(robot, finding.law)}: {cells[0].compared}" if len(cells) == 1 and cells[0].stated else ""
 
 
 def _could_be_zero(value: float, std: float | None, unit: str) -> bool:

@@ -1,21 +1,22 @@
-"""Terminal tables of a diagnosis: verdict, findings, alternatives and validation."""
+"""Diagnosis: JSON document and terminal tables of verdict, findings, alternatives and validation."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
 
 from rich.console import RenderableType
 from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from ....diagnose import Diagnosis
+from ....effects.naming import law_place
+from ....types import Input, Robot
 from ..layout import heading, new_table, note_lines, paragraph, plural
 from ..numbers import determination, figure
-from ..results.signs import signs_tables
-from .document import diagnosis_notes
-from .numbers import law_words
-from .words import (
+from .documents import Document, description, fit_with_errors, provenance
+from .laws import changed_link, finding_numbers, law_words
+from .sentences import (
     WORSE,
     FindingWords,
     alternative_words,
@@ -27,9 +28,96 @@ from .words import (
     unexplained_words,
     verdict_words,
 )
+from .signs import signs_document, signs_tables
 
+if TYPE_CHECKING:
+    from ....diagnose import Alternative, Diagnosis, Finding
+
+INFORMED = "The covariance of the simulation is used as prior for its inertials and laws"
+FURTHER = "their errors appear about {:g} times larger, which makes alternatives harder to distinguish"
 COLOURS = {"nothing_missing": "bold green", "named": "bold", "unknown": "bold yellow"}
 CAUSES, CORRECTIONS = 6, 3  # maximum number shown
+
+
+def diagnosis_document(result: Diagnosis, inputs: Sequence[Input] = ()) -> Document:
+    """Build the content of diagnosis.json; `inputs` besides the recordings default to the robot description."""
+    robot, before, after = result.robot, result.rollout_before, result.rollout_after
+    return {
+        "schema": "signid.diagnosis/1",
+        "robot": robot.name,
+        "joints": list(robot.joints),
+        "verdict": result.verdict,
+        "tolerance": result.tolerance,
+        "findings": [_finding(robot, finding) for finding in result.findings],
+        "unexplained": [
+            {
+                "joint": robot.joints[left.joint],
+                "depends_on": left.place.variable,
+                "share": left.share,
+                "region": left.place.region,
+                "held_out_gain": left.held_out_gain,
+                "empirical": left.modelled,
+            }
+            for left in result.unexplained
+        ],
+        "located": [
+            {
+                "joint": robot.joints[place.joint],
+                "depends_on": place.variable,
+                "region": place.region,
+                "share": place.share,
+                "explained": place.explained,
+            }
+            for place in result.located
+        ],
+        "fit": {"before": fit_with_errors(result.before), "after": fit_with_errors(result.after)},
+        "rollout": None if before is None or after is None else after.document(before),
+        "inertials": {"off": None if result.informed else result.prior_scale, "covariance": result.informed},
+        "signs": signs_document(result.signs),
+        "cutoff": {"torque": result.cutoff, "unit": "Hz"},
+        "flags": list(result.flags),
+        "notes": diagnosis_notes(result),
+        **provenance(result.inputs, inputs or [description(robot)], result.seed),
+    }
+
+
+def diagnosis_notes(result: Diagnosis) -> list[str]:
+    """Notes of a diagnosis, including one on the use of the simulation's covariance."""
+    if not result.informed:
+        return list(result.notes)
+    return [*result.notes, f"{INFORMED}, {FURTHER.format(result.prior_scale)}" if result.prior_scale > 1 else INFORMED]
+
+
+def _finding(robot: Robot, finding: Finding) -> Document:
+    where, shares = finding.where, zip(robot.joints, finding.torque_share.tolist(), strict=True)
+    return {
+        "effect": finding.law.effect.name,
+        "joint": law_place(finding.law, robot)[0],
+        "link": changed_link(robot, finding.law),
+        "role": finding.role,
+        "in_model": finding.in_model,
+        "probability": finding.probability,
+        "parameters": finding_numbers(robot, finding),
+        "meaning": finding.law.effect.meaning(finding.law.parameters),
+        "torque_share": {name: share for name, share in shares if share > 0},
+        "where": {
+            "joint": robot.joints[where.joint],
+            "variable": where.variable,
+            "region": where.region,
+            "share": where.share,
+        },
+        "evidence": {
+            "statistic": finding.statistic,
+            "threshold": finding.threshold,
+            "held_out_gain": finding.held_out_gain,
+        },
+        "alternatives": [_alternative(robot, rival) for rival in finding.alternatives],
+    }
+
+
+def _alternative(robot: Robot, rival: Alternative) -> Document:
+    place = {"effect": rival.law.effect.name, "joint": law_place(rival.law, robot)[0]}
+    return {**place, "probability": rival.probability, "separating_motion": rival.separating_motion}
 
 
 def diagnosis_tables(result: Diagnosis) -> list[RenderableType]:
@@ -58,12 +146,12 @@ def _findings(result: Diagnosis) -> Iterator[RenderableType]:
     if result.causes:
         yield heading(titles["cause"])
         yield from _causes([finding_words(robot, finding) for finding in result.causes[:CAUSES]])
-        yield from _more(len(result.causes) - CAUSES, "smaller finding")
+        yield from _more(len(result.causes) - CAUSES)
     if small:
         yield heading(titles["secondary"])
         lines = (secondary_words(robot, finding) for finding in small[:CORRECTIONS])
         yield from (Text(line, no_wrap=True, overflow="ellipsis") for line in lines)
-        yield from _more(len(small) - CORRECTIONS, "smaller finding")
+        yield from _more(len(small) - CORRECTIONS)
 
 
 def _causes(causes: Sequence[FindingWords]) -> Iterator[RenderableType]:
@@ -72,11 +160,10 @@ def _causes(causes: Sequence[FindingWords]) -> Iterator[RenderableType]:
     rows = [(words.law, words.probability, words.torque, words.where) for words in causes]
     width = [max(map(len, [head.removesuffix(">"), *cells])) for head, *cells in zip(heads, *rows, strict=True)]
     for k, words in enumerate(causes):
-        table = new_table(*heads)
+        table = new_table(*heads, rows=[rows[k]])
         table.show_header = k == 0
         for column, wide in zip(table.columns[:3], width, strict=False):
             column.no_wrap, column.min_width = True, wide
-        table.add_row(*rows[k])
         yield table
         yield from map(_indented, words.numbers)
 
@@ -85,8 +172,8 @@ def _indented(line: str) -> RenderableType:
     return Padding(paragraph(line), (0, 0, 0, 2), expand=False)
 
 
-def _more(number: int, noun: str) -> list[RenderableType]:
-    return [paragraph(f"and {plural(number, noun)} in diagnosis.json")] if number > 0 else []
+def _more(number: int) -> list[RenderableType]:
+    return [paragraph(f"and {plural(number, 'smaller finding')} in diagnosis.json")] if number > 0 else []
 
 
 def _alternatives(result: Diagnosis) -> Iterator[RenderableType]:
